@@ -1,0 +1,81 @@
+use std::path::PathBuf;
+
+use atsplat_camera::CameraError;
+use atsplat_pixels::PixelError;
+use thiserror::Error;
+
+/// Why files do not make a scene. The message says where, what was expected and what was found;
+/// the path comes last.
+#[derive(Debug, Error)]
+pub enum SceneError {
+    /// The file system refused.
+    #[error("{action}: {source} ({})", path.display())]
+    Io {
+        /// What was being done, e.g. "reading a trajectory".
+        action: &'static str,
+        /// The file or folder.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// A text or binary file breaks its format.
+    #[error("{format}: {location}: expected {expected}, found {found} ({})", path.display())]
+    Malformed {
+        /// Name of the format, e.g. "RE10K trajectory".
+        format: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// Line, field, byte offset or frame inside the file.
+        location: String,
+        /// What the format asks for.
+        expected: String,
+        /// What stands there, shortened.
+        found: String,
+    },
+    /// A camera's numbers break its rules.
+    #[error("{location}: {source} ({})", path.display())]
+    Camera {
+        /// The file.
+        path: PathBuf,
+        /// Line or frame inside the file.
+        location: String,
+        /// What is wrong with the numbers.
+        source: CameraError,
+    },
+    /// A frame has no picture to decode.
+    #[error("frame {frame} of scene {scene:?} has no picture: {reason}")]
+    NoPicture {
+        /// Scene key.
+        scene: String,
+        /// Position of the frame in the scene.
+        frame: usize,
+        /// Why: the trajectory came alone, or the file is missing.
+        reason: String,
+    },
+    /// A picture cannot be decoded or preprocessed.
+    #[error("frame {frame} of scene {scene:?}: {source}")]
+    Pixels {
+        /// Scene key.
+        scene: String,
+        /// Position of the frame in the scene.
+        frame: usize,
+        /// The reason.
+        source: PixelError,
+    },
+    /// A scene key is not in the dataset.
+    #[error("no scene {key:?} in the dataset ({})", path.display())]
+    UnknownScene {
+        /// The key asked for.
+        key: String,
+        /// The dataset.
+        path: PathBuf,
+    },
+}
+
+impl SceneError {
+    /// An I/O error with what was being done and where.
+    pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Io { action, path, source }
+    }
+}

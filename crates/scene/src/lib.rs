@@ -1,0 +1,15 @@
+//! Files into scenes: RE10K trajectories, `.torch` chunks, nerfstudio and DL3DV `transforms.json`,
+//! instant-ngp, COLMAP; the papers' preprocessing of pictures and intrinsics together; Arrow and
+//! Parquet out. Knows nothing of models.
+
+mod dataset;
+mod error;
+mod scene;
+mod shared_bytes;
+mod warnings;
+
+pub use dataset::SceneSource;
+pub use error::SceneError;
+pub use scene::{Frame, Picture, Scene};
+pub use shared_bytes::SharedBytes;
+pub use warnings::{Warning, WarningKind, Warnings};

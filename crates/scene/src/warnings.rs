@@ -1,0 +1,117 @@
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::Serialize;
+
+/// What can be wrong with part of a dataset without stopping the rest of it.
+///
+/// Ordered and named for reports: `name()` is stable and goes into JSON and the results store.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum WarningKind {
+    /// A frame is listed but its picture file is not there.
+    MissingPicture,
+    /// A picture was found under another extension or folder than the one written down.
+    PictureElsewhere,
+    /// A frame's pose or intrinsics are unusable, so the scene that holds it is left out.
+    BadCamera,
+    /// The rotation part deviates from a rotation by more than `numpy.allclose` allows.
+    ImperfectRotation,
+    /// Two frames carry the same timestamp.
+    DuplicateTimestamp,
+    /// Timestamps do not increase.
+    UnorderedTimestamps,
+    /// Opening angle above 100°, which pixelSplat's loader drops in silence.
+    WideFieldOfView,
+    /// The principal point is off the centre by more than 1e-3, which symmetric renderers ignore.
+    OffCentrePrincipalPoint,
+    /// The lens distorts and the protocol's renderer does not.
+    LensDistortion,
+    /// A picture's size is not the one that the metadata or the protocol states.
+    UnexpectedSize,
+    /// A scene could not be read at all.
+    UnreadableScene,
+    /// The index names a scene that the dataset does not hold.
+    SceneNotFound,
+}
+
+/// One observation about one place in a dataset.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Warning {
+    /// What kind of problem.
+    pub kind: WarningKind,
+    /// Scene key, or the file where no scene is known yet.
+    pub scene: String,
+    /// Where and what exactly: line, field, expected, found.
+    pub detail: String,
+}
+
+/// Collects what is wrong without stopping: passed down as a parameter, counted by kind, printed and
+/// stored at the end.
+///
+/// Every warning is counted; only the first [`Warnings::KEPT_PER_KIND`] of a kind keep their detail,
+/// so that a broken dataset of ten thousand scenes stays readable.
+#[derive(Clone, Debug, Default)]
+pub struct Warnings {
+    counts: BTreeMap<WarningKind, u64>,
+    kept: Vec<Warning>,
+}
+
+impl Warnings {
+    /// How many warnings of a kind keep their detail.
+    pub const KEPT_PER_KIND: u64 = 20;
+
+    /// An empty collection.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Counts one warning.
+    pub fn push(&mut self, kind: WarningKind, scene: impl Into<String>, detail: impl Into<String>) {
+        let count = self.counts.entry(kind).or_default();
+        *count += 1;
+        if *count <= Self::KEPT_PER_KIND {
+            self.kept.push(Warning { kind, scene: scene.into(), detail: detail.into() });
+        }
+    }
+
+    /// Takes over another collection's warnings, as if they had been pushed here.
+    pub fn merge(&mut self, other: Self) {
+        for (kind, count) in other.counts {
+            *self.counts.entry(kind).or_default() += count;
+        }
+        for warning in other.kept {
+            let held = self.kept.iter().filter(|w| w.kind == warning.kind).count() as u64;
+            if held < Self::KEPT_PER_KIND {
+                self.kept.push(warning);
+            }
+        }
+    }
+
+    /// Counts by kind, in the kinds' order.
+    pub fn counts(&self) -> impl Iterator<Item = (WarningKind, u64)> {
+        self.counts.iter().map(|(kind, count)| (*kind, *count))
+    }
+
+    /// How many of one kind.
+    pub fn count(&self, kind: WarningKind) -> u64 {
+        self.counts.get(&kind).copied().unwrap_or_default()
+    }
+
+    /// How many in all.
+    pub fn total(&self) -> u64 {
+        self.counts.values().sum()
+    }
+
+    /// The warnings whose detail was kept, in the order they came.
+    pub fn kept(&self) -> &[Warning] {
+        &self.kept
+    }
+}
+
+impl fmt::Display for Warning {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}: {}", self.scene, self.detail)
+    }
+}
