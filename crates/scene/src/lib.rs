@@ -4,6 +4,7 @@
 
 mod dataset;
 mod error;
+pub mod preprocess;
 mod scene;
 mod shared_bytes;
 mod warnings;

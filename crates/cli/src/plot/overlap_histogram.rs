@@ -108,7 +108,11 @@ fn stack(histogram: &OverlapHistogram<'_>) -> Vec<Vec<u64>> {
         if !(0.0..=1.0).contains(overlap) {
             continue;
         }
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside 0..=COLUMNS by the check above")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "inside 0..=COLUMNS by the check above"
+        )]
         let column = ((overlap * COLUMNS as f64) as usize).min(COLUMNS - 1);
         let bin = bin.filter(|bin| *bin < outside).unwrap_or(outside);
         if let Some(count) = stacks.get_mut(column).and_then(|counts| counts.get_mut(bin)) {
