@@ -1,8 +1,22 @@
 //! Bytes into pictures and back: decoding within limits, PNG, JPEG, WebP and EXR, Pillow-exact
 //! resampling, crops, 8-bit rounding rules. Knows nothing of cameras or datasets.
 
+mod crop;
+mod decode;
 mod error;
+pub mod exr;
+mod format;
+mod limits;
+mod memory;
 mod picture;
+mod resize;
+mod size;
 
+pub use crop::crop;
+pub use decode::decode;
 pub use error::PixelError;
+pub use format::PictureFormat;
+pub use limits::DecodeLimits;
 pub use picture::{Image, ImageU8};
+pub use resize::{Filter, resize};
+pub use size::size_of;
