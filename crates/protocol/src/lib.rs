@@ -5,11 +5,18 @@ pub mod extrapolation;
 pub mod overlap;
 pub mod samplers;
 
+mod bins;
 mod builder;
 mod error;
 mod index;
+mod known;
 
+pub use bins::{BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
-pub use index::{EvaluationIndex, IndexEntry};
+pub use index::{
+    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexNotices, LoneEntryForm, NotADigest,
+    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Sha256Digest, Spacing,
+};
+pub use known::{KNOWN_INDICES, KnownIndex};
 pub use samplers::NoEntry;

@@ -4,7 +4,7 @@ mod distance;
 
 use std::num::NonZeroUsize;
 
-pub use distance::{FrameLabel, label, signed_distance};
+pub use distance::FrameLabel;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
@@ -112,8 +112,7 @@ impl Extrapolation {
         report: &mut ExtrapolationReport,
     ) -> Option<IndexEntry> {
         let margin = self.margin.get();
-        let window = entry.context.iter().min().zip(entry.context.iter().max());
-        let Some((start, end)) = window.map(|(start, end)| (*start, *end)).filter(|(_, end)| fits(*end, length)) else {
+        let Some((start, end)) = entry.window().filter(|(_, end)| fits(*end, length)) else {
             report.invalid.push(key.to_owned());
             return None;
         };

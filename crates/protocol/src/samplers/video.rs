@@ -30,8 +30,8 @@ impl AllFrames {
 pub fn video_index(index: &EvaluationIndex) -> EvaluationIndex {
     let mut video = index.clone();
     for entry in video.scenes.values_mut().flatten() {
-        if let (Some(first), Some(last)) = (entry.context.iter().min(), entry.context.iter().max()) {
-            entry.target = (*first..=*last).collect();
+        if let Some((first, last)) = entry.window() {
+            entry.target = (first..=last).collect();
         }
     }
     video
