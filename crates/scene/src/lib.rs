@@ -2,6 +2,8 @@
 //! instant-ngp, COLMAP; the papers' preprocessing of pictures and intrinsics together; Arrow and
 //! Parquet out. Knows nothing of models.
 
+#[cfg(feature = "columns")]
+pub mod columns;
 mod dataset;
 mod error;
 pub mod preprocess;
