@@ -1,6 +1,6 @@
 //! How much two views see of each other: three named estimators, each a number in [0, 1] that is the
 //! smaller of its two directions. They measure different things; numbers of different estimators, and the
-//! numbers that NoPoSplat ships (RoMa matches, code never released), do not belong into one set of bins.
+//! numbers that NoPoSplat ships (`RoMa` matches, code never released), do not belong into one set of bins.
 
 mod annotate;
 mod covisibility;

@@ -7,7 +7,7 @@ use super::{NoEntry, SceneViews, entry, farthest_points};
 use crate::IndexEntry;
 
 /// Context frames by farthest-point sampling over the whole scene, targets spread evenly over the frames
-/// that remain, inside and outside the window of context frames: MVSplat360's DL3DV protocol
+/// that remain, inside and outside the window of context frames: `MVSplat360`'s DL3DV protocol
 /// (`src/scripts/generate_evaluation_index_dl3dv.py:28-96`; published with 5 context and 56 target views).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]

@@ -12,7 +12,7 @@ pub use evenly_spaced::EvenlySpaced;
 pub use farthest_point::{FarthestPoint, TargetRule, farthest_points};
 pub use overlap_pairs::{OverlapPairs, PairTargets};
 pub use random::SplitMix64;
-pub use video::{AllFrames, video_index};
+pub use video::{all_frames, video_index};
 
 use atsplat_camera::Camera;
 use glam::DVec3;
@@ -47,14 +47,14 @@ impl SceneViews<'_> {
 pub enum Sampler {
     /// Farthest-point context inside a window (DepthSplat's DL3DV indices).
     FarthestPoint(FarthestPoint),
-    /// Farthest-point context over the scene, targets evenly spread over the rest (MVSplat360).
+    /// Farthest-point context over the scene, targets evenly spread over the rest (`MVSplat360`).
     EvenlySpaced(EvenlySpaced),
     /// Two context frames of enough overlap (pixelSplat's RE10K index, latentSplat's extrapolation).
     OverlapPairs(OverlapPairs),
     /// A random window of bounded width (the papers' training sampler, at the end of its schedule).
     Bounded(Bounded),
     /// Every frame is context and target (pixelSplat's `view_sampler_all.py`).
-    AllFrames(AllFrames),
+    AllFrames,
 }
 
 impl Sampler {
@@ -65,7 +65,7 @@ impl Sampler {
             Self::EvenlySpaced(_) => "evenly-spaced",
             Self::OverlapPairs(_) => "overlap-pairs",
             Self::Bounded(_) => "bounded",
-            Self::AllFrames(_) => "all-frames",
+            Self::AllFrames => "all-frames",
         }
     }
 
@@ -79,7 +79,7 @@ impl Sampler {
             Self::EvenlySpaced(sampler) => sampler.sample(scene),
             Self::OverlapPairs(sampler) => sampler.sample(scene),
             Self::Bounded(sampler) => sampler.sample(scene),
-            Self::AllFrames(sampler) => sampler.sample(scene),
+            Self::AllFrames => all_frames(scene),
         }
     }
 }

@@ -2,8 +2,8 @@ use std::ops::RangeInclusive;
 
 use sha2::{Digest, Sha256};
 
-/// SplitMix64 (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", OOPSLA 2014): sixty-four
-/// bits of state, the same numbers on every platform and in every version of this crate.
+/// `SplitMix64` (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", OOPSLA 2014):
+/// sixty-four bits of state, the same numbers on every platform and in every version of this crate.
 ///
 /// The papers draw from PyTorch's generator, whose sequence is an implementation detail; an index that is
 /// drawn here is therefore *distributed* as theirs, not equal to it.

@@ -1,26 +1,17 @@
-use serde::{Deserialize, Serialize};
-
 use super::{NoEntry, SceneViews, entry};
 use crate::{EvaluationIndex, IndexEntry};
 
 /// Every frame is given and every frame is asked for (pixelSplat
 /// `src/dataset/view_sampler/view_sampler_all.py`): to look at a scene, not to score a method.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct AllFrames {}
-
-impl AllFrames {
-    /// One entry with all frames on both sides.
-    ///
-    /// # Errors
-    /// [`NoEntry::TooFewFrames`] for an empty scene.
-    pub fn sample(self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
-        let frames: Vec<usize> = (0..scene.cameras.len()).collect();
-        if frames.is_empty() {
-            return Err(NoEntry::TooFewFrames { needed: 1, found: 0 });
-        }
-        Ok(vec![entry(frames.clone(), frames)])
+///
+/// # Errors
+/// [`NoEntry::TooFewFrames`] for an empty scene.
+pub fn all_frames(scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
+    let frames: Vec<usize> = (0..scene.cameras.len()).collect();
+    if frames.is_empty() {
+        return Err(NoEntry::TooFewFrames { needed: 1, found: 0 });
     }
+    Ok(vec![entry(frames.clone(), frames)])
 }
 
 /// The same context frames with every frame from the first to the last of them as target: pixelSplat's
