@@ -446,10 +446,7 @@ mod tests {
                 r#"{"k": [{"context": [1], "target": [2]}, {"context": [1]}]}"#,
                 r#"scene "k", entry 1, line 1 column 56: expected the field target, found an entry without it"#,
             ),
-            (
-                r#"{"k": {"context": [1], "context": [2]}}"#,
-                ": expected the field context once, found it twice",
-            ),
+            (r#"{"k": {"context": [1], "context": [2]}}"#, ": expected the field context once, found it twice"),
             (r#"{"k": 7}"#, "expected null, an entry or a list of entries, found integer `7`"),
             (r#"{"k": [null]}"#, "expected an entry with the fields context and target, found null"),
             (r#"[]"#, ": expected an object from scene keys to entries, found sequence"),
