@@ -44,14 +44,24 @@ pub enum BinPlace {
 pub struct BinCounts {
     /// The rule that was applied.
     pub rule: BinRule,
-    /// Name and count of each bin, in the bins' order.
-    pub bins: Vec<(String, u64)>,
+    /// Each bin's count, in the bins' order.
+    pub bins: Vec<BinCount>,
     /// Entries below the first edge that the rule puts into no bin.
     pub below: u64,
     /// Entries above the last edge.
     pub above: u64,
     /// Entries without an overlap.
     pub without_overlap: u64,
+}
+
+/// How many entries one bin holds.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct BinCount {
+    /// The bin's name.
+    pub name: String,
+    /// Entries in it.
+    pub count: u64,
 }
 
 /// The mean of a score in each bin, and over all scenes that are in a bin.
@@ -148,7 +158,7 @@ impl OverlapBins {
     pub fn count(&self, index: &EvaluationIndex) -> BinCounts {
         let mut counts = BinCounts {
             rule: self.rule,
-            bins: self.names.iter().map(|name| (name.clone(), 0)).collect(),
+            bins: self.names.iter().map(|name| BinCount { name: name.clone(), count: 0 }).collect(),
             below: 0,
             above: 0,
             without_overlap: 0,
@@ -158,7 +168,7 @@ impl OverlapBins {
                 None => Some(&mut counts.without_overlap),
                 Some(BinPlace::Below) => Some(&mut counts.below),
                 Some(BinPlace::Above) => Some(&mut counts.above),
-                Some(BinPlace::Bin(at)) => counts.bins.get_mut(at).map(|(_, count)| count),
+                Some(BinPlace::Bin(at)) => counts.bins.get_mut(at).map(|bin| &mut bin.count),
             };
             if let Some(count) = count {
                 *count += 1;
@@ -208,7 +218,7 @@ impl fmt::Display for BinCounts {
     /// `small 1403, medium 2565, large 1630, below range 3`; zero counts outside the bins are left out.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let outside = [("below range", self.below), ("above range", self.above), ("without", self.without_overlap)];
-        let bins = self.bins.iter().map(|(name, count)| (name.as_str(), *count));
+        let bins = self.bins.iter().map(|bin| (bin.name.as_str(), bin.count));
         let shown = bins.chain(outside.into_iter().filter(|(_, count)| *count > 0));
         for (at, (name, count)) in shown.enumerate() {
             write!(f, "{}{name} {count}", if at == 0 { "" } else { ", " })?;

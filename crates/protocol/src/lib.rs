@@ -10,8 +10,10 @@ mod builder;
 mod error;
 mod index;
 mod known;
+mod lint;
+mod preset;
 
-pub use bins::{BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
+pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
 pub use index::{
@@ -19,4 +21,13 @@ pub use index::{
     OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Sha256Digest, Spacing,
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
+pub use lint::{
+    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, LintOptions, LintReport, OverlapFacts, Places,
+    RecognisedIndex, Repeats, Spread, Verdict, compare, lint, lint_file,
+};
+pub use preset::{
+    AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, Filters, IndexMatch, IndexRule, LpipsConvention,
+    MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues, PoseNormalisation, Preset,
+    PsnrConvention, RendererConvention, RendererPrincipalPoint, SettingOf, SsimConvention,
+};
 pub use samplers::NoEntry;
