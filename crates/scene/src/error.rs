@@ -70,6 +70,38 @@ pub enum SceneError {
         /// The dataset.
         path: PathBuf,
     },
+    /// A path holds none of the formats that were looked for.
+    #[error("expected {expected}, found {found} ({})", path.display())]
+    Unrecognized {
+        /// What would have been recognised.
+        expected: String,
+        /// What is there.
+        found: String,
+        /// The file or folder.
+        path: PathBuf,
+    },
+    /// A file points at a picture outside its own scene's folder.
+    #[error("{location}: expected a path inside the scene's folder, found {found:?} ({})", path.display())]
+    OutsideScene {
+        /// Frame or line inside the file.
+        location: String,
+        /// The path as written.
+        found: String,
+        /// The file that holds the path.
+        path: PathBuf,
+    },
+    /// A camera model that has no counterpart among the toolkit's lenses.
+    #[error("{location}: camera model {model} is not supported: {reason} ({})", path.display())]
+    UnsupportedCameraModel {
+        /// Frame or line inside the file.
+        location: String,
+        /// The model as its own toolkit names it.
+        model: String,
+        /// What it has that pinhole, `OPENCV` and `OPENCV_FISHEYE` have not.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
 }
 
 impl SceneError {

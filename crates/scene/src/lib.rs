@@ -2,14 +2,22 @@
 //! instant-ngp, COLMAP; the papers' preprocessing of pictures and intrinsics together; Arrow and
 //! Parquet out. Knows nothing of models.
 
+mod camera_policy;
+pub mod colmap;
 mod dataset;
 mod error;
+mod files;
+pub mod nerfstudio;
+mod number;
+mod open;
+pub mod re10k;
 mod scene;
 mod shared_bytes;
 mod warnings;
 
-pub use dataset::SceneSource;
+pub use dataset::{SceneSource, load_scenes};
 pub use error::SceneError;
-pub use scene::{Frame, Picture, Scene};
+pub use open::{Dataset, Format, OpenOptions, open, open_with};
+pub use scene::{Frame, Picture, PictureFolder, Scene};
 pub use shared_bytes::SharedBytes;
 pub use warnings::{Warning, WarningKind, Warnings};
