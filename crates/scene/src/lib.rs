@@ -4,15 +4,22 @@
 
 mod camera_policy;
 pub mod colmap;
+#[cfg(feature = "columns")]
+pub mod columns;
 mod dataset;
 mod error;
+#[cfg(feature = "columns")]
+pub mod export;
 mod files;
 pub mod nerfstudio;
 mod number;
 mod open;
+pub mod preprocess;
 pub mod re10k;
 mod scene;
 mod shared_bytes;
+#[cfg(all(test, feature = "columns"))]
+mod test_source;
 mod warnings;
 
 pub use dataset::{SceneSource, load_scenes};
