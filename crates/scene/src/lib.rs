@@ -6,6 +6,7 @@ mod dataset;
 mod error;
 mod scene;
 mod shared_bytes;
+pub mod torch;
 mod warnings;
 
 pub use dataset::SceneSource;

@@ -34,6 +34,8 @@ pub enum WarningKind {
     UnreadableScene,
     /// The index names a scene that the dataset does not hold.
     SceneNotFound,
+    /// A chunk lies beside an index that names none of its scenes.
+    UnindexedChunk,
 }
 
 /// One observation about one place in a dataset.
