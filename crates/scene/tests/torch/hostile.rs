@@ -1,14 +1,12 @@
 //! Bytes that mean harm, or that a broken disk left: a value or a typed error, in bounded time and memory.
 
-mod torch_support;
-
+use crate::support::{fixture_bytes, integer, pickle, saved, shared, storage, tensor, text, tuple, zip_of};
 use atsplat_scene::torch::{self, Chunk, MAX_DEPTH, TorchError};
 use atsplat_scene::{SceneError, SharedBytes, Warnings};
 use proptest::prelude::*;
-use torch_support::{fixture_bytes, integer, pickle, saved, shared, storage, tensor, text, tuple, zip_of};
 
 /// Reads everything that bytes claim to hold: scenes, cameras, pictures.
-fn read_all(bytes: SharedBytes) -> Result<usize, SceneError> {
+pub(crate) fn read_all(bytes: SharedBytes) -> Result<usize, SceneError> {
     let chunk = Chunk::from_bytes(bytes, "hostile.torch".as_ref(), &mut Warnings::new())?;
     let mut touched = 0;
     for key in chunk.keys() {

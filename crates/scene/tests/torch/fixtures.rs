@@ -1,13 +1,10 @@
 //! What PyTorch wrote is read as PyTorch reads it: every value of `golden.json`, in both containers.
 
-#[expect(dead_code, reason = "each test file uses a part of the support code")]
-mod torch_support;
-
+use crate::support::{fixture, fixture_bytes};
 use atsplat_scene::torch::{self, Chunk, DType, Key, Tensor, Value};
 use atsplat_scene::{Picture, SceneError, Warnings};
 use serde_json::Value as Json;
 use sha2::{Digest, Sha256};
-use torch_support::{fixture, fixture_bytes};
 
 fn golden(file: &str) -> Json {
     let golden: Json = serde_json::from_slice(&fixture_bytes("golden.json")).unwrap();
@@ -108,7 +105,7 @@ fn a_chunk_is_a_list_of_posed_scenes() {
 
 #[test]
 fn pictures_are_parts_of_the_map_and_not_copies() {
-    let file = torch_support::shared(fixture_bytes("zip.torch"));
+    let file = crate::support::shared(fixture_bytes("zip.torch"));
     let inside = file.as_ptr_range();
     let chunk = Chunk::from_bytes(file.clone(), "zip.torch".as_ref(), &mut Warnings::new()).unwrap();
     for key in chunk.keys() {
