@@ -1,1 +1,64 @@
-fn main() {}
+//! The `atsplat` command line: words into calls of the library crates.
+//!
+//! Exit codes: 0 done, 1 failed, 2 wrong words, 4 done with scenes skipped (`--strict` only).
+
+mod data;
+mod dataset_words;
+mod exit;
+mod output;
+mod plot;
+mod progress;
+mod protocol;
+
+use std::process::ExitCode;
+
+use anyhow::Context as _;
+use clap::{Parser, Subcommand};
+
+use crate::exit::Exit;
+
+/// Evaluates feed-forward 3D Gaussian splatting: scenes, protocols, trials.
+#[derive(Debug, Parser)]
+#[command(version, propagate_version = true)]
+struct Words {
+    /// Worker threads; results do not depend on it. 0 takes one per core.
+    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
+    threads: usize,
+
+    /// Exit with code 4 where scenes or frames had to be skipped.
+    #[arg(long, global = true)]
+    strict: bool,
+
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Look at datasets, convert them, cut frames, undistort.
+    #[command(subcommand)]
+    Data(data::Command),
+    /// List, lint, build and derive evaluation protocols.
+    #[command(subcommand)]
+    Protocol(protocol::Command),
+}
+
+fn main() -> ExitCode {
+    let words = Words::parse();
+    match run(&words) {
+        Ok(exit) => exit.into(),
+        Err(error) => {
+            output::complain(&format!("error: {error:#}"));
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(words: &Words) -> anyhow::Result<Exit> {
+    rayon::ThreadPoolBuilder::new().num_threads(words.threads).build_global().context("starting worker threads")?;
+    let complete = match &words.command {
+        Command::Data(command) => data::run(command)?,
+        Command::Protocol(command) => protocol::run(command)?,
+    };
+    Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })
+}

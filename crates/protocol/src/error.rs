@@ -1,4 +1,4 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use atsplat_scene::SceneError;
 use thiserror::Error;
@@ -31,4 +31,46 @@ pub enum ProtocolError {
     /// A scene cannot be loaded or decoded.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The overlap of two views cannot be computed.
+    #[error("overlap ({estimator}): {reason}")]
+    Overlap {
+        /// Which estimator, as [`crate::overlap::OverlapEstimator::name`].
+        estimator: &'static str,
+        /// What is missing or wrong.
+        reason: String,
+    },
+    /// What is wrong with one file among several that were asked for.
+    #[error("{source} ({})", path.display())]
+    InFile {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it.
+        source: Box<Self>,
+    },
+    /// Overlap bins whose edges make no bins.
+    #[error("overlap bins: expected {expected}, found {found}")]
+    Bins {
+        /// What edges and names have to satisfy.
+        expected: &'static str,
+        /// What was given.
+        found: String,
+    },
+    /// No preset of this name is built in.
+    #[error("expected one of the presets {}, or the path of a TOML file, found {name:?}", known.join(", "))]
+    UnknownPreset {
+        /// The name asked for.
+        name: String,
+        /// The names that exist.
+        known: Vec<&'static str>,
+    },
+}
+
+impl ProtocolError {
+    /// This error with the file that it is about, unless that is said already.
+    pub(crate) fn in_file(self, path: &Path) -> Self {
+        match self {
+            Self::Io { .. } | Self::InFile { .. } => self,
+            other => Self::InFile { path: path.to_owned(), source: Box::new(other) },
+        }
+    }
 }

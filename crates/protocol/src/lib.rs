@@ -1,8 +1,33 @@
 //! Scenes into trials: evaluation indices, overlap bins, extrapolation splits, presets and lint.
 //! A *trial* is all that a method may see of a scene, and the frames it is asked to render.
 
+pub mod extrapolation;
+pub mod overlap;
+pub mod samplers;
+
+mod bins;
+mod builder;
 mod error;
 mod index;
+mod known;
+mod lint;
+mod preset;
 
+pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
+pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
-pub use index::{EvaluationIndex, IndexEntry};
+pub use index::{
+    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexNotices, LoneEntryForm, NotADigest,
+    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Sha256Digest, Spacing,
+};
+pub use known::{KNOWN_INDICES, KnownIndex};
+pub use lint::{
+    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, LintOptions, LintReport, OverlapFacts, Places,
+    RecognisedIndex, Repeats, Spread, Verdict, compare, lint, lint_file,
+};
+pub use preset::{
+    AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, Filters, IndexMatch, IndexRule, LpipsConvention,
+    MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues, PoseNormalisation, Preset,
+    PsnrConvention, RendererConvention, RendererPrincipalPoint, SettingOf, SsimConvention,
+};
+pub use samplers::NoEntry;

@@ -2,10 +2,17 @@
 //! instant-ngp, COLMAP; the papers' preprocessing of pictures and intrinsics together; Arrow and
 //! Parquet out. Knows nothing of models.
 
+#[cfg(feature = "columns")]
+pub mod columns;
 mod dataset;
 mod error;
+#[cfg(feature = "columns")]
+pub mod export;
+pub mod preprocess;
 mod scene;
 mod shared_bytes;
+#[cfg(all(test, feature = "columns"))]
+mod test_source;
 pub mod torch;
 mod warnings;
 

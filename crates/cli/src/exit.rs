@@ -1,0 +1,19 @@
+use std::process::ExitCode;
+
+/// How a command ended; the numbers are part of the command line's contract.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Exit {
+    /// Done.
+    Done,
+    /// Done, but scenes were skipped and `--strict` was given.
+    Skipped,
+}
+
+impl From<Exit> for ExitCode {
+    fn from(exit: Exit) -> Self {
+        match exit {
+            Exit::Done => Self::SUCCESS,
+            Exit::Skipped => Self::from(4),
+        }
+    }
+}

@@ -1,0 +1,86 @@
+use std::fmt::Display;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use atsplat_scene::Warnings;
+use serde::Serialize;
+
+/// Prints a report on standard output: as text, or as JSON where `json` is set.
+pub(crate) fn print_report<R: Display + Serialize>(report: &R, json: bool) -> anyhow::Result<()> {
+    if json {
+        print_text(&format!("{}\n", serde_json::to_string_pretty(report)?))
+    } else {
+        print_text(&report.to_string())
+    }
+}
+
+/// Prints text on standard output; a reader that closed the pipe is no error.
+pub(crate) fn print_text(text: &str) -> anyhow::Result<()> {
+    let mut stdout = std::io::stdout().lock();
+    match stdout.write_all(text.as_bytes()).and_then(|()| stdout.flush()) {
+        Err(error) if error.kind() == ErrorKind::BrokenPipe => Ok(()),
+        outcome => outcome.context("writing to standard output"),
+    }
+}
+
+/// Prints a line on standard error, where progress and warnings go.
+pub(crate) fn complain(line: &str) {
+    writeln!(std::io::stderr(), "{line}").ok();
+}
+
+/// A file that is opened before long work starts and replaces its target only when the work is done.
+#[derive(Debug)]
+pub(crate) struct PendingFile {
+    temporary: tempfile::NamedTempFile,
+    target: PathBuf,
+}
+
+impl PendingFile {
+    /// Opens a temporary file beside `target`, making its folder where needed.
+    pub(crate) fn open(target: &Path) -> anyhow::Result<Self> {
+        let folder = match target.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent,
+            _ => Path::new("."),
+        };
+        std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
+        let temporary =
+            tempfile::NamedTempFile::new_in(folder).with_context(|| format!("writing into {}", folder.display()))?;
+        Ok(Self { temporary, target: target.to_owned() })
+    }
+
+    /// Writes everything and moves the file to its target.
+    pub(crate) fn finish(mut self, bytes: &[u8]) -> anyhow::Result<()> {
+        let context = || format!("writing {}", self.target.display());
+        self.temporary.write_all(bytes).with_context(context)?;
+        make_readable(self.temporary.as_file()).with_context(context)?;
+        self.temporary.persist(&self.target).with_context(|| format!("writing {}", self.target.display()))?;
+        Ok(())
+    }
+}
+
+/// A temporary file is private to its owner; a result is not.
+#[cfg(unix)]
+fn make_readable(file: &std::fs::File) -> std::io::Result<()> {
+    use std::os::unix::fs::PermissionsExt as _;
+    file.set_permissions(std::fs::Permissions::from_mode(0o644))
+}
+
+#[cfg(not(unix))]
+fn make_readable(_file: &std::fs::File) -> std::io::Result<()> {
+    Ok(())
+}
+
+/// Prints counted warnings, by kind, with the first few of each, on standard error.
+pub(crate) fn print_warnings(warnings: &Warnings) {
+    const SHOWN: usize = 3;
+    for (kind, count) in warnings.counts() {
+        complain(&format!("warning: {count} × {}", kind.name()));
+        for warning in warnings.kept().iter().filter(|warning| warning.kind == kind).take(SHOWN) {
+            complain(&format!("    {warning}"));
+        }
+        if count > SHOWN as u64 {
+            complain(&format!("    and {} more", count - SHOWN as u64));
+        }
+    }
+}

@@ -1,0 +1,6 @@
+//! Plots of the protocol stage, drawn with a bundled font so that they look alike everywhere.
+
+mod font;
+mod overlap_histogram;
+
+pub(crate) use overlap_histogram::{OverlapHistogram, draw_overlap_histogram};

@@ -1,0 +1,171 @@
+use std::ffi::OsStr;
+use std::path::Path;
+
+use anyhow::{Context as _, bail};
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use super::font::{self, FONT};
+
+/// What [`draw_overlap_histogram`] shows.
+#[derive(Debug)]
+pub(crate) struct OverlapHistogram<'a> {
+    /// Title above the plot.
+    pub(crate) title: &'a str,
+    /// Overlap of each context set, in [0, 1], with the position of its bin in `bins`; `None` is outside all.
+    pub(crate) overlaps: &'a [(f64, Option<usize>)],
+    /// Names of the bins with their colour taken in order.
+    pub(crate) bins: &'a [String],
+}
+
+const SIZE: (u32, u32) = (960, 540);
+/// One column per 0.025 of overlap: fine enough to see a bin's edge, coarse enough for 5 000 scenes.
+const COLUMNS: usize = 40;
+/// Okabe and Ito's colours, told apart by colour-blind readers; grey is outside every bin.
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(213, 94, 0),
+    RGBColor(230, 159, 0),
+    RGBColor(0, 114, 178),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+];
+const OUTSIDE: RGBColor = RGBColor(150, 150, 150);
+
+/// Draws a histogram of overlaps stacked by bin, as SVG or PNG by the extension of `path`.
+pub(crate) fn draw_overlap_histogram(histogram: &OverlapHistogram<'_>, path: &Path) -> anyhow::Result<()> {
+    font::register()?;
+    let outcome = match path.extension().and_then(OsStr::to_str) {
+        Some("svg") => draw(histogram, &SVGBackend::new(path, SIZE).into_drawing_area()),
+        Some("png") => draw(histogram, &BitMapBackend::new(path, SIZE).into_drawing_area()),
+        _ => bail!("a plot is written as .svg or .png ({})", path.display()),
+    };
+    outcome.with_context(|| format!("drawing {}", path.display()))
+}
+
+fn draw<B>(histogram: &OverlapHistogram<'_>, area: &DrawingArea<B, Shift>) -> anyhow::Result<()>
+where
+    B: DrawingBackend,
+    B::ErrorType: 'static,
+{
+    let stacks = stack(histogram);
+    let tallest = stacks.iter().map(|column| column.iter().sum::<u64>()).max().unwrap_or(0).max(1);
+    area.fill(&WHITE)?;
+    let mut chart = ChartBuilder::on(area)
+        .caption(histogram.title, (FONT, 22))
+        .margin(16)
+        .x_label_area_size(44)
+        .y_label_area_size(64)
+        .build_cartesian_2d(0.0..1.0, 0.0..(tallest as f64 * 1.08))?;
+    chart
+        .configure_mesh()
+        .x_desc("overlap of the context views")
+        .y_desc("context sets")
+        .label_style((FONT, 15))
+        .axis_desc_style((FONT, 17))
+        .x_labels(11)
+        .y_label_formatter(&|count| format!("{count:.0}"))
+        .disable_x_mesh()
+        .light_line_style(WHITE)
+        .draw()?;
+
+    for bin in 0..=histogram.bins.len() {
+        let colour = colour_of(histogram, bin);
+        let boxes = stacks.iter().enumerate().filter_map(|(column, counts)| {
+            let height = *counts.get(bin)?;
+            let base: u64 = counts.iter().take(bin).sum();
+            (height > 0).then(|| {
+                let left = column as f64 / COLUMNS as f64;
+                let right = (column + 1) as f64 / COLUMNS as f64;
+                Rectangle::new([(left + 0.001, base as f64), (right - 0.001, (base + height) as f64)], colour.filled())
+            })
+        });
+        let total: u64 = stacks.iter().filter_map(|counts| counts.get(bin)).sum();
+        let series = chart.draw_series(boxes)?;
+        if total > 0 {
+            let name = histogram.bins.get(bin).map_or("outside the bins", String::as_str);
+            series
+                .label(format!("{name} ({total})"))
+                .legend(move |(x, y)| Rectangle::new([(x, y - 6), (x + 14, y + 6)], colour.filled()));
+        }
+    }
+    chart
+        .configure_series_labels()
+        .label_font((FONT, 16))
+        .background_style(WHITE.mix(0.85))
+        .border_style(BLACK.mix(0.3))
+        .position(SeriesLabelPosition::UpperRight)
+        .draw()?;
+    area.present()?;
+    Ok(())
+}
+
+/// Counts per column and bin; the last entry of a column is what lies outside every bin.
+fn stack(histogram: &OverlapHistogram<'_>) -> Vec<Vec<u64>> {
+    let outside = histogram.bins.len();
+    let mut stacks = vec![vec![0u64; outside + 1]; COLUMNS];
+    for (overlap, bin) in histogram.overlaps {
+        if !(0.0..=1.0).contains(overlap) {
+            continue;
+        }
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "inside 0..=COLUMNS by the check above"
+        )]
+        let column = ((overlap * COLUMNS as f64) as usize).min(COLUMNS - 1);
+        let bin = bin.filter(|bin| *bin < outside).unwrap_or(outside);
+        if let Some(count) = stacks.get_mut(column).and_then(|counts| counts.get_mut(bin)) {
+            *count += 1;
+        }
+    }
+    stacks
+}
+
+fn colour_of(histogram: &OverlapHistogram<'_>, bin: usize) -> RGBColor {
+    if bin >= histogram.bins.len() {
+        return OUTSIDE;
+    }
+    COLOURS.get(bin % COLOURS.len()).copied().unwrap_or(OUTSIDE)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn example() -> (Vec<(f64, Option<usize>)>, Vec<String>) {
+        let overlaps = vec![(0.1, Some(0)), (0.11, Some(0)), (0.4, Some(1)), (1.0, None), (f64::NAN, None)];
+        (overlaps, vec!["small".to_owned(), "medium".to_owned()])
+    }
+
+    #[test]
+    fn every_overlap_lands_in_one_column_and_nan_in_none() {
+        let (overlaps, bins) = example();
+        let stacks = stack(&OverlapHistogram { title: "", overlaps: &overlaps, bins: &bins });
+        assert_eq!(stacks[4], [2, 0, 0]);
+        assert_eq!(stacks[16], [0, 1, 0]);
+        assert_eq!(stacks[COLUMNS - 1], [0, 0, 1], "an overlap of one belongs to the last column");
+        assert_eq!(stacks.iter().flatten().sum::<u64>(), 4);
+    }
+
+    #[test]
+    fn the_same_histogram_gives_the_same_svg() {
+        let (overlaps, bins) = example();
+        let histogram = OverlapHistogram { title: "overlap", overlaps: &overlaps, bins: &bins };
+        let folder = tempfile::tempdir().unwrap();
+        let draw_to = |name: &str| {
+            let path = folder.path().join(name);
+            draw_overlap_histogram(&histogram, &path).unwrap();
+            std::fs::read_to_string(path).unwrap()
+        };
+        let first = draw_to("a.svg");
+        assert_eq!(first, draw_to("b.svg"));
+        assert!(first.contains("small (2)"), "the legend counts: {first}");
+    }
+
+    #[test]
+    fn other_extensions_are_refused() {
+        let histogram = OverlapHistogram { title: "", overlaps: &[], bins: &[] };
+        assert!(draw_overlap_histogram(&histogram, Path::new("plot.jpg")).is_err());
+    }
+}

@@ -1,0 +1,48 @@
+use std::io::{IsTerminal as _, stderr};
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::time::Duration;
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::output::complain;
+
+/// Progress on standard error: a bar with the time left on a terminal, a plain line per tenth elsewhere.
+#[derive(Debug)]
+pub(crate) struct Progress {
+    bar: ProgressBar,
+    what: &'static str,
+    plain_tenths: Option<AtomicU64>,
+}
+
+impl Progress {
+    /// Starts counting towards `total` items of `what`, e.g. "scenes".
+    pub(crate) fn new(what: &'static str, total: usize) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr());
+        let style = ProgressStyle::with_template("{msg} {bar:32} {pos}/{len} {per_sec} eta {eta}");
+        if let Ok(style) = style {
+            bar.set_style(style);
+        }
+        bar.set_message(what);
+        bar.enable_steady_tick(Duration::from_millis(200));
+        let plain_tenths = (!stderr().is_terminal()).then(|| AtomicU64::new(0));
+        Self { bar, what, plain_tenths }
+    }
+
+    /// Counts one finished item; callable from any thread.
+    pub(crate) fn step(&self) {
+        self.bar.inc(1);
+        let (Some(reported), Some(total)) = (&self.plain_tenths, self.bar.length()) else { return };
+        let done = self.bar.position();
+        let tenths = done * 10 / total.max(1);
+        // Short work needs no log of its progress.
+        if total >= 100 && reported.fetch_max(tenths, Ordering::Relaxed) < tenths {
+            complain(&format!("{}: {done}/{total}", self.what));
+        }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}

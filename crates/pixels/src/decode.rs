@@ -1,0 +1,143 @@
+use std::io::Cursor;
+
+use image::codecs::{png::PngDecoder, webp::WebPDecoder};
+use image::{ColorType, ImageDecoder, ImageError, Limits};
+
+use libjpeg_turbo_rs::{Decoder, JpegError, PixelFormat};
+
+use crate::memory::zeroed;
+use crate::size::{header, unknown};
+use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
+
+/// A progressive JPEG of 8 bits is complete after at most 64 coefficients × 14 bit planes; real ones have ten.
+const MOST_SCANS: usize = 1000;
+
+/// Encoded bytes into 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`, which every
+/// loader of the field applies (pixelSplat `src/dataset/dataset_re10k.py`, through torchvision):
+///
+/// - EXIF orientation is not applied, gamma and colour profiles are ignored;
+/// - alpha is dropped, not composed over a background;
+/// - grey is repeated three times, 1, 2 and 4 bits are spread over 0…255;
+/// - a palette index beyond the palette is black;
+/// - 16-bit colours keep their high byte (truncation, not rounding);
+/// - an animated WebP gives its first frame.
+///
+/// One rule is left out on purpose: Pillow clips 16-bit *grey* at 255, which turns a depth map into a
+/// white picture; here it is [`PixelError::Unsupported`].
+///
+/// # Errors
+/// [`PixelError::UnknownFormat`], [`PixelError::HoldsFloats`] for EXR, [`PixelError::OverLimit`] and
+/// [`PixelError::FileTooShort`] from the header alone, [`PixelError::Decode`] for damaged data.
+pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
+    let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
+    if format == PictureFormat::Exr {
+        return Err(PixelError::HoldsFloats);
+    }
+    let (width, height) = size_of(bytes)?;
+    limits.check(format, (width, height), 3)?;
+    if u64::from(width) * u64::from(height) > most_pixels(format, bytes.len()) {
+        return Err(PixelError::FileTooShort { format, width, height, length: bytes.len() });
+    }
+    let reader = Cursor::new(bytes);
+    let failed = |source: ImageError| PixelError::Decode { format, source: source.into() };
+    let (color, stored) = match format {
+        PictureFormat::Png => {
+            let decoder = PngDecoder::with_limits(reader, library_limits(limits)).map_err(failed)?;
+            stored_samples(format, decoder, (width, height), limits)
+        }
+        PictureFormat::Jpeg => return jpeg(bytes, (width, height), limits),
+        PictureFormat::WebP => {
+            stored_samples(format, WebPDecoder::new(reader).map_err(failed)?, (width, height), limits)
+        }
+        PictureFormat::Exr => Err(PixelError::HoldsFloats),
+    }?;
+    ImageU8::new(width, height, rgb8(format, color, stored)?)
+}
+
+/// Bit for bit libjpeg-turbo's default decoding, which Pillow's is (`JPEG.md` beside this crate).
+///
+/// Stricter than Pillow in one way: data that stop early or do not decode are an error, where libjpeg
+/// warns and leaves grey.
+fn jpeg(bytes: &[u8], size: (u32, u32), limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
+    let format = PictureFormat::Jpeg;
+    let failed = |source: JpegError| PixelError::Decode { format, source: source.into() };
+    let library = libjpeg_turbo_rs::DecodeLimits {
+        max_width: limits.max_width as usize,
+        max_height: limits.max_height as usize,
+        max_pixels: limits.max_bytes / 3,
+        max_scans: MOST_SCANS,
+        ..Default::default()
+    };
+    let decoder = Decoder::new_with_limits(bytes, library).map_err(failed)?.with_output_format(PixelFormat::Rgb);
+    let picture = decoder.decode_image().map_err(failed)?;
+    let (width, height) = size;
+    if (picture.width, picture.height) != (width as usize, height as usize) {
+        return Err(header(format, format!("says {width}×{height}, its data {}×{}", picture.width, picture.height)));
+    }
+    ImageU8::new(width, height, picture.data)
+}
+
+/// The most pixels that a file of `length` bytes can hold.
+///
+/// Deflate expands at most 1032 times and a PNG row has at least one bit a pixel; a JPEG spends at
+/// least one bit on the DC coefficient of each 8×8 block. WebP has no such bound: a picture of one
+/// colour costs nothing a pixel.
+fn most_pixels(format: PictureFormat, length: usize) -> u64 {
+    let length = length as u64;
+    match format {
+        PictureFormat::Png => length.saturating_mul(1032 * 8),
+        PictureFormat::Jpeg => length.saturating_mul(8 * 64),
+        PictureFormat::WebP | PictureFormat::Exr => u64::MAX,
+    }
+}
+
+fn library_limits(limits: &DecodeLimits) -> Limits {
+    let mut library = Limits::no_limits();
+    library.max_image_width = Some(limits.max_width);
+    library.max_image_height = Some(limits.max_height);
+    library.max_alloc = Some(limits.max_bytes);
+    library
+}
+
+/// Decodes into the samples that the file stores, once the decoder agrees with the header.
+fn stored_samples(
+    format: PictureFormat,
+    decoder: impl ImageDecoder,
+    size: (u32, u32),
+    limits: &DecodeLimits,
+) -> Result<(ColorType, Vec<u8>), PixelError> {
+    if decoder.dimensions() != size {
+        let (width, height) = decoder.dimensions();
+        return Err(header(format, format!("says {}×{}, its data {width}×{height}", size.0, size.1)));
+    }
+    let color = decoder.color_type();
+    let each = u64::from(color.bytes_per_pixel());
+    limits.check(format, size, each)?;
+    let mut samples = zeroed("decoded picture", size.0.into(), size.1.into(), each)?;
+    decoder.read_image(&mut samples).map_err(|source| PixelError::Decode { format, source: source.into() })?;
+    Ok((color, samples))
+}
+
+/// Stored samples into RGB of 8 bits; 16-bit samples are in native byte order.
+fn rgb8(format: PictureFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<u8>, PixelError> {
+    let high = |&pair: &[u8; 2]| u16::from_ne_bytes(pair).to_be_bytes()[0];
+    Ok(match color {
+        ColorType::Rgb8 => stored,
+        ColorType::Rgba8 => stored.as_chunks::<4>().0.iter().flat_map(|&[r, g, b, _]| [r, g, b]).collect(),
+        ColorType::L8 => stored.iter().flat_map(|&grey| [grey; 3]).collect(),
+        ColorType::La8 => stored.as_chunks::<2>().0.iter().flat_map(|&[grey, _]| [grey; 3]).collect(),
+        ColorType::Rgb16 => stored.as_chunks::<2>().0.iter().map(high).collect(),
+        ColorType::Rgba16 => {
+            let pixels = stored.as_chunks::<2>().0.as_chunks::<4>().0;
+            pixels.iter().flat_map(|[r, g, b, _]| [high(r), high(g), high(b)]).collect()
+        }
+        ColorType::La16 => {
+            let pixels = stored.as_chunks::<2>().0.as_chunks::<2>().0;
+            pixels.iter().flat_map(|[grey, _]| [high(grey); 3]).collect()
+        }
+        other => {
+            let feature = format!("a picture of {other:?} samples as 8-bit RGB");
+            return Err(PixelError::Unsupported { format, feature });
+        }
+    })
+}

@@ -1,0 +1,125 @@
+use crate::{PictureFormat, PixelError};
+
+/// Columns and rows of an encoded picture, read from its header alone: no pixel is decoded and nothing
+/// is allocated. EXIF orientation is not applied, as in [`decode`](crate::decode).
+///
+/// # Errors
+/// [`PixelError::UnknownFormat`], [`PixelError::Header`] where the header is cut short or says zero
+/// pixels, [`PixelError::Unsupported`] for a JPEG whose height stands after its data.
+pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
+    let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
+    let (width, height) = match format {
+        PictureFormat::Png => png_size(bytes),
+        PictureFormat::Jpeg => jpeg_size(bytes),
+        PictureFormat::WebP => webp_size(bytes),
+        PictureFormat::Exr => crate::exr::size(bytes),
+    }?;
+    if width == 0 || height == 0 {
+        return Err(header(format, format!("expected at least one pixel, found {width}×{height}")));
+    }
+    Ok((width, height))
+}
+
+pub(crate) fn unknown(bytes: &[u8]) -> PixelError {
+    let start: Vec<String> = bytes.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+    PixelError::UnknownFormat { start: start.join(" "), length: bytes.len() }
+}
+
+pub(crate) fn header(format: PictureFormat, problem: impl Into<String>) -> PixelError {
+    PixelError::Header { format, problem: problem.into() }
+}
+
+fn png_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
+    const LARGEST: u32 = i32::MAX.unsigned_abs();
+    let problem = |text| header(PictureFormat::Png, text);
+    let [length, kind, width, height] =
+        words(bytes, 8).ok_or_else(|| problem(format!("cut short after {} bytes", bytes.len())))?;
+    if length != 13u32.to_be_bytes() || kind != *b"IHDR" {
+        return Err(problem("expected an IHDR chunk of 13 bytes first".to_owned()));
+    }
+    let (width, height) = (u32::from_be_bytes(width), u32::from_be_bytes(height));
+    if width > LARGEST || height > LARGEST {
+        return Err(problem(format!("expected at most 2^31 - 1 pixels a side, found {width}×{height}")));
+    }
+    Ok((width, height))
+}
+
+/// Four consecutive words from `at` on.
+fn words(bytes: &[u8], at: usize) -> Option<[[u8; 4]; 4]> {
+    let (words, _) = bytes.get(at..)?.as_chunks::<4>();
+    words.first_chunk::<4>().copied()
+}
+
+/// Walks the marker segments up to the frame header (ITU-T T.81 B.2.2).
+fn jpeg_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
+    let problem = |text: String| header(PictureFormat::Jpeg, text);
+    let mut rest = bytes.get(2..).unwrap_or_default();
+    loop {
+        let at = bytes.len() - rest.len();
+        let (marker, payload) = match rest {
+            [0xff, 0xff, ..] => {
+                rest = rest.get(1..).unwrap_or_default();
+                continue;
+            }
+            [0xff, marker @ (0x01 | 0xd0..=0xd7), ..] => (*marker, 0),
+            [0xff, 0xda, ..] => return Err(problem(format!("scan without a frame header at byte {at}"))),
+            [0xff, 0xd9, ..] => return Err(problem(format!("end of image without a frame header at byte {at}"))),
+            [0xff, marker, high, low, ..] => (*marker, usize::from(u16::from_be_bytes([*high, *low]))),
+            [0xff, ..] | [] => return Err(problem(format!("cut short after {} bytes", bytes.len()))),
+            [other, ..] => return Err(problem(format!("expected a marker at byte {at}, found {other:#04x}"))),
+        };
+        if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
+            let Some([_, _, _, _, _, h1, h0, w1, w0]) = rest.first_chunk() else {
+                return Err(problem(format!("frame header at byte {at} is cut short")));
+            };
+            let (width, height) = (u16::from_be_bytes([*w1, *w0]), u16::from_be_bytes([*h1, *h0]));
+            if height == 0 {
+                let feature = "a height that follows the first scan (DNL)".to_owned();
+                return Err(PixelError::Unsupported { format: PictureFormat::Jpeg, feature });
+            }
+            return Ok((u32::from(width), u32::from(height)));
+        }
+        let standalone = matches!(marker, 0x01 | 0xd0..=0xd7);
+        if !standalone && payload < 2 {
+            return Err(problem(format!(
+                "segment {marker:#04x} at byte {at}: expected a length of 2 or more, found {payload}"
+            )));
+        }
+        rest = rest.get(2 + payload..).ok_or_else(|| {
+            problem(format!("segment {marker:#04x} at byte {at}: {payload} bytes reach past the end of the file"))
+        })?;
+    }
+}
+
+/// RFC 9649, sections 2.5 to 2.7; the lossy frame header is RFC 6386, 9.1.
+fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
+    let problem = |text: &str| header(PictureFormat::WebP, text);
+    let cut = || problem("cut short");
+    let kind: &[u8; 4] = bytes.get(12..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?;
+    let payload = bytes.get(20..).ok_or_else(cut)?;
+    match kind {
+        b"VP8 " => {
+            let [_, _, _, s0, s1, s2, w0, w1, h0, h1] = payload.first_chunk().ok_or_else(cut)?;
+            if [*s0, *s1, *s2] != [0x9d, 0x01, 0x2a] {
+                return Err(problem("expected the start code of a key frame"));
+            }
+            let size = |low, high| u32::from(u16::from_le_bytes([low, high]) & 0x3fff);
+            Ok((size(*w0, *w1), size(*h0, *h1)))
+        }
+        b"VP8L" => {
+            let [signature, a, b, c, d] = payload.first_chunk().ok_or_else(cut)?;
+            if *signature != 0x2f {
+                return Err(problem("expected the signature of a lossless picture"));
+            }
+            let bits = u32::from_le_bytes([*a, *b, *c, *d]);
+            Ok(((bits & 0x3fff) + 1, ((bits >> 14) & 0x3fff) + 1))
+        }
+        b"VP8X" => {
+            let [_, _, _, _, w0, w1, w2, h0, h1, h2] = payload.first_chunk().ok_or_else(cut)?;
+            Ok((u32::from_le_bytes([*w0, *w1, *w2, 0]) + 1, u32::from_le_bytes([*h0, *h1, *h2, 0]) + 1))
+        }
+        other => {
+            Err(problem(&format!("expected a VP8, VP8L or VP8X chunk, found {:?}", other.escape_ascii().to_string())))
+        }
+    }
+}

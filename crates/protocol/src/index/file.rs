@@ -1,0 +1,119 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use super::read::{self, IndexNotices, Parsed};
+use super::{EvaluationIndex, IndexLayout, Sha256Digest};
+use crate::{KnownIndex, ProtocolError};
+
+/// An index file: what it says, and all that identifies it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct IndexFile {
+    /// What the file says.
+    pub index: EvaluationIndex,
+    /// How it is laid out.
+    pub layout: IndexLayout,
+    /// Hash of the file's bytes: official files are recognised by it.
+    pub sha256: Sha256Digest,
+    /// Size of the file in bytes.
+    pub size: u64,
+    /// What is odd about it.
+    pub notices: IndexNotices,
+}
+
+impl IndexFile {
+    /// Reads the bytes of an index file.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Malformed`] with scene key, field, element, line and column: text that is not JSON,
+    /// a frame number that is negative, fractional or above [`super::IndexEntry::MAX_FRAME`], an overlap
+    /// outside [0, 1], a missing or repeated field.
+    pub fn parse(bytes: &[u8]) -> Result<Self, ProtocolError> {
+        let Parsed { index, layout, notices } = read::parse(bytes)?;
+        Ok(Self { index, layout, sha256: Sha256Digest::of(bytes), size: bytes.len() as u64, notices })
+    }
+
+    /// Reads an index file.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::parse`].
+    pub fn read(path: &Path) -> Result<Self, ProtocolError> {
+        let bytes = fs::read(path).map_err(io("reading an evaluation index", path))?;
+        Self::parse(&bytes).map_err(|error| error.in_file(path))
+    }
+
+    /// The official file with these bytes, or else the one with the same content.
+    pub fn recognised(&self) -> Option<&'static KnownIndex> {
+        KnownIndex::by_sha256(&self.sha256).or_else(|| KnownIndex::by_content(&self.index.content_hash()))
+    }
+
+    /// The index, unless the file says two things about one scene.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Malformed`] for a scene key that occurs twice.
+    pub fn into_unambiguous(self) -> Result<EvaluationIndex, ProtocolError> {
+        match self.notices.duplicate_keys.first() {
+            None => Ok(self.index),
+            Some(key) => Err(ProtocolError::Malformed {
+                what: "evaluation index",
+                location: format!("scene {key:?}"),
+                expected: "every scene key once".to_owned(),
+                found: "it again".to_owned(),
+            }),
+        }
+    }
+}
+
+impl EvaluationIndex {
+    /// Writes the index to `path` as [`Self::to_json`] lays it out, by way of a file beside it, so that a
+    /// reader sees the old bytes or the new ones and never half.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Io`] with the file that could not be written.
+    pub fn write(&self, path: &Path, layout: &IndexLayout) -> Result<Sha256Digest, ProtocolError> {
+        let text = self.to_json(layout);
+        let mut name = path.as_os_str().to_owned();
+        name.push(format!(".{}.part", std::process::id()));
+        let part = PathBuf::from(name);
+        fs::write(&part, &text).map_err(io("writing an evaluation index", &part))?;
+        fs::rename(&part, path).map_err(|source| {
+            fs::remove_file(&part).ok();
+            io("writing an evaluation index", path)(source)
+        })?;
+        Ok(Sha256Digest::of(text.as_bytes()))
+    }
+}
+
+fn io(action: &'static str, path: &Path) -> impl FnOnce(std::io::Error) -> ProtocolError {
+    let path = path.to_owned();
+    move |source| ProtocolError::Io { action, path, source }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn written_and_read_again() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("index.json");
+        let index = EvaluationIndex::from_json(br#"{"a": {"context": [1, 2], "target": [1]}, "b": null}"#).unwrap();
+        let digest = index.write(&path, &IndexLayout::NOPOSPLAT).unwrap();
+        let file = IndexFile::read(&path).unwrap();
+        assert_eq!((file.sha256, file.layout), (digest, IndexLayout::NOPOSPLAT));
+        assert_eq!(file.into_unambiguous().unwrap(), index);
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside the file");
+    }
+
+    #[test]
+    fn errors_end_in_the_path() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("index.json");
+        let absent = IndexFile::read(&path).unwrap_err().to_string();
+        assert!(absent.starts_with("reading an evaluation index: ") && absent.ends_with("index.json)"), "{absent}");
+        fs::write(&path, "{").unwrap();
+        let broken = IndexFile::read(&path).unwrap_err().to_string();
+        assert!(broken.contains("line 1 column 1") && broken.ends_with("index.json)"), "{broken}");
+        let index = EvaluationIndex::default();
+        assert!(index.write(&folder.path().join("no/such/folder.json"), &IndexLayout::PIXELSPLAT).is_err());
+    }
+}

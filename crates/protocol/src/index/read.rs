@@ -1,0 +1,520 @@
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+use std::fmt;
+
+use indexmap::IndexMap;
+use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Unexpected, Visitor};
+use serde::{Deserialize, Serialize};
+
+use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Spacing};
+use crate::ProtocolError;
+
+/// What NoPoSplat takes the word `"large"` for (`src/dataset/view_sampler/view_sampler_evaluation.py:65`).
+pub const OVERLAP_OF_LARGE: f64 = 0.75;
+/// What NoPoSplat takes every other overlap word for (same line): `"medium"` too, so that it counts as
+/// small.
+pub const OVERLAP_OF_OTHER_WORDS: f64 = 0.25;
+
+/// The words that NoPoSplat's tagger writes (`src/misc/utils.py:38-48`).
+const OVERLAP_WORDS: [&str; 4] = ["small", "medium", "large", "ignore"];
+
+/// What is odd about an index file but does not stop it from being used.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct IndexNotices {
+    /// Scene keys that occur more than once, in the order of their repetitions. As in Python, the last
+    /// value counts and the first place is kept.
+    pub duplicate_keys: Vec<String>,
+    /// Fields of entries that the format does not have, with how often they occur. They are dropped.
+    pub unknown_fields: BTreeMap<String, u64>,
+    /// Entries whose overlap is a word and not a number, read as [`OVERLAP_OF_LARGE`] or
+    /// [`OVERLAP_OF_OTHER_WORDS`].
+    pub overlap_words: u64,
+}
+
+/// Everything that the text of an index says.
+pub(super) struct Parsed {
+    pub(super) index: EvaluationIndex,
+    pub(super) layout: IndexLayout,
+    pub(super) notices: IndexNotices,
+}
+
+pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, ProtocolError> {
+    let reading = Reading::default();
+    let mut deserializer = serde_json::Deserializer::from_slice(bytes);
+    let scenes = ScenesSeed(&reading)
+        .deserialize(&mut deserializer)
+        .and_then(|scenes| deserializer.end().map(|()| scenes))
+        .map_err(|error| reading.malformed(&error))?;
+    let forms = reading.forms.into_inner();
+    let layout = IndexLayout {
+        spacing: Spacing::of_json(bytes),
+        lone_entry: forms.lone_entry.unwrap_or_default(),
+        absent: forms.absent.unwrap_or_default(),
+        final_newline: bytes.ends_with(b"\n"),
+    };
+    Ok(Parsed { index: EvaluationIndex { scenes }, layout, notices: reading.notices.into_inner() })
+}
+
+/// What is gathered beside the value while it is read.
+#[derive(Default)]
+struct Reading {
+    notices: RefCell<IndexNotices>,
+    forms: RefCell<Forms>,
+    /// Innermost step first; filled only while an error travels outwards.
+    trail: RefCell<Vec<Step>>,
+}
+
+/// The first form of each kind decides the layout; files that mix them are written back uniform.
+#[derive(Default)]
+struct Forms {
+    lone_entry: Option<LoneEntryForm>,
+    absent: Option<AbsentForm>,
+}
+
+enum Step {
+    Scene(String),
+    Entry(usize),
+    Field(&'static str),
+    Element(usize),
+}
+
+impl Reading {
+    /// Notes that an error passed `step` on its way out.
+    fn within<T, E>(&self, result: Result<T, E>, step: impl FnOnce() -> Step) -> Result<T, E> {
+        if result.is_err() {
+            self.trail.borrow_mut().push(step());
+        }
+        result
+    }
+
+    fn malformed(&self, error: &serde_json::Error) -> ProtocolError {
+        let mut location = String::new();
+        for step in self.trail.borrow().iter().rev() {
+            location.push_str(&match step {
+                Step::Scene(key) => format!("scene {:?}, ", shortened(key)),
+                Step::Entry(position) => format!("entry {position}, "),
+                Step::Field(name) => format!("field {name}, "),
+                Step::Element(position) => format!("element {position}, "),
+            });
+        }
+        location.push_str(&format!("line {} column {}", error.line(), error.column()));
+        let message = error.to_string();
+        let message = message.rsplit_once(" at line ").map_or(message.as_str(), |(message, _)| message);
+        let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "JSON"));
+        let found =
+            ["invalid type: ", "invalid value: "].iter().find_map(|prefix| found.strip_prefix(prefix)).unwrap_or(found);
+        ProtocolError::Malformed {
+            what: "evaluation index",
+            location,
+            expected: expected.to_owned(),
+            found: shortened(found),
+        }
+    }
+}
+
+/// At most 80 characters of `text`.
+fn shortened(text: &str) -> String {
+    match text.char_indices().nth(80) {
+        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),
+        None => text.to_owned(),
+    }
+}
+
+struct ScenesSeed<'a>(&'a Reading);
+
+impl<'de> DeserializeSeed<'de> for ScenesSeed<'_> {
+    type Value = IndexMap<String, Vec<IndexEntry>>;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for ScenesSeed<'_> {
+    type Value = IndexMap<String, Vec<IndexEntry>>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object from scene keys to entries")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let Self(reading) = self;
+        let mut scenes = IndexMap::new();
+        while let Some(key) = map.next_key::<String>()? {
+            let entries = reading.within(map.next_value_seed(SceneSeed(reading)), || Step::Scene(key.clone()))?;
+            match scenes.entry(key) {
+                indexmap::map::Entry::Vacant(place) => {
+                    place.insert(entries);
+                }
+                indexmap::map::Entry::Occupied(mut place) => {
+                    reading.notices.borrow_mut().duplicate_keys.push(place.key().clone());
+                    place.insert(entries);
+                }
+            }
+        }
+        Ok(scenes)
+    }
+}
+
+struct SceneSeed<'a>(&'a Reading);
+
+impl<'de> DeserializeSeed<'de> for SceneSeed<'_> {
+    type Value = Vec<IndexEntry>;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl<'de> Visitor<'de> for SceneSeed<'_> {
+    type Value = Vec<IndexEntry>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("null, an entry or a list of entries")
+    }
+
+    fn visit_unit<E: Error>(self) -> Result<Self::Value, E> {
+        self.0.forms.borrow_mut().absent.get_or_insert(AbsentForm::Null);
+        Ok(Vec::new())
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, map: A) -> Result<Self::Value, A::Error> {
+        self.0.forms.borrow_mut().lone_entry.get_or_insert(LoneEntryForm::Object);
+        Ok(vec![EntrySeed(self.0).visit_map(map)?])
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+        let Self(reading) = self;
+        let mut entries = Vec::new();
+        while let Some(entry) =
+            reading.within(list.next_element_seed(EntrySeed(reading)), || Step::Entry(entries.len()))?
+        {
+            entries.push(entry);
+        }
+        match entries.len() {
+            0 => {
+                reading.forms.borrow_mut().absent.get_or_insert(AbsentForm::EmptyList);
+            }
+            1 => {
+                reading.forms.borrow_mut().lone_entry.get_or_insert(LoneEntryForm::List);
+            }
+            _ => {}
+        }
+        Ok(entries)
+    }
+}
+
+struct EntrySeed<'a>(&'a Reading);
+
+impl<'de> DeserializeSeed<'de> for EntrySeed<'_> {
+    type Value = IndexEntry;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_map(self)
+    }
+}
+
+impl<'de> Visitor<'de> for EntrySeed<'_> {
+    type Value = IndexEntry;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an entry with the fields context and target")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
+        let Self(reading) = self;
+        let (mut context, mut target, mut overlap) = (None, None, None);
+        while let Some(name) = map.next_key::<FieldName>()? {
+            match name {
+                FieldName::Context => {
+                    let frames = map.next_value_seed(FramesSeed(reading));
+                    once("context", &mut context, reading.within(frames, || Step::Field("context"))?)?;
+                }
+                FieldName::Target => {
+                    let frames = map.next_value_seed(FramesSeed(reading));
+                    once("target", &mut target, reading.within(frames, || Step::Field("target"))?)?;
+                }
+                FieldName::Overlap => {
+                    let value = map.next_value_seed(OverlapSeed(reading));
+                    once("overlap", &mut overlap, reading.within(value, || Step::Field("overlap"))?)?;
+                }
+                FieldName::Other(name) => {
+                    map.next_value::<IgnoredAny>()?;
+                    *reading.notices.borrow_mut().unknown_fields.entry(name).or_default() += 1;
+                }
+            }
+        }
+        Ok(IndexEntry {
+            context: context.ok_or_else(|| absent("context"))?,
+            target: target.ok_or_else(|| absent("target"))?,
+            overlap: overlap.flatten(),
+        })
+    }
+}
+
+fn absent<E: Error>(field: &str) -> E {
+    E::custom(format!("an entry without it, expected the field {field}"))
+}
+
+fn once<T, E: Error>(field: &str, place: &mut Option<T>, value: T) -> Result<(), E> {
+    match place.replace(value) {
+        None => Ok(()),
+        Some(_) => Err(E::custom(format!("it twice, expected the field {field} once"))),
+    }
+}
+
+enum FieldName {
+    Context,
+    Target,
+    Overlap,
+    Other(String),
+}
+
+impl<'de> Deserialize<'de> for FieldName {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct NameVisitor;
+        impl Visitor<'_> for NameVisitor {
+            type Value = FieldName;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                f.write_str("a field name")
+            }
+
+            fn visit_str<E: Error>(self, name: &str) -> Result<FieldName, E> {
+                Ok(match name {
+                    "context" => FieldName::Context,
+                    "target" => FieldName::Target,
+                    "overlap" => FieldName::Overlap,
+                    other => FieldName::Other(other.to_owned()),
+                })
+            }
+        }
+        deserializer.deserialize_identifier(NameVisitor)
+    }
+}
+
+struct FramesSeed<'a>(&'a Reading);
+
+impl<'de> DeserializeSeed<'de> for FramesSeed<'_> {
+    type Value = Vec<usize>;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_seq(self)
+    }
+}
+
+impl<'de> Visitor<'de> for FramesSeed<'_> {
+    type Value = Vec<usize>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("a list of frame numbers")
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut list: A) -> Result<Self::Value, A::Error> {
+        let mut frames = Vec::new();
+        while let Some(Frame(frame)) = self.0.within(list.next_element(), || Step::Element(frames.len()))? {
+            frames.push(frame);
+        }
+        Ok(frames)
+    }
+}
+
+struct Frame(usize);
+
+impl<'de> Deserialize<'de> for Frame {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct FrameVisitor;
+        impl Visitor<'_> for FrameVisitor {
+            type Value = Frame;
+
+            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                write!(f, "a whole frame number from 0 to {}", IndexEntry::MAX_FRAME)
+            }
+
+            fn visit_u64<E: Error>(self, value: u64) -> Result<Frame, E> {
+                usize::try_from(value)
+                    .ok()
+                    .filter(|frame| *frame <= IndexEntry::MAX_FRAME)
+                    .map(Frame)
+                    .ok_or_else(|| E::invalid_value(Unexpected::Unsigned(value), &self))
+            }
+        }
+        deserializer.deserialize_u64(FrameVisitor)
+    }
+}
+
+struct OverlapSeed<'a>(&'a Reading);
+
+impl<'de> DeserializeSeed<'de> for OverlapSeed<'_> {
+    type Value = Option<f64>;
+
+    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+        deserializer.deserialize_any(self)
+    }
+}
+
+impl Visitor<'_> for OverlapSeed<'_> {
+    type Value = Option<f64>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "a number from 0 to 1, null, or one of {}", OVERLAP_WORDS.join(" "))
+    }
+
+    fn visit_unit<E: Error>(self) -> Result<Self::Value, E> {
+        Ok(None)
+    }
+
+    fn visit_f64<E: Error>(self, value: f64) -> Result<Self::Value, E> {
+        if (0.0..=1.0).contains(&value) {
+            Ok(Some(value))
+        } else {
+            Err(E::invalid_value(Unexpected::Float(value), &self))
+        }
+    }
+
+    fn visit_u64<E: Error>(self, value: u64) -> Result<Self::Value, E> {
+        self.visit_f64(value as f64)
+    }
+
+    fn visit_i64<E: Error>(self, value: i64) -> Result<Self::Value, E> {
+        self.visit_f64(value as f64)
+    }
+
+    fn visit_str<E: Error>(self, word: &str) -> Result<Self::Value, E> {
+        if !OVERLAP_WORDS.contains(&word) {
+            return Err(E::invalid_value(Unexpected::Str(word), &self));
+        }
+        self.0.notices.borrow_mut().overlap_words += 1;
+        Ok(Some(if word == "large" { OVERLAP_OF_LARGE } else { OVERLAP_OF_OTHER_WORDS }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::IndexFile;
+
+    fn message(json: &str) -> String {
+        IndexFile::parse(json.as_bytes()).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn null_object_and_list_entries() {
+        let file = IndexFile::parse(
+            br#"{"a": null, "b": {"target": [4], "context": [1, 5]},
+                 "c": [{"context": [0], "target": [1]}, {"context": [2], "target": [3]}], "d": []}"#,
+        )
+        .unwrap();
+        let counts: Vec<_> = file.index.scenes.values().map(Vec::len).collect();
+        assert_eq!(counts, [0, 1, 2, 0]);
+        let entry = IndexEntry { context: vec![1, 5], target: vec![4], overlap: None };
+        assert_eq!(file.index.scenes["b"], [entry]);
+        assert_eq!(file.layout, IndexLayout::PIXELSPLAT, "the first of each form decides");
+    }
+
+    #[test]
+    fn bad_frame_numbers_name_scene_field_and_element() {
+        for (number, found) in [
+            ("-3", "integer `-3`"),
+            ("1.5", "floating point `1.5`"),
+            ("2.0", "floating point `2.0`"),
+            ("10000000", "integer `10000000`"),
+            ("18446744073709551615", "integer `18446744073709551615`"),
+            ("99999999999999999999", "floating point `1e+20`"),
+            ("1e400", "number out of range"),
+            ("\"7\"", "string \"7\""),
+            ("null", "null"),
+            ("[1]", "sequence"),
+        ] {
+            let json = format!("{{\n\"k\": {{\"context\": [1, 2], \"target\": [3, {number}]}}}}");
+            let message = message(&json);
+            assert!(
+                message.starts_with("evaluation index: scene \"k\", field target, element 1, line 2 column "),
+                "{message}"
+            );
+            assert!(message.ends_with(&format!(", found {found}")), "{message}");
+        }
+    }
+
+    #[test]
+    fn other_faults_say_where_and_what() {
+        for (json, expected) in [
+            (
+                r#"{"k": [{"context": [1], "target": [2]}, {"context": [1]}]}"#,
+                r#"scene "k", entry 1, line 1 column 56: expected the field target, found an entry without it"#,
+            ),
+            (r#"{"k": {"context": [1], "context": [2]}}"#, ": expected the field context once, found it twice"),
+            (r#"{"k": 7}"#, "expected null, an entry or a list of entries, found integer `7`"),
+            (r#"{"k": [null]}"#, "expected an entry with the fields context and target, found null"),
+            (r#"[]"#, ": expected an object from scene keys to entries, found sequence"),
+            (r#"{"k": {"context": 3, "target": []}}"#, ": expected a list of frame numbers, found integer `3`"),
+            (r#"{"k": null"#, "expected JSON, found EOF while parsing an object"),
+            (r#"{"k": null} x"#, "found trailing characters"),
+            ("", "found EOF while parsing a value"),
+            (
+                r#"{"k": {"context": [], "target": [], "overlap": 1.2}}"#,
+                ": expected a number from 0 to 1, null, or one of small medium large ignore, found floating point `1.2`",
+            ),
+            (r#"{"k": {"context": [], "target": [], "overlap": NaN}}"#, "found expected value"),
+            (r#"{"k": {"context": [], "target": [], "overlap": "0.4"}}"#, r#"found string "0.4""#),
+        ] {
+            let message = message(json);
+            assert!(message.contains(expected), "{json}: {message}");
+        }
+    }
+
+    #[test]
+    fn overlap_words_are_read_as_noposplat_reads_them() {
+        let json = r#"{"a": {"context": [], "target": [], "overlap": "large"},
+            "b": {"context": [], "target": [], "overlap": "medium"},
+            "c": {"context": [], "target": [], "overlap": null},
+            "d": {"context": [], "target": [], "overlap": 1}}"#;
+        let file = IndexFile::parse(json.as_bytes()).unwrap();
+        let overlaps: Vec<_> = file.index.entries().map(|(_, _, entry)| entry.overlap).collect();
+        assert_eq!(overlaps, [Some(OVERLAP_OF_LARGE), Some(OVERLAP_OF_OTHER_WORDS), None, Some(1.0)]);
+        assert_eq!(file.notices.overlap_words, 2);
+    }
+
+    #[test]
+    fn unknown_fields_are_counted_and_duplicate_keys_kept_as_python_does() {
+        let json = r#"{"a": {"context": [1], "target": [], "note": [[{}]], "z": 1},
+            "b": null, "a": {"context": [2], "target": [], "note": 1}}"#;
+        let file = IndexFile::parse(json.as_bytes()).unwrap();
+        assert_eq!(file.notices.duplicate_keys, ["a"]);
+        assert_eq!(file.notices.unknown_fields, [("note".to_owned(), 2), ("z".to_owned(), 1)].into());
+        assert_eq!(file.index.scenes.keys().collect::<Vec<_>>(), ["a", "b"], "the first place is kept");
+        assert_eq!(file.index.scenes["a"][0].context, [2], "the last value counts");
+        let strict = EvaluationIndex::from_json(json.as_bytes()).unwrap_err().to_string();
+        assert_eq!(strict, "evaluation index: scene \"a\": expected every scene key once, found it again");
+    }
+
+    #[test]
+    fn deep_nesting_and_long_names_are_errors_or_ignored() {
+        let deep = format!("{{\"k\": {}", "[".repeat(100_000));
+        assert!(message(&deep).contains("expected"), "nested entries");
+        let ignored = format!(r#"{{"k": {{"context": [], "target": [], "x": {}}}}}"#, "[".repeat(100_000));
+        assert!(IndexFile::parse(ignored.as_bytes()).is_err(), "nested unknown field, unclosed");
+        let long = format!(r#"{{"{}": 1}}"#, "é".repeat(10_000));
+        assert!(message(&long).len() < 400, "long keys are shortened");
+    }
+
+    proptest! {
+        #[test]
+        fn any_bytes_give_a_value_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+            IndexFile::parse(&bytes).ok();
+        }
+
+        #[test]
+        fn mutated_json_gives_a_value_or_an_error(at in 0usize..120, byte in any::<u8>(), cut in 0usize..120) {
+            let mut json = br#"{"a": null, "b": [{"context": [1, 20], "target": [3], "overlap": 0.5}], "c": {"context": [], "target": []}}"#.to_vec();
+            if let Some(place) = json.get_mut(at) {
+                *place = byte;
+            }
+            json.truncate(json.len().saturating_sub(cut % 7));
+            IndexFile::parse(&json).ok();
+        }
+    }
+}

@@ -1,0 +1,183 @@
+use serde::Serialize;
+
+use crate::Sha256Digest;
+
+/// An evaluation index that a repository of the field ships.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct KnownIndex {
+    /// Our name for it, unique and stable: `<repository>-<dataset>[-<variant>]`.
+    pub name: &'static str,
+    /// Where it was first published, as `owner/repository`.
+    pub repository: &'static str,
+    /// Path inside that repository.
+    pub path: &'static str,
+    /// Dataset whose scene keys it holds: `re10k`, `acid` or `dl3dv`.
+    pub dataset: &'static str,
+    /// Hash of the published file's bytes.
+    pub sha256: Sha256Digest,
+    /// [`crate::EvaluationIndex::content_hash`] of what it says, so that a copy with other white space is
+    /// recognised too.
+    pub content: Sha256Digest,
+    /// What to know before numbers on it are compared.
+    pub notes: &'static str,
+}
+
+impl KnownIndex {
+    /// The official file with these bytes.
+    pub fn by_sha256(sha256: &Sha256Digest) -> Option<&'static Self> {
+        KNOWN_INDICES.iter().find(|known| known.sha256 == *sha256)
+    }
+
+    /// The official file that asks for the same trials.
+    pub fn by_content(content: &Sha256Digest) -> Option<&'static Self> {
+        KNOWN_INDICES.iter().find(|known| known.content == *content)
+    }
+
+    /// The official file of this [`Self::name`].
+    pub fn by_name(name: &str) -> Option<&'static Self> {
+        KNOWN_INDICES.iter().find(|known| known.name == name)
+    }
+}
+
+/// Every official index file that is recognised.
+pub const KNOWN_INDICES: &[KnownIndex] = &[
+    KnownIndex {
+        name: "pixelsplat-re10k",
+        repository: "dcharatan/pixelsplat",
+        path: "assets/evaluation_index_re10k.json",
+        dataset: "re10k",
+        sha256: Sha256Digest::literal("fbcff9b4b13139227d809af45b84bb5a7a9cdb1c7a55bced85b6c66556a219cc"),
+        content: Sha256Digest::literal("322cf5b82ae91f883c8db4eb92ed53fdd4aa509901586d86480a409bab53912c"),
+        notes: "byte-identical in MVSplat, DepthSplat and iLRM; 583 of 19422 targets are context frames",
+    },
+    KnownIndex {
+        name: "pixelsplat-acid",
+        repository: "dcharatan/pixelsplat",
+        path: "assets/evaluation_index_acid.json",
+        dataset: "acid",
+        sha256: Sha256Digest::literal("7a08cf5c612b60b407c4cd395ff945180d852e1f7f4c0442102ad85e0e3a2fd1"),
+        content: Sha256Digest::literal("7f922d4fee0bb3ddcf6ba8a68f8331d385a2a4fd5c4c48f511af92e750620b1f"),
+        notes: "135 of 4785 targets are context frames",
+    },
+    KnownIndex {
+        name: "noposplat-re10k",
+        repository: "cvg/NoPoSplat",
+        path: "assets/evaluation_index_re10k.json",
+        dataset: "re10k",
+        sha256: Sha256Digest::literal("4940dbd54f98dec8c0db6854f6ff97456856d437b85e3808fd3747ecca68c8fe"),
+        content: Sha256Digest::literal("de6d3055126d3747cff327101c461047f26f2f37a2dd708b6614acabca579804"),
+        notes: "same file name as pixelSplat's and no entry in common with it; wider baselines, an overlap per scene; \
+                447 of 16803 targets are context frames",
+    },
+    KnownIndex {
+        name: "noposplat-acid",
+        repository: "cvg/NoPoSplat",
+        path: "assets/evaluation_index_acid.json",
+        dataset: "acid",
+        sha256: Sha256Digest::literal("e3983f0e7d2ddda9627478139f6fc4bb1e166fa19a934c33d43bb613e5e1be89"),
+        content: Sha256Digest::literal("414500f193ffa2021c12b80a6ef33e8b5bb52923ec5104d7b39908df55d4e3a0"),
+        notes: "same file name as pixelSplat's, another protocol; an overlap per scene",
+    },
+    KnownIndex {
+        name: "depthsplat-dl3dv-2v",
+        repository: "cvg/depthsplat",
+        path: "assets/dl3dv_start_0_distance_50_ctx_2v_video_0_50.json",
+        dataset: "dl3dv",
+        sha256: Sha256Digest::literal("434c3e1bd9395cf7f0f2f0dc787d15a9bddd87865891fd5817fdfa6e711ad46d"),
+        content: Sha256Digest::literal("b655a5c230090d2624bad9cb1e29c4109b537984a508d41ff57050d84b25c5e8"),
+        notes: "targets are frames 0..49, the context frames included: 280 of 7000 are leaked",
+    },
+    KnownIndex {
+        name: "depthsplat-dl3dv-4v",
+        repository: "cvg/depthsplat",
+        path: "assets/dl3dv_start_0_distance_50_ctx_4v_video_0_50.json",
+        dataset: "dl3dv",
+        sha256: Sha256Digest::literal("2bae3240e42b6f2bddd21ac20752c65996e2923d0606dbffef7d15fee33beeca"),
+        content: Sha256Digest::literal("d0bee96dcb1f54954f4ddb18209fc9c5a826f8b7523857e7fb19972538d353b9"),
+        notes: "targets are frames 0..49, the context frames included: 560 of 7000 are leaked",
+    },
+    KnownIndex {
+        name: "depthsplat-dl3dv-6v",
+        repository: "cvg/depthsplat",
+        path: "assets/dl3dv_start_0_distance_50_ctx_6v_video_0_50.json",
+        dataset: "dl3dv",
+        sha256: Sha256Digest::literal("3ab98877ef792fa91f2dd2982e7ea62c4033a1fb04a65fb63288e7a7ae3c4b9e"),
+        content: Sha256Digest::literal("e6f01560b661cd3d5be19b81d4e237b9f4d97a3f5defbf3727db21e47f824dc8"),
+        notes: "targets are frames 0..49, the context frames included: 840 of 7000 are leaked",
+    },
+    KnownIndex {
+        name: "depthsplat-dl3dv-12v",
+        repository: "cvg/depthsplat",
+        path: "assets/dl3dv_start_0_distance_100_ctx_12v_video.json",
+        dataset: "dl3dv",
+        sha256: Sha256Digest::literal("3fe8659556e9395a19382c3c86e247234204db328cf3bbc8d67f9e2cdf4870d5"),
+        content: Sha256Digest::literal("a1b7c956f4f98bc6725ed9dcb6b3441c1cd110521e8359dc62ade35b36aa22b5"),
+        notes: "targets are every frame of the window, 87 to 100 a scene, the 12 context frames included",
+    },
+    KnownIndex {
+        name: "depthsplat-dl3dv-2v-10",
+        repository: "cvg/depthsplat",
+        path: "assets/dl3dv_start_0_distance_10_ctx_2v_tgt_4v.json",
+        dataset: "dl3dv",
+        sha256: Sha256Digest::literal("eab21290cfab8eff12e208377b089b2a65e15f7ba44f7bb085963511354863f4"),
+        content: Sha256Digest::literal("9544cbf06d2f9fca7732c6c5a908e476c7c751b6b514859fef1629b16843cdda"),
+        notes: "DepthSplat's zero-shot file: a window of 10 frames, much easier than the 50-frame files",
+    },
+    KnownIndex {
+        name: "yonosplat-dl3dv-6v",
+        repository: "cvg/YoNoSplat",
+        path: "assets/dl3dv_start_0_distance_50_ctx_6v_tgt_8v.json",
+        dataset: "dl3dv",
+        sha256: Sha256Digest::literal("602d0b38e7f003ccfac8b634fb48d5f853004dd0481c307fd61af2ff90b770b9"),
+        content: Sha256Digest::literal("438d1afba0b45c8b82e08433879d8cedb83dde0353d2a19b1ef376b00b6b25b3"),
+        notes: "DepthSplat's 6-view contexts with 8 targets, none of them a context frame; read from the fork \
+                lksrz/YoNoSplat",
+    },
+    KnownIndex {
+        name: "yonosplat-dl3dv-12v",
+        repository: "cvg/YoNoSplat",
+        path: "assets/dl3dv_start_0_distance_100_ctx_12v_tgt_8v.json",
+        dataset: "dl3dv",
+        sha256: Sha256Digest::literal("4e191e1feb32a340ec4ec8fa77e7859bf8f44591fda0c1c3ea250619acd562fa"),
+        content: Sha256Digest::literal("42bee6d502724a25f38be30939e1d51afd41c62b9b89c6e422ca140f7931da3e"),
+        notes: "DepthSplat's 12-view contexts with 8 random targets, 137 of 1120 leaked; read from the fork \
+                lksrz/YoNoSplat",
+    },
+    KnownIndex {
+        name: "latentsplat-re10k-extra",
+        repository: "Chrixtar/latentsplat",
+        path: "assets/evaluation_index/re10k_extra.json",
+        dataset: "re10k",
+        sha256: Sha256Digest::literal("4b280fa193d16fe25ab9faa4cb638f565e80c372b4661ec8f6edcda125af70ec"),
+        content: Sha256Digest::literal("f884113bfc75742f4a7ce0aec466212c85299e2a0a36771582065a89e884831d"),
+        notes: "extrapolation: every target lies up to 45 frames outside the window",
+    },
+];
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+
+    #[test]
+    fn names_and_hashes_are_unique_and_lead_back() {
+        let names: BTreeSet<_> = KNOWN_INDICES.iter().map(|known| known.name).collect();
+        let hashes: BTreeSet<_> = KNOWN_INDICES.iter().flat_map(|known| [known.sha256, known.content]).collect();
+        assert_eq!((names.len(), hashes.len()), (KNOWN_INDICES.len(), 2 * KNOWN_INDICES.len()));
+        for known in KNOWN_INDICES {
+            assert_eq!(KnownIndex::by_sha256(&known.sha256), Some(known));
+            assert_eq!(KnownIndex::by_content(&known.content), Some(known));
+            assert_eq!(KnownIndex::by_name(known.name), Some(known));
+        }
+    }
+
+    #[test]
+    fn other_files_are_not_recognised() {
+        let other = Sha256Digest::of(b"{}");
+        assert_eq!(KnownIndex::by_sha256(&other), None);
+        assert_eq!(KnownIndex::by_content(&other), None);
+        assert_eq!(KnownIndex::by_name("pixelsplat"), None);
+    }
+}

@@ -1,0 +1,202 @@
+use std::collections::BTreeSet;
+use std::fmt;
+
+use serde::Serialize;
+
+use crate::{EvaluationIndex, IndexEntry};
+
+/// How two indices relate.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Comparability {
+    /// Keys that both have.
+    pub common_keys: u64,
+    /// Keys with entries in the first and in the second.
+    pub scenes: (u64, u64),
+    /// Keys with entries in both.
+    pub common_scenes: u64,
+    /// Common scenes whose entries have the same context frames, in order, and the same targets.
+    pub identical_scenes: u64,
+    /// Common scenes whose entries have the same *sets* of context frames.
+    pub same_context: u64,
+    /// Common scenes whose entries have the same sets of targets.
+    pub same_targets: u64,
+    /// Identical scenes whose overlap values differ, so that bins may differ.
+    pub other_overlap: u64,
+    /// Whether results may share a table.
+    pub verdict: Verdict,
+    /// Why, in words.
+    pub reasons: Vec<String>,
+}
+
+/// Whether results on two indices may share a table.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// They ask for the same.
+    Same,
+    /// Means over all scenes may share a table; bins of overlap may not.
+    SameButBins,
+    /// Only means over the common scenes, recomputed, may share a table.
+    OnCommonScenes,
+    /// They ask different questions.
+    Different,
+}
+
+/// Whether results on `a` and `b` may share a table, and why.
+pub fn compare(a: &EvaluationIndex, b: &EvaluationIndex) -> Comparability {
+    let scenes_of = |index: &EvaluationIndex| index.scene_count() as u64;
+    let common_keys = a.scenes.keys().filter(|key| b.scenes.contains_key(*key)).count() as u64;
+    let mut result = Comparability {
+        common_keys,
+        scenes: (scenes_of(a), scenes_of(b)),
+        common_scenes: 0,
+        identical_scenes: 0,
+        same_context: 0,
+        same_targets: 0,
+        other_overlap: 0,
+        verdict: Verdict::Different,
+        reasons: Vec::new(),
+    };
+    for (key, ours) in &a.scenes {
+        let Some(theirs) = b.scenes.get(key) else { continue };
+        if ours.is_empty() || theirs.is_empty() {
+            continue;
+        }
+        let identical = ours.len() == theirs.len() && ours.iter().zip(theirs).all(|(a, b)| same_question(a, b));
+        let other_overlap = identical && ours.iter().zip(theirs).any(|(a, b)| a.overlap != b.overlap);
+        result.common_scenes += 1;
+        result.identical_scenes += u64::from(identical);
+        result.other_overlap += u64::from(other_overlap);
+        result.same_context += u64::from(same_sets(ours, theirs, |entry| &entry.context));
+        result.same_targets += u64::from(same_sets(ours, theirs, |entry| &entry.target));
+    }
+    judge(&mut result);
+    result
+}
+
+/// The order of context frames counts: the first is the reference of relative poses.
+fn same_question(a: &IndexEntry, b: &IndexEntry) -> bool {
+    let sorted = |frames: &[usize]| {
+        let mut frames = frames.to_vec();
+        frames.sort_unstable();
+        frames
+    };
+    a.context == b.context && sorted(&a.target) == sorted(&b.target)
+}
+
+fn same_sets(a: &[IndexEntry], b: &[IndexEntry], frames: impl Fn(&IndexEntry) -> &Vec<usize>) -> bool {
+    let set = |entry| frames(entry).iter().copied().collect::<BTreeSet<usize>>();
+    a.len() == b.len() && a.iter().zip(b).all(|(a, b)| set(a) == set(b))
+}
+
+fn judge(found: &mut Comparability) {
+    let common = found.common_scenes;
+    let mut reasons = Vec::new();
+    if common == 0 {
+        reasons.push("no scene is in both".to_owned());
+    }
+    let others = [
+        (common - found.same_context, "have other context frames"),
+        (common - found.same_targets, "have other targets"),
+    ];
+    for (count, what) in others.into_iter().filter(|(count, _)| *count > 0) {
+        reasons.push(format!("{count} of {common} common scenes {what}"));
+    }
+    let all_identical = common > 0 && found.identical_scenes == common;
+    if !all_identical && reasons.is_empty() {
+        reasons
+            .push(format!("{} of {common} common scenes differ in order or repeats", common - found.identical_scenes));
+    }
+    let only = [(found.scenes.0 - common, "first"), (found.scenes.1 - common, "second")];
+    for (count, which) in only.into_iter().filter(|(count, _)| *count > 0 && common > 0) {
+        reasons.push(format!("{count} scenes are only in the {which}"));
+    }
+    if found.other_overlap > 0 {
+        reasons.push(format!("{} scenes have another overlap", found.other_overlap));
+    }
+    found.verdict = match (all_identical, found.scenes == (common, common), found.other_overlap) {
+        (false, _, _) => Verdict::Different,
+        (true, false, _) => Verdict::OnCommonScenes,
+        (true, true, 0) => Verdict::Same,
+        (true, true, _) => Verdict::SameButBins,
+    };
+    found.reasons = reasons;
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Same => "results may share a table",
+            Self::SameButBins => "means over all scenes may share a table, overlap bins may not",
+            Self::OnCommonScenes => "results may share a table once both are averaged over the common scenes only",
+            Self::Different => "results may not share a table",
+        })
+    }
+}
+
+impl fmt::Display for Comparability {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "scenes              {} and {}, {} in both", self.scenes.0, self.scenes.1, self.common_scenes)?;
+        writeln!(f, "identical           {}", self.identical_scenes)?;
+        writeln!(f, "same context        {}", self.same_context)?;
+        writeln!(f, "same targets        {}", self.same_targets)?;
+        writeln!(f, "verdict             {}", self.verdict)?;
+        self.reasons.iter().try_for_each(|reason| writeln!(f, "                    {reason}"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const BASE: &str = r#"{"a": {"context": [0, 9], "target": [3, 4], "overlap": 0.5},
+        "b": {"context": [1, 5], "target": [2]}, "c": null}"#;
+
+    fn against_base(from: &str, to: &str) -> Comparability {
+        let read = |json: &str| EvaluationIndex::from_json(json.as_bytes()).unwrap();
+        assert!(BASE.contains(from), "{from}");
+        compare(&read(BASE), &read(&BASE.replace(from, to)))
+    }
+
+    #[test]
+    fn verdicts() {
+        for (from, to, verdict, reason) in [
+            ("[3, 4]", "[4, 3]", Verdict::Same, ""),
+            (", \"c\": null", "", Verdict::Same, ""),
+            ("0.5", "0.4", Verdict::SameButBins, "1 scenes have another overlap"),
+            (
+                "\"c\": null",
+                "\"c\": {\"context\": [1], \"target\": [1]}",
+                Verdict::OnCommonScenes,
+                "1 scenes are only in the second",
+            ),
+            ("[0, 9]", "[9, 0]", Verdict::Different, "1 of 2 common scenes differ in order or repeats"),
+            ("[0, 9]", "[0, 8]", Verdict::Different, "1 of 2 common scenes have other context frames"),
+            ("[3, 4]", "[3, 5]", Verdict::Different, "1 of 2 common scenes have other targets"),
+        ] {
+            let found = against_base(from, to);
+            assert_eq!(found.verdict, verdict, "{from} to {to}");
+            assert_eq!(found.reasons.concat(), reason, "{from} to {to}");
+        }
+    }
+
+    #[test]
+    fn nothing_in_common_and_nothing_at_all() {
+        let empty = EvaluationIndex::default();
+        assert_eq!(compare(&empty, &empty).verdict, Verdict::Different);
+        let found = against_base("\"a\"", "\"z\"");
+        assert_eq!((found.common_keys, found.common_scenes, found.verdict), (2, 1, Verdict::OnCommonScenes));
+    }
+
+    #[test]
+    fn comparing_is_symmetric() {
+        for (from, to) in [("[0, 9]", "[0, 8]"), ("\"a\"", "\"z\""), ("0.5", "0.4")] {
+            let read = |json: &str| EvaluationIndex::from_json(json.as_bytes()).unwrap();
+            let (a, b) = (read(BASE), read(&BASE.replace(from, to)));
+            let (there, back) = (compare(&a, &b), compare(&b, &a));
+            assert_eq!((there.verdict, there.identical_scenes), (back.verdict, back.identical_scenes));
+            assert_eq!(there.scenes, (back.scenes.1, back.scenes.0));
+        }
+    }
+}

@@ -1,0 +1,227 @@
+use std::collections::BTreeSet;
+
+use serde::Serialize;
+
+use super::DatasetFacts;
+use crate::{
+    BinCounts, BinRule, EvaluationIndex, IndexEntry, IndexFile, IndexNotices, KnownIndex, OverlapBins, Sha256Digest,
+};
+
+/// What a lint found. Serialises to JSON with the same figures that its text shows.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct LintReport {
+    /// The file's hash and oddities, where there is a file.
+    pub file: Option<FileFacts>,
+    /// Hash of what the index asks for, whatever the file looks like.
+    pub content_sha256: Sha256Digest,
+    /// The official index that this is, if it is one.
+    pub recognised: Option<RecognisedIndex>,
+    /// Scene keys.
+    pub keys: u64,
+    /// Keys without an entry (`null`): scenes that the protocol leaves out.
+    pub null: u64,
+    /// Keys with at least one entry.
+    pub scenes: u64,
+    /// Entries; more than scenes where a scene has several.
+    pub entries: u64,
+    /// Frames asked for.
+    pub targets: u64,
+    /// Context frames of an entry.
+    pub context_per_entry: Option<Spread>,
+    /// Targets of a scene, over all its entries.
+    pub targets_per_scene: Option<Spread>,
+    /// Last minus first context frame of an entry.
+    pub context_gap: Option<Spread>,
+    /// Targets that are context frames of the same entry.
+    pub leaked: Places,
+    /// Targets before the first or after the last context frame.
+    pub outside_window: Places,
+    /// Entries whose first context frame is frame 0: nothing lies before their window.
+    pub windows_at_zero: u64,
+    /// What occurs twice.
+    pub repeats: Repeats,
+    /// Entries without context frames.
+    pub without_context: u64,
+    /// Entries without targets.
+    pub without_targets: u64,
+    /// The overlap values, where the index has any.
+    pub overlap: Option<OverlapFacts>,
+    /// What the dataset makes of the index, where one was given.
+    pub dataset: Option<DatasetFacts>,
+}
+
+/// The file that an index was read from.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct FileFacts {
+    /// Hash of its bytes.
+    pub sha256: Sha256Digest,
+    /// Its size in bytes.
+    pub size: u64,
+    /// What is odd about it.
+    #[serde(flatten)]
+    pub notices: IndexNotices,
+}
+
+/// An official index, recognised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RecognisedIndex {
+    /// Whether the bytes are the published ones; otherwise only the content is.
+    pub by_bytes: bool,
+    /// Which.
+    #[serde(flatten)]
+    pub known: &'static KnownIndex,
+}
+
+/// A count of targets, and of the scenes they are in.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Places {
+    /// How many targets.
+    pub targets: u64,
+    /// In how many scenes.
+    pub scenes: u64,
+}
+
+/// What occurs more than once. Each repetition counts, the first occurrence does not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Repeats {
+    /// Targets that their entry has already.
+    pub targets: u64,
+    /// Context frames that their entry has already.
+    pub context: u64,
+    /// Entries with the context and targets of an earlier entry of the same scene.
+    pub entries: u64,
+}
+
+/// Smallest, middle and largest of some counts.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Spread {
+    /// Smallest.
+    pub min: u64,
+    /// Middle; the mean of the middle two of an even number.
+    pub median: f64,
+    /// Arithmetic mean.
+    pub mean: f64,
+    /// Largest.
+    pub max: u64,
+}
+
+/// The overlap values of an index.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct OverlapFacts {
+    /// What the values are, as far as the index is known.
+    pub definition: &'static str,
+    /// Smallest value.
+    pub min: f64,
+    /// Largest value.
+    pub max: f64,
+    /// Edges of the bins below.
+    pub edges: Vec<f64>,
+    /// Counts under the published rule.
+    pub published: BinCounts,
+    /// Counts under the strict rule.
+    pub strict: BinCounts,
+}
+
+impl Spread {
+    /// Of some counts; `None` of none.
+    pub fn of(counts: impl IntoIterator<Item = u64>) -> Option<Self> {
+        let mut counts: Vec<u64> = counts.into_iter().collect();
+        counts.sort_unstable();
+        let (min, max) = (*counts.first()?, *counts.last()?);
+        let middle = |at: usize| counts.get(at).copied().unwrap_or_default() as f64;
+        let half = counts.len() / 2;
+        let median = if counts.len() % 2 == 0 { f64::midpoint(middle(half - 1), middle(half)) } else { middle(half) };
+        let mean = counts.iter().map(|count| *count as f64).sum::<f64>() / counts.len() as f64;
+        Some(Self { min, median, mean, max })
+    }
+}
+
+pub(super) fn file_facts(file: &IndexFile) -> FileFacts {
+    FileFacts { sha256: file.sha256, size: file.size, notices: file.notices.clone() }
+}
+
+/// Everything that the index alone tells.
+pub(super) fn of(index: &EvaluationIndex, bins: &OverlapBins) -> LintReport {
+    let content_sha256 = index.content_hash();
+    let entries = || index.entries().map(|(_, _, entry)| entry);
+    let count = |holds: &dyn Fn(&IndexEntry) -> bool| entries().filter(|entry| holds(entry)).count() as u64;
+    let with_entries = || index.scenes.values().filter(|entries| !entries.is_empty());
+    let scenes = index.scene_count() as u64;
+    LintReport {
+        file: None,
+        content_sha256,
+        recognised: KnownIndex::by_content(&content_sha256).map(|known| RecognisedIndex { by_bytes: false, known }),
+        keys: index.scenes.len() as u64,
+        null: index.scenes.len() as u64 - scenes,
+        scenes,
+        entries: entries().count() as u64,
+        targets: index.target_count() as u64,
+        context_per_entry: Spread::of(entries().map(|entry| entry.context.len() as u64)),
+        targets_per_scene: Spread::of(
+            with_entries().map(|entries| entries.iter().map(|entry| entry.target.len() as u64).sum()),
+        ),
+        context_gap: Spread::of(
+            entries().filter_map(|entry| entry.window().map(|(first, last)| (last - first) as u64)),
+        ),
+        leaked: places(index, |entry| entry.leaked().count()),
+        outside_window: places(index, |entry| {
+            let outside = |frame: &&usize| entry.frames_outside_window(**frame).is_some_and(|distance| distance != 0);
+            entry.target.iter().filter(outside).count()
+        }),
+        windows_at_zero: count(&|entry| entry.window().is_some_and(|(first, _)| first == 0)),
+        repeats: Repeats {
+            targets: entries().map(|entry| repetitions(&entry.target)).sum(),
+            context: entries().map(|entry| repetitions(&entry.context)).sum(),
+            entries: with_entries().map(|entries| repeated_entries(entries)).sum(),
+        },
+        without_context: count(&|entry| entry.context.is_empty()),
+        without_targets: count(&|entry| entry.target.is_empty()),
+        overlap: overlap(index, bins, &content_sha256),
+        dataset: None,
+    }
+}
+
+fn places(index: &EvaluationIndex, count: impl Fn(&IndexEntry) -> usize) -> Places {
+    let mut places = Places::default();
+    for entries in index.scenes.values() {
+        let targets: usize = entries.iter().map(&count).sum();
+        places.targets += targets as u64;
+        places.scenes += u64::from(targets > 0);
+    }
+    places
+}
+
+fn repetitions(frames: &[usize]) -> u64 {
+    (frames.len() - frames.iter().collect::<BTreeSet<_>>().len()) as u64
+}
+
+fn repeated_entries(entries: &[IndexEntry]) -> u64 {
+    let distinct: BTreeSet<_> = entries.iter().map(|entry| (&entry.context, &entry.target)).collect();
+    (entries.len() - distinct.len()) as u64
+}
+
+fn overlap(index: &EvaluationIndex, bins: &OverlapBins, content: &Sha256Digest) -> Option<OverlapFacts> {
+    let mut values: Vec<f64> = index.entries().filter_map(|(_, _, entry)| entry.overlap).collect();
+    values.sort_unstable_by(f64::total_cmp);
+    let (min, max) = (*values.first()?, *values.last()?);
+    let shipped = KnownIndex::by_content(content).is_some_and(|known| known.repository == "cvg/NoPoSplat");
+    Some(OverlapFacts {
+        definition: if shipped {
+            "as NoPoSplat ships it: dense matching with RoMa, by code that was never released"
+        } else {
+            "as written in the index, which does not say how it was computed"
+        },
+        min,
+        max,
+        edges: bins.edges().to_vec(),
+        published: bins.with_rule(BinRule::Published).count(index),
+        strict: bins.with_rule(BinRule::Strict).count(index),
+    })
+}

@@ -1,0 +1,138 @@
+//! The lint of one small index with everything odd in it, and of a dataset with everything wrong in it.
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use glam::{DMat3, DVec3};
+
+use super::{DatasetCheck, LintOptions, Spread, lint, lint_file};
+use crate::{DropReason, EvaluationIndex, Filters, IndexFile, LintReport};
+
+const ODD: &str = r#"{
+"null": null,
+"plain": {"context": [10, 60], "target": [20, 30]},
+"leaked": {"context": [0, 40], "target": [0, 40, 5, 5], "overlap": 0.04},
+"outside": {"context": [5, 5, 30], "target": [4, 31, 30], "overlap": "large"},
+"twice": [{"context": [1, 2], "target": [1]}, {"context": [1, 2], "target": [1], "note": 7}],
+"empty": {"context": [], "target": []},
+"plain": {"context": [10, 60], "target": [20, 30], "overlap": 0.2}
+}"#;
+
+fn report(json: &str) -> LintReport {
+    let file = IndexFile::parse(json.as_bytes()).unwrap();
+    lint_file(&file, &LintOptions::default(), &mut Warnings::new())
+}
+
+#[test]
+fn everything_odd_is_counted() {
+    let report = report(ODD);
+    assert_eq!((report.keys, report.null, report.scenes, report.entries, report.targets), (6, 1, 5, 6, 11));
+    assert_eq!((report.leaked.targets, report.leaked.scenes), (5, 3));
+    assert_eq!((report.outside_window.targets, report.outside_window.scenes), (2, 1));
+    assert_eq!(report.windows_at_zero, 1);
+    assert_eq!((report.repeats.targets, report.repeats.context, report.repeats.entries), (1, 1, 1));
+    assert_eq!((report.without_context, report.without_targets), (1, 1));
+    let overlap = report.overlap.unwrap();
+    assert_eq!(overlap.published.to_string(), "small 1, medium 1, large 1, without 3");
+    assert_eq!(overlap.strict.to_string(), "small 1, medium 0, large 1, below range 1, without 3");
+}
+
+#[test]
+fn the_text_shows_what_the_json_holds() {
+    insta::assert_snapshot!(report(ODD).to_string());
+    insta::assert_snapshot!(serde_json::to_string_pretty(&report(ODD)).unwrap());
+}
+
+#[test]
+fn an_empty_index_has_no_spreads_and_no_percentages() {
+    let text = report("{}").to_string();
+    assert!(text.contains("keys                0: 0 null, 0 scenes"), "{text}");
+    assert!(!text.contains("NaN"), "{text}");
+}
+
+#[test]
+fn medians_of_odd_and_even_counts() {
+    let spread = |counts: &[u64]| Spread::of(counts.iter().copied());
+    assert_eq!(spread(&[3, 1, 2]), Some(Spread { min: 1, median: 2.0, mean: 2.0, max: 3 }));
+    assert_eq!(spread(&[4, 1]), Some(Spread { min: 1, median: 2.5, mean: 2.5, max: 4 }));
+    assert_eq!(spread(&[]), None);
+}
+
+/// Scenes of ten frames; some keys are broken in a way that their name says.
+struct Dataset {
+    keys: Vec<String>,
+}
+
+impl SceneSource for Dataset {
+    fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        if !self.keys.iter().any(|known| known == key) {
+            return Err(SceneError::UnknownScene { key: key.to_owned(), path: "dataset".into() });
+        }
+        if key == "broken" {
+            return Err(SceneError::Malformed {
+                format: "test",
+                path: "broken.txt".into(),
+                location: "line 2".to_owned(),
+                expected: "19 columns".to_owned(),
+                found: "3".to_owned(),
+            });
+        }
+        warnings.push(WarningKind::DuplicateTimestamp, key, "frames 1 and 2");
+        let fx = if key == "wide" { 0.3 } else { 0.5 };
+        let frame = |at: u32| Frame {
+            name: at.to_string(),
+            timestamp_micros: None,
+            camera: Camera::pinhole(
+                CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(f64::from(at), 0.0, 0.0)).unwrap(),
+                NormalizedIntrinsics::new(fx, 0.9, 0.5, 0.5).unwrap(),
+            ),
+            stated_size: None,
+            picture: Picture::Absent,
+        };
+        Ok(Scene { key: key.to_owned(), url: None, frames: (0..10).map(frame).collect() })
+    }
+}
+
+fn dataset_report(threads: usize) -> (LintReport, Warnings) {
+    let json = r#"{"good": {"context": [0, 9], "target": [4]}, "left-out": null, "gone": {"context": [0], "target": [1]},
+        "broken": {"context": [0], "target": [1]}, "wide": {"context": [0], "target": [1]},
+        "short": [{"context": [0], "target": [9]}, {"context": [0], "target": [10]}]}"#;
+    let keys = ["broken", "extra", "good", "left-out", "short", "wide"].map(str::to_owned).to_vec();
+    let (source, filters) = (Dataset { keys }, Filters { max_fov_degrees: Some(100.0), ..Filters::default() });
+    let size = |_: &Frame| Some(ImageSize { width: 640, height: 360 });
+    let dataset = DatasetCheck { source: &source, filters: &filters, expected_size: None, picture_size: &size };
+    let options = LintOptions { dataset: Some(dataset), ..LintOptions::default() };
+    let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
+    let mut warnings = Warnings::new();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    let report = pool.install(|| lint(&index, &options, &mut warnings));
+    (report, warnings)
+}
+
+#[test]
+fn scenes_are_dropped_by_reason() {
+    let (report, warnings) = dataset_report(2);
+    let facts = report.dataset.as_ref().unwrap();
+    let expected = [
+        (DropReason::SceneMissing, 1),
+        (DropReason::Unreadable, 1),
+        (DropReason::FrameOutOfRange, 1),
+        (DropReason::FieldOfView, 1),
+    ];
+    assert_eq!(facts.dropped, expected.into());
+    assert_eq!((facts.usable, facts.not_asked_for), (2, 2));
+    assert_eq!(warnings.count(WarningKind::SceneNotFound), 1);
+    assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
+    assert_eq!(warnings.count(WarningKind::DuplicateTimestamp), 3, "the loader's own warnings arrive");
+    insta::assert_snapshot!(facts.to_string());
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let (one, four) = (dataset_report(1), dataset_report(4));
+    assert_eq!(one.0, four.0);
+    assert_eq!(one.1.kept(), four.1.kept());
+}

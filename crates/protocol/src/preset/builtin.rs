@@ -1,0 +1,20 @@
+macro_rules! texts {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../../eval/presets/", $name, ".toml")))),*]
+    };
+}
+
+/// The presets that travel inside the binary.
+pub(super) const TEXTS: &[(&str, &str)] = texts![
+    "re10k-2v-256",
+    "re10k-overlap",
+    "acid-2v-256",
+    "dl3dv-2v-256x448",
+    "dl3dv-4v-256x448",
+    "dl3dv-6v-256x448",
+    "dl3dv-12v-512x960",
+    "dl3dv-6v-224",
+    "re10k-to-dl3dv-256",
+    "dl3dv-6v-extrapolation",
+    "re10k-extrapolation",
+];

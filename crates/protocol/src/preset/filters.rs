@@ -1,0 +1,233 @@
+use atsplat_camera::{ImageSize, WorldFromCamera};
+use atsplat_numeric::Tolerance;
+use atsplat_scene::{Frame, Picture, Scene};
+use serde::{Deserialize, Serialize};
+
+use crate::IndexEntry;
+
+/// Which scenes the published loaders leave out without a word. The exact picture size that they ask for is
+/// [`atsplat_scene::preprocess::Preprocessing::expected_size`].
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Filters {
+    /// A scene is dropped if *any* of its frames opens wider than this, in x or y, by `get_fov` (pixelSplat
+    /// `src/dataset/dataset_re10k.py`; 100 everywhere).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_fov_degrees: Option<f64>,
+    /// An entry is dropped if the determinant of a context or target rotation is NaN or not `allclose` to 1
+    /// (depthsplat `src/dataset/dataset_dl3dv.py:211-279`).
+    #[serde(default)]
+    pub determinant: bool,
+    /// An entry is dropped if a coordinate of a context or target camera centre is *above* this; large
+    /// negative coordinates pass (same place, `> 1e3`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_translation: Option<f64>,
+    /// An entry is dropped if its first and last context centres are closer than this, in scene units
+    /// (`baseline_epsilon` in pixelSplat, `baseline_min` in NoPoSplat).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_baseline: Option<f64>,
+    /// An entry is dropped if they are further apart than this (NoPoSplat's `baseline_max`).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_baseline: Option<f64>,
+}
+
+/// Why a scene of an index makes no trial.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum DropReason {
+    /// The dataset does not hold the scene.
+    SceneMissing,
+    /// The scene's files cannot be read.
+    Unreadable,
+    /// The entry asks for a frame that the scene does not have.
+    FrameOutOfRange,
+    /// A frame's field of view exceeds the limit.
+    FieldOfView,
+    /// A picture that the entry needs is listed but not there.
+    PictureMissing,
+    /// A picture's size is not the one that the protocol asks for.
+    PictureSize,
+    /// A rotation's determinant is not 1.
+    Determinant,
+    /// A camera centre has a coordinate above the limit.
+    Translation,
+    /// The context baseline is outside the limits.
+    Baseline,
+}
+
+/// A reason with what was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Dropped {
+    /// Why.
+    pub reason: DropReason,
+    /// Frame, limit and value.
+    pub detail: String,
+}
+
+impl DropReason {
+    /// The reason's stable name.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SceneMissing => "scene-missing",
+            Self::Unreadable => "unreadable",
+            Self::FrameOutOfRange => "frame-out-of-range",
+            Self::FieldOfView => "field-of-view",
+            Self::PictureMissing => "picture-missing",
+            Self::PictureSize => "picture-size",
+            Self::Determinant => "determinant",
+            Self::Translation => "translation",
+            Self::Baseline => "baseline",
+        }
+    }
+}
+
+impl Filters {
+    /// Why the published loaders would leave `entry` of `scene` out, in the order of their tests; `None`
+    /// where they would use it.
+    ///
+    /// `picture_size` tells a frame's size, from its file or its metadata; a frame that it knows nothing of
+    /// passes. A scene without any pictures, a bare trajectory, is judged by its cameras.
+    pub fn drop_reason(
+        &self,
+        scene: &Scene,
+        entry: &IndexEntry,
+        expected_size: Option<ImageSize>,
+        picture_size: &dyn Fn(&Frame) -> Option<ImageSize>,
+    ) -> Option<Dropped> {
+        let drop = |reason, detail| Some(Dropped { reason, detail });
+        let mut used = Vec::with_capacity(entry.context.len() + entry.target.len());
+        for at in entry.context.iter().chain(&entry.target) {
+            match scene.frames.get(*at) {
+                Some(frame) => used.push((*at, frame, frame.camera.camera_from_world.inverse())),
+                None => {
+                    return drop(DropReason::FrameOutOfRange, format!("frame {at} of {}", scene.frames.len()));
+                }
+            }
+        }
+        if let Some(limit) = self.max_fov_degrees
+            && let Some((at, degrees)) = widest_beyond(scene, limit)
+        {
+            return drop(DropReason::FieldOfView, format!("frame {at} opens {degrees:.1}°, limit {limit}°"));
+        }
+        for (at, frame, _) in &used {
+            if let Picture::Missing(path) = &frame.picture {
+                return drop(DropReason::PictureMissing, format!("frame {at} ({})", path.display()));
+            }
+            if let (Some(expected), Some(found)) = (expected_size, picture_size(frame))
+                && expected != found
+            {
+                return drop(DropReason::PictureSize, format!("frame {at} is {found}, expected {expected}"));
+            }
+        }
+        for (at, _, pose) in &used {
+            if let Some(limit) = self.max_translation
+                && pose.centre().to_array().iter().any(|coordinate| *coordinate > limit)
+            {
+                return drop(DropReason::Translation, format!("frame {at} at {}, limit {limit}", pose.centre()));
+            }
+            if self.determinant && !Tolerance::NUMPY_ALLCLOSE.accepts(pose.determinant(), 1.0) {
+                return drop(DropReason::Determinant, format!("frame {at} has determinant {}", pose.determinant()));
+            }
+        }
+        let context: Vec<WorldFromCamera> = used.iter().take(entry.context.len()).map(|(_, _, pose)| *pose).collect();
+        let (first, last) = (context.first()?, context.last()?);
+        let baseline = first.centre().distance(last.centre());
+        let too_short = self.min_baseline.is_some_and(|least| baseline < least);
+        let too_long = self.max_baseline.is_some_and(|most| baseline > most);
+        if too_short || too_long {
+            return drop(DropReason::Baseline, format!("the context baseline is {baseline:e}"));
+        }
+        None
+    }
+}
+
+/// The first frame that opens wider than `limit` degrees, and how wide.
+fn widest_beyond(scene: &Scene, limit: f64) -> Option<(usize, f64)> {
+    scene.frames.iter().enumerate().find_map(|(at, frame)| {
+        let fov = frame.camera.intrinsics.field_of_view();
+        let beyond = [fov.x, fov.y].map(f64::to_degrees).into_iter().find(|degrees| *degrees > limit)?;
+        Some((at, beyond))
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use glam::{DMat3, DVec3};
+
+    use super::*;
+
+    const SIZE: ImageSize = ImageSize { width: 640, height: 360 };
+
+    /// A frame whose centre is at `(x, 0, 0)`.
+    fn frame(x: f64) -> Frame {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0)).unwrap();
+        Frame {
+            name: "frame".to_owned(),
+            timestamp_micros: None,
+            camera: Camera::pinhole(pose, NormalizedIntrinsics::new(0.5, 0.9, 0.5, 0.5).unwrap()),
+            stated_size: Some(SIZE),
+            picture: Picture::Absent,
+        }
+    }
+
+    fn scene() -> Scene {
+        Scene { key: "s".to_owned(), url: None, frames: [0.0, 0.5, 1.0].map(frame).to_vec() }
+    }
+
+    fn reason(scene: &Scene, target: usize) -> Option<DropReason> {
+        let filters = Filters {
+            max_fov_degrees: Some(100.0),
+            determinant: true,
+            max_translation: Some(1e3),
+            min_baseline: Some(1e-3),
+            max_baseline: Some(1e10),
+        };
+        let entry = IndexEntry { context: vec![0, 2], target: vec![target], overlap: None };
+        filters.drop_reason(scene, &entry, Some(SIZE), &|frame| frame.stated_size).map(|dropped| dropped.reason)
+    }
+
+    #[test]
+    fn an_ordinary_scene_stays() {
+        assert_eq!(reason(&scene(), 1), None);
+    }
+
+    #[test]
+    fn each_published_test_drops_its_scene() {
+        assert_eq!(reason(&scene(), 3), Some(DropReason::FrameOutOfRange));
+        let mut wide = scene();
+        wide.frames[1].camera.intrinsics = NormalizedIntrinsics::new(0.3, 0.9, 0.5, 0.5).unwrap();
+        assert_eq!(reason(&wide, 0), Some(DropReason::FieldOfView), "a frame that the entry does not use counts");
+        let mut absent = scene();
+        absent.frames[1].picture = Picture::Missing("1.png".into());
+        assert_eq!(reason(&absent, 1), Some(DropReason::PictureMissing));
+        assert_eq!(reason(&absent, 0), None, "a missing picture that the entry does not use is none");
+        let mut small = scene();
+        small.frames[2].stated_size = Some(ImageSize { width: 320, height: 180 });
+        assert_eq!(reason(&small, 1), Some(DropReason::PictureSize));
+        let mut skewed = scene();
+        skewed.frames[1].camera.camera_from_world =
+            CameraFromWorld::new(DMat3::from_diagonal(DVec3::new(1.0, 1.0, 1.000_02)), DVec3::ZERO).unwrap();
+        assert_eq!(reason(&skewed, 1), Some(DropReason::Determinant));
+        let mut far = scene();
+        far.frames[1] = frame(1000.5);
+        assert_eq!(reason(&far, 1), Some(DropReason::Translation));
+        far.frames[1] = frame(-1e6);
+        assert_eq!(reason(&far, 1), None, "the published test is signed");
+        let mut still = scene();
+        still.frames[2] = frame(0.0005);
+        assert_eq!(reason(&still, 1), Some(DropReason::Baseline));
+    }
+
+    #[test]
+    fn without_filters_only_what_cannot_be_used_is_dropped() {
+        let mut scene = scene();
+        scene.frames[1] = frame(1e9);
+        let entry = IndexEntry { context: vec![0, 0], target: vec![1], overlap: None };
+        assert_eq!(Filters::default().drop_reason(&scene, &entry, None, &|_| None), None);
+        let beyond = IndexEntry { context: vec![9], target: vec![], overlap: None };
+        let dropped = Filters::default().drop_reason(&scene, &beyond, None, &|_| None).unwrap();
+        assert_eq!((dropped.reason, dropped.detail.as_str()), (DropReason::FrameOutOfRange, "frame 9 of 3"));
+    }
+}

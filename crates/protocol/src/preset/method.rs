@@ -1,0 +1,63 @@
+use serde::{Deserialize, Serialize};
+
+use super::{PoseNormalisation, Preset};
+
+/// Near and far plane, in the units of the normalised scene unless the normalisation scales them along.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct NearFar {
+    /// Distance of the near plane; > 0.
+    pub near: f64,
+    /// Distance of the far plane; > near.
+    pub far: f64,
+}
+
+/// What one method published under a protocol, where it differs from the preset.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct MethodSetting {
+    /// The method's name, as in its paper.
+    pub method: String,
+    /// Its pose normalisation.
+    pub pose_normalisation: PoseNormalisation,
+    /// Its near and far plane.
+    pub near_far: NearFar,
+    /// Repository file that says so.
+    pub source: String,
+}
+
+/// The pose normalisation and planes that one method uses.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SettingOf<'a> {
+    /// Pose normalisation.
+    pub pose_normalisation: &'a PoseNormalisation,
+    /// Near and far plane.
+    pub near_far: NearFar,
+}
+
+impl Preset {
+    /// What `method` uses: its published setting, or the preset's own. Names are compared without case.
+    pub fn setting_of(&self, method: &str) -> SettingOf<'_> {
+        let published = self.methods.iter().find(|setting| setting.method.eq_ignore_ascii_case(method));
+        match published {
+            Some(MethodSetting { pose_normalisation, near_far, .. }) => {
+                SettingOf { pose_normalisation, near_far: *near_far }
+            }
+            None => SettingOf { pose_normalisation: &self.pose_normalisation, near_far: self.near_far },
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn listed_methods_override_the_preset() {
+        let preset = Preset::named("dl3dv-6v-256x448").unwrap();
+        let depthsplat = preset.setting_of("DEPTHSPLAT");
+        assert_eq!(depthsplat.near_far, NearFar { near: 0.5, far: 200.0 });
+        assert_eq!(*depthsplat.pose_normalisation, PoseNormalisation::None);
+        assert_eq!(*preset.setting_of("ATSplat").pose_normalisation, preset.pose_normalisation);
+    }
+}

@@ -1,0 +1,70 @@
+use serde::{Deserialize, Serialize};
+
+/// How scores of single pictures become the protocol's number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Aggregation {
+    /// The mean over a scene's targets, then the mean over scenes (MVSplat, DepthSplat, iLRM
+    /// `src/model/model_wrapper.py`, `test_step` and `on_test_end`).
+    SceneMeans,
+    /// The mean over all pictures of all scenes (MVSplat360 on DL3DV). The same number only where every scene
+    /// has as many targets.
+    AllPictures,
+}
+
+/// What a protocol means by the names of its metrics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct MetricConvention {
+    /// Which PSNR.
+    pub psnr: PsnrConvention,
+    /// Which SSIM.
+    pub ssim: SsimConvention,
+    /// Which LPIPS.
+    pub lpips: LpipsConvention,
+    /// In which form renders reach the metrics.
+    pub pixels: PixelValues,
+    /// Whether renders are clipped to [0, 1] before SSIM and LPIPS; PSNR has its own rule.
+    pub clip_before_ssim_and_lpips: bool,
+}
+
+/// Which PSNR.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PsnrConvention {
+    /// Both pictures clipped to [0, 1], one mean squared error over all channels and pixels of a picture
+    /// (pixelSplat `src/evaluation/metrics.py:11-19`).
+    Clipped,
+}
+
+/// Which SSIM.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum SsimConvention {
+    /// scikit-image with an 11×11 Gaussian of σ 1.5, sample covariance, data range 1, the mean over the
+    /// picture without 5 pixels on every side, then over channels (pixelSplat `src/evaluation/metrics.py`).
+    SkimageGaussian,
+    /// scikit-image's uniform 7×7 window on clamped renders (Long-LRM `model/loss.py:66-82`); not comparable.
+    SkimageUniform,
+}
+
+/// Which LPIPS.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum LpipsConvention {
+    /// `lpips.LPIPS(net="vgg")`, version 0.1, `normalize=True`.
+    VggV01,
+    /// The same with AlexNet.
+    AlexV01,
+}
+
+/// In which form renders reach the metrics.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PixelValues {
+    /// Float renders as they leave the renderer (MVSplat, DepthSplat, iLRM, TokenGS, NoPoSplat online).
+    Float,
+    /// Clipped, multiplied by 255 and truncated to bytes, by way of PNG (pixelSplat's published path,
+    /// `src/misc/image_io.py`).
+    TruncatedToBytes,
+}

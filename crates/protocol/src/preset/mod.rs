@@ -1,0 +1,232 @@
+//! Presets: a published protocol as one TOML file in `eval/presets/`.
+//!
+//! A preset says which index, which pictures and which conventions make up a number that may stand beside a
+//! published one, where each fact was read, and what had to be inferred because nobody wrote it down.
+
+mod builtin;
+mod filters;
+mod index_rule;
+mod method;
+mod metrics;
+mod renderer;
+mod text;
+mod validate;
+
+use std::fs;
+use std::path::Path;
+
+use atsplat_scene::preprocess::Preprocessing;
+use serde::{Deserialize, Serialize};
+
+pub use atsplat_camera::{MeanCameraScale, PoseNormalisation};
+pub use filters::{DropReason, Dropped, Filters};
+pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
+pub use method::{MethodSetting, NearFar, SettingOf};
+pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
+pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
+
+use crate::{OverlapBins, ProtocolError, Sha256Digest};
+
+/// A protocol: everything but the method and the data.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Preset {
+    /// Name on the command line and in results: lower-case letters, digits and hyphens.
+    pub name: String,
+    /// One line for people.
+    pub title: String,
+    /// Id of the dataset manifest in `datasets/`.
+    pub dataset: String,
+    /// What a reader of the numbers must know.
+    #[serde(default)]
+    pub notes: Vec<String>,
+    /// What no source states and this preset therefore infers, with the reason. Printed with every result.
+    #[serde(default)]
+    pub inferred: Vec<String>,
+    /// Repository files and paper sections that the preset was read from.
+    pub sources: Vec<String>,
+    /// Which evaluation index.
+    pub index: IndexRule,
+    /// What happens to pictures and intrinsics.
+    pub preprocessing: Preprocessing,
+    /// Pose normalisation, near and far plane for methods that are not listed in `methods`: those of ATSplat,
+    /// which follows iLRM.
+    pub pose_normalisation: PoseNormalisation,
+    /// Near and far plane that go with [`Self::pose_normalisation`].
+    pub near_far: NearFar,
+    /// What other methods published under this protocol.
+    #[serde(default)]
+    pub methods: Vec<MethodSetting>,
+    /// Which scenes the published loaders leave out in silence.
+    #[serde(default)]
+    pub filters: Filters,
+    /// How overlaps are binned, for protocols that report bins.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub overlap_bins: Option<OverlapBins>,
+    /// How scores of pictures become one number.
+    pub aggregation: Aggregation,
+    /// What "PSNR", "SSIM" and "LPIPS" mean here.
+    pub metrics: MetricConvention,
+    /// The renderer constants behind the published numbers.
+    pub renderer: RendererConvention,
+}
+
+impl Preset {
+    /// Names of the built-in presets, in the order of `eval/README.md`.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        builtin::TEXTS.iter().map(|(name, _)| *name)
+    }
+
+    /// The TOML text of a built-in preset.
+    ///
+    /// # Errors
+    /// [`ProtocolError::UnknownPreset`].
+    pub fn text_of(name: &str) -> Result<&'static str, ProtocolError> {
+        let found = builtin::TEXTS.iter().find(|(known, _)| *known == name).map(|(_, text)| *text);
+        found.ok_or_else(|| ProtocolError::UnknownPreset { name: name.to_owned(), known: Self::names().collect() })
+    }
+
+    /// A built-in preset.
+    ///
+    /// # Errors
+    /// [`ProtocolError::UnknownPreset`].
+    pub fn named(name: &str) -> Result<Self, ProtocolError> {
+        Self::from_toml(Self::text_of(name)?)
+    }
+
+    /// A built-in preset by name, or the one in a TOML file by path: whatever ends in `.toml` is a path.
+    ///
+    /// # Errors
+    /// [`ProtocolError::UnknownPreset`], or the errors of [`Self::read`].
+    pub fn resolve(name_or_path: &str) -> Result<Self, ProtocolError> {
+        let path = Path::new(name_or_path);
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            Self::read(path)
+        } else {
+            Self::named(name_or_path)
+        }
+    }
+
+    /// Reads a preset from a TOML file.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around the errors of [`Self::from_toml`].
+    pub fn read(path: &Path) -> Result<Self, ProtocolError> {
+        let text = fs::read_to_string(path).map_err(|source| ProtocolError::Io {
+            action: "reading a preset",
+            path: path.to_owned(),
+            source,
+        })?;
+        Self::from_toml(&text).map_err(|error| error.in_file(path))
+    }
+
+    /// Reads a preset from TOML text and checks that its parts fit together.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Malformed`] with line and column for text that is no preset, with the field for
+    /// values that contradict each other.
+    pub fn from_toml(text: &str) -> Result<Self, ProtocolError> {
+        let preset: Self = toml::from_str(text).map_err(|error| text::malformed(text, &error))?;
+        validate::check(&preset)?;
+        Ok(preset)
+    }
+
+    /// The preset as TOML text that [`Self::from_toml`] reads back.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Malformed`] for a value that TOML cannot hold; none that was read from TOML is one.
+    pub fn to_toml(&self) -> Result<String, ProtocolError> {
+        toml::to_string(self).map_err(|error| validate::malformed("TOML", "a value that TOML can hold", &error))
+    }
+
+    /// Hash of all that can change a number: the preset's fields as compact JSON in declaration order, without
+    /// name, title, notes, inferences and sources. Results whose protocol hashes differ do not share a table.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Malformed`] for a value that JSON cannot hold; none that was read from TOML is one.
+    pub fn hash(&self) -> Result<Sha256Digest, ProtocolError> {
+        let mut bare = self.clone();
+        for text in [&mut bare.name, &mut bare.title] {
+            text.clear();
+        }
+        for texts in [&mut bare.notes, &mut bare.inferred, &mut bare.sources] {
+            texts.clear();
+        }
+        bare.index.accepted.iter_mut().for_each(|accepted| accepted.note = None);
+        bare.methods.iter_mut().for_each(|method| method.source.clear());
+        let json = serde_json::to_vec(&bare)
+            .map_err(|error| validate::malformed("JSON", "a value that JSON can hold", &error))?;
+        Ok(Sha256Digest::of(&json))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn all() -> Vec<Preset> {
+        Preset::names().map(|name| Preset::named(name).unwrap()).collect()
+    }
+
+    #[test]
+    fn every_built_in_preset_is_named_as_its_file_and_says_where_it_comes_from() {
+        for (name, preset) in Preset::names().zip(all()) {
+            assert_eq!(preset.name, name);
+            assert!(!preset.sources.is_empty() && !preset.title.is_empty(), "{name}");
+        }
+    }
+
+    #[test]
+    fn the_presets_of_the_field_are_there() {
+        let expected = [
+            "re10k-2v-256",
+            "re10k-overlap",
+            "acid-2v-256",
+            "dl3dv-2v-256x448",
+            "dl3dv-4v-256x448",
+            "dl3dv-6v-256x448",
+            "dl3dv-12v-512x960",
+            "dl3dv-6v-224",
+            "re10k-to-dl3dv-256",
+            "dl3dv-6v-extrapolation",
+            "re10k-extrapolation",
+        ];
+        assert_eq!(Preset::names().collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn toml_round_trip_keeps_value_and_hash() {
+        for preset in all() {
+            let again = Preset::from_toml(&preset.to_toml().unwrap()).unwrap();
+            assert_eq!(again, preset);
+            assert_eq!(again.hash().unwrap(), preset.hash().unwrap());
+        }
+    }
+
+    #[test]
+    fn hashes_tell_presets_apart_and_ignore_prose() {
+        let hashes: std::collections::BTreeSet<_> = all().iter().map(|preset| preset.hash().unwrap()).collect();
+        assert_eq!(hashes.len(), Preset::names().count(), "every preset is another protocol");
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let mut reworded = preset.clone();
+        reworded.name.push('x');
+        reworded.notes.push("another note".to_owned());
+        reworded.index.accepted[0].note = Some("another note".to_owned());
+        assert_eq!(reworded.hash().unwrap(), preset.hash().unwrap());
+        let mut changed = preset.clone();
+        changed.near_far.far += 1.0;
+        assert_ne!(changed.hash().unwrap(), preset.hash().unwrap());
+    }
+
+    #[test]
+    fn names_and_paths_are_told_apart() {
+        let error = Preset::resolve("re10k").unwrap_err().to_string();
+        assert!(error.contains("re10k-2v-256") && error.contains("\"re10k\""), "{error}");
+        let error = Preset::resolve("no/such.toml").unwrap_err().to_string();
+        assert!(error.starts_with("reading a preset: ") && error.ends_with("(no/such.toml)"), "{error}");
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        fs::write(&path, Preset::text_of("dl3dv-6v-224").unwrap()).unwrap();
+        assert_eq!(Preset::resolve(path.to_str().unwrap()).unwrap(), Preset::named("dl3dv-6v-224").unwrap());
+    }
+}

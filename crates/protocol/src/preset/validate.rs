@@ -1,0 +1,167 @@
+use std::fmt::Display;
+
+use super::{NearFar, PoseNormalisation, Preset, RendererConvention};
+use crate::{IndexEntry, KnownIndex, ProtocolError};
+
+/// Whether the parts of a preset make sense by themselves and together.
+pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
+    name("name", &preset.name)?;
+    name("dataset", &preset.dataset)?;
+    ensure(!preset.sources.is_empty(), "sources", "at least one source", &"none")?;
+    index(preset)?;
+    poses("pose-normalisation", &preset.pose_normalisation, 0)?;
+    planes("near-far", preset.near_far)?;
+    for setting in &preset.methods {
+        let field = format!("methods, {}", setting.method);
+        let repeated = preset.methods.iter().filter(|other| other.method.eq_ignore_ascii_case(&setting.method)).count();
+        ensure(repeated == 1, &field, "every method once", &repeated)?;
+        poses(&field, &setting.pose_normalisation, 0)?;
+        planes(&field, setting.near_far)?;
+    }
+    let filters = &preset.filters;
+    let limits = [
+        ("filters.max-fov-degrees", filters.max_fov_degrees),
+        ("filters.max-translation", filters.max_translation),
+        ("filters.min-baseline", filters.min_baseline),
+        ("filters.max-baseline", filters.max_baseline),
+    ];
+    for (field, limit) in limits {
+        limit.map_or(Ok(()), |limit| positive(field, limit))?;
+    }
+    renderer(&preset.renderer)
+}
+
+fn index(preset: &Preset) -> Result<(), ProtocolError> {
+    let rule = &preset.index;
+    ensure(!rule.accepted.is_empty(), "index.accepted", "at least one index", &"none")?;
+    ensure(rule.context_views > 0, "index.context-views", "at least one view", &rule.context_views)?;
+    let (fewest, most) = rule.targets;
+    let in_order = 0 < fewest && fewest <= most && most <= IndexEntry::MAX_FRAME;
+    ensure(in_order, "index.targets", "fewest and most, from 1", &format!("{fewest} and {most}"))?;
+    for accepted in &rule.accepted {
+        let field = format!("index.accepted, {}", accepted.name);
+        // A file that we know must carry its own hash; a user's preset may name files that we do not know.
+        let known = KnownIndex::by_name(&accepted.name);
+        ensure(
+            known.is_none_or(|known| known.sha256 == accepted.sha256),
+            &field,
+            "the sha256 of that file",
+            &accepted.sha256,
+        )?;
+        ensure(
+            known.is_none_or(|known| known.dataset == preset.dataset),
+            &field,
+            "an index of the preset's dataset",
+            &known.map_or("", |known| known.dataset),
+        )?;
+    }
+    Ok(())
+}
+
+fn poses(field: &str, rule: &PoseNormalisation, depth: usize) -> Result<(), ProtocolError> {
+    match rule {
+        PoseNormalisation::None | PoseNormalisation::FirstViewRelative => Ok(()),
+        PoseNormalisation::BaselineOne { minimum, maximum } | PoseNormalisation::MaxPairwise { minimum, maximum } => {
+            ensure(*minimum >= 0.0 && minimum.is_finite(), field, "a minimum from 0", minimum)?;
+            let above = maximum.is_none_or(|maximum| maximum > *minimum);
+            ensure(above, field, "a maximum above the minimum", &maximum.unwrap_or_default())
+        }
+        PoseNormalisation::MeanCamera { scene_scale, .. } => positive(field, *scene_scale),
+        PoseNormalisation::Sequence { steps } => {
+            ensure(depth == 0 && !steps.is_empty(), field, "steps that are no sequences themselves", &steps.len())?;
+            steps.iter().try_for_each(|step| poses(field, step, depth + 1))
+        }
+    }
+}
+
+fn planes(field: &str, NearFar { near, far }: NearFar) -> Result<(), ProtocolError> {
+    let in_order = 0.0 < near && near < far && far.is_finite();
+    ensure(in_order, field, "0 < near < far", &format!("{near} and {far}"))
+}
+
+fn renderer(renderer: &RendererConvention) -> Result<(), ProtocolError> {
+    for (field, value) in [
+        ("renderer.near-cull", renderer.near_cull),
+        ("renderer.alpha-max", renderer.alpha_max),
+        ("renderer.alpha-min-inverse", renderer.alpha_min_inverse),
+        ("renderer.transmittance-stop", renderer.transmittance_stop),
+        ("renderer.extent-sigmas", renderer.extent_sigmas),
+    ] {
+        positive(field, value)?;
+    }
+    ensure(renderer.alpha_max <= 1.0, "renderer.alpha-max", "at most 1", &renderer.alpha_max)?;
+    let dilation = renderer.dilation >= 0.0 && renderer.dilation.is_finite();
+    ensure(dilation, "renderer.dilation", "square pixels from 0", &renderer.dilation)?;
+    let shown = renderer.background.iter().all(|channel| (0.0..=1.0).contains(channel));
+    ensure(shown, "renderer.background", "channels from 0 to 1", &format!("{:?}", renderer.background))
+}
+
+fn name(field: &str, name: &str) -> Result<(), ProtocolError> {
+    let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
+    let good = !name.is_empty() && name.chars().all(allowed);
+    ensure(good, field, "lower-case letters, digits and hyphens", &format!("{name:?}"))
+}
+
+fn positive(field: &str, value: f64) -> Result<(), ProtocolError> {
+    ensure(value > 0.0 && value.is_finite(), field, "a positive number", &value)
+}
+
+fn ensure(holds: bool, field: &str, expected: &str, found: &dyn Display) -> Result<(), ProtocolError> {
+    if holds { Ok(()) } else { Err(malformed(field, expected, found)) }
+}
+
+pub(super) fn malformed(field: &str, expected: &str, found: &dyn Display) -> ProtocolError {
+    ProtocolError::Malformed {
+        what: "preset",
+        location: format!("field {field}"),
+        expected: expected.to_owned(),
+        found: found.to_string().chars().take(120).collect(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// `re10k-overlap` with one piece of text replaced.
+    fn changed(from: &str, to: &str) -> Result<Preset, ProtocolError> {
+        let text = Preset::text_of("re10k-overlap").unwrap();
+        assert!(text.contains(from), "{from:?} is there to be changed");
+        Preset::from_toml(&text.replacen(from, to, 1))
+    }
+
+    #[test]
+    fn contradictions_name_their_field() {
+        for (from, to, expected) in [
+            ("name = \"re10k-overlap\"", "name = \"RE10K overlap\"", "field name: expected lower-case"),
+            ("4940dbd5", "fbcff9b4", "field index.accepted, noposplat-re10k: expected the sha256 of that file"),
+            ("targets = [3, 3]", "targets = [4, 3]", "field index.targets"),
+            ("context-views = 2", "context-views = 0", "field index.context-views"),
+            ("near = 0.01", "near = 1000.0", "field near-far: expected 0 < near < far"),
+            ("near = 0.01", "near = nan", "field near-far"),
+            ("max-fov-degrees = 100.0", "max-fov-degrees = -1.0", "field filters.max-fov-degrees"),
+            ("alpha-max = 0.99", "alpha-max = 1.5", "field renderer.alpha-max: expected at most 1"),
+            ("background = [0.0, 0.0, 0.0]", "background = [0.0, 0.0, 2.0]", "field renderer.background"),
+            ("dataset = \"re10k\"", "dataset = \"acid\"", "expected an index of the preset's dataset"),
+        ] {
+            let error = changed(from, to).unwrap_err().to_string();
+            assert!(error.starts_with("preset: field ") && error.contains(expected), "{error}");
+        }
+    }
+
+    #[test]
+    fn text_that_is_no_preset_names_line_and_column() {
+        for (from, to, expected) in [
+            ("near = 0.01", "near = \"small\"", "expected f64"),
+            ("near = 0.01", "nearly = 0.01", "unknown field `nearly`"),
+            ("context-views = 2", "context-views = -2", "line "),
+            ("edges = [0.05, 0.3", "edges = [0.5, 0.3", "finite edges that increase"),
+            ("step = \"rescale-and-crop\"", "step = \"rescale\"", "unknown variant `rescale`"),
+            ("[index]", "[index", "line "),
+        ] {
+            let error = changed(from, to).unwrap_err().to_string();
+            assert!(error.starts_with("preset: line ") && error.contains(expected), "{error}");
+            assert!(!error.contains("line 1 column 1:"), "the place is found: {error}");
+        }
+    }
+}

@@ -1,0 +1,51 @@
+//! Replays the fuzz targets' seeds, and every input that once broke a parser, without a fuzzer.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use atsplat_protocol::{IndexFile, Preset};
+
+fn inputs(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
+    let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz");
+    let folders = ["corpus", "regressions"].map(|kind| fuzz.join(kind).join(target));
+    let mut paths: Vec<PathBuf> = folders
+        .iter()
+        .filter_map(|folder| fs::read_dir(folder).ok())
+        .flat_map(|entries| entries.map(|entry| entry.unwrap().path()))
+        .collect();
+    paths.sort();
+    assert!(!paths.is_empty(), "{target} has seeds");
+    paths.into_iter().map(|path| (path.clone(), fs::read(path).unwrap())).collect()
+}
+
+#[test]
+fn evaluation_index() {
+    for (path, bytes) in inputs("evaluation_index") {
+        let Ok(file) = IndexFile::parse(&bytes) else { continue };
+        let again = IndexFile::parse(file.index.to_json(&file.layout).as_bytes()).unwrap();
+        assert_eq!(again.index, file.index, "{}", path.display());
+    }
+}
+
+#[test]
+fn preset_toml() {
+    for (path, bytes) in inputs("preset_toml") {
+        let Ok(preset) = std::str::from_utf8(&bytes).map_or(Err(()), |text| Preset::from_toml(text).map_err(|_| ()))
+        else {
+            continue;
+        };
+        let again = Preset::from_toml(&preset.to_toml().unwrap()).unwrap();
+        assert_eq!(again, preset, "{}", path.display());
+    }
+}
+
+#[test]
+fn the_example_index_has_one_of_everything() {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/indices/example.json");
+    let file = IndexFile::read(&path).unwrap();
+    let report = atsplat_protocol::lint_file(&file, &Default::default(), &mut atsplat_scene::Warnings::new());
+    assert_eq!((report.keys, report.null, report.leaked.targets, report.outside_window.targets), (8, 1, 1, 1));
+    let overlap = report.overlap.unwrap();
+    assert_eq!(overlap.published.to_string(), "small 1, medium 3, large 2, above range 1");
+    assert_eq!(overlap.strict.to_string(), "small 1, medium 2, large 2, below range 1, above range 1");
+}

@@ -1,0 +1,91 @@
+use std::sync::{Arc, LazyLock};
+
+use arrow_schema::{DataType, Field, Schema, SchemaRef};
+
+/// Version of the schema; grows when a column changes its meaning.
+pub const SCHEMA_VERSION: &str = "1";
+
+/// What the numbers mean, as the schema's metadata say it under `atsplat.convention`.
+pub const CONVENTION: &str = "One row per frame, in the source's order. r00..r22 and t0..t2 are the row-major 3x4 \
+world-to-camera matrix [R|t] with OpenCV camera axes (+x right, +y down, +z forward), the rotation as stored, not \
+re-orthonormalised. fx, fy, cx, cy are intrinsics in units of the picture's width and height. Lens coefficients are \
+OpenCV's, on the z = 1 plane. Lengths are scene units.";
+
+/// The columns of a camera table.
+///
+/// | column | type | meaning |
+/// |---|---|---|
+/// | `scene` | Utf8 | scene key |
+/// | `url` | Utf8? | where the capture came from |
+/// | `frame` | `UInt64` | position in the scene, from 0: what evaluation indices count in |
+/// | `name` | Utf8 | what the source calls the frame: a timestamp or a file stem |
+/// | `timestamp_micros` | `Int64`? | microseconds since the start of the video |
+/// | `fx` `fy` | `Float64` | focal lengths over picture width and height |
+/// | `cx` `cy` | `Float64` | principal point over picture width and height |
+/// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
+/// | `k1` `k2` `k3` `k4` `p1` `p2` | `Float64`? | lens coefficients; null where the model has none |
+/// | `r00` … `r22` | `Float64` | rotation of the world-to-camera transform, row by row |
+/// | `t0` `t1` `t2` | `Float64` | its translation, in scene units |
+/// | `centre_x` `centre_y` `centre_z` | `Float64` | camera centre in the world; follows from the pose |
+/// | `stated_width` `stated_height` | `UInt32`? | picture size in pixels that the metadata states |
+/// | `picture` | Utf8 | `absent`, `missing`, `file` or `encoded` |
+/// | `picture_path` | Utf8? | the file, found or missing; bytes that are not UTF-8 become U+FFFD |
+/// | `picture_bytes` | `UInt64`? | length of a picture that lies encoded in a chunk |
+pub fn schema() -> SchemaRef {
+    static SCHEMA: LazyLock<SchemaRef> = LazyLock::new(|| Arc::new(build()));
+    Arc::clone(&SCHEMA)
+}
+
+/// Pinhole columns, in the order of [`atsplat_camera::NormalizedIntrinsics`].
+pub(super) const INTRINSICS: [&str; 4] = ["fx", "fy", "cx", "cy"];
+
+/// Lens columns.
+pub(super) const LENS: [&str; 6] = ["k1", "k2", "k3", "k4", "p1", "p2"];
+
+/// Pose columns in the order of `CameraFromWorld::to_rows`, `[R | t]` row by row. The table's own order
+/// differs: rotation first, then translation.
+pub(super) const POSE: [&str; 12] = ["r00", "r01", "r02", "t0", "r10", "r11", "r12", "t1", "r20", "r21", "r22", "t2"];
+
+const ROTATION: [&str; 9] = ["r00", "r01", "r02", "r10", "r11", "r12", "r20", "r21", "r22"];
+const TRANSLATION: [&str; 3] = ["t0", "t1", "t2"];
+
+/// Camera centre columns.
+pub(super) const CENTRE: [&str; 3] = ["centre_x", "centre_y", "centre_z"];
+
+fn build() -> Schema {
+    let mut fields = vec![
+        field("scene", DataType::Utf8, false, "scene key"),
+        field("url", DataType::Utf8, true, "where the capture came from"),
+        field("frame", DataType::UInt64, false, "position in the scene, from 0"),
+        field("name", DataType::Utf8, false, "the source's name of the frame"),
+        field("timestamp_micros", DataType::Int64, true, "microseconds since the start of the video"),
+    ];
+    fields.extend(floats(&INTRINSICS, false, "pinhole intrinsics over picture width (x) or height (y)"));
+    fields.push(field("distortion", DataType::Utf8, false, "none, opencv or fisheye"));
+    fields.extend(floats(&LENS, true, "lens coefficient of OpenCV's model"));
+    fields.extend(floats(&ROTATION, false, "world-to-camera rotation, row and column"));
+    fields.extend(floats(&TRANSLATION, false, "world-to-camera translation, scene units"));
+    fields.extend(floats(&CENTRE, false, "camera centre in the world, scene units"));
+    fields.extend([
+        field("stated_width", DataType::UInt32, true, "picture width in pixels that the metadata states"),
+        field("stated_height", DataType::UInt32, true, "picture height in pixels that the metadata states"),
+        field("picture", DataType::Utf8, false, "absent, missing, file or encoded"),
+        field("picture_path", DataType::Utf8, true, "picture file, found or missing"),
+        field("picture_bytes", DataType::UInt64, true, "length of a picture encoded in a chunk"),
+    ]);
+    Schema::new_with_metadata(fields, metadata())
+}
+
+/// The schema's metadata, for formats that carry their own.
+pub(crate) fn metadata() -> [(String, String); 3] {
+    [("table", "cameras"), ("version", SCHEMA_VERSION), ("convention", CONVENTION)]
+        .map(|(key, value)| (format!("atsplat.{key}"), value.to_owned()))
+}
+
+fn field(name: &str, data_type: DataType, nullable: bool, description: &str) -> Field {
+    Field::new(name, data_type, nullable).with_metadata([("description", description)])
+}
+
+fn floats(names: &[&str], nullable: bool, description: &str) -> impl Iterator<Item = Field> {
+    names.iter().map(move |name| field(name, DataType::Float64, nullable, description))
+}
