@@ -4,6 +4,8 @@ use atsplat_camera::CameraError;
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
+use crate::torch::TorchError;
+
 /// Why files do not make a scene. The message says where, what was expected and what was found;
 /// the path comes last.
 #[derive(Debug, Error)]
@@ -102,9 +104,23 @@ pub enum SceneError {
         /// The file.
         path: PathBuf,
     },
+    /// A file is not what `torch.save` writes, or not a chunk of scenes.
+    #[error("{source} ({})", path.display())]
+    Torch {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, and where.
+        source: TorchError,
+    },
 }
 
 impl SceneError {
+    /// What is wrong with a `.torch` file, and which.
+    pub(crate) fn torch(path: impl Into<PathBuf>) -> impl FnOnce(TorchError) -> Self {
+        let path = path.into();
+        move |source| Self::Torch { path, source }
+    }
+
     /// An I/O error with what was being done and where.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();

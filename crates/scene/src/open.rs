@@ -7,6 +7,7 @@ use crate::colmap::{ColmapOptions, ColmapScenes, model_folders};
 use crate::files::{list, read_start};
 use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes, scene_files};
 use crate::re10k::{Re10kOptions, Re10kScenes, starts_like_a_trajectory, trajectory_files};
+use crate::torch::TorchChunks;
 use crate::{SceneError, SceneSource, Warnings};
 
 /// How much of a file is looked at to tell its format, in bytes.
@@ -138,7 +139,7 @@ const REGISTRY: [Entry; 4] = [
         format: Format::TorchChunks,
         file: |path, start| is_chunk(start).then(|| path.to_owned()),
         folder: holds_chunks,
-        open: open_chunks,
+        open: |path, _, warnings| Ok(Box::new(TorchChunks::open(path, warnings)?)),
     },
     Entry {
         format: Format::Nerfstudio,
@@ -166,17 +167,15 @@ fn is_chunk(start: &[u8]) -> bool {
     start.starts_with(b"PK\x03\x04") || start.starts_with(&LEGACY_MAGIC)
 }
 
+/// Chunks lie in the folder, or in the `test` and `train` of pixelSplat's layout.
 fn holds_chunks(folder: &Path) -> Result<bool, SceneError> {
     let is_chunk = |name: &str| Path::new(name).extension().is_some_and(|extension| extension == "torch");
-    Ok(list(folder)?.iter().any(|(name, is_folder)| !is_folder && is_chunk(name)))
-}
-
-fn open_chunks(path: &Path, _: &OpenOptions, _: &mut Warnings) -> Result<Box<dyn SceneSource>, SceneError> {
-    Err(SceneError::Unrecognized {
-        expected: "a dataset that this build reads".to_owned(),
-        found: ".torch chunks".to_owned(),
-        path: path.to_owned(),
-    })
+    for stage in ["", "test", "train"].map(|stage| folder.join(stage)) {
+        if stage.is_dir() && list(&stage)?.iter().any(|(name, is_folder)| !is_folder && is_chunk(name)) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
 }
 
 fn is_json_object(start: &[u8]) -> bool {

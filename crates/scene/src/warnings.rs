@@ -37,6 +37,8 @@ pub enum WarningKind {
     SceneNotFound,
     /// Numbered pictures fit a trajectory both counted from 0 and from 1, or neither way.
     AmbiguousNumbering,
+    /// A chunk lies beside an index that names none of its scenes.
+    UnindexedChunk,
 }
 
 /// One observation about one place in a dataset.
