@@ -4,15 +4,32 @@
 //! Camera axes are OpenCV's everywhere: +x right, +y down, +z forward. A pixel `(column, row)` covers
 //! `[column, column + 1) × [row, row + 1)`, so its centre is at `(column + 0.5, row + 0.5)`.
 
+mod axes;
 mod distortion;
 mod error;
 mod intrinsics;
+mod normalise;
+mod paths;
+mod plucker;
+mod polynomial;
 mod pose;
+mod projection;
+mod rays;
+mod similarity;
+mod so3;
+mod trajectory;
 
-pub use distortion::Distortion;
+pub use distortion::{Distortion, Lens};
 pub use error::CameraError;
 pub use intrinsics::{CropRect, FieldOfView, ImageSize, NormalizedIntrinsics, PixelIntrinsics, PrincipalPointRule};
+pub use normalise::{Fallback, MeanCameraScale, Normalised, PoseNormalisation, normalise};
+pub use paths::{CameraPath, eased, pivot_interpolation, there_and_back};
+pub use plucker::PluckerLayout;
 pub use pose::{CameraFromWorld, WorldFromCamera};
+pub use projection::{Projected, Projector};
+pub use rays::{DirectionScale, PixelRays, Ray};
+pub use similarity::Similarity;
+pub use trajectory::{Interpolation, Spacing, Trajectory};
 
 /// One posed camera: where it stands, how it projects, how its lens bends.
 #[derive(Clone, Copy, Debug, PartialEq)]

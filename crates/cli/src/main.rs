@@ -3,6 +3,7 @@
 //! Exit codes: 0 done, 1 failed, 2 wrong words, 4 done with scenes skipped (`--strict` only).
 
 mod data;
+mod dataset_words;
 mod exit;
 mod output;
 mod plot;

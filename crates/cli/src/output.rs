@@ -3,6 +3,7 @@ use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use atsplat_scene::Warnings;
 use serde::Serialize;
 
 /// Prints a report on standard output: as text, or as JSON where `json` is set.
@@ -68,4 +69,18 @@ fn make_readable(file: &std::fs::File) -> std::io::Result<()> {
 #[cfg(not(unix))]
 fn make_readable(_file: &std::fs::File) -> std::io::Result<()> {
     Ok(())
+}
+
+/// Prints counted warnings, by kind, with the first few of each, on standard error.
+pub(crate) fn print_warnings(warnings: &Warnings) {
+    const SHOWN: usize = 3;
+    for (kind, count) in warnings.counts() {
+        complain(&format!("warning: {count} × {}", kind.name()));
+        for warning in warnings.kept().iter().filter(|warning| warning.kind == kind).take(SHOWN) {
+            complain(&format!("    {warning}"));
+        }
+        if count > SHOWN as u64 {
+            complain(&format!("    and {} more", count - SHOWN as u64));
+        }
+    }
 }

@@ -128,4 +128,48 @@ pub enum PixelError {
         /// Rows of the picture.
         picture_height: u32,
     },
+    /// A JPEG quality outside its range.
+    #[error("JPEG quality: expected 1 to 100, found {found}")]
+    Quality {
+        /// What was asked for.
+        found: u8,
+    },
+    /// Samples that are NaN or infinite cannot become bytes.
+    #[error("{count} samples are NaN or infinite, the first at column {column}, row {row}, channel {channel}")]
+    NonFinite {
+        /// How many.
+        count: usize,
+        /// Column of the first.
+        column: usize,
+        /// Row of the first.
+        row: usize,
+        /// Channel of the first: 0 red, 1 green, 2 blue.
+        channel: usize,
+    },
+    /// A name that an EXR channel cannot have.
+    #[error("channel {name:?}: {problem}")]
+    ChannelName {
+        /// The name.
+        name: String,
+        /// What is wrong with it.
+        problem: &'static str,
+    },
+    /// A channel of another size than its picture.
+    #[error("channel {name:?}: expected {expected} samples, found {found}")]
+    ChannelSize {
+        /// The channel.
+        name: String,
+        /// `width · height`.
+        expected: u64,
+        /// What was given.
+        found: usize,
+    },
+    /// An EXR lacks a channel.
+    #[error("expected a channel {expected:?}, found {found:?}")]
+    MissingChannel {
+        /// The channel asked for.
+        expected: String,
+        /// The channels that there are.
+        found: Vec<String>,
+    },
 }

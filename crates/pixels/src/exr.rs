@@ -1,4 +1,276 @@
-//! EXR files of f32 samples.
-pub(crate) fn size(_bytes: &[u8]) -> Result<(u32, u32), crate::PixelError> {
-    Err(crate::PixelError::HoldsFloats)
+//! EXR files of f32 samples: float renders, depth, uncertainty.
+//!
+//! EXR is linear by convention, while every paper of the field computes on sRGB-encoded values; so each
+//! file written here says in its header what its values are, in the string attribute `values`
+//! (`R G B: sRGB-encoded display-referred`), and [`read`] hands that back. Samples survive bit for bit,
+//! infinities and NaN included: counting those is the caller's business, not the file's.
+
+use std::io::Cursor;
+
+use ::exr::image::read::read as exr_reader;
+use ::exr::image::write::WritableImage;
+use ::exr::image::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image as ExrImage, Layer};
+use ::exr::meta::MetaData;
+use ::exr::meta::attribute::{AttributeValue, Text};
+use ::exr::meta::header::{Header, LayerAttributes};
+use ::exr::prelude::{ReadChannels as _, ReadLayers as _, f16};
+
+use crate::memory::reserved;
+use crate::size::header as header_problem;
+use crate::{DecodeLimits, Image, PictureFormat, PixelError};
+
+const ATTRIBUTE: &str = "values";
+const LONGEST_NAME: usize = 31;
+
+/// What the numbers of a channel are.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Values {
+    /// sRGB-encoded, nominally in [0, 1], as [`Image`] holds them.
+    DisplayReferred,
+    /// Proportional to light.
+    Linear,
+    /// Distance along the camera's z axis in scene units.
+    Depth,
+    /// Anything else, in the file's own words.
+    Named(String),
+    /// The file does not say.
+    Unstated,
+}
+
+/// One named plane of an EXR.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channel {
+    /// As in the file: `R`, `Z`, `uncertainty`.
+    pub name: String,
+    /// What the samples are.
+    pub values: Values,
+    /// Row-major, height × width.
+    pub samples: Vec<f32>,
+}
+
+/// Planes of one size, in alphabetical order of their names.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Channels {
+    width: u32,
+    height: u32,
+    planes: Vec<Channel>,
+}
+
+impl Channels {
+    /// From planes of `width × height` samples each.
+    ///
+    /// # Errors
+    /// [`PixelError::Empty`] for a picture without pixels or channels, [`PixelError::ChannelName`] for a
+    /// name that is taken, is not 1 to 31 printable ASCII characters, or holds a colon, and
+    /// [`PixelError::ChannelSize`] for a plane of another size.
+    pub fn new(width: u32, height: u32, mut channels: Vec<Channel>) -> Result<Self, PixelError> {
+        if width == 0 || height == 0 || channels.is_empty() {
+            return Err(PixelError::Empty { what: "EXR channels", width, height });
+        }
+        channels.sort_by(|a, b| a.name.cmp(&b.name));
+        let taken = channels.iter().zip(channels.iter().skip(1)).find(|(a, b)| a.name == b.name);
+        if let Some((twice, _)) = taken {
+            return Err(PixelError::ChannelName { name: twice.name.clone(), problem: "it is given twice" });
+        }
+        let expected = u64::from(width) * u64::from(height);
+        for Channel { name, samples, .. } in &channels {
+            let printable = name.bytes().all(|byte| byte.is_ascii_graphic() && byte != b':');
+            if name.is_empty() || name.len() > LONGEST_NAME || !printable {
+                let problem = "expected 1 to 31 printable ASCII characters and no colon";
+                return Err(PixelError::ChannelName { name: name.clone(), problem });
+            }
+            if samples.len() as u64 != expected {
+                return Err(PixelError::ChannelSize { name: name.clone(), expected, found: samples.len() });
+            }
+        }
+        Ok(Self { width, height, planes: channels })
+    }
+
+    /// Columns.
+    pub const fn width(&self) -> u32 {
+        self.width
+    }
+
+    /// Rows.
+    pub const fn height(&self) -> u32 {
+        self.height
+    }
+
+    /// All planes, in alphabetical order of their names.
+    pub fn channels(&self) -> &[Channel] {
+        &self.planes
+    }
+
+    /// The plane of this name.
+    ///
+    /// # Errors
+    /// [`PixelError::MissingChannel`], with the names that there are.
+    pub fn get(&self, name: &str) -> Result<&Channel, PixelError> {
+        self.planes.iter().find(|channel| channel.name == name).ok_or_else(|| PixelError::MissingChannel {
+            expected: name.to_owned(),
+            found: self.planes.iter().map(|channel| channel.name.clone()).collect(),
+        })
+    }
+}
+
+/// An RGB picture into an EXR of f32 channels `R`, `G` and `B`, losslessly compressed (ZIP, 16 rows).
+///
+/// # Errors
+/// [`PixelError::Empty`] for a picture without pixels.
+pub fn write_rgb(image: &Image, values: &Values) -> Result<Vec<u8>, PixelError> {
+    let plane = |name: &str, offset: usize| Channel {
+        name: name.to_owned(),
+        values: values.clone(),
+        samples: image.samples().iter().skip(offset).step_by(3).copied().collect(),
+    };
+    write(&Channels::new(image.width(), image.height(), vec![plane("R", 0), plane("G", 1), plane("B", 2)])?)
+}
+
+/// The channels `R`, `G` and `B` of an EXR, and what the file says that they are.
+///
+/// # Errors
+/// As [`read`], and [`PixelError::MissingChannel`]; [`PixelError::Header`] where the three channels are
+/// said to hold different things.
+pub fn read_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
+    let channels = read(bytes, limits)?;
+    let [red, green, blue] = [channels.get("R")?, channels.get("G")?, channels.get("B")?];
+    if red.values != green.values || red.values != blue.values {
+        let found = format!("{:?}, {:?} and {:?}", red.values, green.values, blue.values);
+        return Err(header_problem(PictureFormat::Exr, format!("expected R, G and B of one kind, found {found}")));
+    }
+    let mut samples = reserved("EXR picture", channels.width.into(), channels.height.into(), 3)?;
+    let planes = red.samples.iter().zip(&green.samples).zip(&blue.samples);
+    samples.extend(planes.flat_map(|((r, g), b)| [*r, *g, *b]));
+    Ok((Image::new(channels.width, channels.height, samples)?, red.values.clone()))
+}
+
+/// Named planes into an EXR, losslessly compressed (ZIP, 16 rows).
+///
+/// # Errors
+/// [`PixelError::Encode`].
+pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
+    let mut attributes = LayerAttributes::default();
+    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(&*described(channels))));
+    let planes = channels
+        .planes
+        .iter()
+        .map(|channel| AnyChannel::new(Text::from(&*channel.name), FlatSamples::F32(channel.samples.clone())));
+    let size = (channels.width as usize, channels.height as usize);
+    let encoding = Encoding::SMALL_LOSSLESS;
+    let layer = Layer::new(size, attributes, encoding, AnyChannels::sort(planes.collect()));
+    let mut file = Cursor::new(Vec::new());
+    ExrImage::from_layer(layer)
+        .write()
+        .non_parallel()
+        .to_buffered(&mut file)
+        .map_err(|source| PixelError::Encode { format: PictureFormat::Exr, source: source.into() })?;
+    Ok(file.into_inner())
+}
+
+/// Every f16 and f32 channel of an EXR's first flat layer, at its largest resolution.
+///
+/// The picture is the layer's data window; where that lies in the display window is not kept.
+///
+/// # Errors
+/// [`PixelError::OverLimit`] from the header alone, [`PixelError::Unsupported`] for deep data,
+/// subsampled or integer channels, [`PixelError::Header`] and [`PixelError::Decode`] for damage.
+pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError> {
+    let format = PictureFormat::Exr;
+    let header = first_header(bytes)?;
+    let (width, height) = layer_size(&header)?;
+    limits.check(format, (width, height), 4 * header.channels.list.len() as u64)?;
+    let unsupported = |feature: String| PixelError::Unsupported { format, feature };
+    if header.deep {
+        return Err(unsupported("deep data".to_owned()));
+    }
+    if let Some(channel) = header.channels.list.iter().find(|c| c.sampling.0 != 1 || c.sampling.1 != 1) {
+        return Err(unsupported(format!("the subsampled channel {}", channel.name)));
+    }
+    let reader = exr_reader().no_deep_data().largest_resolution_level().all_channels();
+    let reader = reader.first_valid_layer().all_attributes().non_parallel();
+    let layer = reader.from_buffered(Cursor::new(bytes)).map_err(failed)?.layer_data;
+    if layer.size.0 != width as usize || layer.size.1 != height as usize {
+        let found = format!("{}×{}", layer.size.0, layer.size.1);
+        return Err(header_problem(format, format!("says {width}×{height}, its first flat layer {found}")));
+    }
+    let described = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {
+        Some(AttributeValue::Text(text)) => text.to_string(),
+        _ => String::new(),
+    };
+    let channels = layer.channel_data.list.into_iter().map(|channel| {
+        let name = channel.name.to_string();
+        let samples = match channel.sample_data {
+            FlatSamples::F32(samples) => samples,
+            FlatSamples::F16(samples) => samples.into_iter().map(f16::to_f32).collect(),
+            FlatSamples::U32(_) => return Err(unsupported(format!("the integer channel {name}"))),
+        };
+        Ok(Channel { values: values_of(&name, &described), name, samples })
+    });
+    let channels = channels.collect::<Result<Vec<_>, _>>()?;
+    Channels::new(width, height, channels)
+}
+
+/// Columns and rows of the first layer, from the header.
+pub(crate) fn size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
+    layer_size(&first_header(bytes)?)
+}
+
+fn first_header(bytes: &[u8]) -> Result<Header, PixelError> {
+    let meta = MetaData::read_from_buffered(Cursor::new(bytes), false)
+        .map_err(|error| header_problem(PictureFormat::Exr, error.to_string()))?;
+    meta.headers.into_iter().next().ok_or_else(|| header_problem(PictureFormat::Exr, "expected a layer, found none"))
+}
+
+fn layer_size(header: &Header) -> Result<(u32, u32), PixelError> {
+    let side = |length: usize| {
+        u32::try_from(length).ok().filter(|&side| side > 0).ok_or_else(|| {
+            header_problem(PictureFormat::Exr, format!("expected a side of 1 to 2^32 - 1 pixels, found {length}"))
+        })
+    };
+    Ok((side(header.layer_size.0)?, side(header.layer_size.1)?))
+}
+
+fn failed(source: ::exr::error::Error) -> PixelError {
+    PixelError::Decode { format: PictureFormat::Exr, source: source.into() }
+}
+
+/// One line for each kind of values: the channels' names, a colon, what they are.
+fn described(channels: &Channels) -> String {
+    let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
+    for channel in &channels.planes {
+        let Some(words) = words(&channel.values) else { continue };
+        match lines.iter_mut().find(|(present, _)| *present == words) {
+            Some((_, names)) => names.push(&channel.name),
+            None => lines.push((words, vec![&channel.name])),
+        }
+    }
+    let lines: Vec<String> = lines.into_iter().map(|(words, names)| format!("{}: {words}", names.join(" "))).collect();
+    lines.join("\n")
+}
+
+fn values_of(name: &str, described: &str) -> Values {
+    let lines = described.lines().filter_map(|line| line.split_once(": "));
+    let mut matching = lines.filter(|(names, _)| names.split(' ').any(|candidate| candidate == name));
+    match matching.next().map(|(_, words)| words) {
+        None => Values::Unstated,
+        Some(DISPLAY_REFERRED) => Values::DisplayReferred,
+        Some(LINEAR) => Values::Linear,
+        Some(DEPTH) => Values::Depth,
+        Some(words) => Values::Named(words.to_owned()),
+    }
+}
+
+const DISPLAY_REFERRED: &str = "sRGB-encoded display-referred";
+const LINEAR: &str = "linear";
+const DEPTH: &str = "depth in scene units";
+
+/// What the header says; a line break would start another channel's line.
+fn words(values: &Values) -> Option<String> {
+    match values {
+        Values::DisplayReferred => Some(DISPLAY_REFERRED.to_owned()),
+        Values::Linear => Some(LINEAR.to_owned()),
+        Values::Depth => Some(DEPTH.to_owned()),
+        Values::Named(words) => Some(words.replace(['\n', '\r'], " ")),
+        Values::Unstated => None,
+    }
 }

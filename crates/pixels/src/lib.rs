@@ -3,6 +3,7 @@
 
 mod crop;
 mod decode;
+mod encode;
 mod error;
 pub mod exr;
 mod format;
@@ -10,13 +11,16 @@ mod limits;
 mod memory;
 mod picture;
 mod resize;
+mod rounding;
 mod size;
 
 pub use crop::crop;
 pub use decode::decode;
+pub use encode::{encode_jpeg, encode_png, encode_webp};
 pub use error::PixelError;
 pub use format::PictureFormat;
 pub use limits::DecodeLimits;
 pub use picture::{Image, ImageU8};
 pub use resize::{Filter, resize};
+pub use rounding::Rounding;
 pub use size::size_of;

@@ -3,18 +3,18 @@ use crate::PixelError;
 /// An RGB picture of 8-bit samples: what a file holds. Row-major, height × width × 3.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ImageU8 {
-    width: u32,
-    height: u32,
-    samples: Vec<u8>,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) samples: Vec<u8>,
 }
 
 /// An RGB picture of f32 display-referred (sRGB-encoded) values, nominally in [0, 1], as every paper of
 /// the field computes on. Row-major, height × width × 3.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
-    width: u32,
-    height: u32,
-    samples: Vec<f32>,
+    pub(crate) width: u32,
+    pub(crate) height: u32,
+    pub(crate) samples: Vec<f32>,
 }
 
 macro_rules! picture_methods {

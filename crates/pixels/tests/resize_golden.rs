@@ -1,5 +1,7 @@
 //! Resizing against Pillow's own results (`fixtures/make_resize_golden.py`).
 
+#![expect(clippy::unwrap_used, clippy::panic, reason = "a fixture that does not parse fails the test")]
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

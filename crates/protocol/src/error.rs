@@ -31,6 +31,14 @@ pub enum ProtocolError {
     /// A scene cannot be loaded or decoded.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// The overlap of two views cannot be computed.
+    #[error("overlap ({estimator}): {reason}")]
+    Overlap {
+        /// Which estimator, as [`crate::overlap::OverlapEstimator::name`].
+        estimator: &'static str,
+        /// What is missing or wrong.
+        reason: String,
+    },
     /// What is wrong with one file among several that were asked for.
     #[error("{source} ({})", path.display())]
     InFile {

@@ -1,7 +1,12 @@
 //! Scenes into trials: evaluation indices, overlap bins, extrapolation splits, presets and lint.
 //! A *trial* is all that a method may see of a scene, and the frames it is asked to render.
 
+pub mod extrapolation;
+pub mod overlap;
+pub mod samplers;
+
 mod bins;
+mod builder;
 mod error;
 mod index;
 mod known;
@@ -9,6 +14,7 @@ mod lint;
 mod preset;
 
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
+pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
 pub use index::{
     AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexNotices, LoneEntryForm, NotADigest,
@@ -24,3 +30,4 @@ pub use preset::{
     MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues, PoseNormalisation, Preset,
     PsnrConvention, RendererConvention, RendererPrincipalPoint, SettingOf, SsimConvention,
 };
+pub use samplers::NoEntry;

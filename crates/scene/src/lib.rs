@@ -6,9 +6,13 @@
 pub mod columns;
 mod dataset;
 mod error;
+#[cfg(feature = "columns")]
+pub mod export;
 pub mod preprocess;
 mod scene;
 mod shared_bytes;
+#[cfg(all(test, feature = "columns"))]
+mod test_source;
 mod warnings;
 
 pub use dataset::SceneSource;

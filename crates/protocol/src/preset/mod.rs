@@ -8,7 +8,6 @@ mod filters;
 mod index_rule;
 mod method;
 mod metrics;
-mod pose;
 mod renderer;
 mod text;
 mod validate;
@@ -19,11 +18,11 @@ use std::path::Path;
 use atsplat_scene::preprocess::Preprocessing;
 use serde::{Deserialize, Serialize};
 
+pub use atsplat_camera::{MeanCameraScale, PoseNormalisation};
 pub use filters::{DropReason, Dropped, Filters};
 pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
 pub use method::{MethodSetting, NearFar, SettingOf};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
-pub use pose::{MeanCameraScale, PoseNormalisation};
 pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
 
 use crate::{OverlapBins, ProtocolError, Sha256Digest};

@@ -11,6 +11,7 @@ mod table;
 
 pub use error::ColumnsError;
 pub use read::{CameraRow, rows_from_batch};
+pub(crate) use schema::metadata;
 pub use schema::{CONVENTION, SCHEMA_VERSION, schema};
 pub use table::{CameraTable, batches_from_scene};
 

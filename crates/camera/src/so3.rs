@@ -1,0 +1,74 @@
+//! Rotations as unit quaternions and as rotation vectors (axis times angle).
+
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::axes::nearest_rotation;
+
+/// Within this of a half turn both directions are as short; one is picked by rule.
+const HALF_TURN: f64 = 1e-12;
+/// A unit vector has a coordinate above this.
+const LARGE_COORDINATE: f64 = 0.5;
+
+/// The unit quaternion of a matrix that is nearly a rotation.
+pub(crate) fn quaternion_from_matrix(matrix: DMat3) -> DQuat {
+    DQuat::from_mat3(&nearest_rotation(matrix)).normalize()
+}
+
+/// The rotation by |v| radians about v.
+pub(crate) fn exp(v: DVec3) -> DQuat {
+    let angle = v.length();
+    // sin(x/2)/x, whose limit the quotient misses only where x itself underflows.
+    let share = if angle > f64::MIN_POSITIVE { (0.5 * angle).sin() / angle } else { 0.5 };
+    let vector = v * share;
+    DQuat::from_xyzw(vector.x, vector.y, vector.z, (0.5 * angle).cos())
+}
+
+/// The shortest rotation vector: `exp(log(q))` is the rotation `q`, whichever of its two signs `q` has,
+/// and |log(q)| ≤ π. At a half turn the axis is the one whose first large coordinate is positive, so
+/// that rounding cannot flip it.
+pub(crate) fn log(q: DQuat) -> DVec3 {
+    let leading = q.xyz().to_array().into_iter().find(|coordinate| coordinate.abs() > LARGE_COORDINATE);
+    let flip = if q.w.abs() > HALF_TURN { q.w < 0.0 } else { leading.is_some_and(|coordinate| coordinate < 0.0) };
+    let q = if flip { -q } else { q };
+    let vector = q.xyz();
+    let sine = vector.length();
+    if sine > f64::MIN_POSITIVE { vector * (2.0 * sine.atan2(q.w) / sine) } else { 2.0 * vector }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+    use proptest::prelude::*;
+    use std::f64::consts::PI;
+
+    proptest! {
+        #[test]
+        fn log_undoes_exp(axis in prop::array::uniform3(-1.0..1.0f64), angle in 0.0..3.1) {
+            let axis = DVec3::from_array(axis);
+            prop_assume!(axis.length() > 0.1);
+            let v = axis.normalize() * angle;
+            for q in [exp(v), -exp(v)] {
+                prop_assert!(Tolerance::F64.check(log(q).to_array(), v.to_array()).is_ok(), "{v} → {}", log(q));
+            }
+        }
+    }
+
+    #[test]
+    fn tiny_turns_keep_their_digits() {
+        for angle in [0.0, 1e-300, 1e-20, 1e-9] {
+            let v = DVec3::new(0.0, angle, 0.0);
+            Tolerance::relative(1e-14).assert(log(exp(v)).to_array(), v.to_array(), "small");
+        }
+    }
+
+    #[test]
+    fn a_half_turn_has_one_axis_whatever_rounding_says() {
+        let axis = DVec3::new(0.6, -0.8, 0.0);
+        for noise in [1e-16, -1e-16, 0.0] {
+            let q = DQuat::from_xyzw(axis.x, axis.y, axis.z, noise);
+            Tolerance::F64.assert(log(q).to_array(), (axis * PI).to_array(), "plus");
+            Tolerance::F64.assert(log(-q).to_array(), (axis * PI).to_array(), "minus");
+        }
+    }
+}

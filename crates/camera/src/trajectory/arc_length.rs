@@ -1,0 +1,104 @@
+use super::{Interpolation, Segment, shares};
+
+/// How well, relative to itself, a stretch's length is known.
+const AGREEMENT: f64 = 1e-10;
+/// A stretch of 2⁻²⁰ of a segment is short enough whatever its shape.
+const SPLITS: u32 = 20;
+const BISECTIONS: u32 = 60;
+/// Abscissae and weights of five-point Gauss–Legendre quadrature on [−1, 1].
+const GAUSS: [(f64, f64); 5] = [
+    (-0.906_179_845_938_664, 0.236_926_885_056_189_08),
+    (-0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+    (0.0, 0.568_888_888_888_888_9),
+    (0.538_469_310_105_683_1, 0.478_628_670_499_366_47),
+    (0.906_179_845_938_664, 0.236_926_885_056_189_08),
+];
+
+/// A stretch of one segment, `u` from `start` to `end`, that begins `before` along the path.
+struct Piece<'a> {
+    segment: &'a Segment,
+    start: f64,
+    end: f64,
+    before: f64,
+    length: f64,
+}
+
+/// Length of the path of centres.
+pub(super) fn total(segments: &[Segment], interpolation: Interpolation) -> f64 {
+    pieces(segments, interpolation).last().map_or(0.0, |piece| piece.before + piece.length)
+}
+
+/// `count` times from first to last at equal distances along the path, or `None` where it has no length.
+pub(super) fn even_times(segments: &[Segment], count: usize, interpolation: Interpolation) -> Option<Vec<f64>> {
+    let pieces = pieces(segments, interpolation);
+    let last = pieces.last()?;
+    let total = last.before + last.length;
+    let end = last.segment.start + last.segment.duration;
+    if !(total > 0.0 && total.is_finite()) {
+        return None;
+    }
+    let time = |share: f64| {
+        if share >= 1.0 {
+            return end;
+        }
+        let distance = share * total;
+        let index = pieces.partition_point(|piece| piece.before + piece.length < distance);
+        let piece = pieces.get(index).unwrap_or(last);
+        piece.segment.start + piece.segment.duration * piece.position(distance - piece.before, interpolation)
+    };
+    Some(shares(count).map(time).collect())
+}
+
+impl Piece<'_> {
+    /// The `u` that lies `distance` into the piece: its length grows with `u`, so halving finds it.
+    fn position(&self, distance: f64, interpolation: Interpolation) -> f64 {
+        let (mut low, mut high) = (self.start, self.end);
+        for _ in 0..BISECTIONS {
+            let middle = 0.5 * (low + high);
+            if length(self.segment, self.start, middle, interpolation) < distance {
+                low = middle;
+            } else {
+                high = middle;
+            }
+        }
+        low
+    }
+}
+
+fn pieces(segments: &[Segment], interpolation: Interpolation) -> Vec<Piece<'_>> {
+    let mut pieces = Vec::new();
+    for segment in segments {
+        split(segment, [0.0, 1.0], interpolation, SPLITS, &mut pieces);
+    }
+    let mut walked = 0.0;
+    for piece in &mut pieces {
+        piece.before = walked;
+        walked += piece.length;
+    }
+    pieces
+}
+
+/// Halves a stretch until its length agrees with that of its halves. Speed is smooth but for where the
+/// centre stops and turns back; only there many halvings are needed.
+fn split<'a>(
+    segment: &'a Segment,
+    [start, end]: [f64; 2],
+    interpolation: Interpolation,
+    splits_left: u32,
+    pieces: &mut Vec<Piece<'a>>,
+) {
+    let middle = 0.5 * (start + end);
+    let whole = length(segment, start, end, interpolation);
+    let halves = length(segment, start, middle, interpolation) + length(segment, middle, end, interpolation);
+    if splits_left == 0 || (whole - halves).abs() <= AGREEMENT * halves {
+        pieces.push(Piece { segment, start, end, before: 0.0, length: whole });
+    } else {
+        split(segment, [start, middle], interpolation, splits_left - 1, pieces);
+        split(segment, [middle, end], interpolation, splits_left - 1, pieces);
+    }
+}
+
+fn length(segment: &Segment, start: f64, end: f64, interpolation: Interpolation) -> f64 {
+    let (middle, half) = (0.5 * (start + end), 0.5 * (end - start));
+    GAUSS.iter().map(|(x, weight)| weight * segment.speed(middle + half * x, interpolation)).sum::<f64>() * half
+}

@@ -1,0 +1,52 @@
+//! The geometry check of `data inspect`, where the build has OpenCV.
+
+use atsplat_scene::{Dataset, Warnings};
+
+#[cfg(feature = "opencv")]
+pub(super) use atsplat_scene::opencv::GeometryCheck as GeometryReport;
+
+/// Checks scenes evenly spread over the dataset, one after the other: OpenCV uses its own threads.
+#[cfg(feature = "opencv")]
+pub(super) fn check(
+    dataset: &Dataset,
+    most: usize,
+    warnings: &mut Warnings,
+) -> anyhow::Result<Vec<GeometryReport>> {
+    use atsplat_pixels::DecodeLimits;
+    use atsplat_scene::opencv::{GeometryCheckOptions, check_geometry};
+    use atsplat_scene::{SceneSource as _, WarningKind};
+
+    let keys = dataset.keys();
+    let step = keys.len().div_ceil(most.max(1)).max(1);
+    let limits = DecodeLimits::default();
+    let mut reports = Vec::new();
+    for key in keys.iter().step_by(step) {
+        let scene = match dataset.load(key, warnings) {
+            Ok(scene) => scene,
+            Err(error) => {
+                warnings.push(WarningKind::UnreadableScene, key, error.to_string());
+                continue;
+            }
+        };
+        let options = GeometryCheckOptions::default();
+        reports.push(check_geometry(&scene, |frame| scene.decode(frame, &limits), &options, warnings)?);
+    }
+    Ok(reports)
+}
+
+/// What a build without OpenCV has instead of a report: nothing, ever.
+#[cfg(not(feature = "opencv"))]
+#[derive(Debug, serde::Serialize)]
+pub(super) enum GeometryReport {}
+
+#[cfg(not(feature = "opencv"))]
+impl std::fmt::Display for GeometryReport {
+    fn fmt(&self, _: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match *self {}
+    }
+}
+
+#[cfg(not(feature = "opencv"))]
+pub(super) fn check(_: &Dataset, _: usize, _: &mut Warnings) -> anyhow::Result<Vec<GeometryReport>> {
+    Err(super::needs_opencv("--check-geometry"))
+}

@@ -1,0 +1,79 @@
+use std::fmt;
+
+use atsplat_scene::inspect::{InspectOptions, Inspection, SizeSampling, inspect};
+use atsplat_scene::{SceneSource as _, Warnings};
+use clap::Args;
+use serde::Serialize;
+
+use super::geometry::{self, GeometryReport};
+use crate::dataset_words::DatasetWords;
+use crate::output::{print_report, print_warnings};
+use crate::progress::Progress;
+
+#[derive(Debug, Args)]
+pub(crate) struct Words {
+    #[command(flatten)]
+    dataset: DatasetWords,
+
+    /// Read every picture's header instead of three a scene.
+    #[arg(long)]
+    all_sizes: bool,
+
+    /// List every scene.
+    #[arg(long)]
+    scenes: bool,
+
+    /// Match features between frames and tell whether the cameras explain them, and if not, which mistake
+    /// would (feature `opencv`).
+    #[arg(long)]
+    check_geometry: bool,
+
+    /// Scenes whose geometry is checked, evenly spread over the dataset.
+    #[arg(long, value_name = "N", default_value_t = 4, requires = "check_geometry")]
+    check_scenes: usize,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report {
+    #[serde(flatten)]
+    inspection: Inspection,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    geometry: Vec<GeometryReport>,
+}
+
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let mut warnings = Warnings::new();
+    let dataset = words.dataset.open(&mut warnings)?;
+    let options = InspectOptions {
+        sizes: if words.all_sizes { SizeSampling::All } else { InspectOptions::default().sizes },
+        per_scene: words.scenes,
+    };
+    let progress = Progress::new("scenes", dataset.keys().len());
+    let inspection = inspect(&dataset, dataset.format.name(), &options, &mut warnings, &|| progress.step())?;
+    drop(progress);
+    let mut of_geometry = Warnings::new();
+    let geometry = if words.check_geometry {
+        geometry::check(&dataset, words.check_scenes, &mut of_geometry)?
+    } else {
+        Vec::new()
+    };
+    let complete = inspection.is_complete();
+    print_report(&Report { inspection, geometry }, words.json)?;
+    print_warnings(&of_geometry);
+    Ok(complete)
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.inspection)?;
+        for geometry in &self.geometry {
+            write!(f, "\n{geometry}")?;
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,44 @@
+use std::path::PathBuf;
+
+use atsplat_scene::{ColmapOptions, Dataset, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings};
+use clap::Args;
+
+/// Which dataset, and where its pictures are.
+#[derive(Debug, Args)]
+pub(crate) struct DatasetWords {
+    /// RE10K trajectories, `.torch` chunks, a `transforms.json`, a COLMAP model, or a folder of them.
+    pub(crate) data: PathBuf,
+
+    /// Which copy of a capture's pictures: 1 for `images`, 2, 4 or 8 for `images_2` … (nerfstudio, COLMAP).
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=64))]
+    images: Option<u32>,
+
+    /// Folder with the frames, where they are not beside the poses (RE10K, COLMAP).
+    #[arg(long, value_name = "PATH")]
+    frames: Option<PathBuf>,
+
+    /// Take DL3DV's undistorted `gaussian_splat/` where a scene has it.
+    #[arg(long)]
+    prefer_undistorted: bool,
+}
+
+impl DatasetWords {
+    /// Opens the dataset as its content tells.
+    pub(crate) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Dataset> {
+        let pictures = match self.images {
+            None => PictureFolder::default(),
+            Some(1) => PictureFolder::Listed,
+            Some(factor) => PictureFolder::Downscaled(factor),
+        };
+        let options = OpenOptions {
+            re10k: Re10kOptions { frames_root: self.frames.clone() },
+            nerfstudio: NerfstudioOptions {
+                pictures,
+                prefer_gaussian_splat: self.prefer_undistorted,
+                ..NerfstudioOptions::default()
+            },
+            colmap: ColmapOptions { pictures, images_root: self.frames.clone() },
+        };
+        Ok(atsplat_scene::open_with(&self.data, &options, warnings)?)
+    }
+}

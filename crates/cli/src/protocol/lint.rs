@@ -1,0 +1,106 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use atsplat_camera::ImageSize;
+use atsplat_protocol::{
+    Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Preset, compare, lint_file,
+};
+use atsplat_scene::{Frame, Warnings};
+use clap::Args;
+use serde::Serialize;
+
+use crate::output::{print_report, print_warnings};
+
+#[derive(Debug, Args)]
+pub(crate) struct Words {
+    /// Evaluation index (JSON).
+    index: PathBuf,
+
+    /// Preset, by name or `.toml` path, whose index, bins and filters are applied.
+    #[arg(long)]
+    preset: Option<String>,
+
+    /// Dataset in which the index's scenes are looked up; needs `--preset`, whose filters decide.
+    #[arg(long, value_name = "PATH", requires = "preset")]
+    data: Option<PathBuf>,
+
+    /// Second index: may results on the two share a table?
+    #[arg(long, value_name = "INDEX")]
+    against: Option<PathBuf>,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report<'a> {
+    #[serde(flatten)]
+    lint: LintReport,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    preset: Option<PresetMatch<'a>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    against: Option<Comparability>,
+}
+
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct PresetMatch<'a> {
+    name: &'a str,
+    #[serde(flatten)]
+    index: IndexMatch<'a>,
+}
+
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let file = IndexFile::read(&words.index)?;
+    let preset = words.preset.as_deref().map(Preset::resolve).transpose()?;
+    let mut warnings = Warnings::new();
+    let dataset = match &words.data {
+        Some(path) => Some(atsplat_scene::open(path, &mut warnings)?),
+        None => None,
+    };
+    let mut options = LintOptions::default();
+    if let Some(bins) = preset.as_ref().and_then(|preset| preset.overlap_bins.clone()) {
+        options.bins = bins;
+    }
+    if let (Some(dataset), Some(preset)) = (&dataset, &preset) {
+        options.dataset = Some(DatasetCheck { picture_size: &picture_size, ..DatasetCheck::of(dataset, preset) });
+    }
+    let lint = lint_file(&file, &options, &mut warnings);
+    let against = match &words.against {
+        Some(path) => Some(compare(&file.index, &IndexFile::read(path).context("reading the second index")?.index)),
+        None => None,
+    };
+    let complete = lint.dataset.as_ref().is_none_or(|facts| facts.dropped.is_empty());
+    let preset = preset.as_ref().map(|preset| PresetMatch { name: &preset.name, index: preset.index.recognise(&file) });
+    print_report(&Report { lint, preset, against }, words.json)?;
+    print_warnings(&warnings);
+    Ok(complete)
+}
+
+/// The header of the picture itself where there is one: a file's size wins over the metadata's.
+fn picture_size(frame: &Frame) -> Option<ImageSize> {
+    frame.size().ok().or(frame.stated_size)
+}
+
+impl fmt::Display for Report<'_> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.lint)?;
+        if let Some(PresetMatch { name, index }) = &self.preset {
+            let verdict = match index {
+                IndexMatch::Default { name } => format!("its index, {name}"),
+                IndexMatch::Alternative { name, note } => {
+                    format!("an alternative index, {name}{}", note.map(|note| format!(": {note}")).unwrap_or_default())
+                }
+                IndexMatch::Unpublished => "not one of its indices: numbers compare only on this file".to_owned(),
+            };
+            writeln!(f, "\npreset {name}: {verdict}")?;
+        }
+        if let Some(against) = &self.against {
+            write!(f, "\nagainst the second index\n{against}")?;
+        }
+        Ok(())
+    }
+}

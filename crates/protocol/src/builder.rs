@@ -1,0 +1,142 @@
+use std::collections::BTreeMap;
+
+use atsplat_camera::Camera;
+use atsplat_scene::{SceneSource, WarningKind, Warnings};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::overlap::{OverlapEstimator, context_overlap};
+use crate::samplers::{NoEntry, Sampler, SceneViews};
+use crate::{EvaluationIndex, IndexEntry};
+
+/// Makes an evaluation index for a dataset that has none.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct IndexBuilder {
+    /// Chooses frames.
+    pub sampler: Sampler,
+    /// Measures the context's overlap and, with bounds, refuses entries outside them.
+    #[serde(default)]
+    pub overlap: Option<OverlapRule>,
+}
+
+/// An overlap that is written into the index, and how large it must be.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct OverlapRule {
+    /// What is measured between neighbouring context frames (see [`crate::overlap::chain_overlap`]).
+    pub estimator: OverlapEstimator,
+    /// Smallest overlap kept.
+    #[serde(default)]
+    pub minimum: f64,
+    /// Largest overlap kept.
+    #[serde(default = "whole")]
+    pub maximum: f64,
+}
+
+const fn whole() -> f64 {
+    1.0
+}
+
+/// A built index and why scenes are `null` in it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct BuiltIndex {
+    /// Every key of the dataset in its order; `null` (no entries) where none could be made.
+    pub index: EvaluationIndex,
+    /// Scenes with at least one entry.
+    pub scenes: usize,
+    /// Entries in all.
+    pub entries: usize,
+    /// Scenes without an entry, by [`NoEntry::name`].
+    pub nulls: BTreeMap<&'static str, usize>,
+    /// Entries that a sampler chose and the overlap rule refused. A scene is counted in `nulls` as well where
+    /// it lost all of them.
+    pub refused_entries: usize,
+}
+
+impl IndexBuilder {
+    /// Runs over all scenes of `source`, in parallel; the same index for any number of threads.
+    ///
+    /// `progress` is called once a scene, from any thread. Unreadable scenes become `null` and a
+    /// [`WarningKind::UnreadableScene`].
+    pub fn build(&self, source: &dyn SceneSource, progress: &(dyn Fn() + Sync), warnings: &mut Warnings) -> BuiltIndex {
+        let outcomes: Vec<SceneOutcome> = source
+            .keys()
+            .par_iter()
+            .map(|key| {
+                let outcome = self.build_scene(key, source);
+                progress();
+                outcome
+            })
+            .collect();
+        let mut built = BuiltIndex::default();
+        for (key, outcome) in source.keys().iter().zip(outcomes) {
+            warnings.merge(outcome.warnings);
+            built.refused_entries += outcome.refused;
+            let entries = match outcome.entries {
+                Ok(entries) => {
+                    built.scenes += 1;
+                    built.entries += entries.len();
+                    entries
+                }
+                Err(reason) => {
+                    *built.nulls.entry(reason.name()).or_default() += 1;
+                    Vec::new()
+                }
+            };
+            built.index.scenes.insert(key.clone(), entries);
+        }
+        built
+    }
+
+    fn build_scene(&self, key: &str, source: &dyn SceneSource) -> SceneOutcome {
+        let mut warnings = Warnings::new();
+        let scene = match source.load(key, &mut warnings) {
+            Ok(scene) => scene,
+            Err(error) => {
+                warnings.push(WarningKind::UnreadableScene, key, error.to_string());
+                return SceneOutcome { entries: Err(NoEntry::Unreadable(error.to_string())), refused: 0, warnings };
+            }
+        };
+        let cameras: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
+        let mut refused = 0;
+        let entries = self.sampler.sample(&SceneViews { key, cameras: &cameras }).and_then(|sampled| {
+            let Some(rule) = self.overlap else { return Ok(sampled) };
+            let sampled_count = sampled.len();
+            let (kept, last_reason) = rule.keep(&scene, sampled);
+            refused = sampled_count - kept.len();
+            if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
+        });
+        SceneOutcome { entries, refused, warnings }
+    }
+}
+
+struct SceneOutcome {
+    entries: Result<Vec<IndexEntry>, NoEntry>,
+    refused: usize,
+    warnings: Warnings,
+}
+
+impl OverlapRule {
+    fn keep(&self, scene: &atsplat_scene::Scene, sampled: Vec<IndexEntry>) -> (Vec<IndexEntry>, Option<NoEntry>) {
+        let mut kept = Vec::new();
+        let mut last_reason = None;
+        for mut entry in sampled {
+            match context_overlap(scene, &entry, &self.estimator) {
+                Ok(overlap) if overlap >= self.minimum && overlap <= self.maximum => {
+                    entry.overlap = Some(overlap);
+                    kept.push(entry);
+                }
+                Ok(overlap) => {
+                    last_reason = Some(NoEntry::OverlapOutside {
+                        overlap: format!("{overlap:.5}"),
+                        minimum: self.minimum.to_string(),
+                        maximum: self.maximum.to_string(),
+                    });
+                }
+                Err(reason) => last_reason = Some(reason),
+            }
+        }
+        (kept, last_reason)
+    }
+}

@@ -1,0 +1,251 @@
+//! The extrapolation split: what a method makes of views outside the window of frames that it was given.
+
+mod distance;
+
+use std::num::NonZeroUsize;
+
+pub use distance::FrameLabel;
+use indexmap::IndexMap;
+use serde::{Deserialize, Serialize};
+
+use crate::{EvaluationIndex, IndexEntry};
+
+/// How the split is made. "10 frames before and after the input window" (ATSplat) says how far targets
+/// reach, but not what happens where the window starts at frame 0, as it does in 109 of the 140 scenes of
+/// DepthSplat's 6-view index: both readings are here, the first is the default.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Extrapolation {
+    /// Frames before and after the window that become targets.
+    #[serde(default = "ten")]
+    pub margin: NonZeroUsize,
+    /// Where the window goes.
+    #[serde(default)]
+    pub placement: Placement,
+    /// What happens to an entry that has fewer than `2 · margin` targets after placement.
+    #[serde(default)]
+    pub incomplete: Incomplete,
+}
+
+const fn ten() -> NonZeroUsize {
+    NonZeroUsize::MIN.saturating_add(9)
+}
+
+impl Default for Extrapolation {
+    fn default() -> Self {
+        Self { margin: ten(), placement: Placement::default(), incomplete: Incomplete::default() }
+    }
+}
+
+/// Where the window of context frames goes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Placement {
+    /// All context frames move together by the smallest number of frames that leaves `margin` frames
+    /// before and after them; windows with room stay.
+    #[default]
+    Shift,
+    /// The index's own frames.
+    Keep,
+}
+
+/// What happens to an entry with fewer targets than asked for.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Incomplete {
+    /// It is left out and reported.
+    #[default]
+    Drop,
+    /// It keeps the targets that exist; reported too. An entry without any is left out.
+    Clip,
+}
+
+/// An extrapolation index and how it came about. Counts are entries (one a scene in every published DL3DV
+/// index), but for `null_scenes`.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct ExtrapolationReport {
+    /// The new index: contexts moved, targets outside the window, ascending.
+    #[serde(skip)]
+    pub index: EvaluationIndex,
+    /// Scenes that had no entry in the first place.
+    pub null_scenes: usize,
+    /// Windows of the given index that start at frame 0.
+    pub started_at_zero: usize,
+    /// Windows moved towards the end.
+    pub shifted_later: usize,
+    /// Windows moved towards the start.
+    pub shifted_earlier: usize,
+    /// Entries with all `2 · margin` targets.
+    pub complete: usize,
+    /// Entries that keep fewer targets ([`Incomplete::Clip`]).
+    pub clipped: Vec<String>,
+    /// Entries left out because the scene is too short, by scene key.
+    pub too_short: Vec<String>,
+    /// Entries left out because a context frame lies outside the scene, or there is none.
+    pub invalid: Vec<String>,
+    /// Entries of scenes whose length nobody gave; they count as long enough.
+    pub length_unknown: usize,
+}
+
+impl Extrapolation {
+    /// Makes the split from an index and the number of frames of each scene.
+    ///
+    /// A scene missing from `lengths` is taken as long enough and counted in
+    /// [`ExtrapolationReport::length_unknown`]. Scenes that lose all entries stay in the index as `null`.
+    pub fn split(&self, index: &EvaluationIndex, lengths: &IndexMap<String, usize>) -> ExtrapolationReport {
+        let mut report = ExtrapolationReport::default();
+        for (key, entries) in &index.scenes {
+            report.null_scenes += usize::from(entries.is_empty());
+            let length = lengths.get(key).copied();
+            let moved = entries.iter().filter_map(|entry| self.outside(key, entry, length, &mut report)).collect();
+            report.index.scenes.insert(key.clone(), moved);
+        }
+        report
+    }
+
+    fn outside(
+        &self,
+        key: &str,
+        entry: &IndexEntry,
+        length: Option<usize>,
+        report: &mut ExtrapolationReport,
+    ) -> Option<IndexEntry> {
+        let margin = self.margin.get();
+        let Some((start, end)) = entry.window().filter(|(_, end)| fits(*end, length)) else {
+            report.invalid.push(key.to_owned());
+            return None;
+        };
+        report.length_unknown += usize::from(length.is_none());
+        report.started_at_zero += usize::from(start == 0);
+        let new_start = match self.placement {
+            Placement::Keep => start,
+            Placement::Shift => place(start, end - start, margin, length),
+        };
+        let new_end = new_start.checked_add(end - start)?;
+        let after_end = new_end.saturating_add(margin).saturating_add(1);
+        let before = new_start.saturating_sub(margin)..new_start;
+        let after = new_end.saturating_add(1)..length.map_or(after_end, |length| after_end.min(length));
+        let target: Vec<usize> = before.chain(after).collect();
+        if target.len() == margin.saturating_mul(2) {
+            report.complete += 1;
+        } else if self.incomplete == Incomplete::Clip && !target.is_empty() {
+            report.clipped.push(key.to_owned());
+        } else {
+            report.too_short.push(key.to_owned());
+            return None;
+        }
+        report.shifted_later += usize::from(new_start > start);
+        report.shifted_earlier += usize::from(new_start < start);
+        let context = entry.context.iter().map(|frame| frame - start + new_start).collect();
+        Some(IndexEntry { context, target, overlap: entry.overlap.filter(|_| new_start == start) })
+    }
+}
+
+fn fits(frame: usize, length: Option<usize>) -> bool {
+    length.is_none_or(|length| frame < length)
+}
+
+/// The start nearest to `start` with `margin` frames before it and after `start + span`; `start` itself where
+/// the scene has no room for both.
+fn place(start: usize, span: usize, margin: usize, length: Option<usize>) -> usize {
+    let latest = match length {
+        None => usize::MAX,
+        Some(length) => match length.checked_sub(span.saturating_add(margin).saturating_add(1)) {
+            Some(latest) => latest,
+            None => return start,
+        },
+    };
+    if latest < margin { start } else { start.clamp(margin, latest) }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn index_of(contexts: &[(&str, &[usize])]) -> EvaluationIndex {
+        let entry = |context: &[usize]| IndexEntry { context: context.to_vec(), target: vec![1], overlap: Some(0.5) };
+        let scenes = contexts.iter().map(|(key, context)| ((*key).to_owned(), vec![entry(context)])).collect();
+        EvaluationIndex { scenes }
+    }
+
+    fn lengths(of: &[(&str, usize)]) -> IndexMap<String, usize> {
+        of.iter().map(|(key, length)| ((*key).to_owned(), *length)).collect()
+    }
+
+    #[test]
+    fn windows_move_as_little_as_needed() {
+        let index = index_of(&[("start", &[0, 20, 49]), ("near", &[3, 49]), ("room", &[12, 30]), ("end", &[40, 55])]);
+        let report = Extrapolation::default()
+            .split(&index, &lengths(&[("start", 300), ("near", 300), ("room", 41), ("end", 60)]));
+        let moved = |key: &str| report.index.scenes[key][0].clone();
+        assert_eq!(moved("start").context, [10, 30, 59]);
+        assert_eq!(moved("start").target, (0..10).chain(60..70).collect::<Vec<_>>());
+        assert_eq!(moved("near").context, [10, 56]);
+        assert_eq!((moved("room").context, moved("room").overlap), (vec![12, 30], Some(0.5)), "frame 40 is the last");
+        assert_eq!((moved("end").context, moved("end").overlap), (vec![34, 49], None), "another pair of frames");
+        assert_eq!(
+            (report.started_at_zero, report.shifted_later, report.shifted_earlier, report.complete),
+            (1, 2, 1, 4)
+        );
+    }
+
+    #[test]
+    fn one_frame_too_short() {
+        let index = index_of(&[("exact", &[0, 9]), ("short", &[0, 9])]);
+        let frames = lengths(&[("exact", 30), ("short", 29)]);
+        let dropped = Extrapolation::default().split(&index, &frames);
+        assert_eq!((dropped.too_short, dropped.complete), (vec!["short".to_owned()], 1));
+        assert!(dropped.index.scenes["short"].is_empty(), "still a key of the index");
+        let clip = Extrapolation { incomplete: Incomplete::Clip, ..Extrapolation::default() };
+        let clipped = clip.split(&index, &frames);
+        assert_eq!(clipped.index.scenes["short"][0].target, (10..20).collect::<Vec<_>>());
+        assert_eq!(clipped.clipped, ["short"]);
+    }
+
+    #[test]
+    fn keeping_the_frames_clips_at_the_start() {
+        let keep =
+            Extrapolation { placement: Placement::Keep, incomplete: Incomplete::Clip, ..Extrapolation::default() };
+        let report = keep.split(&index_of(&[("a", &[4, 9])]), &lengths(&[("a", 100)]));
+        assert_eq!(report.index.scenes["a"][0].target, (0..4).chain(10..20).collect::<Vec<_>>());
+        assert_eq!((report.shifted_later, report.clipped.len()), (0, 1));
+    }
+
+    #[test]
+    fn unknown_lengths_and_impossible_entries_are_said() {
+        let mut index =
+            index_of(&[("unknown", &[0, 9]), ("outside", &[0, 90]), ("none", &[]), ("huge", &[usize::MAX])]);
+        index.scenes.insert("null".to_owned(), Vec::new());
+        let report = Extrapolation::default().split(&index, &lengths(&[("outside", 90), ("none", 50)]));
+        assert_eq!(report.invalid, ["outside", "none"]);
+        assert_eq!((report.length_unknown, report.null_scenes), (2, 1));
+        assert_eq!(report.index.scenes["unknown"][0].target.len(), 20);
+        assert_eq!(report.too_short, ["huge"], "no frame comes after the last number");
+    }
+
+    proptest! {
+        #[test]
+        fn every_complete_entry_has_its_margins(
+            start in 0usize..50, span in 0usize..60, length in 1usize..160, margin in 1usize..15,
+        ) {
+            let index = index_of(&[("a", &[start, start + span])]);
+            let split = Extrapolation { margin: NonZeroUsize::new(margin).unwrap(), ..Extrapolation::default() };
+            let report = split.split(&index, &lengths(&[("a", length)]));
+            let possible = start + span < length && span + 1 + 2 * margin <= length;
+            prop_assert_eq!(report.complete == 1, possible, "complete exactly where the scene has room");
+            for entry in &report.index.scenes["a"] {
+                let (a, b) = (entry.context[0], entry.context[1]);
+                prop_assert_eq!(b - a, span);
+                prop_assert_eq!(&entry.target, &(a - margin..a).chain(b + 1..=b + margin).collect::<Vec<_>>());
+                prop_assert!(b + margin < length);
+                let had_room = start >= margin && start + span + margin < length;
+                prop_assert!(!had_room || a == start, "moved without need");
+                let again = split.split(&report.index, &lengths(&[("a", length)]));
+                prop_assert_eq!(again.index, report.index.clone(), "a second time changes nothing");
+            }
+        }
+    }
+}

@@ -1,0 +1,222 @@
+use atsplat_camera::{Camera, ImageSize};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::ProtocolError;
+
+/// Depth along a camera's z axis, one number a pixel, in scene units. Zero, negative and non-finite numbers
+/// mean that nothing is known there.
+#[derive(Clone, Copy, Debug)]
+pub struct DepthMap<'a> {
+    size: ImageSize,
+    depths: &'a [f32],
+}
+
+impl<'a> DepthMap<'a> {
+    /// From row-major depths, height × width.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Overlap`] where there are not `width · height` depths.
+    pub fn new(size: ImageSize, depths: &'a [f32]) -> Result<Self, ProtocolError> {
+        let expected = u64::from(size.width) * u64::from(size.height);
+        if depths.len() as u64 != expected {
+            return Err(unusable(format!("a depth map of {size} needs {expected} depths, found {}", depths.len())));
+        }
+        Ok(Self { size, depths })
+    }
+
+    fn known(&self, column: usize, row: usize) -> Option<f64> {
+        let depth = *self.depths.get(row * self.size.width as usize + column)?;
+        (depth.is_finite() && depth > 0.0).then(|| f64::from(depth))
+    }
+}
+
+/// Overlap by depth: of one view's pixels with known depth, the fraction whose surface point lands inside the
+/// other view's picture on a pixel that knows the same depth; the smaller of both directions.
+///
+/// The other view is read at the pixel that the point falls into, not interpolated: across an edge of a
+/// surface an interpolated depth belongs to nothing. A point that lands where the other view knows no depth
+/// is not seen. Lens distortion plays no part.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct DepthCovisibility {
+    /// Two depths `z` and `z'` agree where `|z − z'| ≤ tolerance · z'`. One per cent by default: on a
+    /// surface seen at a grazing angle, depth changes by more within a pixel.
+    #[serde(default = "one_per_cent")]
+    pub relative_tolerance: f64,
+}
+
+const fn one_per_cent() -> f64 {
+    0.01
+}
+
+impl Default for DepthCovisibility {
+    fn default() -> Self {
+        Self { relative_tolerance: one_per_cent() }
+    }
+}
+
+impl DepthCovisibility {
+    /// Two-way overlap in [0, 1], symmetric in its arguments.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Overlap`] where a view knows no depth at all.
+    pub fn overlap(&self, a: (&Camera, &DepthMap<'_>), b: (&Camera, &DepthMap<'_>)) -> Result<f64, ProtocolError> {
+        let (of_a, of_b) = (self.fraction(a, b)?, self.fraction(b, a)?);
+        Ok(if of_b < of_a { of_b } else { of_a })
+    }
+
+    /// Fraction of `from`'s pixels with known depth that `into` sees too, in [0, 1].
+    ///
+    /// # Errors
+    /// As [`DepthCovisibility::overlap`].
+    pub fn fraction(
+        &self,
+        (from, depths): (&Camera, &DepthMap<'_>),
+        (into, other_depths): (&Camera, &DepthMap<'_>),
+    ) -> Result<f64, ProtocolError> {
+        let k = from.intrinsics.pixel_from_normalized(depths.size);
+        let other_k = into.intrinsics.pixel_from_normalized(other_depths.size);
+        let world_from_camera = from.camera_from_world.inverse();
+        let (mut known, mut seen) = (0u64, 0u64);
+        for row in 0..depths.size.height as usize {
+            for column in 0..depths.size.width as usize {
+                let Some(z) = depths.known(column, row) else { continue };
+                known += 1;
+                let ray = DVec3::new((column as f64 + 0.5 - k.cx) / k.fx, (row as f64 + 0.5 - k.cy) / k.fy, 1.0);
+                let point = into.camera_from_world.transform_point(world_from_camera.transform_point(ray * z));
+                let landed = pixel_of(point, &other_k, other_depths.size)
+                    .and_then(|(column, row)| other_depths.known(column, row));
+                let agrees = |other: f64| (point.z - other).abs() <= self.relative_tolerance * other;
+                seen += u64::from(landed.is_some_and(agrees));
+            }
+        }
+        if known == 0 {
+            return Err(unusable("a depth map knows no depth".to_owned()));
+        }
+        Ok(seen as f64 / known as f64)
+    }
+}
+
+fn unusable(reason: String) -> ProtocolError {
+    ProtocolError::Overlap { estimator: "depth-covisibility", reason }
+}
+
+/// The pixel that a point in front of the camera falls into.
+fn pixel_of(point: DVec3, k: &atsplat_camera::PixelIntrinsics, size: ImageSize) -> Option<(usize, usize)> {
+    let (x, y) = (k.fx * point.x / point.z + k.cx, k.fy * point.y / point.z + k.cy);
+    let inside = point.z > 0.0 && x >= 0.0 && y >= 0.0 && x < f64::from(size.width) && y < f64::from(size.height);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the picture")]
+    inside.then_some((x as usize, y as usize))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+    use glam::DMat3;
+
+    use super::*;
+    use crate::samplers::test_scene::looking;
+
+    const SIZE: ImageSize = ImageSize { width: 80, height: 60 };
+
+    /// What a ray hits in the test scene: a wall at z = 4 and, before it, a square of side 1 at z = 2 around
+    /// the axis. Returns depth along the ray in units of its direction.
+    fn cast(origin: DVec3, direction: DVec3) -> Option<f64> {
+        let plane = |z: f64| (z - origin.z) / direction.z;
+        let square = plane(2.0);
+        let at = origin + direction * square;
+        if square > 0.0 && at.x.abs() <= 0.5 && at.y.abs() <= 0.5 {
+            return Some(square);
+        }
+        Some(plane(4.0)).filter(|t| *t > 0.0)
+    }
+
+    fn pixel_rays(camera: &Camera) -> impl Iterator<Item = (DVec3, DVec3)> + '_ {
+        let k = camera.intrinsics.pixel_from_normalized(SIZE);
+        let pose = camera.camera_from_world.inverse();
+        (0..SIZE.width * SIZE.height).map(move |pixel| {
+            let (x, y) = (f64::from(pixel % SIZE.width) + 0.5, f64::from(pixel / SIZE.width) + 0.5);
+            (pose.centre(), pose.transform_vector(DVec3::new((x - k.cx) / k.fx, (y - k.cy) / k.fy, 1.0)))
+        })
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "depth maps are f32")]
+    fn depth_of(camera: &Camera) -> Vec<f32> {
+        pixel_rays(camera).map(|(o, d)| cast(o, d).map_or(0.0, |t| t as f32)).collect()
+    }
+
+    /// The exact answer, without depth maps: the surface point is inside the other picture, and nothing
+    /// stands between it and the other camera.
+    fn exact_fraction(from: &Camera, into: &Camera) -> f64 {
+        let eye = into.camera_from_world.inverse().centre();
+        let k = into.intrinsics.pixel_from_normalized(SIZE);
+        let (mut known, mut seen) = (0.0, 0.0);
+        for (origin, direction) in pixel_rays(from) {
+            let Some(t) = cast(origin, direction) else { continue };
+            known += 1.0;
+            let point = origin + direction * t;
+            let unblocked = cast(eye, point - eye).is_some_and(|t| Tolerance::F64.accepts(t, 1.0));
+            let inside = pixel_of(into.camera_from_world.transform_point(point), &k, SIZE).is_some();
+            seen += f64::from(u8::from(unblocked && inside));
+        }
+        seen / known
+    }
+
+    /// A wall at z = 4 seen by cameras a fifth of a picture apart: 80 px · 0.8 / 4 = 16 columns are lost.
+    #[test]
+    fn a_wall_by_hand() {
+        let (a, b) = (looking(DMat3::IDENTITY, DVec3::ZERO), looking(DMat3::IDENTITY, DVec3::new(0.8, 0.0, 0.0)));
+        let wall = vec![4.0f32; 80 * 60];
+        let map = DepthMap::new(SIZE, &wall).unwrap();
+        let overlap = DepthCovisibility::default().overlap((&a, &map), (&b, &map)).unwrap();
+        Tolerance::EXACT.assert([overlap], [0.8], "64 of 80 columns");
+    }
+
+    #[test]
+    fn occlusion_agrees_with_ray_casting() {
+        let cameras = [
+            looking(DMat3::IDENTITY, DVec3::ZERO),
+            looking(DMat3::IDENTITY, DVec3::new(0.7, 0.1, 0.0)),
+            looking(DMat3::from_rotation_y(-0.2), DVec3::new(-0.5, 0.0, 0.4)),
+        ];
+        // Pixels on the outline of the square or of the picture are read on one side or the other.
+        let outline = Tolerance::absolute(0.02);
+        for (a, b) in [(0, 1), (1, 0), (0, 2), (2, 1)] {
+            let (a, b) = (&cameras[a], &cameras[b]);
+            let (depth_a, depth_b) = (depth_of(a), depth_of(b));
+            let maps = (DepthMap::new(SIZE, &depth_a).unwrap(), DepthMap::new(SIZE, &depth_b).unwrap());
+            let found = DepthCovisibility::default().fraction((a, &maps.0), (b, &maps.1)).unwrap();
+            let exact = exact_fraction(a, b);
+            assert!((0.2..0.97).contains(&exact), "the case is trivial: {exact}");
+            outline.assert([found], [exact], "co-visible pixels");
+        }
+    }
+
+    #[test]
+    fn turned_away_and_unknown_depth() {
+        let (a, b) =
+            (looking(DMat3::IDENTITY, DVec3::ZERO), looking(DMat3::from_rotation_y(std::f64::consts::PI), DVec3::ZERO));
+        let depths = vec![3.0f32; 80 * 60];
+        let map = DepthMap::new(SIZE, &depths).unwrap();
+        let covisibility = DepthCovisibility::default();
+        Tolerance::EXACT.assert([covisibility.overlap((&a, &map), (&b, &map)).unwrap()], [0.0], "back to back");
+        let unknown = [f32::NAN, f32::INFINITY, 0.0, -1.0].repeat(80 * 15);
+        let holes = DepthMap::new(SIZE, &unknown).unwrap();
+        assert!(covisibility.overlap((&a, &map), (&a, &holes)).is_err(), "nothing to count");
+        assert!(DepthMap::new(SIZE, &depths[1..]).is_err(), "one depth short");
+    }
+
+    /// Half of the depths unknown: the other half is judged alone, and landing in a hole is not being seen.
+    #[test]
+    fn holes_are_left_out_on_one_side_and_count_as_unseen_on_the_other() {
+        let a = looking(DMat3::IDENTITY, DVec3::ZERO);
+        let full = vec![3.0f32; 80 * 60];
+        let mut half = full.clone();
+        half[..80 * 30].fill(f32::NAN);
+        let (full, half) = (DepthMap::new(SIZE, &full).unwrap(), DepthMap::new(SIZE, &half).unwrap());
+        let covisibility = DepthCovisibility::default();
+        Tolerance::EXACT.assert([covisibility.fraction((&a, &half), (&a, &full)).unwrap()], [1.0], "known half");
+        Tolerance::EXACT.assert([covisibility.fraction((&a, &full), (&a, &half)).unwrap()], [0.5], "into holes");
+    }
+}

@@ -1,0 +1,90 @@
+//! How much two views see of each other: three named estimators, each a number in [0, 1] that is the
+//! smaller of its two directions. They measure different things; numbers of different estimators, and the
+//! numbers that NoPoSplat ships (`RoMa` matches, code never released), do not belong into one set of bins.
+
+mod annotate;
+mod covisibility;
+mod epipolar;
+
+pub(crate) use annotate::context_overlap;
+pub use annotate::{OverlapReport, annotate_overlaps, chain_overlap};
+pub use covisibility::{DepthCovisibility, DepthMap};
+pub use epipolar::EpipolarRays;
+
+use atsplat_camera::Camera;
+use atsplat_pixels::ImageU8;
+use serde::{Deserialize, Serialize};
+
+use crate::ProtocolError;
+
+/// A named definition of overlap, with its settings; written in TOML and JSON as
+/// `estimator = "epipolar-ray"` and its settings.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "estimator", rename_all = "kebab-case")]
+pub enum OverlapEstimator {
+    /// Rays of one view whose epipolar line crosses the other view (pixelSplat). Cameras alone.
+    EpipolarRay(EpipolarRays),
+    /// Part of a view that holds features matched into the other. Needs pictures and the feature `opencv`.
+    FeatureCoverage,
+    /// Pixels whose surface the other view sees too. Needs depth maps.
+    DepthCovisibility(DepthCovisibility),
+}
+
+/// What an estimator may need of a view.
+#[derive(Clone, Copy, Debug)]
+pub struct OverlapView<'a> {
+    /// The view's camera.
+    pub camera: &'a Camera,
+    /// Its picture, for [`OverlapEstimator::FeatureCoverage`].
+    pub picture: Option<&'a ImageU8>,
+    /// Its depth, for [`OverlapEstimator::DepthCovisibility`].
+    pub depth: Option<DepthMap<'a>>,
+}
+
+impl OverlapEstimator {
+    /// The name that files and reports use.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::EpipolarRay(_) => "epipolar-ray",
+            Self::FeatureCoverage => "feature-coverage",
+            Self::DepthCovisibility(_) => "depth-covisibility",
+        }
+    }
+
+    /// What the number means, in one sentence, for reports.
+    pub const fn definition(&self) -> &'static str {
+        match self {
+            Self::EpipolarRay(_) => {
+                "smaller of the two fractions of one view's pixel-centre rays, from its centre to infinity, that project into the other view's picture (pixelSplat's index generator)"
+            }
+            Self::FeatureCoverage => {
+                "smaller of the two fractions of one view's grid cells that hold a feature matched into the other view and verified by epipolar geometry"
+            }
+            Self::DepthCovisibility(_) => {
+                "smaller of the two fractions of one view's pixels with depth whose surface point lands in the other view and agrees with its depth"
+            }
+        }
+    }
+
+    /// Whether [`OverlapView::picture`] is used.
+    pub const fn needs_pictures(&self) -> bool {
+        matches!(self, Self::FeatureCoverage)
+    }
+
+    /// Overlap of two views in [0, 1], the smaller of the two directions; symmetric in its arguments.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Overlap`] where a view lacks what the estimator needs, or the geometry cannot be
+    /// computed.
+    pub fn estimate(&self, a: &OverlapView<'_>, b: &OverlapView<'_>) -> Result<f64, ProtocolError> {
+        let missing = |what: &str| ProtocolError::Overlap { estimator: self.name(), reason: what.to_owned() };
+        match self {
+            Self::EpipolarRay(rays) => rays.overlap(a.camera, b.camera),
+            Self::DepthCovisibility(covisibility) => match (&a.depth, &b.depth) {
+                (Some(depth_a), Some(depth_b)) => covisibility.overlap((a.camera, depth_a), (b.camera, depth_b)),
+                _ => Err(missing("a view has no depth map")),
+            },
+            Self::FeatureCoverage => Err(missing("this build lacks the cargo feature `opencv`")),
+        }
+    }
+}

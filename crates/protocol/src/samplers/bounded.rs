@@ -1,0 +1,267 @@
+use std::num::NonZeroUsize;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::{NoEntry, SceneViews, SplitMix64, entry, farthest_points};
+use crate::IndexEntry;
+
+/// A random window whose width lies between two bounds that grow during training: pixelSplat's
+/// `src/dataset/view_sampler/view_sampler_bounded.py`, and DepthSplat's `view_sampler_bounded_v2.py` where
+/// targets may leave the window, extra context is spread out or targets are drawn without repetition.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Bounded {
+    /// How many context frames: the two ends of the window and extra ones between them; ≥ 2.
+    pub context_views: NonZeroUsize,
+    /// How many targets.
+    pub target_views: NonZeroUsize,
+    /// Frames from the first to the last context frame, as it changes over training.
+    pub gaps: GapSchedule,
+    /// Targets keep this many frames away from the ends, inside the window (pixelSplat).
+    #[serde(default)]
+    pub min_distance_to_context: usize,
+    /// Targets may lie this many frames outside the window (DepthSplat).
+    #[serde(default)]
+    pub max_distance_outside: usize,
+    /// How the context frames between the ends are chosen.
+    #[serde(default)]
+    pub extra_context: ExtraContext,
+    /// Whether a target may be drawn twice: pixelSplat, MVSplat, DepthSplat on RE10K.
+    #[serde(default)]
+    pub repeat_targets: bool,
+    /// Seed for [`Bounded::sample`]; training hands its own generator to [`Bounded::draw`].
+    pub seed: u64,
+}
+
+/// How context frames between the two ends of the window are chosen.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ExtraContext {
+    /// Different frames strictly between the ends, uniformly.
+    #[default]
+    Random,
+    /// All context frames, ends included, by farthest-point sampling inside the window (DepthSplat on DL3DV).
+    FarthestPoint,
+}
+
+/// Bounds of the context gap, linear in the training step until `warm_up_steps`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct GapSchedule {
+    /// Smallest gap at the end.
+    pub min: usize,
+    /// Largest gap at the end.
+    pub max: usize,
+    /// Smallest gap at step 0; without a warm-up, unused.
+    #[serde(default)]
+    pub initial_min: usize,
+    /// Largest gap at step 0; without a warm-up, unused.
+    #[serde(default)]
+    pub initial_max: usize,
+    /// Steps until the final bounds; 0 starts with them.
+    #[serde(default)]
+    pub warm_up_steps: u64,
+}
+
+impl GapSchedule {
+    /// pixelSplat on RE10K: 25 → 45 over 150 000 steps
+    /// (`config/dataset/view_sampler_dataset_specific_config/bounded_re10k.yaml`).
+    pub const PIXELSPLAT_RE10K: Self =
+        Self { min: 45, max: 45, initial_min: 25, initial_max: 25, warm_up_steps: 150_000 };
+    /// MVSplat on RE10K: 25–45 → 45–192 over 150 000 steps.
+    pub const MVSPLAT_RE10K: Self =
+        Self { min: 45, max: 192, initial_min: 25, initial_max: 45, warm_up_steps: 150_000 };
+    /// DepthSplat and iLRM on RE10K: 25–45 → 45–135 over 30 000 steps.
+    pub const DEPTHSPLAT_RE10K: Self =
+        Self { min: 45, max: 135, initial_min: 25, initial_max: 45, warm_up_steps: 30_000 };
+    /// DepthSplat on DL3DV: 15–30 → 20–50 over 10 000 steps.
+    pub const DEPTHSPLAT_DL3DV: Self =
+        Self { min: 20, max: 50, initial_min: 15, initial_max: 30, warm_up_steps: 10_000 };
+
+    /// Smallest and largest gap at a training step.
+    pub fn at(&self, step: u64) -> (usize, usize) {
+        if self.warm_up_steps == 0 {
+            return (self.min, self.max);
+        }
+        let fraction = step as f64 / self.warm_up_steps as f64;
+        (interpolate(self.initial_min, self.min, fraction), interpolate(self.initial_max, self.max, fraction))
+    }
+
+    /// Bounds for fewer views than the most that training uses: divided by `⌊most / views⌋`
+    /// (depthsplat `view_sampler_bounded_v2.py:93-127`).
+    #[must_use]
+    pub fn divided_for(&self, views: NonZeroUsize, most: usize) -> Self {
+        let divisor = (most / views).max(1);
+        Self {
+            min: self.min / divisor,
+            max: self.max / divisor,
+            initial_min: self.initial_min / divisor,
+            initial_max: self.initial_max / divisor,
+            warm_up_steps: self.warm_up_steps,
+        }
+    }
+}
+
+/// `min(initial + int((final − initial) · fraction), final)`, in f64 as Python computes it.
+#[expect(clippy::cast_possible_truncation, reason = "int() truncates towards zero; frame counts fit")]
+fn interpolate(initial: usize, last: usize, fraction: f64) -> usize {
+    let moved = ((last as f64 - initial as f64) * fraction) as i64;
+    let moved = isize::try_from(moved).unwrap_or(isize::MAX);
+    initial.saturating_add_signed(moved).min(last)
+}
+
+impl Bounded {
+    /// One entry at the end of the schedule, drawn from the scene's own stream of `seed`.
+    ///
+    /// # Errors
+    /// As [`Bounded::draw`].
+    pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
+        let mut random = SplitMix64::for_scene(self.seed, scene.key);
+        self.draw(scene, self.gaps.warm_up_steps, &mut random).map(|entry| vec![entry])
+    }
+
+    /// One draw at a training step. Context frames are ascending; targets come in the order drawn.
+    ///
+    /// # Errors
+    /// [`NoEntry::TooFewFrames`] where no window of an allowed width fits or holds the context frames,
+    /// [`NoEntry::TooFewTargets`] where targets may not repeat and too few frames are there.
+    pub fn draw(&self, scene: &SceneViews<'_>, step: u64, random: &mut SplitMix64) -> Result<IndexEntry, NoEntry> {
+        let frames = scene.cameras.len();
+        let (min_gap, max_gap) = self.gaps.at(step);
+        let extra = self.context_views.get().saturating_sub(2);
+        let min_gap = min_gap.max(self.min_distance_to_context.saturating_mul(2)).max(extra + 1);
+        let max_gap = max_gap.min(frames.saturating_sub(1));
+        let too_short = NoEntry::TooFewFrames { needed: min_gap.saturating_add(1), found: frames };
+        let gap = random.within(min_gap..=max_gap).ok_or(too_short.clone())?;
+        let left = random.within(0..=(frames - 1 - gap)).ok_or(too_short.clone())?;
+        let right = left + gap;
+        let target = self.draw_targets(left, right, frames, random)?;
+        let context = match self.extra_context {
+            ExtraContext::FarthestPoint if extra > 0 => {
+                let window: Vec<DVec3> = scene.centres().take(right + 1).skip(left).collect();
+                let mut chosen = farthest_points(&window, extra + 2).ok_or(too_short)?;
+                chosen.sort_unstable();
+                chosen.into_iter().map(|position| left + position).collect()
+            }
+            _ => {
+                let between: Vec<usize> = (left + 1..right).collect();
+                let mut context = random.distinct(&between, extra).ok_or(too_short)?;
+                context.extend([left, right]);
+                context.sort_unstable();
+                context
+            }
+        };
+        Ok(entry(context, target))
+    }
+
+    fn draw_targets(
+        &self,
+        left: usize,
+        right: usize,
+        frames: usize,
+        random: &mut SplitMix64,
+    ) -> Result<Vec<usize>, NoEntry> {
+        let inset = self.min_distance_to_context;
+        let first = (left + inset).saturating_sub(self.max_distance_outside);
+        let last = (right - inset).saturating_add(self.max_distance_outside).min(frames - 1);
+        let needed = self.target_views.get();
+        let too_few = NoEntry::TooFewTargets { needed, found: (last + 1).saturating_sub(first) };
+        if self.repeat_targets {
+            (0..needed).map(|_| random.within(first..=last).ok_or_else(|| too_few.clone())).collect()
+        } else {
+            random.distinct(&(first..=last).collect::<Vec<_>>(), needed).ok_or(too_few)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::samplers::test_scene::along;
+
+    fn bounded() -> Bounded {
+        Bounded {
+            context_views: NonZeroUsize::new(2).unwrap(),
+            target_views: NonZeroUsize::new(4).unwrap(),
+            gaps: GapSchedule::DEPTHSPLAT_RE10K,
+            min_distance_to_context: 0,
+            max_distance_outside: 0,
+            extra_context: ExtraContext::Random,
+            repeat_targets: true,
+            seed: 1,
+        }
+    }
+
+    #[test]
+    fn schedules_are_linear_and_stop() {
+        let gaps = GapSchedule::DEPTHSPLAT_RE10K;
+        assert_eq!(
+            [0, 7_499, 7_500, 15_000, 30_000, 90_000].map(|step| gaps.at(step)),
+            [(25, 45), (29, 67), (30, 67), (35, 90), (45, 135), (45, 135)]
+        );
+        assert_eq!(GapSchedule { warm_up_steps: 0, ..gaps }.at(0), (45, 135));
+        let shrinking = GapSchedule { initial_min: 50, ..gaps };
+        assert_eq!(shrinking.at(0).0, 45, "min(…, final) ends a falling schedule at once, as in pixelSplat");
+    }
+
+    #[test]
+    fn fewer_views_get_narrower_windows() {
+        let two = GapSchedule::DEPTHSPLAT_DL3DV.divided_for(NonZeroUsize::new(2).unwrap(), 6);
+        assert_eq!((two.min, two.max, two.initial_min, two.initial_max), (6, 16, 5, 10));
+        let ten = GapSchedule::DEPTHSPLAT_DL3DV.divided_for(NonZeroUsize::new(10).unwrap(), 6);
+        assert_eq!(ten, GapSchedule::DEPTHSPLAT_DL3DV);
+    }
+
+    #[test]
+    fn a_scene_one_frame_too_short() {
+        let cameras = along((0..45).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
+        let scene = SceneViews { key: "short", cameras: &cameras };
+        assert_eq!(bounded().sample(&scene), Err(NoEntry::TooFewFrames { needed: 46, found: 45 }));
+    }
+
+    proptest! {
+        #[test]
+        fn draws_keep_their_bounds(
+            seed: u64,
+            frames in 60u32..200,
+            views in 2usize..8,
+            outside in 0usize..20,
+            inset in 0usize..10,
+            farthest: bool,
+            repeat_targets: bool,
+        ) {
+            let cameras = along((0..frames).map(|n| DVec3::new(f64::from(n).sin(), f64::from(n) * 0.1, 0.0)));
+            let scene = SceneViews { key: "property", cameras: &cameras };
+            let sampler = Bounded {
+                context_views: NonZeroUsize::new(views).unwrap(),
+                max_distance_outside: outside,
+                min_distance_to_context: inset,
+                extra_context: if farthest { ExtraContext::FarthestPoint } else { ExtraContext::Random },
+                repeat_targets,
+                seed,
+                ..bounded()
+            };
+            let drawn = sampler.sample(&scene).unwrap().remove(0);
+            prop_assert_eq!(&sampler.sample(&scene).unwrap()[0], &drawn, "the same seed draws the same");
+            prop_assert_eq!(drawn.context.len(), views);
+            prop_assert!(drawn.context.is_sorted_by(|a, b| a < b), "{:?}", drawn.context);
+            let (left, right) = (drawn.context[0], drawn.context[views - 1]);
+            prop_assert!(right < frames as usize && right - left <= 135);
+            if !farthest || views == 2 {
+                prop_assert!(right - left >= 45);
+                for target in &drawn.target {
+                    prop_assert!(*target + outside >= left + inset && *target + inset <= right + outside);
+                }
+            }
+            if !repeat_targets {
+                let mut target = drawn.target.clone();
+                target.sort_unstable();
+                target.dedup();
+                prop_assert_eq!(target.len(), 4);
+            }
+        }
+    }
+}

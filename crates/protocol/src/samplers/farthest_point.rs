@@ -1,0 +1,207 @@
+use std::num::NonZeroUsize;
+
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use super::{NoEntry, SceneViews, SplitMix64, entry};
+use crate::IndexEntry;
+
+/// Context frames spread out by farthest-point sampling of camera centres inside a window of frames: how
+/// DepthSplat and YoNoSplat made their DL3DV indices (depthsplat
+/// `src/dataset/view_sampler/view_sampler_bounded_v2.py:16-49`).
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct FarthestPoint {
+    /// First frame of the window.
+    #[serde(default)]
+    pub start: usize,
+    /// Frames in the window; a shorter scene ends it early, as in DepthSplat.
+    pub window: NonZeroUsize,
+    /// How many context frames.
+    pub context_views: NonZeroUsize,
+    /// Which frames are asked for.
+    pub targets: TargetRule,
+}
+
+/// Which frames of a window become targets.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "rule", rename_all = "kebab-case", rename_all_fields = "kebab-case", deny_unknown_fields)]
+pub enum TargetRule {
+    /// Every frame of the window, context frames included: DepthSplat's 2, 4 and 6 views.
+    Window,
+    /// Every frame from the first to the last context frame, both included: DepthSplat's 12 views.
+    BetweenContext,
+    /// Different random frames from the first to the last context frame: YoNoSplat's eight targets.
+    Sampled {
+        /// How many.
+        count: NonZeroUsize,
+        /// Seed of the draw; each scene has its own stream of it.
+        seed: u64,
+        /// Whether a context frame may be drawn (YoNoSplat: yes with 12 views, no with 6).
+        allow_context: bool,
+    },
+}
+
+impl FarthestPoint {
+    /// One entry for the scene, context frames ascending.
+    ///
+    /// # Errors
+    /// [`NoEntry::TooFewFrames`] where the window holds fewer frames than context views,
+    /// [`NoEntry::TooFewTargets`] where fewer frames can be drawn than asked for.
+    pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
+        let end = self.start.saturating_add(self.window.get()).min(scene.cameras.len());
+        let centres: Vec<DVec3> = scene.centres().take(end).skip(self.start).collect();
+        let chosen = farthest_points(&centres, self.context_views.get())
+            .ok_or(NoEntry::TooFewFrames { needed: self.context_views.get(), found: centres.len() })?;
+        let mut context: Vec<usize> = chosen.iter().map(|position| self.start + position).collect();
+        context.sort_unstable();
+        let target = self.targets.choose(scene.key, self.start..end, &context)?;
+        Ok(vec![entry(context, target)])
+    }
+}
+
+impl TargetRule {
+    fn choose(&self, key: &str, window: std::ops::Range<usize>, context: &[usize]) -> Result<Vec<usize>, NoEntry> {
+        let between = match (context.first(), context.last()) {
+            (Some(first), Some(last)) => *first..=*last,
+            _ => return Err(NoEntry::TooFewTargets { needed: 1, found: 0 }),
+        };
+        match self {
+            Self::Window => Ok(window.collect()),
+            Self::BetweenContext => Ok(between.collect()),
+            Self::Sampled { count, seed, allow_context } => {
+                let candidates: Vec<usize> =
+                    between.filter(|frame| *allow_context || !context.contains(frame)).collect();
+                let mut target = SplitMix64::for_scene(*seed, key)
+                    .distinct(&candidates, count.get())
+                    .ok_or(NoEntry::TooFewTargets { needed: count.get(), found: candidates.len() })?;
+                target.sort_unstable();
+                Ok(target)
+            }
+        }
+    }
+}
+
+/// Positions of `count` points in the order farthest-point sampling takes them: first the point farthest
+/// from the barycentre, then always the one farthest from all taken so far. The result for a smaller
+/// `count` is a prefix of it, so fewer views are a subset of more views. `None` where `count` exceeds the
+/// number of points.
+///
+/// Ties go to the lower position. Where all remaining points coincide with taken ones, DepthSplat's code
+/// takes position 0 again; here the lowest position not yet taken follows.
+pub fn farthest_points(points: &[DVec3], count: usize) -> Option<Vec<usize>> {
+    if count > points.len() {
+        return None;
+    }
+    let barycentre = points.iter().sum::<DVec3>() / points.len() as f64;
+    let mut distances: Vec<f64> = points.iter().map(|point| point.distance_squared(barycentre)).collect();
+    let mut taken = vec![false; points.len()];
+    let mut order = Vec::with_capacity(count);
+    while order.len() < count {
+        let farthest = farthest_untaken(&distances, &taken)?;
+        if order.is_empty() {
+            distances.fill(f64::INFINITY);
+        }
+        let centre = *points.get(farthest)?;
+        for (distance, point) in distances.iter_mut().zip(points) {
+            let to_new = point.distance_squared(centre);
+            if to_new < *distance {
+                *distance = to_new;
+            }
+        }
+        *taken.get_mut(farthest)? = true;
+        order.push(farthest);
+    }
+    Some(order)
+}
+
+fn farthest_untaken(distances: &[f64], taken: &[bool]) -> Option<usize> {
+    let mut best: Option<(usize, f64)> = None;
+    for (position, (distance, taken)) in distances.iter().zip(taken).enumerate() {
+        if !taken && best.is_none_or(|(_, far)| *distance > far) {
+            best = Some((position, *distance));
+        }
+    }
+    best.map(|(position, _)| position)
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::samplers::test_scene::along;
+
+    fn number(n: usize) -> NonZeroUsize {
+        NonZeroUsize::new(n).unwrap()
+    }
+
+    /// A straight dolly: both ends are equally far from the middle, so the first frame wins the tie.
+    #[test]
+    fn a_straight_line_by_hand() {
+        let points: Vec<DVec3> = (0..9).map(|x| DVec3::new(f64::from(x), 0.0, 0.0)).collect();
+        assert_eq!(farthest_points(&points, 5).unwrap(), [0, 8, 4, 2, 6]);
+    }
+
+    #[test]
+    fn coincident_points_are_taken_in_order() {
+        assert_eq!(farthest_points(&[DVec3::ONE; 4], 3).unwrap(), [0, 1, 2]);
+        assert_eq!(farthest_points(&[DVec3::ONE; 2], 3), None);
+        assert_eq!(farthest_points(&[], 0).unwrap(), Vec::<usize>::new());
+    }
+
+    /// Written by `tests/fixtures/make_oracles.py` with NumPy.
+    #[test]
+    fn agrees_with_the_numpy_oracle() {
+        let oracle: serde_json::Value =
+            serde_json::from_str(include_str!("../../tests/fixtures/farthest_oracle.json")).unwrap();
+        for case in oracle["cases"].as_array().unwrap() {
+            let points: Vec<[f64; 3]> = serde_json::from_value(case["points"].clone()).unwrap();
+            let expected: Vec<usize> = serde_json::from_value(case["order"].clone()).unwrap();
+            let points: Vec<DVec3> = points.into_iter().map(DVec3::from_array).collect();
+            assert_eq!(farthest_points(&points, expected.len()).unwrap(), expected);
+        }
+    }
+
+    #[test]
+    fn windows_and_target_rules() {
+        let cameras = along((0..60).map(|n| DVec3::new(f64::from(n) * 0.1, 0.0, 0.0)));
+        let scene = SceneViews { key: "scene", cameras: &cameras };
+        let sampler = |targets| FarthestPoint { start: 5, window: number(11), context_views: number(3), targets };
+        let entries = sampler(TargetRule::Window).sample(&scene).unwrap();
+        assert_eq!((entries[0].context.clone(), entries[0].target.clone()), (vec![5, 10, 15], (5..16).collect()));
+        let sampled = |seed, allow_context| TargetRule::Sampled { count: number(8), seed, allow_context };
+        let target = sampler(sampled(1, false)).sample(&scene).unwrap()[0].target.clone();
+        assert_eq!(target, [6, 7, 8, 9, 11, 12, 13, 14], "all that is left between the context frames");
+        assert_eq!(
+            sampler(TargetRule::Sampled { count: number(9), seed: 1, allow_context: false }).sample(&scene),
+            Err(NoEntry::TooFewTargets { needed: 9, found: 8 })
+        );
+        let late =
+            FarthestPoint { start: 58, window: number(50), context_views: number(3), targets: TargetRule::Window };
+        assert_eq!(late.sample(&scene), Err(NoEntry::TooFewFrames { needed: 3, found: 2 }));
+    }
+
+    proptest! {
+        #[test]
+        fn fewer_views_are_a_prefix_of_more(points in prop::collection::vec(prop::array::uniform3(-10.0..10.0f64), 1..60)) {
+            let points: Vec<DVec3> = points.into_iter().map(DVec3::from_array).collect();
+            let all = farthest_points(&points, points.len()).unwrap();
+            for count in 0..points.len() {
+                prop_assert_eq!(&farthest_points(&points, count).unwrap()[..], &all[..count]);
+            }
+        }
+
+        #[test]
+        fn moving_the_world_changes_nothing(
+            points in prop::collection::vec(prop::array::uniform3(-10i32..10), 32),
+            shift in prop::array::uniform3(-100i32..100),
+        ) {
+            // Thirty-two whole-numbered points: barycentre, distances and ties are exact before and after.
+            let points: Vec<DVec3> = points.iter().map(|p| DVec3::from_array(p.map(f64::from))).collect();
+            let shift = DVec3::from_array(shift.map(f64::from));
+            let moved: Vec<DVec3> = points.iter().map(|p| *p + shift).collect();
+            prop_assert_eq!(farthest_points(&points, 12), farthest_points(&moved, 12));
+        }
+    }
+}

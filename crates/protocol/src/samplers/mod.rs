@@ -1,0 +1,198 @@
+//! Which frames of a scene are given and which are asked for, when nobody has written an index yet.
+
+mod bounded;
+mod evenly_spaced;
+mod farthest_point;
+mod overlap_pairs;
+mod random;
+mod video;
+
+pub use bounded::{Bounded, ExtraContext, GapSchedule};
+pub use evenly_spaced::EvenlySpaced;
+pub use farthest_point::{FarthestPoint, TargetRule, farthest_points};
+pub use overlap_pairs::{OverlapPairs, PairTargets};
+pub use random::SplitMix64;
+pub use video::{all_frames, video_index};
+
+use atsplat_camera::Camera;
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+use crate::IndexEntry;
+
+/// What a sampler sees of a scene: cameras in frame order, no pictures.
+#[derive(Clone, Copy, Debug)]
+pub struct SceneViews<'a> {
+    /// The scene's key, from which its random stream derives.
+    pub key: &'a str,
+    /// One camera per frame. Intrinsics as the dataset states them, unless a sampler says otherwise.
+    pub cameras: &'a [Camera],
+}
+
+impl SceneViews<'_> {
+    /// Camera centres in the world, in frame order.
+    pub fn centres(&self) -> impl Iterator<Item = DVec3> + '_ {
+        self.cameras.iter().map(|camera| camera.camera_from_world.inverse().centre())
+    }
+}
+
+/// A rule that chooses context and target frames; written in TOML and JSON as
+/// `sampler = "farthest-point"` and its settings.
+///
+/// Every sampler is a function of the scene's key, its cameras and the settings alone: the same on every
+/// platform, in every order of scenes, with any number of threads.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "sampler", rename_all = "kebab-case")]
+pub enum Sampler {
+    /// Farthest-point context inside a window (DepthSplat's DL3DV indices).
+    FarthestPoint(FarthestPoint),
+    /// Farthest-point context over the scene, targets evenly spread over the rest (`MVSplat360`).
+    EvenlySpaced(EvenlySpaced),
+    /// Two context frames of enough overlap (pixelSplat's RE10K index, latentSplat's extrapolation).
+    OverlapPairs(OverlapPairs),
+    /// A random window of bounded width (the papers' training sampler, at the end of its schedule).
+    Bounded(Bounded),
+    /// Every frame is context and target (pixelSplat's `view_sampler_all.py`).
+    AllFrames,
+}
+
+impl Sampler {
+    /// The name that files use.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::FarthestPoint(_) => "farthest-point",
+            Self::EvenlySpaced(_) => "evenly-spaced",
+            Self::OverlapPairs(_) => "overlap-pairs",
+            Self::Bounded(_) => "bounded",
+            Self::AllFrames => "all-frames",
+        }
+    }
+
+    /// Entries for one scene, at least one.
+    ///
+    /// # Errors
+    /// [`NoEntry`] where the scene does not allow the settings: an index writes `null` for it.
+    pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
+        match self {
+            Self::FarthestPoint(sampler) => sampler.sample(scene),
+            Self::EvenlySpaced(sampler) => sampler.sample(scene),
+            Self::OverlapPairs(sampler) => sampler.sample(scene),
+            Self::Bounded(sampler) => sampler.sample(scene),
+            Self::AllFrames => all_frames(scene),
+        }
+    }
+}
+
+/// Why a scene has no entry.
+#[derive(Clone, Debug, PartialEq, Eq, Error)]
+#[non_exhaustive]
+pub enum NoEntry {
+    /// The scene, or the window inside it, is too short.
+    #[error("needs {needed} frames, has {found}")]
+    TooFewFrames {
+        /// Frames that the settings ask for.
+        needed: usize,
+        /// Frames there are.
+        found: usize,
+    },
+    /// Fewer frames may be targets than are asked for.
+    #[error("needs {needed} target frames, has {found} candidates")]
+    TooFewTargets {
+        /// Targets asked for.
+        needed: usize,
+        /// Frames that may be targets.
+        found: usize,
+    },
+    /// No two frames are far enough apart and overlap enough.
+    #[error("no pair of frames at the asked distance has the asked overlap")]
+    NoPair,
+    /// The chosen context frames overlap less or more than asked.
+    #[error("overlap {overlap} is outside [{minimum}, {maximum}]")]
+    OverlapOutside {
+        /// What was measured, printed with five decimals.
+        overlap: String,
+        /// Smallest overlap asked for.
+        minimum: String,
+        /// Largest overlap asked for.
+        maximum: String,
+    },
+    /// The cameras' geometry cannot be computed: numbers near the end of the f64 range.
+    #[error("camera geometry: {0}")]
+    Geometry(String),
+    /// The scene cannot be read.
+    #[error("{0}")]
+    Unreadable(String),
+}
+
+impl NoEntry {
+    /// A stable name to count by.
+    pub const fn name(&self) -> &'static str {
+        match self {
+            Self::TooFewFrames { .. } => "too-few-frames",
+            Self::TooFewTargets { .. } => "too-few-targets",
+            Self::NoPair => "no-pair",
+            Self::OverlapOutside { .. } => "overlap-outside",
+            Self::Geometry(_) => "geometry",
+            Self::Unreadable(_) => "unreadable",
+        }
+    }
+}
+
+fn entry(context: Vec<usize>, target: Vec<usize>) -> IndexEntry {
+    IndexEntry { context, target, overlap: None }
+}
+
+#[cfg(test)]
+pub(crate) mod test_scene {
+    use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
+    use glam::{DMat3, DVec3};
+
+    /// A wide camera at each centre, all looking along +z.
+    pub(crate) fn along(centres: impl IntoIterator<Item = DVec3>) -> Vec<Camera> {
+        centres.into_iter().map(|centre| looking(DMat3::IDENTITY, centre)).collect()
+    }
+
+    /// A camera of 53° × 53° with the given orientation and centre.
+    pub(crate) fn looking(world_from_camera: DMat3, centre: DVec3) -> Camera {
+        let pose = WorldFromCamera::new(world_from_camera, centre).unwrap();
+        Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::test_scene::along;
+    use super::*;
+
+    #[test]
+    fn a_sampler_reads_from_toml_and_refuses_unknown_fields() {
+        let text = "sampler = \"farthest-point\"\nwindow = 50\ncontext-views = 6\ntargets = { rule = \"window\" }\n";
+        let sampler: Sampler = toml::from_str(text).unwrap();
+        assert_eq!(sampler.name(), "farthest-point");
+        assert_eq!(toml::from_str::<Sampler>(&toml::to_string(&sampler).unwrap()).unwrap(), sampler);
+        assert!(toml::from_str::<Sampler>(&format!("{text}windw = 3\n")).is_err(), "a misspelt field");
+        assert!(toml::from_str::<Sampler>(&text.replace("50", "0")).is_err(), "an empty window");
+    }
+
+    /// The dual of the errors above: every sampler survives the shortest scenes without a panic.
+    #[test]
+    fn no_sampler_panics_on_short_scenes() {
+        let samplers = [
+            "sampler = 'farthest-point'\nwindow = 50\ncontext-views = 6\ntargets = { rule = 'sampled', count = 8, seed = 1, allow-context = false }",
+            "sampler = 'evenly-spaced'\ncontext-views = 5\ntarget-views = 56",
+            "sampler = 'overlap-pairs'\nseed = 1\ntargets = { side = 'inside', count = 3 }",
+            "sampler = 'overlap-pairs'\nseed = 1\nmin-distance = 1\ntargets = { side = 'outside', count = 3, reach = 45 }",
+            "sampler = 'bounded'\nseed = 1\ncontext-views = 6\ntarget-views = 4\ngaps = { min = 45, max = 135 }",
+            "sampler = 'all-frames'",
+        ];
+        for text in samplers {
+            let sampler: Sampler = toml::from_str(text).unwrap_or_else(|error| panic!("{text}: {error}"));
+            for length in 0..8u32 {
+                let cameras = along((0..length).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
+                let outcome = sampler.sample(&SceneViews { key: "short", cameras: &cameras });
+                assert_eq!(outcome.clone().is_ok_and(|entries| entries.is_empty()), false, "{text}: {outcome:?}");
+            }
+        }
+    }
+}

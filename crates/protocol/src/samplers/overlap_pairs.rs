@@ -1,0 +1,244 @@
+use std::num::NonZeroUsize;
+
+use serde::{Deserialize, Serialize};
+
+use super::{NoEntry, SceneViews, SplitMix64, entry};
+use crate::IndexEntry;
+use crate::overlap::EpipolarRays;
+
+/// Two context frames at a bounded distance whose views overlap: the generator behind pixelSplat's RE10K
+/// and ACID indices (`src/evaluation/evaluation_index_generator.py`) and latentSplat's extrapolation index
+/// (the file of the same name there). Pure camera geometry.
+///
+/// Context frames are tried in random order. From each, partners are walked away from in both directions,
+/// first forwards, starting at `min_distance`, until the overlap falls below `min_overlap`; the partner one
+/// frame *beyond* `max_distance` is still admitted, as published (pixelSplat's gaps run from 45 to 136). One
+/// of the admitted partners is drawn. Defaults are pixelSplat's `config/generate_evaluation_index.yaml`.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct OverlapPairs {
+    /// Smallest distance of the two context frames.
+    #[serde(default = "published::min_distance")]
+    pub min_distance: NonZeroUsize,
+    /// Distance beyond which no further partner is tried.
+    #[serde(default = "published::max_distance")]
+    pub max_distance: usize,
+    /// Smallest two-way overlap in [0, 1].
+    #[serde(default = "published::min_overlap")]
+    pub min_overlap: f64,
+    /// Largest two-way overlap in [0, 1].
+    #[serde(default = "published::max_overlap")]
+    pub max_overlap: f64,
+    /// How overlap is measured.
+    #[serde(default)]
+    pub overlap: EpipolarRays,
+    /// Which frames are asked for.
+    pub targets: PairTargets,
+    /// Entries per scene, each from another first frame (latentSplat's `num_context_pairs_per_scene`).
+    #[serde(default = "published::pairs")]
+    pub pairs_per_scene: NonZeroUsize,
+    /// Seed; each scene has its own stream of it.
+    pub seed: u64,
+}
+
+mod published {
+    use std::num::NonZeroUsize;
+
+    const FORTY_FIVE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(44);
+
+    pub(super) const fn min_distance() -> NonZeroUsize {
+        FORTY_FIVE
+    }
+    pub(super) const fn max_distance() -> usize {
+        135
+    }
+    pub(super) const fn min_overlap() -> f64 {
+        0.6
+    }
+    pub(super) const fn max_overlap() -> f64 {
+        1.0
+    }
+    pub(super) const fn pairs() -> NonZeroUsize {
+        NonZeroUsize::MIN
+    }
+}
+
+/// On which side of the window of two context frames `[a, b]` targets are drawn, all different.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(tag = "side", rename_all = "kebab-case", rename_all_fields = "kebab-case", deny_unknown_fields)]
+pub enum PairTargets {
+    /// From `a..=b`, context frames included: pixelSplat, three targets.
+    Inside {
+        /// How many.
+        count: NonZeroUsize,
+    },
+    /// From `a − reach .. a` and `b + 1 ..= b + reach`: latentSplat, three targets within 45 frames.
+    Outside {
+        /// How many.
+        count: NonZeroUsize,
+        /// Farthest distance from the window, in frames.
+        reach: usize,
+    },
+}
+
+impl OverlapPairs {
+    /// Up to `pairs_per_scene` entries, context and targets ascending.
+    ///
+    /// A pair with too few frames for its targets is passed over, as in latentSplat; pixelSplat's loop would
+    /// not end.
+    ///
+    /// # Errors
+    /// [`NoEntry::NoPair`], [`NoEntry::TooFewFrames`] or [`NoEntry::Geometry`].
+    pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
+        let frames = scene.cameras.len();
+        if frames <= self.min_distance.get() {
+            return Err(NoEntry::TooFewFrames { needed: self.min_distance.get().saturating_add(1), found: frames });
+        }
+        let mut random = SplitMix64::for_scene(self.seed, scene.key);
+        let mut entries = Vec::new();
+        for first in random.permutation(frames) {
+            let partners = self.partners(scene, first)?;
+            let Some(partner) = random.distinct(&partners, 1).and_then(|drawn| drawn.first().copied()) else {
+                continue;
+            };
+            let (left, right) = (first.min(partner), first.max(partner));
+            let Some(target) = self.targets.draw(left, right, frames, &mut random) else { continue };
+            entries.push(entry(vec![left, right], target));
+            if entries.len() == self.pairs_per_scene.get() {
+                break;
+            }
+        }
+        if entries.is_empty() { Err(NoEntry::NoPair) } else { Ok(entries) }
+    }
+
+    /// Frames that may go with `first`, in the order they are met.
+    fn partners(&self, scene: &SceneViews<'_>, first: usize) -> Result<Vec<usize>, NoEntry> {
+        let frames = scene.cameras.len();
+        let min = self.min_distance.get();
+        let forwards = first.saturating_add(min)..frames;
+        let backwards = (0..(first + 1).saturating_sub(min)).rev();
+        let mut partners = Vec::new();
+        for walk in [&mut forwards.into_iter() as &mut dyn Iterator<Item = usize>, &mut backwards.into_iter()] {
+            for frame in walk {
+                let overlap = self.overlap_of(scene, first, frame)?;
+                if overlap >= self.min_overlap && overlap <= self.max_overlap {
+                    partners.push(frame);
+                }
+                let panned_away = overlap.is_nan() || overlap < self.min_overlap;
+                if panned_away || frame.abs_diff(first) > self.max_distance {
+                    break;
+                }
+            }
+        }
+        Ok(partners)
+    }
+
+    fn overlap_of(&self, scene: &SceneViews<'_>, first: usize, second: usize) -> Result<f64, NoEntry> {
+        match (scene.cameras.get(first), scene.cameras.get(second)) {
+            (Some(a), Some(b)) => self.overlap.overlap(a, b).map_err(|error| NoEntry::Geometry(error.to_string())),
+            _ => Err(NoEntry::TooFewFrames { needed: first.max(second) + 1, found: scene.cameras.len() }),
+        }
+    }
+}
+
+impl PairTargets {
+    fn draw(self, left: usize, right: usize, frames: usize, random: &mut SplitMix64) -> Option<Vec<usize>> {
+        let (candidates, count): (Vec<usize>, usize) = match self {
+            Self::Inside { count } => ((left..=right).collect(), count.get()),
+            Self::Outside { count, reach } => {
+                let before = left.saturating_sub(reach)..left;
+                let after = right + 1..right.saturating_add(reach).saturating_add(1).min(frames);
+                (before.chain(after).collect(), count.get())
+            }
+        };
+        let mut target = random.distinct(&candidates, count)?;
+        target.sort_unstable();
+        Some(target)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use glam::{DMat3, DVec3};
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::samplers::test_scene::looking;
+
+    fn pairs(targets: PairTargets, seed: u64) -> OverlapPairs {
+        OverlapPairs {
+            min_distance: published::min_distance(),
+            max_distance: published::max_distance(),
+            min_overlap: 0.6,
+            max_overlap: 1.0,
+            overlap: EpipolarRays::default(),
+            targets,
+            pairs_per_scene: NonZeroUsize::MIN,
+            seed,
+        }
+    }
+
+    const THREE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(2);
+
+    /// A slow pan to the right while drifting sideways.
+    fn pan(frames: u32, radians_per_frame: f64) -> Vec<atsplat_camera::Camera> {
+        (0..frames)
+            .map(|n| {
+                let n = f64::from(n);
+                looking(DMat3::from_rotation_y(n * radians_per_frame), DVec3::new(0.02 * n, 0.0, 0.0))
+            })
+            .collect()
+    }
+
+    #[test]
+    fn a_fast_pan_has_no_pair() {
+        let cameras: Vec<_> =
+            (0..200).map(|n| looking(DMat3::from_rotation_y(f64::from(n) * 0.02), DVec3::ZERO)).collect();
+        let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
+        assert_eq!(sampler.sample(&SceneViews { key: "pan", cameras: &cameras }), Err(NoEntry::NoPair));
+    }
+
+    #[test]
+    fn short_scenes_say_so() {
+        let cameras = pan(45, 0.0);
+        let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
+        let outcome = sampler.sample(&SceneViews { key: "short", cameras: &cameras });
+        assert_eq!(outcome, Err(NoEntry::TooFewFrames { needed: 46, found: 45 }));
+    }
+
+    /// Standing still, everything overlaps: the walk ends one frame beyond the largest distance.
+    #[test]
+    fn the_widest_gap_is_one_more_than_asked() {
+        let cameras = pan(300, 0.0);
+        let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
+        let partners = sampler.partners(&SceneViews { key: "still", cameras: &cameras }, 140).unwrap();
+        assert_eq!((partners.iter().min(), partners.iter().max()), (Some(&4), Some(&276)));
+        assert_eq!(partners.len(), 2 * (136 - 45 + 1));
+    }
+
+    proptest! {
+        #[test]
+        fn entries_keep_the_published_shape(seed: u64, outside: bool, step in 0.0..0.004f64) {
+            let cameras = pan(220, step);
+            let targets = if outside {
+                PairTargets::Outside { count: THREE, reach: 45 }
+            } else {
+                PairTargets::Inside { count: THREE }
+            };
+            let scene = SceneViews { key: "property", cameras: &cameras };
+            let sampler = OverlapPairs { pairs_per_scene: THREE, ..pairs(targets, seed) };
+            for entry in sampler.sample(&scene).unwrap() {
+                let (a, b) = (entry.context[0], entry.context[1]);
+                prop_assert!((45..=136).contains(&(b - a)));
+                let overlap = EpipolarRays::default().overlap(&cameras[a], &cameras[b]).unwrap();
+                prop_assert!(overlap >= 0.6);
+                prop_assert!(entry.target.is_sorted_by(|x, y| x < y) && entry.target.len() == 3);
+                for target in entry.target {
+                    let inside = (a..=b).contains(&target);
+                    prop_assert_eq!(inside, !outside);
+                    prop_assert!(target < 220 && target + 45 >= a && target <= b + 45);
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,45 @@
+use std::path::PathBuf;
+
+use arrow_schema::ArrowError;
+use polars::error::PolarsError;
+use thiserror::Error;
+
+use crate::columns::ColumnsError;
+
+/// Why a camera table cannot be written to a file.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum ExportError {
+    /// The path's extension names no format.
+    #[error("expected a file named .parquet, .arrow, .feather, .ipc or .csv ({})", path.display())]
+    UnknownExtension {
+        /// The path asked for.
+        path: PathBuf,
+    },
+    /// The file system refused.
+    #[error("{action}: {source} ({})", path.display())]
+    Io {
+        /// What was being done.
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's reason.
+        source: std::io::Error,
+    },
+    /// Scenes do not make columns.
+    #[error(transparent)]
+    Columns(#[from] ColumnsError),
+    /// Arrow could not encode a batch.
+    #[error("encoding Arrow: {0}")]
+    Arrow(#[from] ArrowError),
+    /// Polars could not encode a batch.
+    #[error("encoding a table: {0}")]
+    Polars(#[from] PolarsError),
+}
+
+impl ExportError {
+    pub(super) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
+        let path = path.into();
+        move |source| Self::Io { action, path, source }
+    }
+}

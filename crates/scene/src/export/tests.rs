@@ -1,0 +1,173 @@
+use std::fs;
+use std::io::Cursor;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use arrow_array::RecordBatch;
+use polars::prelude::*;
+
+use super::*;
+use crate::columns::{batches_from_scene, rows_from_batch, schema};
+use crate::test_source::{TestSource, wandering_scene};
+
+fn exported(source: &TestSource, format: ExportFormat) -> (Vec<u8>, ExportSummary, Warnings) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cameras.table");
+    let (mut warnings, steps) = (Warnings::new(), AtomicUsize::new(0));
+    let step = || {
+        steps.fetch_add(1, Ordering::Relaxed);
+    };
+    let summary = export(source, &path, format, &mut warnings, &step).unwrap();
+    assert_eq!(steps.into_inner(), source.keys().len(), "one step per scene");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing but the table is left");
+    let bytes = fs::read(path).unwrap();
+    assert_eq!(summary.bytes, bytes.len() as u64);
+    (bytes, summary, warnings)
+}
+
+fn dataset() -> TestSource {
+    TestSource::new((0..40).map(|n| wandering_scene(&format!("scene {n:02}, \"quoted\""), 5 + n)))
+}
+
+/// What should stand in every file, through polars.
+fn expected_frame(source: &TestSource) -> DataFrame {
+    let frames: Vec<DataFrame> = source
+        .scenes()
+        .flat_map(|scene| batches_from_scene(scene).unwrap())
+        .map(|batch| polars_from_batch(&batch).unwrap())
+        .collect();
+    let mut whole = frames[0].clone();
+    for frame in &frames[1..] {
+        whole.vstack_mut(frame).unwrap();
+    }
+    whole
+}
+
+/// All f64 columns as bits, so that equal means equal.
+fn float_bits(frame: &DataFrame) -> Vec<(String, Vec<Option<u64>>)> {
+    let floats = frame.columns().iter().filter(|column| column.dtype() == &DataType::Float64);
+    floats.map(|c| (c.name().to_string(), c.f64().unwrap().iter().map(|v| v.map(f64::to_bits)).collect())).collect()
+}
+
+#[test]
+fn parquet_is_read_back_by_polars_whole() {
+    let source = dataset();
+    let (bytes, summary, _) = exported(&source, ExportFormat::Parquet);
+    let read = ParquetReader::new(Cursor::new(bytes)).finish().unwrap();
+    let expected = expected_frame(&source);
+    assert!(read.equals_missing(&expected), "{read:?}");
+    assert_eq!(float_bits(&read), float_bits(&expected));
+    assert_eq!((summary.scenes, summary.skipped, summary.frames), (40, 0, read.height() as u64));
+}
+
+#[test]
+fn parquet_carries_the_convention() {
+    let (bytes, ..) = exported(&dataset(), ExportFormat::Parquet);
+    let text = String::from_utf8_lossy(&bytes);
+    assert!(text.contains("atsplat.convention") && text.contains(crate::columns::CONVENTION));
+}
+
+#[test]
+fn arrow_ipc_is_read_back_bit_for_bit_by_arrow_and_by_polars() {
+    let source = dataset();
+    let (bytes, ..) = exported(&source, ExportFormat::ArrowIpc);
+    let reader = arrow_ipc::reader::FileReader::try_new(Cursor::new(&bytes), None).unwrap();
+    assert_eq!(reader.schema(), schema(), "with its metadata");
+    let batches: Vec<RecordBatch> = reader.map(Result::unwrap).collect();
+    let rows: Vec<_> = batches.iter().flat_map(|batch| rows_from_batch(batch).unwrap()).collect();
+    let frames: Vec<_> = source.scenes().flat_map(|scene| scene.frames.iter().map(move |f| (&scene.key, f))).collect();
+    assert_eq!(rows.len(), frames.len());
+    for (row, (key, frame)) in rows.iter().zip(frames) {
+        assert_eq!((&row.scene, &row.name, row.camera), (key, &frame.name, frame.camera));
+    }
+    let read = IpcReader::new(Cursor::new(bytes)).finish().unwrap();
+    assert!(read.equals_missing(&expected_frame(&source)));
+}
+
+#[test]
+fn csv_floats_come_back_bit_for_bit() {
+    let source = dataset();
+    let (bytes, ..) = exported(&source, ExportFormat::Csv);
+    let expected = expected_frame(&source);
+    let options = CsvReadOptions::default().with_schema(Some(expected.schema().clone()));
+    let read = CsvReader::new(Cursor::new(&bytes)).with_options(options).finish().unwrap();
+    assert_eq!(float_bits(&read), float_bits(&expected), "read by polars");
+
+    // And by the standard library's parser; no cell before the floats holds a comma that is not quoted.
+    let text = String::from_utf8(bytes).unwrap();
+    let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    assert_eq!(header, schema().fields().iter().map(|field| field.name().as_str()).collect::<Vec<_>>());
+    let from_end = header.len() - header.iter().position(|name| *name == "r00").unwrap();
+    let cell = |line: &str| line.rsplit(',').nth(from_end - 1).unwrap().parse::<f64>().unwrap().to_bits();
+    let parsed: Vec<_> = text.lines().skip(1).map(|line| Some(cell(line))).collect();
+    let (_, r00) = float_bits(&expected).into_iter().find(|(name, _)| name == "r00").unwrap();
+    assert_eq!(parsed, r00, "read by the standard library");
+}
+
+#[test]
+fn a_broken_scene_is_left_out_and_told() {
+    let source = dataset().with_unreadable("scene 07, \"quoted\"");
+    let (bytes, summary, warnings) = exported(&source, ExportFormat::Parquet);
+    assert_eq!((summary.scenes, summary.skipped), (39, 1));
+    assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
+    assert_eq!(warnings.kept()[0].scene, "scene 07, \"quoted\"");
+    let read = ParquetReader::new(Cursor::new(bytes)).finish().unwrap();
+    assert_eq!(read.column("scene").unwrap().n_unique().unwrap(), 39);
+}
+
+#[test]
+fn a_dataset_without_scenes_is_a_table_without_rows() {
+    let empty = TestSource::new([]);
+    let columns = schema().fields().len();
+    let parquet = ParquetReader::new(Cursor::new(exported(&empty, ExportFormat::Parquet).0)).finish().unwrap();
+    assert_eq!(parquet.shape(), (0, columns));
+    let ipc = IpcReader::new(Cursor::new(exported(&empty, ExportFormat::ArrowIpc).0)).finish().unwrap();
+    assert_eq!(ipc.shape(), (0, columns));
+    let csv = String::from_utf8(exported(&empty, ExportFormat::Csv).0).unwrap();
+    assert_eq!((csv.lines().count(), csv.split(',').count()), (1, columns));
+}
+
+#[test]
+fn the_number_of_threads_does_not_show() {
+    let source = dataset();
+    for format in [ExportFormat::Parquet, ExportFormat::ArrowIpc, ExportFormat::Csv] {
+        let on = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| exported(&source, format).0)
+        };
+        assert_eq!(on(1), on(7), "{format:?}");
+    }
+}
+
+#[test]
+fn an_unfinished_file_leaves_the_old_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cameras.csv");
+    fs::write(&path, "old").unwrap();
+    let mut writer = TableWriter::create(&path, ExportFormat::Csv).unwrap();
+    writer.write(&batches_from_scene(&wandering_scene("a", 3)).unwrap()[0]).unwrap();
+    drop(writer);
+    assert_eq!(fs::read_to_string(&path).unwrap(), "old");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "the unfinished part is removed");
+}
+
+#[test]
+fn wrong_paths_are_told_before_work_starts() {
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |path: &Path| TableWriter::create(path, ExportFormat::Csv).unwrap_err().to_string();
+    assert!(refused(folder.path()).contains("directory"), "a folder");
+    assert!(refused(&folder.path().join("absent/cameras.csv")).starts_with("opening an output file: "));
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
+}
+
+#[test]
+fn formats_are_told_by_extension() {
+    let of = |name: &str| ExportFormat::of_path(Path::new(name));
+    assert_eq!(of("a/b.parquet").unwrap(), ExportFormat::Parquet);
+    assert_eq!(of("b.ARROW").unwrap(), ExportFormat::ArrowIpc);
+    assert_eq!(of("b.tar.csv").unwrap(), ExportFormat::Csv);
+    assert_eq!(
+        of("b.xlsx").unwrap_err().to_string(),
+        "expected a file named .parquet, .arrow, .feather, .ipc or .csv (b.xlsx)"
+    );
+    assert!(of("parquet").is_err());
+}

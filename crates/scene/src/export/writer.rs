@@ -1,0 +1,90 @@
+use std::fmt;
+use std::path::Path;
+
+use arrow_array::RecordBatch;
+use arrow_ipc::writer::FileWriter;
+use polars::io::{csv, parquet};
+use polars::prelude::{CsvWriter, KeyValueMetadata, ParquetWriter, Schema, SerWriter as _};
+
+use super::atomic_file::{AtomicFile, Handle};
+use super::{ExportError, ExportFormat, polars_from_batch};
+use crate::columns::{metadata, schema};
+
+/// Writes camera tables batch by batch into one file that appears when it is complete.
+pub struct TableWriter {
+    // Dropped before the file, which then removes what was not finished.
+    sink: Sink,
+    file: AtomicFile,
+}
+
+/// Arrow IPC is written by Arrow itself, which keeps the schema whole; the other two by polars.
+enum Sink {
+    Parquet(Box<parquet::write::BatchedWriter<Handle>>),
+    ArrowIpc(Box<FileWriter<Handle>>),
+    Csv(Box<csv::write::BatchedWriter<Handle>>),
+}
+
+impl TableWriter {
+    /// Opens a file beside `path` for batches of [`crate::columns::schema`].
+    ///
+    /// # Errors
+    /// [`ExportError::Io`] where the folder is missing or not writable.
+    pub fn create(path: &Path, format: ExportFormat) -> Result<Self, ExportError> {
+        let file = AtomicFile::create(path)?;
+        let sink = match format {
+            ExportFormat::Parquet => {
+                let metadata = KeyValueMetadata::from_static(metadata().to_vec());
+                let writer = ParquetWriter::new(file.handle()).with_key_value_metadata(Some(metadata));
+                Sink::Parquet(Box::new(writer.batched(&polars_schema()?)?))
+            }
+            ExportFormat::ArrowIpc => Sink::ArrowIpc(Box::new(FileWriter::try_new(file.handle(), &schema())?)),
+            ExportFormat::Csv => Sink::Csv(Box::new(CsvWriter::new(file.handle()).batched(&polars_schema()?)?)),
+        };
+        Ok(Self { sink, file })
+    }
+
+    /// Appends the rows of one batch; a row group of its own in Parquet.
+    ///
+    /// # Errors
+    /// [`ExportError`] where encoding or writing fails.
+    pub fn write(&mut self, batch: &RecordBatch) -> Result<(), ExportError> {
+        if batch.num_rows() == 0 {
+            return Ok(());
+        }
+        match &mut self.sink {
+            Sink::Parquet(writer) => writer.write_batch(&polars_from_batch(batch)?)?,
+            Sink::ArrowIpc(writer) => writer.write(batch)?,
+            Sink::Csv(writer) => writer.write_batch(&polars_from_batch(batch)?)?,
+        }
+        Ok(())
+    }
+
+    /// Completes the file and puts it in its place; its size in bytes.
+    ///
+    /// # Errors
+    /// [`ExportError`] where the rest cannot be written or the file cannot be renamed.
+    pub fn finish(self) -> Result<u64, ExportError> {
+        match self.sink {
+            Sink::Parquet(writer) => drop(writer.finish()?),
+            Sink::ArrowIpc(mut writer) => writer.finish()?,
+            Sink::Csv(mut writer) => writer.finish()?,
+        }
+        self.file.commit()
+    }
+}
+
+impl fmt::Debug for TableWriter {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let format = match self.sink {
+            Sink::Parquet(_) => "Parquet",
+            Sink::ArrowIpc(_) => "Arrow IPC",
+            Sink::Csv(_) => "CSV",
+        };
+        write!(f, "TableWriter({format}, {})", self.file.target().display())
+    }
+}
+
+fn polars_schema() -> Result<Schema, ExportError> {
+    let empty = polars_from_batch(&RecordBatch::new_empty(schema()))?;
+    Ok(empty.schema().as_ref().clone())
+}

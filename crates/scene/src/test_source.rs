@@ -1,0 +1,79 @@
+//! Datasets made up in memory, for unit tests.
+
+use std::collections::BTreeSet;
+use std::path::PathBuf;
+
+use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics, WorldFromCamera};
+use glam::{DMat3, DVec3};
+use indexmap::IndexMap;
+
+use crate::{Frame, Picture, Scene, SceneError, SceneSource, Warnings};
+
+pub(crate) struct TestSource {
+    scenes: IndexMap<String, Scene>,
+    keys: Vec<String>,
+    unreadable: BTreeSet<String>,
+}
+
+impl TestSource {
+    pub(crate) fn new(scenes: impl IntoIterator<Item = Scene>) -> Self {
+        let scenes: IndexMap<_, _> = scenes.into_iter().map(|scene| (scene.key.clone(), scene)).collect();
+        Self { keys: scenes.keys().cloned().collect(), scenes, unreadable: BTreeSet::new() }
+    }
+
+    pub(crate) fn with_unreadable(mut self, key: &str) -> Self {
+        assert!(self.scenes.contains_key(key));
+        self.unreadable.insert(key.to_owned());
+        self
+    }
+
+    pub(crate) fn scenes(&self) -> impl Iterator<Item = &Scene> {
+        self.scenes.values()
+    }
+}
+
+impl SceneSource for TestSource {
+    fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    fn load(&self, key: &str, _: &mut Warnings) -> Result<Scene, SceneError> {
+        let path = || PathBuf::from("memory");
+        if self.unreadable.contains(key) {
+            let cut = std::io::Error::from(std::io::ErrorKind::UnexpectedEof);
+            return Err(SceneError::Io { action: "reading a trajectory", path: path(), source: cut });
+        }
+        let missing = || SceneError::UnknownScene { key: key.to_owned(), path: path() };
+        self.scenes.get(key).cloned().ok_or_else(missing)
+    }
+}
+
+/// A camera on a spiral that looks around as it goes, RE10K's lens.
+pub(crate) fn wandering_camera(step: f64) -> Camera {
+    let rotation = DMat3::from_rotation_y(0.01 * step) * DMat3::from_rotation_x(0.003 * step);
+    let centre = DVec3::new(step.sin(), 0.01 * step, 0.1 * step);
+    let pose = WorldFromCamera::new(rotation, centre).unwrap().inverse();
+    Camera::pinhole(pose, NormalizedIntrinsics::new(0.482_334_223, 0.857_483_091 + 1e-3 * step, 0.5, 0.5).unwrap())
+}
+
+/// A camera at `centre`, looking along +z.
+pub(crate) fn camera_at(centre: [f64; 3]) -> Camera {
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, -DVec3::from_array(centre)).unwrap();
+    Camera::pinhole(pose, NormalizedIntrinsics::new(0.5, 0.9, 0.5, 0.5).unwrap())
+}
+
+pub(crate) fn frame(position: usize, camera: Camera) -> Frame {
+    let timestamp = 33_367 * i64::try_from(position).unwrap();
+    Frame {
+        name: timestamp.to_string(),
+        timestamp_micros: Some(timestamp),
+        camera,
+        stated_size: None,
+        picture: Picture::Absent,
+    }
+}
+
+pub(crate) fn wandering_scene(key: &str, frames: usize) -> Scene {
+    let frames = (0..frames).map(|position| frame(position, wandering_camera(position as f64))).collect();
+    Scene { key: key.to_owned(), url: Some(format!("https://example.org/{key}")), frames }
+}
