@@ -8,6 +8,8 @@ mod dataset;
 mod error;
 #[cfg(feature = "columns")]
 pub mod export;
+#[cfg(feature = "columns")]
+pub mod inspect;
 pub mod preprocess;
 mod scene;
 mod shared_bytes;

@@ -5,7 +5,7 @@ use serde::Serialize;
 
 /// What can be wrong with part of a dataset without stopping the rest of it.
 ///
-/// Ordered and named for reports: `name()` is stable and goes into JSON and the results store.
+/// Ordered and named for reports: its text, in kebab-case, is stable and goes into JSON and the results store.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -34,6 +34,8 @@ pub enum WarningKind {
     UnreadableScene,
     /// The index names a scene that the dataset does not hold.
     SceneNotFound,
+    /// A picture's header cannot be read.
+    UnreadablePicture,
 }
 
 /// One observation about one place in a dataset.
@@ -113,5 +115,11 @@ impl Warnings {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.scene, self.detail)
+    }
+}
+
+impl fmt::Display for WarningKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
     }
 }
