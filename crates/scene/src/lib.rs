@@ -14,6 +14,8 @@ mod files;
 pub mod nerfstudio;
 mod number;
 mod open;
+#[cfg(feature = "columns")]
+pub mod inspect;
 pub mod preprocess;
 pub mod re10k;
 mod scene;
