@@ -1,5 +1,7 @@
 //! The figures of every official evaluation index, on the real files.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::path::PathBuf;
 
 use atsplat_protocol::{
