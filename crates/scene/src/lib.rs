@@ -8,6 +8,9 @@ mod dataset;
 mod error;
 #[cfg(feature = "columns")]
 pub mod export;
+pub mod geometry;
+#[cfg(feature = "opencv")]
+pub mod opencv;
 pub mod preprocess;
 mod scene;
 mod shared_bytes;
