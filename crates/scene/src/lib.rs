@@ -16,6 +16,9 @@ mod number;
 mod open;
 #[cfg(feature = "columns")]
 pub mod inspect;
+pub mod geometry;
+#[cfg(feature = "opencv")]
+pub mod opencv;
 pub mod preprocess;
 pub mod re10k;
 mod scene;
