@@ -4,11 +4,8 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use atsplat_pixels::{DecodeLimits, PictureFormat, PixelError, decode, size_of};
+use atsplat_pixels::{DecodeLimits, PixelError, decode, encode_jpeg, size_of};
 use sha2::{Digest, Sha256};
-
-/// libwebp shifts chroma between samples with other rounding than `image-webp` (largest difference in levels).
-const LOSSY_WEBP: &str = "lossy";
 
 #[test]
 fn the_same_bits_as_pillow() {
@@ -26,6 +23,20 @@ fn the_same_bits_as_pillow() {
         }
     }
     assert!(wrong.is_empty(), "differ from Pillow:\n{wrong}");
+}
+
+/// The scene that `make_pictures.py` saved is in `lossless.webp` too, so it can be saved here.
+#[test]
+fn jpegs_are_written_with_pillows_bits() {
+    let read = |name: &str| std::fs::read(folder().join(name)).unwrap();
+    let scene = decode(&read("lossless.webp"), &DecodeLimits::default()).unwrap();
+    for quality in [20, 75, 98] {
+        let pillows = read(&format!("baseline_420_q{quality}.jpg"));
+        assert_eq!(encode_jpeg(&scene, quality).unwrap(), pillows, "quality {quality}");
+    }
+    for quality in [0, 101] {
+        assert!(matches!(encode_jpeg(&scene, quality), Err(PixelError::Quality { .. })));
+    }
 }
 
 fn folder() -> PathBuf {
