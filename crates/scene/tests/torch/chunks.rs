@@ -177,7 +177,7 @@ fn storages_are_aligned_and_entries_stored() {
     for index in 0..zip.len() {
         let entry = zip.by_index_raw(index).unwrap();
         assert_eq!(entry.compression(), zip::CompressionMethod::Stored);
-        assert_eq!(entry.data_start().unwrap() % 64, 0, "{}", entry.name());
+        assert_eq!(entry.data_start().unwrap() % 64, 0, "{:?}", entry.name());
     }
 }
 

@@ -199,7 +199,8 @@ fn a_list_copied_over_and_over_into_dicts_is_refused() {
             .concat();
     let list = [b"]q\x00".as_slice(), &list].concat();
     let bomb = pickle(&[&list[..], &b"h\x03h\x02R0".repeat(ENTRIES)].concat());
-    assert!(torch::parse_pickle(&bomb).is_err());
+    let message = malformed(torch::parse_pickle(&bomb));
+    assert!(message.contains("copied over and over"), "{message}");
 }
 
 #[test]
@@ -429,7 +430,7 @@ proptest! {
     fn any_sequence_of_opcodes(picks in proptest::collection::vec(0..OPCODES.len(), 0..200)) {
         let body: Vec<u8> = picks.into_iter().flat_map(|pick| OPCODES[pick].to_vec()).collect();
         if let Ok(value) = torch::parse_pickle(&pickle(&body)) {
-            prop_assert!(format!("{value}").len() < 200);
+            prop_assert!(value.to_string().len() < 200);
         }
         torch::parse(saved(&pickle(&body), &[0; 8])).ok();
     }
