@@ -38,7 +38,7 @@ fn numbered(number: usize, image_bytes: usize) -> ChunkScene {
     ChunkScene {
         key: format!("scene{number}"),
         url: String::new(),
-        timestamps: vec![number as i64],
+        timestamps: vec![i64::try_from(number).unwrap()],
         cameras: vec![[0.5, 0.9, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.2, 0.0, 0.0, 1.0, 0.3]],
         images: vec![SharedBytes::new(image)],
     }

@@ -328,10 +328,10 @@ fn zip64_lengths_of_two_to_the_63_are_refused() {
     let extra = [&[1, 0, 16, 0][..], &(1u64 << 63).to_le_bytes(), &(1u64 << 63).to_le_bytes()].concat();
     let mut header = good[directory..end].to_vec();
     header[20..28].copy_from_slice(&[0xff; 8]);
-    header[30..32].copy_from_slice(&(extra.len() as u16).to_le_bytes());
+    header[30..32].copy_from_slice(&u16::try_from(extra.len()).unwrap().to_le_bytes());
     header.splice(56..56, extra);
     let mut tail = good[end..].to_vec();
-    tail[12..16].copy_from_slice(&(header.len() as u32).to_le_bytes());
+    tail[12..16].copy_from_slice(&u32::try_from(header.len()).unwrap().to_le_bytes());
     let message = malformed(torch::parse(shared([&good[..directory], &header, &tail].concat())));
     assert!(message.contains("9223372036854775808 bytes"), "{message}");
 }
