@@ -3,7 +3,6 @@ use std::path::PathBuf;
 use clap::Args;
 
 #[derive(Debug, Args)]
-#[cfg_attr(not(feature = "opencv"), expect(dead_code, reason = "read where there is an OpenCV"))]
 pub(crate) struct Words {
     /// Video that the trajectory was filmed in.
     video: PathBuf,

@@ -5,7 +5,6 @@ use clap::{Args, ValueEnum};
 use crate::dataset_words::DatasetWords;
 
 #[derive(Debug, Args)]
-#[cfg_attr(not(feature = "opencv"), expect(dead_code, reason = "read where there is an OpenCV"))]
 pub(crate) struct Words {
     #[command(flatten)]
     dataset: DatasetWords,
