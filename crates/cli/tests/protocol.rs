@@ -30,13 +30,11 @@ fn an_index_is_built_measured_linted_and_moved_outside() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::create_dir(here.join("data")).unwrap();
-    for (key, frames) in [("aaaa", 200), ("bbbb", 150), ("short", 8)] {
+    for (key, frames) in [("aaaa", 200), ("bbbb", 150), ("short", 5)] {
         write_trajectory(&here.join("data").join(format!("{key}.txt")), frames);
     }
 
-    let words = ["protocol", "build", "data", "--sampler", "farthest-point"];
-    let settings = ["--set", "context-views=6", "--set", "window=50", "-o", "index.json"];
-    let built = succeed(here, &[&words[..], &settings[..]].concat());
+    let built = succeed(here, &["protocol", "build", "data", "--sampler", "dl3dv-6v", "-o", "index.json"]);
     assert!(built.contains("2 scenes"), "{built}");
 
     let lint = succeed(here, &["protocol", "lint", "index.json", "--json"]);
@@ -71,7 +69,7 @@ fn thread_counts_change_nothing() {
         write_trajectory(&here.join("data").join(format!("{key:04}.txt")), 100 + 10 * key);
     }
     let build = |threads: &str| {
-        let words = ["--threads", threads, "protocol", "build", "data", "--sampler", "overlap-pairs", "-o", threads];
+        let words = ["--threads", threads, "protocol", "build", "data", "--sampler", "re10k-2v", "-o", threads];
         succeed(here, &words);
         std::fs::read(here.join(threads)).unwrap()
     };
@@ -90,7 +88,7 @@ fn wrong_words_are_2_broken_files_are_1_and_skips_are_4_when_strict() {
 
     std::fs::create_dir(here.join("data")).unwrap();
     write_trajectory(&here.join("data/short.txt"), 3);
-    let words = ["protocol", "build", "data", "--sampler", "farthest-point", "-o", "index.json"];
+    let words = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json"];
     assert_eq!(atsplat(here, &words).code, 0);
     assert_eq!(atsplat(here, &[&["--strict"], &words[..]].concat()).code, 4);
 }
@@ -100,7 +98,7 @@ fn an_output_that_cannot_be_written_fails_before_the_work() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     std::fs::write(here.join("file"), "").unwrap();
-    let words = ["protocol", "build", "nowhere", "--sampler", "all-frames", "-o", "file/index.json"];
+    let words = ["protocol", "build", "nowhere", "--sampler", "dl3dv-6v", "-o", "file/index.json"];
     let outcome = atsplat(here, &words);
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("file"), "the output is named, not the missing data: {}", outcome.stderr);
