@@ -9,8 +9,8 @@ use crate::memory::zeroed;
 use crate::size::{header, unknown};
 use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
 
-/// A progressive JPEG of 8 bits is complete after at most 64 coefficients × 14 bit planes; real ones have ten.
-const MOST_SCANS: usize = 1000;
+/// Real progressive JPEGs have ten scans; each further one costs a walk over all blocks for a few bytes.
+const MOST_SCANS: usize = 100;
 
 /// Encoded bytes into 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`, which every
 /// loader of the field applies (pixelSplat `src/dataset/dataset_re10k.py`, through torchvision):
