@@ -29,8 +29,8 @@ pub fn encode_webp(image: &ImageU8) -> Result<Vec<u8>, PixelError> {
     Ok(file.into_inner())
 }
 
-/// RGB of 8 bits into a baseline JPEG of this quality, 1 to 100, with 4:2:0 chroma: the pixels that
-/// Pillow's `save(…, quality=quality)` stores.
+/// RGB of 8 bits into a baseline JPEG of this quality, 1 to 100, with 4:2:0 chroma: the bytes that
+/// Pillow's `save(…, quality=quality)` writes.
 ///
 /// # Errors
 /// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Quality`], [`PixelError::Encode`],

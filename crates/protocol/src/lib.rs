@@ -11,6 +11,7 @@ mod error;
 mod index;
 mod known;
 mod lint;
+mod named_builders;
 mod preset;
 
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};

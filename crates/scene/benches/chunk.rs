@@ -3,6 +3,8 @@
 //! The chunk is written by the project's own writer: 105 MB of incompressible pictures of 20 kB, 279 a
 //! scene. Every picture byte is added up, so that nothing stays unread; the plain reads add up theirs too.
 
+#![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
+
 use std::fs::File;
 use std::hint::black_box;
 use std::io::Read;
@@ -24,10 +26,10 @@ fn chunk(criterion: &mut Criterion) {
     group.sample_size(20).throughput(Throughput::Bytes(bytes));
     group.bench_function("scenes and every picture byte", |bencher| bencher.iter(|| sum_of_pictures(black_box(&path))));
     group.bench_function("plain read into one buffer", |bencher| {
-        bencher.iter(|| sum(&std::fs::read(black_box(&path)).expect("the chunk")))
+        bencher.iter(|| sum(&std::fs::read(black_box(&path)).expect("the chunk")));
     });
     group.bench_function("plain read through 128 kB, as cat", |bencher| {
-        bencher.iter(|| sum_by_pieces(black_box(&path)))
+        bencher.iter(|| sum_by_pieces(black_box(&path)));
     });
     group.bench_function("scene list and cameras only", |bencher| bencher.iter(|| camera_count(black_box(&path))));
     group.finish();
@@ -42,7 +44,7 @@ fn write_chunk(folder: &Path) -> std::path::PathBuf {
         let scene = ChunkScene {
             key: format!("{scene:016x}"),
             url: "https://example.org".to_owned(),
-            timestamps: (0..FRAMES as i64).map(|frame| frame * 33_000).collect(),
+            timestamps: (0i64..).step_by(33_000).take(FRAMES).collect(),
             cameras: vec![camera; FRAMES],
             images,
         };

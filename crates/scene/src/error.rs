@@ -1,6 +1,6 @@
 use std::path::PathBuf;
 
-use atsplat_camera::CameraError;
+use atsplat_camera::{CameraError, ImageSize};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
@@ -111,6 +111,29 @@ pub enum SceneError {
         path: PathBuf,
         /// What is wrong with it, and where.
         source: TorchError,
+    },
+    /// OpenCV refused.
+    #[cfg(feature = "opencv")]
+    #[error("{action}: {source}")]
+    OpenCv {
+        /// What was being done, e.g. "detecting features".
+        action: &'static str,
+        /// OpenCV's own words.
+        source: ::opencv::Error,
+    },
+    /// A camera's lens or intrinsics cannot be undistorted.
+    #[error("lens: {source}")]
+    Lens {
+        /// What is wrong with the numbers.
+        source: CameraError,
+    },
+    /// A picture is not of the size that was prepared for.
+    #[error("picture size: expected {expected}, found {found}")]
+    PictureSize {
+        /// What was prepared for.
+        expected: ImageSize,
+        /// What the picture has.
+        found: ImageSize,
     },
 }
 

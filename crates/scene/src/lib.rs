@@ -14,6 +14,11 @@ mod files;
 pub mod nerfstudio;
 mod number;
 mod open;
+#[cfg(feature = "columns")]
+pub mod inspect;
+pub mod geometry;
+#[cfg(feature = "opencv")]
+pub mod opencv;
 pub mod preprocess;
 pub mod re10k;
 mod scene;

@@ -39,6 +39,8 @@ pub enum WarningKind {
     AmbiguousNumbering,
     /// A chunk lies beside an index that names none of its scenes.
     UnindexedChunk,
+    /// A picture's header cannot be read.
+    UnreadablePicture,
 }
 
 /// One observation about one place in a dataset.
@@ -118,5 +120,11 @@ impl Warnings {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.scene, self.detail)
+    }
+}
+
+impl fmt::Display for WarningKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
     }
 }

@@ -1,7 +1,6 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
 use atsplat_protocol::{BuiltIndex, IndexBuilder, IndexLayout};
 use atsplat_scene::{SceneSource as _, Warnings};
 use clap::Args;
@@ -19,17 +18,10 @@ pub(crate) struct Words {
     #[arg(long, short, value_name = "INDEX")]
     out: PathBuf,
 
-    /// TOML file with a `[sampler]` table and, if wanted, an `[overlap]` table.
-    #[arg(long, value_name = "TOML", conflicts_with = "sampler", required_unless_present = "sampler")]
-    config: Option<PathBuf>,
-
-    /// Sampler by name: farthest-point, evenly-spaced, overlap-pairs, bounded, all-frames.
-    #[arg(long, value_name = "NAME")]
-    sampler: Option<String>,
-
-    /// One setting of the sampler, as TOML, e.g. `--set views=6`; repeatable.
-    #[arg(long = "set", value_name = "KEY=VALUE", requires = "sampler")]
-    settings: Vec<String>,
+    /// How frames are chosen: the name of a rule in `eval/samplers/` (e.g. re10k-2v, dl3dv-6v), or a path that
+    /// ends in `.toml`.
+    #[arg(long, value_name = "RULE")]
+    sampler: String,
 
     /// Print JSON.
     #[arg(long)]
@@ -47,7 +39,7 @@ struct Report<'a> {
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let builder = builder(words)?;
+    let builder = IndexBuilder::resolve(&words.sampler)?;
     let out = PendingFile::open(&words.out)?;
     let mut warnings = Warnings::new();
     let dataset = atsplat_scene::open(&words.data, &mut warnings)?;
@@ -66,28 +58,6 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     print_report(&report, words.json)?;
     print_warnings(&warnings);
     Ok(nulls.is_empty())
-}
-
-fn builder(words: &Words) -> anyhow::Result<IndexBuilder> {
-    let (text, place) = match (&words.config, &words.sampler) {
-        (Some(path), _) => {
-            let text = std::fs::read_to_string(path).with_context(|| format!("reading {}", path.display()))?;
-            (text, path.display().to_string())
-        }
-        (None, Some(name)) => {
-            let mut text = format!("[sampler]\nsampler = {name:?}\n");
-            for setting in &words.settings {
-                if !setting.contains('=') || setting.contains('\n') {
-                    bail!("--set takes KEY=VALUE, found {setting:?}");
-                }
-                text.push_str(setting);
-                text.push('\n');
-            }
-            (text, "--sampler and --set".to_owned())
-        }
-        (None, None) => bail!("either --config or --sampler is needed"),
-    };
-    toml::from_str(&text).with_context(|| format!("reading the sampler's settings from {place}"))
 }
 
 impl fmt::Display for Report<'_> {

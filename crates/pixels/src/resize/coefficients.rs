@@ -7,6 +7,9 @@ use crate::memory::reserved;
 /// Fractional bits of a weight: 32 less 8 for the sample and 2 for negative lobes.
 pub(super) const PRECISION_BITS: u32 = 22;
 
+/// Most weights of one pass: Pillow's own bound, a table of f64 in 2 GiB.
+const LARGEST_TABLE: usize = (i32::MAX / 8).cast_unsigned() as usize;
+
 /// For each target position, which source positions it sees and with what fixed-point weight.
 pub(super) struct Coefficients {
     windows: Vec<Window>,
@@ -27,6 +30,9 @@ impl Coefficients {
         let filter_scale = if scale < 1.0 { 1.0 } else { scale };
         let support = radius(filter) * filter_scale;
         let stride = whole(support.ceil()) * 2 + 1;
+        if target as usize > LARGEST_TABLE / stride {
+            return Err(PixelError::TooLarge { what: "table of weights", width: target.into(), height: stride as u64 });
+        }
         let mut weights = reserved("table of weights", target.into(), stride as u64, 1)?;
         let mut windows = Vec::with_capacity(target as usize);
         let mut window_weights = vec![0.0; stride];

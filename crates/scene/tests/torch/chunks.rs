@@ -38,7 +38,7 @@ fn numbered(number: usize, image_bytes: usize) -> ChunkScene {
     ChunkScene {
         key: format!("scene{number}"),
         url: String::new(),
-        timestamps: vec![number as i64],
+        timestamps: vec![i64::try_from(number).unwrap()],
         cameras: vec![[0.5, 0.9, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.2, 0.0, 0.0, 1.0, 0.3]],
         images: vec![SharedBytes::new(image)],
     }
@@ -177,7 +177,7 @@ fn storages_are_aligned_and_entries_stored() {
     for index in 0..zip.len() {
         let entry = zip.by_index_raw(index).unwrap();
         assert_eq!(entry.compression(), zip::CompressionMethod::Stored);
-        assert_eq!(entry.data_start().unwrap() % 64, 0, "{}", entry.name());
+        assert_eq!(entry.data_start().unwrap() % 64, 0, "{:?}", entry.name());
     }
 }
 

@@ -41,7 +41,7 @@ fn plain_tensor(tensor: &Tensor) -> Json {
         }
         DType::U8 if tensor.element_count() > 64 => {
             let digest = Sha256::digest(&*tensor.to_bytes().unwrap());
-            digest.iter().map(|byte| format!("{byte:02x}")).collect::<String>().into()
+            digest.to_vec().into()
         }
         _ => tensor.to_i64().unwrap().into(),
     };
@@ -52,7 +52,7 @@ fn plain_tensor(tensor: &Tensor) -> Json {
 fn hexadecimal(value: f64) -> String {
     let bits = value.to_bits();
     let sign = if value.is_sign_negative() { "-" } else { "" };
-    let (exponent, fraction) = (((bits >> 52) & 0x7ff) as i64, bits & ((1 << 52) - 1));
+    let (exponent, fraction) = (((bits >> 52) & 0x7ff).cast_signed(), bits & ((1 << 52) - 1));
     match (exponent, fraction) {
         (0, 0) => format!("{sign}0x0.0p+0"),
         (0, _) => format!("{sign}0x0.{fraction:013x}p-1022"),
@@ -93,7 +93,7 @@ fn a_chunk_is_a_list_of_posed_scenes() {
             assert_eq!(scene.url.as_deref(), Some(&*format!("https://example.org/watch?v={key}")));
             assert_eq!(scene.frames.len(), 3);
             for (position, frame) in scene.frames.iter().enumerate() {
-                let timestamp = start + 33_000 * position as i64;
+                let timestamp = start + 33_000 * i64::try_from(position).unwrap();
                 assert_eq!((frame.name.as_str(), frame.timestamp_micros), (&*timestamp.to_string(), Some(timestamp)));
                 let Picture::Encoded(bytes) = &frame.picture else { panic!("{:?}", frame.picture) };
                 assert!(bytes.starts_with(magic), "{file} {key} {position}");

@@ -199,7 +199,8 @@ fn a_list_copied_over_and_over_into_dicts_is_refused() {
             .concat();
     let list = [b"]q\x00".as_slice(), &list].concat();
     let bomb = pickle(&[&list[..], &b"h\x03h\x02R0".repeat(ENTRIES)].concat());
-    assert!(torch::parse_pickle(&bomb).is_err());
+    let message = malformed(torch::parse_pickle(&bomb));
+    assert!(message.contains("copied over and over"), "{message}");
 }
 
 #[test]
@@ -327,10 +328,10 @@ fn zip64_lengths_of_two_to_the_63_are_refused() {
     let extra = [&[1, 0, 16, 0][..], &(1u64 << 63).to_le_bytes(), &(1u64 << 63).to_le_bytes()].concat();
     let mut header = good[directory..end].to_vec();
     header[20..28].copy_from_slice(&[0xff; 8]);
-    header[30..32].copy_from_slice(&(extra.len() as u16).to_le_bytes());
+    header[30..32].copy_from_slice(&u16::try_from(extra.len()).unwrap().to_le_bytes());
     header.splice(56..56, extra);
     let mut tail = good[end..].to_vec();
-    tail[12..16].copy_from_slice(&(header.len() as u32).to_le_bytes());
+    tail[12..16].copy_from_slice(&u32::try_from(header.len()).unwrap().to_le_bytes());
     let message = malformed(torch::parse(shared([&good[..directory], &header, &tail].concat())));
     assert!(message.contains("9223372036854775808 bytes"), "{message}");
 }
@@ -429,7 +430,7 @@ proptest! {
     fn any_sequence_of_opcodes(picks in proptest::collection::vec(0..OPCODES.len(), 0..200)) {
         let body: Vec<u8> = picks.into_iter().flat_map(|pick| OPCODES[pick].to_vec()).collect();
         if let Ok(value) = torch::parse_pickle(&pickle(&body)) {
-            prop_assert!(format!("{value}").len() < 200);
+            prop_assert!(value.to_string().len() < 200);
         }
         torch::parse(saved(&pickle(&body), &[0; 8])).ok();
     }

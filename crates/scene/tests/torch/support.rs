@@ -38,7 +38,7 @@ pub(crate) fn saved(pickle: &[u8], storage: &[u8]) -> SharedBytes {
 
 pub(crate) fn text(value: &str) -> Vec<u8> {
     let mut bytes = vec![b'X'];
-    bytes.extend((value.len() as u32).to_le_bytes());
+    bytes.extend(u32::try_from(value.len()).unwrap().to_le_bytes());
     bytes.extend(value.as_bytes());
     bytes
 }

@@ -1,0 +1,186 @@
+//! Hostile and damaged bytes: a value or a typed error, quickly, and no memory that the limits forbid.
+#![expect(clippy::unwrap_used, reason = "a broken fixture fails the test")]
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use atsplat_pixels::{
+    DecodeLimits, Image, ImageU8, PictureFormat, PixelError, decode, encode_jpeg, encode_png, encode_webp, exr, size_of,
+};
+use image::codecs::png::PngEncoder;
+use image::{ExtendedColorType, ImageEncoder as _};
+use proptest::prelude::*;
+
+fn crate_folder(path: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
+}
+
+fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
+    let Ok(entries) = std::fs::read_dir(folder) else { return Vec::new() };
+    let mut paths: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).filter(|path| path.is_file()).collect();
+    paths.sort();
+    paths.into_iter().map(|path| (path.clone(), std::fs::read(path).unwrap())).collect()
+}
+
+/// Calls everything that reads bytes; what comes back must hold together.
+fn read_all_ways(bytes: &[u8], limits: &DecodeLimits) {
+    let size = size_of(bytes).ok();
+    if let Ok(image) = decode(bytes, limits) {
+        assert_eq!(Some((image.width(), image.height())), size, "decode and size_of agree");
+        assert!(image.samples().len() as u64 <= limits.max_bytes, "within the limit");
+    }
+    if let Ok(channels) = exr::read(bytes, limits) {
+        assert_eq!(Some((channels.width(), channels.height())), size, "exr::read and size_of agree");
+    }
+}
+
+const SMALL: DecodeLimits = DecodeLimits { max_width: 512, max_height: 512, max_bytes: 1 << 20 };
+
+#[test]
+fn every_input_that_once_broke_something() {
+    let mut replayed = 0;
+    for folder in ["corpus/pixels_decode", "corpus/pixels_exr", "crashes/pixels_decode", "crashes/pixels_exr"] {
+        for (_, bytes) in files(&crate_folder("../../fuzz").join(folder)) {
+            read_all_ways(&bytes, &SMALL);
+            replayed += 1;
+        }
+    }
+    assert!(replayed >= 10, "only {replayed} files under fuzz/");
+}
+
+/// A file cut short is an error, wherever it is cut before its last pixel.
+#[test]
+fn a_truncated_file_is_an_error() {
+    for (path, bytes) in files(&crate_folder("tests/fixtures/pictures")) {
+        // The trailing bytes hold no pixels: a PNG's IEND and checksum, a JPEG's end marker and padding,
+        // a RIFF's padding, WebP's metadata.
+        let spare = if path.extension().is_some_and(|extension| extension == "png") { 24 } else { 8 };
+        let step = (bytes.len() / 97).max(1);
+        for length in (0..bytes.len().saturating_sub(spare)).step_by(step) {
+            let outcome = decode(&bytes[..length], &SMALL);
+            assert!(outcome.is_err(), "{} cut to {length} of {} bytes", path.display(), bytes.len());
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn damaged_files_never_panic(seed in any::<prop::sample::Index>(), hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+        let pictures = files(&crate_folder("tests/fixtures/pictures"));
+        let (_, mut bytes) = seed.get(&pictures).clone();
+        for (place, value) in hits {
+            let place = place.index(bytes.len());
+            bytes[place] = value;
+        }
+        read_all_ways(&bytes, &SMALL);
+    }
+
+    #[test]
+    fn noise_behind_a_magic_never_panics(magic in prop::sample::select(&MAGICS[..]), noise in prop::collection::vec(any::<u8>(), 0..300)) {
+        let bytes = [magic, &noise].concat();
+        read_all_ways(&bytes, &SMALL);
+    }
+
+    #[test]
+    fn lossless_formats_give_the_picture_back(image in small_picture()) {
+        for bytes in [encode_png(&image).unwrap(), encode_webp(&image).unwrap()] {
+            prop_assert_eq!(size_of(&bytes).unwrap(), (image.width(), image.height()));
+            prop_assert_eq!(&decode(&bytes, &DecodeLimits::default()).unwrap(), &image);
+        }
+    }
+
+    #[test]
+    fn exr_gives_the_bits_back(width in 1..20u32, height in 1..20u32, seed in any::<u32>()) {
+        let bits = |i: u32| f32::from_bits(i.wrapping_mul(2_654_435_761).wrapping_add(seed).rotate_left(7));
+        let image = Image::new(width, height, (0..width * height * 3).map(bits).collect()).unwrap();
+        let bytes = exr::write_rgb(&image, &exr::Values::DisplayReferred).unwrap();
+        prop_assert_eq!(size_of(&bytes).unwrap(), (width, height));
+        let (back, values) = exr::read_rgb(&bytes, &DecodeLimits::default()).unwrap();
+        prop_assert_eq!(values, exr::Values::DisplayReferred);
+        let as_bits = |image: &Image| image.samples().iter().map(|sample| sample.to_bits()).collect::<Vec<_>>();
+        prop_assert_eq!(as_bits(&back), as_bits(&image), "NaN payloads and infinities included");
+    }
+}
+
+const MAGICS: [&[u8]; 7] = [
+    b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\0\x10\0\0\0\x10\x08\x02\0\0\0",
+    b"\xff\xd8\xff",
+    b"\xff\xd8\xff\xc0\0\x11\x08\0\x10\0\x10\x03\x01\x22\0\x02\x11\0\x03\x11\0",
+    b"RIFF\xff\0\0\0WEBPVP8 \xf0\0\0\0",
+    b"RIFF\xff\0\0\0WEBPVP8L\xf0\0\0\0\x2f\x0f\xc0\x03\0",
+    b"RIFF\xff\0\0\0WEBPVP8X\x0a\0\0\0",
+    b"\x76\x2f\x31\x01\x02\0\0\0",
+];
+
+fn small_picture() -> impl Strategy<Value = ImageU8> {
+    (1..40u32, 1..40u32).prop_flat_map(|(width, height)| {
+        prop::collection::vec(any::<u8>(), (width * height * 3) as usize)
+            .prop_map(move |samples| ImageU8::new(width, height, samples).unwrap())
+    })
+}
+
+#[test]
+fn a_header_that_promises_too_much_costs_nothing() {
+    let png = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\xff\xff\0\0\xff\xff\x08\x02\0\0\0\0\0\0\0";
+    let jpeg = b"\xff\xd8\xff\xc2\0\x11\x08\xff\xff\xff\xff\x03\x01\x22\0\x02\x11\0\x03\x11\0";
+    let webp = b"RIFF\xff\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0\xff\xff\xff\xff\xff\xff";
+    let roomy = DecodeLimits { max_width: u32::MAX, max_height: u32::MAX, max_bytes: u64::MAX };
+    let start = Instant::now();
+    for bytes in [&png[..], jpeg, webp] {
+        let (width, height) = size_of(bytes).unwrap();
+        assert!(width >= 65_535 && height >= 65_535, "{width}×{height}");
+        let outcome = decode(bytes, &DecodeLimits::default());
+        assert!(matches!(outcome, Err(PixelError::OverLimit { what: "width", .. })), "{outcome:?}");
+    }
+    for bytes in [&png[..], jpeg] {
+        let outcome = decode(bytes, &roomy);
+        assert!(matches!(outcome, Err(PixelError::FileTooShort { .. })), "even without limits: {outcome:?}");
+    }
+    assert!(start.elapsed() < Duration::from_secs(1), "took {:?}", start.elapsed());
+}
+
+#[test]
+fn each_limit_is_checked_by_itself() {
+    let image = ImageU8::new(40, 30, vec![9; 40 * 30 * 3]).unwrap();
+    let exact = DecodeLimits { max_width: 40, max_height: 30, max_bytes: 3600 };
+    for bytes in [encode_png(&image).unwrap(), encode_jpeg(&image, 90).unwrap(), encode_webp(&image).unwrap()] {
+        decode(&bytes, &exact).unwrap();
+        for (limits, expected) in [
+            (DecodeLimits { max_width: 39, ..exact }, "width"),
+            (DecodeLimits { max_height: 29, ..exact }, "height"),
+            (DecodeLimits { max_bytes: 3599, ..exact }, "decoded bytes"),
+        ] {
+            match decode(&bytes, &limits) {
+                Err(PixelError::OverLimit { what, .. }) => assert_eq!(what, expected),
+                outcome => panic!("{outcome:?}"),
+            }
+        }
+    }
+    let file = exr::write_rgb(&Image::from_u8(&image), &exr::Values::Linear).unwrap();
+    exr::read(&file, &DecodeLimits { max_bytes: 14_400, ..exact }).unwrap();
+    let outcome = exr::read(&file, &DecodeLimits { max_bytes: 14_399, ..exact });
+    assert!(matches!(outcome, Err(PixelError::OverLimit { what: "decoded bytes", .. })), "{outcome:?}");
+}
+
+#[test]
+fn what_is_not_a_picture_says_so() {
+    let limits = DecodeLimits::default();
+    assert!(matches!(decode(b"", &limits), Err(PixelError::UnknownFormat { length: 0, .. })));
+    let gif = decode(b"GIF89a__", &limits).unwrap_err().to_string();
+    assert_eq!(gif, "expected a PNG, JPEG, WebP or EXR file, found 8 bytes that start with [47 49 46 38 39 61 5f 5f]");
+    let image = Image::new(1, 1, vec![0.5; 3]).unwrap();
+    let file = exr::write_rgb(&image, &exr::Values::Linear).unwrap();
+    assert!(matches!(decode(&file, &limits), Err(PixelError::HoldsFloats)));
+    assert_eq!(PictureFormat::sniff(&file), Some(PictureFormat::Exr));
+}
+
+#[test]
+fn grey_of_16_bits_is_refused_rather_than_turned_white() {
+    let mut bytes = Vec::new();
+    let depth: Vec<u8> = [700u16, 800, 900, 1000].iter().flat_map(|value| value.to_ne_bytes()).collect();
+    PngEncoder::new(&mut bytes).write_image(&depth, 2, 2, ExtendedColorType::L16).unwrap();
+    let outcome = decode(&bytes, &DecodeLimits::default());
+    assert!(matches!(outcome, Err(PixelError::Unsupported { .. })), "{outcome:?}");
+}

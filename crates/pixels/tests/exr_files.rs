@@ -1,0 +1,97 @@
+//! What an EXR says about its values, and files of other programs.
+
+use atsplat_pixels::exr::{Channel, Channels, Values, read, read_rgb, write, write_rgb};
+use atsplat_pixels::{DecodeLimits, Image, PixelError};
+
+fn plane(name: &str, values: Values, samples: &[f32]) -> Channel {
+    Channel { name: name.to_owned(), values, samples: samples.to_vec() }
+}
+
+#[test]
+fn named_planes_come_back_with_their_meaning() {
+    let planes = vec![
+        plane("Z", Values::Depth, &[1.0, f32::INFINITY, 2.5, 1e-30]),
+        plane("R", Values::Linear, &[0.0, 0.25, 0.5, 7.0]),
+        plane("uncertainty", Values::Named("standard deviation of depth".to_owned()), &[0.1, 0.2, 0.3, f32::NAN]),
+        plane("mask", Values::Unstated, &[0.0, 1.0, 1.0, 0.0]),
+    ];
+    let bytes = write(&Channels::new(2, 2, planes.clone()).unwrap()).unwrap();
+    let back = read(&bytes, &DecodeLimits::default()).unwrap();
+    assert_eq!((back.width(), back.height()), (2, 2));
+    assert_eq!(back.channels().iter().map(|c| c.name.as_str()).collect::<Vec<_>>(), ["R", "Z", "mask", "uncertainty"]);
+    for expected in planes {
+        let found = back.get(&expected.name).unwrap();
+        assert_eq!(found.values, expected.values, "{}", expected.name);
+        let bits = |channel: &Channel| channel.samples.iter().map(|sample| sample.to_bits()).collect::<Vec<_>>();
+        assert_eq!(bits(found), bits(&expected), "{}", expected.name);
+    }
+}
+
+#[test]
+fn the_header_is_readable_words() {
+    let image = Image::new(1, 1, vec![0.1, 0.2, 0.3]).unwrap();
+    let bytes = write_rgb(&image, &Values::DisplayReferred).unwrap();
+    let text = String::from_utf8_lossy(&bytes);
+    assert!(text.contains("B G R: sRGB-encoded display-referred"), "{text}");
+}
+
+#[test]
+fn the_same_picture_is_the_same_bytes() {
+    let image = Image::new(50, 40, (0..6000u16).map(|i| f32::from(i) / 6000.0).collect()).unwrap();
+    let first = write_rgb(&image, &Values::Linear).unwrap();
+    for _ in 0..5 {
+        assert_eq!(write_rgb(&image, &Values::Linear).unwrap(), first);
+    }
+}
+
+#[test]
+fn a_line_break_cannot_forge_another_channels_meaning() {
+    let forged = Values::Named("noise\nR: linear".to_owned());
+    let planes = vec![plane("A", forged, &[1.0]), plane("R", Values::Unstated, &[1.0])];
+    let bytes = write(&Channels::new(1, 1, planes).unwrap()).unwrap();
+    let back = read(&bytes, &DecodeLimits::default()).unwrap();
+    assert_eq!(back.get("R").unwrap().values, Values::Unstated);
+}
+
+#[test]
+fn rgb_needs_three_channels_of_one_kind() {
+    let only_depth = write(&Channels::new(1, 1, vec![plane("Z", Values::Depth, &[1.0])]).unwrap()).unwrap();
+    let outcome = read_rgb(&only_depth, &DecodeLimits::default());
+    assert!(
+        matches!(&outcome, Err(PixelError::MissingChannel { expected, found }) if expected == "R" && found == &["Z"])
+    );
+    let planes =
+        ["R", "G", "B"].map(|name| plane(name, if name == "G" { Values::Depth } else { Values::Linear }, &[1.0]));
+    let mixed = write(&Channels::new(1, 1, planes.to_vec()).unwrap()).unwrap();
+    assert!(matches!(read_rgb(&mixed, &DecodeLimits::default()), Err(PixelError::Header { .. })));
+}
+
+#[test]
+fn planes_are_checked_before_writing() {
+    let bad = |name: &str, samples: &[f32]| Channels::new(2, 1, vec![plane(name, Values::Depth, samples)]);
+    for name in ["", "with space", "colon:", "täst", "abcdefghijklmnopqrstuvwxyzabcdef"] {
+        assert!(matches!(bad(name, &[0.0; 2]), Err(PixelError::ChannelName { .. })), "{name:?}");
+    }
+    assert!(matches!(bad("Z", &[0.0; 3]), Err(PixelError::ChannelSize { expected: 2, found: 3, .. })));
+    let twice = Channels::new(1, 1, vec![plane("Z", Values::Depth, &[0.0]), plane("Z", Values::Linear, &[0.0])]);
+    assert!(matches!(twice, Err(PixelError::ChannelName { problem: "it is given twice", .. })));
+    assert!(matches!(Channels::new(0, 1, vec![]), Err(PixelError::Empty { .. })));
+}
+
+/// Written by the reference library: `fixtures/make_exr.py`.
+#[test]
+fn files_of_another_program_are_read() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/exr");
+    let file = |name: &str| std::fs::read(folder.join(name)).unwrap();
+    let ramp: Vec<f32> = (0..60u8).map(|i| f32::from(i) * 0.25 - 3.0).collect();
+    for kind in ["f32", "f16"] {
+        for compression in ["none", "zip", "piz", "rle"] {
+            let name = format!("rgb_{kind}_{compression}.exr");
+            let (image, values) = read_rgb(&file(&name), &DecodeLimits::default()).unwrap();
+            assert_eq!((image.width(), image.height(), values), (5, 4, Values::Unstated), "{name}");
+            assert_eq!(image.samples(), ramp, "{name}: quarters are exact in f16 too");
+        }
+    }
+    let integers = read(&file("integers.exr"), &DecodeLimits::default());
+    assert!(matches!(integers, Err(PixelError::Unsupported { .. })), "{integers:?}");
+}

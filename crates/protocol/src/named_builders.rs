@@ -1,0 +1,92 @@
+use std::path::Path;
+
+use crate::{IndexBuilder, ProtocolError};
+
+macro_rules! built_in {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../eval/samplers/", $name, ".toml")))),*]
+    };
+}
+
+/// The rules in `eval/samplers/`: how the field's own indices were made.
+const BUILT_IN: &[(&str, &str)] = built_in![
+    "re10k-2v",
+    "re10k-extrapolation",
+    "dl3dv-2v",
+    "dl3dv-4v",
+    "dl3dv-6v",
+    "dl3dv-12v",
+    "dl3dv-6v-8t",
+    "dl3dv-5v-360",
+];
+
+impl IndexBuilder {
+    /// Names of the built-in rules, as in `eval/samplers/`.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        BUILT_IN.iter().map(|(name, _)| *name)
+    }
+
+    /// A built-in rule by name, or the one in a TOML file by path: whatever ends in `.toml` is a path.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Malformed`] for a name that nobody gave or text that is no rule, with line and field;
+    /// [`ProtocolError::Io`].
+    pub fn resolve(name_or_path: &str) -> Result<Self, ProtocolError> {
+        let path = Path::new(name_or_path);
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let text = std::fs::read_to_string(path).map_err(|source| ProtocolError::Io {
+                action: "reading a sampling rule",
+                path: path.to_owned(),
+                source,
+            })?;
+            return Self::from_toml(&text, name_or_path);
+        }
+        let (name, text) =
+            BUILT_IN.iter().find(|(name, _)| *name == name_or_path).ok_or_else(|| ProtocolError::Malformed {
+                what: "sampling rule",
+                location: "name".to_owned(),
+                expected: format!("one of {}, or a path that ends in .toml", names_in_words()),
+                found: format!("{name_or_path:?}"),
+            })?;
+        Self::from_toml(text, name)
+    }
+
+    fn from_toml(text: &str, place: &str) -> Result<Self, ProtocolError> {
+        toml::from_str(text).map_err(|error| ProtocolError::Malformed {
+            what: "sampling rule",
+            location: place.to_owned(),
+            expected: "a [sampler] table and, if wanted, an [overlap] table".to_owned(),
+            found: error.to_string().trim_end().to_owned(),
+        })
+    }
+}
+
+fn names_in_words() -> String {
+    IndexBuilder::names().collect::<Vec<_>>().join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_built_in_rule_is_one() {
+        for name in IndexBuilder::names() {
+            let rule = IndexBuilder::resolve(name);
+            assert!(rule.is_ok(), "{name}: {}", rule.unwrap_err());
+        }
+    }
+
+    #[test]
+    fn a_rule_of_ones_own_and_what_is_none() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("mine.toml");
+        std::fs::write(&path, "[sampler]\nsampler = \"all-frames\"\n").unwrap();
+        assert_eq!(IndexBuilder::resolve(path.to_str().unwrap()).unwrap().sampler.name(), "all-frames");
+        std::fs::write(&path, "[sampler]\nsampler = \"guess\"\n").unwrap();
+        let broken = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
+        assert!(broken.contains("guess") && broken.contains("farthest-point"), "{broken}");
+        let unknown = IndexBuilder::resolve("re10k").unwrap_err().to_string();
+        assert!(unknown.contains("re10k-2v"), "the names are listed: {unknown}");
+    }
+}

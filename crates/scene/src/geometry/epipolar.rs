@@ -1,0 +1,236 @@
+use glam::{DMat3, DVec2, DVec3};
+
+use super::{PointMatch, View};
+
+/// Centres closer than this fraction of their distance from the origin share one centre: what is left
+/// after subtracting poses that went through nine decimals or f32 is rounding.
+const COINCIDENT: f64 = 1e-9;
+
+/// What two posed pinhole views demand of matched points.
+///
+/// Lens distortion is not part of it: points go through [`View::undistorted`] first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EpipolarGeometry {
+    fundamental: DMat3,
+    essential: DMat3,
+    rotation: DMat3,
+    translation: DVec3,
+    first_plane_from_pixel: DMat3,
+    second_plane_from_pixel: DMat3,
+}
+
+impl EpipolarGeometry {
+    /// From two views; `None` where the cameras share their centre, so that any point may match along
+    /// no line at all, or where a number is not finite.
+    pub fn new(first: &View, second: &View) -> Option<Self> {
+        let (world_from_first, world_from_second) =
+            (first.camera.camera_from_world.inverse(), second.camera.camera_from_world.inverse());
+        let baseline = world_from_first.centre().distance(world_from_second.centre());
+        let distance = world_from_first.centre().length() + world_from_second.centre().length();
+        let second_from_first = world_from_second.camera_from_other(&world_from_first);
+        let translation = second_from_first.translation().try_normalize()?;
+        let rotation = second_from_first.rotation();
+        let [tx, ty, tz] = translation.to_array();
+        let cross = DMat3::from_cols_array(&[0.0, tz, -ty, -tz, 0.0, tx, ty, -tx, 0.0]);
+        let essential = cross * rotation;
+        let first_plane_from_pixel = first.pixel_from_plane().inverse();
+        let second_plane_from_pixel = second.pixel_from_plane().inverse();
+        let fundamental = second_plane_from_pixel.transpose() * essential * first_plane_from_pixel;
+        (baseline > COINCIDENT * distance && fundamental.is_finite()).then_some(Self {
+            fundamental,
+            essential,
+            rotation,
+            translation,
+            first_plane_from_pixel,
+            second_plane_from_pixel,
+        })
+    }
+
+    /// F with `second ᵀ · F · first = 0` for homogeneous pixels (Hartley and Zisserman, *Multiple View
+    /// Geometry*, 2nd edition, §9.2).
+    pub const fn fundamental(&self) -> DMat3 {
+        self.fundamental
+    }
+
+    /// E with `second ᵀ · E · first = 0` on the z = 1 planes, for a translation of unit length (§9.6).
+    pub const fn essential(&self) -> DMat3 {
+        self.essential
+    }
+
+    /// Symmetric epipolar distance in pixels: the root mean square of the two distances between a point
+    /// and the line that the other one draws (§11.4.3 sums their squares; the root of the mean is in
+    /// pixels of one picture).
+    ///
+    /// A point on the epipole itself lies on every line. NaN for a point that is NaN.
+    pub fn distance(&self, points: &PointMatch) -> f64 {
+        let (first, second) = (points.first.extend(1.0), points.second.extend(1.0));
+        let (line_in_second, line_in_first) = (self.fundamental * first, self.fundamental.transpose() * second);
+        let residual = second.dot(line_in_second);
+        let (a, b) = (from_line(residual, line_in_second), from_line(residual, line_in_first));
+        (0.5 * (a * a + b * b)).sqrt()
+    }
+
+    /// Whether the point that the two rays pass closest to is in front of both cameras.
+    ///
+    /// The epipolar distance cannot see a translation of the wrong sign; this can. Parallel rays meet at
+    /// infinity: in front where they point the same way.
+    pub fn in_front(&self, points: &PointMatch) -> bool {
+        let a = self.rotation * (self.first_plane_from_pixel * points.first.extend(1.0));
+        let b = self.second_plane_from_pixel * points.second.extend(1.0);
+        let t = self.translation;
+        let (aa, ab, bb, at, bt) = (a.dot(a), a.dot(b), b.dot(b), a.dot(t), b.dot(t));
+        let (depth_first, depth_second) = (ab * bt - bb * at, aa * bt - ab * at);
+        if a.cross(b).length_squared() <= f64::EPSILON * aa * bb {
+            return ab > 0.0;
+        }
+        depth_first > 0.0 && depth_second > 0.0
+    }
+}
+
+/// `residual` is what the point's coordinates leave in the line's equation.
+fn from_line(residual: f64, line: DVec3) -> f64 {
+    let slope = DVec2::new(line.x, line.y).length();
+    if slope == 0.0 && residual == 0.0 { 0.0 } else { residual.abs() / slope }
+}
+
+/// The middle value, or the mean of the two in the middle; NaN where any value is NaN, `None` of nothing.
+pub fn median(mut values: Vec<f64>) -> Option<f64> {
+    if values.iter().any(|value| value.is_nan()) {
+        return Some(f64::NAN);
+    }
+    values.sort_by(f64::total_cmp);
+    let upper = *values.get(values.len() / 2)?;
+    let lower = *values.get((values.len() - 1) / 2)?;
+    Some(if upper == lower { upper } else { f64::midpoint(lower, upper) })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::synthetic::{match_of, view};
+    use atsplat_camera::{CameraFromWorld, WorldFromCamera};
+    use atsplat_numeric::Tolerance;
+    use proptest::prelude::*;
+
+    /// Pixels of order 1000 through two 3×3 inverses.
+    const PIXELS: Tolerance = Tolerance::absolute(1e-9);
+
+    fn pair() -> (View, View) {
+        (view([0.1, -0.2, 0.05], [0.0, 0.0, 0.0]), view([-0.1, 0.15, 0.0], [0.8, -0.1, 0.3]))
+    }
+
+    proptest! {
+        #[test]
+        fn true_matches_lie_on_their_lines_and_in_front(x in -1.5..1.5, y in -1.0..1.0, z in 3.0..40.0) {
+            let (first, second) = pair();
+            let geometry = EpipolarGeometry::new(&first, &second).unwrap();
+            let points = match_of(&first, &second, DVec3::new(x, y, z)).unwrap();
+            prop_assert!(PIXELS.accepts(geometry.distance(&points), 0.0), "{}", geometry.distance(&points));
+            prop_assert!(geometry.in_front(&points));
+        }
+
+        #[test]
+        fn a_step_off_the_line_is_measured_in_pixels(x in -1.5..1.5, y in -1.0..1.0, z in 3.0..40.0, step in 0.1..30.0) {
+            let (first, second) = pair();
+            let geometry = EpipolarGeometry::new(&first, &second).unwrap();
+            let mut points = match_of(&first, &second, DVec3::new(x, y, z)).unwrap();
+            let line = geometry.fundamental() * points.first.extend(1.0);
+            points.second += step * DVec2::new(line.x, line.y).normalize();
+            let residual = points.second.extend(1.0).dot(line);
+            let other = geometry.fundamental().transpose() * points.second.extend(1.0);
+            let in_first = residual / DVec2::new(other.x, other.y).length();
+            let expected = f64::sqrt(0.5 * (step * step + in_first * in_first));
+            prop_assert!(Tolerance::relative(1e-7).accepts(geometry.distance(&points), expected));
+        }
+
+        #[test]
+        fn exchanging_the_views_changes_nothing(
+            a in 0.0..640.0, b in 0.0..480.0, c in 0.0..640.0, d in 0.0..480.0,
+        ) {
+            let (first, second) = pair();
+            let points = PointMatch { first: DVec2::new(a, b), second: DVec2::new(c, d) };
+            let swapped = PointMatch { first: points.second, second: points.first };
+            let forth = EpipolarGeometry::new(&first, &second).unwrap();
+            let back = EpipolarGeometry::new(&second, &first).unwrap();
+            prop_assert!(Tolerance::absolute(1e-6).accepts(back.distance(&swapped), forth.distance(&points)));
+        }
+
+        #[test]
+        fn moving_and_scaling_the_world_changes_nothing(factor in 1e-3..1e3, turn in -3.0..3.0, shift in -50.0..50.0) {
+            let (first, second) = pair();
+            let motion = WorldFromCamera::new(DMat3::from_rotation_y(turn), DVec3::splat(shift)).unwrap();
+            let moved = |view: &View| {
+                let pose = view.camera.camera_from_world.inverse().moved_by(&motion).scaled_by(factor);
+                View { camera: atsplat_camera::Camera { camera_from_world: pose.inverse(), ..view.camera }, ..*view }
+            };
+            let points = PointMatch { first: DVec2::new(100.0, 200.0), second: DVec2::new(150.0, 230.0) };
+            let here = EpipolarGeometry::new(&first, &second).unwrap();
+            let there = EpipolarGeometry::new(&moved(&first), &moved(&second)).unwrap();
+            prop_assert!(Tolerance::absolute(1e-6).accepts(there.distance(&points), here.distance(&points)));
+            prop_assert_eq!(there.in_front(&points), here.in_front(&points));
+        }
+    }
+
+    #[test]
+    fn one_centre_has_no_geometry() {
+        let first = view([0.0, 0.0, 0.0], [1.0, 2.0, 3.0]);
+        let turned = view([0.3, 0.0, 0.0], [1.0, 2.0, 3.0]);
+        assert!(EpipolarGeometry::new(&first, &turned).is_none(), "rotation only");
+        assert!(EpipolarGeometry::new(&first, &first).is_none(), "the same view");
+    }
+
+    #[test]
+    fn a_reversed_translation_keeps_the_distance_and_loses_the_front() {
+        let first = view([0.0; 3], [0.0; 3]);
+        let second = view([0.0; 3], [0.5, 0.1, 0.0]);
+        let reversed = view([0.0; 3], [-0.5, -0.1, 0.0]);
+        let points = match_of(&first, &second, DVec3::new(0.3, 0.2, 5.0)).unwrap();
+        let wrong = EpipolarGeometry::new(&first, &reversed).unwrap();
+        assert!(PIXELS.accepts(wrong.distance(&points), 0.0));
+        assert!(!wrong.in_front(&points));
+    }
+
+    #[test]
+    fn essential_has_two_equal_singular_values_and_a_zero() {
+        let (first, second) = pair();
+        let e = EpipolarGeometry::new(&first, &second).unwrap().essential();
+        // 2·E·Eᵀ·E − trace(E·Eᵀ)·E = 0 (Hartley and Zisserman §9.6.2, Result 9.17 in polynomial form).
+        let eet = e * e.transpose();
+        let trace = eet.x_axis.x + eet.y_axis.y + eet.z_axis.z;
+        let rest = 2.0 * (eet * e) - trace * e;
+        Tolerance::F64.assert(rest.to_cols_array(), [0.0; 9], "constraint");
+        Tolerance::F64.assert([e.determinant(), trace], [0.0, 2.0], "rank and length");
+    }
+
+    #[test]
+    fn the_epipole_lies_on_every_line_and_nan_stays_nan() {
+        // Walking straight ahead without turning, the epipole is the principal point.
+        let first = view([0.0; 3], [0.0; 3]);
+        let second = view([0.0; 3], [0.0, 0.0, 1.0]);
+        let geometry = EpipolarGeometry::new(&first, &second).unwrap();
+        let centre = DVec2::new(320.0, 240.0);
+        assert!(PIXELS.accepts(geometry.distance(&PointMatch { first: centre, second: centre }), 0.0));
+        let nan = PointMatch { first: DVec2::NAN, second: centre };
+        assert!(geometry.distance(&nan).is_nan());
+    }
+
+    #[test]
+    fn infinite_poses_have_no_geometry() {
+        let far = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(1e300, 0.0, 0.0)).unwrap();
+        let first = view([0.0; 3], [0.0; 3]);
+        let second = View { camera: atsplat_camera::Camera { camera_from_world: far, ..first.camera }, ..first };
+        // Lengths overflow; whatever comes back must not be a NaN that looks like a score.
+        if let Some(geometry) = EpipolarGeometry::new(&first, &second) {
+            assert!(geometry.fundamental().is_finite());
+        }
+    }
+
+    #[test]
+    fn medians() {
+        assert_eq!(median(vec![]), None);
+        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), Some(2.5));
+        assert_eq!(median(vec![f64::INFINITY, f64::INFINITY]), Some(f64::INFINITY));
+        assert!(median(vec![1.0, f64::NAN]).unwrap().is_nan());
+    }
+}

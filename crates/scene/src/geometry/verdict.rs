@@ -1,0 +1,144 @@
+use std::fmt;
+
+use serde::Serialize;
+
+use super::{Convention, ConventionScore};
+
+/// A reading explains the pictures where its median is at most this many pixels …
+const FIT_PX: f64 = 0.5;
+/// … plus this fraction of the picture's diagonal: pose errors grow with the resolution, the noise of
+/// feature points does not.
+const FIT_DIAGONAL: f64 = 1e-3;
+/// Readings within this factor of the smallest median cannot be told apart.
+const RIVAL_FACTOR: f64 = 1.5;
+/// A reading that puts fewer of the points in front of both cameras cannot be right.
+const IN_FRONT: f64 = 0.5;
+
+/// What the scores say about the declared cameras.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "verdict", rename_all = "kebab-case")]
+pub enum Verdict {
+    /// A reading explains the pictures. It is the declared one unless another is clearly better.
+    Fits {
+        /// The reading to trust.
+        convention: Convention,
+        /// Other readings that these pictures cannot rule out, best first.
+        not_ruled_out: Vec<Convention>,
+    },
+    /// No reading explains the pictures: something else is wrong, or they do not show the same place.
+    NothingFits {
+        /// The reading with the smallest median of those that put the points in front, if any does.
+        closest: Option<Convention>,
+    },
+    /// There was too little to measure.
+    TooFewMatches,
+}
+
+impl Verdict {
+    /// Whether the cameras can be used as they are.
+    pub const fn declared_fits(&self) -> bool {
+        matches!(self, Self::Fits { convention: Convention::Declared, .. })
+    }
+}
+
+/// Judges scores of [`super::score_conventions`].
+///
+/// A reading fits where its median is at most `0.5 px + 0.001 · diagonal` and at least half of the points
+/// lie in front of both cameras. Of those, the declared reading is trusted unless another has a median
+/// more than 1.5 times smaller; readings within that factor of the best are named as not ruled out.
+pub fn verdict(scores: &[ConventionScore], diagonal_px: f64, min_matches: usize) -> Verdict {
+    let declared = scores.iter().find(|score| score.convention == Convention::Declared);
+    if declared.is_none_or(|score| score.matches < min_matches) {
+        return Verdict::TooFewMatches;
+    }
+    let mut possible: Vec<_> = scores.iter().filter(|score| score.in_front >= IN_FRONT).collect();
+    possible.sort_by(|a, b| a.median_px.total_cmp(&b.median_px));
+    let limit = FIT_PX + FIT_DIAGONAL * diagonal_px;
+    let closest = possible.first().copied();
+    let Some(best) = closest.filter(|score| score.median_px <= limit) else {
+        return Verdict::NothingFits { closest: closest.map(|score| score.convention) };
+    };
+    let rivals = possible.iter().filter(|score| score.median_px <= limit && is_rival(score, best));
+    let mut names: Vec<Convention> = rivals.map(|score| score.convention).collect();
+    let trusted = names.iter().position(|name| *name == Convention::Declared).unwrap_or(0);
+    let convention = names.remove(trusted);
+    Verdict::Fits { convention, not_ruled_out: names }
+}
+
+fn is_rival(score: &ConventionScore, best: &ConventionScore) -> bool {
+    score.median_px <= RIVAL_FACTOR * best.median_px
+}
+
+impl fmt::Display for Verdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Fits { convention, not_ruled_out } => {
+                write!(f, "{}", convention.meaning())?;
+                if !not_ruled_out.is_empty() {
+                    let names: Vec<&str> = not_ruled_out.iter().map(|convention| convention.name()).collect();
+                    write!(f, " (these pictures do not rule out: {})", names.join(", "))?;
+                }
+                Ok(())
+            }
+            Self::NothingFits { closest: Some(closest) } => {
+                write!(f, "no reading explains the pictures; {closest} is closest")
+            }
+            Self::NothingFits { closest: None } => {
+                f.write_str("no reading explains the pictures; none even puts the points in front of the cameras")
+            }
+            Self::TooFewMatches => f.write_str("too few matches to judge"),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn score(convention: Convention, median_px: f64, in_front: f64) -> ConventionScore {
+        ConventionScore { convention, median_px, in_front, matches: 100 }
+    }
+
+    fn fits(convention: Convention, not_ruled_out: &[Convention]) -> Verdict {
+        Verdict::Fits { convention, not_ruled_out: not_ruled_out.to_vec() }
+    }
+
+    #[test]
+    fn the_declared_reading_has_the_benefit_of_the_doubt() {
+        use Convention::{AxesFlipped, Declared, PoseInverted};
+        let inverted = |px| score(PoseInverted, px, 1.0);
+        let declared = |px| score(Declared, px, 1.0);
+        assert_eq!(verdict(&[declared(0.3), inverted(9.0)], 400.0, 50), fits(Declared, &[]));
+        assert_eq!(verdict(&[declared(0.3), inverted(0.25)], 400.0, 50), fits(Declared, &[PoseInverted]));
+        assert_eq!(verdict(&[declared(9.0), inverted(0.3)], 400.0, 50), fits(PoseInverted, &[]));
+        let flipped = score(AxesFlipped, 0.4, 1.0);
+        assert_eq!(verdict(&[declared(0.8), inverted(0.3), flipped], 400.0, 50), fits(PoseInverted, &[AxesFlipped]));
+    }
+
+    #[test]
+    fn points_behind_the_cameras_rule_a_reading_out() {
+        let scores = [score(Convention::Declared, 0.2, 0.01), score(Convention::PoseInverted, 0.2, 0.99)];
+        assert_eq!(verdict(&scores, 400.0, 50), fits(Convention::PoseInverted, &[]));
+        assert_eq!(verdict(&scores[..1], 400.0, 50), Verdict::NothingFits { closest: None });
+    }
+
+    #[test]
+    fn a_large_median_fits_nothing_and_nan_is_no_fit() {
+        let nothing = Verdict::NothingFits { closest: Some(Convention::Declared) };
+        assert_eq!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 400.0, 50), nothing);
+        assert!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50).declared_fits(), "a larger picture");
+        assert_eq!(verdict(&[score(Convention::Declared, f64::NAN, 1.0)], 400.0, 50), nothing);
+    }
+
+    #[test]
+    fn few_matches_are_not_judged() {
+        assert_eq!(verdict(&[score(Convention::Declared, 0.1, 1.0)], 400.0, 101), Verdict::TooFewMatches);
+        assert_eq!(verdict(&[], 400.0, 0), Verdict::TooFewMatches);
+    }
+
+    #[test]
+    fn the_words_name_the_mistake() {
+        let words = fits(Convention::PoseInverted, &[]).to_string();
+        assert!(words.contains("inverted"), "{words}");
+    }
+}

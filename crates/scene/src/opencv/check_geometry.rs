@@ -1,0 +1,310 @@
+use std::collections::BTreeMap;
+use std::fmt;
+
+use atsplat_camera::ImageSize;
+use atsplat_numeric::Extremes;
+use atsplat_pixels::ImageU8;
+use serde::{Deserialize, Serialize};
+
+use super::matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual};
+use crate::geometry::{
+    Convention, ConventionScore, MatchedPair, PointMatch, Verdict, View, median, score_conventions, verdict,
+};
+use crate::{Picture, Scene, SceneError, WarningKind, Warnings};
+
+/// Gaps that a spread choice tries, widest first: a wide baseline tells readings apart, a narrow one still
+/// matches.
+const GAPS: [usize; 7] = [64, 32, 16, 8, 4, 2, 1];
+
+/// Which frames are compared with which.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PairChoice {
+    /// From this many frames, evenly spread over those that have a picture, the widest gap of 64, 32, …, 1
+    /// such frames that still matches. The choice looks at pictures alone: poses may be what is wrong.
+    Spread(usize),
+    /// These positions in [`Scene::frames`].
+    Listed(Vec<(usize, usize)>),
+}
+
+/// How cameras are checked against pictures.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct GeometryCheckOptions {
+    /// Which frames.
+    pub pairs: PairChoice,
+    /// How their features are matched.
+    pub matching: MatchOptions,
+    /// A pair with fewer matches after the inlier filter is skipped.
+    pub min_matches: usize,
+    /// A pair is skipped where the filter keeps less than this fraction of its matches, in [0, 1]: the
+    /// pictures then hardly show the same place.
+    pub min_inlier_fraction: f64,
+    /// A spread pair is skipped where fewer than this fraction of the features of the picture that has
+    /// fewer are matched, in [0, 1]. A repeated pattern (wallpaper, tiles) matches itself one repeat away,
+    /// all inliers of one fundamental matrix, but only by tens of features among thousands.
+    pub min_feature_fraction: f64,
+    /// A spread pair is skipped where points move by less than this fraction of the diagonal in the
+    /// middle: every reading explains pictures that hardly differ.
+    pub min_motion: f64,
+}
+
+impl Default for GeometryCheckOptions {
+    fn default() -> Self {
+        Self {
+            pairs: PairChoice::Spread(12),
+            matching: MatchOptions::default(),
+            min_matches: 20,
+            min_inlier_fraction: 0.5,
+            min_feature_fraction: 0.05,
+            min_motion: 0.02,
+        }
+    }
+}
+
+/// What one pair of frames said.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct PairCheck {
+    /// Positions in [`Scene::frames`].
+    pub frames: (usize, usize),
+    /// Mutual matches that passed the ratio test.
+    pub tentative: usize,
+    /// Those of them that agree with one fundamental matrix.
+    pub matches: usize,
+    /// Median movement of a matched point between the pictures, in pixels.
+    pub motion_px: f64,
+    /// Median symmetric epipolar distance under the declared cameras; `None` where they share a centre.
+    pub declared_px: Option<f64>,
+}
+
+/// A pair, or a whole anchor of a spread choice, that could not be used.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct SkippedPair {
+    /// Positions in [`Scene::frames`]; the second is `None` where no partner was found for the first.
+    pub frames: (usize, Option<usize>),
+    /// Why.
+    pub reason: String,
+}
+
+/// How well a scene's cameras explain its pictures, under the declared convention and its likely mistakes.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct GeometryCheck {
+    /// Scene key.
+    pub scene: String,
+    /// Pairs that were measured.
+    pub pairs: Vec<PairCheck>,
+    /// Pairs that were not, and why.
+    pub skipped: Vec<SkippedPair>,
+    /// One score per reading that applies, the declared one first.
+    pub scores: Vec<ConventionScore>,
+    /// What they say.
+    #[serde(flatten)]
+    pub verdict: Verdict,
+}
+
+impl GeometryCheck {
+    /// The score of one reading, where it applies.
+    pub fn score(&self, convention: Convention) -> Option<ConventionScore> {
+        self.scores.iter().find(|score| score.convention == convention).copied()
+    }
+}
+
+/// Matches features between pairs of a scene's frames and measures how far they are from the epipolar
+/// lines that the cameras draw: as declared, and under every likely mistake.
+///
+/// Matches are mutual and pass the ratio test; wrong ones are then left out by a fundamental matrix fitted
+/// to the matches alone, on the points as found or, where a lens is declared, as undistorted: what agrees
+/// with either stays. So no reading has a say in which matches it is judged by.
+///
+/// `picture_of` decodes the frame at a position, at the size that the intrinsics are to be read at (they are
+/// normalised, so any size that was reached without cropping will do). A frame that cannot be decoded is
+/// counted in `warnings` and its pairs are skipped.
+///
+/// # Errors
+/// [`SceneError::OpenCv`].
+pub fn check_geometry(
+    scene: &Scene,
+    mut picture_of: impl FnMut(usize) -> Result<ImageU8, SceneError>,
+    options: &GeometryCheckOptions,
+    warnings: &mut Warnings,
+) -> Result<GeometryCheck, SceneError> {
+    let mut matcher = Matcher { scene, picture_of: &mut picture_of, options, warnings, seen: BTreeMap::new() };
+    let (mut measured, mut skipped) = (Vec::new(), Vec::new());
+    match &options.pairs {
+        PairChoice::Listed(pairs) => {
+            for frames in pairs {
+                match matcher.matched(*frames)? {
+                    Ok(pair) => measured.push(pair),
+                    Err(reason) => skipped.push(SkippedPair { frames: (frames.0, Some(frames.1)), reason }),
+                }
+            }
+        }
+        PairChoice::Spread(anchors) => {
+            let candidates = frames_with_pictures(scene);
+            for anchor in spread(candidates.len(), *anchors) {
+                match matcher.widest(&candidates, anchor)? {
+                    Ok(pair) => measured.push(pair),
+                    Err(skip) => skipped.push(skip),
+                }
+            }
+        }
+    }
+    let (pairs, matched): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
+    let scores = score_conventions(&matched);
+    let diagonals = matched.iter().map(|pair| pair.first.diagonal()).collect();
+    let verdict = verdict(&scores, median(diagonals).unwrap_or_default(), options.min_matches);
+    Ok(GeometryCheck { scene: scene.key.clone(), pairs, skipped, scores, verdict })
+}
+
+fn frames_with_pictures(scene: &Scene) -> Vec<usize> {
+    let has_picture = |frame: &crate::Frame| matches!(frame.picture, Picture::File(_) | Picture::Encoded(_));
+    (0..).zip(&scene.frames).filter(|(_, frame)| has_picture(frame)).map(|(position, _)| position).collect()
+}
+
+/// `count` positions evenly spread over `length`, without repetition.
+fn spread(length: usize, count: usize) -> Vec<usize> {
+    let count = if count < length { count } else { length };
+    (0..count).map(|step| step * length / count).collect()
+}
+
+/// Decodes and describes each frame once.
+struct Matcher<'a> {
+    scene: &'a Scene,
+    picture_of: &'a mut dyn FnMut(usize) -> Result<ImageU8, SceneError>,
+    options: &'a GeometryCheckOptions,
+    warnings: &'a mut Warnings,
+    seen: BTreeMap<usize, Option<(View, Features)>>,
+}
+
+type Measured = (PairCheck, MatchedPair);
+
+impl Matcher<'_> {
+    /// The widest usable gap from one anchor, forwards or, near the end, backwards.
+    fn widest(&mut self, candidates: &[usize], anchor: usize) -> Result<Result<Measured, SkippedPair>, SceneError> {
+        let Some(first) = candidates.get(anchor).copied() else {
+            return Ok(Err(SkippedPair { frames: (anchor, None), reason: "no such frame".to_owned() }));
+        };
+        let mut reason = "no other frame has a picture".to_owned();
+        for gap in GAPS {
+            let forwards = candidates.get(anchor + gap).map(|other| (first, *other));
+            let backwards = || anchor.checked_sub(gap).and_then(|other| candidates.get(other)).map(|o| (*o, first));
+            let Some(frames) = forwards.or_else(backwards) else { continue };
+            match self.matched(frames)?.and_then(|measured| self.telling(measured)) {
+                Ok(pair) => return Ok(Ok(pair)),
+                Err(why) => reason = format!("at every gap; last with frame {}: {why}", other_of(frames, first)),
+            }
+        }
+        Ok(Err(SkippedPair { frames: (first, None), reason }))
+    }
+
+    /// The matches between two frames, or why they cannot be used.
+    fn matched(&mut self, frames: (usize, usize)) -> Result<Result<Measured, String>, SceneError> {
+        self.look_at(frames.0)?;
+        self.look_at(frames.1)?;
+        let seen = |position| self.seen.get(&position).and_then(Option::as_ref);
+        let (Some((first, first_features)), Some((second, second_features))) = (seen(frames.0), seen(frames.1)) else {
+            return Ok(Err("a picture is missing".to_owned()));
+        };
+        let tentative = match_mutual(first_features, second_features, self.options.matching.ratio)?;
+        let matches = agreeing(&tentative, first, second, self.options.matching.inlier_px)?;
+        let GeometryCheckOptions { min_matches, min_inlier_fraction, .. } = *self.options;
+        if matches.len() < min_matches {
+            return Ok(Err(format!(
+                "{} of {} matches agree, at least {min_matches} are needed",
+                matches.len(),
+                tentative.len()
+            )));
+        }
+        let fraction = matches.len() as f64 / tentative.len() as f64;
+        if fraction < min_inlier_fraction {
+            return Ok(Err(format!("only {:.0} % of {} matches agree", 100.0 * fraction, tentative.len())));
+        }
+        let motion_px = median(matches.iter().map(|m| m.first.distance(m.second)).collect()).unwrap_or_default();
+        let pair = MatchedPair { first: *first, second: *second, matches };
+        let declared = score_conventions(std::slice::from_ref(&pair)).first().copied();
+        let declared_px = declared.filter(|s| s.convention == Convention::Declared).map(|s| s.median_px);
+        let check =
+            PairCheck { frames, tentative: tentative.len(), matches: pair.matches.len(), motion_px, declared_px };
+        Ok(Ok((check, pair)))
+    }
+
+    /// A spread pair that can tell readings apart, or why it cannot.
+    fn telling(&self, measured: Measured) -> Result<Measured, String> {
+        let (check, pair) = &measured;
+        let features = |position| self.seen.get(&position).and_then(Option::as_ref).map(|(_, f)| f.points().len());
+        let fewer = features(check.frames.0).min(features(check.frames.1)).unwrap_or_default();
+        let fraction = check.matches as f64 / fewer as f64;
+        if fraction < self.options.min_feature_fraction {
+            return Err(format!("only {:.1} % of {fewer} features match", 100.0 * fraction));
+        }
+        if check.motion_px < self.options.min_motion * pair.first.diagonal() {
+            return Err(format!("points move by only {:.1} px", check.motion_px));
+        }
+        Ok(measured)
+    }
+
+    fn look_at(&mut self, position: usize) -> Result<(), SceneError> {
+        if self.seen.contains_key(&position) {
+            return Ok(());
+        }
+        let described = match (self.scene.frames.get(position), (self.picture_of)(position)) {
+            (Some(frame), Ok(picture)) => {
+                let size = ImageSize { width: picture.width(), height: picture.height() };
+                Some((View { camera: frame.camera, size }, detect(&picture, &self.options.matching)?))
+            }
+            (_, Err(error)) => {
+                let detail = format!("frame {position}: {error}");
+                self.warnings.push(WarningKind::MissingPicture, self.scene.key.clone(), detail);
+                None
+            }
+            (None, Ok(_)) => None,
+        };
+        self.seen.insert(position, described);
+        Ok(())
+    }
+}
+
+fn other_of(frames: (usize, usize), one: usize) -> usize {
+    if frames.0 == one { frames.1 } else { frames.0 }
+}
+
+/// Matches that agree with one fundamental matrix, raw or undistorted; raw points come back.
+fn agreeing(
+    tentative: &[PointMatch],
+    first: &View,
+    second: &View,
+    inlier_px: f64,
+) -> Result<Vec<PointMatch>, SceneError> {
+    let mut agrees = epipolar_inliers(tentative, inlier_px)?;
+    let bent = [first, second].iter().any(|view| Convention::NoDistortion.reinterpret(view).is_some());
+    if bent {
+        let straight = |points: &PointMatch| {
+            Some(PointMatch { first: first.undistorted(points.first)?, second: second.undistorted(points.second)? })
+        };
+        let (positions, points): (Vec<usize>, Vec<PointMatch>) =
+            (0..).zip(tentative).filter_map(|(position, points)| Some((position, straight(points)?))).unzip();
+        for (position, kept) in positions.into_iter().zip(epipolar_inliers(&points, inlier_px)?) {
+            if let Some(slot) = agrees.get_mut(position) {
+                *slot |= kept;
+            }
+        }
+    }
+    Ok(tentative.iter().zip(agrees).filter_map(|(points, kept)| kept.then_some(*points)).collect())
+}
+
+impl fmt::Display for GeometryCheck {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { scene, pairs, skipped, scores, verdict } = self;
+        let matches: usize = pairs.iter().map(|pair| pair.matches).sum();
+        writeln!(f, "{scene}: {matches} matches in {} pairs, {} skipped", pairs.len(), skipped.len())?;
+        let width = scores.iter().fold(0usize, |widest, s| {
+            let length = s.convention.name().len();
+            if length > widest { length } else { widest }
+        });
+        let best = scores.iter().fold(f64::INFINITY, |best, score| best.minimum_of(score.median_px));
+        for ConventionScore { convention, median_px, in_front, .. } in scores {
+            let mark = if *median_px == best { "  ← smallest" } else { "" };
+            writeln!(f, "  {convention:width$}  {median_px:10.3} px  {:5.1} % in front{mark}", 100.0 * in_front)?;
+        }
+        write!(f, "{verdict}")
+    }
+}

@@ -1,0 +1,246 @@
+use std::collections::BTreeSet;
+
+use atsplat_pixels::ImageU8;
+use glam::DVec2;
+use serde::{Deserialize, Serialize};
+
+use ::opencv::calib3d::{USAC_MAGSAC, find_fundamental_mat};
+use ::opencv::core::{DMatch, KeyPoint, Mat, NORM_L2, Point2d, Vector, no_array};
+use ::opencv::features2d::{BFMatcher, SIFT};
+use ::opencv::imgproc::{COLOR_RGB2GRAY, cvt_color_def};
+use ::opencv::prelude::*;
+
+use super::{called, mat_from_picture};
+use crate::SceneError;
+use crate::geometry::PointMatch;
+
+/// From OpenCV's key point coordinates to pixels with centres at + 0.5.
+///
+/// OpenCV counts from the centre of the first pixel, which is + 0.5 here; and its SIFT doubles the
+/// picture first without allowing for the shift of a quarter pixel that doubling brings (OpenCV 4.8 fixed
+/// it behind `enable_precise_upscale`, off by default).
+const PIXEL_FROM_KEYPOINT: f64 = 0.5 - 0.25;
+
+/// Fewer matches than this do not determine a fundamental matrix with anything left to disagree.
+const MIN_FOR_FUNDAMENTAL: usize = 12;
+const CONFIDENCE: f64 = 0.9999;
+const MAX_ITERATIONS: i32 = 10_000;
+
+/// How features are found and matched.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub struct MatchOptions {
+    /// How many of a picture's strongest features are used.
+    pub max_features: usize,
+    /// A match counts where its descriptor distance is below this fraction of the second best's, in
+    /// (0, 1] (Lowe 2004 §7.1 uses 0.8).
+    pub ratio: f64,
+    /// Inliers of the fundamental matrix fitted to the matches alone lie within this many pixels.
+    pub inlier_px: f64,
+}
+
+impl Default for MatchOptions {
+    fn default() -> Self {
+        Self { max_features: 4000, ratio: 0.8, inlier_px: 1.5 }
+    }
+}
+
+/// SIFT features of one picture (Lowe 2004, as OpenCV computes them).
+#[derive(Debug)]
+pub struct Features {
+    points: Vec<DVec2>,
+    descriptors: Mat,
+}
+
+impl Features {
+    /// Where the features are, in pixels with the centre of the top left pixel at (0.5, 0.5), strongest
+    /// first.
+    pub fn points(&self) -> &[DVec2] {
+        &self.points
+    }
+}
+
+/// Finds the strongest SIFT features of a picture.
+///
+/// # Errors
+/// [`SceneError::OpenCv`].
+pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, SceneError> {
+    let mut sift = called("creating SIFT", SIFT::create_def())?;
+    if picture.samples().is_empty() {
+        return Ok(Features { points: Vec::new(), descriptors: Mat::default() });
+    }
+    let mut grey = Mat::default();
+    called("greying a picture", cvt_color_def(&mat_from_picture(picture)?, &mut grey, COLOR_RGB2GRAY))?;
+    let mut keypoints = Vector::<KeyPoint>::new();
+    called("detecting features", sift.detect(&grey, &mut keypoints, &no_array()))?;
+    if keypoints.is_empty() {
+        // Describing nothing is an error to OpenCV where the picture is tiny.
+        return Ok(Features { points: Vec::new(), descriptors: Mat::default() });
+    }
+    let mut strongest: Vec<KeyPoint> = keypoints.to_vec();
+    strongest.sort_by(|a, b| {
+        let place = |k: &KeyPoint| (k.pt().y, k.pt().x, k.size(), k.angle());
+        let (a_place, b_place) = (place(a), place(b));
+        b.response().total_cmp(&a.response()).then(a_place.partial_cmp(&b_place).unwrap_or(std::cmp::Ordering::Equal))
+    });
+    strongest.truncate(options.max_features);
+    let mut keypoints: Vector<KeyPoint> = strongest.into_iter().collect();
+    let mut descriptors = Mat::default();
+    called("describing features", sift.compute(&grey, &mut keypoints, &mut descriptors))?;
+    let pixel = |k: KeyPoint| DVec2::new(f64::from(k.pt().x), f64::from(k.pt().y)) + PIXEL_FROM_KEYPOINT;
+    Ok(Features { points: keypoints.iter().map(pixel).collect(), descriptors })
+}
+
+/// Pairs of features that are each other's best match and pass the ratio test in both directions, in the
+/// order of the first picture's features.
+///
+/// # Errors
+/// [`SceneError::OpenCv`].
+pub fn match_mutual(first: &Features, second: &Features, ratio: f64) -> Result<Vec<PointMatch>, SceneError> {
+    if first.points.len() < 2 || second.points.len() < 2 {
+        return Ok(Vec::new());
+    }
+    let forth = nearest(first, second, ratio)?;
+    let back = nearest(second, first, ratio)?;
+    // A feature with several orientations would say the same thing several times.
+    let mut said = BTreeSet::new();
+    let mut news = move |m: &PointMatch| said.insert([m.first.x, m.first.y, m.second.x, m.second.y].map(f64::to_bits));
+    let agreed = forth.into_iter().enumerate().filter_map(|(from, to)| {
+        let to = to?;
+        let returns = back.get(to).copied().flatten() == Some(from);
+        let points = || Some(PointMatch { first: *first.points.get(from)?, second: *second.points.get(to)? });
+        returns.then(points).flatten().filter(&mut news)
+    });
+    Ok(agreed.collect())
+}
+
+/// For each feature of `from`, the one of `to` that passes the ratio test.
+fn nearest(from: &Features, to: &Features, ratio: f64) -> Result<Vec<Option<usize>>, SceneError> {
+    let matcher = called("creating a matcher", BFMatcher::new(NORM_L2, false))?;
+    let mut candidates = Vector::<Vector<DMatch>>::new();
+    called("matching features", matcher.knn_train_match_def(&from.descriptors, &to.descriptors, &mut candidates, 2))?;
+    let mut best = vec![None; from.points.len()];
+    for two in &candidates {
+        let (Ok(one), Ok(other)) = (two.get(0), two.get(1)) else { continue };
+        let clear = f64::from(one.distance) < ratio * f64::from(other.distance);
+        let (Ok(query), Ok(train)) = (usize::try_from(one.query_idx), usize::try_from(one.train_idx)) else { continue };
+        if let Some(slot) = best.get_mut(query).filter(|_| clear) {
+            *slot = Some(train);
+        }
+    }
+    Ok(best)
+}
+
+/// Which matches agree with one fundamental matrix, estimated from the matches alone (MAGSAC++, Barath
+/// et al. 2020, as OpenCV's `USAC_MAGSAC`): wrong matches go without any camera having a say. `true` for
+/// those that agree; none agree where there are fewer than 12 matches.
+///
+/// # Errors
+/// [`SceneError::OpenCv`].
+pub fn epipolar_inliers(matches: &[PointMatch], inlier_px: f64) -> Result<Vec<bool>, SceneError> {
+    if matches.len() < MIN_FOR_FUNDAMENTAL {
+        return Ok(vec![false; matches.len()]);
+    }
+    let points = |of: fn(&PointMatch) -> DVec2| -> Vector<Point2d> {
+        matches.iter().map(|points| Point2d::new(of(points).x, of(points).y)).collect()
+    };
+    let (first, second) = (points(|m| m.first), points(|m| m.second));
+    let mut mask = Vector::<u8>::new();
+    let method = USAC_MAGSAC;
+    called(
+        "fitting a fundamental matrix",
+        find_fundamental_mat(&first, &second, method, inlier_px, CONFIDENCE, MAX_ITERATIONS, &mut mask),
+    )?;
+    Ok((0..matches.len()).map(|index| mask.get(index).is_ok_and(|kept| kept > 0)).collect())
+}
+
+/// Matches between two pictures: features, mutual ratio test, and the inliers of the fundamental matrix
+/// fitted to them. Points are in raw pixels of the pictures.
+///
+/// # Errors
+/// [`SceneError::OpenCv`].
+pub fn match_pair(first: &ImageU8, second: &ImageU8, options: &MatchOptions) -> Result<Vec<PointMatch>, SceneError> {
+    let matches = match_mutual(&detect(first, options)?, &detect(second, options)?, options.ratio)?;
+    let inliers = epipolar_inliers(&matches, options.inlier_px)?;
+    Ok(matches.into_iter().zip(inliers).filter_map(|(points, kept)| kept.then_some(points)).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::median;
+    use crate::opencv::test_pictures::{blobs, shifted_noise};
+
+    #[test]
+    fn features_sit_where_the_blobs_are() {
+        let (picture, centres) = blobs(320, 240);
+        let features = detect(&picture, &MatchOptions::default()).unwrap();
+        let offsets: Vec<DVec2> = centres
+            .iter()
+            .filter_map(|centre| {
+                let distance = |point: &&DVec2| point.distance(*centre);
+                let nearest = features.points().iter().min_by(|a, b| distance(a).total_cmp(&distance(b)))?;
+                (nearest.distance(*centre) < 1.0).then_some(*nearest - *centre)
+            })
+            .collect();
+        assert!(offsets.len() > centres.len() / 2, "{} of {} blobs found", offsets.len(), centres.len());
+        let dx = median(offsets.iter().map(|o| o.x).collect()).unwrap();
+        let dy = median(offsets.iter().map(|o| o.y).collect()).unwrap();
+        assert!(dx.abs() < 0.05 && dy.abs() < 0.05, "biased by ({dx:.3}, {dy:.3}) px");
+    }
+
+    #[test]
+    fn a_shift_is_matched_to_a_fraction_of_a_pixel() {
+        let (first, second) = (shifted_noise(300, 200, 0, 0), shifted_noise(300, 200, 7, 4));
+        let features = |picture| detect(picture, &MatchOptions::default()).unwrap();
+        let matches = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
+        assert!(matches.len() > 50, "{} matches", matches.len());
+        let errors = matches.iter().map(|m| (m.first - m.second - DVec2::new(7.0, 4.0)).length()).collect();
+        let error = median(errors).unwrap();
+        assert!(error < 0.05, "median error {error} px");
+    }
+
+    #[test]
+    fn matching_is_the_same_on_every_run_and_in_both_directions() {
+        let (first, second) = (shifted_noise(200, 150, 0, 0), shifted_noise(200, 150, 5, -3));
+        let options = MatchOptions::default();
+        let once = match_pair(&first, &second, &options).unwrap();
+        assert_eq!(once, match_pair(&first, &second, &options).unwrap());
+        let features = |picture| detect(picture, &options).unwrap();
+        let forth = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
+        let back = match_mutual(&features(&second), &features(&first), 0.8).unwrap();
+        let turned = |m: &PointMatch| PointMatch { first: m.second, second: m.first };
+        assert_eq!(forth.len(), back.len());
+        assert!(forth.iter().all(|m| back.contains(&turned(m))));
+    }
+
+    #[test]
+    fn wrong_matches_are_left_out() {
+        let truth = crate::geometry::synthetic::matched(
+            crate::geometry::synthetic::view([0.1, 0.0, 0.0], [0.0, 0.0, 0.0]),
+            crate::geometry::synthetic::view([-0.1, 0.1, 0.0], [1.0, 0.2, 0.0]),
+        );
+        let mut matches = truth.matches;
+        let right = matches.len();
+        let wrong: Vec<PointMatch> = matches
+            .iter()
+            .zip(matches.iter().skip(17))
+            .take(60)
+            .map(|(one, other)| PointMatch { first: one.first, second: other.second })
+            .collect();
+        matches.extend(wrong);
+        let kept = epipolar_inliers(&matches, 1.5).unwrap();
+        assert!(kept[..right].iter().all(|k| *k), "every true match stays");
+        let slipped = kept[right..].iter().filter(|k| **k).count();
+        assert!(slipped < 10, "{slipped} of 60 wrong matches stay: only those that happen to lie on their line may");
+    }
+
+    #[test]
+    fn flat_and_tiny_pictures_have_no_matches() {
+        let flat = ImageU8::new(64, 64, vec![128; 64 * 64 * 3]).unwrap();
+        let dot = ImageU8::new(1, 1, vec![0; 3]).unwrap();
+        let none = ImageU8::new(0, 0, vec![]).unwrap();
+        for picture in [&flat, &dot, &none] {
+            assert_eq!(match_pair(picture, &flat, &MatchOptions::default()).unwrap(), vec![]);
+        }
+    }
+}

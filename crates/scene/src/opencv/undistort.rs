@@ -1,0 +1,295 @@
+use atsplat_camera::{Camera, Distortion, ImageSize, Lens, NormalizedIntrinsics, PixelIntrinsics};
+use atsplat_pixels::ImageU8;
+use glam::DVec2;
+use serde::{Deserialize, Serialize};
+
+use ::opencv::calib3d::{estimate_new_camera_matrix_for_undistort_rectify, get_optimal_new_camera_matrix};
+use ::opencv::core::{BORDER_CONSTANT, Mat, Matx33d, Scalar, Size, Vec2f, Vector};
+use ::opencv::imgproc::{INTER_LINEAR, remap};
+use ::opencv::prelude::*;
+
+use super::{called, mat_from_picture};
+use crate::SceneError;
+
+/// Outside any picture: what the map says where the lens model has no answer.
+const NOWHERE: f32 = -1e6;
+
+/// Which pinhole camera the undistorted picture is of.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum UndistortMode {
+    /// The same K: what was at the principal point keeps its scale, and parts of the rim may be black
+    /// ([`Undistorter::outside`]).
+    #[default]
+    KeepK,
+    /// A new K without black rim, as Long-LRM and iLRM-wide undistort DL3DV (Long-LRM
+    /// `data/prosess_dl3dv.py:20-62`): `cv2.getOptimalNewCameraMatrix` with `alpha = 0`, then
+    /// `cv2.undistort`. Like theirs it hands K to OpenCV as it stands, although OpenCV counts pixels from
+    /// the first one's centre: half a pixel times the lens's local change of scale. For a fisheye, which
+    /// their data does not hold, `cv2.fisheye`'s estimate with `balance = 0` takes its place.
+    LongLrm,
+}
+
+/// Undistorts pictures of one size from one camera; the map is computed once.
+///
+/// Rays that the lens model cannot map (beyond its fold) are black, where OpenCV's own map mirrors parts
+/// of the picture into the rim. Sampling is bilinear, as `cv2.undistort`'s.
+#[derive(Debug)]
+pub struct Undistorter {
+    size: ImageSize,
+    intrinsics: NormalizedIntrinsics,
+    /// The map and its fraction of outside pixels; none for a pinhole, whose pictures stay as they are.
+    map: Option<(Mat, f64)>,
+}
+
+impl Undistorter {
+    /// For pictures of `size` from `camera`.
+    ///
+    /// # Errors
+    /// [`SceneError::Lens`] for coefficients or intrinsics that make no camera, [`SceneError::OpenCv`].
+    pub fn new(camera: &Camera, size: ImageSize, mode: UndistortMode) -> Result<Self, SceneError> {
+        let unusable = |source| SceneError::Lens { source };
+        if camera.distortion == Distortion::None {
+            return Ok(Self { size, intrinsics: camera.intrinsics, map: None });
+        }
+        let lens = camera.distortion.lens().map_err(unusable)?;
+        let distorted = camera.intrinsics.pixel_from_normalized(size);
+        let (straight, first_pixel) = match mode {
+            UndistortMode::KeepK => (distorted, 0.5),
+            UndistortMode::LongLrm => (long_lrm_intrinsics(&distorted, &camera.distortion, size)?, 0.0),
+        };
+        let intrinsics = straight.normalized_from_pixel(size).map_err(unusable)?;
+        let map = source_map(&lens, &distorted, &straight, size, first_pixel)?;
+        let outside = outside_fraction(&map, size)?;
+        Ok(Self { size, intrinsics, map: Some((map, outside)) })
+    }
+
+    /// Intrinsics of the undistorted pictures, which have the same size and no distortion.
+    pub const fn intrinsics(&self) -> NormalizedIntrinsics {
+        self.intrinsics
+    }
+
+    /// Fraction of the undistorted picture's pixels, in [0, 1], that reach outside the original one and
+    /// are black or mixed with black.
+    pub fn outside(&self) -> f64 {
+        self.map.as_ref().map_or(0.0, |(_, outside)| *outside)
+    }
+
+    /// The picture as the pinhole camera of [`Self::intrinsics`] would have taken it.
+    ///
+    /// # Errors
+    /// [`SceneError::PictureSize`] for a picture of another size, [`SceneError::OpenCv`].
+    pub fn undistort(&self, picture: &ImageU8) -> Result<ImageU8, SceneError> {
+        let found = ImageSize { width: picture.width(), height: picture.height() };
+        if found != self.size {
+            return Err(SceneError::PictureSize { expected: self.size, found });
+        }
+        let Some((map, _)) = &self.map else { return Ok(picture.clone()) };
+        let straight = sampled(&mat_from_picture(picture)?, map)?;
+        let samples = called("reading a picture", straight.data_bytes())?.to_vec();
+        // As many samples as the picture that came in.
+        Ok(ImageU8::new(found.width, found.height, samples).unwrap_or_else(|_| picture.clone()))
+    }
+}
+
+/// For each pixel of the new picture, where the old one shows the same ray, as (column, row) counted from
+/// the centre of the first pixel. `first_pixel` is where K has that centre: at 0.5, or at 0 for those who
+/// hand K to OpenCV as it stands.
+fn source_map(
+    lens: &Lens,
+    distorted: &PixelIntrinsics,
+    straight: &PixelIntrinsics,
+    size: ImageSize,
+    first_pixel: f64,
+) -> Result<Mat, SceneError> {
+    let old = |point: DVec2| DVec2::new(point.x * distorted.fx + distorted.cx, point.y * distorted.fy + distorted.cy);
+    let mut places = Vec::new();
+    for row in 0..size.height {
+        for column in 0..size.width {
+            let pixel = DVec2::new(f64::from(column), f64::from(row)) + first_pixel;
+            let ray = DVec2::new((pixel.x - straight.cx) / straight.fx, (pixel.y - straight.cy) / straight.fy);
+            let place = lens.distorted_from_undistorted(ray).map(|bent| old(bent) - first_pixel);
+            places.push(place.map_or([NOWHERE; 2].into(), |p| Vec2f::from([p.x as f32, p.y as f32])));
+        }
+    }
+    let rows = i32::try_from(size.height).unwrap_or(i32::MAX);
+    let flat = called("laying out a map", Mat::from_slice(&places))?;
+    let shaped = called("laying out a map", flat.reshape(2, rows))?;
+    called("laying out a map", shaped.try_clone())
+}
+
+fn sampled(picture: &Mat, map: &Mat) -> Result<Mat, SceneError> {
+    let mut straight = Mat::default();
+    let black = Scalar::all(0.0);
+    called("undistorting", remap(picture, &mut straight, map, &Mat::default(), INTER_LINEAR, BORDER_CONSTANT, black))?;
+    Ok(straight)
+}
+
+fn outside_fraction(map: &Mat, size: ImageSize) -> Result<f64, SceneError> {
+    let pixels = u64::from(size.width) * u64::from(size.height);
+    let (rows, columns) = (map.rows(), map.cols());
+    let white =
+        called("making a mask", Mat::new_rows_cols_with_default(rows, columns, u8::opencv_type(), Scalar::all(255.0)))?;
+    let inside = sampled(&white, map)?;
+    let reached = called("reading a mask", inside.data_bytes())?.iter().filter(|value| **value == u8::MAX).count();
+    Ok(if pixels == 0 { 0.0 } else { 1.0 - reached as f64 / pixels as f64 })
+}
+
+fn long_lrm_intrinsics(
+    k: &PixelIntrinsics,
+    distortion: &Distortion,
+    size: ImageSize,
+) -> Result<PixelIntrinsics, SceneError> {
+    let matrix = matrix_of(k);
+    let side = |length: u32| i32::try_from(length).unwrap_or(i32::MAX);
+    let cv_size = Size::new(side(size.width), side(size.height));
+    let action = "choosing a new camera matrix";
+    let new = match *distortion {
+        Distortion::None => return Ok(*k),
+        Distortion::OpenCv { k1, k2, k3, p1, p2 } => {
+            let coefficients = Vector::from_slice(&[k1, k2, p1, p2, k3]);
+            let alpha = 0.0;
+            called(action, get_optimal_new_camera_matrix(&matrix, &coefficients, cv_size, alpha, cv_size, None, false))?
+        }
+        Distortion::Fisheye { k } => {
+            let (coefficients, upright) = (Vector::from_slice(&k), Matx33d::eye());
+            let (balance, same_field) = (0.0, 1.0);
+            let mut new = Mat::default();
+            let estimated = estimate_new_camera_matrix_for_undistort_rectify(
+                &matrix,
+                &coefficients,
+                cv_size,
+                &upright,
+                &mut new,
+                balance,
+                cv_size,
+                same_field,
+            );
+            called(action, estimated)?;
+            new
+        }
+    };
+    let entry = |row: i32, column: i32| called(action, new.at_2d::<f64>(row, column)).copied();
+    PixelIntrinsics::new(entry(0, 0)?, entry(1, 1)?, entry(0, 2)?, entry(1, 2)?)
+        .map_err(|source| SceneError::Lens { source })
+}
+
+fn matrix_of(k: &PixelIntrinsics) -> Matx33d {
+    Matx33d::from_array([k.fx, 0.0, k.cx, 0.0, k.fy, k.cy, 0.0, 0.0, 1.0])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::opencv::test_pictures::shifted_noise;
+    use ::opencv::calib3d::undistort;
+    use atsplat_camera::CameraFromWorld;
+    use atsplat_numeric::Tolerance;
+
+    const SIZE: ImageSize = ImageSize { width: 320, height: 240 };
+    const BARREL: Distortion = Distortion::OpenCv { k1: -0.2, k2: 0.03, k3: 0.0, p1: 1e-3, p2: -5e-4 };
+    const FISHEYE: Distortion = Distortion::Fisheye { k: [-0.02, 0.004, 0.0, 0.0] };
+
+    fn camera(distortion: Distortion) -> Camera {
+        let intrinsics = NormalizedIntrinsics::new(0.7, 0.7 * 320.0 / 240.0, 0.51, 0.49).unwrap();
+        Camera { camera_from_world: CameraFromWorld::IDENTITY, intrinsics, distortion }
+    }
+
+    /// A plane with lines `X = n · step` and `Y = n · step` at z = 1, dark on white, through `camera`.
+    fn grid(camera: &Camera, step: f64) -> ImageU8 {
+        let k = camera.intrinsics.pixel_from_normalized(SIZE);
+        let lens = camera.distortion.lens().unwrap();
+        let mut samples = Vec::new();
+        for row in 0..SIZE.height {
+            for column in 0..SIZE.width {
+                let pixel = DVec2::new(f64::from(column), f64::from(row)) + 0.5;
+                let bent = DVec2::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy);
+                let ray = lens.undistorted_from_distorted(bent).unwrap();
+                // Soft lines, so that sampling between pixels is accurate.
+                let line = |x: f64| (std::f64::consts::PI * x / step).cos().powi(8);
+                let dark = 1.0 - (1.0 - line(ray.x)) * (1.0 - line(ray.y));
+                samples.extend([(255.0 - 200.0 * dark).round() as u8; 3]);
+            }
+        }
+        ImageU8::new(SIZE.width, SIZE.height, samples).unwrap()
+    }
+
+    fn largest_difference(a: &ImageU8, b: &ImageU8, rim: u32) -> u8 {
+        let inner = |x: u32, y: u32| (rim..SIZE.width - rim).contains(&x) && (rim..SIZE.height - rim).contains(&y);
+        let pixels = (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (x, y)));
+        pixels
+            .filter(|(x, y)| inner(*x, *y))
+            .filter_map(|(x, y)| Some(a.pixel(x, y)?[0].abs_diff(b.pixel(x, y)?[0])))
+            .max()
+            .unwrap_or(u8::MAX)
+    }
+
+    #[test]
+    fn lines_come_out_straight_where_a_pinhole_would_see_them() {
+        for (distortion, rim) in [(BARREL, 2), (FISHEYE, 2)] {
+            let bent = grid(&camera(distortion), 0.2);
+            let straight = Undistorter::new(&camera(distortion), SIZE, UndistortMode::KeepK).unwrap();
+            assert_eq!(straight.intrinsics(), camera(distortion).intrinsics);
+            let pinhole = Camera { distortion: Distortion::None, ..camera(distortion) };
+            let difference = largest_difference(&straight.undistort(&bent).unwrap(), &grid(&pinhole, 0.2), rim);
+            // Bilinear sampling of a soft line loses a few levels; half a pixel of shift costs over 20.
+            assert!(difference <= 8, "{distortion:?}: off by {difference} levels");
+            assert!(largest_difference(&bent, &grid(&pinhole, 0.2), rim) > 60, "the lens bends visibly");
+        }
+    }
+
+    #[test]
+    fn long_lrm_mode_is_opencvs_own_undistortion() {
+        let Distortion::OpenCv { k1, k2, k3, p1, p2 } = BARREL else { unreachable!() };
+        let camera = camera(BARREL);
+        let picture = shifted_noise(SIZE.width, SIZE.height, 0, 0);
+        let ours = Undistorter::new(&camera, SIZE, UndistortMode::LongLrm).unwrap();
+        assert_ne!(ours.intrinsics(), camera.intrinsics);
+
+        let matrix = |k: PixelIntrinsics| matrix_of(&k);
+        let (old, new) =
+            (matrix(camera.intrinsics.pixel_from_normalized(SIZE)), ours.intrinsics().pixel_from_normalized(SIZE));
+        let mut theirs = Mat::default();
+        let coefficients = Vector::from_slice(&[k1, k2, p1, p2, k3]);
+        undistort(&mat_from_picture(&picture).unwrap(), &mut theirs, &old, &coefficients, &matrix(new)).unwrap();
+        let theirs = ImageU8::new(SIZE.width, SIZE.height, theirs.data_bytes().unwrap().to_vec()).unwrap();
+        let difference = largest_difference(&ours.undistort(&picture).unwrap(), &theirs, 0);
+        assert!(difference <= 2, "{difference} levels: both round places to 1/32 pixel, from maps of other precision");
+    }
+
+    #[test]
+    fn alpha_zero_leaves_no_black_rim_and_keep_k_of_a_pincushion_does() {
+        let pincushion = Distortion::OpenCv { k1: 0.15, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+        let keep = Undistorter::new(&camera(pincushion), SIZE, UndistortMode::KeepK).unwrap();
+        let fit = Undistorter::new(&camera(pincushion), SIZE, UndistortMode::LongLrm).unwrap();
+        assert!(keep.outside() > 0.02, "{}", keep.outside());
+        assert!(fit.outside() < 0.01, "{}", fit.outside());
+        let white = ImageU8::new(SIZE.width, SIZE.height, vec![255; 320 * 240 * 3]).unwrap();
+        let lit = keep.undistort(&white).unwrap().samples().iter().filter(|s| **s == 255).count();
+        let fraction = lit as f64 / f64::from(320 * 240 * 3);
+        Tolerance::F64.assert([1.0 - fraction], [keep.outside()], "reported as it is");
+    }
+
+    #[test]
+    fn beyond_the_fold_is_black_and_not_a_mirror_image() {
+        let mut wide = camera(Distortion::OpenCv { k1: -0.3, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 });
+        wide.intrinsics = NormalizedIntrinsics::new(0.3, 0.4, 0.5, 0.5).unwrap();
+        let straight = Undistorter::new(&wide, SIZE, UndistortMode::KeepK).unwrap();
+        let white = ImageU8::new(SIZE.width, SIZE.height, vec![255; 320 * 240 * 3]).unwrap();
+        let picture = straight.undistort(&white).unwrap();
+        assert_eq!(picture.pixel(0, 0), Some([0; 3]), "the corner's ray is beyond the fold");
+        assert_eq!(picture.pixel(160, 120), Some([255; 3]));
+    }
+
+    #[test]
+    fn a_pinhole_changes_nothing_and_other_sizes_are_refused() {
+        let straight = Undistorter::new(&camera(Distortion::None), SIZE, UndistortMode::LongLrm).unwrap();
+        let picture = shifted_noise(SIZE.width, SIZE.height, 3, 3);
+        assert_eq!(straight.undistort(&picture).unwrap(), picture);
+        assert_eq!((straight.outside(), straight.intrinsics()), (0.0, camera(Distortion::None).intrinsics));
+        let other = shifted_noise(32, 24, 0, 0);
+        assert!(matches!(straight.undistort(&other), Err(SceneError::PictureSize { .. })));
+        let nan = camera(Distortion::Fisheye { k: [f64::NAN; 4] });
+        assert!(matches!(Undistorter::new(&nan, SIZE, UndistortMode::KeepK), Err(SceneError::Lens { .. })));
+    }
+}

@@ -1,0 +1,364 @@
+use std::fmt;
+use std::path::{Component, Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use ::opencv::core::{Mat, Vector};
+use ::opencv::imgcodecs::{IMWRITE_JPEG_QUALITY, imencode};
+use ::opencv::prelude::*;
+use ::opencv::videoio::{CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_POS_MSEC, VideoCapture};
+
+use super::called;
+use crate::SceneError;
+
+const FORMAT: &str = "video";
+
+/// How cut frames are written.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum FrameFormat {
+    /// `<timestamp>.jpg` at this quality, 0 to 100.
+    Jpeg(u8),
+    /// `<timestamp>.png`, without loss.
+    Png,
+}
+
+/// What became of one timestamp.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(tag = "outcome", rename_all = "kebab-case")]
+pub enum CutOutcome {
+    /// The frame was written.
+    Written {
+        /// Where.
+        path: PathBuf,
+    },
+    /// The nearest frame is over half a frame interval away.
+    TooFar,
+    /// The video has no frames at all.
+    NoFrame,
+}
+
+/// One timestamp of a trajectory and the video's nearest frame.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct CutFrame {
+    /// The timestamp asked for, in microseconds.
+    pub timestamp_micros: i64,
+    /// When the nearest frame is presented, in microseconds; `None` where the video has no frames.
+    pub presented_micros: Option<f64>,
+    /// What became of it.
+    #[serde(flatten)]
+    pub outcome: CutOutcome,
+}
+
+impl CutFrame {
+    /// Presentation time less timestamp, in microseconds.
+    pub fn residual_micros(&self) -> Option<f64> {
+        Some(self.presented_micros? - self.timestamp_micros as f64)
+    }
+}
+
+/// What was cut out of a video.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct VideoCut {
+    /// The interval between frames at the video's average rate, in microseconds.
+    pub interval_micros: f64,
+    /// One entry per timestamp, in the order asked for.
+    pub frames: Vec<CutFrame>,
+}
+
+impl VideoCut {
+    /// How many frames were written.
+    pub fn written(&self) -> usize {
+        self.frames.iter().filter(|frame| matches!(frame.outcome, CutOutcome::Written { .. })).count()
+    }
+}
+
+/// Where cut frames go and how they are written.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
+pub struct CutOptions {
+    /// Frames go to `<folder>/<key>/<timestamp>.<extension>`, the layout of RE10K
+    /// (`real_estate_10k_tools` `src/convert.py:69-73`).
+    pub folder: PathBuf,
+    /// How they are written.
+    pub format: FrameFormat,
+}
+
+/// Cuts the frames that a trajectory's timestamps name out of a video.
+///
+/// The video is decoded from its start, and each frame's own presentation time (counted from the video
+/// stream's start) decides, not its number: seeking lands on the wrong frame in some containers, and with a
+/// variable frame rate numbers say nothing about time. A timestamp gets the nearest frame, the earlier of
+/// two equally near ones; if that is over half an interval of the average frame rate away it gets none. Each
+/// file is written whole, then renamed into place. Decoding stops after the last timestamp. `progress` hears
+/// how many timestamps are decided.
+///
+/// # Errors
+/// [`SceneError::Malformed`] for a video that cannot be opened, has no frame rate or runs backwards, or a
+/// `key` that is not a plain folder name; [`SceneError::Io`] where a file cannot be written;
+/// [`SceneError::OpenCv`].
+pub fn cut_frames(
+    video: &Path,
+    key: &str,
+    timestamps_micros: &[i64],
+    options: &CutOptions,
+    mut progress: impl FnMut(usize),
+) -> Result<VideoCut, SceneError> {
+    let folder = options.folder.join(plain_name(key)?);
+    std::fs::create_dir_all(&folder).map_err(SceneError::io("making a folder for frames", &folder))?;
+    let mut stream = Stream::open(video)?;
+    let limit = 0.5 * stream.interval_micros;
+    let mut order: Vec<usize> = (0..timestamps_micros.len()).collect();
+    order.sort_by_key(|index| timestamps_micros.get(*index));
+    let wanted: Vec<(usize, i64)> =
+        order.into_iter().filter_map(|index| Some((index, *timestamps_micros.get(index)?))).collect();
+
+    let mut cut = vec![None; timestamps_micros.len()];
+    let mut open = wanted.as_slice();
+    let mut before: Option<Shown> = None;
+    while !open.is_empty() {
+        let Some(time) = stream.advance()? else { break };
+        let (due, later) = open.split_at(open.partition_point(|(_, wanted)| *wanted as f64 <= time));
+        let soon = later.first().is_some_and(|(_, wanted)| *wanted as f64 - time <= limit);
+        let here_is_nearer = |wanted: i64| {
+            before.as_ref().is_none_or(|shown| (time - wanted as f64) < (wanted as f64 - shown.time).abs())
+        };
+        let now = due.iter().any(|(_, wanted)| time - *wanted as f64 <= limit && here_is_nearer(*wanted));
+        let here = Shown { time, picture: if soon || now { Some(stream.picture()?) } else { None } };
+        for (index, wanted) in due {
+            let nearest = if here_is_nearer(*wanted) { Some(&here) } else { before.as_ref() };
+            if let Some(slot) = cut.get_mut(*index) {
+                *slot = Some(decided(*wanted, nearest, limit, &folder, options.format)?);
+            }
+        }
+        open = later;
+        before = Some(here);
+        progress(wanted.len() - open.len());
+    }
+    for (index, wanted) in open {
+        if let Some(slot) = cut.get_mut(*index) {
+            *slot = Some(decided(*wanted, before.as_ref(), limit, &folder, options.format)?);
+        }
+    }
+    progress(wanted.len());
+    Ok(VideoCut { interval_micros: stream.interval_micros, frames: cut.into_iter().flatten().collect() })
+}
+
+/// A frame that was shown; its picture only where a timestamp is near enough to want it.
+struct Shown {
+    time: f64,
+    picture: Option<Mat>,
+}
+
+fn decided(
+    wanted: i64,
+    nearest: Option<&Shown>,
+    limit: f64,
+    folder: &Path,
+    format: FrameFormat,
+) -> Result<CutFrame, SceneError> {
+    let frame = |presented, outcome| CutFrame { timestamp_micros: wanted, presented_micros: presented, outcome };
+    let Some(Shown { time, picture }) = nearest else { return Ok(frame(None, CutOutcome::NoFrame)) };
+    match picture {
+        Some(picture) if (time - wanted as f64).abs() <= limit => {
+            let path = write(picture, folder, wanted, format)?;
+            Ok(frame(Some(*time), CutOutcome::Written { path }))
+        }
+        _ => Ok(frame(Some(*time), CutOutcome::TooFar)),
+    }
+}
+
+fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, SceneError> {
+    let (extension, parameters) = match format {
+        FrameFormat::Jpeg(quality) => (".jpg", Vector::from_slice(&[IMWRITE_JPEG_QUALITY, i32::from(quality)])),
+        FrameFormat::Png => (".png", Vector::new()),
+    };
+    let mut bytes = Vector::<u8>::new();
+    called("encoding a frame", imencode(extension, picture, &mut bytes, &parameters))?;
+    let path = folder.join(format!("{timestamp}{extension}"));
+    let part = folder.join(format!(".{timestamp}{extension}.part"));
+    std::fs::write(&part, bytes.as_slice()).map_err(SceneError::io("writing a frame", &part))?;
+    std::fs::rename(&part, &path).map_err(SceneError::io("naming a frame", &path))?;
+    Ok(path)
+}
+
+/// A key names one folder: nothing in it may lead elsewhere.
+fn plain_name(key: &str) -> Result<&str, SceneError> {
+    let mut parts = Path::new(key).components();
+    match (parts.next(), parts.next()) {
+        (Some(Component::Normal(name)), None) if name == key => Ok(key),
+        _ => Err(malformed(Path::new(key), "scene key", "a plain folder name", format!("{key:?}"))),
+    }
+}
+
+fn malformed(path: &Path, location: &str, expected: &str, found: String) -> SceneError {
+    let (location, expected) = (location.to_owned(), expected.to_owned());
+    SceneError::Malformed { format: FORMAT, path: path.to_owned(), location, expected, found }
+}
+
+/// A video read from its start, frame by frame.
+struct Stream {
+    path: PathBuf,
+    capture: VideoCapture,
+    interval_micros: f64,
+    last: Option<f64>,
+}
+
+impl Stream {
+    fn open(path: &Path) -> Result<Self, SceneError> {
+        std::fs::metadata(path).map_err(SceneError::io("opening a video", path))?;
+        let name = path.to_str();
+        let name = name.ok_or_else(|| malformed(path, "path", "UTF-8", path.to_string_lossy().into_owned()))?;
+        let capture = called("opening a video", VideoCapture::from_file(name, CAP_FFMPEG))?;
+        if !called("opening a video", capture.is_opened())? {
+            return Err(malformed(path, "header", "a video that FFmpeg can decode", "none".to_owned()));
+        }
+        let rate = called("reading the frame rate", capture.get(CAP_PROP_FPS))?;
+        if !(rate.is_finite() && rate > 0.0) {
+            return Err(malformed(path, "frame rate", "a positive number", rate.to_string()));
+        }
+        Ok(Self { path: path.to_owned(), capture, interval_micros: 1e6 / rate, last: None })
+    }
+
+    /// The next frame's presentation time in microseconds; `None` after the last.
+    fn advance(&mut self) -> Result<Option<f64>, SceneError> {
+        if !called("decoding a frame", self.capture.grab())? {
+            return Ok(None);
+        }
+        let time = 1e3 * called("reading a presentation time", self.capture.get(CAP_PROP_POS_MSEC))?;
+        let last = self.last.replace(time);
+        if last.is_some_and(|last| last >= time) || !time.is_finite() {
+            let found = format!("{time} µs after {} µs", last.unwrap_or_default());
+            return Err(malformed(&self.path, "presentation times", "increasing times", found));
+        }
+        Ok(Some(time))
+    }
+
+    /// The picture of the frame that [`Self::advance`] reached.
+    fn picture(&mut self) -> Result<Mat, SceneError> {
+        let mut picture = Mat::default();
+        let retrieved = called("retrieving a frame", self.capture.retrieve_def(&mut picture))?;
+        if retrieved && !picture.empty() {
+            return Ok(picture);
+        }
+        let location = format!("{} µs", self.last.unwrap_or_default());
+        Err(malformed(&self.path, &location, "a decodable frame", "none".to_owned()))
+    }
+}
+
+impl fmt::Display for VideoCut {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { interval_micros, frames } = self;
+        let count = frames.len();
+        writeln!(f, "{} of {count} frames written, frame interval {interval_micros:.0} µs", self.written())?;
+        for frame in frames {
+            let residual = frame.residual_micros();
+            let away = residual.map_or_else(|| "no frame".to_owned(), |micros| format!("{micros:+.0} µs"));
+            let note = match frame.outcome {
+                CutOutcome::Written { .. } => "",
+                CutOutcome::TooFar => "  rejected: over half an interval",
+                CutOutcome::NoFrame => "  rejected: the video is empty",
+            };
+            writeln!(f, "  {}  {away}{note}", frame.timestamp_micros)?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    /// Presentation times are stored in ticks of 1/90000 s or finer.
+    const TICK: Tolerance = Tolerance::absolute(12.0);
+
+    fn fixture(name: &str) -> PathBuf {
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/video").join(name)
+    }
+
+    fn cut(name: &str, timestamps: &[i64]) -> (VideoCut, tempfile::TempDir) {
+        let folder = tempfile::tempdir().unwrap();
+        let options = CutOptions { folder: folder.path().to_owned(), format: FrameFormat::Png };
+        let mut decided = 0;
+        let cut = cut_frames(&fixture(name), "scene", timestamps, &options, |count| decided = count).unwrap();
+        assert_eq!(decided, timestamps.len());
+        (cut, folder)
+    }
+
+    /// The frame number that `make_videos.sh` drew: bit n is the brightness of the nth stripe of 8 columns.
+    fn number_in(frame: &CutFrame) -> Option<u32> {
+        let CutOutcome::Written { path } = &frame.outcome else { return None };
+        let picture = atsplat_pixels::decode(&std::fs::read(path).unwrap(), &atsplat_pixels::DecodeLimits::default());
+        let picture = picture.unwrap();
+        Some((0..8).map(|bit| u32::from(picture.pixel(8 * bit + 4, 24).unwrap()[1] > 127) << bit).sum())
+    }
+
+    #[test]
+    fn constant_rate_frames_come_by_their_time() {
+        // 25 frames a second: frame n at n · 40 ms.
+        let (cut, _folder) = cut("constant.mp4", &[0, 40_000, 1_200_000, 419_000, 1_980_000]);
+        assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [Some(0), Some(1), Some(30), Some(10), None]);
+        assert!(TICK.accepts(cut.interval_micros, 40_000.0));
+        let residuals = cut.frames.iter().take(4).map(|frame| frame.residual_micros().unwrap());
+        TICK.assert(residuals, [0.0, 0.0, 0.0, -19_000.0], "residuals");
+        assert_eq!(cut.written(), 4);
+    }
+
+    #[test]
+    fn a_variable_rate_is_read_from_the_frames_and_not_from_their_numbers() {
+        // make_videos.sh: frame n at n² · 4 ms, so the average rate says little about any one of them.
+        let times: Vec<i64> = (0..20).map(|n| n * n * 4_000).collect();
+        let (cut, _folder) = cut("variable.mkv", &times);
+        let numbers: Vec<_> = cut.frames.iter().map(number_in).collect();
+        assert_eq!(numbers, (0..20).map(Some).collect::<Vec<_>>());
+        for frame in &cut.frames {
+            assert!(Tolerance::absolute(501.0).accepts(frame.residual_micros().unwrap(), 0.0), "{frame:?}");
+        }
+    }
+
+    #[test]
+    fn what_lies_far_outside_is_rejected_with_its_residual() {
+        let (cut, folder) = cut("constant.mp4", &[-500_000, -19_000, 9_000_000]);
+        assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [None, Some(0), None]);
+        assert!(cut.frames.iter().all(|frame| frame.residual_micros().is_some()));
+        assert_eq!(cut.frames[2].outcome, CutOutcome::TooFar);
+        let names: Vec<_> =
+            std::fs::read_dir(folder.path().join("scene")).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(names, ["-19000.png"], "nothing half written stays behind");
+        assert!(cut.to_string().contains("1 of 3 frames written"), "{cut}");
+    }
+
+    #[test]
+    fn timestamps_may_come_in_any_order_and_twice() {
+        let (cut, _folder) = cut("constant.mp4", &[800_000, 0, 800_000, 400_000]);
+        assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [Some(20), Some(0), Some(20), Some(10)]);
+    }
+
+    #[test]
+    fn jpeg_frames_are_jpegs() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = CutOptions { folder: folder.path().to_owned(), format: FrameFormat::Jpeg(95) };
+        let cut = cut_frames(&fixture("constant.mp4"), "scene", &[120_000], &options, |_| ()).unwrap();
+        assert_eq!(number_in(&cut.frames[0]), Some(3));
+        let bytes = std::fs::read(folder.path().join("scene/120000.jpg")).unwrap();
+        assert_eq!(bytes[..2], [0xff, 0xd8]);
+    }
+
+    #[test]
+    fn bad_videos_and_keys_are_errors() {
+        let folder = tempfile::tempdir().unwrap();
+        let options = CutOptions { folder: folder.path().join("out"), format: FrameFormat::Png };
+        let attempt = |video: &Path, key: &str| cut_frames(video, key, &[0], &options, |_| ()).err();
+        let whole = std::fs::read(fixture("constant.mp4")).unwrap();
+        for (name, bytes) in [("text.mp4", &b"not a video"[..]), ("empty.mp4", b""), ("cut.mp4", &whole[..40])] {
+            let path = folder.path().join(name);
+            std::fs::write(&path, bytes).unwrap();
+            assert!(matches!(attempt(&path, "scene"), Some(SceneError::Malformed { .. })), "{name}");
+        }
+        assert!(matches!(attempt(&folder.path().join("none.mp4"), "scene"), Some(SceneError::Io { .. })));
+        for key in ["", ".", "..", "a/b", "/etc", "../up", "a/"] {
+            assert!(matches!(attempt(&fixture("constant.mp4"), key), Some(SceneError::Malformed { .. })), "{key:?}");
+        }
+        assert!(!folder.path().join("up").exists() && !folder.path().parent().unwrap().join("up").exists());
+    }
+}
