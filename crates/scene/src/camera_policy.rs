@@ -55,8 +55,11 @@ fn report_timestamps(scene: &Scene, warnings: &mut Warnings) {
     }
     let mut sorted = timestamps;
     sorted.sort_unstable();
-    let repeated: Vec<i64> =
-        sorted.windows(2).filter_map(|pair| matches!(pair, [a, b] if a == b).then(|| pair[0])).collect();
+    let repeats = sorted.windows(2).filter_map(|pair| match pair {
+        [a, b] if a == b => Some(*a),
+        _ => None,
+    });
+    let repeated: Vec<i64> = repeats.collect();
     if let Some(first) = repeated.first() {
         let detail = format!("{} timestamps repeat, the smallest is {first}", repeated.len());
         warnings.push(WarningKind::DuplicateTimestamp, &scene.key, detail);

@@ -106,38 +106,40 @@ impl ColmapCamera {
             path: path.to_owned(),
         };
         let camera = |source| SceneError::Camera { path: path.to_owned(), location: location.to_owned(), source };
-        let radial = |k1, k2| (Distortion::OpenCv { k1, k2, k3: 0.0, p1: 0.0, p2: 0.0 }, [k1, k2].map(f64::abs));
-        let fisheye = |k| (Distortion::Fisheye { k }, [1.0; 2]);
-        let none = (Distortion::None, [0.0; 2]);
-        let (focal, (distortion, size)) = match (self.model, self.parameters.as_slice()) {
-            (Model::SimplePinhole, &[f, cx, cy]) => ([f, f, cx, cy], none),
-            (Model::Pinhole, &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], none),
-            (Model::SimpleRadial, &[f, cx, cy, k]) => ([f, f, cx, cy], radial(k, 0.0)),
-            (Model::Radial, &[f, cx, cy, k1, k2]) => ([f, f, cx, cy], radial(k1, k2)),
-            (Model::OpenCv, &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
-                let distortion = Distortion::OpenCv { k1, k2, k3: 0.0, p1, p2 };
-                ([fx, fy, cx, cy], (distortion, [k1.abs() + k2.abs(), p1.abs() + p2.abs()]))
-            }
+        let open_cv = |k1, k2, k3, p1, p2| {
+            let pinhole = [k1, k2, k3, p1, p2].iter().all(|coefficient| *coefficient == 0.0);
+            if pinhole { Distortion::None } else { Distortion::OpenCv { k1, k2, k3, p1, p2 } }
+        };
+        let ([fx, fy, cx, cy], distortion) = match (self.model, self.parameters.as_slice()) {
+            (Model::SimplePinhole, &[f, cx, cy]) => ([f, f, cx, cy], Distortion::None),
+            (Model::Pinhole, &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], Distortion::None),
+            (Model::SimpleRadial, &[f, cx, cy, k]) => ([f, f, cx, cy], open_cv(k, 0.0, 0.0, 0.0, 0.0)),
+            (Model::Radial, &[f, cx, cy, k1, k2]) => ([f, f, cx, cy], open_cv(k1, k2, 0.0, 0.0, 0.0)),
+            (Model::OpenCv, &[fx, fy, cx, cy, k1, k2, p1, p2]) => ([fx, fy, cx, cy], open_cv(k1, k2, 0.0, p1, p2)),
             (Model::FullOpenCv, &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
                 if [k4, k5, k6].iter().any(|k| *k != 0.0) {
                     return Err(unsupported("its denominator k4, k5, k6 is not zero"));
                 }
-                let distortion = Distortion::OpenCv { k1, k2, k3, p1, p2 };
-                ([fx, fy, cx, cy], (distortion, [k1.abs() + k2.abs() + k3.abs(), p1.abs() + p2.abs()]))
+                ([fx, fy, cx, cy], open_cv(k1, k2, k3, p1, p2))
             }
-            (Model::OpenCvFisheye, &[fx, fy, cx, cy, k1, k2, k3, k4]) => ([fx, fy, cx, cy], fisheye([k1, k2, k3, k4])),
-            (Model::SimpleRadialFisheye, &[f, cx, cy, k]) => ([f, f, cx, cy], fisheye([k, 0.0, 0.0, 0.0])),
-            (Model::RadialFisheye, &[f, cx, cy, k1, k2]) => ([f, f, cx, cy], fisheye([k1, k2, 0.0, 0.0])),
-            (Model::SimpleFisheye, &[f, cx, cy]) => ([f, f, cx, cy], fisheye([0.0; 4])),
-            (Model::Fisheye, &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], fisheye([0.0; 4])),
+            (Model::OpenCvFisheye, &[fx, fy, cx, cy, k1, k2, k3, k4]) => {
+                ([fx, fy, cx, cy], Distortion::Fisheye { k: [k1, k2, k3, k4] })
+            }
+            (Model::SimpleRadialFisheye, &[f, cx, cy, k]) => {
+                ([f, f, cx, cy], Distortion::Fisheye { k: [k, 0.0, 0.0, 0.0] })
+            }
+            (Model::RadialFisheye, &[f, cx, cy, k1, k2]) => {
+                ([f, f, cx, cy], Distortion::Fisheye { k: [k1, k2, 0.0, 0.0] })
+            }
+            (Model::SimpleFisheye, &[f, cx, cy]) => ([f, f, cx, cy], Distortion::Fisheye { k: [0.0; 4] }),
+            (Model::Fisheye, &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], Distortion::Fisheye { k: [0.0; 4] }),
             _ => return Err(unsupported("neither pinhole nor OPENCV nor OPENCV_FISHEYE covers it")),
         };
         if let Some(found) = self.parameters.iter().find(|parameter| !parameter.is_finite()) {
             return Err(camera(atsplat_camera::CameraError::NonFinite { field: "parameter", found: *found }));
         }
-        let [fx, fy, cx, cy] = focal;
         let pixels = PixelIntrinsics::new(fx, fy, cx, cy).map_err(camera)?;
         let intrinsics = pixels.normalized_from_pixel(self.size).map_err(camera)?;
-        Ok((intrinsics, if size == [0.0; 2] { Distortion::None } else { distortion }))
+        Ok((intrinsics, distortion))
     }
 }

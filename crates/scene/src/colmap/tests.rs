@@ -235,7 +235,7 @@ fn models_that_colmap_wrote_read_as_colmap_reads_them() {
             Tolerance::EXACT.assert(found.color.map(f64::from), numbers(&point["rgb"]), encoding);
             Tolerance::EXACT.assert([found.error], [point["error"].as_f64().unwrap()], encoding);
             let track = found.track.iter().flat_map(|seen| [f64::from(seen.image_id), f64::from(seen.keypoint)]);
-            let expected: Vec<f64> = point["track"].as_array().unwrap().iter().flat_map(|pair| numbers(pair)).collect();
+            let expected: Vec<f64> = point["track"].as_array().unwrap().iter().flat_map(&numbers).collect();
             Tolerance::EXACT.assert(track, expected, encoding);
         }
     }

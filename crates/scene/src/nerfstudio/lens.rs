@@ -210,9 +210,9 @@ fn read_size(object: &Object<'_>, name: &str) -> Result<Option<f64>, SceneError>
     }
 }
 
-/// Sizes are checked to lie in u32 when they are read.
+/// The size where it is whole pixels; it is checked to lie in u32 when it is read.
 fn whole_size(width: f64, height: f64) -> Option<ImageSize> {
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the round trip is compared")]
-    let whole = |length: f64| (f64::from(length as u32) == length).then_some(length as u32);
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to lie in u32 when read")]
+    let whole = |length: f64| (length.fract() == 0.0).then_some(length as u32);
     Some(ImageSize { width: whole(width)?, height: whole(height)? })
 }

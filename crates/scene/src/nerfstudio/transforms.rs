@@ -152,7 +152,8 @@ impl<'a> Object<'a> {
             }
         }
         let [upper @ .., l0, l1, l2, l3] = numbers;
-        if rows.len() == 4 && [l0, l1, l2, l3] != [0.0, 0.0, 0.0, 1.0] {
+        let homogeneous = [l0, l1, l2, l3 - 1.0].iter().all(|entry| *entry == 0.0);
+        if rows.len() == 4 && !homogeneous {
             let found = format!("{l0} {l1} {l2} {l3}");
             return Err(self.wrong(&format!("{name}[3]"), "the row 0 0 0 1", &found));
         }

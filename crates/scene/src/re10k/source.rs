@@ -95,7 +95,7 @@ impl SceneSource for Re10kScenes {
         };
         let trajectory = read_trajectory(&file.path)?;
         let mut scene = trajectory.to_scene(key);
-        if let Some(row) = trajectory.rows.iter().position(|row| row.radial != [0.0; 2]) {
+        if let Some(row) = trajectory.rows.iter().position(|row| row.radial.iter().any(|slot| *slot != 0.0)) {
             let detail = format!("row {row}: columns 6 and 7 are not zero; no loader of the field reads them");
             warnings.push(WarningKind::LensDistortion, key, detail);
         }

@@ -3,6 +3,7 @@ use crate::nerfstudio::{Focal, NerfstudioOptions, NerfstudioScenes};
 use crate::{Picture, PictureFolder, Scene, SceneSource, WarningKind, Warnings};
 use atsplat_camera::{Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
+use glam::DVec3;
 use proptest::prelude::*;
 use serde_json::json;
 use std::fs;
@@ -77,9 +78,9 @@ fn file_name(picture: &Picture) -> &str {
 fn opengl_axes_become_opencv_axes_and_the_world_stays() {
     let scene = parse(&transforms(|_| ())).unwrap();
     let pose = scene.frames[0].world_from_camera;
-    assert_eq!(pose.centre().to_array(), [1.0, 2.0, 3.0]);
-    assert_eq!(pose.forward().to_array(), [0.0, 0.0, -1.0]);
-    assert_eq!(pose.down().to_array(), [0.0, -1.0, 0.0]);
+    assert_eq!(pose.centre(), DVec3::new(1.0, 2.0, 3.0));
+    assert_eq!(pose.forward(), DVec3::NEG_Z);
+    assert_eq!(pose.down(), DVec3::NEG_Y);
 }
 
 #[test]
@@ -217,7 +218,8 @@ fn paths_out_of_the_scene_are_refused() {
 
 #[test]
 fn messages_name_the_field() {
-    let cases: [(&str, fn(&mut Value)); 12] = [
+    type Change = fn(&mut Value);
+    let cases: [(&str, Change); 12] = [
         ("frames[0].file_path: expected a picture's path, found nothing", |r| {
             r["frames"][0].as_object_mut().unwrap().remove("file_path");
         }),
@@ -270,7 +272,8 @@ fn the_applied_transform_is_kept_and_undone_only_when_asked() {
         root["applied_transform"] = applied;
         root["applied_scale"] = json!(2.0);
     });
-    assert_eq!(parse(&root).unwrap().applied_transform.unwrap()[3], 5.0);
+    let kept = parse(&root).unwrap().applied_transform.unwrap();
+    Tolerance::EXACT.assert([kept[3], kept[7], kept[11]], [5.0, 6.0, 7.0], "kept");
     let centre = |undo_applied_transform| {
         let options = NerfstudioOptions { undo_applied_transform, ..NerfstudioOptions::default() };
         let (scene, _) = load_with(&root, &[], options).unwrap();
