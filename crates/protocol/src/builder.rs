@@ -140,3 +140,76 @@ impl OverlapRule {
         (kept, last_reason)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+    use crate::test_source::{MemorySource, scene};
+
+    fn builder(text: &str) -> IndexBuilder {
+        toml::from_str(text).unwrap()
+    }
+
+    const FARTHEST: &str = "[sampler]\nsampler = 'farthest-point'\nwindow = 10\ncontext-views = 2\ntargets = { rule = 'sampled', count = 3, seed = 7, allow-context = false }\n";
+
+    fn source() -> MemorySource {
+        let lengths = [12, 1, 9, 4, 30];
+        MemorySource::new(lengths.iter().zip(["e", "d", "c", "b", "a"]).map(|(frames, key)| scene(key, *frames, 0)))
+    }
+
+    #[test]
+    fn keys_keep_the_datasets_order_and_nulls_their_reasons() {
+        let mut warnings = Warnings::new();
+        let calls = AtomicUsize::new(0);
+        let progress = || {
+            calls.fetch_add(1, Ordering::SeqCst);
+        };
+        let built = builder(FARTHEST).build(&source(), &progress, &mut warnings);
+        assert_eq!(built.index.scenes.keys().collect::<Vec<_>>(), ["e", "d", "c", "b", "a"]);
+        assert_eq!((built.scenes, built.entries, calls.into_inner()), (3, 3, 5));
+        assert_eq!(built.nulls.into_iter().collect::<Vec<_>>(), [("too-few-frames", 1), ("too-few-targets", 1)]);
+        assert_eq!(built.index.scenes["e"][0].context, [0, 9]);
+        assert_eq!(warnings.total(), 5);
+    }
+
+    #[test]
+    fn the_same_index_for_any_number_of_threads() {
+        let build = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| builder(FARTHEST).build(&source(), &|| (), &mut Warnings::new()))
+        };
+        let one = build(1);
+        assert!(one.index.scenes["e"][0].target != one.index.scenes["a"][0].target, "scenes have streams of their own");
+        for threads in [2, 3, 8] {
+            assert_eq!(build(threads), one, "{threads} threads");
+        }
+    }
+
+    #[test]
+    fn entries_outside_the_overlap_bounds_are_refused() {
+        let rule = |minimum: f64, maximum: f64| {
+            format!(
+                "{FARTHEST}[overlap]\nestimator = {{ estimator = 'epipolar-ray' }}\nminimum = {minimum}\nmaximum = {maximum}\n"
+            )
+        };
+        let all = builder(&rule(0.0, 1.0)).build(&source(), &|| (), &mut Warnings::new());
+        let overlap = all.index.scenes["e"][0].overlap.unwrap();
+        assert!(overlap > 0.05 && overlap < 0.95, "{overlap}");
+        let none = builder(&rule(overlap + 0.01, 1.0)).build(&source(), &|| (), &mut Warnings::new());
+        assert_eq!((none.nulls["overlap-outside"], none.refused_entries), (2, 2), "a and e; c overlaps more");
+        let at_the_bound = builder(&rule(overlap, overlap)).build(&source(), &|| (), &mut Warnings::new());
+        assert_eq!(at_the_bound.index.scenes["e"], all.index.scenes["e"], "bounds are inclusive");
+    }
+
+    #[test]
+    fn unreadable_scenes_are_null_and_a_warning() {
+        let source = MemorySource::new([scene("kept", 12, 0)]).with_key("lost");
+        let mut warnings = Warnings::new();
+        let built = builder(FARTHEST).build(&source, &|| (), &mut warnings);
+        assert_eq!((built.scenes, built.nulls["unreadable"]), (1, 1));
+        assert!(built.index.scenes["lost"].is_empty());
+        assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
+    }
+}

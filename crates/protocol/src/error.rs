@@ -1,6 +1,8 @@
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use atsplat_scene::SceneError;
+use atsplat_scene::preprocess::PreprocessError;
 use thiserror::Error;
 
 /// Why a protocol cannot be read, built or run.
@@ -31,6 +33,19 @@ pub enum ProtocolError {
     /// A scene cannot be loaded or decoded.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// A picture of a trial cannot be had; the same error for everyone who asks for it.
+    #[error(transparent)]
+    Picture(Arc<Self>),
+    /// A picture does not fit the preprocessing that was planned for it.
+    #[error("frame {frame} of scene {scene:?}: {source}")]
+    Preprocess {
+        /// Scene key.
+        scene: String,
+        /// Position of the frame in the scene.
+        frame: usize,
+        /// The reason.
+        source: PreprocessError,
+    },
     /// The overlap of two views cannot be computed.
     #[error("overlap ({estimator}): {reason}")]
     Overlap {

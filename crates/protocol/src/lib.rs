@@ -4,6 +4,7 @@
 pub mod extrapolation;
 pub mod overlap;
 pub mod samplers;
+pub mod trial;
 
 mod bins;
 mod builder;
@@ -13,6 +14,8 @@ mod known;
 mod lint;
 mod named_builders;
 mod preset;
+#[cfg(test)]
+mod test_source;
 
 pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};

@@ -8,7 +8,7 @@ pub use distance::FrameLabel;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use crate::{EvaluationIndex, IndexEntry};
+use crate::{Derivation, EvaluationIndex, IndexEntry};
 
 /// How the split is made. "10 frames before and after the input window" (ATSplat) says how far targets
 /// reach, but not what happens where the window starts at frame 0, as it does in 109 of the 140 scenes of
@@ -29,6 +29,14 @@ pub struct Extrapolation {
 
 const fn ten() -> NonZeroUsize {
     NonZeroUsize::MIN.saturating_add(9)
+}
+
+impl From<Derivation> for Extrapolation {
+    /// The split that a preset derives from a published index; margin 0 counts as 1.
+    fn from(derivation: Derivation) -> Self {
+        let Derivation::ShiftedWindow { margin } = derivation;
+        Self { margin: NonZeroUsize::new(margin).unwrap_or(NonZeroUsize::MIN), ..Self::default() }
+    }
 }
 
 impl Default for Extrapolation {

@@ -1,0 +1,81 @@
+//! Byte layout of the two hashes, SHA-256 over the concatenation of:
+//!
+//! | part | bytes | in `pose_hash` |
+//! |---|---|---|
+//! | domain | `atsplat trial 1` or `atsplat poses 1`, as text | yes |
+//! | scene key | text | no |
+//! | context frames | count, then each position, u64 little-endian | no |
+//! | target frames | the same | no |
+//! | cameras | count of context, count of target, u64 little-endian; then context, then target in index order, each as sixteen f32 little-endian: fx fy cx cy and the row-major 3×4 world-to-camera matrix *of the source* | yes |
+//! | preprocessing | its one-line `Display`, text | no |
+//! | normalisation | the rule as compact JSON, text | no |
+//! | near, far | before normalisation, f64 little-endian | no |
+//!
+//! Text is its length in bytes as u64 little-endian, then UTF-8. Cameras are f32 because a `.torch` chunk
+//! holds no more: a trajectory file and a chunk of the same scene hash alike. Negative zero is written as zero.
+
+use atsplat_camera::Camera;
+use sha2::{Digest, Sha256};
+
+use super::TrialRecipe;
+use crate::{IndexEntry, ProtocolError, Sha256Digest};
+
+/// Hash of the whole trial. `cameras` are the source's, context then target.
+pub(super) fn of_trial(
+    scene: &str,
+    entry: &IndexEntry,
+    cameras: &[Camera],
+    recipe: &TrialRecipe,
+) -> Result<Sha256Digest, ProtocolError> {
+    let rule = serde_json::to_string(&recipe.pose_normalisation).map_err(|error| ProtocolError::Malformed {
+        what: "pose normalisation",
+        location: "its parameters".to_owned(),
+        expected: "numbers that JSON can hold".to_owned(),
+        found: error.to_string(),
+    })?;
+    let mut hasher = Sha256::new();
+    text(&mut hasher, "atsplat trial 1");
+    text(&mut hasher, scene);
+    for frames in [&entry.context, &entry.target] {
+        number(&mut hasher, frames.len());
+        for frame in frames {
+            number(&mut hasher, *frame);
+        }
+    }
+    rows(&mut hasher, entry, cameras);
+    text(&mut hasher, &recipe.preprocessing.to_string());
+    text(&mut hasher, &rule);
+    hasher.update((recipe.near_far.near + 0.0).to_le_bytes());
+    hasher.update((recipe.near_far.far + 0.0).to_le_bytes());
+    Ok(Sha256Digest::finish(hasher))
+}
+
+/// Hash of the source cameras alone.
+pub(super) fn of_poses(entry: &IndexEntry, cameras: &[Camera]) -> Sha256Digest {
+    let mut hasher = Sha256::new();
+    text(&mut hasher, "atsplat poses 1");
+    rows(&mut hasher, entry, cameras);
+    Sha256Digest::finish(hasher)
+}
+
+fn rows(hasher: &mut Sha256, entry: &IndexEntry, cameras: &[Camera]) {
+    number(hasher, entry.context.len());
+    number(hasher, entry.target.len());
+    for camera in cameras {
+        let k = camera.intrinsics;
+        for value in [k.fx, k.fy, k.cx, k.cy].into_iter().chain(camera.camera_from_world.to_rows()) {
+            #[expect(clippy::cast_possible_truncation, reason = "chunks store f32")]
+            let stored = value as f32 + 0.0;
+            hasher.update(stored.to_le_bytes());
+        }
+    }
+}
+
+fn text(hasher: &mut Sha256, text: &str) {
+    number(hasher, text.len());
+    hasher.update(text.as_bytes());
+}
+
+fn number(hasher: &mut Sha256, number: usize) {
+    hasher.update((number as u64).to_le_bytes());
+}

@@ -1,0 +1,241 @@
+use std::collections::VecDeque;
+use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
+use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
+use std::thread;
+
+/// How far [`super::Trials`] works ahead of whoever takes trials from it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Prefetch {
+    /// Most trials in preparation or ready, on rayon's threads. 0 prepares each trial when it is asked for.
+    pub trials: usize,
+    /// Which pictures are decoded ahead.
+    pub decode: DecodeAhead,
+    /// Most bytes of preprocessed pictures that were decoded ahead and are still held, by the iterator *or* by
+    /// trials that were taken from it and live on. A trial that does not fit is handed out undecoded and
+    /// decodes when asked. While a picture is being decoded, its source comes on top, once a thread.
+    pub max_bytes: u64,
+}
+
+/// Which pictures are decoded ahead.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum DecodeAhead {
+    /// None: cameras only.
+    Nothing,
+    /// The context's.
+    Context,
+    /// The context's and the targets'.
+    #[default]
+    All,
+}
+
+impl Default for Prefetch {
+    /// Four trials, 512 MiB: one trial of 12 + 100 views of 512×960 takes 165 MB.
+    fn default() -> Self {
+        Self { trials: 4, decode: DecodeAhead::All, max_bytes: 512 << 20 }
+    }
+}
+
+/// Bytes that may be held ahead, and those that are.
+#[derive(Debug)]
+pub(super) struct Budget {
+    limit: u64,
+    state: Mutex<Held>,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Held {
+    now: u64,
+    peak: u64,
+}
+
+/// A part of a budget, given back when dropped.
+#[derive(Debug)]
+pub(super) struct Reservation {
+    budget: Arc<Budget>,
+    bytes: u64,
+}
+
+impl Budget {
+    pub(super) fn new(limit: u64) -> Arc<Self> {
+        Arc::new(Self { limit, state: Mutex::default() })
+    }
+
+    /// `bytes` of the budget, or nothing where they are not free. Never waits: a trial late in the queue
+    /// may hold what an earlier one wants.
+    pub(super) fn reserve(self: &Arc<Self>, bytes: u64) -> Option<Arc<Reservation>> {
+        let mut held = locked(&self.state);
+        let now = held.now.checked_add(bytes).filter(|now| *now <= self.limit)?;
+        *held = Held { now, peak: held.peak.max(now) };
+        Some(Arc::new(Reservation { budget: Arc::clone(self), bytes }))
+    }
+
+    pub(super) fn peak(&self) -> u64 {
+        locked(&self.state).peak
+    }
+}
+
+impl Drop for Reservation {
+    fn drop(&mut self) {
+        locked(&self.budget.state).now -= self.bytes;
+    }
+}
+
+/// Jobs that run on rayon's threads and whose results are taken in the order they were pushed.
+///
+/// Whoever takes a result that no thread has begun runs the job itself: nothing waits for a free thread, so
+/// that one thread, or a caller that is itself one of rayon's, cannot deadlock. Jobs must not use rayon inside.
+pub(super) struct Ordered<T> {
+    slots: VecDeque<Arc<Slot<T>>>,
+}
+
+type Job<T> = Box<dyn FnOnce() -> T + Send>;
+
+struct Slot<T> {
+    state: Mutex<State<T>>,
+    done: Condvar,
+}
+
+enum State<T> {
+    Waiting(Job<T>),
+    Running,
+    Done(thread::Result<T>),
+    Gone,
+}
+
+impl<T: Send + 'static> Ordered<T> {
+    pub(super) const fn new() -> Self {
+        Self { slots: VecDeque::new() }
+    }
+
+    pub(super) fn len(&self) -> usize {
+        self.slots.len()
+    }
+
+    /// Adds a job; `ahead` offers it to rayon's threads.
+    pub(super) fn push(&mut self, job: Job<T>, ahead: bool) {
+        let slot = Arc::new(Slot { state: Mutex::new(State::Waiting(job)), done: Condvar::new() });
+        if ahead {
+            let offered = Arc::clone(&slot);
+            rayon::spawn_fifo(move || offered.run());
+        }
+        self.slots.push_back(slot);
+    }
+
+    /// The result of the job pushed first; a panic inside it goes on here.
+    pub(super) fn pop(&mut self) -> Option<T> {
+        let slot = self.slots.pop_front()?;
+        slot.run();
+        let mut state = locked(&slot.state);
+        loop {
+            match std::mem::replace(&mut *state, State::Gone) {
+                State::Done(Ok(result)) => return Some(result),
+                State::Done(Err(panic)) => resume_unwind(panic),
+                State::Gone => return None,
+                other => {
+                    *state = other;
+                    state = slot.done.wait(state).unwrap_or_else(PoisonError::into_inner);
+                }
+            }
+        }
+    }
+}
+
+impl<T> Slot<T> {
+    /// Runs the job unless somebody has taken it.
+    fn run(&self) {
+        let mut state = locked(&self.state);
+        match std::mem::replace(&mut *state, State::Running) {
+            State::Waiting(job) => {
+                drop(state);
+                let result = catch_unwind(AssertUnwindSafe(job));
+                // Where nobody waits any more, the result is dropped without the lock.
+                let previous = std::mem::replace(&mut *locked(&self.state), State::Done(result));
+                drop(previous);
+                self.done.notify_all();
+            }
+            other => *state = other,
+        }
+    }
+}
+
+impl<T> Drop for Ordered<T> {
+    /// Jobs that nobody has begun are forgotten.
+    fn drop(&mut self) {
+        for slot in &self.slots {
+            let mut state = locked(&slot.state);
+            if matches!(*state, State::Waiting(_)) {
+                *state = State::Gone;
+            }
+        }
+    }
+}
+
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use super::*;
+
+    fn in_pool<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
+        rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+    }
+
+    #[test]
+    fn results_come_in_order_for_any_number_of_threads() {
+        for threads in [1, 2, 7] {
+            let taken = in_pool(threads, || {
+                let mut ordered = Ordered::new();
+                for number in 0..50u64 {
+                    let job = move || {
+                        thread::sleep(std::time::Duration::from_micros((number * 37) % 11 * 50));
+                        number
+                    };
+                    ordered.push(Box::new(job), number % 3 != 0);
+                }
+                std::iter::from_fn(|| ordered.pop()).collect::<Vec<_>>()
+            });
+            assert_eq!(taken, (0..50).collect::<Vec<_>>(), "{threads} threads");
+        }
+    }
+
+    #[test]
+    fn a_panic_reaches_whoever_takes_the_result() {
+        let caught = catch_unwind(|| {
+            let mut ordered: Ordered<()> = Ordered::new();
+            ordered.push(Box::new(|| panic!("inside the job")), true);
+            ordered.pop()
+        });
+        assert_eq!(caught.unwrap_err().downcast_ref(), Some(&"inside the job"));
+    }
+
+    #[test]
+    fn dropping_forgets_what_nobody_began() {
+        let begun = Arc::new(AtomicUsize::new(0));
+        in_pool(1, || {
+            let mut ordered = Ordered::new();
+            for _ in 0..10 {
+                let begun = Arc::clone(&begun);
+                ordered.push(Box::new(move || begun.fetch_add(1, Ordering::SeqCst)), true);
+            }
+            assert_eq!(ordered.pop(), Some(0), "the only thread is ours: it runs the job itself");
+        });
+        assert_eq!(begun.load(Ordering::SeqCst), 1);
+    }
+
+    #[test]
+    fn a_budget_is_kept_and_given_back() {
+        let budget = Budget::new(100);
+        let first = budget.reserve(60).unwrap();
+        assert!(budget.reserve(41).is_none(), "one byte too many");
+        assert!(budget.reserve(u64::MAX).is_none(), "no overflow");
+        let second = budget.reserve(40).unwrap();
+        drop(first);
+        assert!(budget.reserve(60).is_some());
+        drop(second);
+        assert_eq!(budget.peak(), 100);
+    }
+}

@@ -1,0 +1,163 @@
+use std::collections::BTreeMap;
+use std::sync::Arc;
+
+use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera, normalise};
+use atsplat_scene::preprocess::{Plan, PreprocessError, Preprocessing};
+use atsplat_scene::{Frame, Picture, Scene};
+
+use super::pictures::LazyPicture;
+use super::{AppliedNormalisation, ContextView, SkipReason, TargetPictures, TargetView, Trial, TrialRecipe, hash};
+use crate::IndexEntry;
+use crate::extrapolation::FrameLabel;
+use crate::preset::{DropReason, NearFar};
+
+/// Why an entry makes no trial, before its place in the index is attached.
+pub(super) type Refusal = (SkipReason, String);
+
+/// A trial of one index entry; no picture is decoded.
+pub(super) fn prepare(
+    scene: &Arc<Scene>,
+    entry_number: usize,
+    entry: &IndexEntry,
+    recipe: &TrialRecipe,
+) -> Result<(Trial, TargetPictures), Refusal> {
+    let views = Views::of(scene, entry, recipe)?;
+    let mut pictures: BTreeMap<usize, Arc<LazyPicture>> = BTreeMap::new();
+    for view in views.context.iter().chain(&views.targets) {
+        let lazy = || LazyPicture::new(Arc::clone(scene), view.position, Arc::clone(&view.plan), recipe.decode_limits);
+        pictures.entry(view.position).or_insert_with(|| Arc::new(lazy()));
+    }
+    let picture = |view: &View<'_>| pictures.get(&view.position).map(Arc::clone);
+    let poses = |views: &[View<'_>]| -> Vec<WorldFromCamera> {
+        views.iter().map(|view| view.frame.camera.camera_from_world.inverse()).collect()
+    };
+    let normalised = normalise(&poses(&views.context), &poses(&views.targets), &recipe.pose_normalisation)
+        .map_err(|error| (normalisation_reason(&error), error.to_string()))?;
+    let context = views.context.iter().zip(&normalised.context).filter_map(|(view, pose)| {
+        Some(ContextView {
+            frame: view.position,
+            camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
+            size: view.plan.output(),
+            picture: picture(view)?,
+            reservation: None,
+        })
+    });
+    let targets = views.targets.iter().zip(&normalised.targets).map(|(view, pose)| TargetView {
+        frame: view.position,
+        camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
+        size: view.plan.output(),
+        label: FrameLabel::of(entry, view.position),
+    });
+    let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.frame.camera).collect();
+    let hash = hash::of_trial(&scene.key, entry, &sources, recipe)
+        .map_err(|error| (SkipReason::PoseNormalisation, error.to_string()))?;
+    let multiplier = normalised.near_far_multiplier;
+    let trial = Trial {
+        scene: scene.key.clone(),
+        entry_number,
+        entry: entry.clone(),
+        context: context.collect(),
+        targets: targets.collect(),
+        preprocessing: recipe.preprocessing.clone(),
+        near_far: NearFar { near: recipe.near_far.near * multiplier, far: recipe.near_far.far * multiplier },
+        normalisation: AppliedNormalisation {
+            rule: recipe.pose_normalisation.clone(),
+            new_from_old: normalised.new_from_old,
+            near_far_multiplier: multiplier,
+            fallbacks: normalised.fallbacks,
+        },
+        hash,
+        pose_hash: hash::of_poses(entry, &sources),
+    };
+    let pictures = views.targets.iter().filter_map(picture).collect();
+    Ok((trial, TargetPictures { trial: hash, pictures, reservation: None }))
+}
+
+fn normalisation_reason(error: &CameraError) -> SkipReason {
+    match error {
+        CameraError::BaselineOutOfRange { .. } => SkipReason::Dropped(DropReason::Baseline),
+        _ => SkipReason::PoseNormalisation,
+    }
+}
+
+/// One frame with its picture's plan and its camera after preprocessing, before normalisation.
+struct View<'a> {
+    position: usize,
+    frame: &'a Frame,
+    plan: Arc<Plan>,
+    camera: Camera,
+}
+
+struct Views<'a> {
+    context: Vec<View<'a>>,
+    targets: Vec<View<'a>>,
+}
+
+impl<'a> Views<'a> {
+    fn of(scene: &'a Scene, entry: &IndexEntry, recipe: &TrialRecipe) -> Result<Self, Refusal> {
+        let expected_size = recipe.preprocessing.expected_size;
+        let sizes = picture_sizes(scene, entry, expected_size);
+        let known_size = |frame: &Frame| {
+            let (_, size) = sizes.values().find(|(known, _)| std::ptr::eq(*known, frame))?;
+            size.as_ref().ok().copied()
+        };
+        if let Some(dropped) = recipe.filters.drop_reason(scene, entry, expected_size, &known_size) {
+            return Err((SkipReason::Dropped(dropped.reason), dropped.detail));
+        }
+        let mut plans = BTreeMap::new();
+        let mut view = |position: &usize| -> Result<View<'a>, Refusal> {
+            let (frame, size) = sizes.get(position).ok_or_else(|| {
+                let detail = format!("frame {position} of {}", scene.frames.len());
+                (SkipReason::Dropped(DropReason::FrameOutOfRange), detail)
+            })?;
+            if matches!(frame.picture, Picture::Absent) && !recipe.allow_absent_pictures {
+                let detail = format!("frame {position}: the trajectory came without pictures");
+                return Err((SkipReason::Dropped(DropReason::PictureMissing), detail));
+            }
+            let size = size.clone().map_err(|reason| (SkipReason::PictureUnreadable, reason))?;
+            let unfit = |error: PreprocessError| (SkipReason::Preprocessing, format!("frame {position}: {error}"));
+            let plan = plan_for(&mut plans, &recipe.preprocessing, size).map_err(unfit)?;
+            let camera = plan.camera(&frame.camera).map_err(unfit)?;
+            Ok(View { position: *position, frame, plan, camera })
+        };
+        let context = entry.context.iter().map(&mut view).collect::<Result<_, _>>()?;
+        let targets = entry.target.iter().map(&mut view).collect::<Result<_, _>>()?;
+        Ok(Self { context, targets })
+    }
+}
+
+/// Each frame that the entry needs and the scene has, with its picture's size or why that is unknown.
+type PictureSizes<'a> = BTreeMap<usize, (&'a Frame, Result<ImageSize, String>)>;
+
+/// Sizes come from the files' headers; for a bare trajectory, from what is stated about it or expected of it.
+fn picture_sizes<'a>(scene: &'a Scene, entry: &IndexEntry, expected: Option<ImageSize>) -> PictureSizes<'a> {
+    let mut sizes = PictureSizes::new();
+    for position in entry.context.iter().chain(&entry.target) {
+        let Some(frame) = scene.frames.get(*position) else { continue };
+        sizes.entry(*position).or_insert_with(|| {
+            let size = match frame.picture {
+                Picture::Absent => frame
+                    .stated_size
+                    .or(expected)
+                    .ok_or_else(|| format!("frame {position}: nothing states the size of its absent picture")),
+                _ => frame.size(&scene.key, *position).map_err(|error| error.to_string()),
+            };
+            (frame, size)
+        });
+    }
+    sizes
+}
+
+/// Pictures of one size share a plan; nearly always there is one.
+fn plan_for(
+    plans: &mut BTreeMap<ImageSize, Arc<Plan>>,
+    preprocessing: &Preprocessing,
+    size: ImageSize,
+) -> Result<Arc<Plan>, PreprocessError> {
+    if let Some(plan) = plans.get(&size) {
+        return Ok(Arc::clone(plan));
+    }
+    let plan = Arc::new(preprocessing.plan(size)?);
+    plans.insert(size, Arc::clone(&plan));
+    Ok(plan)
+}

@@ -1,0 +1,83 @@
+use std::collections::BTreeMap;
+use std::fmt;
+
+use serde::{Serialize, Serializer};
+
+use crate::preset::DropReason;
+
+/// Why an index entry makes no trial.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+#[non_exhaustive]
+pub enum SkipReason {
+    /// The index has `null` for the scene.
+    NullEntry,
+    /// A reason that the published loaders know too.
+    Dropped(DropReason),
+    /// A picture's header cannot be read.
+    PictureUnreadable,
+    /// A preprocessing step does not fit the picture.
+    Preprocessing,
+    /// The pose normalisation is not defined for these cameras.
+    PoseNormalisation,
+}
+
+impl SkipReason {
+    /// A stable name to count by.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::NullEntry => "null-entry",
+            Self::Dropped(reason) => reason.name(),
+            Self::PictureUnreadable => "picture-unreadable",
+            Self::Preprocessing => "preprocessing",
+            Self::PoseNormalisation => "pose-normalisation",
+        }
+    }
+}
+
+impl Serialize for SkipReason {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        serializer.serialize_str(self.name())
+    }
+}
+
+/// An index entry that makes no trial.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Skipped {
+    /// Key of the scene.
+    pub scene: String,
+    /// Position of the entry among those of the scene; 0 for a `null`.
+    pub entry_number: usize,
+    /// Why.
+    pub reason: SkipReason,
+    /// Frame, limit and value, or the error's text.
+    pub detail: String,
+}
+
+impl fmt::Display for Skipped {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { scene, entry_number, reason, detail } = self;
+        write!(f, "scene {scene:?}, entry {entry_number}: {}: {detail}", reason.name())
+    }
+}
+
+/// What became of an index's entries so far.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct SkipReport {
+    /// Entries that made a trial.
+    pub trials: usize,
+    /// Entries that did not, in index order; `null` scenes first.
+    pub skipped: Vec<Skipped>,
+}
+
+impl SkipReport {
+    /// How many entries were skipped, by reason.
+    pub fn counts(&self) -> BTreeMap<SkipReason, usize> {
+        let mut counts = BTreeMap::new();
+        for skipped in &self.skipped {
+            *counts.entry(skipped.reason).or_default() += 1;
+        }
+        counts
+    }
+}

@@ -1,0 +1,347 @@
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+
+use atsplat_camera::{MeanCameraScale, NormalizedIntrinsics, PoseNormalisation};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::DecodeLimits;
+use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
+use atsplat_scene::{Picture, Scene, SharedBytes, WarningKind};
+
+use super::*;
+use crate::preset::{DropReason, Filters};
+use crate::test_source::{MemorySource, SIZE, camera, png, scene};
+use crate::{EvaluationIndex, ProtocolError};
+
+fn recipe() -> TrialRecipe {
+    TrialRecipe {
+        preprocessing: Preprocessing::of([Step::from(CentreCrop::new(32, 32))]),
+        pose_normalisation: PoseNormalisation::mean_camera(MeanCameraScale::LongLrm),
+        near_far: NearFar { near: 0.5, far: 100.0 },
+        filters: Filters::default(),
+        decode_limits: DecodeLimits::default(),
+        allow_absent_pictures: false,
+    }
+}
+
+fn entry(context: &[usize], target: &[usize]) -> IndexEntry {
+    IndexEntry { context: context.to_vec(), target: target.to_vec(), overlap: None }
+}
+
+fn index(scenes: &[(&str, Vec<IndexEntry>)]) -> EvaluationIndex {
+    EvaluationIndex { scenes: scenes.iter().map(|(key, entries)| ((*key).to_owned(), entries.clone())).collect() }
+}
+
+fn only_trial(scene: Scene, entry: IndexEntry, recipe: TrialRecipe) -> Result<(Trial, TargetPictures), Skipped> {
+    let index = index(&[(scene.key.clone().as_str(), vec![entry])]);
+    let lazily = Prefetch { trials: 0, ..Prefetch::default() };
+    Trials::new(Arc::new(MemorySource::new([scene])), &index, recipe, lazily).next().unwrap()
+}
+
+#[test]
+fn a_trial_holds_normalised_cameras_and_preprocessed_pictures() {
+    let (trial, pictures) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[0, 2, 8]), recipe()).unwrap();
+    assert_eq!(trial.context().iter().map(|view| view.frame).collect::<Vec<_>>(), [2, 6]);
+    let centres = trial.context().iter().map(|view| view.camera.camera_from_world.inverse().centre().x.abs());
+    let largest = centres.fold(0.0, |a: f64, b| if b > a { b } else { a });
+    Tolerance::absolute(0.02).assert([largest], [1.0], "Long-LRM scales the context to ±1");
+    Tolerance::F64.assert([trial.context()[0].camera.intrinsics.fx], [0.8 * 2.0], "cropped to half the width");
+    let labels: Vec<_> = trial.targets().iter().map(|view| (view.label.signed_distance, view.label.leaked)).collect();
+    assert_eq!(labels, [(-2, false), (0, true), (2, false)]);
+    assert_eq!(trial.context()[0].camera, trial.targets()[1].camera, "one frame, one camera");
+    let given = trial.context()[1].picture().unwrap();
+    assert_eq!(((given.width(), given.height()), given.pixel(3, 3)), ((32, 32), Some([6, 5, 7])));
+    assert_eq!(pictures.get(2).unwrap().unwrap().pixel(0, 0), Some([8, 5, 7]));
+    assert!(Arc::ptr_eq(&trial.context()[0].picture().unwrap(), &pictures.get(1).unwrap().unwrap()), "decoded once");
+    assert_eq!((pictures.len(), pictures.trial(), pictures.get(3).is_none()), (3, trial.hash(), true));
+}
+
+#[test]
+fn near_and_far_follow_the_baseline() {
+    let by_baseline = TrialRecipe { pose_normalisation: PoseNormalisation::pixelsplat(), ..recipe() };
+    let (trial, _) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), by_baseline).unwrap();
+    let near_far = trial.near_far();
+    Tolerance::F64.assert([near_far.near, near_far.far], [0.25, 50.0], "a baseline of two units");
+}
+
+/// Every cause of a skip on its own, and the scene beside them unharmed.
+#[test]
+fn each_reason_is_named_and_stops_nobody_else() {
+    let with = |key: &str, change: &dyn Fn(&mut Scene)| {
+        let mut changed = scene(key, 9, 1);
+        change(&mut changed);
+        changed
+    };
+    let strict = TrialRecipe {
+        preprocessing: Preprocessing { expected_size: Some(SIZE), ..recipe().preprocessing },
+        filters: Filters {
+            max_fov_degrees: Some(100.0),
+            determinant: true,
+            max_translation: Some(1e3),
+            min_baseline: Some(1e-3),
+            max_baseline: None,
+        },
+        ..recipe()
+    };
+    let source = MemorySource::new([
+        scene("fine", 9, 0),
+        with("absent", &|scene| scene.frames[4].picture = Picture::Absent),
+        with("missing", &|scene| scene.frames[4].picture = Picture::Missing("4.png".into())),
+        with("garbled", &|scene| scene.frames[4].picture = Picture::Encoded(SharedBytes::new(b"no picture".to_vec()))),
+        with("wide", &|scene| {
+            scene.frames[8].camera.intrinsics = NormalizedIntrinsics::new(0.1, 0.1, 0.5, 0.5).unwrap();
+        }),
+        with("far", &|scene| scene.frames[4].camera = camera(1e4)),
+        with("still", &|scene| scene.frames[6].camera = scene.frames[2].camera),
+        scene("short", 6, 0),
+    ]);
+    let keys = ["null", "elsewhere", "absent", "missing", "garbled", "wide", "far", "still", "short", "fine"];
+    let entries = |key: &&str| if *key == "null" { Vec::new() } else { vec![entry(&[2, 6], &[4])] };
+    let scenes: Vec<(&str, Vec<IndexEntry>)> = keys.iter().map(|key| (*key, entries(key))).collect();
+    let mut trials = Trials::new(Arc::new(source), &index(&scenes), strict, Prefetch::default());
+    assert_eq!(trials.len(), 9);
+    let outcomes: Vec<Option<SkipReason>> = trials.by_ref().map(|trial| trial.err().map(|s| s.reason)).collect();
+    let expected = [
+        DropReason::SceneMissing,
+        DropReason::PictureMissing,
+        DropReason::PictureMissing,
+        DropReason::FieldOfView,
+        DropReason::Translation,
+        DropReason::Baseline,
+        DropReason::FrameOutOfRange,
+    ]
+    .map(SkipReason::Dropped);
+    assert_eq!(outcomes[..3], expected[..3].iter().copied().map(Some).collect::<Vec<_>>());
+    assert_eq!(outcomes[3], Some(SkipReason::PictureUnreadable));
+    assert_eq!(outcomes[4..8], expected[3..].iter().copied().map(Some).collect::<Vec<_>>());
+    assert_eq!(outcomes[8], None);
+    let report = trials.report();
+    assert_eq!((report.trials, report.skipped.len()), (1, 9), "the null scene is counted too");
+    assert_eq!(report.counts()[&SkipReason::Dropped(DropReason::PictureMissing)], 2);
+    assert_eq!(report.counts()[&SkipReason::NullEntry], 1);
+    assert_eq!(trials.warnings().count(WarningKind::SceneNotFound), 1);
+    assert_eq!(trials.warnings().count(WarningKind::LensDistortion), 8, "once for each scene that was loaded");
+}
+
+#[test]
+fn sizes_and_steps_that_do_not_fit() {
+    let other = ImageSize { width: 640, height: 360 };
+    let expecting = Preprocessing { expected_size: Some(other), ..recipe().preprocessing };
+    let reason = |preprocessing| {
+        let recipe = TrialRecipe { preprocessing, ..recipe() };
+        only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), recipe).unwrap_err().reason
+    };
+    assert_eq!(reason(expecting), SkipReason::Dropped(DropReason::PictureSize));
+    assert_eq!(reason(Preprocessing::of([Step::from(CentreCrop::new(100, 100))])), SkipReason::Preprocessing);
+    let coincident = TrialRecipe { pose_normalisation: PoseNormalisation::pixelsplat(), ..recipe() };
+    let skipped = only_trial(scene("s", 9, 5), entry(&[2, 2], &[4]), coincident).unwrap_err();
+    assert_eq!(skipped.reason, SkipReason::Dropped(DropReason::Baseline));
+    let skipped = only_trial(scene("s", 9, 5), entry(&[], &[4]), recipe()).unwrap_err();
+    assert_eq!(skipped.reason, SkipReason::PoseNormalisation);
+}
+
+/// A picture that breaks off after its header: the trial stands, the picture is the same error each time.
+#[test]
+fn a_damaged_picture_is_an_error_where_it_is_asked_for() {
+    let mut damaged = scene("s", 9, 5);
+    let mut bytes = png([1, 2, 3]);
+    bytes.truncate(50);
+    damaged.frames[4].picture = Picture::Encoded(SharedBytes::new(bytes));
+    for trials in [0, 3] {
+        let index = index(&[("s", vec![entry(&[2, 6], &[4, 5])])]);
+        let source = Arc::new(MemorySource::new([damaged.clone()]));
+        let prefetch = Prefetch { trials, ..Prefetch::default() };
+        let (_, pictures) = Trials::new(source, &index, recipe(), prefetch).next().unwrap().unwrap();
+        let error = pictures.get(0).unwrap().unwrap_err();
+        assert!(matches!(error, ProtocolError::Picture(_)), "{error}");
+        assert_eq!(error.to_string(), pictures.get(0).unwrap().unwrap_err().to_string());
+        assert!(error.to_string().contains("frame 4"), "{error}");
+        assert!(pictures.get(1).unwrap().is_ok());
+    }
+}
+
+#[test]
+fn a_bare_trajectory_makes_trials_only_when_asked() {
+    let mut bare = scene("s", 9, 5);
+    bare.frames.iter_mut().for_each(|frame| frame.picture = Picture::Absent);
+    let allowing = TrialRecipe {
+        preprocessing: Preprocessing { expected_size: Some(SIZE), ..recipe().preprocessing },
+        allow_absent_pictures: true,
+        ..recipe()
+    };
+    let (trial, pictures) = only_trial(bare.clone(), entry(&[2, 6], &[4]), allowing.clone()).unwrap();
+    assert!(trial.context()[0].picture().is_err() && pictures.get(0).unwrap().is_err());
+    let (with_pictures, _) = only_trial(scene("s", 9, 5), entry(&[2, 6], &[4]), allowing).unwrap();
+    assert_eq!(trial.hash(), with_pictures.hash());
+}
+
+/// Hashes depend on what they should, and on nothing else.
+#[test]
+fn hashes_tell_trials_apart() {
+    let base = || (scene("s", 9, 5), entry(&[2, 6], &[4]), recipe());
+    let hashes = |(scene, entry, recipe): (Scene, IndexEntry, TrialRecipe)| {
+        let (trial, _) = only_trial(scene, entry, recipe).unwrap();
+        (trial.hash(), trial.pose_hash())
+    };
+    let reference = hashes(base());
+    let mut same = base();
+    same.0.frames[4].picture = Picture::Encoded(SharedBytes::new(png([9, 9, 9])));
+    same.0.frames[0].camera = camera(77.0);
+    same.1.overlap = Some(0.5);
+    assert_eq!(hashes(same), reference, "pixels, other frames and overlap play no part");
+    let mut rounded = base();
+    rounded.0.frames[2].camera.intrinsics.cx += 1e-12;
+    assert_eq!(hashes(rounded), reference, "cameras count as f32");
+
+    let mut renamed = base();
+    renamed.0.key.push('2');
+    let mut replaced = base();
+    replaced.2.pose_normalisation = PoseNormalisation::None;
+    let mut recropped = base();
+    recropped.2.preprocessing = Preprocessing::of([Step::from(CentreCrop::new(32, 30))]);
+    let mut nearer = base();
+    nearer.2.near_far.near = 0.25;
+    for (what, changed) in [("key", renamed), ("rule", replaced), ("crop", recropped), ("near", nearer)] {
+        let changed = hashes(changed);
+        assert_ne!(changed.0, reference.0, "{what}");
+        assert_eq!(changed.1, reference.1, "{what} is no camera");
+    }
+    let mut swapped = base();
+    swapped.1 = entry(&[6, 2], &[4]);
+    let mut moved = base();
+    moved.0.frames[4].camera = camera(2.001);
+    let mut context_not_target = base();
+    context_not_target.1 = entry(&[2, 6, 4], &[]);
+    for (what, changed) in [("order", swapped), ("pose", moved), ("side", context_not_target)] {
+        let changed = hashes(changed);
+        assert_ne!(changed.0, reference.0, "{what}");
+        assert_ne!(changed.1, reference.1, "{what}");
+    }
+}
+
+/// The hash is part of stored results: a change of it is a change of format. Computed independently, from the
+/// documented layout, by `tests/fixtures/make_trial_hash.py`.
+#[test]
+fn hashes_are_those_of_the_documented_layout() {
+    let mut one = scene("scène", 3, 5);
+    for (number, frame) in one.frames.iter_mut().enumerate() {
+        frame.camera = Camera::pinhole(
+            atsplat_camera::CameraFromWorld::new(
+                glam::DMat3::IDENTITY,
+                glam::DVec3::new(-(number as f64) * 0.1, -0.0, 0.25),
+            )
+            .unwrap(),
+            NormalizedIntrinsics::new(0.8, 1.0, 0.5, 0.5).unwrap(),
+        );
+    }
+    let recipe = TrialRecipe { pose_normalisation: PoseNormalisation::None, ..recipe() };
+    let (trial, _) = only_trial(one, entry(&[0, 2], &[1]), recipe).unwrap();
+    let oracle: serde_json::Value =
+        serde_json::from_str(include_str!("../../tests/fixtures/trial_hash_oracle.json")).unwrap();
+    assert_eq!(trial.preprocessing().to_string(), oracle["preprocessing"].as_str().unwrap());
+    assert_eq!(trial.hash().to_string(), oracle["hash"].as_str().unwrap());
+    assert_eq!(trial.pose_hash().to_string(), oracle["pose_hash"].as_str().unwrap());
+}
+
+fn many_scenes() -> (Vec<Scene>, EvaluationIndex) {
+    let scenes: Vec<Scene> = (0..24u8).map(|number| scene(&format!("scene {number}"), 12, number)).collect();
+    let entries = |number: usize| match number % 6 {
+        0 => Vec::new(),
+        1 => vec![entry(&[0, 4], &[2]), entry(&[1, 9], &[2, 11])],
+        2 => vec![entry(&[0, 40], &[2])],
+        _ => vec![entry(&[0, 6], &[0, 3, 9])],
+    };
+    let index = scenes.iter().enumerate().map(|(number, scene)| (scene.key.clone(), entries(number))).collect();
+    (scenes, EvaluationIndex { scenes: index })
+}
+
+/// All that a consumer can observe, in order.
+fn observed(threads: usize, prefetch: Prefetch) -> (Vec<String>, SkipReport, u64) {
+    let (scenes, index) = many_scenes();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+    pool.install(|| {
+        let mut trials = Trials::new(Arc::new(MemorySource::new(scenes)), &index, recipe(), prefetch);
+        let seen = trials.by_ref().map(|outcome| match outcome {
+            Ok((trial, pictures)) => {
+                let colours: Vec<_> = (0..pictures.len())
+                    .map(|position| pictures.get(position).unwrap().unwrap().pixel(1, 1).unwrap())
+                    .chain(trial.context().iter().map(|view| view.picture().unwrap().pixel(1, 1).unwrap()))
+                    .collect();
+                format!("{} {} {} {colours:?}", trial.scene(), trial.entry_number(), trial.hash())
+            }
+            Err(skipped) => skipped.to_string(),
+        });
+        let seen = seen.collect();
+        (seen, trials.report().clone(), trials.peak_bytes())
+    })
+}
+
+#[test]
+fn order_and_content_are_the_same_for_any_threads_and_bounds() {
+    let (reference, report, peak) = observed(1, Prefetch { trials: 0, ..Prefetch::default() });
+    assert_eq!((reference.len(), report.trials, report.skipped.len()), (24, 20, 8));
+    assert!(peak > 0, "a trial prepared on demand still decodes in one go");
+    for threads in [1, 2, 5] {
+        for trials in [1, 3, 64] {
+            for decode in [DecodeAhead::Nothing, DecodeAhead::Context, DecodeAhead::All] {
+                for max_bytes in [0, 20_000, u64::MAX] {
+                    let prefetch = Prefetch { trials, decode, max_bytes };
+                    let (seen, skips, peak) = observed(threads, prefetch);
+                    assert_eq!(seen, reference, "{threads} threads, {prefetch:?}");
+                    assert_eq!(skips, report, "{threads} threads, {prefetch:?}");
+                    assert!(peak <= max_bytes, "{peak} bytes, {prefetch:?}");
+                }
+            }
+        }
+    }
+}
+
+/// A slow consumer: the iterator runs ahead by its bound and then stops.
+#[test]
+fn no_more_scenes_are_loaded_ahead_than_asked() {
+    let (scenes, _) = many_scenes();
+    let each_once = EvaluationIndex {
+        scenes: scenes.iter().map(|scene| (scene.key.clone(), vec![entry(&[0, 6], &[3])])).collect(),
+    };
+    let source = Arc::new(MemorySource::new(scenes));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
+    let taken = pool.install(|| {
+        let prefetch = Prefetch { trials: 3, ..Prefetch::default() };
+        let mut trials =
+            Trials::new(Arc::clone(&source) as Arc<dyn atsplat_scene::SceneSource>, &each_once, recipe(), prefetch);
+        let mut taken = 0;
+        while let Some(trial) = trials.next() {
+            assert!(trial.is_ok());
+            taken += 1;
+            std::thread::sleep(std::time::Duration::from_millis(5));
+            let loads = source.loads.load(Ordering::SeqCst);
+            assert!(loads <= taken + 3, "{loads} scenes loaded after {taken} were taken");
+        }
+        taken
+    });
+    assert_eq!((taken, source.loads.load(Ordering::SeqCst)), (24, 24));
+}
+
+/// Trials that are kept hold their bytes: the budget is never exceeded, whoever holds the pictures.
+#[test]
+fn kept_trials_count_against_the_budget() {
+    let (scenes, index) = many_scenes();
+    let one_picture = 32 * 32 * 3;
+    let prefetch = Prefetch { trials: 4, decode: DecodeAhead::All, max_bytes: one_picture * 9 };
+    let mut trials = Trials::new(Arc::new(MemorySource::new(scenes)), &index, recipe(), prefetch);
+    let kept: Vec<_> = trials.by_ref().collect();
+    assert_eq!(kept.len(), 24);
+    let peak = trials.peak_bytes();
+    assert!(peak <= one_picture * 9 && peak >= one_picture * 3, "{peak}");
+}
+
+/// Views of one scene share its tables: it is loaded once for all its entries.
+#[test]
+fn entries_of_a_scene_share_its_loading() {
+    let source = Arc::new(MemorySource::new([scene("s", 12, 1)]));
+    let index = index(&[("s", vec![entry(&[0, 4], &[2]), entry(&[1, 5], &[2]), entry(&[2, 6], &[3])])]);
+    let mut trials =
+        Trials::new(Arc::clone(&source) as Arc<dyn atsplat_scene::SceneSource>, &index, recipe(), Prefetch::default());
+    assert_eq!(trials.by_ref().filter(Result::is_ok).count(), 3);
+    assert_eq!(source.loads.load(Ordering::SeqCst), 1);
+    assert_eq!(trials.warnings().total(), 1, "its warnings come once");
+}

@@ -1,0 +1,202 @@
+use std::collections::VecDeque;
+use std::sync::{Arc, OnceLock};
+
+use atsplat_scene::{Scene, SceneError, SceneSource, WarningKind, Warnings};
+
+use super::pictures::LazyPicture;
+use super::prefetch::{Budget, DecodeAhead, Ordered, Prefetch};
+use super::prepare::{Refusal, prepare};
+use super::{SkipReason, SkipReport, Skipped, TargetPictures, Trial, TrialRecipe};
+use crate::preset::DropReason;
+use crate::{EvaluationIndex, IndexEntry};
+
+/// Walks an evaluation index over a dataset: a trial and its target pictures for each entry, in index order,
+/// or why there is none.
+///
+/// Scenes are loaded, and pictures decoded, ahead of the caller on rayon's threads within the bounds of
+/// [`Prefetch`]; what comes out is the same for any bounds and any number of threads. `null` scenes are
+/// counted in the report and yield nothing. A picture that turns out to be damaged does not stop its trial:
+/// asking for it is an error, each time the same.
+pub struct Trials {
+    source: Arc<dyn SceneSource>,
+    recipe: Arc<TrialRecipe>,
+    prefetch: Prefetch,
+    budget: Arc<Budget>,
+    waiting: VecDeque<Place>,
+    ahead: Ordered<Outcome>,
+    report: SkipReport,
+    warnings: Warnings,
+}
+
+/// One entry's place in the index.
+struct Place {
+    scene: Arc<SharedScene>,
+    entry_number: usize,
+    entry: IndexEntry,
+}
+
+/// A scene that several entries may need; loaded by whichever comes first.
+struct SharedScene {
+    key: String,
+    loaded: OnceLock<(Result<Arc<Scene>, Refusal>, Warnings)>,
+}
+
+struct Outcome {
+    trial: Result<(Trial, TargetPictures), Skipped>,
+    warnings: Warnings,
+}
+
+impl Trials {
+    /// Over all entries of `index`. Nothing is read before the first trial is asked for.
+    pub fn new(source: Arc<dyn SceneSource>, index: &EvaluationIndex, recipe: TrialRecipe, prefetch: Prefetch) -> Self {
+        let mut waiting = VecDeque::new();
+        let mut report = SkipReport::default();
+        for (key, entries) in &index.scenes {
+            if entries.is_empty() {
+                let detail = "the index has no entry for the scene".to_owned();
+                let reason = SkipReason::NullEntry;
+                report.skipped.push(Skipped { scene: key.clone(), entry_number: 0, reason, detail });
+            }
+            let scene = Arc::new(SharedScene { key: key.clone(), loaded: OnceLock::new() });
+            waiting.extend(entries.iter().cloned().enumerate().map(|(entry_number, entry)| Place {
+                scene: Arc::clone(&scene),
+                entry_number,
+                entry,
+            }));
+        }
+        Self {
+            source,
+            recipe: Arc::new(recipe),
+            prefetch,
+            budget: Budget::new(prefetch.max_bytes),
+            waiting,
+            ahead: Ordered::new(),
+            report,
+            warnings: Warnings::new(),
+        }
+    }
+
+    /// What has become of the entries so far; complete once the iterator has ended.
+    pub const fn report(&self) -> &SkipReport {
+        &self.report
+    }
+
+    /// What was wrong with the scenes so far without stopping them.
+    pub const fn warnings(&self) -> &Warnings {
+        &self.warnings
+    }
+
+    /// The most bytes of pictures that were held at once having been decoded ahead; never above
+    /// [`Prefetch::max_bytes`].
+    pub fn peak_bytes(&self) -> u64 {
+        self.budget.peak()
+    }
+
+    /// Brings the number of entries in preparation up to the bound.
+    fn prepare_ahead(&mut self, most: usize) {
+        while self.ahead.len() < most {
+            let Some(place) = self.waiting.pop_front() else { break };
+            let (source, recipe) = (Arc::clone(&self.source), Arc::clone(&self.recipe));
+            let (decode, budget) = (self.prefetch.decode, Arc::clone(&self.budget));
+            let job = move || place.outcome(source.as_ref(), &recipe, decode, &budget);
+            self.ahead.push(Box::new(job), self.prefetch.trials > 0);
+        }
+    }
+}
+
+impl Iterator for Trials {
+    type Item = Result<(Trial, TargetPictures), Skipped>;
+
+    fn next(&mut self) -> Option<Self::Item> {
+        self.prepare_ahead(self.prefetch.trials.max(1));
+        let outcome = self.ahead.pop()?;
+        self.prepare_ahead(self.prefetch.trials);
+        self.warnings.merge(outcome.warnings);
+        match &outcome.trial {
+            Ok(_) => self.report.trials += 1,
+            Err(skipped) => self.report.skipped.push(skipped.clone()),
+        }
+        Some(outcome.trial)
+    }
+
+    fn size_hint(&self) -> (usize, Option<usize>) {
+        let left = self.waiting.len() + self.ahead.len();
+        (left, Some(left))
+    }
+}
+
+impl ExactSizeIterator for Trials {}
+
+impl std::fmt::Debug for Trials {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Trials").field("left", &self.len()).field("recipe", &self.recipe).finish_non_exhaustive()
+    }
+}
+
+impl Place {
+    fn outcome(
+        self,
+        source: &dyn SceneSource,
+        recipe: &TrialRecipe,
+        decode: DecodeAhead,
+        budget: &Arc<Budget>,
+    ) -> Outcome {
+        let Self { scene: shared, entry_number, entry } = self;
+        let (scene, scene_warnings) = shared.loaded.get_or_init(|| load(&shared.key, source));
+        // The first entry of a scene reports what is wrong with it, whichever entry loaded it.
+        let warnings = if entry_number == 0 { scene_warnings.clone() } else { Warnings::new() };
+        let prepared = match scene {
+            Ok(scene) => prepare(scene, entry_number, &entry, recipe),
+            Err(refusal) => Err(refusal.clone()),
+        };
+        let trial = match prepared {
+            Ok((trial, pictures)) => Ok(decode_ahead(trial, pictures, decode, budget)),
+            Err((reason, detail)) => Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail }),
+        };
+        Outcome { trial, warnings }
+    }
+}
+
+fn load(key: &str, source: &dyn SceneSource) -> (Result<Arc<Scene>, Refusal>, Warnings) {
+    let mut warnings = Warnings::new();
+    let scene = source.load(key, &mut warnings).map(Arc::new).map_err(|error| {
+        let (kind, reason) = match error {
+            SceneError::UnknownScene { .. } => (WarningKind::SceneNotFound, DropReason::SceneMissing),
+            _ => (WarningKind::UnreadableScene, DropReason::Unreadable),
+        };
+        warnings.push(kind, key, error.to_string());
+        (SkipReason::Dropped(reason), error.to_string())
+    });
+    (scene, warnings)
+}
+
+/// Decodes what is asked for, if the budget has room for it.
+fn decode_ahead(
+    mut trial: Trial,
+    mut targets: TargetPictures,
+    decode: DecodeAhead,
+    budget: &Arc<Budget>,
+) -> (Trial, TargetPictures) {
+    let mut wanted: Vec<&Arc<LazyPicture>> = Vec::new();
+    if decode != DecodeAhead::Nothing {
+        wanted.extend(trial.context.iter().map(|view| &view.picture));
+    }
+    if decode == DecodeAhead::All {
+        wanted.extend(&targets.pictures);
+    }
+    wanted.sort_unstable_by_key(|picture| Arc::as_ptr(picture));
+    wanted.dedup_by_key(|picture| Arc::as_ptr(picture));
+    let bytes = wanted.iter().try_fold(0u64, |sum, picture| sum.checked_add(picture.bytes()));
+    let Some(reservation) = bytes.filter(|bytes| *bytes > 0).and_then(|bytes| budget.reserve(bytes)) else {
+        return (trial, targets);
+    };
+    for picture in wanted {
+        // An error is kept for whoever asks for the picture.
+        picture.get().ok();
+    }
+    for view in &mut trial.context {
+        view.reservation = Some(Arc::clone(&reservation));
+    }
+    targets.reservation = Some(reservation);
+    (trial, targets)
+}
