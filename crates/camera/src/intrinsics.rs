@@ -150,6 +150,16 @@ impl NormalizedIntrinsics {
         Ok(Self { fx: self.fx * (w_in / w_out), fy: self.fy * (h_in / h_out), cx, cy })
     }
 
+    /// Intrinsics a share `t` of the way to `other`, number by number, as pixelSplat's videos zoom
+    /// (`camera_trajectory/interpolation.py interpolate_intrinsics`); `t` in [0, 1].
+    ///
+    /// # Errors
+    /// [`CameraError::NotPositive`] where `t` outside [0, 1] leads to a focal length that is none.
+    pub fn interpolated(&self, other: &Self, t: f64) -> Result<Self, CameraError> {
+        let mix = |a: f64, b: f64| a + (b - a) * t;
+        Self::new(mix(self.fx, other.fx), mix(self.fy, other.fy), mix(self.cx, other.cx), mix(self.cy, other.cy))
+    }
+
     /// Opening angles as pixelSplat's `get_fov` defines them (`src/geometry/projection.py`): between
     /// the unit rays through the middles of opposite edges, so an off-centre principal point counts.
     pub fn field_of_view(&self) -> FieldOfView {
@@ -166,6 +176,24 @@ impl NormalizedIntrinsics {
 }
 
 impl PixelIntrinsics {
+    /// After the picture is resized from `source` to `target`: everything scales with its axis. In
+    /// normalised units a resize changes nothing.
+    ///
+    /// # Errors
+    /// [`CameraError::NotPositive`] for an empty picture.
+    pub fn resized(&self, source: ImageSize, target: ImageSize) -> Result<Self, CameraError> {
+        let ratio = |field, from: u32, to: u32| Ok(positive(field, f64::from(to))? / positive(field, f64::from(from))?);
+        let (x, y) = (ratio("width", source.width, target.width)?, ratio("height", source.height, target.height)?);
+        Self::new(self.fx * x, self.fy * y, self.cx * x, self.cy * y)
+    }
+
+    /// After cutting out a rectangle that starts at `crop`'s corner: the principal point moves with the
+    /// pixels. The frozen rule has no meaning in pixels; see [`NormalizedIntrinsics::cropped`].
+    #[must_use]
+    pub fn cropped(&self, crop: CropRect) -> Self {
+        Self { cx: self.cx - f64::from(crop.column), cy: self.cy - f64::from(crop.row), ..*self }
+    }
+
     /// In units of the picture's `size`.
     ///
     /// # Errors

@@ -75,7 +75,7 @@ fn make_readable(_file: &std::fs::File) -> std::io::Result<()> {
 pub(crate) fn print_warnings(warnings: &Warnings) {
     const SHOWN: usize = 3;
     for (kind, count) in warnings.counts() {
-        complain(&format!("warning: {count} × {}", kind.name()));
+        complain(&format!("warning: {count} × {kind}"));
         for warning in warnings.kept().iter().filter(|warning| warning.kind == kind).take(SHOWN) {
             complain(&format!("    {warning}"));
         }

@@ -31,6 +31,17 @@ impl Progress {
     /// Counts one finished item; callable from any thread.
     pub(crate) fn step(&self) {
         self.bar.inc(1);
+        self.report();
+    }
+
+    /// Sets how many items are finished.
+    #[cfg(feature = "opencv")]
+    pub(crate) fn reach(&self, finished: usize) {
+        self.bar.set_position(finished as u64);
+        self.report();
+    }
+
+    fn report(&self) {
         let (Some(reported), Some(total)) = (&self.plain_tenths, self.bar.length()) else { return };
         let done = self.bar.position();
         let tenths = done * 10 / total.max(1);

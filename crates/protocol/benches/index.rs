@@ -41,7 +41,7 @@ fn index(c: &mut Criterion) {
     group.bench_function("parse and sha256", |b| b.iter(|| IndexFile::parse(black_box(text.as_bytes()))));
     group.bench_function("content hash", |b| b.iter(|| black_box(&file.index).content_hash()));
     group.bench_function("lint", |b| {
-        b.iter(|| lint_file(black_box(&file), &LintOptions::default(), &mut Warnings::new()))
+        b.iter(|| lint_file(black_box(&file), &LintOptions::default(), &mut Warnings::new()));
     });
     group.bench_function("write", |b| b.iter(|| black_box(&file.index).to_json(&file.layout)));
     group.finish();

@@ -1,9 +1,12 @@
 //! Replays the fuzz targets' seeds, and every input that once broke a parser, without a fuzzer.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use atsplat_protocol::{IndexFile, Preset};
+use atsplat_protocol::{IndexFile, LintOptions, Preset, lint_file};
+use atsplat_scene::Warnings;
 
 fn inputs(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
     let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz");
@@ -30,10 +33,8 @@ fn evaluation_index() {
 #[test]
 fn preset_toml() {
     for (path, bytes) in inputs("preset_toml") {
-        let Ok(preset) = std::str::from_utf8(&bytes).map_or(Err(()), |text| Preset::from_toml(text).map_err(|_| ()))
-        else {
-            continue;
-        };
+        let Ok(text) = std::str::from_utf8(&bytes) else { continue };
+        let Ok(preset) = Preset::from_toml(text) else { continue };
         let again = Preset::from_toml(&preset.to_toml().unwrap()).unwrap();
         assert_eq!(again, preset, "{}", path.display());
     }
@@ -43,7 +44,7 @@ fn preset_toml() {
 fn the_example_index_has_one_of_everything() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/indices/example.json");
     let file = IndexFile::read(&path).unwrap();
-    let report = atsplat_protocol::lint_file(&file, &Default::default(), &mut atsplat_scene::Warnings::new());
+    let report = lint_file(&file, &LintOptions::default(), &mut Warnings::new());
     assert_eq!((report.keys, report.null, report.leaked.targets, report.outside_window.targets), (8, 1, 1, 1));
     let overlap = report.overlap.unwrap();
     assert_eq!(overlap.published.to_string(), "small 1, medium 3, large 2, above range 1");

@@ -4,6 +4,8 @@ use atsplat_camera::{CameraError, ImageSize};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
+use crate::torch::TorchError;
+
 /// Why files do not make a scene. The message says where, what was expected and what was found;
 /// the path comes last.
 #[derive(Debug, Error)]
@@ -70,6 +72,46 @@ pub enum SceneError {
         /// The dataset.
         path: PathBuf,
     },
+    /// A path holds none of the formats that were looked for.
+    #[error("expected {expected}, found {found} ({})", path.display())]
+    Unrecognized {
+        /// What would have been recognised.
+        expected: String,
+        /// What is there.
+        found: String,
+        /// The file or folder.
+        path: PathBuf,
+    },
+    /// A file points at a picture outside its own scene's folder.
+    #[error("{location}: expected a path inside the scene's folder, found {found:?} ({})", path.display())]
+    OutsideScene {
+        /// Frame or line inside the file.
+        location: String,
+        /// The path as written.
+        found: String,
+        /// The file that holds the path.
+        path: PathBuf,
+    },
+    /// A camera model that has no counterpart among the toolkit's lenses.
+    #[error("{location}: camera model {model} is not supported: {reason} ({})", path.display())]
+    UnsupportedCameraModel {
+        /// Frame or line inside the file.
+        location: String,
+        /// The model as its own toolkit names it.
+        model: String,
+        /// What it has that pinhole, `OPENCV` and `OPENCV_FISHEYE` have not.
+        reason: String,
+        /// The file.
+        path: PathBuf,
+    },
+    /// A file is not what `torch.save` writes, or not a chunk of scenes.
+    #[error("{source} ({})", path.display())]
+    Torch {
+        /// The file.
+        path: PathBuf,
+        /// What is wrong with it, and where.
+        source: TorchError,
+    },
     /// OpenCV refused.
     #[cfg(feature = "opencv")]
     #[error("{action}: {source}")]
@@ -96,6 +138,12 @@ pub enum SceneError {
 }
 
 impl SceneError {
+    /// What is wrong with a `.torch` file, and which.
+    pub(crate) fn torch(path: impl Into<PathBuf>) -> impl FnOnce(TorchError) -> Self {
+        let path = path.into();
+        move |source| Self::Torch { path, source }
+    }
+
     /// An I/O error with what was being done and where.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();

@@ -2,24 +2,38 @@
 //! instant-ngp, COLMAP; the papers' preprocessing of pictures and intrinsics together; Arrow and
 //! Parquet out. Knows nothing of models.
 
+mod camera_policy;
+pub mod colmap;
 #[cfg(feature = "columns")]
 pub mod columns;
 mod dataset;
 mod error;
 #[cfg(feature = "columns")]
 pub mod export;
+mod files;
+pub mod nerfstudio;
+mod number;
+mod open;
+#[cfg(feature = "columns")]
+pub mod inspect;
 pub mod geometry;
 #[cfg(feature = "opencv")]
 pub mod opencv;
 pub mod preprocess;
+pub mod re10k;
 mod scene;
 mod shared_bytes;
 #[cfg(all(test, feature = "columns"))]
 mod test_source;
+pub mod torch;
 mod warnings;
 
-pub use dataset::SceneSource;
+pub use colmap::{ColmapOptions, ColmapScenes};
+pub use dataset::{SceneSource, load_scenes};
 pub use error::SceneError;
-pub use scene::{Frame, Picture, Scene};
+pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
+pub use open::{Dataset, Format, OpenOptions, open, open_with};
+pub use re10k::{Re10kOptions, Re10kScenes};
+pub use scene::{Frame, Picture, PictureFolder, Scene};
 pub use shared_bytes::SharedBytes;
 pub use warnings::{Warning, WarningKind, Warnings};

@@ -1,8 +1,14 @@
-use std::path::PathBuf;
+use std::borrow::Cow;
+use std::path::{Path, PathBuf};
 
 use atsplat_camera::{Camera, ImageSize};
+use atsplat_pixels::{DecodeLimits, ImageU8, PixelError};
 
-use crate::SharedBytes;
+use crate::files::{read_file, read_start};
+use crate::{SceneError, SharedBytes};
+
+/// Enough of a file to hold nearly every picture's header, in bytes.
+const LIKELY_HEADER: u64 = 1 << 16;
 
 /// Where a frame's picture is. Nothing is read or decoded until it is asked for.
 #[derive(Clone, Debug)]
@@ -17,6 +23,18 @@ pub enum Picture {
     Encoded(SharedBytes),
 }
 
+/// Which copy of a capture's pictures to take, where it comes in several sizes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum PictureFolder {
+    /// The folder that the metadata lists. Where that is absent, the largest of `…_2`, `…_4`, `…_8` that
+    /// is there, reported frame by frame.
+    #[default]
+    Listed,
+    /// The folder with `_factor` after its name: DepthSplat evaluates DL3DV on `images_8` (270×480) and
+    /// `images_4` (540×960).
+    Downscaled(u32),
+}
+
 /// One posed picture of a scene.
 ///
 /// A frame's position in [`Scene::frames`] is what every evaluation index counts in
@@ -26,7 +44,9 @@ pub enum Picture {
 pub struct Frame {
     /// What the source calls the frame: a timestamp or a file stem.
     pub name: String,
-    /// Microseconds since the start of the video, where the source has them.
+    /// Microseconds since the start of the video for RE10K; for DL3DV and its kin the number that the
+    /// file's stem ends with, which is what their `.torch` chunks hold in this place (depthsplat
+    /// `src/scripts/convert_dl3dv_test.py`). `None` where the source has neither.
     pub timestamp_micros: Option<i64>,
     /// Pose, intrinsics and lens.
     pub camera: Camera,
@@ -45,4 +65,75 @@ pub struct Scene {
     pub url: Option<String>,
     /// Frames in the source's order.
     pub frames: Vec<Frame>,
+}
+
+impl Scene {
+    /// Decodes the picture of the frame at `position`.
+    ///
+    /// # Errors
+    /// As [`Frame::decode`]; [`SceneError::NoPicture`] for a position past the last frame.
+    pub fn decode(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
+        let no_frame = || SceneError::NoPicture {
+            scene: self.key.clone(),
+            frame: position,
+            reason: format!("the scene has {} frames", self.frames.len()),
+        };
+        self.frames.get(position).ok_or_else(no_frame)?.decode(&self.key, position, limits)
+    }
+}
+
+impl Frame {
+    /// Decodes the picture. `scene` and `position` say in messages which frame this is.
+    ///
+    /// # Errors
+    /// [`SceneError::NoPicture`], [`SceneError::Io`], and [`SceneError::Pixels`] for bytes that are no
+    /// picture or exceed `limits`.
+    pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
+        let bytes = self.bytes(scene, position)?;
+        atsplat_pixels::decode(&bytes, limits).map_err(in_frame(scene, position))
+    }
+
+    /// The encoded picture: read from its file, or borrowed from its chunk.
+    ///
+    /// # Errors
+    /// [`SceneError::NoPicture`], [`SceneError::Io`].
+    pub fn bytes(&self, scene: &str, position: usize) -> Result<Cow<'_, [u8]>, SceneError> {
+        let no_picture = |reason: String| SceneError::NoPicture { scene: scene.to_owned(), frame: position, reason };
+        match &self.picture {
+            Picture::File(path) => Ok(Cow::Owned(read_file("reading a picture", path)?)),
+            Picture::Encoded(bytes) => Ok(Cow::Borrowed(bytes)),
+            Picture::Absent => Err(no_picture("the trajectory came without pictures".to_owned())),
+            Picture::Missing(path) => Err(no_picture(format!("the file is missing ({})", path.display()))),
+        }
+    }
+
+    /// The picture's size from its header; nothing is decoded.
+    ///
+    /// # Errors
+    /// As [`Self::decode`].
+    pub fn size(&self, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
+        if let Picture::File(path) = &self.picture {
+            return size_of_file(path, in_frame(scene, position));
+        }
+        atsplat_pixels::size_of(&self.bytes(scene, position)?).map(image_size).map_err(in_frame(scene, position))
+    }
+}
+
+pub(crate) fn in_frame(scene: &str, frame: usize) -> impl FnOnce(PixelError) -> SceneError {
+    let scene = scene.to_owned();
+    move |source| SceneError::Pixels { scene, frame, source }
+}
+
+/// Size of the picture in a file, from its header.
+pub(crate) fn size_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<ImageSize, SceneError> {
+    let action = "reading a picture's header";
+    if let Ok(size) = atsplat_pixels::size_of(&read_start(action, path, LIKELY_HEADER)?) {
+        return Ok(image_size(size));
+    }
+    // Colour profiles and previews can push a JPEG's size past any fixed length.
+    atsplat_pixels::size_of(&read_file(action, path)?).map(image_size).map_err(error)
+}
+
+const fn image_size((width, height): (u32, u32)) -> ImageSize {
+    ImageSize { width, height }
 }

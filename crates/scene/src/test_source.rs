@@ -27,6 +27,17 @@ impl TestSource {
         self
     }
 
+    /// The same captures in a world that was turned and shifted.
+    pub(crate) fn moved(mut self) -> Self {
+        let rotation = DMat3::from_rotation_z(1.0) * DMat3::from_rotation_y(2.0);
+        let new_from_old = WorldFromCamera::new(rotation, DVec3::new(30.0, -20.0, 10.0)).unwrap();
+        for frame in self.scenes.values_mut().flat_map(|scene| &mut scene.frames) {
+            let pose = frame.camera.camera_from_world.inverse().moved_by(&new_from_old);
+            frame.camera.camera_from_world = pose.inverse();
+        }
+        self
+    }
+
     pub(crate) fn scenes(&self) -> impl Iterator<Item = &Scene> {
         self.scenes.values()
     }
@@ -58,7 +69,13 @@ pub(crate) fn wandering_camera(step: f64) -> Camera {
 
 /// A camera at `centre`, looking along +z.
 pub(crate) fn camera_at(centre: [f64; 3]) -> Camera {
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, -DVec3::from_array(centre)).unwrap();
+    turned_camera_at(centre, 0.0)
+}
+
+/// A camera at `centre`, turned about its own y axis.
+pub(crate) fn turned_camera_at(centre: [f64; 3], degrees: f64) -> Camera {
+    let rotation = DMat3::from_rotation_y(-degrees.to_radians());
+    let pose = CameraFromWorld::new(rotation, rotation * -DVec3::from_array(centre)).unwrap();
     Camera::pinhole(pose, NormalizedIntrinsics::new(0.5, 0.9, 0.5, 0.5).unwrap())
 }
 

@@ -5,7 +5,8 @@ use serde::Serialize;
 
 /// What can be wrong with part of a dataset without stopping the rest of it.
 ///
-/// Ordered and named for reports: `name()` is stable and goes into JSON and the results store.
+/// Ordered and named for reports: the kebab-case name is stable and goes into JSON and the results
+/// store. Kinds about pictures count frames, all others count scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -34,6 +35,12 @@ pub enum WarningKind {
     UnreadableScene,
     /// The index names a scene that the dataset does not hold.
     SceneNotFound,
+    /// Numbered pictures fit a trajectory both counted from 0 and from 1, or neither way.
+    AmbiguousNumbering,
+    /// A chunk lies beside an index that names none of its scenes.
+    UnindexedChunk,
+    /// A picture's header cannot be read.
+    UnreadablePicture,
 }
 
 /// One observation about one place in a dataset.
@@ -113,5 +120,11 @@ impl Warnings {
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.scene, self.detail)
+    }
+}
+
+impl fmt::Display for WarningKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        self.serialize(f)
     }
 }

@@ -8,6 +8,8 @@ use crate::polynomial::{evaluate, positive_up_to, solve_increasing};
 const RADIUS_MAX: f64 = 1e8;
 const NEWTON_STEPS: usize = 60;
 const HALVINGS: i32 = 40;
+/// Below this many roundings of the largest term a further step is noise.
+const SETTLED: f64 = 2.0;
 /// How many roundings of the largest term an inverse may be off by.
 const ROUNDINGS: f64 = 64.0;
 
@@ -77,6 +79,9 @@ impl OpenCv {
         let mut point = start;
         let mut residual = self.formula(point) - image;
         for _ in 0..NEWTON_STEPS {
+            if residual.length() <= SETTLED * f64::EPSILON * self.largest_term(point.length()) {
+                break;
+            }
             let step = -(self.slope(point).inverse() * residual);
             let better = (0..HALVINGS).map(|halving| point + step * 0.5f64.powi(halving)).find_map(|candidate| {
                 let remaining = self.formula(candidate) - image;

@@ -1,6 +1,6 @@
 use super::{Interpolation, Segment, shares};
 
-/// How well, relative to itself, a stretch's length is known.
+/// How well a stretch's length is known, relative to its segment's.
 const AGREEMENT: f64 = 1e-10;
 /// A stretch of 2⁻²⁰ of a segment is short enough whatever its shape.
 const SPLITS: u32 = 20;
@@ -68,7 +68,8 @@ impl Piece<'_> {
 fn pieces(segments: &[Segment], interpolation: Interpolation) -> Vec<Piece<'_>> {
     let mut pieces = Vec::new();
     for segment in segments {
-        split(segment, [0.0, 1.0], interpolation, SPLITS, &mut pieces);
+        let slack = AGREEMENT * length(segment, 0.0, 1.0, interpolation);
+        split(segment, [0.0, 1.0], interpolation, (slack, SPLITS), &mut pieces);
     }
     let mut walked = 0.0;
     for piece in &mut pieces {
@@ -84,17 +85,17 @@ fn split<'a>(
     segment: &'a Segment,
     [start, end]: [f64; 2],
     interpolation: Interpolation,
-    splits_left: u32,
+    (slack, splits_left): (f64, u32),
     pieces: &mut Vec<Piece<'a>>,
 ) {
     let middle = 0.5 * (start + end);
     let whole = length(segment, start, end, interpolation);
     let halves = length(segment, start, middle, interpolation) + length(segment, middle, end, interpolation);
-    if splits_left == 0 || (whole - halves).abs() <= AGREEMENT * halves {
+    if splits_left == 0 || (whole - halves).abs() <= slack {
         pieces.push(Piece { segment, start, end, before: 0.0, length: whole });
     } else {
-        split(segment, [start, middle], interpolation, splits_left - 1, pieces);
-        split(segment, [middle, end], interpolation, splits_left - 1, pieces);
+        split(segment, [start, middle], interpolation, (slack, splits_left - 1), pieces);
+        split(segment, [middle, end], interpolation, (slack, splits_left - 1), pieces);
     }
 }
 

@@ -101,6 +101,11 @@ proptest! {
             prop_assert!(slack.check(slope(&before, &here), slope(&here, &after)).is_ok(), "kink at {time}");
         }
     }
+}
+
+proptest! {
+    // Each case walks the path in thousands of chords.
+    #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
     fn samples_are_even_along_the_path(trajectory in any_trajectory(), count in 2usize..9) {

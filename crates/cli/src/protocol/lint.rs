@@ -80,9 +80,10 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     Ok(complete)
 }
 
-/// The header of the picture itself where there is one: a file's size wins over the metadata's.
+/// The header of the picture itself where there is one: a file's size wins over the metadata's. The place
+/// of the frame would only name it in an error.
 fn picture_size(frame: &Frame) -> Option<ImageSize> {
-    frame.size().ok().or(frame.stated_size)
+    frame.size("", 0).ok().or(frame.stated_size)
 }
 
 impl fmt::Display for Report<'_> {

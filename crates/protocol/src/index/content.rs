@@ -39,7 +39,9 @@ pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
 
 fn frames(hasher: &mut Sha256, frames: &[usize]) {
     length(hasher, frames.len());
-    frames.iter().for_each(|frame| length(hasher, *frame));
+    for frame in frames {
+        length(hasher, *frame);
+    }
 }
 
 fn length(hasher: &mut Sha256, value: usize) {

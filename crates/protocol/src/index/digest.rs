@@ -32,6 +32,7 @@ impl Sha256Digest {
     }
 }
 
+#[expect(clippy::panic, reason = "evaluated at compile time: a wrong constant does not compile")]
 const fn literal_nibble(digit: u8) -> u8 {
     match digit {
         b'0'..=b'9' => digit - b'0',
@@ -80,7 +81,7 @@ impl Serialize for Sha256Digest {
 impl<'de> Deserialize<'de> for Sha256Digest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = String::deserialize(deserializer)?;
-        text.parse().map_err(|_: NotADigest| {
+        text.parse().map_err(|_not_a_digest: NotADigest| {
             serde::de::Error::invalid_value(serde::de::Unexpected::Str(&text), &"64 hexadecimal digits")
         })
     }

@@ -84,7 +84,7 @@ impl EvaluationIndex {
     /// Writes the index as JSON. With the layout of the file that it was read from, official files come
     /// out byte for byte.
     pub fn to_json(&self, layout: &IndexLayout) -> String {
-        write::to_json(self, layout)
+        write::to_json(self, *layout)
     }
 
     /// Hash of what the index asks for, whatever the file looks like: white space, the order of scenes and

@@ -3,14 +3,14 @@ use std::fmt::Write;
 use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Spacing};
 
 /// The index as Python's `json.dumps` writes it.
-pub(super) fn to_json(index: &EvaluationIndex, layout: &IndexLayout) -> String {
+pub(super) fn to_json(index: &EvaluationIndex, layout: IndexLayout) -> String {
     let mut json = Json { text: String::new(), spacing: layout.spacing, depth: 0 };
     json.list('{', '}', &index.scenes, |json, (key, entries)| {
         json.key(key);
         match (entries.as_slice(), layout.lone_entry, layout.absent) {
             ([], _, AbsentForm::Null) => json.text.push_str("null"),
             ([entry], LoneEntryForm::Object, _) => json.entry(entry),
-            _ => json.list('[', ']', entries, |json, entry| json.entry(entry)),
+            _ => json.list('[', ']', entries, Json::entry),
         }
     });
     if layout.final_newline {
@@ -137,7 +137,7 @@ mod tests {
     use super::*;
     use crate::IndexFile;
 
-    /// The right-hand sides are what CPython 3.11 prints.
+    /// The right-hand sides are what `CPython` 3.11 prints.
     #[test]
     fn floats_print_as_in_python() {
         for (value, text) in [
@@ -157,7 +157,7 @@ mod tests {
         }
     }
 
-    /// `json.dumps({"é\x7f😀\"\\\n": None})` in CPython 3.11.
+    /// `json.dumps({"é\x7f😀\"\\\n": None})` in `CPython` 3.11.
     #[test]
     fn keys_are_escaped_as_in_python() {
         let index = EvaluationIndex { scenes: [("é\u{7f}😀\"\\\n".to_owned(), vec![])].into_iter().collect() };

@@ -137,7 +137,8 @@ impl Spread {
         let (min, max) = (*counts.first()?, *counts.last()?);
         let middle = |at: usize| counts.get(at).copied().unwrap_or_default() as f64;
         let half = counts.len() / 2;
-        let median = if counts.len() % 2 == 0 { f64::midpoint(middle(half - 1), middle(half)) } else { middle(half) };
+        let median =
+            if counts.len().is_multiple_of(2) { f64::midpoint(middle(half - 1), middle(half)) } else { middle(half) };
         let mean = counts.iter().map(|count| *count as f64).sum::<f64>() / counts.len() as f64;
         Some(Self { min, median, mean, max })
     }

@@ -7,7 +7,7 @@ pub enum Aggregation {
     /// The mean over a scene's targets, then the mean over scenes (MVSplat, DepthSplat, iLRM
     /// `src/model/model_wrapper.py`, `test_step` and `on_test_end`).
     SceneMeans,
-    /// The mean over all pictures of all scenes (MVSplat360 on DL3DV). The same number only where every scene
+    /// The mean over all pictures of all scenes (`MVSplat360` on DL3DV). The same number only where every scene
     /// has as many targets.
     AllPictures,
 }
@@ -54,7 +54,7 @@ pub enum SsimConvention {
 pub enum LpipsConvention {
     /// `lpips.LPIPS(net="vgg")`, version 0.1, `normalize=True`.
     VggV01,
-    /// The same with AlexNet.
+    /// The same with `AlexNet`.
     AlexV01,
 }
 

@@ -1,0 +1,145 @@
+use std::path::PathBuf;
+
+use clap::{Args, ValueEnum};
+
+use crate::dataset_words::DatasetWords;
+
+#[derive(Debug, Args)]
+#[cfg_attr(not(feature = "opencv"), expect(dead_code, reason = "read where there is an OpenCV"))]
+pub(crate) struct Words {
+    #[command(flatten)]
+    dataset: DatasetWords,
+
+    /// Folder under which `<key>/images/<frame>.png` and `<key>/transforms.json` are written.
+    #[arg(long, short, value_name = "FOLDER")]
+    out: PathBuf,
+
+    /// Which pinhole camera the new pictures are of.
+    #[arg(long, value_enum, default_value_t = Mode::KeepK)]
+    mode: Mode,
+}
+
+/// Which pinhole camera undistorted pictures are of.
+#[derive(Clone, Copy, Debug, ValueEnum)]
+pub(crate) enum Mode {
+    /// The same intrinsics; parts of the rim may be black.
+    KeepK,
+    /// New intrinsics without black rim, as Long-LRM and iLRM-wide undistort DL3DV.
+    LongLrm,
+}
+
+#[cfg(not(feature = "opencv"))]
+pub(crate) fn run(_: &Words) -> anyhow::Result<bool> {
+    Err(super::needs_opencv("data undistort"))
+}
+
+#[cfg(feature = "opencv")]
+pub(crate) use with_opencv::run;
+
+#[cfg(feature = "opencv")]
+mod with_opencv {
+    use std::path::Path;
+
+    use anyhow::Context as _;
+    use atsplat_camera::{Camera, ImageSize};
+    use atsplat_pixels::{DecodeLimits, encode_png};
+    use atsplat_scene::opencv::{UndistortMode, Undistorter};
+    use atsplat_scene::{Frame, Picture, Scene, SceneSource as _, WarningKind, Warnings};
+    use serde_json::{Value, json};
+
+    use super::{Mode, Words};
+    use crate::output::{PendingFile, print_text, print_warnings};
+    use crate::progress::Progress;
+
+    pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+        let mode = match words.mode {
+            Mode::KeepK => UndistortMode::KeepK,
+            Mode::LongLrm => UndistortMode::LongLrm,
+        };
+        std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+        let mut warnings = Warnings::new();
+        let dataset = words.dataset.open(&mut warnings)?;
+        let (mut written, mut skipped) = (0u64, 0u64);
+        for key in dataset.keys() {
+            match dataset.load(key, &mut warnings) {
+                Ok(scene) => {
+                    let (of_scene, missing) = undistort_scene(&scene, mode, &words.out, &mut warnings)?;
+                    written += of_scene;
+                    skipped += missing;
+                }
+                Err(error) => {
+                    skipped += 1;
+                    warnings.push(WarningKind::UnreadableScene, key, error.to_string());
+                }
+            }
+        }
+        print_text(&format!("{written} pictures written, {skipped} scenes or frames skipped\n"))?;
+        print_warnings(&warnings);
+        Ok(skipped == 0)
+    }
+
+    /// Writes one scene's pictures and its `transforms.json`; returns pictures written and frames skipped.
+    fn undistort_scene(
+        scene: &Scene,
+        mode: UndistortMode,
+        out: &Path,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<(u64, u64)> {
+        let folder = out.join(&scene.key);
+        let list = PendingFile::open(&folder.join("transforms.json"))?;
+        let progress = Progress::new("frames", scene.frames.len());
+        let limits = DecodeLimits::default();
+        let mut undistorter: Option<(Camera, ImageSize, Undistorter)> = None;
+        let mut frames = Vec::new();
+        let mut skipped = 0;
+        for (position, frame) in scene.frames.iter().enumerate() {
+            progress.step();
+            if matches!(frame.picture, Picture::Absent | Picture::Missing(_)) {
+                skipped += 1;
+                continue;
+            }
+            let picture = match scene.decode(position, &limits) {
+                Ok(picture) => picture,
+                Err(error) => {
+                    skipped += 1;
+                    warnings.push(WarningKind::UnreadablePicture, &scene.key, error.to_string());
+                    continue;
+                }
+            };
+            let size = ImageSize { width: picture.width(), height: picture.height() };
+            let fits = |(camera, of_size, _): &(Camera, ImageSize, Undistorter)| {
+                camera.intrinsics == frame.camera.intrinsics
+                    && camera.distortion == frame.camera.distortion
+                    && *of_size == size
+            };
+            // Frames of one lens share one map.
+            let current = match undistorter.take().filter(fits) {
+                Some(current) => current,
+                None => (frame.camera, size, Undistorter::new(&frame.camera, size, mode)?),
+            };
+            let straight = current.2.undistort(&picture)?;
+            let name = format!("images/{}.png", frame.name);
+            PendingFile::open(&folder.join(&name))?.finish(&encode_png(&straight)?)?;
+            frames.push(listed(frame, &name, size, &current.2));
+            undistorter = Some(current);
+        }
+        let written = frames.len() as u64;
+        let transforms = json!({ "camera_model": "PINHOLE", "frames": frames });
+        list.finish(serde_json::to_string_pretty(&transforms)?.as_bytes())?;
+        Ok((written, skipped))
+    }
+
+    /// A frame as nerfstudio lists it: OpenGL camera-to-world, its own pinhole intrinsics in pixels.
+    fn listed(frame: &Frame, name: &str, size: ImageSize, undistorter: &Undistorter) -> Value {
+        let pose = frame.camera.camera_from_world.inverse().opengl_from_opencv().to_rows();
+        let mut matrix: Vec<Vec<f64>> = pose.chunks(4).map(<[f64]>::to_vec).collect();
+        matrix.push(vec![0.0, 0.0, 0.0, 1.0]);
+        let k = undistorter.intrinsics().pixel_from_normalized(size);
+        json!({
+            "file_path": name,
+            "w": size.width, "h": size.height,
+            "fl_x": k.fx, "fl_y": k.fy, "cx": k.cx, "cy": k.cy,
+            "transform_matrix": matrix,
+        })
+    }
+}

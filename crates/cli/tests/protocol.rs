@@ -1,0 +1,107 @@
+//! `atsplat protocol` as a user runs it.
+
+mod common;
+
+use std::path::{Path, PathBuf};
+
+use common::{atsplat, succeed, write_trajectory};
+
+fn repository() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../..")
+}
+
+#[test]
+fn the_readmes_main_job() {
+    insta::assert_snapshot!(succeed(&repository(), &["protocol", "lint", "eval/indices/example.json"]));
+}
+
+#[test]
+fn presets_are_listed_and_shown() {
+    let here = repository();
+    insta::assert_snapshot!(succeed(&here, &["protocol", "list"]));
+    let shown = succeed(&here, &["protocol", "show", "re10k-2v-256"]);
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::write(folder.path().join("mine.toml"), &shown).unwrap();
+    assert_eq!(succeed(folder.path(), &["protocol", "show", "mine.toml"]), shown, "what is shown is a preset itself");
+}
+
+#[test]
+fn an_index_is_built_measured_linted_and_moved_outside() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    for (key, frames) in [("aaaa", 200), ("bbbb", 150), ("short", 8)] {
+        write_trajectory(&here.join("data").join(format!("{key}.txt")), frames);
+    }
+
+    let words = ["protocol", "build", "data", "--sampler", "farthest-point"];
+    let settings = ["--set", "context-views=6", "--set", "window=50", "-o", "index.json"];
+    let built = succeed(here, &[&words[..], &settings[..]].concat());
+    assert!(built.contains("2 scenes"), "{built}");
+
+    let lint = succeed(here, &["protocol", "lint", "index.json", "--json"]);
+    let lint: serde_json::Value = serde_json::from_str(&lint).unwrap();
+    assert_eq!((&lint["keys"], &lint["null"], &lint["scenes"]), (&3.into(), &1.into(), &2.into()), "{lint}");
+
+    let overlap = succeed(
+        here,
+        &["protocol", "overlap", "index.json", "--data", "data", "-o", "overlap.json", "--plot", "overlap.svg"],
+    );
+    assert!(overlap.contains("      2  measured"), "{overlap}");
+    assert!(std::fs::read_to_string(here.join("overlap.svg")).unwrap().starts_with("<svg"));
+    let measured: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(here.join("overlap.json")).unwrap()).unwrap();
+    let value = measured["aaaa"]["overlap"].as_f64().unwrap();
+    assert!((0.0..=1.0).contains(&value), "{measured}");
+
+    let moved = succeed(here, &["protocol", "extrapolate", "index.json", "--data", "data", "-o", "outside.json"]);
+    assert!(moved.contains("2  entries with every target"), "{moved}");
+    let moved = succeed(here, &["protocol", "lint", "outside.json", "--against", "index.json", "--json"]);
+    let moved: serde_json::Value = serde_json::from_str(&moved).unwrap();
+    assert_eq!(moved["outside-window"]["targets"], 40, "ten before and ten after in two scenes: {moved}");
+    assert_eq!(moved["against"]["verdict"], "different");
+}
+
+#[test]
+fn thread_counts_change_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    for key in 0..7 {
+        write_trajectory(&here.join("data").join(format!("{key:04}.txt")), 100 + 10 * key);
+    }
+    let build = |threads: &str| {
+        let words = ["--threads", threads, "protocol", "build", "data", "--sampler", "overlap-pairs", "-o", threads];
+        succeed(here, &words);
+        std::fs::read(here.join(threads)).unwrap()
+    };
+    assert_eq!(build("1"), build("3"));
+}
+
+#[test]
+fn wrong_words_are_2_broken_files_are_1_and_skips_are_4_when_strict() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    assert_eq!(atsplat(here, &["protocol", "lint"]).code, 2);
+    std::fs::write(here.join("broken.json"), r#"{"a": {"context": [-1], "target": [0]}}"#).unwrap();
+    let broken = atsplat(here, &["protocol", "lint", "broken.json"]);
+    assert_eq!(broken.code, 1);
+    assert!(broken.stderr.contains("context") && broken.stderr.contains("broken.json"), "{}", broken.stderr);
+
+    std::fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/short.txt"), 3);
+    let words = ["protocol", "build", "data", "--sampler", "farthest-point", "-o", "index.json"];
+    assert_eq!(atsplat(here, &words).code, 0);
+    assert_eq!(atsplat(here, &[&["--strict"], &words[..]].concat()).code, 4);
+}
+
+#[test]
+fn an_output_that_cannot_be_written_fails_before_the_work() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::write(here.join("file"), "").unwrap();
+    let words = ["protocol", "build", "nowhere", "--sampler", "all-frames", "-o", "file/index.json"];
+    let outcome = atsplat(here, &words);
+    assert_eq!(outcome.code, 1);
+    assert!(outcome.stderr.contains("file"), "the output is named, not the missing data: {}", outcome.stderr);
+}

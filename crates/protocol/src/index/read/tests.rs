@@ -1,0 +1,125 @@
+use proptest::prelude::*;
+
+use super::*;
+use crate::IndexFile;
+
+fn message(json: &str) -> String {
+    IndexFile::parse(json.as_bytes()).unwrap_err().to_string()
+}
+
+#[test]
+fn null_object_and_list_entries() {
+    let file = IndexFile::parse(
+        br#"{"a": null, "b": {"target": [4], "context": [1, 5]},
+             "c": [{"context": [0], "target": [1]}, {"context": [2], "target": [3]}], "d": []}"#,
+    )
+    .unwrap();
+    let counts: Vec<_> = file.index.scenes.values().map(Vec::len).collect();
+    assert_eq!(counts, [0, 1, 2, 0]);
+    let entry = IndexEntry { context: vec![1, 5], target: vec![4], overlap: None };
+    assert_eq!(file.index.scenes["b"], [entry]);
+    assert_eq!(file.layout, IndexLayout::PIXELSPLAT, "the first of each form decides");
+}
+
+#[test]
+fn bad_frame_numbers_name_scene_field_and_element() {
+    for (number, found) in [
+        ("-3", "integer `-3`"),
+        ("1.5", "floating point `1.5`"),
+        ("2.0", "floating point `2.0`"),
+        ("10000000", "integer `10000000`"),
+        ("18446744073709551615", "integer `18446744073709551615`"),
+        ("99999999999999999999", "floating point `1e+20`"),
+        ("1e400", "number out of range"),
+        ("\"7\"", "string \"7\""),
+        ("null", "null"),
+        ("[1]", "sequence"),
+    ] {
+        let json = format!("{{\n\"k\": {{\"context\": [1, 2], \"target\": [3, {number}]}}}}");
+        let message = message(&json);
+        assert!(
+            message.starts_with("evaluation index: scene \"k\", field target, element 1, line 2 column "),
+            "{message}"
+        );
+        assert!(message.ends_with(&format!(", found {found}")), "{message}");
+    }
+}
+
+#[test]
+fn other_faults_say_where_and_what() {
+    for (json, expected) in [
+        (
+            r#"{"k": [{"context": [1], "target": [2]}, {"context": [1]}]}"#,
+            r#"scene "k", entry 1, line 1 column 56: expected the field target, found an entry without it"#,
+        ),
+        (r#"{"k": {"context": [1], "context": [2]}}"#, ": expected the field context once, found it twice"),
+        (r#"{"k": 7}"#, "expected null, an entry or a list of entries, found integer `7`"),
+        (r#"{"k": [null]}"#, "expected an entry with the fields context and target, found null"),
+        ("[]", ": expected an object from scene keys to entries, found sequence"),
+        (r#"{"k": {"context": 3, "target": []}}"#, ": expected a list of frame numbers, found integer `3`"),
+        (r#"{"k": null"#, "expected JSON, found EOF while parsing an object"),
+        (r#"{"k": null} x"#, "found trailing characters"),
+        ("", "found EOF while parsing a value"),
+        (
+            r#"{"k": {"context": [], "target": [], "overlap": 1.2}}"#,
+            ": expected a number from 0 to 1, null, or one of small medium large ignore, found floating point `1.2`",
+        ),
+        (r#"{"k": {"context": [], "target": [], "overlap": NaN}}"#, "found expected value"),
+        (r#"{"k": {"context": [], "target": [], "overlap": "0.4"}}"#, r#"found string "0.4""#),
+    ] {
+        let message = message(json);
+        assert!(message.contains(expected), "{json}: {message}");
+    }
+}
+
+#[test]
+fn overlap_words_are_read_as_noposplat_reads_them() {
+    let json = r#"{"a": {"context": [], "target": [], "overlap": "large"},
+        "b": {"context": [], "target": [], "overlap": "medium"},
+        "c": {"context": [], "target": [], "overlap": null},
+        "d": {"context": [], "target": [], "overlap": 1}}"#;
+    let file = IndexFile::parse(json.as_bytes()).unwrap();
+    let overlaps: Vec<_> = file.index.entries().map(|(_, _, entry)| entry.overlap).collect();
+    assert_eq!(overlaps, [Some(OVERLAP_OF_LARGE), Some(OVERLAP_OF_OTHER_WORDS), None, Some(1.0)]);
+    assert_eq!(file.notices.overlap_words, 2);
+}
+
+#[test]
+fn unknown_fields_are_counted_and_duplicate_keys_kept_as_python_does() {
+    let json = r#"{"a": {"context": [1], "target": [], "note": [[{}]], "z": 1},
+        "b": null, "a": {"context": [2], "target": [], "note": 1}}"#;
+    let file = IndexFile::parse(json.as_bytes()).unwrap();
+    assert_eq!(file.notices.duplicate_keys, ["a"]);
+    assert_eq!(file.notices.unknown_fields, [("note".to_owned(), 2), ("z".to_owned(), 1)].into());
+    assert_eq!(file.index.scenes.keys().collect::<Vec<_>>(), ["a", "b"], "the first place is kept");
+    assert_eq!(file.index.scenes["a"][0].context, [2], "the last value counts");
+    let strict = EvaluationIndex::from_json(json.as_bytes()).unwrap_err().to_string();
+    assert_eq!(strict, "evaluation index: scene \"a\": expected every scene key once, found it again");
+}
+
+#[test]
+fn deep_nesting_and_long_names_are_errors_or_ignored() {
+    let deep = format!("{{\"k\": {}", "[".repeat(100_000));
+    assert!(message(&deep).contains("expected"), "nested entries");
+    let ignored = format!(r#"{{"k": {{"context": [], "target": [], "x": {}}}}}"#, "[".repeat(100_000));
+    assert!(IndexFile::parse(ignored.as_bytes()).is_err(), "nested unknown field, unclosed");
+    let long = format!(r#"{{"{}": 1}}"#, "é".repeat(10_000));
+    assert!(message(&long).len() < 400, "long keys are shortened");
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_give_a_value_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        IndexFile::parse(&bytes).ok();
+    }
+
+    #[test]
+    fn mutated_json_gives_a_value_or_an_error(at in 0usize..120, byte in any::<u8>(), cut in 0usize..120) {
+        let mut json = br#"{"a": null, "b": [{"context": [1, 20], "target": [3], "overlap": 0.5}], "c": {"context": [], "target": []}}"#.to_vec();
+        if let Some(place) = json.get_mut(at) {
+            *place = byte;
+        }
+        json.truncate(json.len().saturating_sub(cut % 7));
+        IndexFile::parse(&json).ok();
+    }
+}

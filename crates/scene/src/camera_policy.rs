@@ -1,0 +1,100 @@
+use atsplat_camera::{Camera, Distortion};
+use atsplat_numeric::Tolerance;
+
+use crate::{Scene, WarningKind, Warnings};
+
+/// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
+const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
+
+/// How far the principal point may lie off the centre, in picture widths and heights.
+const CENTRED: Tolerance = Tolerance::absolute(1e-3);
+
+/// Reports what is bearable but worth knowing about a scene's cameras: at most one warning of a kind a
+/// scene, saying how many frames it holds for and which is the first.
+///
+/// What is not bearable (NaN, a zero focal length, a matrix that is no rotation) never gets here: a
+/// camera cannot be made of it, and the parser says so.
+pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
+    report_timestamps(scene, warnings);
+    let mut report = |kind, problem: &dyn Fn(&Camera) -> Option<String>| {
+        let mut offenders =
+            scene.frames.iter().enumerate().filter_map(|(at, frame)| Some((at, problem(&frame.camera)?)));
+        if let Some((first, detail)) = offenders.next() {
+            let count = offenders.count() + 1;
+            let detail = format!("{count} of {} frames, first {first}: {detail}", scene.frames.len());
+            warnings.push(kind, &scene.key, detail);
+        }
+    };
+    report(WarningKind::ImperfectRotation, &|camera| {
+        let determinant = camera.camera_from_world.determinant();
+        let fine = Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0);
+        (!fine).then(|| format!("expected det(R) = 1, found {determinant}"))
+    });
+    report(WarningKind::WideFieldOfView, &|camera| {
+        let angles = camera.intrinsics.field_of_view();
+        let (x, y) = (angles.x.to_degrees(), angles.y.to_degrees());
+        let fine = x <= WIDEST_FIELD_OF_VIEW && y <= WIDEST_FIELD_OF_VIEW;
+        (!fine).then(|| format!("{x:.1}° × {y:.1}°"))
+    });
+    report(WarningKind::OffCentrePrincipalPoint, &|camera| {
+        let (cx, cy) = (camera.intrinsics.cx, camera.intrinsics.cy);
+        let fine = CENTRED.accepts(cx, 0.5) && CENTRED.accepts(cy, 0.5);
+        (!fine).then(|| format!("cx {cx:.5}, cy {cy:.5}"))
+    });
+    report(WarningKind::LensDistortion, &|camera| {
+        (camera.distortion != Distortion::None).then(|| format!("{:?}", camera.distortion))
+    });
+}
+
+fn report_timestamps(scene: &Scene, warnings: &mut Warnings) {
+    let timestamps: Vec<i64> = scene.frames.iter().filter_map(|frame| frame.timestamp_micros).collect();
+    let descents = timestamps.windows(2).filter(|pair| matches!(pair, [a, b] if b < a)).count();
+    if descents > 0 {
+        let detail = format!("timestamps go backwards {descents} times in {} frames", scene.frames.len());
+        warnings.push(WarningKind::UnorderedTimestamps, &scene.key, detail);
+    }
+    let mut sorted = timestamps;
+    sorted.sort_unstable();
+    let repeated: Vec<i64> =
+        sorted.windows(2).filter_map(|pair| matches!(pair, [a, b] if a == b).then(|| pair[0])).collect();
+    if let Some(first) = repeated.first() {
+        let detail = format!("{} timestamps repeat, the smallest is {first}", repeated.len());
+        warnings.push(WarningKind::DuplicateTimestamp, &scene.key, detail);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::re10k::parse_trajectory;
+    use std::path::Path;
+
+    fn warnings_of(rows: &[&str]) -> Warnings {
+        let mut warnings = Warnings::new();
+        let scene = parse_trajectory(rows.join("\n").as_bytes(), Path::new("clip.txt")).unwrap().to_scene("clip");
+        report_cameras(&scene, &mut warnings);
+        warnings
+    }
+
+    #[test]
+    fn a_good_scene_is_silent() {
+        let rows =
+            ["1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0", "2 0.5 0.9 0.5009 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"];
+        assert_eq!(warnings_of(&rows).total(), 0);
+    }
+
+    #[test]
+    fn each_blemish_has_its_kind_and_is_counted_once_a_scene() {
+        let cases = [
+            (WarningKind::ImperfectRotation, "5 0.5 0.9 0.5 0.5 0 0 1.0001 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::WideFieldOfView, "5 0.4 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::OffCentrePrincipalPoint, "5 0.5 0.9 0.5 0.502 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::UnorderedTimestamps, "0 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
+            (WarningKind::DuplicateTimestamp, "1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
+        ];
+        for (kind, row) in cases {
+            let warnings = warnings_of(&["1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0", row]);
+            assert_eq!(warnings.counts().collect::<Vec<_>>(), [(kind, 1)]);
+        }
+    }
+}

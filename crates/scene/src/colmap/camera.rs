@@ -1,0 +1,143 @@
+use std::path::Path;
+
+use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics};
+
+use crate::SceneError;
+
+/// COLMAP's camera models, by the numbers that binary files use (colmap
+/// `src/colmap/sensor/models.h`).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[repr(i32)]
+#[expect(missing_docs, reason = "the names are COLMAP's and say what there is to say")]
+pub enum ColmapCameraModel {
+    SimplePinhole = 0,
+    Pinhole = 1,
+    SimpleRadial = 2,
+    Radial = 3,
+    OpenCv = 4,
+    OpenCvFisheye = 5,
+    FullOpenCv = 6,
+    Fov = 7,
+    SimpleRadialFisheye = 8,
+    RadialFisheye = 9,
+    ThinPrismFisheye = 10,
+    RadTanThinPrismFisheye = 11,
+    SimpleDivision = 12,
+    Division = 13,
+    SimpleFisheye = 14,
+    Fisheye = 15,
+    Eucm = 16,
+    Equirectangular = 17,
+}
+
+use ColmapCameraModel as Model;
+
+/// Model, name in text files, number of parameters.
+const MODELS: [(Model, &str, usize); 18] = [
+    (Model::SimplePinhole, "SIMPLE_PINHOLE", 3),
+    (Model::Pinhole, "PINHOLE", 4),
+    (Model::SimpleRadial, "SIMPLE_RADIAL", 4),
+    (Model::Radial, "RADIAL", 5),
+    (Model::OpenCv, "OPENCV", 8),
+    (Model::OpenCvFisheye, "OPENCV_FISHEYE", 8),
+    (Model::FullOpenCv, "FULL_OPENCV", 12),
+    (Model::Fov, "FOV", 5),
+    (Model::SimpleRadialFisheye, "SIMPLE_RADIAL_FISHEYE", 4),
+    (Model::RadialFisheye, "RADIAL_FISHEYE", 5),
+    (Model::ThinPrismFisheye, "THIN_PRISM_FISHEYE", 12),
+    (Model::RadTanThinPrismFisheye, "RAD_TAN_THIN_PRISM_FISHEYE", 16),
+    (Model::SimpleDivision, "SIMPLE_DIVISION", 4),
+    (Model::Division, "DIVISION", 5),
+    (Model::SimpleFisheye, "SIMPLE_FISHEYE", 3),
+    (Model::Fisheye, "FISHEYE", 4),
+    (Model::Eucm, "EUCM", 6),
+    (Model::Equirectangular, "EQUIRECTANGULAR", 2),
+];
+
+impl ColmapCameraModel {
+    /// The model that text files call `name`.
+    pub fn from_name(name: &str) -> Option<Self> {
+        MODELS.iter().find(|(_, known, _)| *known == name).map(|(model, _, _)| *model)
+    }
+
+    /// The model that binary files call `number`.
+    pub fn from_number(number: i32) -> Option<Self> {
+        MODELS.iter().find(|(model, _, _)| *model as i32 == number).map(|(model, _, _)| *model)
+    }
+
+    /// COLMAP's name.
+    pub fn name(self) -> &'static str {
+        self.entry().1
+    }
+
+    /// How many parameters a camera of this model has.
+    pub fn parameter_count(self) -> usize {
+        self.entry().2
+    }
+
+    fn entry(self) -> (Self, &'static str, usize) {
+        MODELS.into_iter().find(|(model, _, _)| *model == self).unwrap_or((self, "", 0))
+    }
+}
+
+/// One camera of a model: lens and picture size, without a pose.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColmapCamera {
+    /// Which formula the parameters belong to.
+    pub model: ColmapCameraModel,
+    /// Picture size in pixels; not empty.
+    pub size: ImageSize,
+    /// As many as [`ColmapCameraModel::parameter_count`], in COLMAP's order, lengths in pixels with pixel
+    /// centres at + 0.5.
+    pub parameters: Vec<f64>,
+}
+
+impl ColmapCamera {
+    /// The camera in the toolkit's terms. `location` and `path` are for messages.
+    ///
+    /// # Errors
+    /// [`SceneError::UnsupportedCameraModel`] naming a model that neither pinhole, `OPENCV` (k1, k2, k3, p1,
+    /// p2) nor `OPENCV_FISHEYE` covers; [`SceneError::Camera`] for numbers that make no camera.
+    pub fn lens(&self, location: &str, path: &Path) -> Result<(NormalizedIntrinsics, Distortion), SceneError> {
+        let unsupported = |reason: &str| SceneError::UnsupportedCameraModel {
+            location: location.to_owned(),
+            model: self.model.name().to_owned(),
+            reason: reason.to_owned(),
+            path: path.to_owned(),
+        };
+        let camera = |source| SceneError::Camera { path: path.to_owned(), location: location.to_owned(), source };
+        let radial = |k1, k2| (Distortion::OpenCv { k1, k2, k3: 0.0, p1: 0.0, p2: 0.0 }, [k1, k2].map(f64::abs));
+        let fisheye = |k| (Distortion::Fisheye { k }, [1.0; 2]);
+        let none = (Distortion::None, [0.0; 2]);
+        let (focal, (distortion, size)) = match (self.model, self.parameters.as_slice()) {
+            (Model::SimplePinhole, &[f, cx, cy]) => ([f, f, cx, cy], none),
+            (Model::Pinhole, &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], none),
+            (Model::SimpleRadial, &[f, cx, cy, k]) => ([f, f, cx, cy], radial(k, 0.0)),
+            (Model::Radial, &[f, cx, cy, k1, k2]) => ([f, f, cx, cy], radial(k1, k2)),
+            (Model::OpenCv, &[fx, fy, cx, cy, k1, k2, p1, p2]) => {
+                let distortion = Distortion::OpenCv { k1, k2, k3: 0.0, p1, p2 };
+                ([fx, fy, cx, cy], (distortion, [k1.abs() + k2.abs(), p1.abs() + p2.abs()]))
+            }
+            (Model::FullOpenCv, &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
+                if [k4, k5, k6].iter().any(|k| *k != 0.0) {
+                    return Err(unsupported("its denominator k4, k5, k6 is not zero"));
+                }
+                let distortion = Distortion::OpenCv { k1, k2, k3, p1, p2 };
+                ([fx, fy, cx, cy], (distortion, [k1.abs() + k2.abs() + k3.abs(), p1.abs() + p2.abs()]))
+            }
+            (Model::OpenCvFisheye, &[fx, fy, cx, cy, k1, k2, k3, k4]) => ([fx, fy, cx, cy], fisheye([k1, k2, k3, k4])),
+            (Model::SimpleRadialFisheye, &[f, cx, cy, k]) => ([f, f, cx, cy], fisheye([k, 0.0, 0.0, 0.0])),
+            (Model::RadialFisheye, &[f, cx, cy, k1, k2]) => ([f, f, cx, cy], fisheye([k1, k2, 0.0, 0.0])),
+            (Model::SimpleFisheye, &[f, cx, cy]) => ([f, f, cx, cy], fisheye([0.0; 4])),
+            (Model::Fisheye, &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], fisheye([0.0; 4])),
+            _ => return Err(unsupported("neither pinhole nor OPENCV nor OPENCV_FISHEYE covers it")),
+        };
+        if let Some(found) = self.parameters.iter().find(|parameter| !parameter.is_finite()) {
+            return Err(camera(atsplat_camera::CameraError::NonFinite { field: "parameter", found: *found }));
+        }
+        let [fx, fy, cx, cy] = focal;
+        let pixels = PixelIntrinsics::new(fx, fy, cx, cy).map_err(camera)?;
+        let intrinsics = pixels.normalized_from_pixel(self.size).map_err(camera)?;
+        Ok((intrinsics, if size == [0.0; 2] { Distortion::None } else { distortion }))
+    }
+}

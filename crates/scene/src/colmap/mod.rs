@@ -1,0 +1,164 @@
+//! COLMAP's sparse models, text and binary: cameras, posed images, points.
+
+mod binary;
+mod camera;
+mod source;
+mod text;
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use atsplat_camera::CameraFromWorld;
+use glam::{DMat3, DQuat, DVec3};
+
+use crate::SceneError;
+use crate::files::read_file;
+
+pub use camera::{ColmapCamera, ColmapCameraModel};
+pub use source::{ColmapOptions, ColmapScenes};
+
+pub(crate) use source::model_folders;
+
+const FORMAT: &str = "COLMAP model";
+
+/// The two spellings of a COLMAP model.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Encoding {
+    /// `.txt`.
+    Text,
+    /// `.bin`, little endian.
+    Binary,
+}
+
+/// One registered image.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColmapImage {
+    /// COLMAP's number for the image, which tracks refer to.
+    pub id: u32,
+    /// Path below the folder of images.
+    pub name: String,
+    /// Which camera took it.
+    pub camera_id: u32,
+    /// World to camera, OpenCV axes; from the quaternion, normalised as COLMAP does.
+    pub camera_from_world: CameraFromWorld,
+}
+
+/// One triangulated point.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ColmapPoint {
+    /// COLMAP's number for the point.
+    pub id: u64,
+    /// Position in the world, in the model's units.
+    pub position: DVec3,
+    /// Mean colour of its observations, sRGB.
+    pub color: [u8; 3],
+    /// Mean reprojection error in pixels; −1 where COLMAP has not computed it.
+    pub error: f64,
+    /// Which images see it.
+    pub track: Vec<Observation>,
+}
+
+/// One image's view of a point.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Observation {
+    /// [`ColmapImage::id`].
+    pub image_id: u32,
+    /// Position among the image's keypoints.
+    pub keypoint: u32,
+}
+
+/// Parses `cameras.txt` or `cameras.bin`; `path` is for messages only.
+///
+/// # Errors
+/// [`SceneError::Malformed`] with line or byte, [`SceneError::UnsupportedCameraModel`] for a model that
+/// COLMAP does not have.
+pub fn parse_cameras(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
+    match encoding {
+        Encoding::Text => text::cameras(bytes, path),
+        Encoding::Binary => binary::cameras(bytes, path),
+    }
+}
+
+/// Parses `images.txt` or `images.bin`, in the file's order; `path` is for messages only. Keypoints are
+/// skipped.
+///
+/// # Errors
+/// [`SceneError::Malformed`] with line or byte, [`SceneError::Camera`] for a pose that is none.
+pub fn parse_images(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
+    match encoding {
+        Encoding::Text => text::images(bytes, path),
+        Encoding::Binary => binary::images(bytes, path),
+    }
+}
+
+/// Parses `points3D.txt` or `points3D.bin`, in the file's order; `path` is for messages only.
+///
+/// # Errors
+/// [`SceneError::Malformed`] with line or byte; a coordinate that is not finite is one.
+pub fn parse_points(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
+    match encoding {
+        Encoding::Text => text::points(bytes, path),
+        Encoding::Binary => binary::points(bytes, path),
+    }
+}
+
+/// Reads the points of the model in `folder`, to start Gaussians from.
+///
+/// # Errors
+/// [`SceneError::Io`] where there is neither `points3D.bin` nor `points3D.txt`, and as [`parse_points`].
+pub fn read_points(folder: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
+    let (file, encoding) = model_file(folder, "points3D");
+    parse_points(&read_file("reading COLMAP points", &file)?, encoding, &file)
+}
+
+/// One of the model's files: the binary one where both are there, as COLMAP prefers it.
+fn model_file(folder: &Path, name: &str) -> (PathBuf, Encoding) {
+    let binary = folder.join(format!("{name}.bin"));
+    let text = folder.join(format!("{name}.txt"));
+    if text.is_file() && !binary.is_file() { (text, Encoding::Text) } else { (binary, Encoding::Binary) }
+}
+
+/// A pose from COLMAP's quaternion (w, x, y, z) and translation; `None` where the quaternion has no
+/// direction.
+fn pose_from(
+    quaternion: [f64; 4],
+    translation: [f64; 3],
+) -> Option<Result<CameraFromWorld, atsplat_camera::CameraError>> {
+    let [w, x, y, z] = quaternion;
+    // Scaled first, so that neither tiny nor huge quaternions lose their direction to squaring.
+    let largest =
+        quaternion.iter().fold(0.0f64, |largest, entry| if entry.abs() > largest { entry.abs() } else { largest });
+    if !quaternion.iter().all(|entry| entry.is_finite()) || largest == 0.0 {
+        return None;
+    }
+    let scaled = DQuat::from_xyzw(x / largest, y / largest, z / largest, w / largest);
+    Some(CameraFromWorld::new(DMat3::from_quat(scaled.normalize()), DVec3::from_array(translation)))
+}
+
+/// Puts cameras into a table; a number that is taken twice is an error.
+fn by_id(
+    cameras: impl Iterator<Item = Result<(u32, ColmapCamera, String), SceneError>>,
+    path: &Path,
+) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
+    let mut table = BTreeMap::new();
+    for camera in cameras {
+        let (id, camera, location) = camera?;
+        if table.insert(id, camera).is_some() {
+            return Err(malformed(path, location, "a camera number of its own", &format!("{id} again")));
+        }
+    }
+    Ok(table)
+}
+
+fn malformed(path: &Path, location: String, expected: &str, found: &str) -> SceneError {
+    SceneError::Malformed {
+        format: FORMAT,
+        path: path.to_owned(),
+        location,
+        expected: expected.to_owned(),
+        found: found.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

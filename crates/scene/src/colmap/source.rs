@@ -1,0 +1,149 @@
+use std::path::{Path, PathBuf};
+
+use atsplat_camera::Camera;
+
+use super::{Encoding, malformed, model_file, parse_cameras, parse_images};
+use crate::camera_policy::report_cameras;
+use crate::files::{last_name, list, read_file, split_picture_name};
+use crate::nerfstudio::PictureFinder;
+use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+
+/// Where a capture's folder may keep its sparse model.
+const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
+
+/// How COLMAP models are read.
+#[derive(Clone, Debug, Default)]
+pub struct ColmapOptions {
+    /// Which copy of the pictures to take.
+    pub pictures: PictureFolder,
+    /// Folder that image names are relative to; `images/` of the capture by default.
+    pub images_root: Option<PathBuf>,
+}
+
+/// COLMAP sparse models: one model's folder, one capture (`sparse/0/` and `images/`), or a folder of
+/// captures. The key is the name of the capture's folder.
+///
+/// COLMAP lists images in an order of its own that changes from run to run, so frames are sorted by
+/// name (byte order), as 3DGS's and Mip-NeRF 360's loaders do. Points are left to
+/// [`super::read_points`].
+#[derive(Clone, Debug)]
+pub struct ColmapScenes {
+    path: PathBuf,
+    options: ColmapOptions,
+    keys: Vec<String>,
+    models: Vec<PathBuf>,
+}
+
+impl ColmapScenes {
+    /// Finds the models; reads none of them.
+    ///
+    /// # Errors
+    /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a model.
+    pub fn open(path: &Path, options: ColmapOptions) -> Result<Self, SceneError> {
+        let found = model_folders(path)?;
+        if found.is_empty() {
+            return Err(SceneError::Unrecognized {
+                expected: "cameras and images (.bin or .txt) here, in sparse/0/ or in one of its folders".to_owned(),
+                found: "a folder without any".to_owned(),
+                path: path.to_owned(),
+            });
+        }
+        let (keys, models) = found.into_iter().unzip();
+        Ok(Self { path: path.to_owned(), options, keys, models })
+    }
+
+    /// The folder of one scene's model, for [`super::read_points`].
+    ///
+    /// # Errors
+    /// [`SceneError::UnknownScene`].
+    pub fn model_folder(&self, key: &str) -> Result<&Path, SceneError> {
+        let position = self.keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
+        let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.path.clone() };
+        position.and_then(|at| self.models.get(at)).map(PathBuf::as_path).ok_or_else(unknown)
+    }
+}
+
+impl SceneSource for ColmapScenes {
+    fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        let model = self.model_folder(key)?;
+        let (cameras_file, encoding) = model_file(model, "cameras");
+        let cameras = parse_cameras(&read_file("reading COLMAP cameras", &cameras_file)?, encoding, &cameras_file)?;
+        let (images_file, encoding) = model_file(model, "images");
+        let mut images = parse_images(&read_file("reading COLMAP images", &images_file)?, encoding, &images_file)?;
+        if images.is_empty() {
+            return Err(malformed(&images_file, "whole file".to_owned(), "at least one image", "none"));
+        }
+        images.sort_by(|a, b| a.name.cmp(&b.name));
+
+        let capture = capture_of(model);
+        let root = self.options.images_root.clone().unwrap_or_else(|| capture.join("images"));
+        let above = root.parent().unwrap_or(&root).to_owned();
+        let folder = last_name(&root);
+        let mut finder = PictureFinder::new(&above, &images_file, self.options.pictures);
+        let mut frames = Vec::with_capacity(images.len());
+        for (at, image) in images.into_iter().enumerate() {
+            let location = format!("image {}", image.id);
+            let camera = cameras.get(&image.camera_id).ok_or_else(|| {
+                let expected = format!("a camera that {} lists", cameras_file.display());
+                malformed(&images_file, location.clone(), &expected, &image.camera_id.to_string())
+            })?;
+            let (intrinsics, distortion) = camera.lens(&format!("camera {}", image.camera_id), &cameras_file)?;
+            let found = finder.find_below(&folder, &image.name, &location)?;
+            if let Picture::Missing(path) = &found.picture {
+                warnings.push(WarningKind::MissingPicture, key, format!("frame {at}: no {}", path.display()));
+            }
+            if let Some(detail) = &found.elsewhere {
+                warnings.push(WarningKind::PictureElsewhere, key, format!("frame {at}: {detail}"));
+            }
+            frames.push(Frame {
+                name: split_picture_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),
+                timestamp_micros: None,
+                camera: Camera { camera_from_world: image.camera_from_world, intrinsics, distortion },
+                stated_size: found.as_listed.then_some(camera.size),
+                picture: found.picture,
+            });
+        }
+        let scene = Scene { key: key.to_owned(), url: None, frames };
+        report_cameras(&scene, warnings);
+        Ok(scene)
+    }
+}
+
+/// Keys and folders of the models below `path`, sorted by key.
+pub(crate) fn model_folders(path: &Path) -> Result<Vec<(String, PathBuf)>, SceneError> {
+    if let Some(model) = model_in(path) {
+        return Ok(vec![(last_name(&capture_of(&model)), model)]);
+    }
+    let folders = list(path)?.into_iter().filter(|(_, is_folder)| *is_folder);
+    Ok(folders.filter_map(|(name, _)| Some((name.clone(), model_in(&path.join(name))?))).collect())
+}
+
+fn model_in(folder: &Path) -> Option<PathBuf> {
+    let holds_model = |folder: &PathBuf| {
+        ["cameras", "images"].iter().all(|name| {
+            let (file, _): (PathBuf, Encoding) = model_file(folder, name);
+            file.is_file()
+        })
+    };
+    MODEL_FOLDERS
+        .iter()
+        .map(|below| if below.is_empty() { folder.to_owned() } else { folder.join(below) })
+        .find(holds_model)
+}
+
+/// The folder that holds `images/`: the model's own, or the one above `sparse/` or `colmap/sparse/`.
+fn capture_of(model: &Path) -> PathBuf {
+    let model = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
+    let up = |folder: &Path, name: &str| {
+        folder.file_name().is_some_and(|last| last == name).then(|| folder.parent().map(Path::to_owned))?
+    };
+    let sparse = up(&model, "sparse").or_else(|| up(model.parent()?, "sparse"));
+    match sparse {
+        Some(capture) => up(&capture, "colmap").unwrap_or(capture),
+        None => model,
+    }
+}

@@ -1,0 +1,306 @@
+use super::*;
+use atsplat_camera::Distortion;
+use atsplat_numeric::Tolerance;
+use proptest::prelude::*;
+
+use crate::{SceneSource, WarningKind, Warnings};
+
+fn cameras_text(text: &str) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
+    parse_cameras(text.as_bytes(), Encoding::Text, Path::new("cameras.txt"))
+}
+
+fn images_text(text: &str) -> Result<Vec<ColmapImage>, SceneError> {
+    parse_images(text.as_bytes(), Encoding::Text, Path::new("images.txt"))
+}
+
+fn points_text(text: &str) -> Result<Vec<ColmapPoint>, SceneError> {
+    parse_points(text.as_bytes(), Encoding::Text, Path::new("points3D.txt"))
+}
+
+fn binary(fields: &[&[u8]]) -> Vec<u8> {
+    fields.concat()
+}
+
+#[test]
+fn every_model_has_its_number_name_and_count() {
+    // From colmap's src/colmap/sensor/models.h, where the parameter lists are written out.
+    let lists = [
+        ("SIMPLE_PINHOLE", "f, cx, cy"),
+        ("PINHOLE", "fx, fy, cx, cy"),
+        ("SIMPLE_RADIAL", "f, cx, cy, k"),
+        ("RADIAL", "f, cx, cy, k1, k2"),
+        ("OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2"),
+        ("OPENCV_FISHEYE", "fx, fy, cx, cy, k1, k2, k3, k4"),
+        ("FULL_OPENCV", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6"),
+        ("FOV", "fx, fy, cx, cy, omega"),
+        ("SIMPLE_RADIAL_FISHEYE", "f, cx, cy, k"),
+        ("RADIAL_FISHEYE", "f, cx, cy, k1, k2"),
+        ("THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, sx1, sy1"),
+        ("RAD_TAN_THIN_PRISM_FISHEYE", "fx, fy, cx, cy, k0, k1, k2, k3, k4, k5, p0, p1, s0, s1, s2, s3"),
+        ("SIMPLE_DIVISION", "f, cx, cy, k"),
+        ("DIVISION", "fx, fy, cx, cy, k"),
+        ("SIMPLE_FISHEYE", "f, cx, cy"),
+        ("FISHEYE", "fx, fy, cx, cy"),
+        ("EUCM", "fx, fy, cx, cy, alpha, beta"),
+        ("EQUIRECTANGULAR", "w, h"),
+    ];
+    for (number, (name, list)) in lists.into_iter().enumerate() {
+        let model = ColmapCameraModel::from_name(name).unwrap();
+        assert_eq!(ColmapCameraModel::from_number(i32::try_from(number).unwrap()), Some(model), "{name}");
+        assert_eq!((model.name(), model.parameter_count()), (name, list.split(',').count()));
+    }
+    assert_eq!(ColmapCameraModel::from_number(18), None);
+    assert_eq!(ColmapCameraModel::from_number(-1), None);
+}
+
+#[test]
+fn models_become_lenses_or_say_that_they_cannot() {
+    let lens = |line: &str| cameras_text(&format!("1 {line}")).unwrap()[&1].lens("camera 1", Path::new("cameras.txt"));
+    let distortion = |line: &str| lens(line).unwrap().1;
+    let open_cv = |k1, k2, k3, p1, p2| Distortion::OpenCv { k1, k2, k3, p1, p2 };
+    let k = lens("PINHOLE 200 100 100 110 100 40").unwrap().0;
+    Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 1.1, 0.5, 0.4], "normalised by its own size");
+    assert_eq!(distortion("SIMPLE_PINHOLE 200 100 100 100 50"), Distortion::None);
+    assert_eq!(distortion("SIMPLE_RADIAL 200 100 100 100 50 0.1"), open_cv(0.1, 0.0, 0.0, 0.0, 0.0));
+    assert_eq!(distortion("SIMPLE_RADIAL 200 100 100 100 50 0"), Distortion::None);
+    assert_eq!(distortion("RADIAL 200 100 100 100 50 0.1 0.2"), open_cv(0.1, 0.2, 0.0, 0.0, 0.0));
+    assert_eq!(distortion("OPENCV 200 100 100 100 100 50 0.1 0.2 0.3 0.4"), open_cv(0.1, 0.2, 0.0, 0.3, 0.4));
+    assert_eq!(
+        distortion("FULL_OPENCV 200 100 100 100 100 50 0.1 0.2 0.3 0.4 0.5 0 0 0"),
+        open_cv(0.1, 0.2, 0.5, 0.3, 0.4)
+    );
+    let fisheye = |k| Distortion::Fisheye { k };
+    assert_eq!(distortion("OPENCV_FISHEYE 200 100 100 100 100 50 0.1 0.2 0.3 0.4"), fisheye([0.1, 0.2, 0.3, 0.4]));
+    assert_eq!(distortion("SIMPLE_RADIAL_FISHEYE 200 100 100 100 50 0.1"), fisheye([0.1, 0.0, 0.0, 0.0]));
+    assert_eq!(distortion("RADIAL_FISHEYE 200 100 100 100 50 0.1 0.2"), fisheye([0.1, 0.2, 0.0, 0.0]));
+    assert_eq!(distortion("SIMPLE_FISHEYE 200 100 100 100 50"), fisheye([0.0; 4]), "no coefficients, still no pinhole");
+    for line in [
+        "FULL_OPENCV 200 100 100 100 100 50 0 0 0 0 0 0.1 0 0",
+        "FOV 200 100 100 100 100 50 0.9",
+        "THIN_PRISM_FISHEYE 200 100 100 100 100 50 0 0 0 0 0 0 0 0",
+        "EQUIRECTANGULAR 200 100 200 100",
+    ] {
+        let error = lens(line).unwrap_err();
+        let name = line.split(' ').next().unwrap();
+        assert!(matches!(&error, SceneError::UnsupportedCameraModel { model, .. } if model == name), "{error}");
+    }
+    for line in ["PINHOLE 200 100 0 110 100 40", "OPENCV 200 100 100 100 100 50 nan 0 0 0"] {
+        assert!(matches!(lens(line), Err(SceneError::Camera { .. })), "{line}");
+    }
+}
+
+#[test]
+fn an_image_with_no_keypoints_leaves_an_empty_line() {
+    let text = "# comment\n2 1 0 0 0 0 0 5 1 b c.png\n\n1 2 0 0 0 1 2 3 1 a.png\n10 20 -1 30 40 7\n";
+    let images = images_text(text).unwrap();
+    let names: Vec<_> = images.iter().map(|image| (image.id, image.name.as_str())).collect();
+    assert_eq!(names, [(2, "b c.png"), (1, "a.png")]);
+    assert_eq!(images[1].camera_from_world.rotation(), DMat3::IDENTITY, "quaternions are normalised");
+    assert_eq!(images_text(&text.replace('\n', "\r\n")).unwrap(), images);
+    assert_eq!(images_text(text.strip_suffix("\n10 20 -1 30 40 7\n").unwrap()).unwrap(), images, "cut after an image");
+}
+
+#[test]
+fn quaternions_keep_their_direction_at_any_size() {
+    for scale in [1e-300, 1.0, 1e300] {
+        let half = std::f64::consts::FRAC_1_SQRT_2 * scale;
+        // A quarter turn about z takes x to y.
+        let pose = pose_from([half, 0.0, 0.0, half], [0.0; 3]).unwrap().unwrap();
+        Tolerance::F64.assert(pose.transform_vector(DVec3::X).to_array(), [0.0, 1.0, 0.0], "quarter turn");
+        Tolerance::ORTHONORMAL.assert([pose.orthonormality_residual()], [0.0], "rotation");
+    }
+    for broken in [[0.0; 4], [f64::NAN, 0.0, 0.0, 1.0], [f64::INFINITY, 0.0, 0.0, 0.0]] {
+        assert!(pose_from(broken, [0.0; 3]).is_none(), "{broken:?}");
+    }
+}
+
+#[test]
+fn points_carry_colour_error_and_track() {
+    let points =
+        points_text("# header\n63390 1.67 0.29 -1.5 115 121 122 1.33 16 6542 15 7345\n7 0 0 0 1 2 3 -1\n").unwrap();
+    assert_eq!((points[0].id, points[0].color, points[0].position.x), (63390, [115, 121, 122], 1.67));
+    assert_eq!(points[0].track[1], Observation { image_id: 15, keypoint: 7345 });
+    assert_eq!((points[1].error, points[1].track.len()), (-1.0, 0));
+}
+
+#[test]
+fn messages_name_line_and_field() {
+    let error = |result: Result<(), SceneError>| result.unwrap_err().to_string();
+    for (found, expected) in [
+        (
+            error(cameras_text("\n1 PINHOLE 200 100 1 2 3").map(drop)),
+            "line 2, PARAMS: expected 4 parameters of PINHOLE, found 3",
+        ),
+        (
+            error(cameras_text("1 CATADIOPTRIC 200 100 1").map(drop)),
+            "line 1, MODEL: camera model \"CATADIOPTRIC\" is not supported",
+        ),
+        (error(cameras_text("1 PINHOLE 0 100 1 2 3 4").map(drop)), "line 1, WIDTH: expected a length above 0"),
+        (
+            error(cameras_text("1 PINHOLE 9 9 1 2 3 4\n1 PINHOLE 9 9 1 2 3 4").map(drop)),
+            "line 2, CAMERA_ID: expected a camera number of its own",
+        ),
+        (error(images_text("1 1 0 0 x 0 0 0 1 a.png").map(drop)), "line 1, QZ: expected a number, found \"x\""),
+        (error(images_text("1 0 0 0 0 0 0 0 1 a.png").map(drop)), "line 1, QW: expected a quaternion"),
+        (
+            error(images_text("1 1 0 0 0 nan 0 0 1 a.png").map(drop)),
+            "line 1, TX: translation x: expected a finite number",
+        ),
+        (error(images_text("1 1 0 0 0 0 0 0 1").map(drop)), "line 1, NAME: expected a UTF-8 name"),
+        (error(points_text("1 0 0 inf 1 2 3 0").map(drop)), "line 1, Z: expected a finite number, found inf"),
+        (
+            error(points_text("1 0 0 0 1 2 300 0").map(drop)),
+            "line 1, B: expected a whole number of 8 bits, found \"300\"",
+        ),
+        (error(points_text("1 0 0 0 1 2 3 0 16").map(drop)), "line 1, POINT2D_IDX: expected a value, found the end"),
+    ] {
+        assert!(found.contains(expected), "{found}\nlacks {expected}");
+    }
+}
+
+#[test]
+fn counts_that_the_file_cannot_hold_are_refused_before_allocating() {
+    let huge = u64::MAX.to_le_bytes();
+    let path = Path::new("x.bin");
+    assert!(parse_cameras(&huge, Encoding::Binary, path).is_err());
+    assert!(parse_images(&huge, Encoding::Binary, path).is_err());
+    assert!(parse_points(&huge, Encoding::Binary, path).is_err());
+    let one = 1u64.to_le_bytes();
+    let point = binary(&[&one, &one, &[0; 24], &[0; 3], &[0; 8], &huge]);
+    let error = parse_points(&point, Encoding::Binary, path).unwrap_err().to_string();
+    assert!(
+        error.contains("track: expected at most 0, which the file has room for, found 18446744073709551615"),
+        "{error}"
+    );
+    let image =
+        binary(&[&one, &[0; 4], &1f64.to_le_bytes(), &[0; 48], &[0; 4], b"a.png\0", &(1u64 << 61).to_le_bytes()]);
+    assert!(parse_images(&image, Encoding::Binary, path).unwrap_err().to_string().contains("points2D"));
+}
+
+#[test]
+fn what_follows_the_last_item_is_an_error() {
+    let bytes = binary(&[&0u64.to_le_bytes(), b"x"]);
+    assert!(
+        parse_points(&bytes, Encoding::Binary, Path::new("x.bin")).unwrap_err().to_string().contains("byte 8, end")
+    );
+}
+
+/// COLMAP wrote the same model in both encodings and says what is in it; see
+/// `tests/fixtures/make_colmap_models.py`.
+#[test]
+fn models_that_colmap_wrote_read_as_colmap_reads_them() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/colmap");
+    let expected: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("expected.json")).unwrap()).unwrap();
+    let items = |name: &str| expected[name].as_array().unwrap().clone();
+    let numbers = |value: &serde_json::Value| -> Vec<f64> {
+        value.as_array().unwrap().iter().map(|number| number.as_f64().unwrap()).collect()
+    };
+    for encoding in ["text", "binary"] {
+        let model = folder.join(encoding);
+        let read = |name| {
+            let (file, encoding) = model_file(&model, name);
+            (std::fs::read(&file).unwrap(), encoding, file)
+        };
+        let (bytes, kind, file) = read("cameras");
+        let cameras = parse_cameras(&bytes, kind, &file).unwrap();
+        assert_eq!(cameras.len(), items("cameras").len());
+        for camera in items("cameras") {
+            let found = &cameras[&u32::try_from(camera["id"].as_u64().unwrap()).unwrap()];
+            assert_eq!(found.model.name(), camera["model"]);
+            assert_eq!((found.size.width, found.size.height), (640, 480));
+            Tolerance::EXACT.assert(found.parameters.clone(), numbers(&camera["params"]), encoding);
+            found.lens("camera", &file).unwrap();
+        }
+
+        let (bytes, kind, file) = read("images");
+        let mut images = parse_images(&bytes, kind, &file).unwrap();
+        images.sort_by_key(|image| image.id);
+        assert_eq!(images.len(), items("images").len());
+        for (found, image) in images.iter().zip(items("images")) {
+            assert_eq!(
+                (u64::from(found.id), found.name.as_str()),
+                (image["id"].as_u64().unwrap(), image["name"].as_str().unwrap())
+            );
+            assert_eq!(u64::from(found.camera_id), image["camera"].as_u64().unwrap());
+            Tolerance::ORTHONORMAL.assert(found.camera_from_world.to_rows(), numbers(&image["rows"]), encoding);
+        }
+
+        let mut points = read_points(&model).unwrap();
+        points.sort_by_key(|point| point.id);
+        assert_eq!(points.len(), items("points").len());
+        for (found, point) in points.iter().zip(items("points")) {
+            assert_eq!(found.id, point["id"].as_u64().unwrap());
+            Tolerance::EXACT.assert(found.position.to_array(), numbers(&point["xyz"]), encoding);
+            Tolerance::EXACT.assert(found.color.map(f64::from), numbers(&point["rgb"]), encoding);
+            Tolerance::EXACT.assert([found.error], [point["error"].as_f64().unwrap()], encoding);
+            let track = found.track.iter().flat_map(|seen| [f64::from(seen.image_id), f64::from(seen.keypoint)]);
+            let expected: Vec<f64> = point["track"].as_array().unwrap().iter().flat_map(|pair| numbers(pair)).collect();
+            Tolerance::EXACT.assert(track, expected, encoding);
+        }
+    }
+}
+
+/// A capture in a temporary folder, with some pictures.
+fn capture(images: &str, files: &[&str]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    let write = |path: PathBuf, bytes: &[u8]| {
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, bytes).unwrap();
+    };
+    write(folder.path().join("sparse/0/cameras.txt"), b"1 PINHOLE 200 100 100 110 100 50\n");
+    write(folder.path().join("sparse/0/images.txt"), images.as_bytes());
+    for file in files {
+        write(folder.path().join(file), b"");
+    }
+    folder
+}
+
+#[test]
+fn frames_are_sorted_by_name_and_find_their_pictures() {
+    let images = "1 1 0 0 0 0 0 0 1 left/b.png\n\n2 1 0 0 0 0 0 0 1 left/a.png\n\n3 1 0 0 0 0 0 0 1 c.png\n\n";
+    let folder = capture(images, &["images/left/a.png", "images/left/b.jpg", "images_4/left/a.png"]);
+    let mut warnings = Warnings::new();
+    let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();
+    let scene = source.load(&source.keys()[0], &mut warnings).unwrap();
+    let names: Vec<_> = scene.frames.iter().map(|frame| frame.name.as_str()).collect();
+    assert_eq!(names, ["c", "left/a", "left/b"]);
+    let counts: Vec<_> = warnings.counts().collect();
+    assert_eq!(counts, [(WarningKind::MissingPicture, 1), (WarningKind::PictureElsewhere, 1)]);
+
+    let options = ColmapOptions { pictures: crate::PictureFolder::Downscaled(4), ..ColmapOptions::default() };
+    let source = ColmapScenes::open(folder.path(), options).unwrap();
+    let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
+    let crate::Picture::File(path) = &scene.frames[1].picture else { panic!("{:?}", scene.frames[1].picture) };
+    assert!(path.ends_with("images_4/left/a.png"), "{}", path.display());
+    assert_eq!(scene.frames[1].stated_size, None);
+}
+
+#[test]
+fn names_out_of_the_capture_and_unknown_cameras_are_refused() {
+    let load = |images: &str| {
+        let folder = capture(images, &[]);
+        let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();
+        source.load(&source.keys()[0], &mut Warnings::new()).unwrap_err()
+    };
+    for name in ["../../etc/passwd", "../x.png", "/etc/passwd"] {
+        let error = load(&format!("1 1 0 0 0 0 0 0 1 {name}\n"));
+        assert!(matches!(error, SceneError::OutsideScene { .. }), "{name}: {error}");
+    }
+    assert!(load("1 1 0 0 0 0 0 0 9 a.png\n").to_string().contains("image 1: expected a camera"));
+    assert!(load("# none\n").to_string().contains("expected at least one image"));
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_give_a_value_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..300), items in 0u64..4) {
+        let counted = [items.to_le_bytes().as_slice(), &bytes].concat();
+        for encoding in [Encoding::Text, Encoding::Binary] {
+            for bytes in [&bytes, &counted] {
+                parse_cameras(bytes, encoding, Path::new("x")).ok();
+                parse_images(bytes, encoding, Path::new("x")).ok();
+                parse_points(bytes, encoding, Path::new("x")).ok();
+            }
+        }
+    }
+}

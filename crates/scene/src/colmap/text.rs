@@ -1,0 +1,156 @@
+//! `cameras.txt`, `images.txt`, `points3D.txt`: blank-separated columns, `#` comments.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use atsplat_camera::ImageSize;
+use glam::DVec3;
+
+use super::{ColmapCamera, ColmapCameraModel, ColmapImage, ColmapPoint, Observation, by_id, malformed, pose_from};
+use crate::SceneError;
+use crate::number::{Columns, parse_f64, parse_u64, shown};
+
+/// `CAMERA_ID MODEL WIDTH HEIGHT PARAMS…`
+pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
+    let camera = |(number, line)| {
+        let mut row = Row::new(line, number, path);
+        let id = row.integer("CAMERA_ID")?;
+        let name = row.column("MODEL")?;
+        let model = std::str::from_utf8(name).ok().and_then(ColmapCameraModel::from_name);
+        let model = model.ok_or_else(|| SceneError::UnsupportedCameraModel {
+            location: row.location("MODEL"),
+            model: shown(name),
+            reason: "COLMAP has no such model".to_owned(),
+            path: path.to_owned(),
+        })?;
+        let size = ImageSize { width: row.length("WIDTH")?, height: row.length("HEIGHT")? };
+        let parameters: Vec<f64> = std::iter::from_fn(|| row.next_number("PARAMS")).collect::<Result<_, _>>()?;
+        if parameters.len() != model.parameter_count() {
+            let expected = format!("{} parameters of {}", model.parameter_count(), model.name());
+            return Err(malformed(path, row.location("PARAMS"), &expected, &parameters.len().to_string()));
+        }
+        Ok((id, ColmapCamera { model, size, parameters }, row.location("CAMERA_ID")))
+    };
+    by_id(content_lines(text).map(camera), path)
+}
+
+/// Two lines an image: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then its keypoints, a line that
+/// may be empty. Names may hold blanks.
+pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
+    let mut images = Vec::new();
+    let mut lines = numbered_lines(text);
+    while let Some((number, line)) = lines.next() {
+        if !has_content(line) {
+            continue;
+        }
+        images.push(image(line, number, path)?);
+        // The keypoints, whatever they are: an empty line here is part of the format.
+        lines.next();
+    }
+    Ok(images)
+}
+
+fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneError> {
+    let mut row = Row::new(line, number, path);
+    let id = row.integer("IMAGE_ID")?;
+    let quaternion = [row.number("QW")?, row.number("QX")?, row.number("QY")?, row.number("QZ")?];
+    let translation = [row.number("TX")?, row.number("TY")?, row.number("TZ")?];
+    let camera_id = row.integer("CAMERA_ID")?;
+    let name = row.columns.rest();
+    let name = std::str::from_utf8(name).ok().filter(|name| !name.is_empty());
+    let name = name.ok_or_else(|| malformed(path, row.location("NAME"), "a UTF-8 name", &shown(row.columns.rest())))?;
+    let pose = pose_from(quaternion, translation);
+    let pose = pose.ok_or_else(|| {
+        malformed(path, row.location("QW"), "a quaternion of finite length above 0", &format!("{quaternion:?}"))
+    })?;
+    let camera_from_world =
+        pose.map_err(|source| SceneError::Camera { path: path.to_owned(), location: row.location("TX"), source })?;
+    Ok(ColmapImage { id, name: name.to_owned(), camera_id, camera_from_world })
+}
+
+/// `POINT3D_ID X Y Z R G B ERROR TRACK…`, the track being pairs of `IMAGE_ID POINT2D_IDX`.
+pub(super) fn points(text: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
+    let point = |(number, line)| {
+        let mut row = Row::new(line, number, path);
+        let id = row.integer("POINT3D_ID")?;
+        let position = DVec3::new(row.finite("X")?, row.finite("Y")?, row.finite("Z")?);
+        let color = [row.integer("R")?, row.integer("G")?, row.integer("B")?];
+        let error = row.number("ERROR")?;
+        let mut track = Vec::new();
+        while !row.columns.rest().is_empty() {
+            track.push(Observation { image_id: row.integer("IMAGE_ID")?, keypoint: row.integer("POINT2D_IDX")? });
+        }
+        Ok(ColmapPoint { id, position, color, error, track })
+    };
+    content_lines(text).map(point).collect()
+}
+
+/// Lines with their numbers, from 1.
+fn numbered_lines(text: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    text.split(|byte| *byte == b'\n').enumerate().map(|(index, line)| (index + 1, line))
+}
+
+fn content_lines(text: &[u8]) -> impl Iterator<Item = (usize, &[u8])> {
+    numbered_lines(text).filter(|(_, line)| has_content(line))
+}
+
+fn has_content(line: &[u8]) -> bool {
+    let line = line.trim_ascii();
+    !line.is_empty() && !line.starts_with(b"#")
+}
+
+/// One line being read column by column.
+struct Row<'a> {
+    columns: Columns<'a>,
+    line: usize,
+    path: &'a Path,
+}
+
+impl<'a> Row<'a> {
+    const fn new(line: &'a [u8], number: usize, path: &'a Path) -> Self {
+        Self { columns: Columns::of(line), line: number, path }
+    }
+
+    fn location(&self, field: &str) -> String {
+        format!("line {}, {field}", self.line)
+    }
+
+    fn column(&mut self, field: &str) -> Result<&'a [u8], SceneError> {
+        let column = self.columns.next();
+        column.ok_or_else(|| malformed(self.path, self.location(field), "a value", "the end of the line"))
+    }
+
+    fn integer<N: TryFrom<u64>>(&mut self, field: &str) -> Result<N, SceneError> {
+        let column = self.column(field)?;
+        let value = parse_u64(column).and_then(|value| N::try_from(value).ok());
+        value.ok_or_else(|| {
+            let expected = format!("a whole number of {} bits", 8 * size_of::<N>());
+            malformed(self.path, self.location(field), &expected, &shown(column))
+        })
+    }
+
+    fn length(&mut self, field: &str) -> Result<u32, SceneError> {
+        match self.integer(field)? {
+            0 => Err(malformed(self.path, self.location(field), "a length above 0", "0")),
+            length => Ok(length),
+        }
+    }
+
+    fn number(&mut self, field: &str) -> Result<f64, SceneError> {
+        let column = self.column(field)?;
+        parse_f64(column).ok_or_else(|| malformed(self.path, self.location(field), "a number", &shown(column)))
+    }
+
+    fn next_number(&mut self, field: &str) -> Option<Result<f64, SceneError>> {
+        (!self.columns.rest().is_empty()).then(|| self.number(field))
+    }
+
+    fn finite(&mut self, field: &str) -> Result<f64, SceneError> {
+        let value = self.number(field)?;
+        if value.is_finite() {
+            return Ok(value);
+        }
+        Err(malformed(self.path, self.location(field), "a finite number", &value.to_string()))
+    }
+}

@@ -1,0 +1,188 @@
+//! Reading files and listing folders, with errors that name them.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::{self, Read};
+use std::path::{Path, PathBuf};
+
+use crate::SceneError;
+
+/// Extensions that pictures have, in the order of preference where one stem has several.
+const PICTURE_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
+
+/// All bytes of a regular file; a pipe or a device could block or never end.
+pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, SceneError> {
+    require_regular(action, path)?;
+    fs::read(path).map_err(SceneError::io(action, path))
+}
+
+/// The first bytes of a regular file, at most `length`.
+pub(crate) fn read_start(action: &'static str, path: &Path, length: u64) -> Result<Vec<u8>, SceneError> {
+    require_regular(action, path)?;
+    let mut start = Vec::new();
+    let file = fs::File::open(path).map_err(SceneError::io(action, path))?;
+    file.take(length).read_to_end(&mut start).map_err(SceneError::io(action, path))?;
+    Ok(start)
+}
+
+fn require_regular(action: &'static str, path: &Path) -> Result<(), SceneError> {
+    let metadata = fs::metadata(path).map_err(SceneError::io(action, path))?;
+    let irregular = || io::Error::new(io::ErrorKind::InvalidInput, "not a regular file");
+    metadata.is_file().then_some(()).ok_or_else(irregular).map_err(SceneError::io(action, path))
+}
+
+/// Names in a folder with whether they are folders themselves, sorted by name. Names that are not
+/// UTF-8 are left out: no dataset of the field has keys or frames of that kind.
+pub(crate) fn list(folder: &Path) -> Result<Vec<(String, bool)>, SceneError> {
+    let action = "listing a folder";
+    let mut entries = Vec::new();
+    for entry in fs::read_dir(folder).map_err(SceneError::io(action, folder))? {
+        let entry = entry.map_err(SceneError::io(action, folder))?;
+        let Ok(name) = entry.file_name().into_string() else { continue };
+        let kind = entry.file_type().map_err(SceneError::io(action, folder))?;
+        let is_folder = if kind.is_symlink() { entry.path().is_dir() } else { kind.is_dir() };
+        entries.push((name, is_folder));
+    }
+    entries.sort_unstable();
+    Ok(entries)
+}
+
+/// The last component of a path, resolving `.` and the like where the path has none.
+pub(crate) fn last_name(path: &Path) -> String {
+    let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
+    name(path).or_else(|| name(&path.canonicalize().ok()?)).unwrap_or_else(|| "scene".to_owned())
+}
+
+/// The picture files of one folder, by stem.
+#[derive(Debug)]
+pub(crate) struct PictureListing {
+    folder: PathBuf,
+    names_by_stem: BTreeMap<String, Vec<String>>,
+}
+
+impl PictureListing {
+    /// Lists `folder`; `None` where it is no folder.
+    pub(crate) fn read(folder: &Path) -> Result<Option<Self>, SceneError> {
+        if !folder.is_dir() {
+            return Ok(None);
+        }
+        let mut names_by_stem: BTreeMap<String, Vec<String>> = BTreeMap::new();
+        for (name, is_folder) in list(folder)? {
+            if let (false, Some((stem, _))) = (is_folder, split_picture_name(&name)) {
+                names_by_stem.entry(stem.to_owned()).or_default().push(name);
+            }
+        }
+        for names in names_by_stem.values_mut() {
+            names.sort_by_key(|name| split_picture_name(name).map(|(_, preference)| preference));
+        }
+        Ok(Some(Self { folder: folder.to_owned(), names_by_stem }))
+    }
+
+    /// Stems of all pictures, sorted.
+    pub(crate) fn stems(&self) -> impl Iterator<Item = &str> {
+        self.names_by_stem.keys().map(String::as_str)
+    }
+
+    /// The picture called `name`, whatever folder names stand before it.
+    pub(crate) fn by_name(&self, name: &str) -> Option<PathBuf> {
+        let (stem, _) = split_picture_name(name)?;
+        self.names_by_stem.get(stem)?.iter().find(|found| *found == name).map(|found| self.folder.join(found))
+    }
+
+    /// The picture whose name without extension is `stem`.
+    pub(crate) fn by_stem(&self, stem: &str) -> Option<PathBuf> {
+        self.names_by_stem.get(stem)?.first().map(|name| self.folder.join(name))
+    }
+
+    /// Where the picture called `stem` would be, had it the extension that the folder's first has.
+    pub(crate) fn expected(&self, stem: &str) -> PathBuf {
+        let first = self.names_by_stem.values().flatten().next();
+        let extension = first.and_then(|name| name.rsplit_once('.')).map_or("jpg", |(_, extension)| extension);
+        self.folder.join(format!("{stem}.{extension}"))
+    }
+}
+
+/// Stem and rank of the extension; `None` for a name that no picture has.
+pub(crate) fn split_picture_name(name: &str) -> Option<(&str, usize)> {
+    let (stem, extension) = name.rsplit_once('.')?;
+    let rank = PICTURE_EXTENSIONS.iter().position(|known| known.eq_ignore_ascii_case(extension))?;
+    (!stem.is_empty()).then_some((stem, rank))
+}
+
+/// A path written inside a dataset, as components below the scene's folder: `.` and inner `..` are
+/// resolved, backslashes separate as Windows tools write them. `None` where it leaves the folder or is
+/// absolute and not below it: a dataset must not reach into the rest of the disk.
+pub(crate) fn inside<'a>(root: &Path, listed: &'a str) -> Option<Vec<&'a str>> {
+    let is_drive = |part: &str| part.len() == 2 && part.ends_with(':');
+    let mut parts = Vec::new();
+    for part in listed.split(['/', '\\']) {
+        match part {
+            "" | "." => {}
+            ".." => drop(parts.pop()?),
+            _ => parts.push(part),
+        }
+    }
+    let is_absolute = listed.starts_with(['/', '\\']);
+    if is_absolute {
+        let root = std::path::absolute(root).ok()?;
+        let mut root = root.to_str()?.split(['/', '\\']).filter(|part| !matches!(*part, "" | "."));
+        let mut below = parts.into_iter();
+        if !root.all(|part| below.next() == Some(part)) {
+            return None;
+        }
+        parts = below.collect();
+    }
+    let leaves = parts.first().is_none_or(|first| is_drive(first));
+    (!leaves).then_some(parts)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn paths_stay_inside() {
+        let root = Path::new("/data/scene");
+        for (listed, expected) in [
+            ("images/a.png", Some(vec!["images", "a.png"])),
+            ("./train/r_0", Some(vec!["train", "r_0"])),
+            ("images//./b/../a.png", Some(vec!["images", "a.png"])),
+            (r"images\a.png", Some(vec!["images", "a.png"])),
+            ("/data/scene/images/a.png", Some(vec!["images", "a.png"])),
+            ("../../etc/passwd", None),
+            ("images/../../other/a.png", None),
+            ("images/../../scene/a.png", None),
+            ("/etc/passwd", None),
+            ("/data/scene2/a.png", None),
+            ("/data/scene/../other/a.png", None),
+            (r"..\..\a.png", None),
+            (r"C:\windows\a.png", None),
+            ("", None),
+            (".", None),
+            ("/", None),
+        ] {
+            assert_eq!(inside(root, listed), expected, "{listed:?}");
+        }
+    }
+
+    #[test]
+    fn a_stem_with_two_files_prefers_jpeg() {
+        let folder = tempfile::tempdir().unwrap();
+        for name in ["1.png", "1.JPG", "2.png", "notes.txt", ".png"] {
+            fs::write(folder.path().join(name), b"").unwrap();
+        }
+        fs::create_dir(folder.path().join("3.png")).unwrap();
+        let listing = PictureListing::read(folder.path()).unwrap().unwrap();
+        assert_eq!(listing.by_stem("1"), Some(folder.path().join("1.JPG")));
+        assert_eq!(listing.by_name("1.png"), Some(folder.path().join("1.png")));
+        assert_eq!(listing.by_stem("3"), None, "a folder is no picture");
+        assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
+    }
+
+    #[test]
+    fn what_is_no_regular_file_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        assert!(matches!(read_file("reading", folder.path()), Err(SceneError::Io { .. })));
+        assert!(matches!(read_file("reading", Path::new("/dev/zero")), Err(SceneError::Io { .. })));
+    }
+}

@@ -1,0 +1,190 @@
+use std::borrow::Cow;
+use std::collections::BTreeMap;
+use std::fs;
+
+use atsplat_camera::{Camera, Distortion, ImageSize, WorldFromCamera};
+use atsplat_numeric::Extremes;
+use glam::DVec3;
+
+use super::{LensCounts, PictureCounts, SizeSampling};
+use crate::{Frame, Picture, Scene, SceneError, WarningKind, Warnings};
+
+/// Everything that the report needs to know of one scene; its pictures are let go.
+pub(super) struct SceneMeasure {
+    pub(super) key: String,
+    pub(super) pictures: PictureCounts,
+    pub(super) lenses: LensCounts,
+    pub(super) sizes: BTreeMap<ImageSize, u64>,
+    pub(super) stated_sizes: BTreeMap<ImageSize, u64>,
+    pub(super) frames: Vec<FrameMeasure>,
+    pub(super) extent: Option<f64>,
+    pub(super) path_length: f64,
+}
+
+/// The numbers of one frame.
+pub(super) struct FrameMeasure {
+    /// In the order of [`FrameMeasure::PINHOLE`].
+    pub(super) pinhole: [f64; FrameMeasure::PINHOLE.len()],
+    /// In the order of [`FrameMeasure::MOTION`]; none for a scene's first frame.
+    pub(super) motion: Option<[f64; FrameMeasure::MOTION.len()]>,
+}
+
+impl FrameMeasure {
+    pub(super) const PINHOLE: [&str; 6] = ["fx", "fy", "cx", "cy", "fov_x_degrees", "fov_y_degrees"];
+    pub(super) const MOTION: [&str; 2] = ["step", "rotation_degrees"];
+
+    fn of(camera: &Camera, motion: Option<[f64; 2]>) -> Self {
+        let (k, fov) = (camera.intrinsics, camera.intrinsics.field_of_view());
+        Self { pinhole: [k.fx, k.fy, k.cx, k.cy, fov.x.to_degrees(), fov.y.to_degrees()], motion }
+    }
+}
+
+impl SceneMeasure {
+    pub(super) fn of(scene: &Scene, sampling: SizeSampling, warnings: &mut Warnings) -> Self {
+        let poses: Vec<WorldFromCamera> =
+            scene.frames.iter().map(|frame| frame.camera.camera_from_world.inverse()).collect();
+        let motions = poses.windows(2).filter_map(|pair| <&[_; 2]>::try_from(pair).ok()).map(motion);
+        let frames: Vec<FrameMeasure> = std::iter::once(None)
+            .chain(motions.map(Some))
+            .zip(&scene.frames)
+            .map(|(motion, frame)| FrameMeasure::of(&frame.camera, motion))
+            .collect();
+        // Not `sum()`, which is −0 where there is no step.
+        let path_length = frames.iter().filter_map(|frame| frame.motion).fold(0.0, |sum, [step, _]| sum + step);
+        let mut measure = Self {
+            key: scene.key.clone(),
+            pictures: PictureCounts::default(),
+            lenses: LensCounts::default(),
+            sizes: BTreeMap::new(),
+            stated_sizes: BTreeMap::new(),
+            frames,
+            extent: extent(&poses),
+            path_length,
+        };
+        measure.count(scene);
+        measure.read_headers(scene, sampling, warnings);
+        measure
+    }
+
+    fn count(&mut self, scene: &Scene) {
+        for frame in &scene.frames {
+            *match frame.picture {
+                Picture::File(_) => &mut self.pictures.files,
+                Picture::Encoded(_) => &mut self.pictures.encoded,
+                Picture::Missing(_) => &mut self.pictures.missing,
+                Picture::Absent => &mut self.pictures.absent,
+            } += 1;
+            *match frame.camera.distortion {
+                Distortion::None => &mut self.lenses.pinhole,
+                Distortion::OpenCv { .. } => &mut self.lenses.opencv,
+                Distortion::Fisheye { .. } => &mut self.lenses.fisheye,
+            } += 1;
+            if let Some(size) = frame.stated_size {
+                *self.stated_sizes.entry(size).or_default() += 1;
+            }
+        }
+    }
+
+    fn read_headers(&mut self, scene: &Scene, sampling: SizeSampling, warnings: &mut Warnings) {
+        let with_picture: Vec<_> = scene
+            .frames
+            .iter()
+            .enumerate()
+            .filter(|(_, frame)| matches!(frame.picture, Picture::File(_) | Picture::Encoded(_)))
+            .collect();
+        for chosen in evenly_spread(with_picture.len(), sampling) {
+            let Some((position, frame)) = with_picture.get(chosen) else { continue };
+            match size_of(frame, &scene.key, *position) {
+                Ok(size) => {
+                    self.pictures.headers_read += 1;
+                    *self.sizes.entry(size).or_default() += 1;
+                    if let Some(stated) = frame.stated_size.filter(|stated| !is_scaled_copy(size, *stated)) {
+                        let detail = format!("frame {position}: expected {stated} or a scaled copy, found {size}");
+                        warnings.push(WarningKind::UnexpectedSize, scene.key.as_str(), detail);
+                    }
+                }
+                Err(error) => {
+                    self.pictures.headers_unreadable += 1;
+                    warnings.push(WarningKind::UnreadablePicture, scene.key.as_str(), error.to_string());
+                }
+            }
+        }
+    }
+}
+
+/// A picture's size from its header.
+fn size_of(frame: &Frame, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
+    let header = match &frame.picture {
+        Picture::File(path) => Cow::Owned(fs::read(path).map_err(SceneError::io("reading a picture's header", path))?),
+        Picture::Encoded(bytes) => Cow::Borrowed(&**bytes),
+        Picture::Missing(_) | Picture::Absent => Cow::Borrowed(&[][..]),
+    };
+    let (width, height) = atsplat_pixels::size_of(&header).map_err(|source| SceneError::Pixels {
+        scene: scene.to_owned(),
+        frame: position,
+        source,
+    })?;
+    Ok(ImageSize { width, height })
+}
+
+/// Distance and angle in degrees from one camera to the next.
+fn motion([before, after]: &[WorldFromCamera; 2]) -> [f64; 2] {
+    // ‖R₁ − R₂‖ = 2√2 · sin(θ/2): exact for the small angles of a video, where arccos of the trace is not.
+    let difference = after.rotation() - before.rotation();
+    let frobenius = difference.to_cols_array().iter().map(|entry| entry * entry).sum::<f64>().sqrt();
+    let half_sine = (frobenius / 8f64.sqrt()).minimum_of(1.0);
+    [after.centre().distance(before.centre()), (2.0 * half_sine.asin()).to_degrees()]
+}
+
+/// Greatest distance from the mean centre; `None` without cameras.
+fn extent(poses: &[WorldFromCamera]) -> Option<f64> {
+    let mean = poses.iter().map(WorldFromCamera::centre).sum::<DVec3>() / poses.len() as f64;
+    poses.iter().map(|pose| pose.centre().distance(mean)).reduce(Extremes::maximum_of)
+}
+
+/// Whether a picture is the stated one or that one made smaller or larger, its sides rounded to whole
+/// pixels: `images_4` beside a `transforms.json` that states the full size.
+fn is_scaled_copy(size: ImageSize, stated: ImageSize) -> bool {
+    let side =
+        |length: u32, other: u32, stated_other: u32| f64::from(length) * f64::from(other) / f64::from(stated_other);
+    let width = side(stated.width, size.height, stated.height);
+    let height = side(stated.height, size.width, stated.width);
+    // Either side may have been rounded; a rounding of the shorter one moves the longer one by more than a pixel.
+    (width - f64::from(size.width)).abs() <= 1.0 || (height - f64::from(size.height)).abs() <= 1.0
+}
+
+/// Positions out of `0..count`, from the first to the last.
+fn evenly_spread(count: usize, sampling: SizeSampling) -> Vec<usize> {
+    let chosen = match sampling {
+        SizeSampling::None => 0,
+        SizeSampling::PerScene(at_most) => at_most.min(count),
+        SizeSampling::All => count,
+    };
+    let (last, gaps) = (count.saturating_sub(1), chosen.saturating_sub(1).max(1));
+    (0..chosen).map(|n| n * last / gaps).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn samples_reach_from_the_first_to_the_last() {
+        assert_eq!(evenly_spread(10, SizeSampling::PerScene(3)), [0, 4, 9]);
+        assert_eq!(evenly_spread(10, SizeSampling::PerScene(1)), [0]);
+        assert_eq!(evenly_spread(2, SizeSampling::PerScene(5)), [0, 1]);
+        assert_eq!(evenly_spread(3, SizeSampling::All), [0, 1, 2]);
+        assert!(evenly_spread(3, SizeSampling::None).is_empty());
+        assert!(evenly_spread(0, SizeSampling::All).is_empty());
+    }
+
+    #[test]
+    fn a_downscaled_copy_is_what_was_stated() {
+        let size = |width, height| ImageSize { width, height };
+        assert!(is_scaled_copy(size(480, 270), size(3840, 2160)));
+        assert!(is_scaled_copy(size(455, 256), size(640, 360)), "455.1 columns");
+        assert!(is_scaled_copy(size(239, 135), size(3818, 2160)), "238.6 columns");
+        assert!(!is_scaled_copy(size(256, 256), size(640, 360)), "a crop");
+        assert!(!is_scaled_copy(size(270, 480), size(480, 270)), "turned");
+    }
+}

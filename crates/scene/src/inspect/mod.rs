@@ -1,0 +1,91 @@
+//! What a dataset is, before anything is run on it: counts, picture sizes, intrinsics, baselines, problems.
+
+mod aggregate;
+mod error;
+mod measure;
+mod report;
+mod table;
+
+use rayon::prelude::*;
+
+use crate::{SceneSource, WarningKind, Warnings};
+use aggregate::Gathered;
+use measure::SceneMeasure;
+
+pub use error::InspectError;
+pub use report::{
+    Baselines, Inspection, Intrinsics, LensCounts, PictureCounts, Problem, SceneCounts, SceneSummary, SizeCount,
+    Summary,
+};
+
+/// Scenes read at a time; their pictures' bytes are let go before the next.
+const SCENES_AT_ONCE: usize = 256;
+
+/// How much an inspection looks at.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct InspectOptions {
+    /// Which pictures' headers are read for their size.
+    pub sizes: SizeSampling,
+    /// Whether [`Inspection::per_scene`] is filled.
+    pub per_scene: bool,
+}
+
+impl Default for InspectOptions {
+    /// Three headers a scene, no list of scenes.
+    fn default() -> Self {
+        Self { sizes: SizeSampling::PerScene(3), per_scene: false }
+    }
+}
+
+/// Which pictures' headers are read for their size.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SizeSampling {
+    /// None: no picture file is opened.
+    None,
+    /// At most so many of each scene, evenly spread from its first picture to its last.
+    PerScene(usize),
+    /// Every one.
+    All,
+}
+
+/// Reads every scene of `source` on rayon's threads and reports what is there. `format` is the name to
+/// report for the dataset's format; `warnings` may already hold what opening it found, and everything in
+/// it is among the [`Inspection::problems`]. `progress` is called after each scene, from any thread.
+///
+/// The report is the same for any number of threads.
+///
+/// # Errors
+/// [`InspectError`] where the statistics cannot be computed; a scene that cannot be read is a problem in the
+/// report, not an error.
+pub fn inspect(
+    source: &dyn SceneSource,
+    format: &str,
+    options: &InspectOptions,
+    warnings: &mut Warnings,
+    progress: &(dyn Fn() + Sync),
+) -> Result<Inspection, InspectError> {
+    let mut gathered = Gathered::default();
+    for keys in source.keys().chunks(SCENES_AT_ONCE) {
+        let measured: Vec<_> = keys
+            .par_iter()
+            .map(|key| {
+                let mut warnings = Warnings::new();
+                let scene = source.load(key, &mut warnings);
+                let measure = scene.map(|scene| SceneMeasure::of(&scene, options.sizes, &mut warnings));
+                progress();
+                (key, measure, warnings)
+            })
+            .collect();
+        for (key, measure, of_scene) in measured {
+            warnings.merge(of_scene);
+            match measure {
+                Ok(measure) => gathered.push(measure),
+                Err(error) => warnings.push(WarningKind::UnreadableScene, key.as_str(), error.to_string()),
+            }
+        }
+    }
+    gathered.report(format, source.keys().len(), options.per_scene, warnings)
+}
+
+#[cfg(test)]
+mod tests;

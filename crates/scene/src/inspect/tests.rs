@@ -1,0 +1,217 @@
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use atsplat_camera::{Camera, Distortion, ImageSize};
+use atsplat_numeric::Tolerance;
+
+use super::*;
+use crate::test_source::{TestSource, camera_at, frame, turned_camera_at, wandering_scene};
+use crate::{Picture, Scene, SharedBytes};
+
+fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warnings) {
+    let (mut warnings, steps) = (Warnings::new(), AtomicUsize::new(0));
+    let step = || {
+        steps.fetch_add(1, Ordering::Relaxed);
+    };
+    let report = inspect(source, "in memory", &options, &mut warnings, &step).unwrap();
+    assert_eq!(steps.into_inner(), source.keys().len(), "one step a scene");
+    (report, warnings)
+}
+
+/// As much of a PNG as holds its size.
+fn png(width: u32, height: u32) -> Picture {
+    let mut bytes = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
+    bytes.extend([width.to_be_bytes(), height.to_be_bytes()].concat());
+    bytes.extend([8, 2, 0, 0, 0, 0, 0, 0, 0]);
+    Picture::Encoded(SharedBytes::new(bytes))
+}
+
+fn scene(key: &str, cameras: impl IntoIterator<Item = Camera>) -> Scene {
+    let frames = cameras.into_iter().enumerate().map(|(position, camera)| frame(position, camera)).collect();
+    Scene { key: key.to_owned(), url: None, frames }
+}
+
+/// Steps of 1, 2 and 3 along x; one lone camera; a turn by 30° on the spot.
+fn small_dataset() -> TestSource {
+    let line = scene("line", [0.0, 1.0, 3.0, 6.0].map(|x| camera_at([x, 0.0, 0.0])));
+    let lone = scene("lone", [camera_at([5.0, 5.0, 5.0])]);
+    let turn = scene("turn", [0.0, 30.0].map(|angle| turned_camera_at([0.0; 3], angle)));
+    TestSource::new([line, lone, turn])
+}
+
+#[track_caller]
+fn assert_summary(summary: Summary, count: u64, [min, median, max]: [f64; 3], what: &str) {
+    assert_eq!((summary.count, summary.non_finite), (count, 0), "{what}");
+    let found = [summary.min, summary.median, summary.max].map(|value| value.unwrap_or(f64::NAN));
+    Tolerance::absolute(1e-9).assert(found, [min, median, max], what);
+}
+
+#[test]
+fn baselines_are_what_a_hand_computes() {
+    let (report, _) = inspected(&small_dataset(), InspectOptions { per_scene: true, ..InspectOptions::default() });
+    let b = report.baselines;
+    assert_summary(b.step, 4, [0.0, 1.5, 3.0], "steps 1, 2, 3 and 0");
+    assert_summary(b.rotation_degrees, 4, [0.0, 0.0, 30.0], "one turn among four");
+    assert_summary(b.scene_step, 2, [0.0, 1.0, 2.0], "medians 2 and 0; the lone camera has none");
+    assert_summary(b.scene_rotation_degrees, 2, [0.0, 15.0, 30.0], "medians 0 and 30");
+    assert_summary(b.extent, 3, [0.0, 0.0, 3.5], "the line's mean is at 2.5");
+    assert_summary(b.path_length, 3, [0.0, 0.0, 6.0], "paths");
+    assert!(b.path_length.min.is_some_and(f64::is_sign_positive), "a lone camera's path is 0, not −0");
+    assert_summary(report.frames_per_scene, 3, [1.0, 2.0, 4.0], "frames");
+    let steps: Vec<_> = report.per_scene.iter().map(|scene| (scene.key.as_str(), scene.frames, scene.step)).collect();
+    assert_eq!(steps, [("line", 4, Some(2.0)), ("lone", 1, None), ("turn", 2, Some(0.0))]);
+}
+
+#[test]
+fn intrinsics_and_their_field_of_view() {
+    let (report, _) = inspected(&small_dataset(), InspectOptions::default());
+    assert_summary(report.intrinsics.fx, 7, [0.5; 3], "fx");
+    assert_summary(report.intrinsics.fov_x_degrees, 7, [90.0; 3], "twice the arctangent of 0.5 / 0.5");
+    assert_summary(report.intrinsics.fov_y_degrees, 7, [2.0 * (0.5f64 / 0.9).atan().to_degrees(); 3], "field of view");
+    assert!(report.per_scene.is_empty(), "not asked for");
+}
+
+#[test]
+fn small_turns_are_not_rounded_away() {
+    let turn = scene("turn", [0.0, 1e-7].map(|angle| turned_camera_at([0.0; 3], angle)));
+    let (report, _) = inspected(&TestSource::new([turn]), InspectOptions::default());
+    let angle = report.baselines.rotation_degrees.max.unwrap();
+    Tolerance::relative(1e-6).assert([angle], [1e-7], "an arccosine would give 0 or 1.2e-6");
+}
+
+#[test]
+fn moving_and_turning_the_world_changes_no_baseline() {
+    let source = TestSource::new([wandering_scene("a", 30), wandering_scene("b", 7)]);
+    let (before, _) = inspected(&source, InspectOptions::default());
+    let (after, _) = inspected(&source.moved(), InspectOptions::default());
+    let numbers = |report: &Inspection| {
+        let b = report.baselines;
+        [b.step, b.rotation_degrees, b.scene_step, b.scene_rotation_degrees, b.extent, b.path_length]
+            .into_iter()
+            .flat_map(|s| [s.min, s.median, s.max])
+            .map(Option::unwrap)
+            .collect::<Vec<_>>()
+    };
+    Tolerance { absolute: 1e-9, relative: 1e-9 }.assert(numbers(&after), numbers(&before), "baselines");
+}
+
+/// Everything that can be wrong with pictures in one scene, and a scene that cannot be read.
+fn troubled_dataset() -> TestSource {
+    let mut pictures = wandering_scene("pictures", 6);
+    let stated = ImageSize { width: 640, height: 360 };
+    for (frame, picture) in pictures.frames.iter_mut().zip([
+        png(64, 36),
+        Picture::Missing(PathBuf::from("images/2.png")),
+        png(64, 64),
+        Picture::Encoded(SharedBytes::new(b"no picture at all".to_vec())),
+        Picture::Encoded(SharedBytes::new(b"\x89PNG\r\n\x1a\n cut short".to_vec())),
+        png(64, 36),
+    ]) {
+        frame.picture = picture;
+        frame.stated_size = Some(stated);
+    }
+    pictures.frames[5].camera.distortion = Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] };
+    TestSource::new([wandering_scene("broken", 3), pictures, wandering_scene("poses only", 4)])
+        .with_unreadable("broken")
+}
+
+#[test]
+fn troubles_are_counted_and_told_by_reason() {
+    let all = InspectOptions { sizes: SizeSampling::All, per_scene: false };
+    let (report, warnings) = inspected(&troubled_dataset(), all);
+    assert_eq!(report.scenes, SceneCounts { listed: 3, read: 2, unreadable: 1 });
+    assert!(!report.is_complete());
+    let expected =
+        PictureCounts { files: 0, encoded: 5, missing: 1, absent: 4, headers_read: 3, headers_unreadable: 2 };
+    assert_eq!((report.frames, report.pictures), (10, expected));
+    let size = |width, height, frames| SizeCount { size: ImageSize { width, height }, frames };
+    assert_eq!(report.sizes, [size(64, 36, 2), size(64, 64, 1)]);
+    assert_eq!(report.stated_sizes, [size(640, 360, 6)]);
+    assert_eq!(report.lenses, LensCounts { pinhole: 9, opencv: 0, fisheye: 1 });
+    for (kind, count) in
+        [(WarningKind::UnexpectedSize, 1), (WarningKind::UnreadablePicture, 2), (WarningKind::UnreadableScene, 1)]
+    {
+        assert_eq!(warnings.count(kind), count, "{kind}");
+        assert!(report.problems.iter().any(|problem| problem.kind == kind && problem.count == count), "{kind}");
+    }
+}
+
+#[test]
+fn files_are_opened_for_their_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let Picture::Encoded(bytes) = png(640, 360) else { unreachable!() };
+    std::fs::write(folder.path().join("0.png"), &*bytes).unwrap();
+    let mut scene = wandering_scene("files", 2);
+    for (position, frame) in scene.frames.iter_mut().enumerate() {
+        frame.picture = Picture::File(folder.path().join(format!("{position}.png")));
+    }
+    let (report, _) = inspected(&TestSource::new([scene]), InspectOptions::default());
+    let pictures = report.pictures;
+    assert_eq!((pictures.files, pictures.headers_read, pictures.headers_unreadable), (2, 1, 1));
+    assert_eq!(report.sizes, [SizeCount { size: ImageSize { width: 640, height: 360 }, frames: 1 }]);
+}
+
+#[test]
+fn sampling_bounds_the_headers_that_are_read() {
+    let opened = |sizes| {
+        let pictures = inspected(&troubled_dataset(), InspectOptions { sizes, per_scene: false }).0.pictures;
+        pictures.headers_read + pictures.headers_unreadable
+    };
+    assert_eq!(opened(SizeSampling::None), 0);
+    assert_eq!(opened(SizeSampling::PerScene(2)), 2, "only one scene has pictures");
+    assert_eq!(opened(SizeSampling::PerScene(100)), 5);
+}
+
+#[test]
+fn numbers_that_overflow_are_counted_and_not_averaged() {
+    let far = scene("far", [-1e308, 1e308, 1.0].map(|x| camera_at([x, 0.0, 0.0])));
+    let (report, _) = inspected(&TestSource::new([far]), InspectOptions::default());
+    let step = report.baselines.step;
+    assert_eq!((step.count, step.non_finite), (0, 2), "the squares overflow: {step:?}");
+    assert_eq!((step.min, step.median, step.max), (None, None, None));
+    assert_eq!(report.baselines.extent.non_finite, 1);
+}
+
+#[test]
+fn nothing_is_a_dataset_too() {
+    let (report, _) = inspected(&TestSource::new([]), InspectOptions { per_scene: true, ..InspectOptions::default() });
+    assert_eq!((report.scenes, report.frames), (SceneCounts::default(), 0));
+    assert_eq!(report.intrinsics.fx, Summary::default());
+    insta::assert_snapshot!("nothing", report.to_string());
+}
+
+#[test]
+fn the_table_reads_well() {
+    let all = InspectOptions { sizes: SizeSampling::All, per_scene: true };
+    insta::assert_snapshot!("troubled", inspected(&troubled_dataset(), all).0.to_string());
+    insta::assert_snapshot!("small", inspected(&small_dataset(), InspectOptions::default()).0.to_string());
+}
+
+#[test]
+fn json_has_stable_names() {
+    let (report, _) = inspected(&small_dataset(), InspectOptions { per_scene: true, ..InspectOptions::default() });
+    let json: serde_json::Value = serde_json::to_value(&report).unwrap();
+    assert_eq!(json["baselines"]["step"]["max"], 3.0);
+    assert_eq!(
+        json["per-scene"][1],
+        serde_json::json!({
+            "key": "lone", "frames": 1, "pictures": 0, "step": null, "rotation-degrees": null,
+            "extent": 0.0, "path-length": 0.0,
+        })
+    );
+    let mut names: Vec<_> = json.as_object().unwrap().keys().cloned().collect();
+    names.sort();
+    insta::assert_snapshot!("json_names", names.join("\n"));
+}
+
+#[test]
+fn the_number_of_threads_does_not_show() {
+    let scenes = (0..600).map(|n| wandering_scene(&format!("{n:03}"), 2 + n % 17));
+    let source = TestSource::new(scenes).with_unreadable("300");
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let options = InspectOptions { per_scene: true, ..InspectOptions::default() };
+        pool.install(|| serde_json::to_string(&inspected(&source, options).0).unwrap())
+    };
+    assert_eq!(on(1), on(5));
+}

@@ -1,0 +1,218 @@
+use std::path::Path;
+
+use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics};
+
+use super::transforms::Object;
+use crate::SceneError;
+
+/// Intrinsics as a `transforms.json` states them, globally or for one frame: whatever is there.
+///
+/// Lengths are in pixels of a picture of `w` × `h`, the resolution that the structure from motion ran
+/// at, which need not be that of any picture on disk: they are always divided by `w` and `h` (depthsplat
+/// `src/scripts/convert_dl3dv_test.py:90-129`).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct LensFields {
+    /// Picture width; may be written as a float.
+    pub w: Option<f64>,
+    /// Picture height; may be written as a float.
+    pub h: Option<f64>,
+    /// Horizontal focal length.
+    pub focal_x: Option<Focal>,
+    /// Vertical focal length; the horizontal one's pixels where it is absent (instant-ngp).
+    pub focal_y: Option<Focal>,
+    /// Principal point column; the centre where it is absent.
+    pub cx: Option<f64>,
+    /// Principal point row; the centre where it is absent.
+    pub cy: Option<f64>,
+    /// Radial coefficients k1…k4, absent ones zero; `None` where none is written.
+    pub radial: Option<[f64; 4]>,
+    /// Tangential coefficients p1, p2; `None` where none is written.
+    pub tangential: Option<[f64; 2]>,
+    /// Whether the angle's polynomial (`OPENCV_FISHEYE`, instant-ngp's `is_fisheye`) applies; `None` where
+    /// nothing is said, which means a perspective lens.
+    pub fisheye: Option<bool>,
+}
+
+/// A focal length in one of its two spellings.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Focal {
+    /// `fl_x`, `fl_y`: pixels.
+    Pixels(f64),
+    /// `camera_angle_x`, `camera_angle_y` in radians, or instant-ngp's `x_fov`, `y_fov` in degrees: the
+    /// opening angle from edge to edge, here in radians, in (0, π).
+    Angle(f64),
+}
+
+/// A lens whose numbers have been put together.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct ResolvedLens {
+    pub(super) intrinsics: NormalizedIntrinsics,
+    pub(super) distortion: Distortion,
+    /// The stated size where it is whole pixels.
+    pub(super) size: Option<ImageSize>,
+}
+
+impl LensFields {
+    pub(super) fn read(object: &Object<'_>) -> Result<Self, SceneError> {
+        let radial = read_all(object, ["k1", "k2", "k3", "k4"])?;
+        let tangential = read_all(object, ["p1", "p2"])?;
+        let fisheye = match object.text("camera_model")? {
+            Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "PERSPECTIVE") => Some(false),
+            Some("OPENCV_FISHEYE") => Some(true),
+            Some(model) => {
+                return Err(object.unsupported("camera_model", model, "neither perspective nor OPENCV_FISHEYE"));
+            }
+            None => object.value("is_fisheye").map(|_| object.flag("is_fisheye")).transpose()?,
+        };
+        for (field, model) in [("ftheta_p0", "FTheta"), ("latlong", "LatLong"), ("equirectangular", "Equirectangular")]
+        {
+            if object.value(field).is_some() {
+                return Err(object.unsupported(field, model, "neither perspective nor OPENCV_FISHEYE"));
+            }
+        }
+        Ok(Self {
+            w: read_size(object, "w")?,
+            h: read_size(object, "h")?,
+            focal_x: Focal::read(object, "fl_x", "x_fov", "camera_angle_x")?,
+            focal_y: Focal::read(object, "fl_y", "y_fov", "camera_angle_y")?,
+            cx: object.number("cx")?,
+            cy: object.number("cy")?,
+            radial,
+            tangential,
+            fisheye,
+        })
+    }
+
+    /// These fields where they are stated, `global`'s elsewhere.
+    ///
+    /// A frame that states any focal length states both axes: its `fl_x` alone is not paired with the
+    /// global `fl_y`.
+    pub(super) fn or(self, global: Self) -> Self {
+        let (focal_x, focal_y) = match (self.focal_x, self.focal_y) {
+            (None, None) => (global.focal_x, global.focal_y),
+            own => own,
+        };
+        Self {
+            w: self.w.or(global.w),
+            h: self.h.or(global.h),
+            focal_x,
+            focal_y,
+            cx: self.cx.or(global.cx),
+            cy: self.cy.or(global.cy),
+            radial: self.radial.or(global.radial),
+            tangential: self.tangential.or(global.tangential),
+            fisheye: self.fisheye.or(global.fisheye),
+        }
+    }
+
+    /// Whether a camera can be made without looking at a picture's size.
+    pub(super) const fn states_size(&self) -> bool {
+        self.w.is_some() && self.h.is_some()
+    }
+
+    /// The camera's lens. `picture_size` is that of the picture as listed, for files that state no `w`
+    /// and `h` (Blender's synthetic scenes).
+    pub(super) fn resolve(
+        &self,
+        picture_size: Option<ImageSize>,
+        location: &str,
+        path: &Path,
+    ) -> Result<ResolvedLens, SceneError> {
+        let malformed = |field: &str, expected: &str, found: &str| SceneError::Malformed {
+            format: "transforms.json",
+            path: path.to_owned(),
+            location: format!("{location}{field}"),
+            expected: expected.to_owned(),
+            found: found.to_owned(),
+        };
+        let width = self.w.or(picture_size.map(|size| f64::from(size.width)));
+        let height = self.h.or(picture_size.map(|size| f64::from(size.height)));
+        let (Some(width), Some(height)) = (width, height) else {
+            return Err(malformed("w, h", "the size of the pictures, or a picture to take it from", "neither"));
+        };
+        let pixels = |focal: Option<Focal>, length: f64| {
+            focal.map(|focal| match focal {
+                Focal::Pixels(pixels) => pixels,
+                Focal::Angle(angle) => 0.5 * length / (0.5 * angle).tan(),
+            })
+        };
+        let (x, y) = (pixels(self.focal_x, width), pixels(self.focal_y, height));
+        let (Some(fl_x), Some(fl_y)) = (x.or(y), y.or(x)) else {
+            return Err(malformed("fl_x", "a focal length (fl_x, camera_angle_x or x_fov)", "none"));
+        };
+        let (cx, cy) = (self.cx.unwrap_or(0.5 * width), self.cy.unwrap_or(0.5 * height));
+        let intrinsics = NormalizedIntrinsics::new(fl_x / width, fl_y / height, cx / width, cy / height);
+        let camera = |source| SceneError::Camera { path: path.to_owned(), location: format!("{location}fl_x"), source };
+        Ok(ResolvedLens {
+            intrinsics: intrinsics.map_err(camera)?,
+            distortion: self.distortion().map_err(|(model, reason)| SceneError::UnsupportedCameraModel {
+                location: format!("{location}camera_model"),
+                model: model.to_owned(),
+                reason: reason.to_owned(),
+                path: path.to_owned(),
+            })?,
+            size: whole_size(width, height),
+        })
+    }
+
+    /// Coefficients make the lens, not the model's name: nerfstudio reads them for a `PINHOLE` too.
+    fn distortion(&self) -> Result<Distortion, (&'static str, &'static str)> {
+        let [k1, k2, k3, k4] = self.radial.unwrap_or_default();
+        let [p1, p2] = self.tangential.unwrap_or_default();
+        let is_zero = |values: &[f64]| values.iter().all(|value| *value == 0.0);
+        if self.fisheye == Some(true) {
+            if !is_zero(&[p1, p2]) {
+                return Err(("OPENCV_FISHEYE", "tangential coefficients p1, p2 are not zero"));
+            }
+            return Ok(Distortion::Fisheye { k: [k1, k2, k3, k4] });
+        }
+        if k4 != 0.0 {
+            return Err(("OPENCV", "a fourth radial coefficient k4 is not zero"));
+        }
+        let pinhole = is_zero(&[k1, k2, k3, p1, p2]);
+        Ok(if pinhole { Distortion::None } else { Distortion::OpenCv { k1, k2, k3, p1, p2 } })
+    }
+}
+
+impl Focal {
+    fn read(object: &Object<'_>, pixels: &str, degrees: &str, radians: &str) -> Result<Option<Self>, SceneError> {
+        if let Some(length) = object.number(pixels)? {
+            return Ok(Some(Self::Pixels(length)));
+        }
+        let (name, angle) = match (object.number(degrees)?, object.number(radians)?) {
+            (Some(angle), _) => (degrees, angle.to_radians()),
+            (None, Some(angle)) => (radians, angle),
+            (None, None) => return Ok(None),
+        };
+        if angle > 0.0 && angle < std::f64::consts::PI {
+            return Ok(Some(Self::Angle(angle)));
+        }
+        Err(object.wrong(name, "an angle between 0 and 180°", &format!("{}°", angle.to_degrees())))
+    }
+}
+
+/// Whichever of the numbers are there, the others zero; `None` where none is.
+fn read_all<const N: usize>(object: &Object<'_>, names: [&str; N]) -> Result<Option<[f64; N]>, SceneError> {
+    let (mut values, mut any) = ([0.0; N], false);
+    for (value, name) in values.iter_mut().zip(names) {
+        if let Some(stated) = object.number(name)? {
+            (*value, any) = (stated, true);
+        }
+    }
+    Ok(any.then_some(values))
+}
+
+fn read_size(object: &Object<'_>, name: &str) -> Result<Option<f64>, SceneError> {
+    match object.number(name)? {
+        Some(length) if length >= 1.0 && length <= f64::from(u32::MAX) => Ok(Some(length)),
+        Some(length) => Err(object.wrong(name, "a picture size in pixels", &length.to_string())),
+        None => Ok(None),
+    }
+}
+
+/// Sizes are checked to lie in u32 when they are read.
+fn whole_size(width: f64, height: f64) -> Option<ImageSize> {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the round trip is compared")]
+    let whole = |length: f64| (f64::from(length as u32) == length).then_some(length as u32);
+    Some(ImageSize { width: whole(width)?, height: whole(height)? })
+}

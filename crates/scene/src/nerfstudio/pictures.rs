@@ -1,0 +1,159 @@
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use crate::files::{PictureListing, inside, split_picture_name};
+use crate::{Picture, PictureFolder, SceneError};
+
+/// Finds the pictures that a file lists, listing each folder once.
+#[derive(Debug)]
+pub(crate) struct PictureFinder<'a> {
+    root: &'a Path,
+    file: &'a Path,
+    choice: PictureFolder,
+    folders: BTreeMap<String, Folder>,
+}
+
+/// Where a listed picture is.
+#[derive(Debug)]
+pub(crate) struct FoundPicture {
+    pub(crate) picture: Picture,
+    /// How the place differs from what is written down, where it does.
+    pub(crate) elsewhere: Option<String>,
+    /// Whether the folder is the one that the file lists: only there its pixel sizes hold.
+    pub(crate) as_listed: bool,
+}
+
+#[derive(Debug)]
+struct Folder {
+    path: PathBuf,
+    listing: Option<PictureListing>,
+    as_listed: bool,
+}
+
+impl<'a> PictureFinder<'a> {
+    /// Paths are taken relative to `root`; `file` is the one that lists them, for messages.
+    pub(crate) const fn new(root: &'a Path, file: &'a Path, choice: PictureFolder) -> Self {
+        Self { root, file, choice, folders: BTreeMap::new() }
+    }
+
+    /// The picture written as `listed` relative to `folder`, which it must not leave.
+    pub(crate) fn find_below(
+        &mut self,
+        folder: &str,
+        listed: &str,
+        location: &str,
+    ) -> Result<FoundPicture, SceneError> {
+        let below = inside(&self.root.join(folder), listed).map(|parts| parts.join("/"));
+        let below = below.ok_or_else(|| outside(listed, location, self.file))?;
+        self.find(&format!("{folder}/{below}"), location)
+    }
+
+    /// The picture written as `listed` at `location` of the file.
+    pub(crate) fn find(&mut self, listed: &str, location: &str) -> Result<FoundPicture, SceneError> {
+        let outside = || outside(listed, location, self.file);
+        let parts = inside(self.root, listed).ok_or_else(outside)?;
+        let (name, folders) = parts.split_last().ok_or_else(outside)?;
+        let choice = self.choice;
+        let folder = self.folder(&folders.join("/"))?;
+        let is_named = split_picture_name(name);
+        let stem = is_named.map_or(*name, |(stem, _)| stem);
+        let found = folder.listing.as_ref().and_then(|listing| listing.by_name(name).or_else(|| listing.by_stem(stem)));
+        let Some(path) = found else {
+            let picture = Picture::Missing(folder.path.join(name));
+            return Ok(FoundPicture { picture, elsewhere: None, as_listed: folder.as_listed });
+        };
+        // A name without an extension is how Blender and instant-ngp write it, not a mistake.
+        let same_name = is_named.is_none() || path.file_name().is_some_and(|found| found == *name);
+        let chosen = folder.as_listed || matches!(choice, PictureFolder::Downscaled(_));
+        let as_listed = folder.as_listed;
+        let elsewhere = (!same_name || !chosen).then(|| format!("{listed} found as {}", path.display()));
+        Ok(FoundPicture { picture: Picture::File(path), elsewhere, as_listed })
+    }
+
+    fn folder(&mut self, listed: &str) -> Result<&Folder, SceneError> {
+        if !self.folders.contains_key(listed) {
+            let folder = self.choose(listed)?;
+            self.folders.insert(listed.to_owned(), folder);
+        }
+        self.folders.get(listed).ok_or_else(|| SceneError::Unrecognized {
+            expected: "a folder of pictures".to_owned(),
+            found: listed.to_owned(),
+            path: self.root.to_owned(),
+        })
+    }
+
+    /// The folder that the choice asks for; where the listed one is not there, the largest downscaled
+    /// copy that is.
+    fn choose(&self, listed: &str) -> Result<Folder, SceneError> {
+        let downscaled = |factor: u32| self.root.join(downscaled(listed, factor));
+        let candidates = match self.choice {
+            PictureFolder::Listed => {
+                let mut candidates = vec![(self.root.join(listed), true)];
+                candidates.extend([2, 4, 8].map(|factor| (downscaled(factor), false)));
+                candidates
+            }
+            PictureFolder::Downscaled(factor) => vec![(downscaled(factor), false)],
+        };
+        let mut first = None;
+        for (path, as_listed) in candidates {
+            let listing = PictureListing::read(&path)?;
+            let found = listing.is_some();
+            let folder = Folder { path, listing, as_listed };
+            if found {
+                return Ok(folder);
+            }
+            first = first.or(Some(folder));
+        }
+        Ok(first.unwrap_or_else(|| Folder { path: self.root.join(listed), listing: None, as_listed: true }))
+    }
+}
+
+fn outside(listed: &str, location: &str, file: &Path) -> SceneError {
+    SceneError::OutsideScene {
+        location: location.to_owned(),
+        found: listed.chars().take(200).collect(),
+        path: file.to_owned(),
+    }
+}
+
+/// The downscaled copy of a folder: `images_8` of `images` and of `images_4`, `images_8/left` of
+/// `images/left`. Without a component called `images` the last one gets the factor; nerfstudio's own name
+/// stands in where pictures lie beside the file.
+fn downscaled(listed: &str, factor: u32) -> String {
+    let mut components: Vec<&str> = listed.split('/').collect();
+    let pictures = components.iter().position(|name| without_factor(name) == "images");
+    let at = pictures.unwrap_or(components.len() - 1);
+    let name = match components.get(at).map(|name| without_factor(name)) {
+        Some(name) if !name.is_empty() => format!("{name}_{factor}"),
+        _ => format!("images_{factor}"),
+    };
+    if let Some(component) = components.get_mut(at) {
+        *component = &name;
+    }
+    components.join("/")
+}
+
+fn without_factor(component: &str) -> &str {
+    let is_factor = |tail: &str| !tail.is_empty() && tail.bytes().all(|byte| byte.is_ascii_digit());
+    component.rsplit_once('_').filter(|(_, tail)| is_factor(tail)).map_or(component, |(base, _)| base)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_factor_goes_to_the_folder_of_pictures() {
+        for (listed, expected) in [
+            ("images", "images_8"),
+            ("images_4", "images_8"),
+            ("images/left", "images_8/left"),
+            ("capture/images", "capture/images_8"),
+            ("train", "train_8"),
+            ("scan_1/images_2", "scan_1/images_8"),
+            ("", "images_8"),
+        ] {
+            assert_eq!(downscaled(listed, 8), expected, "{listed:?}");
+        }
+    }
+}

@@ -1,0 +1,243 @@
+use std::path::{Path, PathBuf};
+
+use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
+
+use super::lens::LensFields;
+use super::{FoundPicture, PictureFinder, Transforms, parse_transforms};
+use crate::camera_policy::report_cameras;
+use crate::files::{last_name, list, read_file, split_picture_name};
+use crate::scene::{in_frame, size_of_file};
+use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+
+/// Folders of one DL3DV scene that may hold its `transforms.json`, in the order they are tried: the
+/// distorted captures, and the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
+const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
+
+/// How `transforms.json` scenes are read.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct NerfstudioOptions {
+    /// Which copy of the pictures to take.
+    pub pictures: PictureFolder,
+    /// Moves poses back by the inverses of `applied_scale` and `applied_transform`, into the world of the
+    /// structure from motion. The papers do not; only needed to meet a COLMAP model of the same capture.
+    pub undo_applied_transform: bool,
+    /// Prefers DL3DV's undistorted `gaussian_splat/` to `nerfstudio/` where a scene has both.
+    pub prefer_gaussian_splat: bool,
+}
+
+/// `transforms.json` scenes: one file, one scene's folder, or a folder of scenes.
+///
+/// A scene's folder holds `transforms.json` itself, in `nerfstudio/` or in `gaussian_splat/`; its name is
+/// the key, for DL3DV the scene's hash. Of a folder of subsets of scenes (DL3DV's training set,
+/// `1K/<hash>/…`) the key is `dl3dv_<hash>` and the subset becomes the URL, as DepthSplat's chunks have
+/// it (depthsplat `src/scripts/convert_dl3dv_train.py`).
+#[derive(Clone, Debug)]
+pub struct NerfstudioScenes {
+    path: PathBuf,
+    options: NerfstudioOptions,
+    keys: Vec<String>,
+    scenes: Vec<SceneFile>,
+}
+
+/// Where one scene is described.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) struct SceneFile {
+    key: String,
+    subset: Option<String>,
+    file: PathBuf,
+}
+
+impl NerfstudioScenes {
+    /// Finds the scenes; reads none of them.
+    ///
+    /// # Errors
+    /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`.
+    pub fn open(path: &Path, options: NerfstudioOptions) -> Result<Self, SceneError> {
+        let scenes = scene_files(path, options.prefer_gaussian_splat)?;
+        if scenes.is_empty() {
+            return Err(SceneError::Unrecognized {
+                expected: "transforms.json here, in nerfstudio/ or in one of its folders".to_owned(),
+                found: "a folder without any".to_owned(),
+                path: path.to_owned(),
+            });
+        }
+        let keys = scenes.iter().map(|scene| scene.key.clone()).collect();
+        Ok(Self { path: path.to_owned(), options, keys, scenes })
+    }
+
+    /// The parsed `transforms.json` of one scene, with the path it came from.
+    ///
+    /// # Errors
+    /// [`SceneError::UnknownScene`], [`SceneError::Io`], and as [`parse_transforms`].
+    pub fn transforms(&self, key: &str) -> Result<(Transforms, &Path), SceneError> {
+        let file = &self.scene_file(key)?.file;
+        Ok((parse_transforms(&read_file("reading a transforms.json", file)?, file)?, file))
+    }
+
+    fn scene_file(&self, key: &str) -> Result<&SceneFile, SceneError> {
+        let position = self.keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
+        let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.path.clone() };
+        position.and_then(|at| self.scenes.get(at)).ok_or_else(unknown)
+    }
+}
+
+impl SceneSource for NerfstudioScenes {
+    fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        let subset = self.scene_file(key)?.subset.clone();
+        let (transforms, file) = self.transforms(key)?;
+        let root = file.parent().unwrap_or_else(|| Path::new("."));
+        let mut finder = PictureFinder::new(root, file, self.options.pictures);
+        let mut pictures = Vec::with_capacity(transforms.frames.len());
+        for (at, frame) in transforms.frames.iter().enumerate() {
+            let found = finder.find(&frame.file_path, &format!("frames[{at}].file_path"))?;
+            if let Picture::Missing(path) = &found.picture {
+                warnings.push(WarningKind::MissingPicture, key, format!("frame {at}: no {}", path.display()));
+            }
+            if let Some(detail) = &found.elsewhere {
+                warnings.push(WarningKind::PictureElsewhere, key, format!("frame {at}: {detail}"));
+            }
+            pictures.push(found);
+        }
+        let scene = Scene {
+            key: key.to_owned(),
+            url: subset,
+            frames: frames(&transforms, pictures, (key, file), self.options.undo_applied_transform)?,
+        };
+        report_cameras(&scene, warnings);
+        Ok(scene)
+    }
+}
+
+fn frames(
+    transforms: &Transforms,
+    pictures: Vec<FoundPicture>,
+    (key, file): (&str, &Path),
+    undo_applied_transform: bool,
+) -> Result<Vec<Frame>, SceneError> {
+    let undo = undo_applied_transform.then(|| Undo::of(transforms, file)).transpose()?;
+    let needs_size = |lens: &LensFields| !lens.or(transforms.lens).states_size();
+    let picture_size = if transforms.frames.iter().any(|frame| needs_size(&frame.lens)) {
+        size_of_first(&pictures, key)?
+    } else {
+        None
+    };
+    let mut frames = Vec::with_capacity(pictures.len());
+    for (at, (listed, found)) in transforms.frames.iter().zip(pictures).enumerate() {
+        let lens = listed.lens.or(transforms.lens).resolve(picture_size, &format!("frames[{at}]: "), file)?;
+        let pose = listed.world_from_camera;
+        let pose = undo.map_or(pose, |undo| undo.apply(&pose));
+        let name = stem(&listed.file_path);
+        frames.push(Frame {
+            timestamp_micros: name.rsplit('_').next().and_then(|number| number.parse().ok()),
+            name: name.to_owned(),
+            camera: Camera {
+                camera_from_world: pose.inverse(),
+                intrinsics: lens.intrinsics,
+                distortion: lens.distortion,
+            },
+            stated_size: lens.size.filter(|_| found.as_listed),
+            picture: found.picture,
+        });
+    }
+    Ok(frames)
+}
+
+/// Takes poses of the saved world back into that of the structure from motion, which was first moved
+/// and then scaled (nerfstudio `data/dataparsers/nerfstudio_dataparser.py`).
+#[derive(Clone, Copy, Debug)]
+struct Undo {
+    shrink: f64,
+    original_from_saved: WorldFromCamera,
+}
+
+impl Undo {
+    fn of(transforms: &Transforms, file: &Path) -> Result<Self, SceneError> {
+        let bad = |location: &str| {
+            let (path, location) = (file.to_owned(), location.to_owned());
+            move |source| SceneError::Camera { path, location, source }
+        };
+        let scale = transforms.applied_scale.unwrap_or(1.0);
+        if !(scale.is_finite() && scale > 0.0) {
+            return Err(bad("applied_scale")(CameraError::NotPositive { field: "scale", found: scale }));
+        }
+        let identity = WorldFromCamera::IDENTITY.to_rows();
+        let rows = transforms.applied_transform.unwrap_or(identity);
+        let inverse = WorldFromCamera::from_rows(&rows).map_err(bad("applied_transform"))?.inverse();
+        let original_from_saved = WorldFromCamera::new(inverse.rotation(), inverse.translation());
+        Ok(Self { shrink: scale.recip(), original_from_saved: original_from_saved.map_err(bad("applied_transform"))? })
+    }
+
+    fn apply(&self, pose: &WorldFromCamera) -> WorldFromCamera {
+        pose.scaled_by(self.shrink).moved_by(&self.original_from_saved)
+    }
+}
+
+/// Size of the first picture that lies where the file lists it: all are taken to have it.
+fn size_of_first(pictures: &[FoundPicture], key: &str) -> Result<Option<ImageSize>, SceneError> {
+    let listed = pictures.iter().enumerate().find_map(|(at, found)| match &found.picture {
+        Picture::File(path) if found.as_listed => Some((at, path)),
+        _ => None,
+    });
+    listed.map(|(at, path)| size_of_file(path, in_frame(key, at))).transpose()
+}
+
+fn stem(file_path: &str) -> &str {
+    let name = file_path.rsplit(['/', '\\']).next().unwrap_or(file_path);
+    split_picture_name(name).map_or(name, |(stem, _)| stem)
+}
+
+/// The scenes below `path`, sorted by key.
+pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Vec<SceneFile>, SceneError> {
+    if !path.is_dir() {
+        return Ok(vec![SceneFile { key: key_of(path), subset: None, file: path.to_owned() }]);
+    }
+    if let Some(file) = transforms_in(path, prefer_gaussian_splat) {
+        return Ok(vec![SceneFile { key: key_of(&file), subset: None, file }]);
+    }
+    let mut scenes = Vec::new();
+    let folders = folders_in(path)?;
+    for name in &folders {
+        if let Some(file) = transforms_in(&path.join(name), prefer_gaussian_splat) {
+            scenes.push(SceneFile { key: name.clone(), subset: None, file });
+        }
+    }
+    if scenes.is_empty() {
+        for subset in &folders {
+            for name in folders_in(&path.join(subset))? {
+                if let Some(file) = transforms_in(&path.join(subset).join(&name), prefer_gaussian_splat) {
+                    scenes.push(SceneFile { key: format!("dl3dv_{name}"), subset: Some(subset.clone()), file });
+                }
+            }
+        }
+    }
+    scenes.sort_unstable();
+    scenes.dedup_by(|later, earlier| later.key == earlier.key);
+    Ok(scenes)
+}
+
+fn folders_in(path: &Path) -> Result<Vec<String>, SceneError> {
+    Ok(list(path)?.into_iter().filter_map(|(name, is_folder)| is_folder.then_some(name)).collect())
+}
+
+fn transforms_in(folder: &Path, prefer_gaussian_splat: bool) -> Option<PathBuf> {
+    let mut variants = VARIANTS;
+    if prefer_gaussian_splat {
+        variants.swap(1, 2);
+    }
+    variants.iter().map(|variant| folder.join(variant).join("transforms.json")).find(|file| file.is_file())
+}
+
+/// The name of the scene's folder, looking past DL3DV's variants.
+fn key_of(file: &Path) -> String {
+    let absolute = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
+    let folder = absolute.parent().unwrap_or(&absolute);
+    let name = last_name(folder);
+    match folder.parent() {
+        Some(scene) if VARIANTS.contains(&name.as_str()) => last_name(scene),
+        _ => name,
+    }
+}

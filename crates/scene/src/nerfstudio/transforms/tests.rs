@@ -1,0 +1,300 @@
+use super::*;
+use crate::nerfstudio::{Focal, NerfstudioOptions, NerfstudioScenes};
+use crate::{Picture, PictureFolder, Scene, SceneSource, WarningKind, Warnings};
+use atsplat_camera::{Distortion, ImageSize};
+use atsplat_numeric::Tolerance;
+use proptest::prelude::*;
+use serde_json::json;
+use std::fs;
+
+const IDENTITY: [[f64; 4]; 4] =
+    [[1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 0.0, 2.0], [0.0, 0.0, 1.0, 3.0], [0.0, 0.0, 0.0, 1.0]];
+
+fn frame(file_path: &str) -> Value {
+    json!({ "file_path": file_path, "transform_matrix": IDENTITY })
+}
+
+fn transforms(change: impl FnOnce(&mut Value)) -> Value {
+    let mut root = json!({ "w": 200, "h": 100, "fl_x": 100, "fl_y": 110, "cx": 100, "cy": 50, "frames": [frame("images/f_1.png")] });
+    change(&mut root);
+    root
+}
+
+fn parse(root: &Value) -> Result<Transforms, SceneError> {
+    parse_transforms(root.to_string().as_bytes(), Path::new("transforms.json"))
+}
+
+fn message(root: &Value) -> String {
+    parse(root).unwrap_err().to_string()
+}
+
+/// Loads `root` as a scene in a folder that holds `files`.
+fn load(root: &Value, files: &[&str], pictures: PictureFolder) -> Result<(Scene, Warnings), SceneError> {
+    load_with(root, files, NerfstudioOptions { pictures, ..NerfstudioOptions::default() })
+}
+
+fn load_with(root: &Value, files: &[&str], options: NerfstudioOptions) -> Result<(Scene, Warnings), SceneError> {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("transforms.json"), root.to_string()).unwrap();
+    for file in files {
+        let path = folder.path().join(file);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        let picture = image_bytes(8, 6);
+        fs::write(path, picture).unwrap();
+    }
+    let source = NerfstudioScenes::open(folder.path(), options).unwrap();
+    let mut warnings = Warnings::new();
+    let scene = source.load(&source.keys()[0], &mut warnings)?;
+    Ok((scene, warnings))
+}
+
+/// The smallest PNG of a size, black, by hand: the header is all that is read of it here.
+fn image_bytes(width: u32, height: u32) -> Vec<u8> {
+    let mut header = b"IHDR".to_vec();
+    header.extend(width.to_be_bytes());
+    header.extend(height.to_be_bytes());
+    header.extend([8, 2, 0, 0, 0]);
+    let mut bytes = b"\x89PNG\r\n\x1a\n\x00\x00\x00\x0d".to_vec();
+    bytes.extend(&header);
+    bytes.extend(crc32(&header).to_be_bytes());
+    bytes
+}
+
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(!0u32, |crc, byte| {
+        (0..8).fold(crc ^ u32::from(*byte), |crc, _| (crc >> 1) ^ (0xedb8_8320 & (crc & 1).wrapping_neg()))
+    })
+}
+
+fn file_name(picture: &Picture) -> &str {
+    match picture {
+        Picture::File(path) | Picture::Missing(path) => path.file_name().unwrap().to_str().unwrap(),
+        _ => "",
+    }
+}
+
+#[test]
+fn opengl_axes_become_opencv_axes_and_the_world_stays() {
+    let scene = parse(&transforms(|_| ())).unwrap();
+    let pose = scene.frames[0].world_from_camera;
+    assert_eq!(pose.centre().to_array(), [1.0, 2.0, 3.0]);
+    assert_eq!(pose.forward().to_array(), [0.0, 0.0, -1.0]);
+    assert_eq!(pose.down().to_array(), [0.0, -1.0, 0.0]);
+}
+
+#[test]
+fn intrinsics_are_divided_by_the_stated_size_whatever_the_pictures() {
+    let root = transforms(|root| root["w"] = json!(200.0));
+    for pictures in [PictureFolder::Listed, PictureFolder::Downscaled(8)] {
+        let (scene, warnings) = load(&root, &["images/f_1.png", "images_8/f_1.png"], pictures).unwrap();
+        let frame = &scene.frames[0];
+        let k = frame.camera.intrinsics;
+        Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 1.1, 0.5, 0.5], "normalised");
+        let listed = pictures == PictureFolder::Listed;
+        assert_eq!(frame.stated_size, listed.then_some(ImageSize { width: 200, height: 100 }));
+        assert_eq!(frame.timestamp_micros, Some(1));
+        assert_eq!(warnings.total(), 0, "{:?}", warnings.kept());
+    }
+}
+
+#[test]
+fn a_frame_s_own_intrinsics_win() {
+    let root = transforms(|root| {
+        root["frames"] = json!([frame("images/a.png"), frame("images/b.png")]);
+        root["frames"][1]["fl_x"] = json!(50);
+        root["frames"][1]["cx"] = json!(80);
+    });
+    let (scene, _) = load(&root, &[], PictureFolder::Listed).unwrap();
+    let [a, b] = [0, 1].map(|at: usize| scene.frames[at].camera.intrinsics);
+    Tolerance::F64.assert([a.fx, a.fy, a.cx], [0.5, 1.1, 0.5], "global");
+    Tolerance::F64.assert([b.fx, b.fy, b.cx], [0.25, 0.5, 0.4], "own fl_x for both axes, own cx, global cy");
+}
+
+#[test]
+fn angles_give_focal_lengths() {
+    let root = json!({ "camera_angle_x": std::f64::consts::FRAC_PI_2, "frames": [frame("./train/r_0")] });
+    let (scene, warnings) = load(&root, &["train/r_0.png"], PictureFolder::Listed).unwrap();
+    let frame = &scene.frames[0];
+    let k = frame.camera.intrinsics;
+    Tolerance::F64.assert(
+        [k.fx, k.fy, k.cx, k.cy],
+        [0.5, 0.5 * 8.0 / 6.0, 0.5, 0.5],
+        "square pixels of an 8×6 picture",
+    );
+    assert_eq!((file_name(&frame.picture), frame.name.as_str()), ("r_0.png", "r_0"));
+    assert_eq!(warnings.total(), 0, "a name without extension is a dialect: {:?}", warnings.kept());
+
+    let degrees = transforms(|root| {
+        let fields = root.as_object_mut().unwrap();
+        fields.remove("fl_x");
+        fields.remove("fl_y");
+        fields.insert("x_fov".to_owned(), json!(90.0));
+        fields.insert("camera_angle_y".to_owned(), json!(std::f64::consts::FRAC_PI_2));
+    });
+    let (scene, _) = load(&degrees, &[], PictureFolder::Listed).unwrap();
+    let k = scene.frames[0].camera.intrinsics;
+    Tolerance::F64.assert([k.fx, k.fy], [0.5, 0.5], "instant-ngp's two spellings");
+}
+
+#[test]
+fn pixel_lengths_win_over_angles() {
+    let root = transforms(|root| root["camera_angle_x"] = json!(1.0));
+    assert_eq!(parse(&root).unwrap().lens.focal_x, Some(Focal::Pixels(100.0)));
+}
+
+#[test]
+fn a_size_that_nothing_states_is_an_error() {
+    let root = json!({ "camera_angle_x": 1.0, "frames": [frame("train/r_0")] });
+    let error = load(&root, &[], PictureFolder::Listed).unwrap_err().to_string();
+    assert!(error.contains("frames[0]") && error.contains("size of the pictures"), "{error}");
+    let downscaled = load(&root, &["train_8/r_0.png"], PictureFolder::Downscaled(8));
+    assert!(downscaled.is_err(), "a downscaled picture does not have the listed size");
+}
+
+#[test]
+fn lenses() {
+    let lens = |fields: Value| {
+        let root = transforms(|root| root.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone()));
+        load(&root, &[], PictureFolder::Listed).map(|(scene, _)| scene.frames[0].camera.distortion)
+    };
+    let open_cv = |k1, k2, k3, p1, p2| Distortion::OpenCv { k1, k2, k3, p1, p2 };
+    assert_eq!(lens(json!({ "camera_model": "OPENCV", "k1": 0, "p1": 0 })).unwrap(), Distortion::None);
+    assert_eq!(
+        lens(json!({ "k1": 0.1, "k2": 0.2, "k3": 0.3, "p1": 0.4, "p2": 0.5 })).unwrap(),
+        open_cv(0.1, 0.2, 0.3, 0.4, 0.5)
+    );
+    assert_eq!(lens(json!({ "camera_model": "SIMPLE_RADIAL", "k1": 0.1 })).unwrap(), open_cv(0.1, 0.0, 0.0, 0.0, 0.0));
+    assert_eq!(lens(json!({ "camera_model": "PINHOLE", "k1": 0.1 })).unwrap(), open_cv(0.1, 0.0, 0.0, 0.0, 0.0));
+    let fisheye = Distortion::Fisheye { k: [0.1, 0.2, 0.3, 0.4] };
+    let k = json!({ "k1": 0.1, "k2": 0.2, "k3": 0.3, "k4": 0.4 });
+    let with = |mut fields: Value, name: &str, value: Value| {
+        fields[name] = value;
+        fields
+    };
+    assert_eq!(lens(with(k.clone(), "camera_model", json!("OPENCV_FISHEYE"))).unwrap(), fisheye);
+    assert_eq!(lens(with(k.clone(), "is_fisheye", json!(true))).unwrap(), fisheye);
+    for (fields, model) in [
+        (k, "OPENCV"),
+        (json!({ "camera_model": "EQUIRECTANGULAR" }), "EQUIRECTANGULAR"),
+        (json!({ "camera_model": "OPENCV_FISHEYE", "p1": 0.1 }), "OPENCV_FISHEYE"),
+        (json!({ "ftheta_p0": 0.0 }), "FTheta"),
+    ] {
+        let error = lens(fields).unwrap_err();
+        assert!(matches!(&error, SceneError::UnsupportedCameraModel { model: found, .. } if found == model), "{error}");
+    }
+}
+
+#[test]
+fn pictures_elsewhere_are_found_and_counted_and_missing_ones_keep_their_place() {
+    let root =
+        transforms(|root| root["frames"] = json!(["a", "b", "c"].map(|name| frame(&format!("images/{name}.png")))));
+    let (scene, warnings) = load(&root, &["images/a.png", "images/c.JPG"], PictureFolder::Listed).unwrap();
+    assert!(matches!(scene.frames[0].picture, Picture::File(_)));
+    assert!(matches!(scene.frames[1].picture, Picture::Missing(_)));
+    assert_eq!(file_name(&scene.frames[2].picture), "c.JPG");
+    let counts: Vec<_> = warnings.counts().collect();
+    assert_eq!(counts, [(WarningKind::MissingPicture, 1), (WarningKind::PictureElsewhere, 1)]);
+}
+
+#[test]
+fn without_the_listed_folder_the_largest_copy_stands_in_and_is_reported() {
+    let (scene, warnings) =
+        load(&transforms(|_| ()), &["images_8/f_1.png", "images_4/f_1.png"], PictureFolder::Listed).unwrap();
+    let Picture::File(path) = &scene.frames[0].picture else { panic!("{:?}", scene.frames[0].picture) };
+    assert!(path.ends_with("images_4/f_1.png"), "{}", path.display());
+    assert_eq!(warnings.count(WarningKind::PictureElsewhere), 1);
+    assert_eq!(scene.frames[0].stated_size, None);
+}
+
+#[test]
+fn paths_out_of_the_scene_are_refused() {
+    for path in ["../../etc/passwd", "/etc/passwd", "images/../../x.png", r"..\x.png", ""] {
+        let root = transforms(|root| root["frames"][0]["file_path"] = json!(path));
+        let error = load(&root, &[], PictureFolder::Listed).unwrap_err();
+        assert!(matches!(error, SceneError::OutsideScene { .. }), "{path:?}: {error}");
+    }
+}
+
+#[test]
+fn messages_name_the_field() {
+    let cases: [(&str, fn(&mut Value)); 12] = [
+        ("frames[0].file_path: expected a picture's path, found nothing", |r| {
+            r["frames"][0].as_object_mut().unwrap().remove("file_path");
+        }),
+        ("frames[0].file_path: expected text, found 7", |r| r["frames"][0]["file_path"] = json!(7)),
+        ("frames[0].transform_matrix: expected 3 or 4 rows, found 2", |r| {
+            r["frames"][0]["transform_matrix"] = json!([[1, 0, 0, 0], [0, 1, 0, 0]]);
+        }),
+        ("frames[0].transform_matrix[1]: expected a row of 4 numbers, found a list of 3", |r| {
+            r["frames"][0]["transform_matrix"][1] = json!([1, 2, 3]);
+        }),
+        ("frames[0].transform_matrix[2][3]: expected a number, found \"x\"", |r| {
+            r["frames"][0]["transform_matrix"][2][3] = json!("x");
+        }),
+        ("frames[0].transform_matrix[3]: expected the row 0 0 0 1, found 0 0 0 2", |r| {
+            r["frames"][0]["transform_matrix"][3][3] = json!(2);
+        }),
+        ("frames[0].transform_matrix: rotation: expected orthonormal rows", |r| {
+            r["frames"][0]["transform_matrix"][0][0] = json!(-1);
+        }),
+        ("frames: expected at least one frame", |r| r["frames"] = json!([])),
+        ("frames: expected a list, found an object", |r| r["frames"] = json!({})),
+        ("frames[0]: expected an object, found 3", |r| r["frames"] = json!([3])),
+        ("w: expected a picture size in pixels, found 0", |r| r["w"] = json!(0)),
+        ("frames[0].camera_angle_x: expected an angle between 0 and 180°", |r| {
+            r["frames"][0]["camera_angle_x"] = json!(4);
+        }),
+    ];
+    for (expected, change) in cases {
+        let message = message(&transforms(change));
+        assert!(message.contains(expected), "{message}\nlacks {expected}");
+    }
+    let zero_focal = load(&transforms(|r| r["fl_x"] = json!(0)), &[], PictureFolder::Listed).unwrap_err();
+    assert!(matches!(zero_focal, SceneError::Camera { .. }), "{zero_focal}");
+}
+
+#[test]
+fn broken_json_names_the_line() {
+    for text in ["", "{\n\"frames\": [NaN]}", "{\"frames\"", "[[[[", "\u{0}", "{\n\n \"w\": 1e999}"] {
+        let error = parse_transforms(text.as_bytes(), Path::new("t.json")).unwrap_err().to_string();
+        assert!(error.contains("line ") || error.contains("top level"), "{error}");
+    }
+    let deep = "[".repeat(100_000);
+    assert!(parse_transforms(deep.as_bytes(), Path::new("t.json")).is_err());
+}
+
+#[test]
+fn the_applied_transform_is_kept_and_undone_only_when_asked() {
+    let applied = json!([[0, 1, 0, 5], [0, 0, 1, 6], [1, 0, 0, 7]]);
+    let root = transforms(|root| {
+        root["applied_transform"] = applied;
+        root["applied_scale"] = json!(2.0);
+    });
+    assert_eq!(parse(&root).unwrap().applied_transform.unwrap()[3], 5.0);
+    let centre = |undo_applied_transform| {
+        let options = NerfstudioOptions { undo_applied_transform, ..NerfstudioOptions::default() };
+        let (scene, _) = load_with(&root, &[], options).unwrap();
+        scene.frames[0].camera.camera_from_world.inverse().centre().to_array()
+    };
+    Tolerance::F64.assert(centre(false), [1.0, 2.0, 3.0], "as the papers take it");
+    // saved = 2 · (A · original + a), so original = Aᵀ · (saved / 2 − a).
+    let (x, y, z) = (0.5 - 5.0, 1.0 - 6.0, 1.5 - 7.0);
+    Tolerance::F64.assert(centre(true), [z, x, y], "undone");
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_give_a_value_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..300)) {
+        parse_transforms(&bytes, Path::new("t.json")).ok();
+    }
+
+    #[test]
+    fn any_cut_and_any_byte_give_a_value_or_an_error(cut in 0usize..400, at in 0usize..400, byte: u8) {
+        let mut text = transforms(|_| ()).to_string().into_bytes();
+        text.truncate(cut);
+        if let Some(slot) = text.get_mut(at) {
+            *slot = byte;
+        }
+        parse_transforms(&text, Path::new("t.json")).ok();
+    }
+}

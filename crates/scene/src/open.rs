@@ -1,0 +1,204 @@
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use serde::Serialize;
+
+use crate::colmap::{ColmapOptions, ColmapScenes, model_folders};
+use crate::files::{list, read_start};
+use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes, scene_files};
+use crate::re10k::{Re10kOptions, Re10kScenes, starts_like_a_trajectory, trajectory_files};
+use crate::torch::TorchChunks;
+use crate::{SceneError, SceneSource, Warnings};
+
+/// How much of a file is looked at to tell its format, in bytes.
+const PROBE: u64 = 1 << 16;
+
+/// A dataset's format, told from its content.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+#[non_exhaustive]
+pub enum Format {
+    /// RE10K trajectory text, one file or a folder, with or without frames.
+    Re10k,
+    /// pixelSplat's `.torch` chunks, one file or a folder.
+    TorchChunks,
+    /// `transforms.json` of nerfstudio, DL3DV, instant-ngp or Blender's synthetic scenes.
+    Nerfstudio,
+    /// A COLMAP sparse model, text or binary.
+    Colmap,
+}
+
+impl Format {
+    /// Stable name for reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Re10k => "re10k",
+            Self::TorchChunks => "torch-chunks",
+            Self::Nerfstudio => "nerfstudio",
+            Self::Colmap => "colmap",
+        }
+    }
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+/// Options of every format, of which the sniffed one takes its own.
+#[derive(Clone, Debug, Default)]
+pub struct OpenOptions {
+    /// For [`Format::Re10k`].
+    pub re10k: Re10kOptions,
+    /// For [`Format::Nerfstudio`].
+    pub nerfstudio: NerfstudioOptions,
+    /// For [`Format::Colmap`].
+    pub colmap: ColmapOptions,
+}
+
+/// A dataset whose format is known; scenes are loaded through it.
+pub struct Dataset {
+    /// What it turned out to be.
+    pub format: Format,
+    /// What was opened.
+    pub path: PathBuf,
+    source: Box<dyn SceneSource>,
+}
+
+impl fmt::Debug for Dataset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Dataset({}, {} scenes, {})", self.format, self.source.keys().len(), self.path.display())
+    }
+}
+
+impl SceneSource for Dataset {
+    fn keys(&self) -> &[String] {
+        self.source.keys()
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<crate::Scene, SceneError> {
+        self.source.load(key, warnings)
+    }
+}
+
+/// Opens a file or folder as the dataset it holds, with default options.
+///
+/// # Errors
+/// As [`open_with`].
+pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, SceneError> {
+    open_with(path, &OpenOptions::default(), warnings)
+}
+
+/// Opens a file or folder as the dataset it holds.
+///
+/// The format is told from content, not from the name: a file by its first bytes, a folder by the files
+/// that a format cannot do without. Of several in one folder the order is chunks, `transforms.json`, a
+/// COLMAP model, trajectories. No scene is read yet.
+///
+/// # Errors
+/// [`SceneError::Io`]; [`SceneError::Unrecognized`] naming what was looked for.
+pub fn open_with(
+    path: impl AsRef<Path>,
+    options: &OpenOptions,
+    warnings: &mut Warnings,
+) -> Result<Dataset, SceneError> {
+    let path = path.as_ref();
+    std::fs::metadata(path).map_err(SceneError::io("opening a dataset", path))?;
+    let start = if path.is_dir() { None } else { Some(read_start("opening a dataset", path, PROBE)?) };
+    for entry in REGISTRY {
+        let place = match &start {
+            Some(start) => (entry.file)(path, start),
+            None => (entry.folder)(path)?.then(|| path.to_owned()),
+        };
+        if let Some(place) = place {
+            let source = (entry.open)(&place, options, warnings)?;
+            return Ok(Dataset { format: entry.format, path: path.to_owned(), source });
+        }
+    }
+    Err(SceneError::Unrecognized {
+        expected: "RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model".to_owned(),
+        found: if start.is_some() { "a file of another kind" } else { "a folder without any" }.to_owned(),
+        path: path.to_owned(),
+    })
+}
+
+/// How one format is told and opened.
+struct Entry {
+    format: Format,
+    /// What to open where a file that starts like this belongs to the format.
+    file: fn(&Path, &[u8]) -> Option<PathBuf>,
+    folder: fn(&Path) -> Result<bool, SceneError>,
+    open: Opener,
+}
+
+type Opener = fn(&Path, &OpenOptions, &mut Warnings) -> Result<Box<dyn SceneSource>, SceneError>;
+
+const REGISTRY: [Entry; 4] = [
+    Entry {
+        format: Format::TorchChunks,
+        file: |path, start| is_chunk(start).then(|| path.to_owned()),
+        folder: holds_chunks,
+        open: |path, _, warnings| Ok(Box::new(TorchChunks::open(path, warnings)?)),
+    },
+    Entry {
+        format: Format::Nerfstudio,
+        file: |path, start| is_json_object(start).then(|| path.to_owned()),
+        folder: |path| Ok(!scene_files(path, false)?.is_empty()),
+        open: |path, options, _| Ok(Box::new(NerfstudioScenes::open(path, options.nerfstudio)?)),
+    },
+    Entry {
+        format: Format::Colmap,
+        file: |path, _| model_around(path),
+        folder: |path| Ok(!model_folders(path)?.is_empty()),
+        open: |path, options, _| Ok(Box::new(ColmapScenes::open(path, options.colmap.clone())?)),
+    },
+    Entry {
+        format: Format::Re10k,
+        file: |path, start| starts_like_a_trajectory(start).then(|| path.to_owned()),
+        folder: holds_trajectories,
+        open: |path, options, _| Ok(Box::new(Re10kScenes::open(path, options.re10k.clone())?)),
+    },
+];
+
+/// A zip archive, or the magic number that `torch.save` pickled before it wrote archives.
+fn is_chunk(start: &[u8]) -> bool {
+    const LEGACY_MAGIC: [u8; 14] = [0x80, 0x02, 0x8a, 0x0a, 0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
+    start.starts_with(b"PK\x03\x04") || start.starts_with(&LEGACY_MAGIC)
+}
+
+/// Chunks lie in the folder, or in the `test` and `train` of pixelSplat's layout.
+fn holds_chunks(folder: &Path) -> Result<bool, SceneError> {
+    let is_chunk = |name: &str| Path::new(name).extension().is_some_and(|extension| extension == "torch");
+    for stage in ["", "test", "train"].map(|stage| folder.join(stage)) {
+        if stage.is_dir() && list(&stage)?.iter().any(|(name, is_folder)| !is_folder && is_chunk(name)) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+fn is_json_object(start: &[u8]) -> bool {
+    let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
+    start.trim_ascii_start().starts_with(b"{")
+}
+
+/// The model's folder where `file` is one of its files.
+fn model_around(file: &Path) -> Option<PathBuf> {
+    let is_part = matches!(file.file_stem()?.to_str()?, "cameras" | "images" | "points3D");
+    let folder = file.parent().filter(|folder| *folder != Path::new("")).unwrap_or_else(|| Path::new("."));
+    (is_part && !model_folders(folder).ok()?.is_empty()).then(|| folder.to_owned())
+}
+
+/// Whether one of a folder's first text files is a trajectory; a licence may lie beside them.
+fn holds_trajectories(folder: &Path) -> Result<bool, SceneError> {
+    for file in trajectory_files(folder)?.values().take(20) {
+        if starts_like_a_trajectory(&read_start("opening a dataset", file, PROBE)?) {
+            return Ok(true);
+        }
+    }
+    Ok(false)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,118 @@
+use super::*;
+use std::fs;
+
+const TRAJECTORY: &str = "https://youtu.be/x\n1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n";
+const TRANSFORMS: &str = r#"{"w": 4, "h": 3, "fl_x": 4, "frames": [{"file_path": "images/a_7.png",
+    "transform_matrix": [[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]}]}"#;
+
+fn folder_of(files: &[(&str, &[u8])]) -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+    folder
+}
+
+fn opened(files: &[(&str, &[u8])], below: &str) -> Result<(Format, Vec<String>), SceneError> {
+    let folder = folder_of(files);
+    let dataset = open(folder.path().join(below), &mut Warnings::new())?;
+    Ok((dataset.format, dataset.keys().to_vec()))
+}
+
+fn expect(files: &[(&str, &[u8])], below: &str, format: Format, keys: &[&str]) {
+    let (found, found_keys) = opened(files, below).unwrap();
+    assert_eq!(
+        (found, found_keys),
+        (format, keys.iter().map(|key| (*key).to_owned()).collect()),
+        "{files:?} {below:?}"
+    );
+}
+
+#[test]
+fn trajectories_are_told_from_other_text() {
+    let text = TRAJECTORY.as_bytes();
+    expect(&[("b.txt", text), ("a.txt", text)], "", Format::Re10k, &["a", "b"]);
+    expect(&[("b/b.txt", text), ("a/a.txt", text)], "", Format::Re10k, &["a", "b"]);
+    expect(&[("b.txt", text)], "b.txt", Format::Re10k, &["b"]);
+    expect(&[("trajectory.csv", text)], "trajectory.csv", Format::Re10k, &["trajectory"]);
+    assert!(matches!(opened(&[("notes.txt", b"hello world")], ""), Err(SceneError::Unrecognized { .. })));
+    assert!(matches!(opened(&[("notes.txt", b"hello world")], "notes.txt"), Err(SceneError::Unrecognized { .. })));
+}
+
+#[test]
+fn transforms_are_found_at_every_depth() {
+    let json = TRANSFORMS.as_bytes();
+    expect(&[("scene/transforms.json", json)], "scene", Format::Nerfstudio, &["scene"]);
+    expect(&[("scene/transforms.json", json)], "scene/transforms.json", Format::Nerfstudio, &["scene"]);
+    expect(&[("scene/poses.json", json)], "scene/poses.json", Format::Nerfstudio, &["scene"]);
+    expect(&[("h/nerfstudio/transforms.json", json)], "h", Format::Nerfstudio, &["h"]);
+    expect(&[("h/nerfstudio/transforms.json", json)], "h/nerfstudio", Format::Nerfstudio, &["h"]);
+    let two = [("b/gaussian_splat/transforms.json", json), ("a/nerfstudio/transforms.json", json)];
+    expect(&two, "", Format::Nerfstudio, &["a", "b"]);
+    expect(
+        &[("1K/a/transforms.json", json), ("2K/b/transforms.json", json)],
+        "",
+        Format::Nerfstudio,
+        &["dl3dv_a", "dl3dv_b"],
+    );
+}
+
+#[test]
+fn the_variant_of_a_dl3dv_scene_is_a_choice() {
+    let folder = folder_of(&[
+        ("h/nerfstudio/transforms.json", TRANSFORMS.as_bytes()),
+        ("h/gaussian_splat/transforms.json", TRANSFORMS.replace("a_7", "a_8").as_bytes()),
+    ]);
+    for (prefer_gaussian_splat, name) in [(false, "a_7"), (true, "a_8")] {
+        let nerfstudio = NerfstudioOptions { prefer_gaussian_splat, ..NerfstudioOptions::default() };
+        let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
+        let dataset = open_with(folder.path(), &options, &mut Warnings::new()).unwrap();
+        assert_eq!(dataset.load("h", &mut Warnings::new()).unwrap().frames[0].name, name);
+    }
+}
+
+#[test]
+fn colmap_models_are_found_where_captures_keep_them() {
+    let model = |folder: &str| -> Vec<(String, &[u8])> {
+        vec![
+            (format!("{folder}/cameras.txt"), b"1 PINHOLE 4 3 4 4 2 1.5\n"),
+            (format!("{folder}/images.txt"), b"1 1 0 0 0 0 0 0 1 a.png\n\n"),
+        ]
+    };
+    for (folder, below, key) in [
+        ("desk/sparse/0", "desk", "desk"),
+        ("desk/sparse/0", "desk/sparse/0", "desk"),
+        ("desk/sparse/0", "desk/sparse/0/images.txt", "desk"),
+        ("desk/sparse/0", "", "desk"),
+        ("desk/colmap/sparse/0", "desk", "desk"),
+        ("desk/sparse", "desk", "desk"),
+        ("desk", "desk", "desk"),
+    ] {
+        let files = model(folder);
+        let files: Vec<_> = files.iter().map(|(name, bytes)| (name.as_str(), *bytes)).collect();
+        expect(&files, below, Format::Colmap, &[key]);
+    }
+}
+
+#[test]
+fn chunks_are_told_by_their_first_bytes() {
+    assert!(is_chunk(b"PK\x03\x04rest"));
+    assert!(is_chunk(b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.\x80\x02M"));
+    assert!(!is_chunk(b"\x80\x02}q\x00"), "any other pickle");
+}
+
+#[test]
+fn nothing_there_and_nothing_known_are_errors() {
+    assert!(matches!(open("/nowhere/at/all", &mut Warnings::new()), Err(SceneError::Io { .. })));
+    assert!(matches!(opened(&[], ""), Err(SceneError::Unrecognized { .. })));
+    assert!(matches!(opened(&[("x.bin", &[0; 64])], "x.bin"), Err(SceneError::Unrecognized { .. })));
+}
+
+#[test]
+fn names_are_what_json_says() {
+    for format in [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap] {
+        assert_eq!(serde_json::to_string(&format).unwrap(), format!("{:?}", format.name()));
+    }
+}

@@ -1,0 +1,157 @@
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use crate::files::PictureListing;
+use crate::{Picture, Scene, SceneError, WarningKind, Warnings};
+
+/// How the pictures of a clip are named.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Naming {
+    /// `<timestamp>.jpg`, as `real_estate_10k_tools` writes (`src/convert.py:69-73`).
+    Timestamp,
+    /// Row `i` is picture `first + i`.
+    Numbered { first: i64 },
+}
+
+/// Gives each frame its picture from the first of `folders` that holds pictures.
+///
+/// Where there is no such folder the trajectory came alone and the frames stay [`Picture::Absent`].
+/// Where there is one, a frame without a file keeps its position as [`Picture::Missing`] and is counted.
+pub(super) fn attach_pictures(
+    scene: &mut Scene,
+    folders: &[PathBuf],
+    warnings: &mut Warnings,
+) -> Result<(), SceneError> {
+    let Some(listing) = first_with_pictures(folders)? else { return Ok(()) };
+    let numbers: BTreeMap<i64, &str> = listing.stems().filter_map(|stem| Some((number_of(stem)?, stem))).collect();
+    let naming = naming(scene, &numbers, warnings);
+    for (row, frame) in scene.frames.iter_mut().enumerate() {
+        let number = match naming {
+            Naming::Timestamp => frame.timestamp_micros,
+            Naming::Numbered { first } => i64::try_from(row).ok().map(|row| row.saturating_add(first)),
+        };
+        let found = number.and_then(|number| listing.by_stem(numbers.get(&number)?));
+        frame.picture = if let Some(path) = found {
+            Picture::File(path)
+        } else {
+            let stem = match naming {
+                Naming::Timestamp => frame.name.clone(),
+                Naming::Numbered { first } => format!("{:05}", first.saturating_add_unsigned(row as u64)),
+            };
+            let path = listing.expected(&stem);
+            warnings.push(WarningKind::MissingPicture, &scene.key, format!("frame {row}: no {}", path.display()));
+            Picture::Missing(path)
+        };
+    }
+    Ok(())
+}
+
+/// The first folder with pictures in it; failing that, the first that is there at all.
+fn first_with_pictures(folders: &[PathBuf]) -> Result<Option<PictureListing>, SceneError> {
+    let mut empty = None;
+    for folder in folders {
+        match PictureListing::read(folder)? {
+            Some(listing) if listing.stems().next().is_some() => return Ok(Some(listing)),
+            Some(listing) => empty = empty.or(Some(listing)),
+            None => {}
+        }
+    }
+    Ok(empty)
+}
+
+/// The number that a stem ends with, after its last underscore: `00012`, `frame_00012`, `45979267`.
+fn number_of(stem: &str) -> Option<i64> {
+    let digits = stem.rsplit('_').next()?;
+    digits.bytes().all(|byte| byte.is_ascii_digit()).then(|| digits.parse().ok())?
+}
+
+/// Whichever naming finds more pictures; timestamps where they tie.
+///
+/// Numbers count from 0 where a picture 0 exists, else from 1. That is certain where either picture 0 or
+/// picture `rows` exists but not both; otherwise the guess is reported.
+fn naming(scene: &Scene, numbers: &BTreeMap<i64, &str>, warnings: &mut Warnings) -> Naming {
+    let has = |number: i64| numbers.contains_key(&number);
+    let rows = i64::try_from(scene.frames.len()).unwrap_or(i64::MAX);
+    let first = i64::from(!has(0));
+    let by_time = scene.frames.iter().filter(|frame| frame.timestamp_micros.is_some_and(has)).count();
+    let by_number = numbers.range(first..rows.saturating_add(first)).count();
+    if by_time >= by_number {
+        return Naming::Timestamp;
+    }
+    if has(0) == has(rows) {
+        let detail = format!(
+            "pictures {} to {} for {rows} rows: taken to count from {first}",
+            numbers.keys().next().copied().unwrap_or_default(),
+            numbers.keys().next_back().copied().unwrap_or_default()
+        );
+        warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
+    }
+    Naming::Numbered { first }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::re10k::parse_trajectory;
+    use std::path::Path;
+
+    fn scene() -> Scene {
+        let rows: String =
+            [0, 33_366, 66_733].map(|t| format!("{t} 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0\n")).concat();
+        parse_trajectory(rows.as_bytes(), Path::new("clip.txt")).unwrap().to_scene("clip")
+    }
+
+    fn attach(names: &[&str]) -> (Scene, Warnings) {
+        let folder = tempfile::tempdir().unwrap();
+        for name in names {
+            std::fs::write(folder.path().join(name), b"").unwrap();
+        }
+        let (mut scene, mut warnings) = (scene(), Warnings::new());
+        attach_pictures(&mut scene, &[folder.path().to_owned()], &mut warnings).unwrap();
+        (scene, warnings)
+    }
+
+    fn names(scene: &Scene) -> Vec<String> {
+        let name = |path: &Path| path.file_name().unwrap().to_string_lossy().into_owned();
+        let shown = |frame: &crate::Frame| match &frame.picture {
+            Picture::File(path) => name(path),
+            Picture::Missing(path) => format!("no {}", name(path)),
+            other => format!("{other:?}"),
+        };
+        scene.frames.iter().map(shown).collect()
+    }
+
+    #[test]
+    fn timestamps_find_their_frames_and_the_missing_keep_their_place() {
+        let (scene, warnings) = attach(&["66733.png", "0.png", "999.png"]);
+        assert_eq!(names(&scene), ["0.png", "no 33366.png", "66733.png"]);
+        assert_eq!((warnings.count(WarningKind::MissingPicture), warnings.total()), (1, 1));
+    }
+
+    #[test]
+    fn numbers_count_from_zero_or_one() {
+        for (files, first) in [(["00000.jpg", "00001.jpg", "00002.jpg"], 0), (["1.jpg", "2.jpg", "3.jpg"], 1)] {
+            let (scene, warnings) = attach(&files);
+            assert_eq!(names(&scene), files, "from {first}");
+            assert_eq!(warnings.total(), 0, "from {first}");
+        }
+    }
+
+    #[test]
+    fn numbers_that_fit_both_ways_are_reported() {
+        let (scene, warnings) = attach(&["frame_1.png", "frame_2.png"]);
+        assert_eq!(names(&scene), ["frame_1.png", "frame_2.png", "no 00003.png"]);
+        assert_eq!(warnings.count(WarningKind::AmbiguousNumbering), 1);
+    }
+
+    #[test]
+    fn an_empty_folder_misses_every_frame_and_no_folder_none() {
+        let (scene, warnings) = attach(&[]);
+        assert_eq!(names(&scene), ["no 0.jpg", "no 33366.jpg", "no 66733.jpg"]);
+        assert_eq!(warnings.count(WarningKind::MissingPicture), 3);
+        let (mut alone, mut warnings) = (self::scene(), Warnings::new());
+        attach_pictures(&mut alone, &[PathBuf::from("/nowhere")], &mut warnings).unwrap();
+        assert!(alone.frames.iter().all(|frame| matches!(frame.picture, Picture::Absent)));
+        assert_eq!(warnings.total(), 0);
+    }
+}

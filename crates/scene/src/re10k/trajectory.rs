@@ -1,0 +1,205 @@
+use std::path::Path;
+
+use atsplat_camera::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics};
+
+use crate::files::read_file;
+use crate::number::{Columns, parse_f64, parse_i64, shown};
+use crate::{Frame, Picture, Scene, SceneError};
+
+const FORMAT: &str = "RE10K trajectory";
+
+/// Names of the 19 columns, for messages.
+const COLUMNS: [&str; 19] = [
+    "timestamp",
+    "fx",
+    "fy",
+    "cx",
+    "cy",
+    "k1",
+    "k2", //
+    "r00",
+    "r01",
+    "r02",
+    "tx",
+    "r10",
+    "r11",
+    "r12",
+    "ty",
+    "r20",
+    "r21",
+    "r22",
+    "tz",
+];
+
+/// One RE10K trajectory file: the path of a camera through one clip of a video.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trajectory {
+    /// The first line where it is no row: the video's URL in official files, a `#` comment in others.
+    pub header: Option<String>,
+    /// Rows in the file's order, which is the order that evaluation indices count in.
+    pub rows: Vec<TrajectoryRow>,
+}
+
+/// One row of a trajectory.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TrajectoryRow {
+    /// Presentation time in the video, in microseconds.
+    pub timestamp_micros: i64,
+    /// In units of the picture's width and height.
+    pub intrinsics: NormalizedIntrinsics,
+    /// Columns 6 and 7: slots for radial distortion, zero in RE10K, which no loader of the field reads.
+    pub radial: [f64; 2],
+    /// World to camera, OpenCV axes, kept as printed.
+    pub camera_from_world: CameraFromWorld,
+}
+
+/// Reads and parses one trajectory file.
+///
+/// # Errors
+/// [`SceneError::Io`], and as [`parse_trajectory`].
+pub fn read_trajectory(path: &Path) -> Result<Trajectory, SceneError> {
+    parse_trajectory(&read_file("reading a trajectory", path)?, path)
+}
+
+/// Parses the text of an RE10K trajectory; `path` is for messages only.
+///
+/// An optional first line (the video's URL, or a comment), then rows of 19 blank-separated columns:
+/// `timestamp` in microseconds, `fx fy cx cy` normalised, two unused slots, and the row-major 3×4
+/// world-to-camera matrix with OpenCV axes (`real_estate_10k_tools` `src/convert.py:76-97`; pixelSplat
+/// `src/dataset/dataset_re10k.py:179-197`).
+///
+/// A byte order mark, carriage returns, blank lines and trailing blanks are accepted. The first line is
+/// a header if it starts with `#`, holds `://`, or is a single word that is no number; pixelSplat's
+/// converter skips the first line whatever it is, so a file without a header loses a row there and
+/// not here. Numbers are exactly what `str::parse::<f64>` makes of them.
+///
+/// # Errors
+/// [`SceneError::Malformed`] with line and column, [`SceneError::Camera`] for a row that is no camera.
+pub fn parse_trajectory(text: &[u8], path: &Path) -> Result<Trajectory, SceneError> {
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    let mut trajectory = Trajectory { header: None, rows: Vec::new() };
+    for (index, line) in text.split(|byte| *byte == b'\n').enumerate() {
+        if index == 0 && is_header(line) {
+            trajectory.header = Some(String::from_utf8_lossy(line.trim_ascii()).into_owned());
+            continue;
+        }
+        if !line.trim_ascii().is_empty() {
+            let row = parse_row(line).map_err(|problem| problem.at(index + 1, path))?;
+            trajectory.rows.push(row);
+        }
+    }
+    if trajectory.rows.is_empty() {
+        return Err(SceneError::Malformed {
+            format: FORMAT,
+            path: path.to_owned(),
+            location: "whole file".to_owned(),
+            expected: "at least one row of 19 columns".to_owned(),
+            found: format!("none in {} bytes", text.len()),
+        });
+    }
+    Ok(trajectory)
+}
+
+impl Trajectory {
+    /// Where the video came from, if the header says so.
+    pub fn url(&self) -> Option<&str> {
+        self.header.as_deref().filter(|header| !header.starts_with('#'))
+    }
+
+    /// The scene without pictures; frames are named by their timestamps.
+    pub fn to_scene(&self, key: &str) -> Scene {
+        let frame = |row: &TrajectoryRow| Frame {
+            name: row.timestamp_micros.to_string(),
+            timestamp_micros: Some(row.timestamp_micros),
+            camera: Camera::pinhole(row.camera_from_world, row.intrinsics),
+            stated_size: None,
+            picture: Picture::Absent,
+        };
+        Scene { key: key.to_owned(), url: self.url().map(str::to_owned), frames: self.rows.iter().map(frame).collect() }
+    }
+}
+
+/// Whether a file's first bytes hold a row of 19 numbers on the first or second line that is not blank.
+pub(crate) fn starts_like_a_trajectory(start: &[u8]) -> bool {
+    let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
+    let lines = start.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty());
+    lines.take(2).any(|line| split_row(line).is_ok_and(|row| row.iter().all(|column| parse_f64(column).is_some())))
+}
+
+/// A URL, a comment, or a bare video name; a line of numbers is never one, however broken.
+pub(super) fn is_header(line: &[u8]) -> bool {
+    let line = line.trim_ascii();
+    let mut columns = Columns::of(line);
+    let only = columns.next().filter(|_| columns.next().is_none());
+    line.starts_with(b"#")
+        || line.windows(3).any(|window| window == b"://")
+        || only.is_some_and(|word| parse_f64(word).is_none())
+}
+
+/// What is wrong with a row, before line and file are known.
+enum RowProblem {
+    Text { location: String, expected: &'static str, found: String },
+    Camera(CameraError),
+}
+
+impl RowProblem {
+    fn at(self, line: usize, path: &Path) -> SceneError {
+        match self {
+            Self::Text { location, expected, found } => SceneError::Malformed {
+                format: FORMAT,
+                path: path.to_owned(),
+                location: format!("line {line}{location}"),
+                expected: expected.to_owned(),
+                found,
+            },
+            Self::Camera(source) => {
+                SceneError::Camera { path: path.to_owned(), location: format!("line {line}"), source }
+            }
+        }
+    }
+}
+
+fn parse_row(line: &[u8]) -> Result<TrajectoryRow, RowProblem> {
+    let [timestamp, numbers @ ..] = split_row(line)?;
+    let timestamp_micros = parse_i64(timestamp).ok_or_else(|| bad_column(0, "whole microseconds", timestamp))?;
+    let mut values = [0.0; 18];
+    for (index, (value, token)) in values.iter_mut().zip(numbers).enumerate() {
+        *value = parse_f64(token).ok_or_else(|| bad_column(index + 1, "a number", token))?;
+    }
+    let [fx, fy, cx, cy, k1, k2, pose @ ..] = values;
+    for (index, slot) in [(5, k1), (6, k2)] {
+        if !slot.is_finite() {
+            return Err(bad_column(index, "a finite number", slot.to_string().as_bytes()));
+        }
+    }
+    Ok(TrajectoryRow {
+        timestamp_micros,
+        intrinsics: NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(RowProblem::Camera)?,
+        radial: [k1, k2],
+        camera_from_world: CameraFromWorld::from_rows(&pose).map_err(RowProblem::Camera)?,
+    })
+}
+
+fn split_row(line: &[u8]) -> Result<[&[u8]; 19], RowProblem> {
+    let mut row: [&[u8]; 19] = [&[]; 19];
+    let mut count = 0;
+    for token in Columns::of(line) {
+        if let Some(slot) = row.get_mut(count) {
+            *slot = token;
+        }
+        count += 1;
+    }
+    if count == row.len() {
+        return Ok(row);
+    }
+    let found = format!("{count}: {}", shown(line.trim_ascii()));
+    Err(RowProblem::Text { location: String::new(), expected: "19 columns", found })
+}
+
+fn bad_column(index: usize, expected: &'static str, token: &[u8]) -> RowProblem {
+    let name = COLUMNS.get(index).copied().unwrap_or_default();
+    RowProblem::Text { location: format!(", column {} ({name})", index + 1), expected, found: shown(token) }
+}
+
+#[cfg(test)]
+mod tests;

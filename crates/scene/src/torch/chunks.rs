@@ -1,0 +1,249 @@
+use std::collections::{BTreeSet, HashMap, HashSet};
+use std::path::{Component, Path, PathBuf};
+use std::sync::{Arc, Mutex, PoisonError};
+
+use indexmap::IndexMap;
+use rayon::prelude::*;
+
+use super::Chunk;
+use crate::camera_policy::report_cameras;
+use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
+
+const INDEX: &str = "index.json";
+const FORMAT: &str = "torch chunks";
+
+/// A folder of `.torch` chunks, with or without the `index.json` that says which chunk holds a scene
+/// (`real_estate_10k_tools` `src/generate_index.py`).
+///
+/// Scenes come in pixelSplat's order: by chunk file name, then as the chunk holds them. The last few
+/// chunks stay parsed, so that loading scenes in this order parses each chunk once.
+#[derive(Debug)]
+pub struct TorchChunks {
+    folder: PathBuf,
+    chunks: Vec<PathBuf>,
+    keys: Vec<String>,
+    /// Position in `chunks`, by key.
+    chunk_of: HashMap<String, usize>,
+    recent: Mutex<Recent>,
+}
+
+impl TorchChunks {
+    /// Finds the scenes under `path`: a chunk, a folder of chunks, or a dataset whose chunks lie in
+    /// `test` (preferred, because this toolkit evaluates) or `train`.
+    ///
+    /// Without an `index.json` every chunk's list is read, though none of its pictures. A scene whose
+    /// chunk is missing, a chunk that the index does not name and a chunk that cannot be read are left
+    /// out with a warning.
+    ///
+    /// # Errors
+    /// [`SceneError::Io`] where the folder cannot be listed, [`SceneError::Malformed`] where there are no
+    /// chunks, or `index.json` is broken or reaches outside its folder; for a single chunk, whatever is
+    /// wrong with it.
+    pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Self, SceneError> {
+        let path = path.as_ref();
+        if path.is_file() {
+            let chunk = Chunk::open(path, warnings)?;
+            let keys = chunk.keys().iter().map(|key| (key.clone(), 0)).collect();
+            return Ok(Self::new(path.to_owned(), vec![path.to_owned()], keys, true));
+        }
+        let folder = stage(path)?;
+        let found = chunks_in(&folder)?;
+        let index = folder.join(INDEX);
+        if index.is_file() {
+            Self::indexed(folder, &index, &found, warnings)
+        } else {
+            Ok(Self::scanned(folder, found, warnings))
+        }
+    }
+
+    fn new(folder: PathBuf, chunks: Vec<PathBuf>, scenes: Vec<(String, usize)>, reported: bool) -> Self {
+        let keys = scenes.iter().map(|(key, _)| key.clone()).collect();
+        let recent = Mutex::new(Recent { chunks: Vec::new(), reported: vec![reported; chunks.len()] });
+        Self { folder, chunks, keys, chunk_of: scenes.into_iter().collect(), recent }
+    }
+
+    fn indexed(folder: PathBuf, index: &Path, found: &[PathBuf], warnings: &mut Warnings) -> Result<Self, SceneError> {
+        let mut entries: Vec<(String, PathBuf)> = Vec::new();
+        for (key, chunk) in read_index(index)? {
+            let chunk = inside(&folder, &chunk).ok_or_else(|| SceneError::Malformed {
+                format: FORMAT,
+                path: index.to_owned(),
+                location: format!("key {key:?}"),
+                expected: "the name of a chunk in this folder".to_owned(),
+                found: format!("{chunk:?}"),
+            })?;
+            entries.push((key, chunk));
+        }
+        let named: BTreeSet<PathBuf> = entries.iter().map(|(_, chunk)| chunk.clone()).collect();
+        let chunks: Vec<PathBuf> = named.into_iter().filter(|chunk| chunk.is_file()).collect();
+        for stray in found.iter().filter(|chunk| chunks.binary_search(chunk).is_err()) {
+            let detail = format!("{INDEX} names no scene of this chunk");
+            warnings.push(WarningKind::UnindexedChunk, stray.display().to_string(), detail);
+        }
+        let mut scenes = Vec::with_capacity(entries.len());
+        for (key, chunk) in entries {
+            if let Ok(position) = chunks.binary_search(&chunk) {
+                scenes.push((key, position));
+            } else {
+                let detail = format!("{INDEX} places it in {}, which is missing", chunk.display());
+                warnings.push(WarningKind::SceneNotFound, key, detail);
+            }
+        }
+        // Stable: within a chunk the index keeps the order in which its maker met the scenes.
+        scenes.sort_by_key(|(_, position)| *position);
+        Ok(Self::new(folder, chunks, scenes, false))
+    }
+
+    fn scanned(folder: PathBuf, chunks: Vec<PathBuf>, warnings: &mut Warnings) -> Self {
+        let listed: Vec<(Result<Vec<String>, SceneError>, Warnings)> = chunks
+            .par_iter()
+            .map(|path| {
+                let mut warnings = Warnings::new();
+                let keys = Chunk::open(path, &mut warnings).map(|chunk| chunk.keys().to_vec());
+                (keys, warnings)
+            })
+            .collect();
+        let mut scenes: Vec<(String, usize)> = Vec::new();
+        let mut seen = HashSet::new();
+        for (position, ((keys, from_chunk), path)) in listed.into_iter().zip(&chunks).enumerate() {
+            warnings.merge(from_chunk);
+            match keys {
+                Ok(keys) => {
+                    for key in keys {
+                        if seen.insert(key.clone()) {
+                            scenes.push((key, position));
+                        } else {
+                            let detail =
+                                format!("an earlier chunk holds this key too, so {} is not used", path.display());
+                            warnings.push(WarningKind::UnreadableScene, key, detail);
+                        }
+                    }
+                }
+                Err(error) => {
+                    warnings.push(WarningKind::UnreadableScene, path.display().to_string(), error.to_string());
+                }
+            }
+        }
+        Self::new(folder, chunks, scenes, true)
+    }
+
+    /// The chunk files that hold scenes, in the order they are read.
+    pub fn chunks(&self) -> &[PathBuf] {
+        &self.chunks
+    }
+
+    fn chunk(&self, position: usize, path: &Path, warnings: &mut Warnings) -> Result<Arc<Chunk>, SceneError> {
+        if let Some(chunk) = self.recent.lock().unwrap_or_else(PoisonError::into_inner).get(position) {
+            return Ok(chunk);
+        }
+        // Parsed outside the lock: two threads may parse one chunk at once, which costs less than waiting.
+        let mut from_chunk = Warnings::new();
+        let chunk = Arc::new(Chunk::open(path, &mut from_chunk)?);
+        if self.recent.lock().unwrap_or_else(PoisonError::into_inner).put(position, &chunk) {
+            warnings.merge(from_chunk);
+        }
+        Ok(chunk)
+    }
+}
+
+impl SceneSource for TorchChunks {
+    fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.folder.clone() };
+        let position = *self.chunk_of.get(key).ok_or_else(unknown)?;
+        let path = self.chunks.get(position).ok_or_else(unknown)?;
+        let scene = self.chunk(position, path, warnings)?.load(key)?;
+        report_cameras(&scene, warnings);
+        Ok(scene)
+    }
+}
+
+/// The chunks used last, the latest at the end.
+#[derive(Debug)]
+struct Recent {
+    chunks: Vec<(usize, Arc<Chunk>)>,
+    /// Whether a chunk's own warnings have been handed on already.
+    reported: Vec<bool>,
+}
+
+impl Recent {
+    /// A map and a list of scenes each: enough for every thread of a machine to be in another chunk.
+    const KEPT: usize = 32;
+
+    fn get(&mut self, position: usize) -> Option<Arc<Chunk>> {
+        let at = self.chunks.iter().position(|(held, _)| *held == position)?;
+        let entry = self.chunks.remove(at);
+        let chunk = Arc::clone(&entry.1);
+        self.chunks.push(entry);
+        Some(chunk)
+    }
+
+    /// Keeps a chunk; whether its warnings are news.
+    fn put(&mut self, position: usize, chunk: &Arc<Chunk>) -> bool {
+        if self.get(position).is_none() {
+            if self.chunks.len() >= Self::KEPT {
+                self.chunks.remove(0);
+            }
+            self.chunks.push((position, Arc::clone(chunk)));
+        }
+        self.reported.get_mut(position).is_some_and(|reported| !std::mem::replace(reported, true))
+    }
+}
+
+/// The folder that holds chunks: `root` itself, its `test`, or its `train`.
+fn stage(root: &Path) -> Result<PathBuf, SceneError> {
+    for folder in [root.to_owned(), root.join("test"), root.join("train")] {
+        if folder == root || folder.is_dir() {
+            let holds_chunks = folder.join(INDEX).is_file() || !chunks_in(&folder)?.is_empty();
+            if holds_chunks {
+                return Ok(folder);
+            }
+        }
+    }
+    Err(SceneError::Malformed {
+        format: FORMAT,
+        path: root.to_owned(),
+        location: "folder".to_owned(),
+        expected: format!("*.torch or {INDEX}, here or in test or train"),
+        found: "neither".to_owned(),
+    })
+}
+
+/// The `.torch` files of a folder, sorted by name.
+fn chunks_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
+    let list = || -> std::io::Result<Vec<PathBuf>> {
+        let mut chunks = Vec::new();
+        for entry in std::fs::read_dir(folder)? {
+            let path = entry?.path();
+            if path.extension().is_some_and(|extension| extension == "torch") {
+                chunks.push(path);
+            }
+        }
+        chunks.sort();
+        Ok(chunks)
+    };
+    list().map_err(SceneError::io("listing chunks", folder))
+}
+
+fn read_index(path: &Path) -> Result<IndexMap<String, String>, SceneError> {
+    let bytes = std::fs::read(path).map_err(SceneError::io("reading a chunk index", path))?;
+    serde_json::from_slice(&bytes).map_err(|source| SceneError::Malformed {
+        format: FORMAT,
+        path: path.to_owned(),
+        location: format!("line {}, column {}", source.line(), source.column()),
+        expected: "an object of scene keys and chunk names".to_owned(),
+        found: source.to_string(),
+    })
+}
+
+/// `name` below `folder`; `None` where it would leave it.
+fn inside(folder: &Path, name: &str) -> Option<PathBuf> {
+    let relative = Path::new(name);
+    let mut parts = relative.components().peekable();
+    let stays = parts.peek().is_some() && parts.all(|part| matches!(part, Component::Normal(_)));
+    let portable = !name.contains('\\');
+    (stays && portable).then(|| folder.join(relative))
+}

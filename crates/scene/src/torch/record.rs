@@ -1,0 +1,200 @@
+use std::path::Path;
+
+use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+
+use super::error::shortened;
+use super::{Dict, TorchError, Value};
+use crate::{Frame, Picture, Scene, SceneError, SharedBytes, WarningKind, Warnings};
+
+/// Columns of a `cameras` row: fx fy cx cy, two unused, and a row-major 3×4 world-to-camera matrix.
+const CAMERA_COLUMNS: usize = 18;
+
+/// One scene as a chunk holds it: the dict that pixelSplat's loader reads
+/// (`src/dataset/dataset_re10k.py`; written by `real_estate_10k_tools` `src/convert.py:65-152`).
+///
+/// `timestamps`, `cameras` and `images` are of one length.
+#[derive(Clone, Debug)]
+pub struct ChunkScene {
+    /// The scene's name in evaluation indices.
+    pub key: String,
+    /// Where the video came from; empty where that is unknown.
+    pub url: String,
+    /// Microseconds since the start of the video for RE10K and ACID, frame numbers for DL3DV.
+    pub timestamps: Vec<i64>,
+    /// fx, fy, cx, cy in units of the picture's size, two zeros, and the row-major 3×4 world-to-camera
+    /// matrix with OpenCV axes. Chunks store f32.
+    pub cameras: Vec<[f64; CAMERA_COLUMNS]>,
+    /// Encoded pictures: JPEG for RE10K, PNG for DL3DV.
+    pub images: Vec<SharedBytes>,
+}
+
+impl ChunkScene {
+    pub(super) fn from_dict(key: &str, dict: &Dict) -> Result<Self, TorchError> {
+        let fields = Fields { key, dict };
+        let timestamps = fields.integers("timestamps")?;
+        let cameras = fields.camera_rows("cameras")?;
+        let images = fields.images("images")?;
+        let scene = Self { key: key.to_owned(), url: fields.optional_text("url")?, timestamps, cameras, images };
+        scene.require_equal_lengths()?;
+        Ok(scene)
+    }
+
+    pub(super) fn require_equal_lengths(&self) -> Result<(), TorchError> {
+        let frames = self.timestamps.len();
+        for (field, len) in [("cameras", self.cameras.len()), ("images", self.images.len())] {
+            if len != frames {
+                let expected = format!("{frames}, as many as timestamps");
+                return Err(TorchError::malformed(at(&self.key, field), expected, len.to_string()));
+            }
+        }
+        Ok(())
+    }
+
+    /// The scene with posed, undecoded frames, named by their timestamps.
+    ///
+    /// # Errors
+    /// [`SceneError::Camera`] where a row is no camera; `path` is the chunk, for the message.
+    pub fn to_scene(&self, path: &Path) -> Result<Scene, SceneError> {
+        let mut frames = Vec::with_capacity(self.timestamps.len());
+        let rows = self.timestamps.iter().zip(&self.cameras).zip(&self.images);
+        for (position, ((&timestamp, row), image)) in rows.enumerate() {
+            let camera = camera_from_row(row).map_err(|source| SceneError::Camera {
+                path: path.to_owned(),
+                location: format!("scene {:?}, frame {position}", shortened(&self.key)),
+                source,
+            })?;
+            frames.push(Frame {
+                name: timestamp.to_string(),
+                timestamp_micros: Some(timestamp),
+                camera,
+                stated_size: None,
+                picture: Picture::Encoded(image.clone()),
+            });
+        }
+        let url = (!self.url.is_empty()).then(|| self.url.clone());
+        Ok(Scene { key: self.key.clone(), url, frames })
+    }
+
+    /// What a chunk stores of a scene: pictures as they are encoded, cameras without their lens.
+    ///
+    /// A frame without a timestamp takes the number at the end of its name, as depthsplat does
+    /// (`src/scripts/convert_dl3dv_test.py`: the integer after the last `_` of the file stem).
+    ///
+    /// # Errors
+    /// [`SceneError::NoPicture`] for a frame without a picture or number, [`SceneError::Io`] where a
+    /// picture cannot be read.
+    pub fn from_scene(scene: &Scene, warnings: &mut Warnings) -> Result<Self, SceneError> {
+        let mut stored = Self {
+            key: scene.key.clone(),
+            url: scene.url.clone().unwrap_or_default(),
+            timestamps: Vec::with_capacity(scene.frames.len()),
+            cameras: Vec::with_capacity(scene.frames.len()),
+            images: Vec::with_capacity(scene.frames.len()),
+        };
+        let mut distorted = 0;
+        for (position, frame) in scene.frames.iter().enumerate() {
+            let lacking = |reason: String| SceneError::NoPicture { scene: scene.key.clone(), frame: position, reason };
+            let timestamp = frame.timestamp_micros.or_else(|| number_at_end(&frame.name));
+            let timestamp = timestamp
+                .ok_or_else(|| lacking(format!("expected a timestamp or a numbered name, found {:?}", frame.name)))?;
+            stored.images.push(match &frame.picture {
+                Picture::Encoded(bytes) => bytes.clone(),
+                Picture::File(file) => {
+                    SharedBytes::new(std::fs::read(file).map_err(SceneError::io("reading a picture", file))?)
+                }
+                Picture::Missing(file) => return Err(lacking(format!("no file {}", file.display()))),
+                Picture::Absent => return Err(lacking("the trajectory came without pictures".to_owned())),
+            });
+            stored.timestamps.push(timestamp);
+            stored.cameras.push(row_from_camera(&frame.camera));
+            distorted += usize::from(frame.camera.distortion != atsplat_camera::Distortion::None);
+        }
+        if distorted > 0 {
+            let detail = format!("a chunk has no place for the lens of {distorted} frames");
+            warnings.push(WarningKind::LensDistortion, &scene.key, detail);
+        }
+        Ok(stored)
+    }
+}
+
+fn camera_from_row(row: &[f64; CAMERA_COLUMNS]) -> Result<Camera, atsplat_camera::CameraError> {
+    let [fx, fy, cx, cy, _, _, pose @ ..] = *row;
+    Ok(Camera::pinhole(CameraFromWorld::from_rows(&pose)?, NormalizedIntrinsics::new(fx, fy, cx, cy)?))
+}
+
+fn row_from_camera(camera: &Camera) -> [f64; CAMERA_COLUMNS] {
+    let mut row = [0.0; CAMERA_COLUMNS];
+    let k = camera.intrinsics;
+    let pose = camera.camera_from_world.to_rows();
+    let numbers = [k.fx, k.fy, k.cx, k.cy, 0.0, 0.0].into_iter().chain(pose);
+    for (to, from) in row.iter_mut().zip(numbers) {
+        *to = from;
+    }
+    row
+}
+
+fn number_at_end(name: &str) -> Option<i64> {
+    name.rsplit('_').next()?.parse().ok()
+}
+
+fn at(key: &str, field: &str) -> String {
+    format!("scene {:?}, field {field}", shortened(key))
+}
+
+/// A scene's dict, with the scene's key for errors.
+struct Fields<'a> {
+    key: &'a str,
+    dict: &'a Dict,
+}
+
+impl Fields<'_> {
+    fn get(&self, field: &str, expected: &str) -> Result<&Value, TorchError> {
+        self.dict.get(field).ok_or_else(|| TorchError::malformed(at(self.key, field), expected, "no such field"))
+    }
+
+    fn wrong(&self, field: &str, expected: &str, found: &impl ToString) -> TorchError {
+        TorchError::malformed(at(self.key, field), expected, found.to_string())
+    }
+
+    fn optional_text(&self, field: &str) -> Result<String, TorchError> {
+        match self.dict.get(field) {
+            None | Some(Value::None) => Ok(String::new()),
+            Some(Value::Str(text)) => Ok(text.to_string()),
+            Some(other) => Err(self.wrong(field, "text", other)),
+        }
+    }
+
+    fn integers(&self, field: &str) -> Result<Vec<i64>, TorchError> {
+        const EXPECTED: &str = "an integer tensor of shape [N]";
+        match self.get(field, EXPECTED)? {
+            Value::Tensor(tensor) if tensor.shape().len() == 1 => {
+                tensor.to_i64().map_err(|source| self.wrong(field, EXPECTED, &source))
+            }
+            other => Err(self.wrong(field, EXPECTED, other)),
+        }
+    }
+
+    fn camera_rows(&self, field: &str) -> Result<Vec<[f64; CAMERA_COLUMNS]>, TorchError> {
+        const EXPECTED: &str = "a float tensor of shape [N, 18]";
+        match self.get(field, EXPECTED)? {
+            Value::Tensor(tensor) if matches!(tensor.shape(), [_, columns] if *columns == CAMERA_COLUMNS as u64) => {
+                let numbers = tensor.to_f64().map_err(|source| self.wrong(field, EXPECTED, &source))?;
+                Ok(numbers.as_chunks().0.to_vec())
+            }
+            other => Err(self.wrong(field, EXPECTED, other)),
+        }
+    }
+
+    fn images(&self, field: &str) -> Result<Vec<SharedBytes>, TorchError> {
+        const EXPECTED: &str = "a list of uint8 tensors of shape [bytes]";
+        let value = self.get(field, EXPECTED)?;
+        let items = value.as_sequence().ok_or_else(|| self.wrong(field, EXPECTED, value))?;
+        let bytes = items.iter().enumerate().map(|(position, item)| match item {
+            Value::Tensor(tensor) if tensor.dtype() == super::DType::U8 && tensor.shape().len() == 1 => {
+                tensor.to_bytes().map_err(|source| self.wrong(&format!("{field}[{position}]"), EXPECTED, &source))
+            }
+            other => Err(self.wrong(&format!("{field}[{position}]"), EXPECTED, other)),
+        });
+        bytes.collect()
+    }
+}

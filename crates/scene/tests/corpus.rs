@@ -1,0 +1,56 @@
+//! Replays the inputs of the fuzz targets through the parsers, without a fuzzer: each gives a value or a
+//! typed error, and never a panic.
+
+use std::path::{Path, PathBuf};
+
+use atsplat_scene::colmap::{Encoding, parse_cameras, parse_images, parse_points};
+use atsplat_scene::nerfstudio::parse_transforms;
+use atsplat_scene::re10k::{parse_trajectory, write_trajectory};
+
+/// Runs `replay` on each input of one target; returns how many were accepted and how many refused.
+fn replay(target: &str, accepts: impl Fn(&[u8], &Path) -> bool) -> (usize, usize) {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus").join(target);
+    let mut inputs: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    inputs.sort();
+    let accepted = inputs.iter().filter(|path| accepts(&std::fs::read(path).unwrap(), path)).count();
+    (accepted, inputs.len() - accepted)
+}
+
+/// The seeds hold good and bad inputs: a parser that took or refused everything would be broken.
+fn assert_both(target: &str, (accepted, refused): (usize, usize)) {
+    assert!(accepted >= 3 && refused >= 2, "{target}: {accepted} accepted, {refused} refused");
+}
+
+#[test]
+fn re10k_trajectory() {
+    let counts = replay("re10k_trajectory", |bytes, path| {
+        let Ok(mut trajectory) = parse_trajectory(bytes, path) else { return false };
+        trajectory.header = None;
+        let mut text = Vec::new();
+        write_trajectory(&trajectory, &mut text).unwrap();
+        assert_eq!(parse_trajectory(&text, path).unwrap(), trajectory, "{}", path.display());
+        true
+    });
+    assert_both("re10k_trajectory", counts);
+}
+
+#[test]
+fn transforms_json() {
+    assert_both("transforms_json", replay("transforms_json", |bytes, path| parse_transforms(bytes, path).is_ok()));
+}
+
+#[test]
+fn colmap_text_and_binary() {
+    for (target, encoding) in [("colmap_text", Encoding::Text), ("colmap_binary", Encoding::Binary)] {
+        let counts = replay(target, |bytes, path| {
+            let Some((file, bytes)) = bytes.split_first() else { return false };
+            match file % 3 {
+                0 => parse_cameras(bytes, encoding, path)
+                    .is_ok_and(|cameras| cameras.values().all(|camera| camera.lens("replay", path).is_ok())),
+                1 => parse_images(bytes, encoding, path).is_ok(),
+                _ => parse_points(bytes, encoding, path).is_ok(),
+            }
+        });
+        assert!(counts.0 >= 3 && counts.1 >= 1, "{target}: {counts:?}");
+    }
+}

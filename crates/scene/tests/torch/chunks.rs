@@ -1,0 +1,290 @@
+//! Folders of chunks, and chunks that this toolkit writes.
+
+use std::fs;
+use std::path::Path;
+
+use crate::support::{fixture, fixture_bytes};
+use atsplat_numeric::Tolerance;
+use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter, TorchChunks};
+use atsplat_scene::{Picture, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
+use proptest::prelude::*;
+use tempfile::TempDir;
+
+const KEYS: [&str; 2] = ["aaaa000000000001", "bbbb000000000002"];
+
+fn folder(files: &[(&str, &[u8])]) -> TempDir {
+    let folder = TempDir::new().unwrap();
+    for (name, bytes) in files {
+        let path = folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, bytes).unwrap();
+    }
+    folder
+}
+
+fn open(path: &Path) -> (Result<TorchChunks, SceneError>, Warnings) {
+    let mut warnings = Warnings::new();
+    (TorchChunks::open(path, &mut warnings), warnings)
+}
+
+fn stored_scenes() -> Vec<ChunkScene> {
+    let chunk = Chunk::open(fixture("zip.torch"), &mut Warnings::new()).unwrap();
+    chunk.keys().iter().map(|key| chunk.record(key).unwrap()).collect()
+}
+
+fn numbered(number: usize, image_bytes: usize) -> ChunkScene {
+    let mut image = b"\xff\xd8\xff".to_vec();
+    image.resize(image_bytes, 7);
+    ChunkScene {
+        key: format!("scene{number}"),
+        url: String::new(),
+        timestamps: vec![number as i64],
+        cameras: vec![[0.5, 0.9, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.1, 0.0, 1.0, 0.0, 0.2, 0.0, 0.0, 1.0, 0.3]],
+        images: vec![SharedBytes::new(image)],
+    }
+}
+
+fn write(folder: &Path, target_bytes: u64, scenes: Vec<ChunkScene>) -> Vec<String> {
+    let mut writer = ChunkWriter::create(folder, target_bytes).unwrap();
+    for scene in scenes {
+        writer.push(scene).unwrap();
+    }
+    let written = writer.finish().unwrap();
+    written.chunks.iter().map(|chunk| chunk.file_name().unwrap().to_string_lossy().into_owned()).collect()
+}
+
+#[test]
+fn a_folder_is_read_with_and_without_an_index_and_below_its_stage() {
+    let chunk = fixture_bytes("zip.torch");
+    let index = format!("{{\"{}\": \"000000.torch\", \"{}\": \"000000.torch\"}}", KEYS[0], KEYS[1]);
+    for files in [
+        vec![("000000.torch", &chunk[..]), ("index.json", index.as_bytes())],
+        vec![("000000.torch", &chunk[..])],
+        vec![
+            ("test/000000.torch", &chunk[..]),
+            ("test/index.json", index.as_bytes()),
+            ("train/000000.torch", b"other"),
+        ],
+        vec![("train/000000.torch", &chunk[..])],
+    ] {
+        let folder = folder(&files);
+        let (source, mut warnings) = open(folder.path());
+        let source = source.unwrap();
+        assert_eq!(source.keys(), KEYS);
+        assert_eq!(source.load(KEYS[1], &mut warnings).unwrap().frames.len(), 3);
+        assert!(matches!(source.load("cccc", &mut warnings), Err(SceneError::UnknownScene { .. })));
+        assert_eq!(warnings.total(), 0);
+    }
+}
+
+#[test]
+fn a_single_chunk_is_a_dataset_too() {
+    let (source, warnings) = open(&fixture("legacy.torch"));
+    assert_eq!(source.unwrap().keys(), KEYS);
+    assert_eq!(warnings.total(), 0);
+}
+
+#[test]
+fn what_an_index_gets_wrong_is_reported() {
+    let chunk = fixture_bytes("zip.torch");
+    let index = format!(r#"{{"gone": "000009.torch", "{}": "000000.torch", "not there": "000000.torch"}}"#, KEYS[1]);
+    let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk), ("000001.torch", &chunk)]);
+    let (source, mut warnings) = open(folder.path());
+    let source = source.unwrap();
+    assert_eq!(source.keys(), [KEYS[1], "not there"], "in the index's order");
+    let counts: Vec<_> = warnings.counts().collect();
+    assert_eq!(counts, [(WarningKind::SceneNotFound, 1), (WarningKind::UnindexedChunk, 1)]);
+    assert!(source.load(KEYS[1], &mut warnings).is_ok());
+    assert!(matches!(source.load("not there", &mut warnings), Err(SceneError::UnknownScene { .. })));
+}
+
+#[test]
+fn an_index_cannot_reach_outside_its_folder() {
+    let chunk = fixture_bytes("zip.torch");
+    for name in
+        ["../000000.torch", "/etc/passwd", "a/../../b.torch", "..\\\\000000.torch", "", ".", "./000000.torch/.."]
+    {
+        let index = format!(r#"{{"key": "{name}"}}"#);
+        let folder = folder(&[("data/index.json", index.as_bytes()), ("000000.torch", &chunk)]);
+        let (source, _) = open(&folder.path().join("data"));
+        assert!(matches!(source, Err(SceneError::Malformed { .. })), "{name:?}: {source:?}");
+    }
+}
+
+#[test]
+fn broken_indices_and_empty_folders_are_typed_errors() {
+    for index in ["", "[]", "{\"a\": 1}", "{\"a\": null}", "{", "\u{feff}{}", &"[".repeat(100_000)] {
+        let (source, _) = open(folder(&[("index.json", index.as_bytes())]).path());
+        assert!(matches!(source, Err(SceneError::Malformed { .. })), "{index:.20}");
+    }
+    assert!(matches!(open(TempDir::new().unwrap().path()).0, Err(SceneError::Malformed { .. })));
+    assert!(matches!(open(Path::new("/nowhere/at/all")).0, Err(SceneError::Io { .. })));
+}
+
+#[test]
+fn a_broken_chunk_costs_its_own_scenes_only() {
+    let good = fixture_bytes("zip.torch");
+    let folder =
+        folder(&[("000000.torch", b"PK\x03\x04 and no more"), ("000001.torch", &good), ("000002.torch", &good)]);
+    let (source, warnings) = open(folder.path());
+    assert_eq!(source.unwrap().keys(), KEYS);
+    assert_eq!(warnings.count(WarningKind::UnreadableScene), 3, "one broken chunk and two keys that come twice");
+    let details: Vec<String> = warnings.kept().iter().map(ToString::to_string).collect();
+    assert!(details[0].contains("000000.torch") && details[0].contains("end-of-directory"), "{details:?}");
+}
+
+/// The committed chunk is what `fixtures/torch/check_with_torch.py` shows to PyTorch.
+/// `ATSPLAT_BLESS=1` writes it anew.
+#[test]
+fn the_writer_makes_the_bytes_that_pytorch_was_shown() {
+    let folder = TempDir::new().unwrap();
+    assert_eq!(write(folder.path(), ChunkWriter::TARGET_BYTES, stored_scenes()), ["000000.torch"]);
+    for name in ["000000.torch", "index.json"] {
+        let written = fs::read(folder.path().join(name)).unwrap();
+        let shown = fixture("written").join(name);
+        if std::env::var_os("ATSPLAT_BLESS").is_some() {
+            fs::create_dir_all(shown.parent().unwrap()).unwrap();
+            fs::write(&shown, &written).unwrap();
+        }
+        assert!(written == fs::read(&shown).unwrap(), "{name} differs from the committed one");
+    }
+}
+
+#[test]
+fn write_read_write_gives_the_same_bytes() {
+    let (first, second) = (TempDir::new().unwrap(), TempDir::new().unwrap());
+    write(first.path(), 1, stored_scenes());
+    let (source, mut warnings) = open(first.path());
+    let source = source.unwrap();
+    let scenes = source.keys().iter().map(|key| {
+        let scene = source.load(key, &mut warnings).unwrap();
+        ChunkScene::from_scene(&scene, &mut warnings).unwrap()
+    });
+    let names = write(second.path(), 1, scenes.collect());
+    assert_eq!(names, ["000000.torch", "000001.torch"], "a scene each, because each reaches the target");
+    for name in ["000000.torch", "000001.torch", "index.json"] {
+        assert!(fs::read(first.path().join(name)).unwrap() == fs::read(second.path().join(name)).unwrap(), "{name}");
+    }
+    assert_eq!(warnings.total(), 0);
+}
+
+#[test]
+fn storages_are_aligned_and_entries_stored() {
+    let folder = TempDir::new().unwrap();
+    write(folder.path(), 1, vec![numbered(0, 1000)]);
+    let bytes = fs::read(folder.path().join("000000.torch")).unwrap();
+    let mut zip = zip::ZipArchive::new(std::io::Cursor::new(&bytes)).unwrap();
+    for index in 0..zip.len() {
+        let entry = zip.by_index_raw(index).unwrap();
+        assert_eq!(entry.compression(), zip::CompressionMethod::Stored);
+        assert_eq!(entry.data_start().unwrap() % 64, 0, "{}", entry.name());
+    }
+}
+
+#[test]
+fn chunks_are_flushed_when_their_pictures_reach_the_target() {
+    let folder = TempDir::new().unwrap();
+    let names = write(
+        folder.path(),
+        1000,
+        [400, 400, 400, 1000, 999]
+            .map(|bytes| numbered(bytes, bytes))
+            .into_iter()
+            .enumerate()
+            .map(|(at, scene)| ChunkScene { key: at.to_string(), ..scene })
+            .collect(),
+    );
+    assert_eq!(names, ["000000.torch", "000001.torch", "000002.torch"]);
+    let index = fs::read_to_string(folder.path().join("index.json")).unwrap();
+    assert_eq!(
+        index,
+        r#"{"0":"000000.torch","1":"000000.torch","2":"000000.torch","3":"000001.torch","4":"000002.torch"}"#
+    );
+    let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left.len(), 4, "nothing half-written stays behind: {left:?}");
+}
+
+#[test]
+fn what_a_chunk_cannot_hold_is_refused() {
+    let folder = TempDir::new().unwrap();
+    let mut writer = ChunkWriter::create(folder.path(), u64::MAX).unwrap();
+    writer.push(numbered(0, 100)).unwrap();
+    let mut wrong: [ChunkScene; 5] = std::array::from_fn(|at| numbered(at, 100));
+    wrong[1].timestamps.push(3);
+    wrong[2].images.clear();
+    wrong[3].images[0] = SharedBytes::new(b"GIF89a".to_vec());
+    wrong[4].cameras.clear();
+    for scene in wrong {
+        let key = scene.key.clone();
+        assert!(matches!(writer.push(scene), Err(SceneError::Torch { .. })), "{key}");
+    }
+    let mut far = numbered(9, 100);
+    far.cameras[0][9] = 1e300;
+    writer.push(far).unwrap();
+    assert!(matches!(writer.finish(), Err(SceneError::Torch { .. })), "1e300 is no f32");
+    write(&folder.path().join("new"), 1, vec![numbered(0, 10)]);
+    assert!(
+        matches!(ChunkWriter::create(folder.path().join("new"), 1), Err(SceneError::Malformed { .. })),
+        "already written"
+    );
+}
+
+#[test]
+fn frames_without_pictures_or_numbers_cannot_be_stored() {
+    let chunk = Chunk::open(fixture("zip.torch"), &mut Warnings::new()).unwrap();
+    let scene = chunk.load(KEYS[0]).unwrap();
+    let with = |change: &dyn Fn(&mut atsplat_scene::Frame)| {
+        let mut scene = scene.clone();
+        change(&mut scene.frames[1]);
+        ChunkScene::from_scene(&scene, &mut Warnings::new())
+    };
+    assert!(matches!(with(&|frame| frame.picture = Picture::Absent), Err(SceneError::NoPicture { frame: 1, .. })));
+    assert!(matches!(
+        with(&|frame| frame.picture = Picture::Missing("x.png".into())),
+        Err(SceneError::NoPicture { .. })
+    ));
+    assert!(matches!(
+        with(&|frame| frame.picture = Picture::File("/nowhere/x.png".into())),
+        Err(SceneError::Io { .. })
+    ));
+    let unnumbered = |frame: &mut atsplat_scene::Frame| {
+        frame.timestamp_micros = None;
+        frame.name = "first".to_owned();
+    };
+    assert!(matches!(with(&unnumbered), Err(SceneError::NoPicture { .. })));
+    let named = with(&|frame| {
+        frame.timestamp_micros = None;
+        frame.name = "frame_00042".to_owned();
+    });
+    assert_eq!(named.unwrap().timestamps[1], 42, "the number that depthsplat's conversion takes");
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+
+    #[test]
+    fn any_scene_survives_a_round_trip(
+        key in "[a-z0-9 äöü\"\\\\/]{1,20}",
+        url in ".{0,40}",
+        frames in proptest::collection::vec((any::<i64>(), proptest::array::uniform18(-1e30f32..1e30), 3..2000usize), 0..5),
+    ) {
+        let image = |len: &usize| SharedBytes::new([b"\xff\xd8\xff".to_vec(), vec![42; *len]].concat());
+        let scene = ChunkScene {
+            key: key.clone(),
+            url: url.clone(),
+            timestamps: frames.iter().map(|frame| frame.0).collect(),
+            cameras: frames.iter().map(|frame| frame.1.map(f64::from)).collect(),
+            images: frames.iter().map(|frame| image(&frame.2)).collect(),
+        };
+        let folder = TempDir::new().unwrap();
+        write(folder.path(), 1 << 20, vec![scene.clone()]);
+        let chunk = Chunk::open(folder.path().join("000000.torch"), &mut Warnings::new()).unwrap();
+        let back = chunk.record(&key).unwrap();
+        prop_assert_eq!((&back.key, &back.url, &back.timestamps), (&key, &url, &scene.timestamps));
+        prop_assert!(Tolerance::EXACT.check(back.cameras.concat(), scene.cameras.concat()).is_ok());
+        for (image, expected) in back.images.iter().zip(&scene.images) {
+            prop_assert!(**image == **expected);
+        }
+        prop_assert_eq!(back.images.len(), scene.images.len());
+    }
+}
