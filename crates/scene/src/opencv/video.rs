@@ -96,7 +96,7 @@ pub struct CutOptions {
 /// to the last timestamp, once for the times and once for the pictures. Each file is written whole, then
 /// renamed into place. `progress` hears how many timestamps are decided.
 ///
-/// The times are OpenCV's `CAP_PROP_POS_MSEC`. Version 4.6 hands out FFmpeg's decoding times there, which
+/// The times are OpenCV's `CAP_PROP_POS_MSEC`. Version 4.6 hands out `FFmpeg`'s decoding times there, which
 /// are the presentation times in MP4, Matroska and `WebM` as the common encoders write them, but late by the
 /// reordering delay in AVI files with B-frames; and none for the frames that a decoder still holds when the
 /// file ends. Those are counted on by the median interval and marked ([`CutFrame::estimated`]).
