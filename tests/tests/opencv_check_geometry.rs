@@ -1,77 +1,38 @@
 //! The geometry check on real captures, as they are and with mistakes made on purpose.
 #![cfg(feature = "opencv")]
 
-use std::path::{Path, PathBuf};
-
-use atsplat_camera::{Camera, CameraFromWorld, Distortion, NormalizedIntrinsics, WorldFromCamera};
+use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
-use atsplat_pixels::{DecodeLimits, ImageU8, decode};
+use atsplat_pixels::DecodeLimits;
 use atsplat_scene::geometry::{Convention, Verdict};
 use atsplat_scene::opencv::{GeometryCheck, GeometryCheckOptions, PairChoice, check_geometry};
-use atsplat_scene::{Frame, Picture, Scene, SceneError, Warnings};
+use atsplat_scene::{NerfstudioOptions, OpenOptions, Picture, PictureFolder, Scene, SceneSource, Warnings, open_with};
 use atsplat_tests::shared_data;
 
 /// RE10K's 640×360 intrinsics, for the 256×256 centre crops of the full height that stand in for the frames.
 const CROP: f64 = 640.0 / 360.0;
 
 fn re10k(test: &str) -> Option<Scene> {
-    let folder = shared_data(test)?.join("re10k/000c3ab189999a83");
-    let rows = std::fs::read_to_string(folder.join("000c3ab189999a83.txt")).unwrap();
-    let frames = rows.lines().filter(|line| !line.starts_with('#')).enumerate().map(|(position, line)| {
-        let numbers: Vec<f64> = line.split_whitespace().map(|word| word.parse().unwrap()).collect();
-        let pose = CameraFromWorld::from_rows(numbers[7..].try_into().unwrap()).unwrap();
-        let k = NormalizedIntrinsics::new(numbers[1] * CROP, numbers[2], numbers[3], numbers[4]).unwrap();
-        frame(Camera::pinhole(pose, k), folder.join(format!("images/{position:05}.png")))
-    });
-    Some(scene(frames.collect()))
-}
-
-fn nerfstudio(folder: &Path, pictures: &str) -> Scene {
-    let json: serde_json::Value =
-        serde_json::from_slice(&std::fs::read(folder.join("transforms.json")).unwrap()).unwrap();
-    let number = |name: &str| json[name].as_f64().unwrap();
-    let (w, h) = (number("w"), number("h"));
-    let intrinsics =
-        NormalizedIntrinsics::new(number("fl_x") / w, number("fl_y") / h, number("cx") / w, number("cy") / h).unwrap();
-    let [k1, k2, p1, p2] = ["k1", "k2", "p1", "p2"].map(number);
-    let distortion = match [k1, k2, p1, p2] {
-        [0.0, 0.0, 0.0, 0.0] => Distortion::None,
-        _ => Distortion::OpenCv { k1, k2, k3: 0.0, p1, p2 },
+    let scene = only_scene(test, "re10k/000c3ab189999a83", &OpenOptions::default())?;
+    let widened = |camera: &Camera| {
+        let k = camera.intrinsics;
+        Camera { intrinsics: NormalizedIntrinsics { fx: k.fx * CROP, ..k }, ..*camera }
     };
-    let frames = json["frames"].as_array().unwrap().iter().map(|entry| {
-        let row = |r: usize| (0..4).map(move |c| entry["transform_matrix"][r][c].as_f64().unwrap());
-        let rows: Vec<f64> = (0..3).flat_map(row).collect();
-        let pose = WorldFromCamera::from_rows(rows[..].try_into().unwrap()).unwrap().opencv_from_opengl();
-        let stem = Path::new(entry["file_path"].as_str().unwrap()).file_stem().unwrap().to_owned();
-        let found = ["png", "jpg"]
-            .map(|extension| folder.join(pictures).join(&stem).with_extension(extension))
-            .into_iter()
-            .find(|path| path.exists());
-        let camera = Camera { camera_from_world: pose.inverse(), intrinsics, distortion };
-        frame(camera, found.unwrap_or_default())
-    });
-    scene(frames.collect())
+    Some(with_cameras(&scene, widened))
 }
 
-fn frame(camera: Camera, path: PathBuf) -> Frame {
-    let picture = if path.exists() { Picture::File(path) } else { Picture::Missing(path) };
-    Frame { name: String::new(), timestamp_micros: None, camera, stated_size: None, picture }
-}
-
-fn scene(frames: Vec<Frame>) -> Scene {
-    Scene { key: "real".to_owned(), url: None, frames }
+fn only_scene(test: &str, folder: &str, options: &OpenOptions) -> Option<Scene> {
+    let folder = shared_data(test)?.join(folder);
+    let mut warnings = Warnings::new();
+    let dataset = open_with(&folder, options, &mut warnings).unwrap();
+    let key = dataset.keys().first().unwrap().clone();
+    Some(dataset.load(&key, &mut warnings).unwrap())
 }
 
 fn check(scene: &Scene, pairs: PairChoice) -> GeometryCheck {
-    let picture_of = |position: usize| -> Result<ImageU8, SceneError> {
-        let Picture::File(path) = &scene.frames[position].picture else {
-            let reason = "absent".to_owned();
-            return Err(SceneError::NoPicture { scene: scene.key.clone(), frame: position, reason });
-        };
-        Ok(decode(&std::fs::read(path).unwrap(), &DecodeLimits::default()).unwrap())
-    };
     let options = GeometryCheckOptions { pairs, ..GeometryCheckOptions::default() };
     let mut warnings = Warnings::new();
+    let picture_of = |position: usize| scene.decode(position, &DecodeLimits::default());
     let checked = check_geometry(scene, picture_of, &options, &mut warnings).unwrap();
     assert_eq!(warnings.total(), 0);
     for pair in &checked.pairs {
@@ -162,8 +123,7 @@ fn every_mistake_made_in_a_real_re10k_scene_is_named() {
 
 #[test]
 fn fox_agrees_once_its_lens_is_undone() {
-    let Some(data) = shared_data("fox_agrees") else { return };
-    let scene = nerfstudio(&data.join("fox"), "images");
+    let Some(scene) = only_scene("fox_agrees", "fox", &OpenOptions::default()) else { return };
     let pictured: Vec<usize> =
         (0..scene.frames.len()).filter(|i| matches!(scene.frames[*i].picture, Picture::File(_))).collect();
     let neighbours = pictured.windows(2).map(|pair| (pair[0], pair[1])).collect();
@@ -176,8 +136,8 @@ fn fox_agrees_once_its_lens_is_undone() {
 
 #[test]
 fn inverted_fox_is_named_in_spite_of_its_repeating_wallpaper() {
-    let Some(data) = shared_data("inverted_fox") else { return };
-    let wrong = with_cameras(&nerfstudio(&data.join("fox"), "images"), inverted);
+    let Some(scene) = only_scene("inverted_fox", "fox", &OpenOptions::default()) else { return };
+    let wrong = with_cameras(&scene, inverted);
     let checked = check(&wrong, PairChoice::Spread(12));
     assert_eq!(fits(&checked), Some(Convention::PoseInverted), "{}", checked.verdict);
     assert!(median_of(&checked, Convention::PoseInverted) < 1.0, "wider baselines than between neighbours");
@@ -185,11 +145,13 @@ fn inverted_fox_is_named_in_spite_of_its_repeating_wallpaper() {
 
 #[test]
 fn desk_agrees_at_both_resolutions() {
-    let Some(data) = shared_data("desk_agrees") else { return };
-    for pictures in ["images_8", "images_4"] {
-        let checked = check(&nerfstudio(&data.join("dl3dv_like/desk/nerfstudio"), pictures), PairChoice::Spread(8));
-        assert!(checked.verdict.declared_fits(), "{pictures}: {}", checked.verdict);
-        assert!(median_of(&checked, Convention::Declared) < 0.4, "{pictures}");
-        assert!(median_of(&checked, Convention::PoseInverted) > 10.0, "{pictures}");
+    for pictures in [PictureFolder::Downscaled(8), PictureFolder::Downscaled(4)] {
+        let nerfstudio = NerfstudioOptions { pictures, ..NerfstudioOptions::default() };
+        let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
+        let Some(scene) = only_scene("desk_agrees", "dl3dv_like/desk", &options) else { return };
+        let checked = check(&scene, PairChoice::Spread(8));
+        assert!(checked.verdict.declared_fits(), "{pictures:?}: {}", checked.verdict);
+        assert!(median_of(&checked, Convention::Declared) < 0.4, "{pictures:?}");
+        assert!(median_of(&checked, Convention::PoseInverted) > 10.0, "{pictures:?}");
     }
 }

@@ -11,12 +11,12 @@ mod error;
 #[cfg(feature = "columns")]
 pub mod export;
 mod files;
+pub mod geometry;
+#[cfg(feature = "columns")]
+pub mod inspect;
 pub mod nerfstudio;
 mod number;
 mod open;
-#[cfg(feature = "columns")]
-pub mod inspect;
-pub mod geometry;
 #[cfg(feature = "opencv")]
 pub mod opencv;
 pub mod preprocess;

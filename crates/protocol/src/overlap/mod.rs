@@ -5,11 +5,15 @@
 mod annotate;
 mod covisibility;
 mod epipolar;
+#[cfg(feature = "opencv")]
+mod features;
 
 pub(crate) use annotate::context_overlap;
 pub use annotate::{OverlapReport, annotate_overlaps, chain_overlap};
 pub use covisibility::{DepthCovisibility, DepthMap};
 pub use epipolar::EpipolarRays;
+#[cfg(feature = "opencv")]
+pub use features::{Coverage, FeatureCoverage};
 
 use atsplat_camera::Camera;
 use atsplat_pixels::ImageU8;
@@ -84,6 +88,14 @@ impl OverlapEstimator {
                 (Some(depth_a), Some(depth_b)) => covisibility.overlap((a.camera, depth_a), (b.camera, depth_b)),
                 _ => Err(missing("a view has no depth map")),
             },
+            #[cfg(feature = "opencv")]
+            Self::FeatureCoverage => match (a.picture, b.picture) {
+                (Some(picture_a), Some(picture_b)) => {
+                    FeatureCoverage::default().overlap((a.camera, picture_a), (b.camera, picture_b))
+                }
+                _ => Err(missing("a view has no picture")),
+            },
+            #[cfg(not(feature = "opencv"))]
             Self::FeatureCoverage => Err(missing("this build lacks the cargo feature `opencv`")),
         }
     }

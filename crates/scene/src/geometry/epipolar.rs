@@ -101,7 +101,7 @@ pub fn median(mut values: Vec<f64>) -> Option<f64> {
     values.sort_by(f64::total_cmp);
     let upper = *values.get(values.len() / 2)?;
     let lower = *values.get((values.len() - 1) / 2)?;
-    Some(if upper == lower { upper } else { f64::midpoint(lower, upper) })
+    Some(f64::midpoint(lower, upper))
 }
 
 #[cfg(test)]

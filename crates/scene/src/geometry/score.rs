@@ -87,7 +87,7 @@ mod tests {
         let scores = score_conventions(&[turning_pair()]);
         let declared = of(&scores, Convention::Declared).unwrap();
         assert!(Tolerance::absolute(1e-9).accepts(declared.median_px, 0.0), "{declared:?}");
-        assert_eq!(declared.in_front, 1.0);
+        Tolerance::EXACT.assert([declared.in_front], [1.0], "in front");
         assert_eq!(scores.len(), 7, "square pixels and a pinhole rule three readings out: {scores:?}");
         for score in &scores[1..] {
             assert!(score.median_px > 3.0, "{score:?}");

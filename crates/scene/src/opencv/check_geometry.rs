@@ -2,7 +2,6 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use atsplat_camera::ImageSize;
-use atsplat_numeric::Extremes;
 use atsplat_pixels::ImageU8;
 use serde::{Deserialize, Serialize};
 
@@ -296,13 +295,10 @@ impl fmt::Display for GeometryCheck {
         let Self { scene, pairs, skipped, scores, verdict } = self;
         let matches: usize = pairs.iter().map(|pair| pair.matches).sum();
         writeln!(f, "{scene}: {matches} matches in {} pairs, {} skipped", pairs.len(), skipped.len())?;
-        let width = scores.iter().fold(0usize, |widest, s| {
-            let length = s.convention.name().len();
-            if length > widest { length } else { widest }
-        });
-        let best = scores.iter().fold(f64::INFINITY, |best, score| best.minimum_of(score.median_px));
+        let width = scores.iter().map(|score| score.convention.name().len()).max().unwrap_or_default();
+        let smallest = scores.iter().min_by(|a, b| a.median_px.total_cmp(&b.median_px)).map(|score| score.convention);
         for ConventionScore { convention, median_px, in_front, .. } in scores {
-            let mark = if *median_px == best { "  ← smallest" } else { "" };
+            let mark = if smallest == Some(*convention) { "  ← smallest" } else { "" };
             writeln!(f, "  {convention:width$}  {median_px:10.3} px  {:5.1} % in front{mark}", 100.0 * in_front)?;
         }
         write!(f, "{verdict}")

@@ -40,7 +40,7 @@ fn picture(width: u32, height: u32, value: impl Fn(u32, u32) -> f64) -> ImageU8 
     let mut samples = Vec::new();
     for y in 0..height {
         for x in 0..width {
-            let level = value(x, y).round().clamp(0.0, 255.0) as u8;
+            let level = level(value(x, y));
             samples.extend([level; 3]);
         }
     }
@@ -52,16 +52,22 @@ fn noise(x: f64, y: f64) -> f64 {
     let (x0, y0) = (x.floor(), y.floor());
     let ease = |t: f64| t * t * (3.0 - 2.0 * t);
     let (u, v) = (ease(x - x0), ease(y - y0));
-    let at = |dx: f64, dy: f64| lattice((x0 + dx) as i64, (y0 + dy) as i64);
+    let at = |dx: f64, dy: f64| lattice(x0 + dx, y0 + dy);
     let top = at(0.0, 0.0) * (1.0 - u) + at(1.0, 0.0) * u;
     let bottom = at(0.0, 1.0) * (1.0 - u) + at(1.0, 1.0) * u;
     top * (1.0 - v) + bottom * v
 }
 
-/// SplitMix64's finaliser over both coordinates.
-fn lattice(x: i64, y: i64) -> f64 {
-    let mut z = (x as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ (y as u64).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+/// `SplitMix64`'s finaliser over both coordinates.
+fn lattice(x: f64, y: f64) -> f64 {
+    let mut z = x.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
     z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
     ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+}
+
+/// Rounded and held in the range of a sample.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded and clamped to 0..=255")]
+pub(crate) fn level(value: f64) -> u8 {
+    value.round().clamp(0.0, 255.0) as u8
 }

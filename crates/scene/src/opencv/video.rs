@@ -1,3 +1,4 @@
+use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Component, Path, PathBuf};
 
@@ -10,6 +11,7 @@ use ::opencv::videoio::{CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_POS_MSEC, VideoCaptur
 
 use super::called;
 use crate::SceneError;
+use crate::geometry::median;
 
 const FORMAT: &str = "video";
 
@@ -45,6 +47,8 @@ pub struct CutFrame {
     pub timestamp_micros: i64,
     /// When the nearest frame is presented, in microseconds; `None` where the video has no frames.
     pub presented_micros: Option<f64>,
+    /// Whether that time had to be counted on from the frames before.
+    pub estimated: bool,
     /// What became of it.
     #[serde(flatten)]
     pub outcome: CutOutcome,
@@ -60,7 +64,7 @@ impl CutFrame {
 /// What was cut out of a video.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct VideoCut {
-    /// The interval between frames at the video's average rate, in microseconds.
+    /// Median interval between frames, in microseconds.
     pub interval_micros: f64,
     /// One entry per timestamp, in the order asked for.
     pub frames: Vec<CutFrame>,
@@ -85,12 +89,17 @@ pub struct CutOptions {
 
 /// Cuts the frames that a trajectory's timestamps name out of a video.
 ///
-/// The video is decoded from its start, and each frame's own presentation time (counted from the video
-/// stream's start) decides, not its number: seeking lands on the wrong frame in some containers, and with a
-/// variable frame rate numbers say nothing about time. A timestamp gets the nearest frame, the earlier of
-/// two equally near ones; if that is over half an interval of the average frame rate away it gets none. Each
-/// file is written whole, then renamed into place. Decoding stops after the last timestamp. `progress` hears
-/// how many timestamps are decided.
+/// Each frame's own presentation time, counted from the video stream's start, decides, not its number:
+/// with a variable frame rate numbers say nothing about time. A timestamp gets the nearest frame, the
+/// earlier of two equally near ones; if that is over half a frame interval away it gets none. The interval is
+/// the median one. Seeking lands on wrong frames in some containers, so the video is decoded from its start
+/// to the last timestamp, once for the times and once for the pictures. Each file is written whole, then
+/// renamed into place. `progress` hears how many timestamps are decided.
+///
+/// The times are OpenCV's `CAP_PROP_POS_MSEC`. Version 4.6 hands out `FFmpeg`'s decoding times there, which
+/// are the presentation times in MP4, Matroska and `WebM` as the common encoders write them, but late by the
+/// reordering delay in AVI files with B-frames; and none for the frames that a decoder still holds when the
+/// file ends. Those are counted on by the median interval and marked ([`CutFrame::estimated`]).
 ///
 /// # Errors
 /// [`SceneError::Malformed`] for a video that cannot be opened, has no frame rate or runs backwards, or a
@@ -105,66 +114,54 @@ pub fn cut_frames(
 ) -> Result<VideoCut, SceneError> {
     let folder = options.folder.join(plain_name(key)?);
     std::fs::create_dir_all(&folder).map_err(SceneError::io("making a folder for frames", &folder))?;
+    let last_wanted = timestamps_micros.iter().copied().max();
+    let shown = Shown::read(video, last_wanted)?;
+    let limit = 0.5 * shown.interval_micros;
+
+    let mut frames: Vec<CutFrame> = Vec::new();
+    let mut writers: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (index, timestamp) in timestamps_micros.iter().enumerate() {
+        let nearest = shown.nearest(*timestamp);
+        let near = nearest.filter(|(_, time)| (time.micros - *timestamp as f64).abs() <= limit);
+        if let Some((number, _)) = near {
+            writers.entry(number).or_default().push(index);
+        }
+        let outcome = if nearest.is_none() { CutOutcome::NoFrame } else { CutOutcome::TooFar };
+        let presented = nearest.map(|(_, time)| time);
+        frames.push(CutFrame {
+            timestamp_micros: *timestamp,
+            presented_micros: presented.map(|time| time.micros),
+            estimated: presented.is_some_and(|time| time.estimated),
+            outcome,
+        });
+    }
+
     let mut stream = Stream::open(video)?;
-    let limit = 0.5 * stream.interval_micros;
-    let mut order: Vec<usize> = (0..timestamps_micros.len()).collect();
-    order.sort_by_key(|index| timestamps_micros.get(*index));
-    let wanted: Vec<(usize, i64)> =
-        order.into_iter().filter_map(|index| Some((index, *timestamps_micros.get(index)?))).collect();
-
-    let mut cut = vec![None; timestamps_micros.len()];
-    let mut open = wanted.as_slice();
-    let mut before: Option<Shown> = None;
-    while !open.is_empty() {
-        let Some(time) = stream.advance()? else { break };
-        let (due, later) = open.split_at(open.partition_point(|(_, wanted)| *wanted as f64 <= time));
-        let soon = later.first().is_some_and(|(_, wanted)| *wanted as f64 - time <= limit);
-        let here_is_nearer = |wanted: i64| {
-            before.as_ref().is_none_or(|shown| (time - wanted as f64) < (wanted as f64 - shown.time).abs())
-        };
-        let now = due.iter().any(|(_, wanted)| time - *wanted as f64 <= limit && here_is_nearer(*wanted));
-        let here = Shown { time, picture: if soon || now { Some(stream.picture()?) } else { None } };
-        for (index, wanted) in due {
-            let nearest = if here_is_nearer(*wanted) { Some(&here) } else { before.as_ref() };
-            if let Some(slot) = cut.get_mut(*index) {
-                *slot = Some(decided(*wanted, nearest, limit, &folder, options.format)?);
+    let mut decided = timestamps_micros.len() - writers.values().map(Vec::len).sum::<usize>();
+    let mut reached = 0;
+    for (number, indices) in writers {
+        while reached <= number {
+            if !stream.grab()? {
+                return Err(malformed(
+                    video,
+                    &format!("frame {number}"),
+                    "the frame that was there before",
+                    "none".to_owned(),
+                ));
             }
+            reached += 1;
         }
-        open = later;
-        before = Some(here);
-        progress(wanted.len() - open.len());
-    }
-    for (index, wanted) in open {
-        if let Some(slot) = cut.get_mut(*index) {
-            *slot = Some(decided(*wanted, before.as_ref(), limit, &folder, options.format)?);
+        let picture = stream.picture()?;
+        for index in &indices {
+            let Some(frame) = frames.get_mut(*index) else { continue };
+            let path = write(&picture, &folder, frame.timestamp_micros, options.format)?;
+            frame.outcome = CutOutcome::Written { path };
         }
+        decided += indices.len();
+        progress(decided);
     }
-    progress(wanted.len());
-    Ok(VideoCut { interval_micros: stream.interval_micros, frames: cut.into_iter().flatten().collect() })
-}
-
-/// A frame that was shown; its picture only where a timestamp is near enough to want it.
-struct Shown {
-    time: f64,
-    picture: Option<Mat>,
-}
-
-fn decided(
-    wanted: i64,
-    nearest: Option<&Shown>,
-    limit: f64,
-    folder: &Path,
-    format: FrameFormat,
-) -> Result<CutFrame, SceneError> {
-    let frame = |presented, outcome| CutFrame { timestamp_micros: wanted, presented_micros: presented, outcome };
-    let Some(Shown { time, picture }) = nearest else { return Ok(frame(None, CutOutcome::NoFrame)) };
-    match picture {
-        Some(picture) if (time - wanted as f64).abs() <= limit => {
-            let path = write(picture, folder, wanted, format)?;
-            Ok(frame(Some(*time), CutOutcome::Written { path }))
-        }
-        _ => Ok(frame(Some(*time), CutOutcome::TooFar)),
-    }
+    progress(timestamps_micros.len());
+    Ok(VideoCut { interval_micros: shown.interval_micros, frames })
 }
 
 fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, SceneError> {
@@ -195,12 +192,64 @@ fn malformed(path: &Path, location: &str, expected: &str, found: String) -> Scen
     SceneError::Malformed { format: FORMAT, path: path.to_owned(), location, expected, found }
 }
 
+/// When a video's frames are shown.
+struct Shown {
+    times: Vec<Time>,
+    interval_micros: f64,
+}
+
+#[derive(Clone, Copy)]
+struct Time {
+    micros: f64,
+    estimated: bool,
+}
+
+impl Shown {
+    /// Decodes the video up to the first frame after `until` for its times.
+    fn read(path: &Path, until: Option<i64>) -> Result<Self, SceneError> {
+        let mut stream = Stream::open(path)?;
+        let mut known: Vec<Option<f64>> = Vec::new();
+        let mut last = f64::NEG_INFINITY;
+        while until.is_some_and(|until| last <= until as f64) && stream.grab()? {
+            // OpenCV says 0 where it does not know; only the first frame is shown then.
+            let time = stream.time()?;
+            let lost = !known.is_empty() && time == 0.0;
+            let increases = time > last && time.is_finite();
+            if !lost && !increases {
+                let expected = format!("a time after {last} µs");
+                return Err(malformed(path, &format!("frame {}", known.len()), &expected, format!("{time} µs")));
+            }
+            last = if lost { last } else { time };
+            known.push((!lost).then_some(time));
+        }
+        let gaps = known.windows(2).filter_map(|pair| match pair {
+            [Some(before), Some(after)] => Some(after - before),
+            _ => None,
+        });
+        let interval_micros = median(gaps.collect()).unwrap_or(stream.declared_interval_micros);
+        let mut times: Vec<Time> = Vec::new();
+        for time in known {
+            let follows = times.last().map_or(0.0, |time| time.micros + interval_micros);
+            times.push(Time { micros: time.unwrap_or(follows), estimated: time.is_none() });
+        }
+        Ok(Self { times, interval_micros })
+    }
+
+    /// The number and time of the frame shown nearest to a timestamp, the earlier of two equally near.
+    fn nearest(&self, timestamp: i64) -> Option<(usize, Time)> {
+        let wanted = timestamp as f64;
+        let after = self.times.partition_point(|time| time.micros < wanted);
+        let candidates = [after.checked_sub(1), Some(after)].into_iter().flatten();
+        let timed = candidates.filter_map(|number| Some((number, *self.times.get(number)?)));
+        timed.min_by(|(_, a), (_, b)| (a.micros - wanted).abs().total_cmp(&(b.micros - wanted).abs()))
+    }
+}
+
 /// A video read from its start, frame by frame.
 struct Stream {
     path: PathBuf,
     capture: VideoCapture,
-    interval_micros: f64,
-    last: Option<f64>,
+    declared_interval_micros: f64,
 }
 
 impl Stream {
@@ -216,32 +265,27 @@ impl Stream {
         if !(rate.is_finite() && rate > 0.0) {
             return Err(malformed(path, "frame rate", "a positive number", rate.to_string()));
         }
-        Ok(Self { path: path.to_owned(), capture, interval_micros: 1e6 / rate, last: None })
+        Ok(Self { path: path.to_owned(), capture, declared_interval_micros: 1e6 / rate })
     }
 
-    /// The next frame's presentation time in microseconds; `None` after the last.
-    fn advance(&mut self) -> Result<Option<f64>, SceneError> {
-        if !called("decoding a frame", self.capture.grab())? {
-            return Ok(None);
-        }
-        let time = 1e3 * called("reading a presentation time", self.capture.get(CAP_PROP_POS_MSEC))?;
-        let last = self.last.replace(time);
-        if last.is_some_and(|last| last >= time) || !time.is_finite() {
-            let found = format!("{time} µs after {} µs", last.unwrap_or_default());
-            return Err(malformed(&self.path, "presentation times", "increasing times", found));
-        }
-        Ok(Some(time))
+    /// Whether there was another frame.
+    fn grab(&mut self) -> Result<bool, SceneError> {
+        called("decoding a frame", self.capture.grab())
     }
 
-    /// The picture of the frame that [`Self::advance`] reached.
+    /// When the frame grabbed last is shown, in microseconds; 0 where OpenCV does not know.
+    fn time(&self) -> Result<f64, SceneError> {
+        Ok(1e3 * called("reading a presentation time", self.capture.get(CAP_PROP_POS_MSEC))?)
+    }
+
+    /// The picture of the frame grabbed last.
     fn picture(&mut self) -> Result<Mat, SceneError> {
         let mut picture = Mat::default();
         let retrieved = called("retrieving a frame", self.capture.retrieve_def(&mut picture))?;
         if retrieved && !picture.empty() {
             return Ok(picture);
         }
-        let location = format!("{} µs", self.last.unwrap_or_default());
-        Err(malformed(&self.path, &location, "a decodable frame", "none".to_owned()))
+        Err(malformed(&self.path, "frame", "a decodable picture", "none".to_owned()))
     }
 }
 
@@ -253,6 +297,7 @@ impl fmt::Display for VideoCut {
         for frame in frames {
             let residual = frame.residual_micros();
             let away = residual.map_or_else(|| "no frame".to_owned(), |micros| format!("{micros:+.0} µs"));
+            let away = if frame.estimated { format!("{away} (estimated)") } else { away };
             let note = match frame.outcome {
                 CutOutcome::Written { .. } => "",
                 CutOutcome::TooFar => "  rejected: over half an interval",
@@ -296,23 +341,31 @@ mod tests {
     #[test]
     fn constant_rate_frames_come_by_their_time() {
         // 25 frames a second: frame n at n · 40 ms.
-        let (cut, _folder) = cut("constant.mp4", &[0, 40_000, 1_200_000, 419_000, 1_980_000]);
-        assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [Some(0), Some(1), Some(30), Some(10), None]);
+        let (cut, _folder) = cut("constant.mp4", &[0, 40_000, 1_200_000, 419_000]);
+        assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [Some(0), Some(1), Some(30), Some(10)]);
         assert!(TICK.accepts(cut.interval_micros, 40_000.0));
-        let residuals = cut.frames.iter().take(4).map(|frame| frame.residual_micros().unwrap());
+        let residuals = cut.frames.iter().map(|frame| frame.residual_micros().unwrap());
         TICK.assert(residuals, [0.0, 0.0, 0.0, -19_000.0], "residuals");
         assert_eq!(cut.written(), 4);
     }
 
     #[test]
+    fn every_frame_to_the_last_is_found_at_its_time() {
+        let times: Vec<i64> = (0..49).map(|n| n * 40_000).collect();
+        let (cut, _folder) = cut("constant.mp4", &times);
+        assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), (0..49).map(Some).collect::<Vec<_>>());
+        TICK.assert(cut.frames.iter().map(|frame| frame.residual_micros().unwrap()), [0.0; 49], "residuals");
+    }
+
+    #[test]
     fn a_variable_rate_is_read_from_the_frames_and_not_from_their_numbers() {
-        // make_videos.sh: frame n at n² · 4 ms, so the average rate says little about any one of them.
+        // make_videos.sh: frame n at n² · 4 ms.
         let times: Vec<i64> = (0..20).map(|n| n * n * 4_000).collect();
         let (cut, _folder) = cut("variable.mkv", &times);
         let numbers: Vec<_> = cut.frames.iter().map(number_in).collect();
         assert_eq!(numbers, (0..20).map(Some).collect::<Vec<_>>());
         for frame in &cut.frames {
-            assert!(Tolerance::absolute(501.0).accepts(frame.residual_micros().unwrap(), 0.0), "{frame:?}");
+            assert!(TICK.accepts(frame.residual_micros().unwrap(), 0.0), "{frame:?}");
         }
     }
 

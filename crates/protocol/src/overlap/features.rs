@@ -1,0 +1,277 @@
+use std::collections::BTreeSet;
+
+use atsplat_camera::{Camera, ImageSize};
+use atsplat_pixels::ImageU8;
+use atsplat_scene::geometry::{EpipolarGeometry, PointMatch, View};
+use atsplat_scene::opencv::{Features, MatchOptions, detect, match_mutual};
+use glam::DVec2;
+use serde::{Deserialize, Serialize};
+
+use crate::ProtocolError;
+
+/// Overlap by matched features: both pictures are divided into a grid; of one view's cells that hold any
+/// SIFT feature, the fraction that holds one matched into the other view; the smaller of both directions.
+///
+/// A match counts where it is mutual, passes the ratio test, and agrees with the declared cameras: within
+/// `limit` of its epipolar line and in front of both cameras, or, for cameras that share their centre,
+/// within `limit` of where the rotation takes it. Cells without any feature (blank walls, sky) have no say.
+///
+/// This is a lower bound that falls with the baseline and with blur, as sparse matching does. It is not the
+/// quantity that NoPoSplat ships with its index (dense `RoMa` matches, code never released), and the two do
+/// not belong into one set of bins.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct FeatureCoverage {
+    /// Cells along each side of the picture; at least 1.
+    pub cells: u32,
+    /// How far from its epipolar line a match may be, as a fraction of the picture's diagonal.
+    pub limit: f64,
+    /// How features are found and matched.
+    pub matching: MatchOptions,
+}
+
+impl Default for FeatureCoverage {
+    /// 8×8 cells: a 256×256 picture has some hundred features, a few in every cell. Half a per cent of the
+    /// diagonal is 1.8 pixels there.
+    fn default() -> Self {
+        Self { cells: 8, limit: 0.005, matching: MatchOptions::default() }
+    }
+}
+
+/// What [`FeatureCoverage`] measured between two views.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct Coverage {
+    /// Fraction of the first view's cells with features that are matched into the second, in [0, 1].
+    pub first_in_second: f64,
+    /// Fraction of the second view's cells with features that are matched into the first, in [0, 1].
+    pub second_in_first: f64,
+    /// Mutual matches that passed the ratio test.
+    pub tentative: usize,
+    /// Those of them that agree with the cameras.
+    pub verified: usize,
+}
+
+impl Coverage {
+    /// The smaller of the two directions, in [0, 1].
+    pub fn overlap(&self) -> f64 {
+        if self.second_in_first < self.first_in_second { self.second_in_first } else { self.first_in_second }
+    }
+}
+
+impl FeatureCoverage {
+    /// Two-way overlap in [0, 1].
+    ///
+    /// # Errors
+    /// As [`Self::coverage`].
+    pub fn overlap(&self, a: (&Camera, &ImageU8), b: (&Camera, &ImageU8)) -> Result<f64, ProtocolError> {
+        Ok(self.coverage(a, b)?.overlap())
+    }
+
+    /// Both directions apart. Pictures may have any size that was reached without cropping what the
+    /// intrinsics describe.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Overlap`] where a picture has no features at all or the grid has no cells,
+    /// [`ProtocolError::Scene`] where OpenCV refuses.
+    pub fn coverage(&self, a: (&Camera, &ImageU8), b: (&Camera, &ImageU8)) -> Result<Coverage, ProtocolError> {
+        if self.cells == 0 {
+            return Err(unusable("a grid of no cells"));
+        }
+        let (first, second) = (Seen::new(a, self)?, Seen::new(b, self)?);
+        let matches = match_mutual(&first.features, &second.features, self.matching.ratio)?;
+        let agreement = Agreement::new(&first.view, &second.view, self.limit);
+        let verified: Vec<&PointMatch> = matches.iter().filter(|points| agreement.holds(points)).collect();
+        let fraction = |seen: &Seen, at: fn(&PointMatch) -> DVec2| {
+            let matched: BTreeSet<_> =
+                verified.iter().filter_map(|points| self.cell(seen.view.size, at(points))).collect();
+            matched.len() as f64 / seen.cells.len() as f64
+        };
+        Ok(Coverage {
+            first_in_second: fraction(&first, |points| points.first),
+            second_in_first: fraction(&second, |points| points.second),
+            tentative: matches.len(),
+            verified: verified.len(),
+        })
+    }
+
+    /// Column and row of the cell that a pixel falls into.
+    fn cell(&self, size: ImageSize, pixel: DVec2) -> Option<(u32, u32)> {
+        let along = |place: f64, length: u32| {
+            let cell = (place / f64::from(length) * f64::from(self.cells)).floor();
+            // A feature at the very edge may lie a fraction of a pixel outside.
+            let last = f64::from(self.cells - 1);
+            cell.is_finite().then(|| whole(cell.clamp(0.0, last)))
+        };
+        Some((along(pixel.x, size.width)?, along(pixel.y, size.height)?))
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the cells of a u32 grid")]
+fn whole(cell: f64) -> u32 {
+    cell as u32
+}
+
+/// One view with its features and the cells that they occupy.
+struct Seen {
+    view: View,
+    features: Features,
+    cells: BTreeSet<(u32, u32)>,
+}
+
+impl Seen {
+    fn new((camera, picture): (&Camera, &ImageU8), grid: &FeatureCoverage) -> Result<Self, ProtocolError> {
+        let size = ImageSize { width: picture.width(), height: picture.height() };
+        let features = detect(picture, &grid.matching)?;
+        let cells: BTreeSet<_> = features.points().iter().filter_map(|point| grid.cell(size, *point)).collect();
+        if cells.is_empty() {
+            return Err(unusable("a picture has no features"));
+        }
+        Ok(Self { view: View { camera: *camera, size }, features, cells })
+    }
+}
+
+/// Decides whether a match agrees with two cameras.
+struct Agreement<'a> {
+    first: &'a View,
+    second: &'a View,
+    geometry: Option<EpipolarGeometry>,
+    limit_px: f64,
+}
+
+impl<'a> Agreement<'a> {
+    fn new(first: &'a View, second: &'a View, limit: f64) -> Self {
+        let geometry = EpipolarGeometry::new(first, second);
+        Self { first, second, geometry, limit_px: limit * second.diagonal() }
+    }
+
+    fn holds(&self, points: &PointMatch) -> bool {
+        let straight = (self.first.undistorted(points.first), self.second.undistorted(points.second));
+        let (Some(first), Some(second)) = straight else { return false };
+        let points = PointMatch { first, second };
+        match &self.geometry {
+            Some(geometry) => geometry.distance(&points) <= self.limit_px && geometry.in_front(&points),
+            None => self.turned(first).is_some_and(|expected| expected.distance(second) <= self.limit_px),
+        }
+    }
+
+    /// Where the second view sees what the first, from the same centre, sees at `pixel`.
+    fn turned(&self, pixel: DVec2) -> Option<DVec2> {
+        let ray = self.first.pixel_from_plane().inverse() * pixel.extend(1.0);
+        let world = self.first.camera.camera_from_world.inverse().transform_vector(ray);
+        let seen = self.second.pixel_from_plane() * self.second.camera.camera_from_world.transform_vector(world);
+        (seen.z > 0.0).then(|| seen.truncate() / seen.z)
+    }
+}
+
+fn unusable(reason: &str) -> ProtocolError {
+    ProtocolError::Overlap { estimator: "feature-coverage", reason: reason.to_owned() }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_numeric::Tolerance;
+    use glam::{DMat3, DVec3};
+
+    const SIZE: u32 = 256;
+
+    /// A plane at z = 1, painted with soft noise, seen by a camera shifted by (`x`, `y`) of the picture's width.
+    fn view(x: f64, y: f64) -> (Camera, ImageU8) {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, -y, 0.0)).unwrap();
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap());
+        let mut samples = Vec::new();
+        for row in 0..SIZE {
+            for column in 0..SIZE {
+                let place = DVec2::new(f64::from(column), f64::from(row)) + f64::from(SIZE) * DVec2::new(x, y);
+                samples.extend([level(60.0 * noise(place / 5.0) + 100.0 * noise(place / 11.0)); 3]);
+            }
+        }
+        (camera, ImageU8::new(SIZE, SIZE, samples).unwrap())
+    }
+
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "noise keeps it below 160")]
+    fn level(value: f64) -> u8 {
+        value as u8
+    }
+
+    /// Value noise in [0, 1].
+    fn noise(place: DVec2) -> f64 {
+        let corner = place.floor();
+        let t = place - corner;
+        let ease = t * t * (DVec2::splat(3.0) - 2.0 * t);
+        let at = |dx: f64, dy: f64| lattice(corner.x + dx, corner.y + dy);
+        let mix = |a: f64, b: f64, share: f64| a + (b - a) * share;
+        mix(mix(at(0.0, 0.0), at(1.0, 0.0), ease.x), mix(at(0.0, 1.0), at(1.0, 1.0), ease.x), ease.y)
+    }
+
+    /// `SplitMix64`'s finaliser over both coordinates.
+    fn lattice(x: f64, y: f64) -> f64 {
+        let mut z = x.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    fn overlap(a: &(Camera, ImageU8), b: &(Camera, ImageU8)) -> f64 {
+        FeatureCoverage::default().overlap((&a.0, &a.1), (&b.0, &b.1)).unwrap()
+    }
+
+    #[test]
+    fn a_picture_covers_itself() {
+        let here = view(0.0, 0.0);
+        let coverage = FeatureCoverage::default().coverage((&here.0, &here.1), (&here.0, &here.1)).unwrap();
+        Tolerance::EXACT.assert([coverage.first_in_second, coverage.second_in_first], [1.0, 1.0], "itself");
+        assert_eq!(coverage.tentative, coverage.verified, "every match stays in place");
+    }
+
+    #[test]
+    fn coverage_falls_with_the_shift_and_stays_below_the_true_overlap() {
+        let here = view(0.0, 0.0);
+        let mut before = 1.0;
+        for eighths in [1.0, 2.0, 4.0, 6.0] {
+            let there = overlap(&here, &view(eighths / 8.0, 0.0));
+            let truth = 1.0 - eighths / 8.0;
+            assert!(there <= truth + 1.0 / 8.0, "{there} where {truth} is shared: one column of cells at most is cut");
+            assert!(there > truth - 0.3, "{there} where {truth} is shared");
+            assert!(there < before, "{there} after {before}");
+            before = there;
+        }
+    }
+
+    #[test]
+    fn exchanging_the_views_exchanges_the_directions() {
+        let (here, there) = (view(0.0, 0.0), view(0.25, 0.125));
+        let coverage = |a: &(Camera, ImageU8), b: &(Camera, ImageU8)| {
+            FeatureCoverage::default().coverage((&a.0, &a.1), (&b.0, &b.1)).unwrap()
+        };
+        let (forth, back) = (coverage(&here, &there), coverage(&there, &here));
+        Tolerance::EXACT.assert(
+            [forth.first_in_second, forth.overlap()],
+            [back.second_in_first, back.overlap()],
+            "directions",
+        );
+    }
+
+    #[test]
+    fn cameras_that_contradict_the_pictures_verify_nothing() {
+        let (here, mut there) = (view(0.0, 0.0), view(0.25, 0.0));
+        assert!(overlap(&here, &there) > 0.5);
+        // The pictures moved sideways; these cameras say upwards.
+        there.0 = view(0.0, 0.25).0;
+        assert!(overlap(&here, &there) < 0.1, "{}", overlap(&here, &there));
+        // And these moved the other way: right lines, wrong side.
+        there.0 = view(-0.25, 0.0).0;
+        assert!(overlap(&here, &there) < 0.1, "{}", overlap(&here, &there));
+    }
+
+    #[test]
+    fn blank_pictures_and_empty_grids_are_errors() {
+        let here = view(0.0, 0.0);
+        let blank = ImageU8::new(64, 64, vec![90; 64 * 64 * 3]).unwrap();
+        let outcome = FeatureCoverage::default().overlap((&here.0, &here.1), (&here.0, &blank));
+        assert!(matches!(outcome, Err(ProtocolError::Overlap { .. })));
+        let no_cells = FeatureCoverage { cells: 0, ..FeatureCoverage::default() };
+        assert!(no_cells.overlap((&here.0, &here.1), (&here.0, &here.1)).is_err());
+    }
+}
