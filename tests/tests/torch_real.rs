@@ -55,6 +55,10 @@ fn a_whole_network_is_read() {
     let tensor = |name| value.as_dict().and_then(|state| state.get(name)).and_then(Value::as_tensor).unwrap();
     assert_eq!(tensor("net.slice1.0.weight").shape(), [64, 3, 11, 11]);
     // float32 of the published constants, as PyTorch prints them.
-    Tolerance::F32_ROUND_TRIP.assert(tensor("scaling_layer.shift").to_f64().unwrap(), [-0.030, -0.088, -0.188], "shift");
+    Tolerance::F32_ROUND_TRIP.assert(
+        tensor("scaling_layer.shift").to_f64().unwrap(),
+        [-0.030, -0.088, -0.188],
+        "shift",
+    );
     Tolerance::F32_ROUND_TRIP.assert(tensor("scaling_layer.scale").to_f64().unwrap(), [0.458, 0.448, 0.450], "scale");
 }

@@ -48,7 +48,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let trajectory = read_trajectory(&words.trajectory)?;
     let timestamps: Vec<i64> = trajectory.rows.iter().map(|row| row.timestamp_micros).collect();
     let of_file = || words.trajectory.file_stem()?.to_str().map(str::to_owned);
-    let key = words.key.clone().or_else(of_file).context("the trajectory's file name makes no scene key; give --key")?;
+    let key =
+        words.key.clone().or_else(of_file).context("the trajectory's file name makes no scene key; give --key")?;
     let format = if words.png { FrameFormat::Png } else { FrameFormat::Jpeg(words.quality) };
     let options = CutOptions { folder: words.out.clone(), format };
     let progress = Progress::new("frames", timestamps.len());

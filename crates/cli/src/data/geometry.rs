@@ -7,11 +7,7 @@ pub(super) use atsplat_scene::opencv::GeometryCheck as GeometryReport;
 
 /// Checks scenes evenly spread over the dataset, one after the other: OpenCV uses its own threads.
 #[cfg(feature = "opencv")]
-pub(super) fn check(
-    dataset: &Dataset,
-    most: usize,
-    warnings: &mut Warnings,
-) -> anyhow::Result<Vec<GeometryReport>> {
+pub(super) fn check(dataset: &Dataset, most: usize, warnings: &mut Warnings) -> anyhow::Result<Vec<GeometryReport>> {
     use atsplat_pixels::DecodeLimits;
     use atsplat_scene::opencv::{GeometryCheckOptions, check_geometry};
     use atsplat_scene::{SceneSource as _, WarningKind};

@@ -48,13 +48,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     drop(progress);
     out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
     let BuiltIndex { scenes, entries, nulls, refused_entries, .. } = &built;
-    let report = Report {
-        rule: &builder,
-        scenes: *scenes,
-        entries: *entries,
-        refused_entries: *refused_entries,
-        nulls,
-    };
+    let report =
+        Report { rule: &builder, scenes: *scenes, entries: *entries, refused_entries: *refused_entries, nulls };
     print_report(&report, words.json)?;
     print_warnings(&warnings);
     Ok(nulls.is_empty())

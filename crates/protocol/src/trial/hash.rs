@@ -6,13 +6,16 @@
 //! | scene key | text | no |
 //! | context frames | count, then each position, u64 little-endian | no |
 //! | target frames | the same | no |
-//! | cameras | count of context, count of target, u64 little-endian; then context, then target in index order, each as sixteen f32 little-endian: fx fy cx cy and the row-major 3×4 world-to-camera matrix *of the source* | yes |
+//! | counts | of context, of target, u64 little-endian | yes |
+//! | cameras *of the source* | context, then target in index order, each as f32 little-endian: fx fy cx cy | no |
+//! | | and the row-major 3×4 world-to-camera matrix | yes |
 //! | preprocessing | its one-line `Display`, text | no |
 //! | normalisation | the rule as compact JSON, text | no |
 //! | near, far | before normalisation, f64 little-endian | no |
 //!
 //! Text is its length in bytes as u64 little-endian, then UTF-8. Cameras are f32 because a `.torch` chunk
-//! holds no more: a trajectory file and a chunk of the same scene hash alike. Negative zero is written as zero.
+//! holds no more: a trajectory file and a chunk of the same scene hash alike. Intrinsics follow the pictures, so
+//! copies of a scene that were cropped differently share their poses alone. Negative zero is written as zero.
 
 use atsplat_camera::Camera;
 use sha2::{Digest, Sha256};
@@ -42,7 +45,10 @@ pub(super) fn of_trial(
             number(&mut hasher, *frame);
         }
     }
-    rows(&mut hasher, entry, cameras);
+    rows(&mut hasher, entry, cameras, |camera| {
+        let k = camera.intrinsics;
+        [k.fx, k.fy, k.cx, k.cy].into_iter().chain(camera.camera_from_world.to_rows())
+    });
     text(&mut hasher, &recipe.preprocessing.to_string());
     text(&mut hasher, &rule);
     hasher.update((recipe.near_far.near + 0.0).to_le_bytes());
@@ -50,20 +56,24 @@ pub(super) fn of_trial(
     Ok(Sha256Digest::finish(hasher))
 }
 
-/// Hash of the source cameras alone.
+/// Hash of the source poses alone.
 pub(super) fn of_poses(entry: &IndexEntry, cameras: &[Camera]) -> Sha256Digest {
     let mut hasher = Sha256::new();
     text(&mut hasher, "atsplat poses 1");
-    rows(&mut hasher, entry, cameras);
+    rows(&mut hasher, entry, cameras, |camera| camera.camera_from_world.to_rows());
     Sha256Digest::finish(hasher)
 }
 
-fn rows(hasher: &mut Sha256, entry: &IndexEntry, cameras: &[Camera]) {
+fn rows<I: IntoIterator<Item = f64>>(
+    hasher: &mut Sha256,
+    entry: &IndexEntry,
+    cameras: &[Camera],
+    row: impl Fn(&Camera) -> I,
+) {
     number(hasher, entry.context.len());
     number(hasher, entry.target.len());
     for camera in cameras {
-        let k = camera.intrinsics;
-        for value in [k.fx, k.fy, k.cx, k.cy].into_iter().chain(camera.camera_from_world.to_rows()) {
+        for value in row(camera) {
             #[expect(clippy::cast_possible_truncation, reason = "chunks store f32")]
             let stored = value as f32 + 0.0;
             hasher.update(stored.to_le_bytes());

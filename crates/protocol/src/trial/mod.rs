@@ -114,8 +114,8 @@ impl Trial {
         self.hash
     }
 
-    /// Identity of the source cameras alone, context then target, whatever the scene is called and whatever
-    /// is done to it.
+    /// Identity of the source poses alone, context then target, whatever the scene is called, however its
+    /// pictures were cropped and whatever is done to it.
     pub const fn pose_hash(&self) -> Sha256Digest {
         self.pose_hash
     }

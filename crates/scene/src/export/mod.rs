@@ -12,11 +12,10 @@ mod writer;
 
 use std::path::Path;
 
-use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::columns::CameraTable;
-use crate::{SceneSource, WarningKind, Warnings};
+use crate::{SceneSource, Warnings, load_scenes};
 
 pub use error::ExportError;
 pub use format::ExportFormat;
@@ -56,28 +55,12 @@ pub fn export(
     let mut table = CameraTable::new();
     let mut summary = ExportSummary::default();
     for keys in source.keys().chunks(SCENES_AT_ONCE) {
-        let loaded: Vec<_> = keys
-            .par_iter()
-            .map(|key| {
-                let mut warnings = Warnings::new();
-                let scene = source.load(key, &mut warnings);
-                step();
-                (key, scene, warnings)
-            })
-            .collect();
-        for (key, scene, of_scene) in loaded {
-            warnings.merge(of_scene);
-            match scene {
-                Ok(scene) => {
-                    table.push_scene(&scene, |batch| writer.write(&batch))?;
-                    summary.scenes += 1;
-                    summary.frames += scene.frames.len() as u64;
-                }
-                Err(error) => {
-                    summary.skipped += 1;
-                    warnings.push(WarningKind::UnreadableScene, key.as_str(), error.to_string());
-                }
-            }
+        let scenes = load_scenes(source, keys, warnings, &|_| step());
+        summary.skipped += (keys.len() - scenes.len()) as u64;
+        for scene in scenes {
+            table.push_scene(&scene, |batch| writer.write(&batch))?;
+            summary.scenes += 1;
+            summary.frames += scene.frames.len() as u64;
         }
     }
     writer.write(&table.take()?)?;

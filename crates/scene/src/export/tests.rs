@@ -6,6 +6,7 @@ use arrow_array::RecordBatch;
 use polars::prelude::*;
 
 use super::*;
+use crate::WarningKind;
 use crate::columns::{batches_from_scene, rows_from_batch, schema};
 use crate::test_source::{TestSource, wandering_scene};
 

@@ -1,13 +1,11 @@
-use std::borrow::Cow;
 use std::collections::BTreeMap;
-use std::fs;
 
 use atsplat_camera::{Camera, Distortion, ImageSize, WorldFromCamera};
 use atsplat_numeric::Extremes;
 use glam::DVec3;
 
 use super::{LensCounts, PictureCounts, SizeSampling};
-use crate::{Frame, Picture, Scene, SceneError, WarningKind, Warnings};
+use crate::{Picture, Scene, WarningKind, Warnings};
 
 /// Everything that the report needs to know of one scene; its pictures are let go.
 pub(super) struct SceneMeasure {
@@ -94,7 +92,7 @@ impl SceneMeasure {
             .collect();
         for chosen in evenly_spread(with_picture.len(), sampling) {
             let Some((position, frame)) = with_picture.get(chosen) else { continue };
-            match size_of(frame, &scene.key, *position) {
+            match frame.size(&scene.key, *position) {
                 Ok(size) => {
                     self.pictures.headers_read += 1;
                     *self.sizes.entry(size).or_default() += 1;
@@ -110,21 +108,6 @@ impl SceneMeasure {
             }
         }
     }
-}
-
-/// A picture's size from its header.
-fn size_of(frame: &Frame, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
-    let header = match &frame.picture {
-        Picture::File(path) => Cow::Owned(fs::read(path).map_err(SceneError::io("reading a picture's header", path))?),
-        Picture::Encoded(bytes) => Cow::Borrowed(&**bytes),
-        Picture::Missing(_) | Picture::Absent => Cow::Borrowed(&[][..]),
-    };
-    let (width, height) = atsplat_pixels::size_of(&header).map_err(|source| SceneError::Pixels {
-        scene: scene.to_owned(),
-        frame: position,
-        source,
-    })?;
-    Ok(ImageSize { width, height })
 }
 
 /// Distance and angle in degrees from one camera to the next.

@@ -24,7 +24,7 @@ impl CentreCrop {
         Self { height, width }
     }
 
-    pub(super) fn extend(&self, plan: &mut Plan) -> Result<(), PreprocessError> {
+    pub(super) fn extend(self, plan: &mut Plan) -> Result<(), PreprocessError> {
         plan.crop_centre(STEP, ImageSize { width: self.width, height: self.height })
     }
 }

@@ -30,9 +30,9 @@ impl PatchCrop {
         Self { multiple, allow_odd_size: false }
     }
 
-    pub(super) fn extend(&self, plan: &mut Plan) -> Result<(), PreprocessError> {
+    pub(super) fn extend(self, plan: &mut Plan) -> Result<(), PreprocessError> {
         let found = plan.output();
-        if !self.allow_odd_size && (found.width % 2 != 0 || found.height % 2 != 0) {
+        if !self.allow_odd_size && !(found.width.is_multiple_of(2) && found.height.is_multiple_of(2)) {
             return Err(PreprocessError::OddSize { step: STEP, found });
         }
         let whole_patches =

@@ -49,7 +49,7 @@ pub(super) struct StorageRef {
     pub(super) len: u64,
 }
 
-/// Arguments of `_rebuild_tensor_v2`. The tuples stay where they are, because many tensors may share them.
+/// Arguments of `_rebuild_tensor` and `_rebuild_tensor_v2`. The tuples stay where they are, because many tensors may share them.
 pub(super) struct TensorRef {
     pub(super) storage: StorageRef,
     pub(super) offset: u64,

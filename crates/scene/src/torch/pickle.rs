@@ -2,7 +2,6 @@
 //! `Lib/pickletools.py` describes the opcodes): containers, text, numbers, and tensors through an
 //! allow-list of names. It calls nothing, and its memory is a constant times the bytes it has read.
 
-use std::collections::HashMap;
 use std::ops::Range;
 
 use super::TorchError;
@@ -16,6 +15,8 @@ const MAX_PICKLE_BYTES: usize = 256 << 20;
 /// PyTorch numbers the storages; the older format uses addresses in decimal.
 const MAX_STORAGE_KEY_BYTES: usize = 64;
 const HIGHEST_PROTOCOL: u8 = 5;
+/// A memo slot without an object.
+const EMPTY: NodeId = NodeId::MAX;
 
 /// A pickle that ran to its end.
 pub(super) struct Parsed<'a> {
@@ -34,11 +35,13 @@ pub(super) fn parse(bytes: &[u8], start: usize) -> Result<Parsed<'_>, TorchError
     }
     let mut machine = Machine {
         graph: Graph { nodes: Vec::new(), source },
+        start,
         at: start,
         opcode_at: start,
         stack: Vec::new(),
         marks: Vec::new(),
-        memo: HashMap::new(),
+        memo: Vec::new(),
+        remembered: 0,
         copied: 0,
     };
     let root = loop {
@@ -51,13 +54,17 @@ pub(super) fn parse(bytes: &[u8], start: usize) -> Result<Parsed<'_>, TorchError
 
 struct Machine<'a> {
     graph: Graph<'a>,
+    start: usize,
     at: usize,
     /// Where the current opcode is, for errors.
     opcode_at: usize,
     stack: Vec<NodeId>,
     /// Heights of the stack at each MARK.
     marks: Vec<usize>,
-    memo: HashMap<u32, NodeId>,
+    /// Objects by slot, [`EMPTY`] where there is none. A pickler numbers its slots in order.
+    memo: Vec<NodeId>,
+    /// How many slots are filled.
+    remembered: u32,
     /// Dict entries that were copied out of lists.
     copied: usize,
 }
@@ -129,7 +136,7 @@ impl<'a> Machine<'a> {
                 let slot = u32::from_le_bytes(self.array()?);
                 self.remember(slot)?;
             }
-            0x94 => self.remember(u32::try_from(self.memo.len()).unwrap_or(u32::MAX))?,
+            0x94 => self.remember(self.remembered)?,
             b'h' => {
                 let [slot] = self.array()?;
                 self.recall(u32::from(slot))?;
@@ -292,12 +299,23 @@ impl<'a> Machine<'a> {
 
     fn remember(&mut self, slot: u32) -> Result<(), TorchError> {
         let top = self.top()?;
-        self.memo.insert(slot, top);
+        let read = self.at.saturating_sub(self.start);
+        let Some(slot) = usize::try_from(slot).ok().filter(|slot| *slot < read) else {
+            return Err(self.unexpected(format!("a memo slot below {read}, the bytes read so far"), slot.to_string()));
+        };
+        if slot >= self.memo.len() {
+            self.memo.resize(slot + 1, EMPTY);
+        }
+        if let Some(held) = self.memo.get_mut(slot) {
+            self.remembered += u32::from(*held == EMPTY);
+            *held = top;
+        }
         Ok(())
     }
 
     fn recall(&mut self, slot: u32) -> Result<(), TorchError> {
-        let node = *self.memo.get(&slot).ok_or_else(|| self.unexpected(format!("an object in memo {slot}"), "none"))?;
+        let held = self.memo.get(slot as usize).copied().filter(|held| *held != EMPTY);
+        let node = held.ok_or_else(|| self.unexpected(format!("an object in memo {slot}"), "none"))?;
         self.stack.push(node);
         Ok(())
     }
@@ -376,8 +394,9 @@ impl<'a> Machine<'a> {
     }
 
     fn tensor(&self, arguments: &[NodeId]) -> Result<Node, TorchError> {
-        const EXPECTED: &str = "(storage, offset, size, stride, requires_grad, hooks)";
+        const EXPECTED: &str = "(storage, offset, size, stride) or (…, requires_grad, hooks)";
         let (storage, offset, shape, strides, metadata) = match *arguments {
+            [storage, offset, shape, strides] => (storage, offset, shape, strides, None),
             [storage, offset, shape, strides, _, _] => (storage, offset, shape, strides, None),
             [storage, offset, shape, strides, _, _, metadata] => (storage, offset, shape, strides, Some(metadata)),
             _ => return Err(self.unexpected(EXPECTED, format!("{} arguments", arguments.len()))),

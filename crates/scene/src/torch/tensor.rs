@@ -92,15 +92,15 @@ impl Tensor {
         strides: Arc<[u64]>,
     ) -> Result<Self, TorchError> {
         let layout = || format!("shape {shape:?}, strides {strides:?}, offset {offset}");
-        let location = format!("tensor in storage {:?}", super::error::shortened(&storage.key));
+        let location = || format!("tensor in storage {:?}", super::error::shortened(&storage.key));
         if shape.len() != strides.len() {
-            return Err(TorchError::malformed(location, "as many strides as dimensions", layout()));
+            return Err(TorchError::malformed(location(), "as many strides as dimensions", layout()));
         }
         let elements = element_count(&shape)
-            .ok_or_else(|| TorchError::malformed(&location, "an element count below 2^64", layout()))?;
+            .ok_or_else(|| TorchError::malformed(location(), "an element count below 2^64", layout()))?;
         let end = if elements == 0 { Some(offset) } else { past_last(offset, &shape, &strides) };
         if end.is_none_or(|end| end > storage.len) {
-            return Err(TorchError::malformed(location, format!("at most {} elements", storage.len), layout()));
+            return Err(TorchError::malformed(location(), format!("at most {} elements", storage.len), layout()));
         }
         Ok(Self { storage, offset, shape, strides, elements })
     }

@@ -51,7 +51,8 @@ impl ZipDirectory {
     pub(super) fn parse(file: SharedBytes) -> Result<Self, TorchError> {
         let end = EndOfDirectory::find(&file)?;
         let directory = end.directory(&file)?;
-        let mut entries = HashMap::new();
+        let most = usize::try_from(end.entries).unwrap_or(usize::MAX).min(directory.len() / CENTRAL_HEADER_LEN);
+        let mut entries = HashMap::with_capacity(most);
         let mut at = 0;
         while at < directory.len() {
             let (name, entry, next) = central_entry(directory, at)?;
@@ -79,7 +80,7 @@ impl ZipDirectory {
 
     /// Name of the entry that holds a storage.
     pub(super) fn storage_name(&self, key: &str) -> String {
-        self.name(&format!("data/{key}"))
+        [&self.prefix, "/data/", key].concat()
     }
 
     /// Length of an entry.

@@ -194,19 +194,20 @@ fn an_object_that_holds_itself_is_refused() {
 #[test]
 fn a_list_copied_over_and_over_into_dicts_is_refused() {
     const ENTRIES: usize = 100_000;
-    let list =
-        [&b"](q\x00"[..], &b"K\x01K\x02\x86".repeat(ENTRIES), b"eq\x01\x85q\x02ccollections\nOrderedDict\nq\x03"]
-            .concat();
-    let list = [b"]q\x00".as_slice(), &list].concat();
+    let pairs = b"K\x01K\x02\x86".repeat(ENTRIES);
+    let list = [&b"]("[..], &pairs, b"e\x85q\x02ccollections\nOrderedDict\nq\x03"].concat();
     let bomb = pickle(&[&list[..], &b"h\x03h\x02R0".repeat(ENTRIES)].concat());
     let message = malformed(torch::parse_pickle(&bomb));
     assert!(message.contains("copied over and over"), "{message}");
 }
 
 #[test]
-fn memo_slots_cost_what_they_hold() {
-    let body = [&b"K\x01"[..], &b"r\xff\xff\xff\xffr\xfe\xff\xff\x7f".repeat(1000)].concat();
-    assert!(torch::parse_pickle(&pickle(&body)).is_ok());
+fn memo_slots_cannot_outrun_the_bytes() {
+    for slot in [&b"r\xff\xff\xff\xff"[..], b"r\xfe\xff\xff\x7f", b"q\xff"] {
+        let message = malformed(torch::parse_pickle(&pickle(&[b"K\x01", slot].concat())));
+        assert!(message.contains("memo slot"), "{message}");
+    }
+    assert!(torch::parse_pickle(&pickle(b"K\x01q\x03h\x03\x86")).is_ok(), "Python 2 starts at 1");
 }
 
 #[test]

@@ -1,0 +1,88 @@
+//! Real datasets as columns: inspected, exported, and their cameras read back bit for bit.
+
+use std::path::Path;
+
+use atsplat_camera::Camera;
+use atsplat_numeric::Tolerance;
+use atsplat_scene::columns::{batches_from_scene, rows_from_batch};
+use atsplat_scene::export::{ExportFormat, export};
+use atsplat_scene::inspect::{InspectOptions, Inspection, SizeSampling, inspect};
+use atsplat_scene::{SceneSource as _, WarningKind, Warnings, open};
+use atsplat_tests::shared_data;
+
+fn inspected(path: &Path) -> (Inspection, Warnings) {
+    let mut warnings = Warnings::new();
+    let dataset = open(path, &mut warnings).unwrap();
+    let options = InspectOptions { sizes: SizeSampling::All, per_scene: true };
+    let report = inspect(&dataset, dataset.format.name(), &options, &mut warnings, &|| {}).unwrap();
+    (report, warnings)
+}
+
+#[test]
+fn the_fox_is_67_frames_of_which_17_have_no_picture() {
+    let Some(data) = shared_data("the_fox_is_67_frames_of_which_17_have_no_picture") else { return };
+    let (report, warnings) = inspected(&data.join("fox"));
+    assert_eq!((report.format.as_str(), report.frames), ("nerfstudio", 67));
+    assert_eq!((report.pictures.files, report.pictures.missing, report.pictures.headers_read), (50, 17, 50));
+    assert_eq!(warnings.count(WarningKind::MissingPicture), 17);
+    assert_eq!((report.lenses.opencv, report.lenses.pinhole), (67, 0), "distortion is kept");
+    let [size] = report.sizes[..] else { panic!("one size, found {:?}", report.sizes) };
+    assert_eq!((size.size.width, size.size.height, size.frames), (1080, 1920, 50));
+    assert_eq!(report.per_scene[0].pictures, 50);
+}
+
+#[test]
+fn one_re10k_scene_has_279_frames() {
+    let Some(data) = shared_data("one_re10k_scene_has_279_frames") else { return };
+    let (report, _) = inspected(&data.join("re10k/chunk"));
+    assert_eq!((report.format.as_str(), report.frames, report.pictures.encoded), ("torch-chunks", 279, 279));
+    assert!(report.is_complete());
+    // A chunk holds f32: the trajectory's numbers to six decimals, from another reader.
+    let (text, _) = inspected(&data.join("re10k/000c3ab189999a83"));
+    assert_eq!((text.format.as_str(), text.frames), ("re10k", 279));
+    let numbers = |report: &Inspection| {
+        let b = report.baselines;
+        [b.step, b.rotation_degrees, b.extent, b.path_length].map(|s| s.median.unwrap())
+    };
+    Tolerance { absolute: 1e-5, relative: 1e-4 }.assert(numbers(&report), numbers(&text), "baselines");
+}
+
+#[test]
+fn real_cameras_come_back_from_columns_bit_for_bit() {
+    let Some(data) = shared_data("real_cameras_come_back_from_columns_bit_for_bit") else { return };
+    for path in ["fox", "dl3dv_like/desk", "trajectories/cameractrl_16f", "re10k/chunk"] {
+        let mut warnings = Warnings::new();
+        let dataset = open(data.join(path), &mut warnings).unwrap();
+        assert!(!dataset.keys().is_empty(), "{path}");
+        for key in dataset.keys() {
+            let scene = dataset.load(key, &mut warnings).unwrap();
+            let batches = batches_from_scene(&scene).unwrap();
+            let rows: Vec<_> = batches.iter().flat_map(|batch| rows_from_batch(batch).unwrap()).collect();
+            let read: Vec<Camera> = rows.iter().map(|row| row.camera).collect();
+            let written: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
+            assert_eq!(read, written, "{path}, {key}");
+            assert!(rows.iter().zip(&scene.frames).all(|(row, frame)| row.name == frame.name), "{path}, {key}");
+        }
+    }
+}
+
+#[test]
+fn ten_trajectories_become_160_lines_of_csv() {
+    let Some(data) = shared_data("ten_trajectories_become_160_lines_of_csv") else { return };
+    let mut warnings = Warnings::new();
+    let dataset = open(data.join("trajectories/cameractrl_16f"), &mut warnings).unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("cameras.csv");
+    let summary = export(&dataset, &path, ExportFormat::Csv, &mut warnings, &|| {}).unwrap();
+    assert_eq!((summary.scenes, summary.skipped, summary.frames), (10, 0, 160));
+    let text = std::fs::read_to_string(path).unwrap();
+    assert_eq!(text.lines().count(), 161);
+    // Every number that the files state stands in the table.
+    let scene = dataset.load(&dataset.keys()[0], &mut warnings).unwrap();
+    let line = text.lines().nth(1).unwrap();
+    let cells: Vec<f64> = line.split(',').filter_map(|cell| cell.parse().ok()).collect();
+    let camera = scene.frames[0].camera;
+    for value in camera.camera_from_world.to_rows().into_iter().chain([camera.intrinsics.fx, camera.intrinsics.fy]) {
+        assert!(cells.contains(&value), "{value} in {line}");
+    }
+}
