@@ -1,5 +1,7 @@
 //! Real datasets as columns: inspected, exported, and their cameras read back bit for bit.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::path::Path;
 
 use atsplat_camera::Camera;

@@ -1,5 +1,6 @@
 //! The geometry check on real captures, as they are and with mistakes made on purpose.
 #![cfg(feature = "opencv")]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
@@ -21,6 +22,8 @@ fn re10k(test: &str) -> Option<Scene> {
     Some(with_cameras(&scene, widened))
 }
 
+type Mistake<'a> = &'a dyn Fn(&Camera) -> Camera;
+
 fn only_scene(test: &str, folder: &str, options: &OpenOptions) -> Option<Scene> {
     let folder = shared_data(test)?.join(folder);
     let mut warnings = Warnings::new();
@@ -35,10 +38,6 @@ fn check(scene: &Scene, pairs: PairChoice) -> GeometryCheck {
     let picture_of = |position: usize| scene.decode(position, &DecodeLimits::default());
     let checked = check_geometry(scene, picture_of, &options, &mut warnings).unwrap();
     assert_eq!(warnings.total(), 0);
-    for pair in &checked.pairs {
-        println!("{pair:?}");
-    }
-    println!("{:?}\n{checked}\n", checked.skipped);
     checked
 }
 
@@ -105,7 +104,7 @@ fn every_mistake_made_in_a_real_re10k_scene_is_named() {
         let file = camera.camera_from_world.inverse().opengl_from_opencv();
         Camera { camera_from_world: CameraFromWorld::from_rows(&file.to_rows()).unwrap(), ..*camera }
     };
-    let mistakes: [(&dyn Fn(&Camera) -> Camera, Convention); 6] = [
+    let mistakes: [(Mistake<'_>, Convention); 6] = [
         (&inverted, Convention::PoseInverted),
         (&flipped, Convention::AxesFlipped),
         (&both, Convention::PoseInvertedAxesFlipped),

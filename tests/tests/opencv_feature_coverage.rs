@@ -1,5 +1,6 @@
 //! Feature coverage on a real capture: an estimator of overlap has to fall as views move apart.
 #![cfg(feature = "opencv")]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;

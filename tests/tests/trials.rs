@@ -1,5 +1,7 @@
 //! From real files to trials: overlap, extrapolation, built indices, hashes.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 

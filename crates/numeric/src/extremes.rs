@@ -32,6 +32,7 @@ impl_extremes!(f32, f64);
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::Tolerance;
 
     #[test]
     fn nan_wins_from_either_side() {
@@ -43,9 +44,8 @@ mod tests {
 
     #[test]
     fn ordinary_values_and_infinities() {
-        assert_eq!(1.0f64.maximum_of(2.0), 2.0);
-        assert_eq!(1.0f64.minimum_of(2.0), 1.0);
-        assert_eq!(f64::INFINITY.minimum_of(3.0), 3.0);
-        assert_eq!(f64::NEG_INFINITY.maximum_of(3.0), 3.0);
+        Tolerance::EXACT.assert([1.0f64.maximum_of(2.0), 1.0f64.minimum_of(2.0)], [2.0, 1.0], "of two");
+        let against_infinity = [f64::INFINITY.minimum_of(3.0), f64::NEG_INFINITY.maximum_of(3.0)];
+        Tolerance::EXACT.assert(against_infinity, [3.0, 3.0], "against infinity");
     }
 }

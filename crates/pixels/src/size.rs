@@ -1,7 +1,7 @@
 use crate::{PictureFormat, PixelError};
 
 /// Columns and rows of an encoded picture, read from its header alone: no pixel is decoded and nothing
-/// is allocated. EXIF orientation is not applied, as in [`decode`](crate::decode).
+/// is allocated. EXIF orientation is not applied, as in [`decode`](crate::decode()).
 ///
 /// # Errors
 /// [`PixelError::UnknownFormat`], [`PixelError::Header`] where the header is cut short or says zero

@@ -1,6 +1,8 @@
 //! Inspecting and exporting a dataset of RE10K's size, 10 000 scenes of 150 frames, made up in memory. `load`
 //! is what making the scenes costs: take it off the others to see what inspection and export add to reading.
 
+#![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
+
 use std::hint::black_box;
 use std::path::PathBuf;
 
@@ -48,7 +50,7 @@ impl SceneSource for Trajectories {
 
 fn dataset_of_re10k_size(c: &mut Criterion) {
     let source = Trajectories { keys: (0..SCENES).map(|n| format!("{:016x}", n * 0x9e37_79b9)).collect() };
-    let folder = tempfile::tempdir().unwrap_or_else(|error| panic!("temporary folder: {error}"));
+    let folder = tempfile::tempdir().expect("a temporary folder");
     let mut group = c.benchmark_group("10 000 scenes of 150 frames");
     group.sample_size(10);
     group.bench_function("load", |b| {

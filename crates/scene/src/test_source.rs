@@ -1,5 +1,7 @@
 //! Datasets made up in memory, for unit tests.
 
+#![expect(clippy::unwrap_used, reason = "test support: made-up cameras are valid")]
+
 use std::collections::BTreeSet;
 use std::path::PathBuf;
 

@@ -1,5 +1,7 @@
 //! Preprocessing against the papers' own code with Pillow inside (`fixtures/make_preprocess_golden.py`).
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -49,7 +51,7 @@ fn pictures_and_intrinsics_come_out_as_the_papers_code_makes_them() {
     }
 }
 
-/// SplitMix64's top byte, sample by sample: the script's pictures.
+/// `SplitMix64`'s top byte, sample by sample: the script's pictures.
 fn noise(seed: u64, size: ImageSize) -> ImageU8 {
     let count = u64::from(size.width) * u64::from(size.height) * 3;
     let sample = |index: u64| {

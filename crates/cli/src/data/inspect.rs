@@ -11,6 +11,7 @@ use crate::output::{print_report, print_warnings};
 use crate::progress::Progress;
 
 #[derive(Debug, Args)]
+#[expect(clippy::struct_excessive_bools, reason = "each is a switch of the command line")]
 pub(crate) struct Words {
     #[command(flatten)]
     dataset: DatasetWords,

@@ -6,7 +6,7 @@ use plotters::style::{FontStyle, register_font};
 /// Name under which the bundled font is registered.
 pub(crate) const FONT: &str = "atsplat";
 
-/// Registers the bundled DejaVu Sans; plotters without a system font library knows no other.
+/// Registers the bundled `DejaVu` Sans; plotters without a system font library knows no other.
 pub(crate) fn register() -> anyhow::Result<()> {
     static OUTCOME: OnceLock<bool> = OnceLock::new();
     let registered = *OUTCOME.get_or_init(|| {

@@ -2,9 +2,9 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use atsplat_protocol::overlap::{OverlapEstimator, annotate_overlaps};
-use atsplat_protocol::{BinCounts, BinPlace, BinRule, EvaluationIndex, IndexFile, OverlapBins};
+use atsplat_protocol::{BinCounts, BinPlace, BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
 use atsplat_scene::Warnings;
 use clap::Args;
 use serde::Serialize;
@@ -66,6 +66,10 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     };
     let out = words.out.as_deref().map(PendingFile::open).transpose()?;
     let layout = file.layout;
+    let title = match KnownIndex::by_sha256(&file.sha256) {
+        Some(known) => format!("{} {}", known.repository, known.path),
+        None => words.index.file_name().unwrap_or_default().to_string_lossy().into_owned(),
+    };
     let mut warnings = Warnings::new();
     let mut report = Report {
         definition: "as the index ships them".to_owned(),
@@ -87,7 +91,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         };
     }
     if let Some(path) = &words.plot {
-        plot(&index, &bins, &words.index.display().to_string(), path)?;
+        plot(&index, &bins, &title, path)?;
     }
     if let Some(out) = out {
         out.finish(index.to_json(&layout).as_bytes())?;
@@ -100,7 +104,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
 
 fn estimator(name: &str) -> anyhow::Result<OverlapEstimator> {
     let text = format!("estimator = {name:?}");
-    Ok(toml::from_str(&text).map_err(|error| anyhow::anyhow!("--estimator: {}", error.message()))?)
+    toml::from_str(&text).map_err(|error| anyhow::anyhow!("--estimator: {}", error.message()))
 }
 
 /// `0.05,small:0.3,medium:0.55,large:0.8`: the lowest edge, then each bin's name and upper edge.
@@ -119,7 +123,7 @@ fn parse_bins(text: &str, rule: BinRule) -> anyhow::Result<OverlapBins> {
 }
 
 fn edge(text: &str) -> anyhow::Result<f64> {
-    text.trim().parse().map_err(|_| anyhow::anyhow!("--bins: expected a number, found {text:?}"))
+    text.trim().parse().with_context(|| format!("--bins: expected a number, found {text:?}"))
 }
 
 fn plot(index: &EvaluationIndex, bins: &OverlapBins, title: &str, path: &std::path::Path) -> anyhow::Result<()> {

@@ -1,18 +1,20 @@
 //! Runs the binary and writes small datasets for it.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 use std::fmt::Write as _;
 use std::path::Path;
 use std::process::Command;
 
 /// What one call of the binary did.
-pub struct Outcome {
-    pub code: i32,
-    pub stdout: String,
-    pub stderr: String,
+pub(crate) struct Outcome {
+    pub(crate) code: i32,
+    pub(crate) stdout: String,
+    pub(crate) stderr: String,
 }
 
 /// Runs `atsplat` with `words` in `folder`.
-pub fn atsplat(folder: &Path, words: &[&str]) -> Outcome {
+pub(crate) fn atsplat(folder: &Path, words: &[&str]) -> Outcome {
     let output = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(words).current_dir(folder).output().unwrap();
     Outcome {
         code: output.status.code().unwrap(),
@@ -22,14 +24,14 @@ pub fn atsplat(folder: &Path, words: &[&str]) -> Outcome {
 }
 
 /// Runs `atsplat` and insists on exit code 0.
-pub fn succeed(folder: &Path, words: &[&str]) -> String {
+pub(crate) fn succeed(folder: &Path, words: &[&str]) -> String {
     let outcome = atsplat(folder, words);
     assert_eq!(outcome.code, 0, "{words:?}: {}", outcome.stderr);
     outcome.stdout
 }
 
 /// Writes a RE10K trajectory of a camera that moves right by 2 cm a frame and turns a little.
-pub fn write_trajectory(path: &Path, frames: usize) {
+pub(crate) fn write_trajectory(path: &Path, frames: usize) {
     let mut text = "https://example.org/video\n".to_owned();
     for frame in 0..frames {
         let angle = 0.002 * frame as f64;

@@ -306,10 +306,10 @@ fn no_more_scenes_are_loaded_ahead_than_asked() {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(4).build().unwrap();
     let taken = pool.install(|| {
         let prefetch = Prefetch { trials: 3, ..Prefetch::default() };
-        let mut trials =
+        let trials =
             Trials::new(Arc::clone(&source) as Arc<dyn atsplat_scene::SceneSource>, &each_once, recipe(), prefetch);
         let mut taken = 0;
-        while let Some(trial) = trials.next() {
+        for trial in trials {
             assert!(trial.is_ok());
             taken += 1;
             std::thread::sleep(std::time::Duration::from_millis(5));
@@ -341,7 +341,7 @@ fn entries_of_a_scene_share_its_loading() {
     let index = index(&[("s", vec![entry(&[0, 4], &[2]), entry(&[1, 5], &[2]), entry(&[2, 6], &[3])])]);
     let mut trials =
         Trials::new(Arc::clone(&source) as Arc<dyn atsplat_scene::SceneSource>, &index, recipe(), Prefetch::default());
-    assert_eq!(trials.by_ref().filter(Result::is_ok).count(), 3);
+    assert_eq!(trials.by_ref().flatten().count(), 3);
     assert_eq!(source.loads.load(Ordering::SeqCst), 1);
     assert_eq!(trials.warnings().total(), 1, "its warnings come once");
 }

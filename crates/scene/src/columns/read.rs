@@ -31,7 +31,7 @@ pub struct CameraRow {
     pub picture: Option<Picture>,
 }
 
-/// The rows of a batch of [`super::schema`]. Columns are found by name; others may stand between them, and
+/// The rows of a batch of [`super::schema()`]. Columns are found by name; others may stand between them, and
 /// text may come in any of Arrow's three text types (polars writes views).
 ///
 /// # Errors

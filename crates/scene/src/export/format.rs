@@ -1,3 +1,4 @@
+use std::ffi::OsStr;
 use std::path::Path;
 
 use serde::{Deserialize, Serialize};
@@ -24,7 +25,7 @@ impl ExportFormat {
     /// # Errors
     /// [`ExportError::UnknownExtension`].
     pub fn of_path(path: &Path) -> Result<Self, ExportError> {
-        let extension = path.extension().map(|extension| extension.to_ascii_lowercase());
+        let extension = path.extension().map(OsStr::to_ascii_lowercase);
         match extension.as_ref().and_then(|extension| extension.to_str()) {
             Some("parquet") => Ok(Self::Parquet),
             Some("arrow" | "feather" | "ipc") => Ok(Self::ArrowIpc),

@@ -50,7 +50,7 @@ pub enum SizeSampling {
 
 /// Reads every scene of `source` on rayon's threads and reports what is there. `format` is the name to
 /// report for the dataset's format; `warnings` may already hold what opening it found, and everything in
-/// it is among the [`Inspection::problems`]. `progress` is called after each scene, from any thread.
+/// it is among the inspection's problems. `progress` is called after each scene, from any thread.
 ///
 /// The report is the same for any number of threads.
 ///

@@ -32,7 +32,8 @@ impl PatchCrop {
 
     pub(super) fn extend(self, plan: &mut Plan) -> Result<(), PreprocessError> {
         let found = plan.output();
-        if !self.allow_odd_size && !(found.width.is_multiple_of(2) && found.height.is_multiple_of(2)) {
+        let even = found.width.is_multiple_of(2) && found.height.is_multiple_of(2);
+        if !(even || self.allow_odd_size) {
             return Err(PreprocessError::OddSize { step: STEP, found });
         }
         let whole_patches =

@@ -1,6 +1,7 @@
 use atsplat_camera::{CropRect, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::ImageU8;
+use glam::DVec2;
 use proptest::prelude::*;
 
 use super::*;
@@ -11,6 +12,13 @@ const fn size(height: u32, width: u32) -> ImageSize {
 
 fn intrinsics() -> NormalizedIntrinsics {
     NormalizedIntrinsics::new(0.482_334_223, 0.857_483_091, 0.503, 0.491).unwrap()
+}
+
+/// The focal lengths grew by these factors and the principal point stayed, as the papers freeze it.
+fn assert_scaled(k: NormalizedIntrinsics, focal: DVec2, context: &str) {
+    let before = intrinsics();
+    let expected = [before.fx * focal.x, before.fy * focal.y, before.cx, before.cy];
+    Tolerance::EXACT.assert([k.fx, k.fy, k.cx, k.cy], expected, context);
 }
 
 /// The resampled size, if any, and the crop's first row and column.
@@ -53,9 +61,8 @@ fn rescale_and_crop_does_what_the_papers_shim_does() {
 
         let (k, before) = (plan.intrinsics(&intrinsics()).unwrap(), scaled.unwrap_or(source));
         let ratio = |before: u32, after: u32| f64::from(before) / f64::from(after);
-        assert_eq!(k.fx, intrinsics().fx * ratio(before.width, target.width), "{source} to {target}");
-        assert_eq!(k.fy, intrinsics().fy * ratio(before.height, target.height), "{source} to {target}");
-        assert_eq!((k.cx, k.cy), (intrinsics().cx, intrinsics().cy), "frozen, {source} to {target}");
+        let focal = DVec2::new(ratio(before.width, target.width), ratio(before.height, target.height));
+        assert_scaled(k, focal, &format!("{source} to {target}"));
     }
 }
 
@@ -82,9 +89,7 @@ fn depthsplat_cuts_256_by_448_out_of_270_by_480_without_resampling() {
     let crop = CropRect { column: 16, row: 7, size: size(256, 448) };
     assert_eq!(plan.operations(), [Operation::Crop(crop)]);
     let k = plan.intrinsics(&intrinsics()).unwrap();
-    assert_eq!(k.fy, intrinsics().fy * (270.0 / 256.0));
-    assert_eq!(k.fx, intrinsics().fx * (480.0 / 448.0));
-    assert_eq!((k.cx, k.cy), (intrinsics().cx, intrinsics().cy));
+    assert_scaled(k, DVec2::new(480.0 / 448.0, 270.0 / 256.0), "crop");
 }
 
 #[test]
@@ -124,7 +129,7 @@ fn square_crop_cuts_first_and_scales_second() {
     let crop = CropRect { column: 104, row: 0, size: size(271, 271) };
     let resize = Operation::Resize { size: size(224, 224), filter: Resampling::Lanczos };
     assert_eq!(plan.operations(), [Operation::Crop(crop), resize]);
-    assert_eq!(plan.intrinsics(&intrinsics()).unwrap().fx, intrinsics().fx * (480.0 / 271.0));
+    assert_scaled(plan.intrinsics(&intrinsics()).unwrap(), DVec2::new(480.0 / 271.0, 1.0), "square");
     let plain = Preprocessing::of([SquareCrop::default().into()]).plan(size(480, 271)).unwrap();
     assert_eq!((plain.output(), geometry(&plain)), (size(271, 271), (None, (104, 0))));
 }

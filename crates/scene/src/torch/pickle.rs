@@ -396,8 +396,9 @@ impl<'a> Machine<'a> {
     fn tensor(&self, arguments: &[NodeId]) -> Result<Node, TorchError> {
         const EXPECTED: &str = "(storage, offset, size, stride) or (…, requires_grad, hooks)";
         let (storage, offset, shape, strides, metadata) = match *arguments {
-            [storage, offset, shape, strides] => (storage, offset, shape, strides, None),
-            [storage, offset, shape, strides, _, _] => (storage, offset, shape, strides, None),
+            [storage, offset, shape, strides] | [storage, offset, shape, strides, _, _] => {
+                (storage, offset, shape, strides, None)
+            }
             [storage, offset, shape, strides, _, _, metadata] => (storage, offset, shape, strides, Some(metadata)),
             _ => return Err(self.unexpected(EXPECTED, format!("{} arguments", arguments.len()))),
         };
