@@ -1,0 +1,76 @@
+use std::path::PathBuf;
+
+use thiserror::Error;
+
+/// What can go wrong between a file of Gaussians and a picture.
+#[derive(Debug, Error)]
+pub enum SplatError {
+    /// An array of [`crate::GaussianParts`] has the wrong length.
+    #[error("Gaussians: {field} has {found} entries, expected {expected}")]
+    Length {
+        /// Name of the array.
+        field: &'static str,
+        /// Entries that the other arrays call for.
+        expected: usize,
+        /// Entries found.
+        found: usize,
+    },
+    /// Spherical harmonics beyond what is implemented.
+    #[error("Gaussians: spherical harmonics of degree {found}, expected at most {}", crate::MAX_SH_DEGREE)]
+    ShDegree {
+        /// Degree found.
+        found: u8,
+    },
+    /// A position outside the list of Gaussians.
+    #[error("Gaussians: position {found}, expected below {len}")]
+    Position {
+        /// Position asked for.
+        found: usize,
+        /// Number of Gaussians.
+        len: usize,
+    },
+    /// A view that cannot be rendered.
+    #[error("view: {what}: expected {expected}, found {found}")]
+    View {
+        /// What is wrong with it.
+        what: &'static str,
+        /// What would be right.
+        expected: String,
+        /// What was there.
+        found: String,
+    },
+    /// A file of Gaussians that breaks its format.
+    #[error("{path}: {location}: expected {expected}, found {found}")]
+    Format {
+        /// The file.
+        path: PathBuf,
+        /// Where in it: a header line, a byte, an element and its property.
+        location: String,
+        /// What would be right.
+        expected: String,
+        /// What was there.
+        found: String,
+    },
+    /// Reading or writing failed.
+    #[error("{action} {path}")]
+    Io {
+        /// What was being done, as "reading" or "writing".
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
+        /// The system's answer.
+        #[source]
+        source: std::io::Error,
+    },
+    /// More memory than the caller allows.
+    #[error("rendering needs {needed} bytes, the limit is {limit}")]
+    Memory {
+        /// Estimated bytes.
+        needed: u64,
+        /// Allowed bytes.
+        limit: u64,
+    },
+    /// The lens cannot be used.
+    #[error(transparent)]
+    Camera(#[from] atsplat_camera::CameraError),
+}

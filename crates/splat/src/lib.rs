@@ -1,0 +1,11 @@
+//! Gaussian splatting without CUDA: Gaussians and a camera into images, and image gradients into gradients of
+//! everything that made them. Usable on its own; knows nothing of tensors or datasets.
+//!
+//! Camera axes are OpenCV's; pixel `(column, row)` has its centre at `(column + 0.5, row + 0.5)`; quaternions
+//! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
+
+mod error;
+mod gaussians;
+
+pub use error::SplatError;
+pub use gaussians::{GaussianParts, Gaussians, MAX_SH_DEGREE, sh_coefficients};
