@@ -4,8 +4,18 @@
 //! Camera axes are OpenCV's; pixel `(column, row)` has its centre at `(column + 0.5, row + 0.5)`; quaternions
 //! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
 
+mod constants;
 mod error;
 mod gaussians;
+mod options;
+pub mod reference;
+mod rendering;
+pub mod sh;
+mod view;
 
+pub use constants::{ClampedGradient, Extent, PrincipalPoint, RendererConstants, ShAxes};
 pub use error::SplatError;
 pub use gaussians::{GaussianParts, Gaussians, MAX_SH_DEGREE, sh_coefficients};
+pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
+pub use rendering::{Census, Gradients, ImageGradients, Rendering};
+pub use view::View;

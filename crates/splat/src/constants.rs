@@ -1,0 +1,157 @@
+use serde::{Deserialize, Serialize};
+
+/// Every number and rule in which published rasterizers differ; a result is worth nothing without them.
+///
+/// The default is exact: all of an ellipse that can reach `min_alpha` is drawn, and the whole of K is used.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct RendererConstants {
+    /// Name of the preset that these are, or what the user calls them.
+    pub name: String,
+    /// Gaussians are drawn from this depth on, in scene units.
+    pub near: f64,
+    /// And up to this one.
+    pub far: f64,
+    /// Whether a centre at exactly `near` is culled (diff-gaussian-rasterization) or drawn (gsplat).
+    pub near_is_culled: bool,
+    /// Variance added to both screen axes, in square pixels.
+    pub blur: f64,
+    /// Largest opacity that one Gaussian has at one pixel.
+    pub max_alpha: f64,
+    /// Contributions below this opacity are skipped.
+    pub min_alpha: f64,
+    /// A pixel is finished before the Gaussian that would take its transmittance to this or below.
+    pub min_transmittance: f64,
+    /// How far from the optical axis the projection's Jacobian still follows, in half widths of the picture
+    /// beyond its border: 0.3 in every published rasterizer.
+    pub jacobian_margin: f64,
+    /// Smallest factor by which anti-aliasing lowers an opacity.
+    pub min_compensation: f64,
+    /// Which pixels a Gaussian may reach.
+    pub extent: Extent,
+    /// Which principal point is projected with.
+    pub principal_point: PrincipalPoint,
+    /// Which axes the spherical harmonics are evaluated on.
+    pub sh_axes: ShAxes,
+    /// What the gradient does where a value was clamped.
+    pub clamped_gradient: ClampedGradient,
+}
+
+/// Which pixels a Gaussian may reach.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Extent {
+    /// Every pixel at which it has at least `min_alpha`; gsplat from 1.5 on.
+    Exact,
+    /// The tiles of 16×16 pixels that touch a square of three standard deviations of its longer axis
+    /// (diff-gaussian-rasterization `forward.cu:229-240`).
+    ThreeSigmaTiles,
+}
+
+/// Which principal point is projected with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PrincipalPoint {
+    /// The camera's.
+    Full,
+    /// The picture's centre, whatever the camera says (pixelSplat and its descendants `cuda_splatting.py`).
+    Centre,
+}
+
+/// Which axes the spherical harmonics are evaluated on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ShAxes {
+    /// 3DGS's: (x, y, z).
+    Standard,
+    /// e3nn's order, (z, x, y), in the rasterizer of pixelSplat, MVSplat and DepthSplat.
+    E3nn,
+}
+
+/// What the gradient does where a value was clamped.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum ClampedGradient {
+    /// It is the derivative of what was computed: nothing passes a clamp (gsplat).
+    Exact,
+    /// diff-gaussian-rasterization's: alpha's clamp is ignored, the Jacobian's holds the distance off axis
+    /// constant (`backward.cu:498-554`, `backward.cu:148-276`).
+    Inria,
+}
+
+impl RendererConstants {
+    /// Names that [`Self::named`] knows.
+    pub const PRESETS: [&'static str; 5] = ["exact", "gsplat-1.5", "gsplat-1.6", "inria", "pixelsplat-family"];
+
+    /// A preset by name, `None` for a name outside [`Self::PRESETS`].
+    pub fn named(name: &str) -> Option<Self> {
+        let gsplat = Self {
+            name: name.to_owned(),
+            near: 0.01,
+            far: 1e10,
+            near_is_culled: false,
+            blur: 0.3,
+            max_alpha: 0.999,
+            min_alpha: 1.0 / 255.0,
+            min_transmittance: 1e-4,
+            jacobian_margin: 0.3,
+            min_compensation: 0.0,
+            extent: Extent::Exact,
+            principal_point: PrincipalPoint::Full,
+            sh_axes: ShAxes::Standard,
+            clamped_gradient: ClampedGradient::Exact,
+        };
+        let inria = Self {
+            near: 0.2,
+            far: f64::INFINITY,
+            near_is_culled: true,
+            max_alpha: 0.99,
+            extent: Extent::ThreeSigmaTiles,
+            principal_point: PrincipalPoint::Centre,
+            clamped_gradient: ClampedGradient::Inria,
+            ..gsplat.clone()
+        };
+        Some(match name {
+            "exact" | "gsplat-1.5" => gsplat,
+            "gsplat-1.6" => Self { max_alpha: 0.99, min_compensation: 0.005, ..gsplat },
+            "inria" => inria,
+            "pixelsplat-family" => Self { sh_axes: ShAxes::E3nn, ..inria },
+            _ => return None,
+        })
+    }
+
+    /// Whether a Gaussian whose centre has this depth is drawn; never for NaN.
+    pub fn keeps_depth(&self, depth: f64) -> bool {
+        let beyond_near = if self.near_is_culled { depth > self.near } else { depth >= self.near };
+        beyond_near && depth <= self.far
+    }
+}
+
+impl Default for RendererConstants {
+    /// The preset `exact`.
+    fn default() -> Self {
+        Self::named(Self::PRESETS[0]).unwrap_or_else(|| unreachable!("the first preset is known"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_has_its_name() {
+        for name in RendererConstants::PRESETS {
+            assert_eq!(RendererConstants::named(name).map(|preset| preset.name).as_deref(), Some(name));
+        }
+        assert_eq!(RendererConstants::named("brush"), None);
+    }
+
+    #[test]
+    fn near_planes() {
+        let gsplat = RendererConstants::default();
+        let inria = RendererConstants::named("inria").unwrap();
+        assert!(gsplat.keeps_depth(0.01) && !gsplat.keeps_depth(0.009_999));
+        assert!(!inria.keeps_depth(0.2) && inria.keeps_depth(0.200_001));
+        assert!(!gsplat.keeps_depth(f64::NAN) && !inria.keeps_depth(f64::NAN));
+    }
+}

@@ -1,0 +1,77 @@
+//! The slow, obvious renderer in f64 that every other path is compared with: one Gaussian after the other, one
+//! pixel after the other, and the derivative of exactly that.
+
+mod backward;
+mod composite;
+mod project;
+mod project_backward;
+
+use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
+
+use project::{Outcome, Splat};
+
+/// Renders a view.
+///
+/// # Errors
+/// [`SplatError::View`], [`SplatError::Camera`].
+pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Rendering<f64>, SplatError> {
+    let (splats, mut rendering) = prepare(gaussians, view, options)?;
+    for (pixel, at) in composite::pixel_centres(view).enumerate() {
+        composite::composite(&splats, at, options, pixel, &mut rendering);
+    }
+    Ok(rendering)
+}
+
+/// Derivatives of a loss by everything that made the images, from its derivatives by the images.
+///
+/// # Errors
+/// As [`render`], and [`SplatError::Length`] for an image of another size than the view's.
+pub fn backward(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+    images: &ImageGradients<f64>,
+) -> Result<Gradients<f64>, SplatError> {
+    images.check(view)?;
+    let (splats, rendering) = prepare(gaussians, view, options)?;
+    let mut gradients = Gradients::zero(gaussians);
+    let mut of_splats = vec![backward::SplatGradient::default(); splats.len()];
+    for (pixel, at) in composite::pixel_centres(view).enumerate() {
+        let image = images.at(pixel);
+        let background = backward::composite(&splats, at, options, &image, &mut of_splats);
+        for (sum, value) in gradients.background.iter_mut().zip(background) {
+            *sum += value;
+        }
+    }
+    drop(rendering);
+    project_backward::add(gaussians, view, options, &splats, &of_splats, &mut gradients)?;
+    Ok(gradients)
+}
+
+/// Splats in the order they are composited, nearest first and ties by position, and an empty picture.
+fn prepare(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) -> Result<(Vec<Splat>, Rendering<f64>), SplatError> {
+    let optics = view.optics(&options.constants)?;
+    let mut rendering = Rendering::empty(view, options);
+    let mut splats = Vec::new();
+    for position in 0..gaussians.len() {
+        match project::project(gaussians, position, &optics, view.size, options) {
+            Outcome::Drawn(splat) => {
+                rendering.census.drawn += 1;
+                splats.push(*splat);
+            }
+            Outcome::Invalid => rendering.census.invalid += 1,
+            Outcome::OutsideDepth => rendering.census.outside_depth += 1,
+            Outcome::Faint => rendering.census.faint += 1,
+            Outcome::OutsidePicture => rendering.census.outside_picture += 1,
+        }
+    }
+    splats.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.position.cmp(&b.position)));
+    Ok((splats, rendering))
+}
+
+#[cfg(test)]
+mod tests;

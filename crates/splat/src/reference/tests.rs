@@ -1,0 +1,255 @@
+use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
+use atsplat_numeric::Tolerance;
+use glam::{DMat3, DQuat, DVec3};
+
+use super::*;
+use crate::{Channels, GaussianParts, GradientReach, RasterMode, RendererConstants};
+
+/// A few soft Gaussians in front of the camera, some beside it, all fields in play.
+fn scene(degree: u8) -> Gaussians {
+    let coefficients = sh_coefficients_of(degree);
+    let wave = |n: usize, phase: f32| (n as f32 * 1.37 + phase).sin();
+    let count = 6;
+    Gaussians::new(GaussianParts {
+        means: (0..count).map(|n| [0.5 * wave(n, 0.0), 0.4 * wave(n, 1.0), 2.5 + 0.4 * n as f32]).collect(),
+        quaternions: (0..count).map(|n| [1.5, wave(n, 2.0), wave(n, 3.0), wave(n, 4.0)]).collect(),
+        log_scales: (0..count).map(|n| [-1.6 + 0.3 * wave(n, 5.0), -1.3, -2.0 + 0.5 * wave(n, 6.0)]).collect(),
+        opacity_logits: (0..count).map(|n| -0.3 + wave(n, 7.0)).collect(),
+        sh_degree: degree,
+        sh: (0..count * coefficients)
+            .map(|n| [0.3 + 0.2 * wave(n, 8.0), 0.25 + 0.2 * wave(n, 9.0), 0.3 + 0.1 * wave(n, 10.0)])
+            .collect(),
+        scalars: Some((0..count).map(|n| 1.0 + wave(n, 11.0)).collect()),
+        filter_3d: Some((0..count).map(|n| 0.02 + 0.01 * n as f32).collect()),
+    })
+    .unwrap()
+}
+
+fn sh_coefficients_of(degree: u8) -> usize {
+    crate::sh_coefficients(degree)
+}
+
+fn view(distortion: Distortion) -> View {
+    let rotation = DMat3::from_rotation_y(0.1) * DMat3::from_rotation_x(-0.07);
+    View {
+        camera: Camera {
+            camera_from_world: CameraFromWorld::new(rotation, DVec3::new(0.05, -0.02, 0.1)).unwrap(),
+            intrinsics: NormalizedIntrinsics::new(0.9, 1.1, 0.47, 0.53).unwrap(),
+            distortion,
+        },
+        size: ImageSize { width: 22, height: 18 },
+    }
+}
+
+/// No cut-offs: the function is smooth, and its derivative can be compared with differences.
+fn smooth() -> RenderOptions {
+    let constants =
+        RendererConstants { min_alpha: 1e-12, min_transmittance: 0.0, max_alpha: 1.0, ..RendererConstants::default() };
+    RenderOptions {
+        constants,
+        background: [0.2, 0.5, 0.1],
+        channels: Channels { depth: true, scalar: true, median_depth: false },
+        ..RenderOptions::default()
+    }
+}
+
+/// Derivatives by images that differ from pixel to pixel.
+fn image_gradients(view: &View) -> ImageGradients<f64> {
+    let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.7 + phase).sin()).collect::<Vec<_>>();
+    let (red, green, blue) = (wave(0.0), wave(1.0), wave(2.0));
+    ImageGradients {
+        rgb: red.into_iter().zip(green).zip(blue).map(|((r, g), b)| [r, g, b]).collect(),
+        alpha: Some(wave(3.0)),
+        depth: Some(wave(4.0)),
+        scalar: Some(wave(5.0)),
+    }
+}
+
+fn loss(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> f64 {
+    let rendering = render(gaussians, view, options).unwrap();
+    let images = image_gradients(view);
+    let dot = |a: &[f64], b: &Option<Vec<f64>>| a.iter().zip(b.iter().flatten()).map(|(a, b)| a * b).sum::<f64>();
+    let rgb: f64 = rendering.rgb.iter().zip(&images.rgb).flat_map(|(a, b)| a.iter().zip(b)).map(|(a, b)| a * b).sum();
+    rgb + dot(&rendering.alpha, &images.alpha)
+        + dot(&rendering.depth.unwrap(), &images.depth)
+        + dot(&rendering.scalar.unwrap(), &images.scalar)
+}
+
+/// Every number of the scene in turn, its name, and its analytic derivative.
+type Parameter = (String, fn(&mut GaussianParts, usize, usize) -> Option<&mut f32>, usize, usize, f64);
+
+fn parameters(gaussians: &Gaussians, gradients: &Gradients<f64>) -> Vec<Parameter> {
+    let mut list: Vec<Parameter> = Vec::new();
+    for at in 0..gaussians.len() {
+        for axis in 0..3 {
+            list.push((
+                format!("mean {at}.{axis}"),
+                |p, i, k| p.means[i].get_mut(k),
+                at,
+                axis,
+                gradients.means[at][axis],
+            ));
+            list.push((
+                format!("log scale {at}.{axis}"),
+                |p, i, k| p.log_scales[i].get_mut(k),
+                at,
+                axis,
+                gradients.log_scales[at][axis],
+            ));
+        }
+        for axis in 0..4 {
+            list.push((
+                format!("quaternion {at}.{axis}"),
+                |p, i, k| p.quaternions[i].get_mut(k),
+                at,
+                axis,
+                gradients.quaternions[at][axis],
+            ));
+        }
+        list.push((format!("logit {at}"), |p, i, _| p.opacity_logits.get_mut(i), at, 0, gradients.opacity_logits[at]));
+        list.push((
+            format!("scalar {at}"),
+            |p, i, _| p.scalars.as_mut().and_then(|s| s.get_mut(i)),
+            at,
+            0,
+            gradients.scalars[at],
+        ));
+    }
+    for at in 0..gaussians.parts().sh.len() {
+        for channel in 0..3 {
+            list.push((
+                format!("sh {at}.{channel}"),
+                |p, i, k| p.sh[i].get_mut(k),
+                at,
+                channel,
+                gradients.sh[at][channel],
+            ));
+        }
+    }
+    list
+}
+
+/// Central differences, extrapolated: the stored numbers are f32, so steps are what f32 makes of them.
+fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
+    let gradients = backward(gaussians, view, options, &image_gradients(view)).unwrap();
+    let scale = gradients.means.iter().flatten().fold(0.0f64, |most, g| most.max_of(g.abs()));
+    for (name, slot, at, axis, analytic) in parameters(gaussians, &gradients) {
+        let moved = |step: f64| {
+            let mut parts = gaussians.parts().clone();
+            let value = slot(&mut parts, at, axis).unwrap();
+            let before = f64::from(*value);
+            *value = (before + step) as f32;
+            let real_step = f64::from(*value) - before;
+            (real_step, loss(&Gaussians::new(parts).unwrap(), view, options))
+        };
+        let numeric = differences(moved);
+        let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3 * scale);
+        assert!(error < 1e-6, "{what}, {name}: analytic {analytic}, numeric {numeric}, relative error {error:.2e}");
+    }
+    check_pose(gaussians, view, options, &gradients, what);
+}
+
+fn check_pose(gaussians: &Gaussians, view: &View, options: &RenderOptions, gradients: &Gradients<f64>, what: &str) {
+    for (axis, analytic) in gradients.pose.iter().enumerate() {
+        let moved = |step: f64| {
+            let unit = [DVec3::X, DVec3::Y, DVec3::Z][axis % 3] * step;
+            let pose = view.camera.camera_from_world;
+            let (turn, shift) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
+            let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+            let pose = CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation() + shift).unwrap();
+            let camera = Camera { camera_from_world: pose, ..view.camera };
+            (step, loss(gaussians, &View { camera, ..*view }, options))
+        };
+        let numeric = differences(moved);
+        let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3);
+        assert!(error < 1e-6, "{what}, pose {axis}: analytic {analytic}, numeric {numeric}");
+    }
+}
+
+/// Richardson's extrapolation of central differences of three step lengths.
+fn differences(moved: impl Fn(f64) -> (f64, f64)) -> f64 {
+    let central = |step: f64| {
+        let ((ahead, up), (behind, down)) = (moved(step), moved(-step));
+        (up - down) / (ahead - behind)
+    };
+    let [wide, middle, narrow] = [1.0 / 512.0, 1.0 / 1024.0, 1.0 / 2048.0].map(central);
+    let (coarse, fine) = ((4.0 * middle - wide) / 3.0, (4.0 * narrow - middle) / 3.0);
+    (16.0 * fine - coarse) / 15.0
+}
+
+trait MostOf {
+    fn max_of(self, other: Self) -> Self;
+}
+
+impl MostOf for f64 {
+    fn max_of(self, other: Self) -> Self {
+        atsplat_numeric::Extremes::maximum_of(self, other)
+    }
+}
+
+#[test]
+fn gradients_are_central_differences() {
+    for degree in [0, 3, 4] {
+        check(&scene(degree), &view(Distortion::None), &smooth(), &format!("degree {degree}"));
+    }
+}
+
+#[test]
+fn gradients_of_antialiasing() {
+    let options = RenderOptions { mode: RasterMode::Antialiased, ..smooth() };
+    check(&scene(1), &view(Distortion::None), &options, "antialiased");
+}
+
+#[test]
+fn gradients_through_a_lens() {
+    let lens = Distortion::OpenCv { k1: -0.12, k2: 0.03, k3: 0.002, p1: 0.004, p2: -0.003 };
+    check(&scene(1), &view(lens), &smooth(), "lens");
+}
+
+#[test]
+fn gradients_in_e3nn_axes() {
+    let constants = RendererConstants { sh_axes: crate::ShAxes::E3nn, ..smooth().constants };
+    check(&scene(3), &view(Distortion::None), &RenderOptions { constants, ..smooth() }, "e3nn");
+}
+
+#[test]
+fn a_stopped_scalar_pulls_at_nothing_but_itself() {
+    let (gaussians, view) = (scene(0), view(Distortion::None));
+    let all = image_gradients(&view);
+    let without = ImageGradients { scalar: None, ..all.clone() };
+    let stopped = RenderOptions { gradients: GradientReach { scalar_stops: true, directions_stop: false }, ..smooth() };
+    let with_stop = backward(&gaussians, &view, &stopped, &all).unwrap();
+    let never_asked = backward(&gaussians, &view, &smooth(), &without).unwrap();
+    assert_eq!(Gradients { scalars: never_asked.scalars.clone(), ..with_stop.clone() }, never_asked);
+    let free = backward(&gaussians, &view, &smooth(), &all).unwrap();
+    assert_eq!(with_stop.scalars, free.scalars);
+}
+
+/// Three opaque layers at one pixel: the third would take the transmittance to 1e-5 and is not drawn.
+#[test]
+fn a_pixel_stops_before_the_gaussian_that_would_finish_it() {
+    let layer = |depth: f32, logit: f32, sh: f32| (depth, logit, sh);
+    let layers = [layer(1.0, 4.595_12, 1.0), layer(2.0, 4.595_12, 0.5), layer(3.0, 2.197_225, -1.0)];
+    let gaussians = Gaussians::new(GaussianParts {
+        means: layers.map(|(depth, ..)| [0.0, 0.0, depth]).to_vec(),
+        quaternions: vec![[1.0, 0.0, 0.0, 0.0]; 3],
+        log_scales: vec![[3.0; 3]; 3],
+        opacity_logits: layers.map(|(_, logit, _)| logit).to_vec(),
+        sh: layers.map(|(.., sh)| [sh; 3]).to_vec(),
+        ..GaussianParts::default()
+    })
+    .unwrap();
+    let camera = Camera::pinhole(
+        CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap(),
+        NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap(),
+    );
+    let view = View { camera, size: ImageSize { width: 1, height: 1 } };
+    // Opacities 0.99, 0.99, 0.9: transmittance 1, 1e-2, 1e-4 — at the limit, so the second is not drawn.
+    let constants = RendererConstants { min_transmittance: 1.001e-4, ..RendererConstants::default() };
+    let rendering = render(&gaussians, &view, &RenderOptions { constants, ..RenderOptions::default() }).unwrap();
+    Tolerance::absolute(1e-5).assert(rendering.alpha.clone(), [0.99], "the second would leave 1e-4");
+    let constants = RendererConstants { min_transmittance: 0.999e-4, ..RendererConstants::default() };
+    let rendering = render(&gaussians, &view, &RenderOptions { constants, ..RenderOptions::default() }).unwrap();
+    Tolerance::absolute(1e-6).assert(rendering.alpha, [0.9999], "the third would leave 1e-5");
+    assert_eq!(rendering.census.drawn, 3);
+}

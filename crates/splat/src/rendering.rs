@@ -1,0 +1,152 @@
+use atsplat_camera::ImageSize;
+use serde::Serialize;
+
+use crate::{Gaussians, RenderOptions, SplatError, View};
+
+/// Images of one view, row-major, f64 from the reference and f32 from everything else.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Rendering<T> {
+    /// In pixels.
+    pub size: ImageSize,
+    /// Colour over the background; not clamped.
+    pub rgb: Vec<[T; 3]>,
+    /// Opacity in [0, 1].
+    pub alpha: Vec<T>,
+    /// Where asked for, see [`crate::Channels::depth`].
+    pub depth: Option<Vec<T>>,
+    /// Where asked for, see [`crate::Channels::scalar`].
+    pub scalar: Option<Vec<T>>,
+    /// Where asked for, see [`crate::Channels::median_depth`].
+    pub median_depth: Option<Vec<T>>,
+    /// Gaussians drawn, and why the others were not.
+    pub census: Census,
+}
+
+/// What became of each Gaussian.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Census {
+    /// Projected onto the picture.
+    pub drawn: u64,
+    /// With a value that is NaN or infinite, or whose shape overflows.
+    pub invalid: u64,
+    /// Nearer than the near plane or behind the camera, or beyond the far plane.
+    pub outside_depth: u64,
+    /// Less opaque than `min_alpha` everywhere.
+    pub faint: u64,
+    /// Beside the picture, or where the lens cannot see.
+    pub outside_picture: u64,
+}
+
+/// Derivatives of a loss by the images of a [`Rendering`]; absent images have none.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ImageGradients<T> {
+    /// By colour.
+    pub rgb: Vec<[T; 3]>,
+    /// By alpha.
+    pub alpha: Option<Vec<T>>,
+    /// By composited depth.
+    pub depth: Option<Vec<T>>,
+    /// By the composited scalar.
+    pub scalar: Option<Vec<T>>,
+}
+
+/// Derivatives of a loss by everything that made the images.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Gradients<T> {
+    /// By means.
+    pub means: Vec<[T; 3]>,
+    /// By quaternions as they are stored; orthogonal to them.
+    pub quaternions: Vec<[T; 4]>,
+    /// By the logarithms of scales.
+    pub log_scales: Vec<[T; 3]>,
+    /// By opacity logits.
+    pub opacity_logits: Vec<T>,
+    /// By spherical harmonics, of the Gaussians' own degree.
+    pub sh: Vec<[T; 3]>,
+    /// By scalars; empty where there are none.
+    pub scalars: Vec<T>,
+    /// By projected centres in pixels: what 3DGS densifies by.
+    pub means_2d: Vec<[T; 2]>,
+    /// By inverse screen covariances `(a, b, c)` of `½(a·dx² + c·dy²) + b·dx·dy`.
+    pub conics: Vec<[T; 3]>,
+    /// By the background.
+    pub background: [T; 3],
+    /// By a small motion of the camera, `camera_from_world ← exp(ξ) · camera_from_world`: rotation, then
+    /// translation.
+    pub pose: [T; 6],
+}
+
+/// Derivatives of a loss by one pixel; 0 for images that are absent.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub(crate) struct PixelGradient<T> {
+    pub(crate) rgb: [T; 3],
+    pub(crate) alpha: T,
+    pub(crate) depth: T,
+    pub(crate) scalar: T,
+}
+
+impl<T: Copy + Default> Rendering<T> {
+    /// Images of zeros, those that the options ask for.
+    pub(crate) fn empty(view: &View, options: &RenderOptions) -> Self {
+        let zeros = || vec![T::default(); view.pixels()];
+        Self {
+            size: view.size,
+            rgb: vec![[T::default(); 3]; view.pixels()],
+            alpha: zeros(),
+            depth: options.channels.depth.then(zeros),
+            scalar: options.channels.scalar.then(zeros),
+            median_depth: options.channels.median_depth.then(zeros),
+            census: Census::default(),
+        }
+    }
+}
+
+impl<T: Copy + Default> ImageGradients<T> {
+    /// # Errors
+    /// [`SplatError::Length`] naming the first image that has not one value per pixel.
+    pub(crate) fn check(&self, view: &View) -> Result<(), SplatError> {
+        let expected = view.pixels();
+        let of = |image: &Option<Vec<T>>| image.as_ref().map_or(expected, Vec::len);
+        let lengths = [
+            ("rgb gradient", self.rgb.len()),
+            ("alpha gradient", of(&self.alpha)),
+            ("depth gradient", of(&self.depth)),
+            ("scalar gradient", of(&self.scalar)),
+        ];
+        match lengths.into_iter().find(|(_, found)| *found != expected) {
+            Some((field, found)) => Err(SplatError::Length { field, expected, found }),
+            None => Ok(()),
+        }
+    }
+
+    pub(crate) fn at(&self, pixel: usize) -> PixelGradient<T> {
+        let of =
+            |image: &Option<Vec<T>>| image.as_ref().and_then(|image| image.get(pixel).copied()).unwrap_or_default();
+        PixelGradient {
+            rgb: self.rgb.get(pixel).copied().unwrap_or_default(),
+            alpha: of(&self.alpha),
+            depth: of(&self.depth),
+            scalar: of(&self.scalar),
+        }
+    }
+}
+
+impl<T: Copy + Default> Gradients<T> {
+    /// Zero by everything.
+    pub(crate) fn zero(gaussians: &Gaussians) -> Self {
+        let (zero, count, parts) = (T::default(), gaussians.len(), gaussians.parts());
+        Self {
+            means: vec![[zero; 3]; count],
+            quaternions: vec![[zero; 4]; count],
+            log_scales: vec![[zero; 3]; count],
+            opacity_logits: vec![zero; count],
+            sh: vec![[zero; 3]; parts.sh.len()],
+            scalars: vec![zero; if parts.scalars.is_some() { count } else { 0 }],
+            means_2d: vec![[zero; 2]; count],
+            conics: vec![[zero; 3]; count],
+            background: [zero; 3],
+            pose: [zero; 6],
+        }
+    }
+}

@@ -1,0 +1,128 @@
+//! Four Gaussians that gsplat rendered and differentiated (`fixtures/gsplat/README.md`), and what is made of them
+//! here.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::path::Path;
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_splat::{
+    GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RenderOptions, RendererConstants, View,
+    reference,
+};
+use glam::{DMat3, DVec3};
+
+/// The tensors of a safetensors file of f32, by name.
+struct Stored {
+    header: serde_json::Value,
+    data: Vec<u8>,
+}
+
+impl Stored {
+    fn read() -> Self {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/gsplat/tiny_case.safetensors");
+        let bytes = std::fs::read(path).unwrap();
+        let (length, rest) = bytes.split_first_chunk().unwrap();
+        let (header, data) = rest.split_at(usize::try_from(u64::from_le_bytes(*length)).unwrap());
+        Self { header: serde_json::from_slice(header).unwrap(), data: data.to_vec() }
+    }
+
+    fn values(&self, name: &str) -> Vec<f32> {
+        let offset = |end: usize| usize::try_from(self.header[name]["data_offsets"][end].as_u64().unwrap()).unwrap();
+        let bytes = &self.data[offset(0)..offset(1)];
+        bytes.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect()
+    }
+
+    fn rows<const N: usize>(&self, name: &str) -> Vec<[f32; N]> {
+        self.values(name).as_chunks().0.to_vec()
+    }
+
+    fn gaussians(&self) -> Gaussians {
+        Gaussians::new(GaussianParts {
+            means: self.rows("means"),
+            quaternions: self.rows("quats"),
+            log_scales: self.rows("scales"),
+            opacity_logits: self.values("opacities"),
+            sh_degree: 3,
+            sh: self.rows("coeffs"),
+            ..GaussianParts::default()
+        })
+        .unwrap()
+    }
+}
+
+fn view() -> View {
+    const SIZE: ImageSize = ImageSize { width: 123, height: 82 };
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, -DVec3::new(0.123, 0.456, -8.0)).unwrap();
+    let fx = 0.5 * f64::from(SIZE.width);
+    let intrinsics =
+        NormalizedIntrinsics::new(fx / f64::from(SIZE.width), fx / f64::from(SIZE.height), 0.5, 0.5).unwrap();
+    View { camera: Camera::pinhole(pose, intrinsics), size: SIZE }
+}
+
+fn options() -> RenderOptions {
+    RenderOptions {
+        constants: RendererConstants::named("gsplat-1.5").unwrap(),
+        gradients: GradientReach { directions_stop: true, scalar_stops: false },
+        ..RenderOptions::default()
+    }
+}
+
+/// Largest difference, and that relative to the largest expected value.
+fn worst(actual: impl IntoIterator<Item = f64>, expected: &[f32]) -> (f64, f64) {
+    let (mut difference, mut largest, mut count) = (0.0f64, 0.0f64, 0);
+    for (actual, expected) in actual.into_iter().zip(expected.iter().map(|value| f64::from(*value))) {
+        let apart = (actual - expected).abs();
+        assert!(apart.is_finite());
+        if apart > difference {
+            difference = apart;
+        }
+        if expected.abs() > largest {
+            largest = expected.abs();
+        }
+        count += 1;
+    }
+    assert_eq!(count, expected.len());
+    (difference, difference / largest)
+}
+
+#[test]
+fn the_reference_renders_as_gsplat_does() {
+    let stored = Stored::read();
+    let rendering = reference::render(&stored.gaussians(), &view(), &options()).unwrap();
+    let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|(rgb, alpha)| [rgb[0], rgb[1], rgb[2], *alpha]);
+    let (difference, _) = worst(rgba, &stored.values("out_img"));
+    assert!(difference <= 2e-6, "image: {difference:.3e}");
+}
+
+#[test]
+fn the_reference_differentiates_as_gsplat_does() {
+    let stored = Stored::read();
+    let by_image = stored.rows::<4>("v_out_img");
+    let images = ImageGradients {
+        rgb: by_image.iter().map(|[r, g, b, _]| [r, g, b].map(|value| f64::from(*value))).collect(),
+        alpha: Some(by_image.iter().map(|[.., alpha]| f64::from(*alpha)).collect()),
+        depth: None,
+        scalar: None,
+    };
+    let Gradients { means, quaternions, log_scales, opacity_logits, sh, means_2d, conics, .. } =
+        reference::backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
+    let flat = |rows: Vec<Vec<f64>>| rows.into_iter().flatten().collect::<Vec<f64>>();
+    let cases = [
+        ("v_means", flat(means.iter().map(|row| row.to_vec()).collect())),
+        ("v_quats", flat(quaternions.iter().map(|row| row.to_vec()).collect())),
+        ("v_scales", flat(log_scales.iter().map(|row| row.to_vec()).collect())),
+        ("v_opacities", opacity_logits),
+        ("v_coeffs", flat(sh.iter().map(|row| row.to_vec()).collect())),
+        ("v_xy", flat(means_2d.iter().map(|row| row.to_vec()).collect())),
+        ("v_conics", flat(conics.iter().map(|row| row.to_vec()).collect())),
+    ];
+    let mut failures = Vec::new();
+    for (name, actual) in cases {
+        let (difference, relative) = worst(actual, &stored.values(name));
+        if !(relative <= 1e-4) {
+            failures.push(format!("{name}: {difference:.3e}, relative {relative:.3e}"));
+        }
+    }
+    assert!(failures.is_empty(), "{failures:#?}");
+}
