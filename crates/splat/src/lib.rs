@@ -6,6 +6,10 @@
 
 mod error;
 mod gaussians;
+mod sh;
 
 pub use error::SplatError;
-pub use gaussians::{GaussianParts, Gaussians, MAX_SH_DEGREE, sh_coefficients};
+pub use gaussians::{
+    Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
+    MAX_SH_DEGREE, Problem, Validation, ZERO_QUATERNION, sh_coefficients,
+};

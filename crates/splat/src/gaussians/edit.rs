@@ -7,16 +7,21 @@ impl Gaussians {
     /// # Errors
     /// [`SplatError::Position`] for a position outside the list.
     pub fn select(&self, positions: &[usize]) -> Result<Self, SplatError> {
-        let parts = self.parts();
         if let Some(&found) = positions.iter().find(|position| **position >= self.len()) {
             return Err(SplatError::Position { found, len: self.len() });
         }
+        Ok(self.picked(positions))
+    }
+
+    /// [`Self::select`] for positions known to be inside.
+    pub(super) fn picked(&self, positions: &[usize]) -> Self {
+        let parts = self.parts();
         let coefficients = sh_coefficients(parts.sh_degree);
         let sh = positions
             .iter()
             .flat_map(|position| parts.sh.iter().skip(position * coefficients).take(coefficients).copied())
             .collect();
-        Self::new(GaussianParts {
+        Self(GaussianParts {
             means: picked(&parts.means, positions),
             quaternions: picked(&parts.quaternions, positions),
             log_scales: picked(&parts.log_scales, positions),
@@ -30,6 +35,7 @@ impl Gaussians {
 
     /// Both sets, those of `self` first, in the higher of the two spherical-harmonics degrees; missing
     /// coefficients, scalars and filters are zero.
+    #[must_use]
     pub fn merge(&self, other: &Self) -> Self {
         let degree = if other.sh_degree() > self.sh_degree() { other.sh_degree() } else { self.sh_degree() };
         let (first, second) = (self.with_sh_degree(degree).into_parts(), other.with_sh_degree(degree).into_parts());
