@@ -5,6 +5,7 @@
 //! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
 
 mod error;
+pub mod files;
 mod gaussians;
 mod sh;
 

@@ -173,12 +173,12 @@ mod tests {
         let (left, rejected, repaired) = outcome(Cleaning::Import);
         assert_eq!((rejected, repaired), (1, 1));
         assert_eq!(left.parts().opacity_logits, [0.5, 0.5, 0.5, -20.0, 0.5]);
-        assert_eq!(left.parts().quaternions[1], [0.0; 4]);
+        assert_eq!(left.parts().quaternions[1..2], [[0.0; 4]]);
 
         let (left, rejected, repaired) = outcome(Cleaning::Repair);
         assert_eq!((rejected, repaired), (2, 3), "the NaN and the infinite colour");
-        assert_eq!(left.parts().quaternions[1], [1.0, 0.0, 0.0, 0.0]);
-        assert_eq!(left.parts().log_scales[2], [LOG_SCALE_LIMIT, -LOG_SCALE_LIMIT, 0.0]);
+        assert_eq!(left.parts().quaternions[1..2], [[1.0, 0.0, 0.0, 0.0]]);
+        assert_eq!(left.parts().log_scales[2..3], [[LOG_SCALE_LIMIT, -LOG_SCALE_LIMIT, 0.0]]);
         assert!(left.validate().is_clean());
     }
 
