@@ -1,6 +1,9 @@
 //! Gaussian splatting without CUDA: Gaussians and a camera into images, and image gradients into gradients of
 //! everything that made them. Usable on its own; knows nothing of tensors or datasets.
 //!
+//! [`files`] reads and writes what people exchange Gaussians in; [`Gaussians`] are counted, cleaned, bounded, merged
+//! and moved.
+//!
 //! Camera axes are OpenCV's; pixel `(column, row)` has its centre at `(column + 0.5, row + 0.5)`; quaternions
 //! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
 

@@ -290,6 +290,22 @@ fn what_is_no_file_of_gaussians() {
     assert!(matches!(read(Path::new("absent.ply")), Err(SplatError::Io { action: "reading", .. })));
 }
 
+/// What pixelSplat writes looks like logits of opacities between a half and 0.73.
+#[test]
+fn opacities_that_are_no_logits_are_suspected() {
+    let row = |opacity: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 {opacity} 0.5 0.5 0.5\n");
+    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+    let properties: String = names.split(' ').map(|name| format!("property float {name}\n")).collect();
+    let header = format!("ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n");
+    let suspected = |first: &str, second: &str| {
+        let text = header.clone() + &row(first) + &row(second);
+        parse(text.as_bytes(), Path::new("f.ply")).unwrap().1.opacities_may_be_no_logits
+    };
+    assert!(suspected("0.25", "1"));
+    assert!(!suspected("0.25", "1.5"));
+    assert!(!suspected("-0.25", "0.5"));
+}
+
 /// An infinite logit is ±20 in any file; SPZ refuses what it cannot hold, and says what.
 #[test]
 fn written_as_far_as_the_format_goes() {

@@ -76,6 +76,10 @@ pub struct Import {
     pub unused: Vec<String>,
     /// Whether the Gaussians were trained with anti-aliasing, where the format says.
     pub antialiased: Option<bool>,
+    /// Whether a PLY file's opacities all lie in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities where
+    /// everybody else writes their logits, and nothing in the file tells. [`Gaussians::with_opacities_as_stored`]
+    /// reads them so.
+    pub opacities_may_be_no_logits: bool,
 }
 
 /// What a format's reader takes out of bytes.
@@ -102,7 +106,11 @@ pub fn read(path: &Path) -> Result<(Gaussians, Import), SplatError> {
 pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, Import), SplatError> {
     let Stored { parts, format, unused, antialiased } = stored(bytes, path).map_err(|fault| fault.in_file(path))?;
     let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(Cleaning::Import);
-    Ok((gaussians, Import { format, validation, unused, antialiased }))
+    let logits = &gaussians.parts().opacity_logits;
+    let is_opacity = |logit: &f32| (0.0..=1.0).contains(logit);
+    let opacities_may_be_no_logits =
+        matches!(format, Format::Ply(_)) && !logits.is_empty() && logits.iter().all(is_opacity);
+    Ok((gaussians, Import { format, validation, unused, antialiased, opacities_may_be_no_logits }))
 }
 
 fn stored(bytes: &[u8], path: &Path) -> Result<Stored, Fault> {

@@ -1,4 +1,4 @@
-use super::{GaussianParts, Gaussians, sh_coefficients};
+use super::{GaussianParts, Gaussians, LOGIT_OF_INFINITY, sh_coefficients};
 use crate::SplatError;
 
 impl Gaussians {
@@ -67,6 +67,17 @@ impl Gaussians {
         parts.sh_degree = degree;
         Self(parts)
     }
+
+    /// The same Gaussians with their stored logits taken for opacities in [0, 1], as pixelSplat's PLY exporter
+    /// writes them; 0 and 1 get logits of ±[`LOGIT_OF_INFINITY`], what is outside becomes NaN.
+    #[must_use]
+    pub fn with_opacities_as_stored(&self) -> Self {
+        let mut parts = self.parts().clone();
+        for logit in &mut parts.opacity_logits {
+            *logit = (*logit / (1.0 - *logit)).ln().clamp(-LOGIT_OF_INFINITY, LOGIT_OF_INFINITY);
+        }
+        Self(parts)
+    }
 }
 
 fn picked<T: Copy>(values: &[T], positions: &[usize]) -> Vec<T> {
@@ -130,6 +141,14 @@ mod tests {
         parts.sh.pop();
         let error = Gaussians::new(parts).unwrap_err();
         assert_eq!(error.to_string(), "Gaussians: sh has 7 entries, expected 8");
+    }
+
+    #[test]
+    fn opacities_that_were_no_logits() {
+        let mut parts = two(0).into_parts();
+        parts.opacity_logits = vec![0.75, 1.0];
+        let logits = Gaussians::new(parts).unwrap().with_opacities_as_stored().into_parts().opacity_logits;
+        assert_eq!(logits, [3.0f32.ln(), 20.0]);
     }
 
     #[test]

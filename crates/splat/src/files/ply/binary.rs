@@ -1,5 +1,5 @@
 use super::Fault;
-use super::header::{Element, Kind, Scalar};
+use super::header::{Element, Kind, Property, Scalar};
 
 /// Rows as bytes without gaps.
 pub(super) struct Binary<'a> {
@@ -32,7 +32,7 @@ impl<'a> Binary<'a> {
         wanted: &[usize],
         take: impl FnMut(&[f64]),
     ) -> Result<(), Fault> {
-        let is_list = |property: &super::header::Property<'_>| matches!(property.kind, Kind::List { .. });
+        let is_list = |property: &Property<'_>| matches!(property.kind, Kind::List { .. });
         if element.properties.iter().any(is_list) {
             self.rows_with_lists(element, wanted, take)
         } else {
@@ -53,18 +53,18 @@ impl<'a> Binary<'a> {
         if wanted.is_empty() || size == 0 {
             return Ok(());
         }
-        let mut offsets = vec![0; element.properties.len() + 1];
-        for (at, property) in element.properties.iter().enumerate() {
-            let Kind::Scalar(scalar) = property.kind else { continue };
-            if let Some([start, end]) = offsets.get_mut(at..at + 2).and_then(|two| two.as_mut_array()) {
-                *end = *start + scalar.size();
+        let mut end = 0;
+        let place = |property: &Property<'_>| match property.kind {
+            Kind::Scalar(scalar) => {
+                let start = end;
+                end += scalar.size();
+                Some((start, scalar))
             }
-        }
-        let column = |property: &usize| match (offsets.get(*property), element.properties.get(*property)?.kind) {
-            (Some(offset), Kind::Scalar(scalar)) => Some((*offset, scalar)),
-            _ => None,
+            Kind::List { .. } => None,
         };
-        let columns: Vec<(usize, Scalar)> = wanted.iter().filter_map(column).collect();
+        let places: Vec<(usize, Scalar)> = element.properties.iter().filter_map(place).collect();
+        let columns: Vec<(usize, Scalar)> =
+            wanted.iter().filter_map(|property| places.get(*property).copied()).collect();
         let mut values = vec![0.0; columns.len()];
         for row in bytes.chunks_exact(size) {
             for (value, (offset, scalar)) in values.iter_mut().zip(&columns) {

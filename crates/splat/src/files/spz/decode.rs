@@ -10,31 +10,28 @@ pub(super) fn decode(header: &Header, attributes: &[Vec<u8>; 6]) -> GaussianPart
     let [centres, opacities, colours, log_scales, quaternions, rest] = attributes;
     let narrow = |value: f64| value as f32;
     let unit = |byte: u8| f64::from(byte) / 255.0;
-    let xyzw: Vec<[f64; 4]> = if header.version >= 3 {
-        quaternions.as_chunks().0.iter().map(|bytes| from_four_bytes(*bytes)).collect()
-    } else {
-        quaternions.as_chunks().0.iter().map(|bytes| from_three_bytes(*bytes)).collect()
-    };
+    let wxyz = |[x, y, z, w]: [f64; 4]| [w, x, y, z].map(narrow);
     let colour = |byte: u8| narrow((unit(byte) - 0.5) / COLOUR_SCALE);
+    let log_scale = |byte: u8| f32::from(byte) / 16.0 - 10.0;
     let coefficient = |byte: u8| (f32::from(byte) - 128.0) / 128.0;
     let higher = sh_coefficients(header.sh_degree) - 1;
     let mut rest = rest.as_chunks::<3>().0.iter();
-    let sh = colours.as_chunks::<3>().0.iter().flat_map(|rgb| {
-        let higher: Vec<[f32; 3]> = rest.by_ref().take(higher).map(|rgb| rgb.map(coefficient)).collect();
-        std::iter::once(rgb.map(colour)).chain(higher)
-    });
+    let mut sh = Vec::with_capacity(opacities.len() * (1 + higher));
+    for rgb in colours.as_chunks::<3>().0 {
+        sh.push(rgb.map(colour));
+        sh.extend(rest.by_ref().take(higher).map(|rgb| rgb.map(coefficient)));
+    }
     GaussianParts {
         means: means(header, centres),
-        quaternions: xyzw.into_iter().map(|[x, y, z, w]| [w, x, y, z].map(narrow)).collect(),
-        log_scales: log_scales
-            .as_chunks()
-            .0
-            .iter()
-            .map(|three| three.map(|byte| f32::from(byte) / 16.0 - 10.0))
-            .collect(),
+        quaternions: if header.version >= 3 {
+            quaternions.as_chunks().0.iter().map(|bytes| wxyz(from_four_bytes(*bytes))).collect()
+        } else {
+            quaternions.as_chunks().0.iter().map(|bytes| wxyz(from_three_bytes(*bytes))).collect()
+        },
+        log_scales: log_scales.as_chunks().0.iter().map(|three| three.map(log_scale)).collect(),
         opacity_logits: opacities.iter().map(|byte| logit(unit(*byte))).collect(),
         sh_degree: header.sh_degree,
-        sh: sh.collect(),
+        sh,
         scalars: None,
         filter_3d: None,
     }
