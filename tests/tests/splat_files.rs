@@ -1,8 +1,6 @@
 //! Files of Gaussians that other tools wrote, against an independent reader (`crates/splat/tests/fixtures/make_files.py`
 //! with the folder of real files), and through every format that can be written.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::collections::BTreeMap;
 
 use atsplat_numeric::Tolerance;
