@@ -1,11 +1,15 @@
 //! Gaussian splatting without CUDA: Gaussians and a camera into images, and image gradients into gradients of
 //! everything that made them. Usable on its own; knows nothing of tensors or datasets.
 //!
+//! [`files`] reads and writes what people exchange Gaussians in; [`Gaussians`] are counted, cleaned, bounded, merged
+//! and moved.
+//!
 //! Camera axes are OpenCV's; pixel `(column, row)` has its centre at `(column + 0.5, row + 0.5)`; quaternions
 //! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
 
 mod constants;
 mod error;
+pub mod files;
 mod gaussians;
 mod options;
 pub mod reference;
@@ -15,7 +19,10 @@ mod view;
 
 pub use constants::{ClampedGradient, Extent, PrincipalPoint, RendererConstants, ShAxes};
 pub use error::SplatError;
-pub use gaussians::{GaussianParts, Gaussians, MAX_SH_DEGREE, sh_coefficients};
+pub use gaussians::{
+    Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
+    MAX_SH_DEGREE, Problem, Validation, ZERO_QUATERNION, sh_coefficients,
+};
 pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
 pub use rendering::{Census, Gradients, ImageGradients, Rendering};
 pub use view::View;

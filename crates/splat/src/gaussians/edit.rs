@@ -1,4 +1,4 @@
-use super::{GaussianParts, Gaussians, sh_coefficients};
+use super::{GaussianParts, Gaussians, LOGIT_OF_INFINITY, sh_coefficients};
 use crate::SplatError;
 
 impl Gaussians {
@@ -7,16 +7,21 @@ impl Gaussians {
     /// # Errors
     /// [`SplatError::Position`] for a position outside the list.
     pub fn select(&self, positions: &[usize]) -> Result<Self, SplatError> {
-        let parts = self.parts();
         if let Some(&found) = positions.iter().find(|position| **position >= self.len()) {
             return Err(SplatError::Position { found, len: self.len() });
         }
+        Ok(self.picked(positions))
+    }
+
+    /// [`Self::select`] for positions known to be inside.
+    pub(super) fn picked(&self, positions: &[usize]) -> Self {
+        let parts = self.parts();
         let coefficients = sh_coefficients(parts.sh_degree);
         let sh = positions
             .iter()
             .flat_map(|position| parts.sh.iter().skip(position * coefficients).take(coefficients).copied())
             .collect();
-        Self::new(GaussianParts {
+        Self(GaussianParts {
             means: picked(&parts.means, positions),
             quaternions: picked(&parts.quaternions, positions),
             log_scales: picked(&parts.log_scales, positions),
@@ -30,6 +35,7 @@ impl Gaussians {
 
     /// Both sets, those of `self` first, in the higher of the two spherical-harmonics degrees; missing
     /// coefficients, scalars and filters are zero.
+    #[must_use]
     pub fn merge(&self, other: &Self) -> Self {
         let degree = if other.sh_degree() > self.sh_degree() { other.sh_degree() } else { self.sh_degree() };
         let (first, second) = (self.with_sh_degree(degree).into_parts(), other.with_sh_degree(degree).into_parts());
@@ -59,6 +65,17 @@ impl Gaussians {
             .flat_map(|of_one| of_one.iter().copied().chain(std::iter::repeat([0.0; 3])).take(new))
             .collect();
         parts.sh_degree = degree;
+        Self(parts)
+    }
+
+    /// The same Gaussians with their stored logits taken for opacities in [0, 1], as pixelSplat's PLY exporter
+    /// writes them; 0 and 1 get logits of ±[`LOGIT_OF_INFINITY`], what is outside becomes NaN.
+    #[must_use]
+    pub fn with_opacities_as_stored(&self) -> Self {
+        let mut parts = self.parts().clone();
+        for logit in &mut parts.opacity_logits {
+            *logit = (*logit / (1.0 - *logit)).ln().clamp(-LOGIT_OF_INFINITY, LOGIT_OF_INFINITY);
+        }
         Self(parts)
     }
 }
@@ -124,6 +141,14 @@ mod tests {
         parts.sh.pop();
         let error = Gaussians::new(parts).unwrap_err();
         assert_eq!(error.to_string(), "Gaussians: sh has 7 entries, expected 8");
+    }
+
+    #[test]
+    fn opacities_that_were_no_logits() {
+        let mut parts = two(0).into_parts();
+        parts.opacity_logits = vec![0.75, 1.0];
+        let logits = Gaussians::new(parts).unwrap().with_opacities_as_stored().into_parts().opacity_logits;
+        assert_eq!(logits, [3.0f32.ln(), 20.0]);
     }
 
     #[test]

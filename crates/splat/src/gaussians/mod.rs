@@ -1,4 +1,13 @@
+mod bounds;
+mod clean;
 mod edit;
+mod sh_rotation;
+mod transform;
+mod validate;
+
+pub use bounds::Bounds;
+pub use clean::{Cleaning, LOGIT_OF_INFINITY};
+pub use validate::{Field, Finding, LOG_SCALE_LIMIT, LOGIT_LIMIT, Problem, Validation, ZERO_QUATERNION};
 
 use crate::SplatError;
 

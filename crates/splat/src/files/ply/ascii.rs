@@ -1,0 +1,105 @@
+use super::super::fault::shown;
+use super::Fault;
+use super::binary::slots;
+use super::header::{Element, Kind, Scalar};
+
+/// Rows as lines of text.
+pub(super) struct Text<'a> {
+    rest: &'a [u8],
+    /// Lines of the file before `rest`.
+    lines: usize,
+}
+
+impl<'a> Text<'a> {
+    pub(super) const fn new(rest: &'a [u8], lines: usize) -> Self {
+        Self { rest, lines }
+    }
+
+    pub(super) const fn left(&self) -> usize {
+        self.rest.len()
+    }
+
+    /// Bytes of a row of digits: each with a blank or a line break behind it.
+    pub(super) fn smallest_row(element: &Element<'_>) -> usize {
+        2 * element.properties.len()
+    }
+
+    pub(super) fn rows(
+        &mut self,
+        element: &Element<'_>,
+        wanted: &[usize],
+        mut take: impl FnMut(&[f64]),
+    ) -> Result<(), Fault> {
+        if element.properties.is_empty() {
+            return Ok(());
+        }
+        let slots = slots(element, wanted);
+        let mut values = vec![0.0; wanted.len()];
+        for _ in 0..element.count {
+            let line = self.line()?;
+            let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
+            for (property, slot) in element.properties.iter().zip(&slots) {
+                match property.kind {
+                    Kind::Scalar(scalar) => {
+                        let number = self.number(scalar, words.next())?;
+                        if let Some(value) = slot.and_then(|slot| values.get_mut(slot)) {
+                            *value = number;
+                        }
+                    }
+                    Kind::List { length, item } => {
+                        let mut left = self.number(length, words.next())?;
+                        if left < 0.0 {
+                            return Err(self.fault("a length of a list", &left.to_string()));
+                        }
+                        while left > 0.0 {
+                            self.number(item, words.next())?;
+                            left -= 1.0;
+                        }
+                    }
+                }
+            }
+            if let Some(word) = words.next() {
+                return Err(self.fault("the end of the line", &shown(word)));
+            }
+            take(&values);
+        }
+        Ok(())
+    }
+
+    /// The next line that is not blank.
+    fn line(&mut self) -> Result<&'a [u8], Fault> {
+        while !self.rest.is_empty() {
+            let length = self.rest.iter().position(|byte| *byte == b'\n');
+            let (line, rest) = self.rest.split_at(length.map_or(self.rest.len(), |length| length + 1));
+            self.rest = rest;
+            self.lines += 1;
+            let line = line.trim_ascii();
+            if !line.is_empty() {
+                return Ok(line);
+            }
+        }
+        Err(self.fault("a row", "the end of the file"))
+    }
+
+    /// Parsed as the property's own type: a decimal read as f64 and then rounded to f32 may end beside the f32
+    /// that was written.
+    fn number(&self, scalar: Scalar, word: Option<&[u8]>) -> Result<f64, Fault> {
+        let word = word.ok_or_else(|| self.fault("another number", "the end of the line"))?;
+        let text = str::from_utf8(word).unwrap_or_default();
+        let number = match scalar {
+            Scalar::F32 => text.parse::<f32>().ok().map(f64::from),
+            Scalar::F64 => text.parse().ok(),
+            Scalar::I8 => text.parse::<i8>().ok().map(f64::from),
+            Scalar::U8 => text.parse::<u8>().ok().map(f64::from),
+            Scalar::I16 => text.parse::<i16>().ok().map(f64::from),
+            Scalar::U16 => text.parse::<u16>().ok().map(f64::from),
+            Scalar::I32 => text.parse::<i32>().ok().map(f64::from),
+            Scalar::U32 => text.parse::<u32>().ok().map(f64::from),
+        };
+        number.ok_or_else(|| self.fault(&format!("a number of type {scalar:?}"), &shown(word)))
+    }
+
+    fn fault(&self, expected: &str, found: &str) -> Fault {
+        Fault::new(format!("line {}", self.lines), expected, found)
+    }
+}

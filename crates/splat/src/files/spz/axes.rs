@@ -1,0 +1,112 @@
+use glam::DVec3;
+
+use super::Fault;
+use crate::sh::basis;
+use crate::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
+
+/// `SPZ_ADOBE_coordinate_system` (nianticlabs/spz `extensions/cc/splat-extensions.h`).
+const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
+
+/// Which of PLY's axes (right, down, front) the stored axes run against.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Axes {
+    signs: DVec3,
+}
+
+impl Axes {
+    /// Right, up, back: what is stored where nothing else is said.
+    pub(super) const RUB: Self = Self { signs: DVec3::new(1.0, -1.0, -1.0) };
+
+    /// The axes that an extension names. What other extensions say changes no Gaussian; they are listed as unused.
+    pub(super) fn from_extensions(mut records: &[u8], unused: &mut Vec<String>) -> Result<Self, Fault> {
+        let mut axes = Self::RUB;
+        while let Some((kind, rest)) = records.split_first_chunk() {
+            let kind = u32::from_le_bytes(*kind);
+            let record = rest
+                .split_first_chunk()
+                .and_then(|(length, rest)| rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?));
+            let (payload, rest) =
+                record.ok_or_else(|| Fault::new("SPZ extensions", "a record of (type, length, bytes)", "the end"))?;
+            match (kind, payload.first_chunk()) {
+                (COORDINATE_SYSTEM, Some(system)) => axes = Self::from_code(u32::from_le_bytes(*system))?,
+                _ => unused.push(format!("extension 0x{kind:08x}")),
+            }
+            records = rest;
+        }
+        Ok(axes)
+    }
+
+    /// LDB, RDB, LUB, RUB, LDF, RDF, LUF, RUF are 1 to 8; 0 leaves it open.
+    fn from_code(code: u32) -> Result<Self, Fault> {
+        if code == 0 {
+            return Ok(Self::RUB);
+        }
+        let Some(bits @ 0..8) = code.checked_sub(1) else {
+            // 9 to 16 have y and z swapped; the reference's arithmetic gives some of them other axes than their
+            // names, so that there is nothing to agree with.
+            return Err(Fault::new("SPZ extensions", "coordinate system 0 to 8", code.to_string()));
+        };
+        let sign = |bit: u32, same: u32| if (bits >> bit) & 1 == same { 1.0 } else { -1.0 };
+        Ok(Self { signs: DVec3::new(sign(0, 1), sign(1, 0), sign(2, 1)) })
+    }
+
+    /// Takes Gaussians into PLY's axes, or out of them, exactly: signs are all that changes. A mirrored ellipsoid
+    /// is one whose own axes are mirrored along, `D R D`, which is a rotation again.
+    pub(super) fn plys_from_stored(self, parts: &mut GaussianParts) {
+        let narrow = |sign: f64| if sign < 0.0 { -1.0f32 } else { 1.0 };
+        let DVec3 { x, y, z } = self.signs;
+        let signed = |value: &mut f32, sign: f64| *value *= narrow(sign);
+        for [mean_x, mean_y, mean_z] in &mut parts.means {
+            signed(mean_x, x);
+            signed(mean_y, y);
+            signed(mean_z, z);
+        }
+        for [_, i, j, k] in &mut parts.quaternions {
+            signed(i, y * z);
+            signed(j, x * z);
+            signed(k, x * y);
+        }
+        let signs = self.sh_signs();
+        for of_one in parts.sh.chunks_exact_mut(sh_coefficients(parts.sh_degree)) {
+            for (rgb, sign) in of_one.iter_mut().zip(signs) {
+                for value in rgb {
+                    signed(value, sign);
+                }
+            }
+        }
+    }
+
+    /// Every function of the basis is even or odd in each axis, so that one direction tells its sign.
+    ///
+    /// The last of degree 4 is even in y, but the reference flips it: files that it wrote mean what it reads.
+    fn sh_signs(self) -> [f64; 25] {
+        let direction = DVec3::new(0.3, 0.5, 0.7).normalize();
+        let mut signs = basis(MAX_SH_DEGREE, direction.to_array());
+        for (sign, flipped) in signs.iter_mut().zip(basis(MAX_SH_DEGREE, (direction * self.signs).to_array())) {
+            *sign = sign.signum() * flipped.signum();
+        }
+        signs[24] *= self.signs.y;
+        signs
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// The table of nianticlabs/spz `src/cc/splat-types.h`, for RUB to RDF: y = z = −1.
+    #[test]
+    fn signs_are_the_references() {
+        let signs: String = Axes::RUB.sh_signs().iter().map(|sign| if *sign > 0.0 { '+' } else { '-' }).collect();
+        assert_eq!(signs, ["+", "--+", "-++-+", "-+--+-+", "-+-++-+--"].concat());
+    }
+
+    #[test]
+    fn codes_name_axes() {
+        assert_eq!(Axes::from_code(4).unwrap(), Axes::RUB);
+        assert_eq!(Axes::from_code(6).unwrap().signs, DVec3::ONE, "RDF is PLY's");
+        assert_eq!(Axes::from_code(7).unwrap().signs, DVec3::new(-1.0, -1.0, 1.0), "LUF");
+        assert!(Axes::from_code(9).is_err());
+        assert!(Axes::from_code(u32::MAX).is_err());
+    }
+}

@@ -1,0 +1,145 @@
+//! Bytes as stored into bytes per attribute.
+
+use std::io::{self, Read, Write};
+
+use flate2::Compression;
+use flate2::read::GzDecoder;
+use flate2::write::GzEncoder;
+use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
+
+use super::Fault;
+use super::header::{Header, MAGIC};
+
+/// The first bytes of gzip's header.
+pub(in super::super) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
+/// Deflate's densest code: 258 bytes in two bits.
+const DEFLATE_RATIO: u64 = 1032;
+/// The reference refuses version 4 where a header claims more than this many bytes of centres per byte of file.
+const ZSTD_RATIO: u64 = 1024;
+/// The window that every Zstandard decoder should support (RFC 8878, 3.1.1.1.2), whatever the stream's length.
+const ZSTD_WINDOW: u64 = 8 << 20;
+/// More than any extension holds.
+const MOST_EXTENSION_BYTES: u64 = 1 << 16;
+
+/// A file without its compression.
+pub(super) struct Container {
+    pub(super) header: Header,
+    /// Centres, opacities, colours, log-scales, quaternions, higher coefficients; as long as the header says.
+    pub(super) attributes: [Vec<u8>; 6],
+    pub(super) extensions: Vec<u8>,
+    /// What follows behind the last attribute without being announced.
+    pub(super) unused: Vec<String>,
+}
+
+impl Container {
+    pub(super) fn open(bytes: &[u8]) -> Result<Self, Fault> {
+        if !bytes.starts_with(&MAGIC) {
+            return Self::in_one_stream(GzDecoder::new(bytes), bytes.len() as u64, DEFLATE_RATIO);
+        }
+        let header = Header::parse(bytes)?;
+        if header.version < 4 {
+            // Tools that unpack gzip in passing hand this on.
+            return Self::in_one_stream(bytes, bytes.len() as u64, 1);
+        }
+        Self::in_streams(header, bytes)
+    }
+
+    /// Versions 1 to 3. `ratio` is how far the stream may expand the file.
+    fn in_one_stream(mut stream: impl Read, length: u64, ratio: u64) -> Result<Self, Fault> {
+        let header = Header::parse(&take(&mut stream, "SPZ header", Header::OLD_SIZE as u64)?)?;
+        let needed: u64 = header.sizes().iter().sum();
+        if needed > length.saturating_mul(ratio) {
+            let expected = format!("a file that can hold {} Gaussians of {needed} bytes", header.count);
+            return Err(Fault::new("SPZ header", expected, format!("{length} bytes")));
+        }
+        let mut attributes = [const { Vec::new() }; 6];
+        for (attribute, size) in attributes.iter_mut().zip(header.sizes()) {
+            *attribute = take(&mut stream, "SPZ attributes", size)?;
+        }
+        let mut behind = Vec::new();
+        stream.take(MOST_EXTENSION_BYTES).read_to_end(&mut behind).map_err(|error| broken("SPZ stream", &error))?;
+        let (mut extensions, mut unused) = (Vec::new(), Vec::new());
+        if header.has_extensions {
+            extensions = behind;
+        } else if !behind.is_empty() {
+            unused.push("bytes behind the last attribute".to_owned());
+        }
+        Ok(Self { header, attributes, extensions, unused })
+    }
+
+    /// Version 4: a table of (compressed, uncompressed) sizes, then the streams of the attributes that are not
+    /// empty.
+    fn in_streams(header: Header, bytes: &[u8]) -> Result<Self, Fault> {
+        let short =
+            || Fault::new("SPZ header", "32 bytes and the streams behind them", format!("{} bytes", bytes.len()));
+        if 9 * u64::from(header.count) > ZSTD_RATIO * bytes.len() as u64 {
+            let expected = format!("a file that can hold {} Gaussians", header.count);
+            return Err(Fault::new("SPZ header", expected, format!("{} bytes", bytes.len())));
+        }
+        let (&streams, rest) = bytes.get(15..).and_then(<[u8]>::split_first).ok_or_else(short)?;
+        let table = u32::from_le_bytes(*rest.first_chunk().ok_or_else(short)?) as usize;
+        let announced = header.sizes().iter().filter(|size| **size > 0).count();
+        if usize::from(streams) != announced {
+            return Err(Fault::new("SPZ header", format!("{announced} streams"), streams.to_string()));
+        }
+        let extensions = bytes.get(Header::NEW_SIZE..table).ok_or_else(short)?;
+        let extensions = if header.has_extensions { extensions.to_vec() } else { Vec::new() };
+        let (sizes, mut rest) =
+            bytes.get(table..).and_then(|rest| rest.split_at_checked(16 * announced)).ok_or_else(short)?;
+        let mut sizes = sizes.as_chunks::<8>().0.iter().map(|size| u64::from_le_bytes(*size));
+
+        let mut attributes = [const { Vec::new() }; 6];
+        for (attribute, needed) in attributes.iter_mut().zip(header.sizes()) {
+            if needed == 0 {
+                continue;
+            }
+            let (compressed, uncompressed) = (sizes.next().unwrap_or(0), sizes.next().unwrap_or(0));
+            if uncompressed != needed {
+                return Err(Fault::new("SPZ stream", format!("{needed} bytes"), format!("{uncompressed} bytes")));
+            }
+            let stream = usize::try_from(compressed).ok().and_then(|length| rest.split_at_checked(length));
+            let (stream, behind) = stream.ok_or_else(|| {
+                Fault::new("SPZ stream", format!("{compressed} bytes"), format!("{} bytes", rest.len()))
+            })?;
+            *attribute = unpack(stream, needed)?;
+            rest = behind;
+        }
+        let surplus = if rest.is_empty() { Vec::new() } else { vec!["bytes behind the last stream".to_owned()] };
+        Ok(Self { header, attributes, extensions, unused: surplus })
+    }
+}
+
+/// One Zstandard frame of `length` bytes.
+fn unpack(stream: &[u8], length: u64) -> Result<Vec<u8>, Fault> {
+    let mut frame = FrameDecoder::new();
+    frame.set_max_window_size(if length > ZSTD_WINDOW { length } else { ZSTD_WINDOW });
+    let decoder = StreamingDecoder::new_with_decoder(stream, frame);
+    let mut decoder = decoder.map_err(|error| broken("SPZ stream", &io::Error::other(error.to_string())))?;
+    let bytes = take(&mut decoder, "SPZ stream", length)?;
+    let surplus = take(&mut decoder, "SPZ stream", 1);
+    match surplus {
+        Ok(_) => Err(Fault::new("SPZ stream", format!("{length} bytes"), "more")),
+        Err(_) => Ok(bytes),
+    }
+}
+
+/// The next `length` bytes; memory grows with what is there, not with what is announced.
+fn take(stream: &mut impl Read, location: &str, length: u64) -> Result<Vec<u8>, Fault> {
+    let mut bytes = Vec::new();
+    stream.take(length).read_to_end(&mut bytes).map_err(|error| broken(location, &error))?;
+    if bytes.len() as u64 == length {
+        return Ok(bytes);
+    }
+    Err(Fault::new(location, format!("{length} bytes"), format!("{} bytes", bytes.len())))
+}
+
+fn broken(location: &str, error: &io::Error) -> Fault {
+    Fault::new(location, "compressed data", error.to_string())
+}
+
+/// A gzip stream without a time or a name, so that the same Gaussians give the same file.
+pub(in super::super) fn compress(payload: &[u8], out: &mut impl Write) -> io::Result<()> {
+    let mut encoder = GzEncoder::new(out, Compression::default());
+    encoder.write_all(payload)?;
+    encoder.finish().map(drop)
+}

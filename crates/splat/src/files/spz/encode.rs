@@ -1,0 +1,120 @@
+use super::axes::Axes;
+use super::header::Header;
+use super::quaternions::{to_four_bytes, to_three_bytes};
+use super::{COLOUR_SCALE, Fault};
+use crate::{GaussianParts, sh_coefficients};
+
+/// The reference's: a quarter of a millimetre where a scene unit is a metre.
+const FRACTIONAL_BITS: u8 = 12;
+/// Centres are integers of 24 bits with a sign.
+const LARGEST_CENTRE: f64 = 8_388_607.0;
+/// Coefficients are rounded to multiples of these, out of 256 over [−1, 1): the reference's 5 bits for degree 1
+/// and 4 for the rest.
+const STEPS: (i32, i32) = (1 << 3, 1 << 4);
+
+/// The payload of a file of version 2 or 3, not yet compressed.
+///
+/// A scene that reaches further than ±2047 gets fewer fractional bits.
+pub(in super::super) fn encode(parts: &GaussianParts, version: u32) -> Result<Vec<u8>, Fault> {
+    check(parts)?;
+    let mut parts = parts.clone();
+    // Signs are their own inverse.
+    Axes::RUB.plys_from_stored(&mut parts);
+    let header = Header {
+        version,
+        count: u32::try_from(parts.means.len())
+            .map_err(|_too_large| Fault::new("Gaussians", "fewer than 2³²", parts.means.len().to_string()))?,
+        sh_degree: parts.sh_degree,
+        fractional_bits: fractional_bits(&parts)?,
+        antialiased: false,
+        has_extensions: false,
+    };
+    let mut payload = header.to_bytes().to_vec();
+    let scale = f64::from(header.fractional_bits).exp2();
+    for centre in parts.means.as_flattened() {
+        #[expect(clippy::cast_possible_truncation, reason = "fractional_bits keeps it in 24 bits")]
+        let [low, middle, high, _] = ((f64::from(*centre) * scale).round() as i32).to_le_bytes();
+        payload.extend([low, middle, high]);
+    }
+    payload.extend(parts.opacity_logits.iter().map(|logit| byte(255.0 / (1.0 + (-f64::from(*logit)).exp()))));
+    let coefficients = sh_coefficients(parts.sh_degree);
+    for dc in parts.sh.chunks_exact(coefficients).filter_map(<[_]>::first) {
+        payload.extend(dc.map(|value| byte((0.5 + COLOUR_SCALE * f64::from(value)) * 255.0)));
+    }
+    payload.extend(parts.log_scales.as_flattened().iter().map(|scale| byte((f64::from(*scale) + 10.0) * 16.0)));
+    for quaternion in &parts.quaternions {
+        let [w, x, y, z] = unit(quaternion);
+        if version >= 3 {
+            payload.extend(to_four_bytes([x, y, z, w]));
+        } else {
+            payload.extend(to_three_bytes([x, y, z, w]));
+        }
+    }
+    for of_one in parts.sh.chunks_exact(coefficients) {
+        for (k, rgb) in of_one.iter().enumerate().skip(1) {
+            payload.extend(rgb.map(|value| coefficient(value, if k < 4 { STEPS.0 } else { STEPS.1 })));
+        }
+    }
+    Ok(payload)
+}
+
+/// Refuses what the format has no place for: a value that is no number, and fields that it does not know.
+fn check(parts: &GaussianParts) -> Result<(), Fault> {
+    for (field, is_there) in [("filter_3d", parts.filter_3d.is_some()), ("scalars", parts.scalars.is_some())] {
+        if is_there {
+            return Err(Fault::new(
+                "Gaussians",
+                format!("no {field}, which SPZ cannot hold"),
+                format!("{field} for each"),
+            ));
+        }
+    }
+    let coefficients = sh_coefficients(parts.sh_degree);
+    let rows = parts.means.iter().zip(&parts.quaternions).zip(&parts.log_scales).zip(&parts.opacity_logits);
+    for (position, ((((mean, quaternion), scales), logit), sh)) in
+        rows.zip(parts.sh.chunks_exact(coefficients)).enumerate()
+    {
+        let fault = |expected: &str, found: String| Err(Fault::new(format!("Gaussian {position}"), expected, found));
+        let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
+        if !(finite(mean) && finite(quaternion) && finite(sh.as_flattened())) {
+            return fault("finite centre, quaternion and colour", format!("{mean:?}, {quaternion:?}, {sh:?}"));
+        }
+        // An infinite log-scale or logit is the end of the format's range.
+        if logit.is_nan() || scales.iter().any(|scale| scale.is_nan()) {
+            return fault("log-scales and an opacity logit", format!("{scales:?}, {logit}"));
+        }
+        if quaternion.iter().all(|part| *part == 0.0) {
+            return fault("a quaternion that is not zero", format!("{quaternion:?}"));
+        }
+    }
+    Ok(())
+}
+
+fn fractional_bits(parts: &GaussianParts) -> Result<u8, Fault> {
+    let fits = |bits: u8| {
+        let largest = LARGEST_CENTRE / f64::from(bits).exp2();
+        parts.means.as_flattened().iter().all(|centre| f64::from(centre.abs()) <= largest)
+    };
+    let expected = || Fault::new("Gaussians", format!("centres within ±{LARGEST_CENTRE}"), "one beyond");
+    (0..=FRACTIONAL_BITS).rev().find(|bits| fits(*bits)).ok_or_else(expected)
+}
+
+fn unit(quaternion: &[f32; 4]) -> [f64; 4] {
+    let wide = quaternion.map(f64::from);
+    let norm = wide.iter().map(|part| part * part).sum::<f64>().sqrt();
+    wide.map(|part| part / norm)
+}
+
+/// Rounded half away from zero, as C++ does, to the middle of a step; zero is the middle of one.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
+fn coefficient(value: f32, step: i32) -> u8 {
+    // As i32, so that what lies beyond saturates far from overflowing.
+    let level = (value.clamp(-2.0, 2.0) * 128.0).round() as i32 + 128;
+    ((level + step / 2).div_euclid(step) * step).clamp(0, 255) as u8
+}
+
+/// The nearest byte, ends included.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded, and `as` saturates")]
+pub(super) fn byte(value: f64) -> u8 {
+    value.round() as u8
+}

@@ -1,0 +1,124 @@
+use atsplat_camera::{Similarity, WorldFromCamera};
+use glam::{DMat3, DQuat, DVec3};
+
+use super::sh_rotation::ShRotation;
+use super::{Gaussians, sh_coefficients};
+
+impl Gaussians {
+    /// The same Gaussians in a changed world: centres moved, turned and scaled, shapes, filters and spherical
+    /// harmonics along with them. Computed in f64, stored as f32.
+    #[must_use]
+    pub fn transformed(&self, change: &Similarity) -> Self {
+        let mut parts = self.parts().clone();
+        for mean in &mut parts.means {
+            *mean = narrow(change.new_from_old(DVec3::from_array(mean.map(f64::from))).to_array());
+        }
+        let rotation = DQuat::from_mat3(&change.rotation).normalize();
+        for quaternion in &mut parts.quaternions {
+            let [w, x, y, z] = quaternion.map(f64::from);
+            let turned = rotation * DQuat::from_xyzw(x, y, z, w);
+            *quaternion = narrow([turned.w, turned.x, turned.y, turned.z]);
+        }
+        for log_scales in &mut parts.log_scales {
+            *log_scales = narrow(log_scales.map(|log_scale| f64::from(log_scale) + change.scale.ln()));
+        }
+        for filter in parts.filter_3d.iter_mut().flatten() {
+            [*filter] = narrow([f64::from(*filter) * change.scale]);
+        }
+        if parts.sh_degree > 0 {
+            // From the unit quaternion: the quadrature needs a rotation, the file's nine decimals are nearly one.
+            let sh_rotation = ShRotation::new(DMat3::from_quat(rotation));
+            parts.sh.chunks_exact_mut(sh_coefficients(parts.sh_degree)).for_each(|of_one| sh_rotation.apply(of_one));
+        }
+        Self(parts)
+    }
+
+    /// The same Gaussians in a world moved by the rigid motion `new_from_old`: with a view's pose, Gaussians in
+    /// that view's axes are taken into the world.
+    #[must_use]
+    pub fn moved_by(&self, new_from_old: &WorldFromCamera) -> Self {
+        let origin = new_from_old.inverse().translation();
+        self.transformed(&Similarity { rotation: new_from_old.rotation(), origin, scale: 1.0 })
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "Gaussians are stored as f32")]
+fn narrow<const N: usize>(values: [f64; N]) -> [f32; N] {
+    values.map(|value| value as f32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::GaussianParts;
+    use crate::sh::basis;
+    use atsplat_numeric::Tolerance;
+
+    fn one() -> Gaussians {
+        Gaussians::new(GaussianParts {
+            means: vec![[1.0, -2.0, 0.5]],
+            quaternions: vec![[0.5, -0.2, 0.7, 0.3]],
+            log_scales: vec![[-1.0, 0.0, 0.7]],
+            opacity_logits: vec![1.0],
+            sh_degree: 4,
+            sh: (0..25u8).map(|n| [f32::from(n) * 0.1, 1.0 - f32::from(n) * 0.07, 0.3]).collect(),
+            scalars: Some(vec![0.4]),
+            filter_3d: Some(vec![0.25]),
+        })
+        .unwrap()
+    }
+
+    fn change() -> Similarity {
+        let rotation = DMat3::from_quat(DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1));
+        Similarity { rotation, origin: DVec3::new(0.3, 1.0, -2.0), scale: 2.5 }
+    }
+
+    fn covariance(gaussians: &Gaussians) -> DMat3 {
+        let [w, x, y, z] = gaussians.parts().quaternions[0].map(f64::from);
+        let scales = DVec3::from_array(gaussians.parts().log_scales[0].map(|log| f64::from(log).exp()));
+        let axes = DMat3::from_quat(DQuat::from_xyzw(x, y, z, w).normalize()) * DMat3::from_diagonal(scales);
+        axes * axes.transpose()
+    }
+
+    fn colour(gaussians: &Gaussians, direction: DVec3) -> [f64; 3] {
+        let basis = basis(4, direction.to_array());
+        [0, 1, 2].map(|channel| {
+            gaussians.parts().sh.iter().zip(basis).map(|(sh, basis)| f64::from(sh[channel]) * basis).sum()
+        })
+    }
+
+    #[test]
+    fn every_part_follows() {
+        let (old, change) = (one(), change());
+        let new = old.transformed(&change);
+        let expected = change.new_from_old(DVec3::new(1.0, -2.0, 0.5));
+        Tolerance::F32_ROUND_TRIP.assert(new.parts().means[0].map(f64::from), expected.to_array(), "mean");
+        let r = change.rotation;
+        let turned = r * covariance(&old) * r.transpose() * (change.scale * change.scale);
+        Tolerance { absolute: 1e-5, relative: 1e-5 }.assert(
+            covariance(&new).to_cols_array(),
+            turned.to_cols_array(),
+            "covariance",
+        );
+        let direction = DVec3::new(0.2, -0.9, 0.4).normalize();
+        Tolerance::absolute(2e-6).assert(colour(&new, r * direction), colour(&old, direction), "colour");
+        assert_eq!(new.parts().filter_3d, Some(vec![0.625]));
+        assert_eq!(new.parts().scalars, old.parts().scalars);
+    }
+
+    #[test]
+    fn back_again_and_into_the_world() {
+        let pose = WorldFromCamera::new(change().rotation, DVec3::new(4.0, 5.0, 6.0)).unwrap();
+        let moved = one().moved_by(&pose);
+        let expected = pose.transform_point(DVec3::new(1.0, -2.0, 0.5));
+        Tolerance::F32_ROUND_TRIP.assert(moved.parts().means[0].map(f64::from), expected.to_array(), "mean");
+        let back = moved.moved_by(&WorldFromCamera::from_rows(&pose.inverse().to_rows()).unwrap());
+        let flat = |g: &Gaussians| g.parts().sh.iter().flatten().map(|value| f64::from(*value)).collect::<Vec<_>>();
+        Tolerance::F32_ROUND_TRIP.assert(flat(&back), flat(&one()), "colours");
+    }
+
+    #[test]
+    fn the_change_that_changes_nothing_is_exact() {
+        assert_eq!(one().transformed(&Similarity::IDENTITY), one());
+    }
+}

@@ -1,0 +1,163 @@
+//! Counts what cannot be rendered.
+//!
+//! Files in the wild hold all of it: `logit(1) = +∞` (pixelSplat's and DepthSplat's exporters), 889,536 zero
+//! quaternions in one scene (playcanvas/splat-transform #288), NaN positions (playcanvas/supersplat #360).
+
+use serde::Serialize;
+
+use super::{GaussianParts, Gaussians, sh_coefficients};
+
+/// Squared norm below which a quaternion has no direction left to normalise.
+pub const ZERO_QUATERNION: f64 = 1e-12;
+/// Beyond this magnitude of a log-scale the variance `exp(2 s)` leaves f32's normal numbers.
+pub const LOG_SCALE_LIMIT: f32 = 43.5;
+/// Beyond this magnitude of an opacity logit its exponential leaves f32.
+pub const LOGIT_LIMIT: f32 = 88.0;
+
+/// A per-Gaussian field of [`GaussianParts`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Field {
+    /// Centres.
+    Means,
+    /// Rotations.
+    Quaternions,
+    /// Log-scales.
+    LogScales,
+    /// Opacity logits.
+    OpacityLogits,
+    /// Spherical harmonics.
+    Sh,
+    /// The extra scalar.
+    Scalars,
+    /// Mip-Splatting's filter.
+    Filter3d,
+}
+
+/// What can be wrong with a field of one Gaussian; the first that applies is counted.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Problem {
+    /// A NaN.
+    NotANumber,
+    /// An infinity.
+    Infinite,
+    /// A quaternion of squared norm below [`ZERO_QUATERNION`].
+    ZeroNorm,
+    /// A log-scale beyond ±[`LOG_SCALE_LIMIT`], a logit beyond ±[`LOGIT_LIMIT`], a quaternion whose squared norm
+    /// is no f32, a negative filter.
+    OutOfRange,
+}
+
+/// How many Gaussians have one problem in one field.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+pub struct Finding {
+    /// The field.
+    pub field: Field,
+    /// What is wrong with it.
+    pub problem: Problem,
+    /// Gaussians that have it.
+    pub count: usize,
+    /// Position of the first that has it.
+    pub first: usize,
+}
+
+/// What was found among Gaussians, and what was done about it.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Validation {
+    /// Gaussians looked at.
+    pub total: usize,
+    /// Gaussians with any problem.
+    pub invalid: usize,
+    /// Gaussians left out.
+    pub rejected: usize,
+    /// Gaussians kept with something changed.
+    pub repaired: usize,
+    /// Counts by field and problem, in that order; only what occurs.
+    pub findings: Vec<Finding>,
+}
+
+impl Validation {
+    /// Whether nothing was wrong.
+    pub const fn is_clean(&self) -> bool {
+        self.invalid == 0
+    }
+
+    /// Gaussians with this problem in this field.
+    pub fn count(&self, field: Field, problem: Problem) -> usize {
+        self.findings.iter().find(|finding| (finding.field, finding.problem) == (field, problem)).map_or(0, |f| f.count)
+    }
+
+    fn record(&mut self, field: Field, problem: Problem, position: usize) {
+        match self.findings.iter_mut().find(|finding| (finding.field, finding.problem) == (field, problem)) {
+            Some(finding) => finding.count += 1,
+            None => self.findings.push(Finding { field, problem, count: 1, first: position }),
+        }
+    }
+}
+
+impl Gaussians {
+    /// Counts what is unusable, by field and kind.
+    pub fn validate(&self) -> Validation {
+        let mut validation = Validation { total: self.len(), ..Validation::default() };
+        for position in 0..self.len() {
+            let mut clean = true;
+            each_problem(self.parts(), position, |field, problem| {
+                validation.record(field, problem, position);
+                clean = false;
+            });
+            validation.invalid += usize::from(!clean);
+        }
+        validation.findings.sort_unstable_by_key(|finding| (finding.field, finding.problem));
+        validation
+    }
+}
+
+/// Calls `found` for each field of one Gaussian that has a problem.
+pub(super) fn each_problem(parts: &GaussianParts, position: usize, mut found: impl FnMut(Field, Problem)) {
+    let coefficients = sh_coefficients(parts.sh_degree);
+    let sh = parts.sh.get(position * coefficients..(position + 1) * coefficients).unwrap_or_default();
+    let optional = |values: &Option<Vec<f32>>| values.as_ref().and_then(|values| values.get(position).copied());
+    let beyond = |limit: f32| move |value: &f32| value.abs() > limit;
+    let fields = [
+        (Field::Means, parts.means.get(position).and_then(|mean| non_finite(mean))),
+        (Field::Quaternions, parts.quaternions.get(position).and_then(quaternion_problem)),
+        (Field::LogScales, parts.log_scales.get(position).and_then(|s| problem(s, beyond(LOG_SCALE_LIMIT)))),
+        (Field::OpacityLogits, parts.opacity_logits.get(position).and_then(|o| problem(&[*o], beyond(LOGIT_LIMIT)))),
+        (Field::Sh, non_finite(sh.as_flattened())),
+        (Field::Scalars, optional(&parts.scalars).and_then(|value| non_finite(&[value]))),
+        (Field::Filter3d, optional(&parts.filter_3d).and_then(|value| problem(&[value], |filter| *filter < 0.0))),
+    ];
+    for (field, problem) in fields {
+        if let Some(problem) = problem {
+            found(field, problem);
+        }
+    }
+}
+
+fn non_finite(values: &[f32]) -> Option<Problem> {
+    // x · 0 is 0 for finite x alone, so that one branch clears a clean row.
+    if values.iter().fold(0.0, |sum, value| sum + value * 0.0) == 0.0 {
+        return None;
+    }
+    let nan = values.iter().any(|value| value.is_nan());
+    Some(if nan { Problem::NotANumber } else { Problem::Infinite })
+}
+
+fn problem(values: &[f32], is_out_of_range: impl FnMut(&f32) -> bool) -> Option<Problem> {
+    non_finite(values).or_else(|| values.iter().any(is_out_of_range).then_some(Problem::OutOfRange))
+}
+
+fn quaternion_problem(quaternion: &[f32; 4]) -> Option<Problem> {
+    let norm = squared_norm(quaternion);
+    let unusable = if norm < ZERO_QUATERNION {
+        Some(Problem::ZeroNorm)
+    } else {
+        (norm > f64::from(f32::MAX)).then_some(Problem::OutOfRange)
+    };
+    non_finite(quaternion).or(unusable)
+}
+
+pub(super) fn squared_norm(quaternion: &[f32; 4]) -> f64 {
+    quaternion.iter().map(|part| f64::from(*part) * f64::from(*part)).sum()
+}

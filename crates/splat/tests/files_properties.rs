@@ -1,0 +1,346 @@
+//! Round trips, and bytes that nobody meant to write.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::path::{Path, PathBuf};
+
+use atsplat_numeric::Tolerance;
+use atsplat_splat::files::{Encoding, Output, parse, read, write};
+use atsplat_splat::{GaussianParts, Gaussians, SplatError, sh_coefficients};
+use proptest::prelude::*;
+
+const ENCODINGS: [Encoding; 3] = [Encoding::Ascii, Encoding::BinaryLittleEndian, Encoding::BinaryBigEndian];
+
+fn files_in(folder: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join(folder);
+    let mut files: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    files.sort();
+    files
+}
+
+/// Up to ten Gaussians of any degree, their numbers from `values`.
+fn gaussians(values: impl Strategy<Value = f32> + Clone + 'static) -> impl Strategy<Value = Gaussians> {
+    (0..10usize, 0..=4u8, any::<[bool; 2]>()).prop_flat_map(move |(count, sh_degree, [has_filter, has_scalar])| {
+        let floats = 11 + 3 * sh_coefficients(sh_degree) + 2;
+        prop::collection::vec(values.clone(), count * floats).prop_map(move |values| {
+            let mut values = values.into_iter();
+            let mut next = || values.next().unwrap();
+            Gaussians::new(GaussianParts {
+                means: (0..count).map(|_| [(); 3].map(|()| next())).collect(),
+                quaternions: (0..count).map(|_| [(); 4].map(|()| next())).collect(),
+                log_scales: (0..count).map(|_| [(); 3].map(|()| next())).collect(),
+                opacity_logits: (0..count).map(|_| next()).collect(),
+                sh_degree,
+                sh: (0..count * sh_coefficients(sh_degree)).map(|_| [(); 3].map(|()| next())).collect(),
+                filter_3d: has_filter.then(|| (0..count).map(|_| next()).collect()),
+                scalars: has_scalar.then(|| (0..count).map(|_| next()).collect()),
+            })
+            .unwrap()
+        })
+    })
+}
+
+fn bits(gaussians: &Gaussians) -> Vec<u32> {
+    let parts = gaussians.parts();
+    let optional = [&parts.filter_3d, &parts.scalars].into_iter().flatten().flatten();
+    let all = parts.means.as_flattened().iter().chain(parts.quaternions.as_flattened());
+    let all = all.chain(parts.log_scales.as_flattened()).chain(&parts.opacity_logits);
+    all.chain(parts.sh.as_flattened()).chain(optional).map(|value| value.to_bits()).collect()
+}
+
+fn finite() -> impl Strategy<Value = f32> + Clone {
+    prop::num::f32::POSITIVE | prop::num::f32::NEGATIVE | prop::num::f32::SUBNORMAL | prop::num::f32::ZERO
+}
+
+fn small() -> impl Strategy<Value = f32> + Clone {
+    -0.95..0.95f32
+}
+
+fn there_and_back(gaussians: &Gaussians, output: Output) -> Gaussians {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("file");
+    write(&path, gaussians, output).unwrap();
+    let (back, import) = read(&path).unwrap();
+    assert_eq!(import.validation.rejected, 0);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing partial is left");
+    back
+}
+
+fn rotation_difference(a: &[f32; 4], b: &[f32; 4]) -> f64 {
+    let unit = |q: &[f32; 4]| {
+        let norm = q.iter().map(|part| f64::from(*part).powi(2)).sum::<f64>().sqrt();
+        q.map(|part| f64::from(part) / norm)
+    };
+    let cosine: f64 = unit(a).iter().zip(unit(b)).map(|(a, b)| a * b).sum();
+    1.0 - cosine.abs()
+}
+
+proptest! {
+    #[test]
+    fn ply_is_bit_exact(gaussians in gaussians(finite()), encoding in prop::sample::select(&ENCODINGS[..])) {
+        let back = there_and_back(&gaussians, Output::Ply(encoding));
+        prop_assert_eq!(back.sh_degree(), gaussians.sh_degree());
+        prop_assert_eq!(bits(&back), bits(&gaussians));
+    }
+
+    #[test]
+    fn spz_is_within_its_steps(gaussians in gaussians(small()), output in prop::sample::select(&[Output::Spz2, Output::Spz3][..])) {
+        let mut parts = gaussians.into_parts();
+        (parts.filter_3d, parts.scalars) = (None, None);
+        for quaternion in &mut parts.quaternions {
+            quaternion[0] += 1.0;
+        }
+        let gaussians = Gaussians::new(parts).unwrap();
+        let back = there_and_back(&gaussians, output);
+        let (old, new) = (gaussians.parts(), back.parts());
+        let wide = |values: &[f32]| values.iter().map(|value| f64::from(*value)).collect::<Vec<_>>();
+        let within = |step: f64, new: &[f32], old: &[f32], field: &str| {
+            Tolerance::absolute(step / 2.0 + 1e-6).assert(wide(new), wide(old), field);
+        };
+        within(1.0 / 4096.0, new.means.as_flattened(), old.means.as_flattened(), "means");
+        within(1.0 / 16.0, new.log_scales.as_flattened(), old.log_scales.as_flattened(), "log-scales");
+        // At most 0.05 within these logits: the sigmoid's slope is at least 0.2, a step 1/255.
+        within(0.05, &new.opacity_logits, &old.opacity_logits, "logits");
+        let coefficients = sh_coefficients(old.sh_degree);
+        for (new, old) in new.sh.chunks_exact(coefficients).zip(old.sh.chunks_exact(coefficients)) {
+            for (k, (new, old)) in new.iter().zip(old).enumerate() {
+                // The higher ones are rounded twice, to 1/128 first.
+                let step = match k {
+                    0 => 1.0 / (255.0 * 0.15),
+                    1..4 => 1.0 / 16.0 + 1.0 / 128.0,
+                    _ => 1.0 / 8.0 + 1.0 / 128.0,
+                };
+                within(step, new, old, "coefficients");
+            }
+        }
+        // Version 2 infers w from three bytes: where it is near zero it is off by up to √(2 · √3 / 255) ≈ 0.12.
+        let bound = if output == Output::Spz2 { 1e-2 } else { 1e-5 };
+        for (new, old) in new.quaternions.iter().zip(&old.quaternions) {
+            let difference = rotation_difference(new, old);
+            prop_assert!(difference < bound, "{old:?} → {new:?}: {difference:e}");
+        }
+    }
+
+    /// Written a second time, what was quantised stays.
+    #[test]
+    fn spz_settles(gaussians in gaussians(small())) {
+        let mut parts = gaussians.into_parts();
+        (parts.filter_3d, parts.scalars) = (None, None);
+        for quaternion in &mut parts.quaternions {
+            quaternion[0] += 1.0;
+        }
+        let once = there_and_back(&Gaussians::new(parts).unwrap(), Output::Spz3);
+        let twice = there_and_back(&once, Output::Spz3);
+        prop_assert_eq!(&once.parts().means, &twice.parts().means);
+        prop_assert_eq!(&once.parts().log_scales, &twice.parts().log_scales);
+        prop_assert_eq!(&once.parts().opacity_logits, &twice.parts().opacity_logits);
+        prop_assert_eq!(&once.parts().sh, &twice.parts().sh);
+    }
+
+    #[test]
+    fn flipped_bytes_give_a_value_or_an_error(
+        at in any::<prop::sample::Index>(), flips in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..4),
+    ) {
+        // The seeds of the fuzzer hold SPZ without gzip, whose checksum would catch every flip.
+        let files = files_in("../../fuzz/corpus/splat_files");
+        let path = at.get(&files);
+        let mut bytes = std::fs::read(path).unwrap();
+        for (at, byte) in flips {
+            *at.get_mut(&mut bytes) = byte;
+        }
+        parse(&bytes, path).ok();
+    }
+
+    #[test]
+    fn any_header_gives_a_value_or_an_error(
+        lines in prop::collection::vec(
+            prop::sample::select(&[
+                "ply", "format ascii 1.0", "format binary_big_endian 1.0", "element vertex 9223372036854775807",
+                "element vertex 2", "element chunk 1", "element sh 2", "element face 18446744073709551615",
+                "property list uchar int x", "property float x", "property float f_rest_0", "property uint packed_position",
+                "property", "element", "comment \u{fffd}", "end_header", "", "1 2 3", "property list float int x",
+            ][..]), 0..12),
+    ) {
+        let text = format!("ply\n{}\n", lines.join("\n"));
+        parse(text.as_bytes(), Path::new("any.ply")).ok();
+    }
+}
+
+#[test]
+fn every_truncation_gives_an_error() {
+    for path in files_in("tests/fixtures/files") {
+        let bytes = std::fs::read(&path).unwrap();
+        for length in 0..bytes.len() {
+            let outcome = parse(&bytes[..length], &path);
+            let whole_rows = path.extension().is_some_and(|extension| extension == "splat") && length % 32 == 0;
+            // A text may end within its last number, or without its last line break; gzip within its trailer.
+            let last = length + 24 > bytes.len();
+            assert!(outcome.is_err() || whole_rows || last, "{} cut at {length}", path.display());
+        }
+    }
+}
+
+fn error_of(bytes: &[u8], name: &str) -> String {
+    parse(bytes, Path::new(name)).unwrap_err().to_string()
+}
+
+#[test]
+fn hostile_headers_are_named() {
+    let required = "property float x\nproperty float y\nproperty float z\n\
+        property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\n\
+        property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float opacity\n\
+        property float f_dc_0\nproperty float f_dc_1\n";
+    let ply = |format: &str, count: &str, more: &str| {
+        format!("ply\nformat {format} 1.0\nelement vertex {count}\n{required}{more}end_header\n")
+    };
+    let dc = "property float f_dc_2\n";
+    for (text, expected) in [
+        (
+            ply("binary_little_endian", "9223372036854775807", dc),
+            "f.ply: element \"vertex\": expected at least 516508834063867445192 bytes for 9223372036854775807 rows, found 0 bytes",
+        ),
+        (
+            ply("ascii", "4611686018427387904", dc),
+            "f.ply: element \"vertex\": expected at least 129127208515966861312 bytes for 4611686018427387904 rows, found 0 bytes",
+        ),
+        (
+            ply("ascii", "9223372036854775808", dc),
+            "f.ply: header line 3: expected a count of rows below 2⁶³, found \"element vertex 9223372036854775808\"",
+        ),
+        (
+            ply("ascii", "1", ""),
+            "f.ply: element \"vertex\": expected a property f_dc_2, found x, y, z, rot_0, rot_1, rot_2, rot_3, scale_0, \
+             scale_1, scale_2, opacity, f_dc_0, …",
+        ),
+        (
+            ply("ascii", "1", &format!("{dc}property float f_rest_0\n")),
+            "f.ply: header: expected 0, 9, 24, 45 or 72 properties f_rest_*, for degrees 0 to 4, found 1",
+        ),
+        (
+            ply("ascii", "1", &format!("{dc}property float x\n")),
+            "f.ply: header line 18: expected each property once, found \"property float x\"",
+        ),
+        (
+            ply("ascii", "1", &format!("{dc}property half g\n")),
+            "f.ply: header line 18: expected a property of a known type, found \"property half g\"",
+        ),
+        (
+            ply("ascii", "1", dc) + "1 2 3",
+            "f.ply: element \"vertex\": expected at least 28 bytes for 1 rows, found 5 bytes",
+        ),
+        (
+            ply("ascii", "1", dc) + "1 2 3 4 5 6 7 8 9 10 11 12 13 o",
+            "f.ply: line 19: expected a number of type F32, found \"o\"",
+        ),
+        (
+            ply("ascii", "1", dc) + "1 2 3 4 5 6 7 8 9 10 11 12 13\n14\n",
+            "f.ply: line 19: expected another number, found the end of the line",
+        ),
+        (
+            "ply\nelement vertex 1\nend_header\n".to_owned(),
+            "f.ply: header line 3: expected a line \"format\", found none before end_header",
+        ),
+    ] {
+        assert_eq!(error_of(text.as_bytes(), "f.ply"), expected);
+    }
+}
+
+#[test]
+fn hostile_spz_is_refused_before_it_is_allocated() {
+    let header = |version: u8, count: u32, degree: u8, fraction: u8, streams: u8| {
+        let mut bytes = b"NGSP".to_vec();
+        bytes.extend([version, 0, 0, 0]);
+        bytes.extend(count.to_le_bytes());
+        bytes.extend([degree, fraction, 0, streams]);
+        bytes.extend(32u32.to_le_bytes());
+        bytes.extend([0; 12]);
+        bytes
+    };
+    for (bytes, expected) in [
+        (header(2, u32::MAX, 4, 12, 0), "a file that can hold 4294967295 Gaussians of 390842023845 bytes"),
+        (header(4, u32::MAX, 4, 12, 6), "a file that can hold 4294967295 Gaussians"),
+        (header(4, 5, 0, 12, 6), "5 streams"),
+        (header(4, 5, 0, 12, 5), "32 bytes and the streams behind them"),
+        (header(5, 5, 0, 12, 5), "version 1 to 4"),
+        (header(3, 5, 5, 12, 5), "spherical harmonics of degree 0 to 4"),
+        (header(3, 5, 0, 32, 5), "fewer than 32 fractional bits"),
+    ] {
+        let error = error_of(&bytes, "f.spz");
+        assert!(error.contains(expected), "{error}");
+    }
+}
+
+/// Rows without properties take no bytes: however many there are, they cost nothing.
+#[test]
+fn empty_rows_are_not_counted() {
+    for format in ["ascii", "binary_little_endian"] {
+        let many =
+            format!("ply\nformat {format} 1.0\nelement void 9223372036854775807\nelement vertex 1\nend_header\n");
+        assert!(error_of(many.as_bytes(), "f.ply").contains("a property x"));
+    }
+}
+
+#[test]
+fn what_is_no_file_of_gaussians() {
+    assert_eq!(
+        error_of(b"GIF89a", "f.gif"),
+        "f.gif: first bytes: expected a PLY, SPZ or .splat file, found \"GIF89a\""
+    );
+    assert_eq!(error_of(&[0; 33], "f.SPLAT"), "f.SPLAT: file size: expected a multiple of 32 bytes, found 33 bytes");
+    assert!(matches!(read(Path::new("absent.ply")), Err(SplatError::Io { action: "reading", .. })));
+}
+
+/// What pixelSplat writes looks like logits of opacities between a half and 0.73.
+#[test]
+fn opacities_that_are_no_logits_are_suspected() {
+    let row = |opacity: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 {opacity} 0.5 0.5 0.5\n");
+    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
+    let header = format!("ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n");
+    let suspected = |first: &str, second: &str| {
+        let text = header.clone() + &row(first) + &row(second);
+        parse(text.as_bytes(), Path::new("f.ply")).unwrap().1.opacities_may_be_no_logits
+    };
+    assert!(suspected("0.25", "1"));
+    assert!(!suspected("0.25", "1.5"));
+    assert!(!suspected("-0.25", "0.5"));
+}
+
+/// An infinite logit is ±20 in any file; SPZ refuses what it cannot hold, and says what.
+#[test]
+fn written_as_far_as_the_format_goes() {
+    let parts = GaussianParts {
+        means: vec![[100_000.0, 0.0, -3.0]],
+        quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
+        log_scales: vec![[f32::NEG_INFINITY, 0.0, 50.0]],
+        opacity_logits: vec![f32::INFINITY],
+        sh: vec![[0.0; 3]],
+        ..GaussianParts::default()
+    };
+    let one = Gaussians::new(parts.clone()).unwrap();
+    for encoding in ENCODINGS {
+        assert_eq!(there_and_back(&one, Output::Ply(encoding)).parts().opacity_logits, [20.0]);
+    }
+    let back = there_and_back(&one, Output::Spz3).into_parts();
+    assert_eq!(back.means, [[100_000.0, 0.0, -3.0]], "fewer fractional bits");
+    assert_eq!(back.log_scales, [[-10.0, 0.0, 5.9375]]);
+    assert_eq!(back.opacity_logits, [20.0]);
+
+    let folder = tempfile::tempdir().unwrap();
+    let refused = |change: &dyn Fn(&mut GaussianParts)| {
+        let mut parts = parts.clone();
+        change(&mut parts);
+        let error = write(&folder.path().join("f.spz"), &Gaussians::new(parts).unwrap(), Output::Spz2).unwrap_err();
+        assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is written");
+        error.to_string()
+    };
+    for (expected, error) in [
+        ("no filter_3d", refused(&|parts| parts.filter_3d = Some(vec![0.1]))),
+        ("no scalars", refused(&|parts| parts.scalars = Some(vec![0.1]))),
+        ("finite centre", refused(&|parts| parts.means[0][1] = f32::NAN)),
+        ("a quaternion that is not zero", refused(&|parts| parts.quaternions[0] = [0.0; 4])),
+        ("centres within ±8388607", refused(&|parts| parts.means[0][1] = 1e7)),
+    ] {
+        assert!(error.contains(expected), "{error}");
+    }
+}
