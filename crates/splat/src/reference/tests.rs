@@ -1,32 +1,32 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::*;
 use crate::{Channels, GaussianParts, GradientReach, RasterMode, RendererConstants};
 
-/// A few soft Gaussians in front of the camera, some beside it, all fields in play.
+/// A few soft Gaussians in front of the camera, some beside it, all fields in play. Every number is a multiple of
+/// 2⁻¹², so that f32 holds it moved by a step too.
 fn scene(degree: u8) -> Gaussians {
-    let coefficients = sh_coefficients_of(degree);
+    let coefficients = crate::sh_coefficients(degree);
+    let even = |value: f32| (value * 4096.0).round() / 4096.0;
     let wave = |n: usize, phase: f32| (n as f32 * 1.37 + phase).sin();
     let count = 6;
     Gaussians::new(GaussianParts {
-        means: (0..count).map(|n| [0.5 * wave(n, 0.0), 0.4 * wave(n, 1.0), 2.5 + 0.4 * n as f32]).collect(),
-        quaternions: (0..count).map(|n| [1.5, wave(n, 2.0), wave(n, 3.0), wave(n, 4.0)]).collect(),
-        log_scales: (0..count).map(|n| [-1.6 + 0.3 * wave(n, 5.0), -1.3, -2.0 + 0.5 * wave(n, 6.0)]).collect(),
-        opacity_logits: (0..count).map(|n| -0.3 + wave(n, 7.0)).collect(),
+        means: (0..count).map(|n| [0.5 * wave(n, 0.0), 0.4 * wave(n, 1.0), 2.5 + 0.4 * n as f32].map(even)).collect(),
+        quaternions: (0..count).map(|n| [1.5, wave(n, 2.0), wave(n, 3.0), wave(n, 4.0)].map(even)).collect(),
+        log_scales: (0..count)
+            .map(|n| [-1.6 + 0.3 * wave(n, 5.0), -1.3, -2.0 + 0.5 * wave(n, 6.0)].map(even))
+            .collect(),
+        opacity_logits: (0..count).map(|n| even(-0.3 + wave(n, 7.0))).collect(),
         sh_degree: degree,
         sh: (0..count * coefficients)
-            .map(|n| [0.3 + 0.2 * wave(n, 8.0), 0.25 + 0.2 * wave(n, 9.0), 0.3 + 0.1 * wave(n, 10.0)])
+            .map(|n| [0.3 + 0.2 * wave(n, 8.0), 0.25 + 0.2 * wave(n, 9.0), 0.3 + 0.1 * wave(n, 10.0)].map(even))
             .collect(),
-        scalars: Some((0..count).map(|n| 1.0 + wave(n, 11.0)).collect()),
+        scalars: Some((0..count).map(|n| even(1.0 + wave(n, 11.0))).collect()),
         filter_3d: Some((0..count).map(|n| 0.02 + 0.01 * n as f32).collect()),
     })
     .unwrap()
-}
-
-fn sh_coefficients_of(degree: u8) -> usize {
-    crate::sh_coefficients(degree)
 }
 
 fn view(distortion: Distortion) -> View {
@@ -129,18 +129,16 @@ fn parameters(gaussians: &Gaussians, gradients: &Gradients<f64>) -> Vec<Paramete
     list
 }
 
-/// Central differences, extrapolated: the stored numbers are f32, so steps are what f32 makes of them.
+/// Every analytic derivative against extrapolated central differences.
 fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let gradients = backward(gaussians, view, options, &image_gradients(view)).unwrap();
-    let scale = gradients.means.iter().flatten().fold(0.0f64, |most, g| most.max_of(g.abs()));
+    let scale = gradients.means.iter().flatten().fold(0.0f64, |most, g| most.maximum_of(g.abs()));
     for (name, slot, at, axis, analytic) in parameters(gaussians, &gradients) {
         let moved = |step: f64| {
             let mut parts = gaussians.parts().clone();
             let value = slot(&mut parts, at, axis).unwrap();
-            let before = f64::from(*value);
-            *value = (before + step) as f32;
-            let real_step = f64::from(*value) - before;
-            (real_step, loss(&Gaussians::new(parts).unwrap(), view, options))
+            *value += step as f32;
+            loss(&Gaussians::new(parts).unwrap(), view, options)
         };
         let numeric = differences(moved);
         let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3 * scale);
@@ -158,7 +156,7 @@ fn check_pose(gaussians: &Gaussians, view: &View, options: &RenderOptions, gradi
             let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
             let pose = CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation() + shift).unwrap();
             let camera = Camera { camera_from_world: pose, ..view.camera };
-            (step, loss(gaussians, &View { camera, ..*view }, options))
+            loss(gaussians, &View { camera, ..*view }, options)
         };
         let numeric = differences(moved);
         let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3);
@@ -167,24 +165,11 @@ fn check_pose(gaussians: &Gaussians, view: &View, options: &RenderOptions, gradi
 }
 
 /// Richardson's extrapolation of central differences of three step lengths.
-fn differences(moved: impl Fn(f64) -> (f64, f64)) -> f64 {
-    let central = |step: f64| {
-        let ((ahead, up), (behind, down)) = (moved(step), moved(-step));
-        (up - down) / (ahead - behind)
-    };
+fn differences(loss_at: impl Fn(f64) -> f64) -> f64 {
+    let central = |step: f64| (loss_at(step) - loss_at(-step)) / (2.0 * step);
     let [wide, middle, narrow] = [1.0 / 512.0, 1.0 / 1024.0, 1.0 / 2048.0].map(central);
     let (coarse, fine) = ((4.0 * middle - wide) / 3.0, (4.0 * narrow - middle) / 3.0);
     (16.0 * fine - coarse) / 15.0
-}
-
-trait MostOf {
-    fn max_of(self, other: Self) -> Self;
-}
-
-impl MostOf for f64 {
-    fn max_of(self, other: Self) -> Self {
-        atsplat_numeric::Extremes::maximum_of(self, other)
-    }
 }
 
 #[test]
