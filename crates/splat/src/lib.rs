@@ -8,10 +8,12 @@
 //! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
 
 mod constants;
+pub mod cpu;
 mod error;
 pub mod files;
 mod gaussians;
 mod options;
+mod reach;
 pub mod reference;
 mod rendering;
 pub mod sh;

@@ -1,3 +1,5 @@
+use std::ops::AddAssign;
+
 use atsplat_camera::ImageSize;
 use serde::Serialize;
 
@@ -36,6 +38,16 @@ pub struct Census {
     pub faint: u64,
     /// Beside the picture, or where the lens cannot see.
     pub outside_picture: u64,
+}
+
+impl AddAssign for Census {
+    fn add_assign(&mut self, other: Self) {
+        self.drawn += other.drawn;
+        self.invalid += other.invalid;
+        self.outside_depth += other.outside_depth;
+        self.faint += other.faint;
+        self.outside_picture += other.outside_picture;
+    }
 }
 
 /// Derivatives of a loss by the images of a [`Rendering`]; absent images have none.

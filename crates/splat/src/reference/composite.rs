@@ -39,9 +39,8 @@ pub(super) fn hits(splats: &[Splat], [column, row]: [u32; 2], options: &RenderOp
         let offset = centre - splat.centre;
         let exponent = 0.5 * (splat.conic.x * offset.x * offset.x + splat.conic.z * offset.y * offset.y)
             + splat.conic.y * offset.x * offset.y;
-        if !(exponent >= 0.0) {
-            continue;
-        }
+        // Never negative but for rounding.
+        let exponent = if exponent < 0.0 { 0.0 } else { exponent };
         let falloff = (-exponent).exp();
         let full = splat.opacity * falloff;
         let saturated = full > constants.max_alpha;

@@ -69,7 +69,9 @@ fn prepare(
             Outcome::OutsidePicture => rendering.census.outside_picture += 1,
         }
     }
-    splats.sort_by(|a, b| a.depth.total_cmp(&b.depth).then(a.position.cmp(&b.position)));
+    // Published rasterizers sort f32 keys, so that depths that f32 cannot tell apart keep their order.
+    #[expect(clippy::cast_possible_truncation, reason = "see above")]
+    splats.sort_by(|a, b| (a.depth as f32).total_cmp(&(b.depth as f32)).then(a.position.cmp(&b.position)));
     Ok((splats, rendering))
 }
 

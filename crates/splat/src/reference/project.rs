@@ -1,7 +1,8 @@
 use atsplat_camera::ImageSize;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
-use crate::constants::{Extent, ShAxes};
+use crate::constants::ShAxes;
+use crate::reach::reach;
 use crate::view::Optics;
 use crate::{Gaussians, RasterMode, RenderOptions, sh, sh_coefficients};
 
@@ -126,7 +127,8 @@ pub(super) fn project(
     if !(opacity >= constants.min_alpha) {
         return Outcome::Faint;
     }
-    let Some(reach) = reach(centre, &blurred, opacity, size, options) else { return Outcome::OutsidePicture };
+    let covariance = [blurred.x_axis.x, blurred.x_axis.y, blurred.y_axis.y];
+    let Some(reach) = reach(centre, covariance, opacity, size, constants) else { return Outcome::OutsidePicture };
 
     let away = mean - optics.centre;
     let distance = away.length();
@@ -221,48 +223,4 @@ fn colour(gaussians: &Gaussians, position: usize, direction: DVec3, options: &Re
         sum + value * DVec3::from_array(coefficient.map(f64::from))
     });
     sum.is_finite().then_some(sum)
-}
-
-/// The pixels that a splat may reach, `None` where there are none: those at which its opacity can be
-/// `min_alpha`, or the tiles of 3DGS.
-fn reach(
-    centre: DVec2,
-    blurred: &DMat2,
-    opacity: f64,
-    size: ImageSize,
-    options: &RenderOptions,
-) -> Option<[[u32; 2]; 2]> {
-    const TILE: f64 = 16.0;
-    let constants = &options.constants;
-    let variances = DVec2::new(blurred.x_axis.x, blurred.y_axis.y);
-    let (first, past) = match constants.extent {
-        Extent::Exact => {
-            let half = DVec2::from_array(variances.to_array().map(f64::sqrt))
-                * (2.0 * (opacity / constants.min_alpha).ln()).sqrt();
-            // One pixel more on each side than the ellipse, so that rounding has no say.
-            (centre - half - 1.5, centre + half + 1.5)
-        }
-        Extent::ThreeSigmaTiles => {
-            let middle = 0.5 * (variances.x + variances.y);
-            let determinant = blurred.determinant();
-            let gap = middle * middle - determinant;
-            let longest = middle + (if gap > 0.1 { gap } else { 0.1 }).sqrt();
-            let radius = (3.0 * longest.sqrt()).ceil();
-            // Pixel indices there count from pixel centres.
-            let corner = centre - 0.5;
-            let tiles = |value: DVec2| (value / TILE).trunc() * TILE;
-            (tiles(corner - radius), tiles(corner + radius + (TILE - 1.0)))
-        }
-    };
-    let span = |first: f64, past: f64, length: u32| {
-        let length = f64::from(length);
-        let (from, to) = (first.floor().clamp(0.0, length), past.ceil().clamp(0.0, length));
-        (from < to).then(|| [whole(from), whole(to)])
-    };
-    Some([span(first.x, past.x, size.width)?, span(first.y, past.y, size.height)?])
-}
-
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a picture's length, a u32")]
-const fn whole(value: f64) -> u32 {
-    value as u32
 }

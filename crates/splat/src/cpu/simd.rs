@@ -1,0 +1,70 @@
+use pulp::{Scalar256b, Simd, WithSimd};
+
+/// Instruction sets that pixels are composited with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
+pub enum SimdLevel {
+    /// What every processor has, without fused multiplication: other bits than the rest.
+    Portable,
+    /// 8 lanes: AVX2 and FMA.
+    #[cfg(target_arch = "x86_64")]
+    Avx2,
+    /// 16 lanes: AVX-512 F, BW, CD, DQ and VL.
+    #[cfg(target_arch = "x86_64")]
+    Avx512,
+    /// 4 lanes.
+    #[cfg(target_arch = "aarch64")]
+    Neon,
+}
+
+impl SimdLevel {
+    /// The best level that this processor has.
+    pub fn best() -> Self {
+        Self::available().last().copied().unwrap_or(Self::Portable)
+    }
+
+    /// Every level that this processor has, the best last.
+    pub fn available() -> Vec<Self> {
+        let mut levels = vec![Self::Portable];
+        #[cfg(target_arch = "x86_64")]
+        {
+            levels.extend(pulp::x86::V3::try_new().map(|_| Self::Avx2));
+            levels.extend(pulp::x86::V4::try_new().map(|_| Self::Avx512));
+        }
+        #[cfg(target_arch = "aarch64")]
+        levels.extend(pulp::aarch64::Neon::try_new().map(|_| Self::Neon));
+        levels
+    }
+
+    /// Runs an operation at this level, or portably where the processor lacks it.
+    pub(crate) fn dispatch<O: WithSimd>(self, operation: O) -> O::Output {
+        match self {
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => {
+                if let Some(simd) = pulp::x86::V3::try_new() {
+                    return Simd::vectorize(simd, operation);
+                }
+            }
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => {
+                if let Some(simd) = pulp::x86::V4::try_new() {
+                    return Simd::vectorize(simd, operation);
+                }
+            }
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => {
+                if let Some(simd) = pulp::aarch64::Neon::try_new() {
+                    return Simd::vectorize(simd, operation);
+                }
+            }
+            Self::Portable => {}
+        }
+        Simd::vectorize(Scalar256b, operation)
+    }
+}
+
+impl Default for SimdLevel {
+    fn default() -> Self {
+        Self::best()
+    }
+}

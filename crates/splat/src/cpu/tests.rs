@@ -1,0 +1,163 @@
+use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
+use glam::{DMat3, DVec3};
+
+use super::*;
+use crate::{Channels, GaussianParts, RasterMode, RendererConstants, reference};
+
+/// A cloud in front of the camera, from needles and discs to blobs, some of it outside the view.
+fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
+    let mut state = seed;
+    let mut uniform = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
+    for _ in 0..count {
+        let mut spread = |width: f32| width * (2.0 * uniform() - 1.0);
+        parts.means.push([spread(2.5), spread(2.0), 4.0 + spread(3.5)]);
+        parts.quaternions.push([spread(1.0), spread(1.0), spread(1.0), spread(1.0)]);
+        parts.log_scales.push([-3.0 + spread(2.0), -3.0 + spread(2.0), -3.5 + spread(2.0)]);
+        parts.opacity_logits.push(spread(5.0));
+        parts.scalars.iter_mut().for_each(|scalars| scalars.push(spread(1.0)));
+        for _ in 0..crate::sh_coefficients(degree) {
+            parts.sh.push([spread(0.8), spread(0.8), spread(0.8)]);
+        }
+    }
+    Gaussians::new(parts).unwrap()
+}
+
+fn view(width: u32, height: u32) -> View {
+    let rotation = DMat3::from_rotation_y(0.2) * DMat3::from_rotation_x(0.1);
+    let pose = CameraFromWorld::new(rotation, DVec3::new(0.3, -0.1, 0.4)).unwrap();
+    let intrinsics = NormalizedIntrinsics::new(0.8, 0.8 * f64::from(width) / f64::from(height), 0.48, 0.53).unwrap();
+    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
+}
+
+fn everything() -> RenderOptions {
+    RenderOptions {
+        background: [0.1, 0.6, 0.3],
+        channels: Channels { depth: true, scalar: true, median_depth: true },
+        ..RenderOptions::default()
+    }
+}
+
+fn rendered(gaussians: &Gaussians, view: &View, options: &RenderOptions, cpu: CpuOptions) -> Rendering<f32> {
+    CpuRenderer::new(cpu).render(gaussians, view, options).unwrap()
+}
+
+/// Pixels at which images differ by more than `bound`, and the largest difference.
+fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
+    assert_eq!(actual.len(), expected.len());
+    let mut most = 0.0f64;
+    let mut count = 0;
+    for (actual, expected) in actual.iter().zip(expected) {
+        let apart = (f64::from(*actual) - expected).abs();
+        assert!(apart.is_finite());
+        count += usize::from(apart > bound);
+        if apart > most {
+            most = apart;
+        }
+    }
+    (count, most)
+}
+
+/// A pixel may fall on the other side of a cut-off: one 255th of one Gaussian, in few pixels.
+fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
+    assert_eq!(actual.census, expected.census, "{what}");
+    let flat32: Vec<f32> = actual.rgb.iter().flatten().copied().collect();
+    let flat64: Vec<f64> = expected.rgb.iter().flatten().copied().collect();
+    let (count, most) = beyond(&flat32, &flat64, 1e-5);
+    assert!(count * 1000 <= flat32.len() && most < 0.01, "{what}: {count} of {} samples, {most:.2e}", flat32.len());
+    let (count, most) = beyond(&actual.alpha, &expected.alpha, 1e-5);
+    assert!(count * 1000 <= actual.alpha.len() && most < 0.01, "{what}: alpha {count}, {most:.2e}");
+    for (actual, expected) in [(&actual.depth, &expected.depth), (&actual.scalar, &expected.scalar)] {
+        if let (Some(actual), Some(expected)) = (actual, expected) {
+            let (count, most) = beyond(actual, expected, 1e-4);
+            assert!(count * 1000 <= actual.len() && most < 0.1, "{what}: channel {count}, {most:.2e}");
+        }
+    }
+    if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
+        let (count, _) = beyond(actual, expected, 1e-4);
+        assert!(count * 1000 <= actual.len(), "{what}: median {count}");
+    }
+}
+
+#[test]
+fn pixels_are_the_references() {
+    let (gaussians, view) = (cloud(3000, 3, 7), view(97, 61));
+    for preset in RendererConstants::PRESETS {
+        for mode in [RasterMode::Classic, RasterMode::Antialiased] {
+            let constants = RendererConstants::named(preset).unwrap();
+            let options = RenderOptions { constants, mode, ..everything() };
+            let expected = reference::render(&gaussians, &view, &options).unwrap();
+            for simd in SimdLevel::available() {
+                let cpu = CpuOptions { simd, ..CpuOptions::default() };
+                let actual = rendered(&gaussians, &view, &options, cpu);
+                assert_close(&actual, &expected, &format!("{preset} {mode:?} {simd:?}"));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_lens_is_the_references() {
+    let (gaussians, mut view) = (cloud(1000, 1, 3), view(64, 48));
+    view.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 };
+    let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+    let actual = rendered(&gaussians, &view, &everything(), CpuOptions::default());
+    assert_close(&actual, &expected, "lens");
+}
+
+#[test]
+fn one_picture_whatever_the_tiles_threads_and_instructions() {
+    let (gaussians, view) = (cloud(4000, 2, 11), view(131, 77));
+    let expected = rendered(&gaussians, &view, &everything(), CpuOptions::default());
+    for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
+        for threads in [1, 3] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            for simd in SimdLevel::available().into_iter().filter(|level| *level != SimdLevel::Portable) {
+                let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
+                let actual = pool.install(|| rendered(&gaussians, &view, &everything(), cpu));
+                assert!(actual == expected, "{tile:?}, {threads} threads, {simd:?}");
+            }
+        }
+    }
+}
+
+/// What cannot be seen leaves no trace, wherever it stands in the list; and buffers carry nothing over.
+#[test]
+fn culled_gaussians_change_nothing() {
+    let (gaussians, view) = (cloud(800, 0, 5), view(70, 50));
+    let mut hidden = cloud(300, 0, 6).into_parts();
+    for (at, mean) in hidden.means.iter_mut().enumerate() {
+        match at % 4 {
+            0 => mean[2] = -5.0,
+            1 => mean[0] = f32::NAN,
+            2 => hidden.opacity_logits[at] = -20.0,
+            _ => hidden.log_scales[at] = [f32::INFINITY; 3],
+        }
+    }
+    let hidden = Gaussians::new(hidden).unwrap();
+    let mut renderer = CpuRenderer::default();
+    let alone = renderer.render(&gaussians, &view, &everything()).unwrap();
+    for both in [hidden.merge(&gaussians), gaussians.merge(&hidden)] {
+        let mut rendering = renderer.render(&both, &view, &everything()).unwrap();
+        assert!(rendering.census.invalid >= 150, "{:?}", rendering.census);
+        rendering.census = alone.census;
+        assert!(rendering == alone);
+    }
+}
+
+#[test]
+fn nothing_gives_the_background() {
+    let rendering = rendered(&Gaussians::default(), &view(33, 17), &everything(), CpuOptions::default());
+    assert!(rendering.rgb.iter().all(|rgb| *rgb == [0.1, 0.6, 0.3]));
+    assert!(rendering.alpha.iter().all(|alpha| alpha.to_bits() == 0));
+}
+
+#[test]
+fn too_much_memory_is_refused_beforehand() {
+    let cpu = CpuOptions { memory_limit: 10_000, ..CpuOptions::default() };
+    let outcome = CpuRenderer::new(cpu).render(&cloud(1000, 0, 1), &view(64, 64), &everything());
+    assert!(matches!(outcome, Err(SplatError::Memory { limit: 10_000, .. })));
+}
