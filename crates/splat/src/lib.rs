@@ -7,6 +7,9 @@
 //! Camera axes are OpenCV's; pixel `(column, row)` has its centre at `(column + 0.5, row + 0.5)`; quaternions
 //! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
 
+#![expect(clippy::inline_always, reason = "vector instructions reach only what is inlined")]
+#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a test that NaN must fail is written so that it does")]
+
 mod constants;
 pub mod cpu;
 mod error;

@@ -9,7 +9,7 @@ use crate::constants::Extent;
 ///
 /// For [`Extent::Exact`] these are the pixels whose centres lie in the box around the ellipse on which opacity
 /// falls to `min_alpha`, and whoever composites them still tests each: nothing is lost, little is visited in vain.
-#[inline]
+#[inline(always)]
 pub(crate) fn reach(
     centre: DVec2,
     [xx, xy, yy]: [f64; 3],

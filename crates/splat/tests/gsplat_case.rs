@@ -6,6 +6,7 @@
 use std::path::Path;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_numeric::Tolerance;
 use atsplat_splat::{
     GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RenderOptions, RendererConstants, View,
     reference,
@@ -92,7 +93,7 @@ fn the_reference_renders_as_gsplat_does() {
     let rendering = reference::render(&stored.gaussians(), &view(), &options()).unwrap();
     let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|(rgb, alpha)| [rgb[0], rgb[1], rgb[2], *alpha]);
     let (difference, _) = worst(rgba, &stored.values("out_img"));
-    assert!(difference <= 2e-6, "image: {difference:.3e}");
+    Tolerance::absolute(2e-6).assert([difference], [0.0], "image");
 }
 
 #[test]
@@ -120,7 +121,7 @@ fn the_reference_differentiates_as_gsplat_does() {
     let mut failures = Vec::new();
     for (name, actual) in cases {
         let (difference, relative) = worst(actual, &stored.values(name));
-        if !(relative <= 1e-4) {
+        if !Tolerance::absolute(1e-4).accepts(relative, 0.0) {
             failures.push(format!("{name}: {difference:.3e}, relative {relative:.3e}"));
         }
     }

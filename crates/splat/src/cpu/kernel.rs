@@ -9,7 +9,6 @@ use crate::RenderOptions;
 pub(super) struct Paint<'a> {
     pub(super) options: &'a RenderOptions,
     pub(super) background: [f32; 3],
-    pub(super) side: u32,
     pub(super) size: ImageSize,
     pub(super) splats: &'a [Splat],
 }
@@ -24,6 +23,9 @@ pub(super) struct Tile {
     transmittance: Vec<f32>,
     channels: [Vec<f32>; 6],
 }
+
+/// Splats that are read at a time: 4 KiB.
+const BATCH: usize = 64;
 
 const DEPTH: usize = 3;
 const SCALAR: usize = 4;
@@ -137,50 +139,53 @@ fn render<S: Simd, const EXTRA: bool>(simd: S, Render { paint, list, at, tile }:
     let [red, green, blue, depth, scalar, median] =
         [red, green, blue, depth, scalar, median].map(|channel| S::as_mut_simd_f32s(channel).0);
 
-    for (number, &index) in list.iter().enumerate() {
-        const LOOK_UP_EVERY: usize = 64;
-        if number % LOOK_UP_EVERY == LOOK_UP_EVERY - 1 && finished(simd, transmittance) {
-            break;
+    // Copied a batch at a time: the loads of one batch wait for memory together, not one after the other.
+    let mut batch = [Splat::default(); BATCH];
+    let mut batches = list.chunks(BATCH);
+    let mut next = batches.next();
+    while let Some(indices) = next {
+        for (slot, index) in batch.iter_mut().zip(indices) {
+            *slot = paint.splats.get(*index as usize).copied().unwrap_or_default();
         }
-        let Some(splat) = paint.splats.get(index as usize) else { continue };
-        let clip = |[from, to]: [u16; 2], start: usize| {
-            let from = usize::from(from).saturating_sub(start);
-            let to = usize::from(to).saturating_sub(start);
-            (from, if to < side { to } else { side })
-        };
-        let (first_column, past_column) = clip(splat.reach[0], left);
-        let (first_row, past_row) = clip(splat.reach[1], top);
+        for splat in batch.iter().take(indices.len()) {
+            let clip = |[from, to]: [u16; 2], start: usize| {
+                let from = usize::from(from).saturating_sub(start);
+                let to = usize::from(to).saturating_sub(start);
+                (from, if to < side { to } else { side })
+            };
+            let (first_column, past_column) = clip(splat.reach[0], left);
+            let (first_row, past_row) = clip(splat.reach[1], top);
 
-        let [l11, l12, l22] = splat.whitener.map(|value| simd.splat_f32s(value));
-        let [offset_x, offset_y] = splat.offset.map(|value| simd.splat_f32s(value));
-        let opacity = simd.splat_f32s(splat.opacity);
-        let [r, g, b] = splat.rgb.map(|value| simd.splat_f32s(value));
-        let (z, u) = (simd.splat_f32s(splat.depth), simd.splat_f32s(splat.scalar));
-        for block_row in first_row / height..past_row.div_ceil(height) {
-            let row = (top + block_row * height) as i64 - i64::from(splat.base[1]);
-            let dy = simd.add_f32s(simd.add_f32s(simd.splat_f32s(row as f32), lane_y), offset_y);
-            let shear = simd.mul_f32s(l12, dy);
-            let across = simd.mul_f32s(l22, dy);
-            let across = simd.mul_f32s(across, across);
-            for block_column in first_column / width..past_column.div_ceil(width) {
-                let column = (left + block_column * width) as i64 - i64::from(splat.base[0]);
-                let dx = simd.add_f32s(simd.add_f32s(simd.splat_f32s(column as f32), lane_x), offset_x);
-                let along = simd.mul_add_e_f32s(l11, dx, shear);
-                let exponent = simd.mul_add_e_f32s(along, along, across);
-                let falloff = exp2.of_negative(simd, exponent);
-                let alpha = simd.min_f32s(max_alpha, simd.mul_f32s(opacity, falloff));
+            let [l11, l12, l22] = splat.whitener.map(|value| simd.splat_f32s(value));
+            let [offset_x, offset_y] = splat.offset.map(|value| simd.splat_f32s(value));
+            let opacity = simd.splat_f32s(splat.opacity);
+            let [r, g, b] = splat.rgb.map(|value| simd.splat_f32s(value));
+            let (z, u) = (simd.splat_f32s(splat.depth), simd.splat_f32s(splat.scalar));
+            for block_row in first_row / height..past_row.div_ceil(height) {
+                let row = distance(top + block_row * height, splat.base[1]);
+                let dy = simd.add_f32s(simd.add_f32s(simd.splat_f32s(row), lane_y), offset_y);
+                let shear = simd.mul_f32s(l12, dy);
+                let across = simd.mul_f32s(l22, dy);
+                let across = simd.mul_f32s(across, across);
+                for block_column in first_column / width..past_column.div_ceil(width) {
+                    let column = distance(left + block_column * width, splat.base[0]);
+                    let dx = simd.add_f32s(simd.add_f32s(simd.splat_f32s(column), lane_x), offset_x);
+                    let along = simd.mul_add_e_f32s(l11, dx, shear);
+                    let exponent = simd.mul_add_e_f32s(along, along, across);
+                    let falloff = exp2.of_negative(simd, exponent);
+                    let alpha = simd.min_f32s(max_alpha, simd.mul_f32s(opacity, falloff));
 
-                let place = block_row * blocks_across + block_column;
-                let Some(before) = transmittance.get_mut(place) else { continue };
-                let weight = simd.mul_f32s(alpha, *before);
-                let after = simd.sub_f32s(*before, weight);
-                let seen = simd.greater_than_or_equal_f32s(alpha, min_alpha);
-                let open = simd.greater_than_f32s(after, min_transmittance);
-                let hit = simd.and_m32s(seen, open);
-                let weight = simd.select_f32s(hit, weight, zero);
-                if EXTRA {
-                    if let (Some(depth), Some(scalar), Some(median)) =
-                        (depth.get_mut(place), scalar.get_mut(place), median.get_mut(place))
+                    let place = block_row * blocks_across + block_column;
+                    let Some(before) = transmittance.get_mut(place) else { continue };
+                    let weight = simd.mul_f32s(alpha, *before);
+                    let after = simd.sub_f32s(*before, weight);
+                    let seen = simd.greater_than_or_equal_f32s(alpha, min_alpha);
+                    let open = simd.greater_than_f32s(after, min_transmittance);
+                    let hit = simd.and_m32s(seen, open);
+                    let weight = simd.select_f32s(hit, weight, zero);
+                    if EXTRA
+                        && let (Some(depth), Some(scalar), Some(median)) =
+                            (depth.get_mut(place), scalar.get_mut(place), median.get_mut(place))
                     {
                         *depth = simd.mul_add_e_f32s(weight, z, *depth);
                         *scalar = simd.mul_add_e_f32s(weight, u, *scalar);
@@ -193,19 +198,26 @@ fn render<S: Simd, const EXTRA: bool>(simd: S, Render { paint, list, at, tile }:
                         );
                         *median = simd.select_f32s(crosses, z, *median);
                     }
-                }
-                let closed = simd.neg_f32s(simd.abs_f32s(*before));
-                *before = simd.select_f32s(seen, simd.select_f32s(open, after, closed), *before);
-                if let (Some(red), Some(green), Some(blue)) =
-                    (red.get_mut(place), green.get_mut(place), blue.get_mut(place))
-                {
-                    *red = simd.mul_add_e_f32s(weight, r, *red);
-                    *green = simd.mul_add_e_f32s(weight, g, *green);
-                    *blue = simd.mul_add_e_f32s(weight, b, *blue);
+                    let closed = simd.neg_f32s(simd.abs_f32s(*before));
+                    *before = simd.select_f32s(seen, simd.select_f32s(open, after, closed), *before);
+                    if let (Some(red), Some(green), Some(blue)) =
+                        (red.get_mut(place), green.get_mut(place), blue.get_mut(place))
+                    {
+                        *red = simd.mul_add_e_f32s(weight, r, *red);
+                        *green = simd.mul_add_e_f32s(weight, g, *green);
+                        *blue = simd.mul_add_e_f32s(weight, b, *blue);
+                    }
                 }
             }
         }
+        next = if finished(simd, transmittance) { None } else { batches.next() };
     }
+}
+
+/// Pixels from a splat's base to a pixel; both are below 2³¹.
+#[inline(always)]
+fn distance(pixel: usize, base: i32) -> f32 {
+    (i32::try_from(pixel).unwrap_or(i32::MAX) - base) as f32
 }
 
 #[inline(always)]

@@ -9,6 +9,8 @@ mod project;
 mod simd;
 mod tiles;
 
+use std::time::Instant;
+
 use rayon::prelude::*;
 
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
@@ -62,12 +64,31 @@ pub struct CpuRenderer {
     splats: Vec<project::Splat>,
     order: order::Sorter,
     tiles: tiles::Tiles,
+    timings: Timings,
+}
+
+/// Where the time of one rendering went, in seconds.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Timings {
+    /// World to screen, colour, culling.
+    pub project_secs: f64,
+    /// By depth.
+    pub sort_secs: f64,
+    /// Into tiles.
+    pub bin_secs: f64,
+    /// Compositing pixels.
+    pub raster_secs: f64,
 }
 
 impl CpuRenderer {
     /// A renderer without buffers yet.
     pub fn new(options: CpuOptions) -> Self {
         Self { options, ..Self::default() }
+    }
+
+    /// Where the time of the last rendering went.
+    pub const fn timings(&self) -> Timings {
+        self.timings
     }
 
     /// Renders a view on rayon's threads.
@@ -83,14 +104,18 @@ impl CpuRenderer {
         let optics = view.optics(&options.constants)?;
         check_size(view)?;
         self.check_memory(gaussians, view, options)?;
+        let mut clock = Clock::start();
         let mut rendering = Rendering::empty(view, options);
-        rendering.census = project::project_all(gaussians, view, &optics, options, &mut self.splats);
+        rendering.census = project::project_all(gaussians, view, &optics, options, self.options.simd, &mut self.splats);
+        self.timings.project_secs = clock.lap();
         let order = self.order.by_depth(&self.splats);
+        self.timings.sort_secs = clock.lap();
         let side = self.options.tile.pixels();
         self.tiles.fill(&self.splats, order, view.size, side)?;
+        self.timings.bin_secs = clock.lap();
         let rows_per_band = side as usize * view.size.width as usize;
         let background = options.background.map(narrowed);
-        let paint = kernel::Paint { options, background, side, size: view.size, splats: &self.splats };
+        let paint = kernel::Paint { options, background, size: view.size, splats: &self.splats };
         let mut bands = Bands::of(&mut rendering, rows_per_band);
         bands.par_iter_mut().enumerate().for_each(|(band, images)| {
             let mut tile = kernel::Tile::new(side);
@@ -100,6 +125,7 @@ impl CpuRenderer {
                 tile.copy_to(images, column, &paint);
             }
         });
+        self.timings.raster_secs = clock.lap();
         Ok(rendering)
     }
 
@@ -113,6 +139,22 @@ impl CpuRenderer {
             .saturating_add((view.pixels() as u64).saturating_mul(4 * images));
         let limit = self.options.memory_limit;
         if needed > limit { Err(SplatError::Memory { needed, limit }) } else { Ok(()) }
+    }
+}
+
+struct Clock(Instant);
+
+impl Clock {
+    fn start() -> Self {
+        Self(Instant::now())
+    }
+
+    /// Seconds since the start or the last lap.
+    fn lap(&mut self) -> f64 {
+        let now = Instant::now();
+        let lap = now - self.0;
+        self.0 = now;
+        lap.as_secs_f64()
     }
 }
 
@@ -156,6 +198,7 @@ impl Bands {
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "pixels are f32")]
+#[inline(always)]
 pub(crate) const fn narrowed(value: f64) -> f32 {
     value as f32
 }

@@ -1,14 +1,18 @@
-use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
+use std::ops::Range;
+
+use glam::{DMat2, DMat3, DQuat, DVec2, DVec3, Vec3};
+use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
-use super::narrowed;
+use super::{SimdLevel, narrowed};
 use crate::constants::ShAxes;
 use crate::reach::reach;
 use crate::view::Optics;
 use crate::{Census, Gaussians, RasterMode, RenderOptions, View, sh, sh_coefficients};
 
-/// One Gaussian as the picture sees it: 64 bytes, one line of the cache.
+/// One Gaussian as the picture sees it, in one line of the cache.
 #[derive(Clone, Copy, Debug, Default)]
+#[repr(align(64))]
 pub(super) struct Splat {
     /// `√(½ log₂e)` times the Cholesky factor `(l₁₁, l₁₂, l₂₂)` of the inverse screen covariance: the exponent to
     /// base 2 is `−(l₁₁·dx + l₁₂·dy)² − (l₂₂·dy)²`. A sum of squares does not cancel where the Gaussian is a needle.
@@ -22,9 +26,10 @@ pub(super) struct Splat {
     pub(super) base: [i32; 2],
     /// First and one past the last column, then row, that it may reach.
     pub(super) reach: [[u16; 2]; 2],
-    /// In the list of Gaussians.
-    pub(super) position: u32,
 }
+
+/// `√(½ log₂e)`.
+const HALF_LOG2_E: f64 = 0.849_321_800_288_019;
 
 /// Why a Gaussian is not drawn.
 enum Culled {
@@ -40,6 +45,7 @@ pub(super) fn project_all(
     view: &View,
     optics: &Optics,
     options: &RenderOptions,
+    simd: SimdLevel,
     splats: &mut Vec<Splat>,
 ) -> Census {
     const CHUNK: usize = 4096;
@@ -48,28 +54,44 @@ pub(super) fn project_all(
         .into_par_iter()
         .map(|chunk| {
             let past = ((chunk + 1) * CHUNK).min(gaussians.len());
-            let mut census = Census::default();
-            let mut drawn = Vec::with_capacity(past - chunk * CHUNK);
-            for position in chunk * CHUNK..past {
-                match projector.project(position) {
-                    Ok(splat) => drawn.push(splat),
-                    Err(Culled::Invalid) => census.invalid += 1,
-                    Err(Culled::OutsideDepth) => census.outside_depth += 1,
-                    Err(Culled::Faint) => census.faint += 1,
-                    Err(Culled::OutsidePicture) => census.outside_picture += 1,
-                }
-            }
-            census.drawn = drawn.len() as u64;
-            (drawn, census)
+            simd.dispatch(ProjectSome { projector: &projector, positions: chunk * CHUNK..past })
         })
         .collect();
     splats.clear();
+    splats.reserve(chunks.iter().map(|(drawn, _)| drawn.len()).sum());
     let mut total = Census::default();
     for (drawn, census) in chunks {
-        splats.extend(drawn);
+        splats.extend_from_slice(&drawn);
         total += census;
     }
     total
+}
+
+/// A run of Gaussians, compiled for each instruction set: same operations, fewer instructions.
+struct ProjectSome<'a> {
+    projector: &'a Projector<'a>,
+    positions: Range<usize>,
+}
+
+impl WithSimd for ProjectSome<'_> {
+    type Output = (Vec<Splat>, Census);
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
+        let mut census = Census::default();
+        let mut drawn = Vec::with_capacity(self.positions.len());
+        for position in self.positions {
+            match self.projector.project(position) {
+                Ok(splat) => drawn.push(splat),
+                Err(Culled::Invalid) => census.invalid += 1,
+                Err(Culled::OutsideDepth) => census.outside_depth += 1,
+                Err(Culled::Faint) => census.faint += 1,
+                Err(Culled::OutsidePicture) => census.outside_picture += 1,
+            }
+        }
+        census.drawn = drawn.len() as u64;
+        (drawn, census)
+    }
 }
 
 struct Projector<'a> {
@@ -80,10 +102,10 @@ struct Projector<'a> {
 }
 
 impl Projector<'_> {
-    #[inline]
+    #[inline(always)]
     fn project(&self, position: usize) -> Result<Splat, Culled> {
         let (parts, constants) = (self.gaussians.parts(), &self.options.constants);
-        let mean = DVec3::from_array(read(&parts.means, position)?.map(f64::from));
+        let mean = widened(read(&parts.means, position)?);
         let in_camera = self.optics.rotation * mean + self.optics.translation;
         if !in_camera.is_finite() {
             return Err(Culled::Invalid);
@@ -101,7 +123,8 @@ impl Projector<'_> {
         let (axes, filter) = self.axes(position)?;
         opacity *= filter;
         let (centre, jacobian) = self.screen(in_camera)?;
-        let [u, v] = jacobian.map(|row| axes.transpose() * (self.optics.rotation.transpose() * row));
+        let world = axes.transpose() * self.optics.rotation.transpose();
+        let (u, v) = (world * jacobian[0], world * jacobian[1]);
         let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
         let sharp = u.cross(v).length_squared();
         let determinant = sharp + constants.blur * (uu + vv) + constants.blur * constants.blur;
@@ -122,35 +145,33 @@ impl Projector<'_> {
         if !scalar.is_finite() {
             return Err(Culled::Invalid);
         }
-        // √(½ log₂e)
-        const HALF_LOG2_E: f64 = 0.849_321_800_288_019_0;
         let leg = HALF_LOG2_E / (yy * determinant).sqrt();
-        let base = [centre.x, centre.y].map(nearest);
+        let base = [nearest(centre.x), nearest(centre.y)];
         Ok(Splat {
-            whitener: [yy * leg, -uv * leg, HALF_LOG2_E / yy.sqrt()].map(narrowed),
+            whitener: [narrowed(yy * leg), narrowed(-uv * leg), narrowed(HALF_LOG2_E / yy.sqrt())],
             opacity: narrowed(opacity),
             rgb,
             depth: narrowed(in_camera.z),
             scalar,
-            offset: [f64::from(base[0]) + 0.5 - centre.x, f64::from(base[1]) + 0.5 - centre.y].map(narrowed),
+            offset: [narrowed(f64::from(base[0]) + 0.5 - centre.x), narrowed(f64::from(base[1]) + 0.5 - centre.y)],
             base,
-            reach: reach.map(|span| span.map(|pixel| u16::try_from(pixel).unwrap_or(u16::MAX))),
-            position: u32::try_from(position).unwrap_or(u32::MAX),
+            reach: [[short(reach[0][0]), short(reach[0][1])], [short(reach[1][0]), short(reach[1][1])]],
         })
     }
 
     /// Axes of the ellipsoid, one standard deviation long, as columns; and what the 3D filter leaves of opacity.
-    #[inline]
+    #[inline(always)]
     fn axes(&self, position: usize) -> Result<(DMat3, f64), Culled> {
         let parts = self.gaussians.parts();
-        let [w, x, y, z] = read(&parts.quaternions, position)?.map(f64::from);
-        let quaternion = DQuat::from_xyzw(x, y, z, w);
+        let [w, x, y, z] = read(&parts.quaternions, position)?;
+        let quaternion = DQuat::from_xyzw(x.into(), y.into(), z.into(), w.into());
         let norm = quaternion.length();
-        let scales = DVec3::from_array(read(&parts.log_scales, position)?.map(|log| f64::from(log).exp()));
+        let [log_x, log_y, log_z] = read(&parts.log_scales, position)?;
+        let scales = widened([log_x.exp(), log_y.exp(), log_z.exp()]);
         if !(norm > 0.0 && norm.is_finite() && scales.is_finite()) {
             return Err(Culled::Invalid);
         }
-        let rotation = DMat3::from_quat(quaternion / norm);
+        let rotation = DMat3::from_quat(quaternion * norm.recip());
         let Some(filters) = &parts.filter_3d else { return Ok((rotation * DMat3::from_diagonal(scales), 1.0)) };
         let filter = f64::from(read(filters, position)?);
         if !filter.is_finite() {
@@ -167,7 +188,7 @@ impl Projector<'_> {
     }
 
     /// Projected centre in pixels and the rows of `∂pixel/∂(x, y, z)`.
-    #[inline]
+    #[inline(always)]
     fn screen(&self, in_camera: DVec3) -> Result<(DVec2, [DVec3; 2]), Culled> {
         let optics = self.optics;
         let true_slope = in_camera.truncate() / in_camera.z;
@@ -181,23 +202,23 @@ impl Projector<'_> {
             },
         };
         let rows = pixel_from_slope.transpose();
-        let jacobian = [rows.x_axis, rows.y_axis].map(|row| row.extend(-row.dot(slope)) / in_camera.z);
+        let near = in_camera.z.recip();
+        let row = |row: DVec2| row.extend(-row.dot(slope)) * near;
+        let jacobian = [row(rows.x_axis), row(rows.y_axis)];
         Ok((optics.focal * bent + optics.principal, jacobian))
     }
 
-    #[inline]
+    #[inline(always)]
     fn colour(&self, position: usize, mean: DVec3) -> Result<[f32; 3], Culled> {
         let parts = self.gaussians.parts();
         let stored = sh_coefficients(parts.sh_degree);
         let degree =
             if self.options.max_sh_degree < parts.sh_degree { self.options.max_sh_degree } else { parts.sh_degree };
         let coefficients = parts.sh.get(position * stored..(position + 1) * stored).ok_or(Culled::Invalid)?;
-        let mut rgb = [0.5f32; 3];
+        let mut sum = Vec3::splat(0.5);
         let mut add = |values: &[f32]| {
             for (coefficient, value) in coefficients.iter().zip(values) {
-                for (sum, channel) in rgb.iter_mut().zip(coefficient) {
-                    *sum += value * channel;
-                }
+                sum += Vec3::from_array(*coefficient) * *value;
             }
         };
         if degree == 0 {
@@ -214,18 +235,27 @@ impl Projector<'_> {
             let basis = sh::basis(degree, direction);
             add(basis.get(..sh_coefficients(degree)).unwrap_or_default());
         }
-        if rgb.iter().all(|channel| channel.is_finite()) {
-            Ok(rgb.map(|channel| if channel < 0.0 { 0.0 } else { channel }))
-        } else {
-            Err(Culled::Invalid)
-        }
+        let seen = |channel: f32| if channel < 0.0 { 0.0 } else { channel };
+        if sum.is_finite() { Ok([seen(sum.x), seen(sum.y), seen(sum.z)]) } else { Err(Culled::Invalid) }
     }
 }
 
+#[inline(always)]
 fn read<T: Copy>(values: &[T], position: usize) -> Result<T, Culled> {
     values.get(position).copied().ok_or(Culled::Invalid)
 }
 
+#[inline(always)]
+fn widened([x, y, z]: [f32; 3]) -> DVec3 {
+    DVec3::new(x.into(), y.into(), z.into())
+}
+
+#[inline(always)]
+fn short(pixel: u32) -> u16 {
+    u16::try_from(pixel).unwrap_or(u16::MAX)
+}
+
+#[inline(always)]
 #[expect(clippy::cast_possible_truncation, reason = "far centres saturate, and their offset makes up for it")]
 fn nearest(value: f64) -> i32 {
     // Half of i32's range, so that differences to pixels do not overflow.

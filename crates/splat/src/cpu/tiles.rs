@@ -10,7 +10,12 @@ pub(super) struct Tiles {
     /// Where each tile's list begins, and the end of the last.
     starts: Vec<usize>,
     lists: Vec<u32>,
+    /// Of each splat, apart from the rest of it: the second pass reads them in no order.
+    reaches: Vec<Reach>,
 }
+
+/// First and one past the last tile column, then row.
+type Reach = [[u16; 2]; 2];
 
 impl Tiles {
     /// Fills the lists, by counting first: one function tells the tiles of a splat for both passes.
@@ -28,8 +33,10 @@ impl Tiles {
         let rows = size.height.div_ceil(side) as usize;
         self.starts.clear();
         self.starts.resize(self.columns * rows + 1, 0);
-        for splat in splats {
-            for_tiles(splat, side, self.columns, |tile| {
+        self.reaches.clear();
+        self.reaches.extend(splats.iter().map(|splat| tiles_of(splat, side)));
+        for reach in &self.reaches {
+            for_tiles(*reach, self.columns, |tile| {
                 if let Some(count) = self.starts.get_mut(tile + 1) {
                     *count += 1;
                 }
@@ -46,8 +53,8 @@ impl Tiles {
         self.lists.resize(total, 0);
         let mut next = self.starts.clone();
         for &at in order {
-            let Some(splat) = splats.get(at as usize) else { continue };
-            for_tiles(splat, side, self.columns, |tile| {
+            let Some(reach) = self.reaches.get(at as usize) else { continue };
+            for_tiles(*reach, self.columns, |tile| {
                 if let Some(place) = next.get_mut(tile) {
                     if let Some(slot) = self.lists.get_mut(*place) {
                         *slot = at;
@@ -73,13 +80,17 @@ impl Tiles {
     }
 }
 
-/// Calls `with` for each tile that the splat's rectangle touches.
-fn for_tiles(splat: &Splat, side: u32, columns: usize, mut with: impl FnMut(usize)) {
-    let [[left, right], [top, bottom]] =
-        splat.reach.map(|[from, to]| [u32::from(from) / side, (u32::from(to) - 1) / side]);
-    for row in top..=bottom {
-        for column in left..=right {
-            with(row as usize * columns + column as usize);
+fn tiles_of(splat: &Splat, side: u32) -> Reach {
+    let side = u16::try_from(side).unwrap_or(u16::MAX);
+    splat.reach.map(|[from, past]| [from / side, past.div_ceil(side)])
+}
+
+/// Calls `with` for each tile of a rectangle.
+#[inline]
+fn for_tiles([[left, right], [top, bottom]]: Reach, columns: usize, mut with: impl FnMut(usize)) {
+    for row in usize::from(top)..usize::from(bottom) {
+        for column in usize::from(left)..usize::from(right) {
+            with(row * columns + column);
         }
     }
 }

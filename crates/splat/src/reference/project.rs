@@ -90,7 +90,8 @@ pub(super) fn project(
     }
     let true_slope = in_camera.truncate() / in_camera.z;
     let slope = true_slope.clamp(optics.jacobian_range[0], optics.jacobian_range[1]);
-    let clamped = [slope.x != true_slope.x, slope.y != true_slope.y];
+    let within = true_slope.cmpge(optics.jacobian_range[0]) & true_slope.cmple(optics.jacobian_range[1]);
+    let clamped = [!within.test(0), !within.test(1)];
     let focal = DMat2::from_diagonal(optics.focal);
     let (centre, pixel_from_slope) = match &optics.lens {
         None => (focal * true_slope + optics.principal, focal),

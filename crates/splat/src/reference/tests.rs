@@ -129,6 +129,11 @@ fn parameters(gaussians: &Gaussians, gradients: &Gradients<f64>) -> Vec<Paramete
     list
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "a step is a power of two")]
+const fn exact_f32(step: f64) -> f32 {
+    step as f32
+}
+
 /// Every analytic derivative against extrapolated central differences.
 fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let gradients = backward(gaussians, view, options, &image_gradients(view)).unwrap();
@@ -137,7 +142,7 @@ fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str
         let moved = |step: f64| {
             let mut parts = gaussians.parts().clone();
             let value = slot(&mut parts, at, axis).unwrap();
-            *value += step as f32;
+            *value += exact_f32(step);
             loss(&Gaussians::new(parts).unwrap(), view, options)
         };
         let numeric = differences(moved);
