@@ -2,11 +2,10 @@ use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_camera::ImageSize;
 use atsplat_protocol::{
     Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Preset, compare, lint_file,
 };
-use atsplat_scene::{Frame, Warnings};
+use atsplat_scene::Warnings;
 use clap::Args;
 use serde::Serialize;
 
@@ -66,7 +65,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         options.bins = bins;
     }
     if let (Some(dataset), Some(preset)) = (&dataset, &preset) {
-        options.dataset = Some(DatasetCheck { picture_size: &picture_size, ..DatasetCheck::of(dataset, preset) });
+        options.dataset = Some(DatasetCheck::of(dataset, preset));
     }
     let lint = lint_file(&file, &options, &mut warnings);
     let against = match &words.against {
@@ -78,12 +77,6 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     print_report(&Report { lint, preset, against }, words.json)?;
     print_warnings(&warnings);
     Ok(complete)
-}
-
-/// The header of the picture itself where there is one: a file's size wins over the metadata's. The place
-/// of the frame would only name it in an error.
-fn picture_size(frame: &Frame) -> Option<ImageSize> {
-    frame.size("", 0).ok().or(frame.stated_size)
 }
 
 impl fmt::Display for Report<'_> {
