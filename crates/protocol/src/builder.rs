@@ -113,7 +113,7 @@ impl OverlapRule {
         let mut kept = Vec::new();
         let mut last_reason = None;
         for mut entry in sampled {
-            match context_overlap(scene, &entry, &self.estimator) {
+            match context_overlap(scene, &entry, &self.estimator, None) {
                 Ok(overlap) if overlap >= self.minimum && overlap <= self.maximum => {
                     entry.overlap = Some(overlap);
                     kept.push(entry);

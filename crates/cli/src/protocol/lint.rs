@@ -9,6 +9,8 @@ use atsplat_scene::Warnings;
 use clap::Args;
 use serde::Serialize;
 
+use super::parse;
+use crate::dataset_words::PictureWords;
 use crate::output::{print_report, print_warnings};
 
 #[derive(Debug, Args)]
@@ -17,12 +19,15 @@ pub(crate) struct Words {
     index: PathBuf,
 
     /// Preset, by name or `.toml` path, whose index, bins and filters are applied.
-    #[arg(long)]
+    #[arg(long, value_parser = parse::preset)]
     preset: Option<String>,
 
     /// Dataset in which the index's scenes are looked up; needs `--preset`, whose filters decide.
     #[arg(long, value_name = "PATH", requires = "preset")]
     data: Option<PathBuf>,
+
+    #[command(flatten)]
+    pictures: PictureWords,
 
     /// Second index: may results on the two share a table?
     #[arg(long, value_name = "INDEX")]
@@ -57,7 +62,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let preset = words.preset.as_deref().map(Preset::resolve).transpose()?;
     let mut warnings = Warnings::new();
     let dataset = match &words.data {
-        Some(path) => Some(atsplat_scene::open(path, &mut warnings)?),
+        Some(path) => Some(words.pictures.open(path, &mut warnings)?),
         None => None,
     };
     let mut options = LintOptions::default();
