@@ -93,6 +93,14 @@ impl fmt::Display for Report<'_> {
                 IndexMatch::Alternative { name, note } => {
                     format!("an alternative index, {name}{}", note.map(|note| format!(": {note}")).unwrap_or_default())
                 }
+                IndexMatch::Derived { name } => format!("its index, derived from {name}"),
+                IndexMatch::DerivedFromOther { name } => format!(
+                    "derived by its rule, but not from all scenes and context frames of {name}: \
+                     numbers compare only on this file"
+                ),
+                IndexMatch::Underived { name } => {
+                    format!("{name}, from which `protocol extrapolate` makes its index")
+                }
                 IndexMatch::Unpublished => "not one of its indices: numbers compare only on this file".to_owned(),
             };
             writeln!(f, "\npreset {name}: {verdict}")?;
