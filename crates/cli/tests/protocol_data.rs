@@ -5,7 +5,6 @@
 mod common;
 
 use std::fmt::Write as _;
-use std::path::Path;
 
 use atsplat_pixels::exr::{self, Channel, Channels, Values};
 use atsplat_tests::shared_data;
@@ -92,7 +91,8 @@ fn depth_covisibility_from_files() {
 #[test]
 fn feature_coverage_needs_its_feature() {
     let words = ["protocol", "overlap", "nowhere.json", "--data", "nowhere", "--estimator", "feature-coverage"];
-    let outcome = atsplat(Path::new("."), &words);
+    let folder = tempfile::tempdir().unwrap();
+    let outcome = atsplat(folder.path(), &words);
     assert!(outcome.code == 1 && outcome.stderr.contains("--features opencv"), "{}", outcome.stderr);
 }
 
