@@ -10,9 +10,10 @@ fuzz_target!(|bytes: &[u8]| {
     let Some((file, bytes)) = bytes.split_first() else { return };
     let path = Path::new("fuzz");
     match file % 3 {
-        0 => drop(parse_cameras(bytes, Encoding::Text, path).map(|cameras| {
-            cameras.values().map(|camera| camera.lens("fuzz", path)).filter(Result::is_ok).count()
-        })),
+        0 => drop(
+            parse_cameras(bytes, Encoding::Text, path)
+                .map(|cameras| cameras.values().map(|camera| camera.lens("fuzz", path)).filter(Result::is_ok).count()),
+        ),
         1 => drop(parse_images(bytes, Encoding::Text, path)),
         _ => drop(parse_points(bytes, Encoding::Text, path)),
     }

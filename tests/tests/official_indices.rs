@@ -4,9 +4,10 @@
 
 use std::path::PathBuf;
 
+use atsplat_protocol::extrapolation::Extrapolation;
 use atsplat_protocol::{
-    EvaluationIndex, IndexFile, IndexMatch, IndexNotices, KNOWN_INDICES, KnownIndex, LintOptions, LintReport, Preset,
-    Verdict, compare, lint_file,
+    EvaluationIndex, IndexFile, IndexLayout, IndexMatch, IndexNotices, KNOWN_INDICES, KnownIndex, LintOptions,
+    LintReport, Preset, Verdict, compare, lint_file,
 };
 use atsplat_scene::Warnings;
 use atsplat_tests::shared_data;
@@ -56,6 +57,7 @@ fn every_official_file_is_recognised_and_written_back_byte_for_byte() {
         let file = IndexFile::parse(&bytes).unwrap();
         assert_eq!(file.sha256, known.sha256, "{}", known.name);
         assert_eq!(file.index.content_hash(), known.content, "{}", known.name);
+        assert_eq!(file.index.context_gaps_hash(), known.gaps, "{}", known.name);
         assert_eq!(file.recognised(), Some(known));
         assert!(file.index.to_json(&file.layout).as_bytes() == bytes, "{} is written back", known.name);
         assert_eq!(file.notices, IndexNotices::default(), "{}", known.name);
@@ -156,9 +158,20 @@ fn presets_describe_the_files_that_they_accept() {
     for name in Preset::names() {
         let preset = Preset::named(name).unwrap();
         let (default, alternatives) = preset.index.accepted.split_first().unwrap();
-        let file = official.file(&default.name);
-        assert_eq!(preset.index.recognise(&file), IndexMatch::Default { name: &default.name }, "{name}");
-        let report = lint_file(&file, &LintOptions::default(), &mut Warnings::new());
+        let mut file = official.file(&default.name);
+        let name_of_default = &*default.name;
+        let mut report = lint_file(&file, &LintOptions::default(), &mut Warnings::new());
+        let mut expected = IndexMatch::Default { name: name_of_default };
+        if let Some(derivation) = preset.index.derivation {
+            let underived = IndexMatch::Underived { name: name_of_default };
+            assert_eq!(preset.index.recognise(&file), underived, "{name}");
+            let lengths = file.index.scenes.keys().map(|key| (key.clone(), 300)).collect();
+            let split = Extrapolation::from(derivation).split(&file.index, &lengths).index;
+            file = IndexFile::parse(split.to_json(&IndexLayout::PIXELSPLAT).as_bytes()).unwrap();
+            report = lint_file(&file, &LintOptions::default(), &mut Warnings::new());
+            expected = IndexMatch::Derived { name: name_of_default };
+        }
+        assert_eq!(preset.index.recognise(&file), expected, "{name}");
         assert_eq!(report.scenes, preset.index.scenes, "{name}");
         let views = report.context_per_entry.unwrap();
         assert_eq!((views.min, views.max), (preset.index.context_views as u64, views.min), "{name}");
@@ -170,6 +183,22 @@ fn presets_describe_the_files_that_they_accept() {
             assert!(matches!(preset.index.recognise(&file), IndexMatch::Alternative { .. }), "{name}");
         }
     }
+}
+
+/// A split that lost a scene, or was made from other context frames, says so.
+#[test]
+fn a_split_of_part_of_the_index_is_told_from_the_whole() {
+    let Some(official) = Official::of("a_split_of_part_of_the_index") else { return };
+    let preset = Preset::named("dl3dv-6v-extrapolation").unwrap();
+    let derivation = preset.index.derivation.unwrap();
+    let mut index = official.file("depthsplat-dl3dv-6v").index;
+    index.scenes.values_mut().next_back().unwrap().clear();
+    let lengths = index.scenes.keys().map(|key| (key.clone(), 300)).collect();
+    let split = Extrapolation::from(derivation).split(&index, &lengths);
+    assert_eq!(split.targets_by_distance.to_string(), "-10 to -1: 139 each, 1 to 10: 139 each");
+    let file = IndexFile::parse(split.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes()).unwrap();
+    let name = "depthsplat-dl3dv-6v";
+    assert_eq!(preset.index.recognise(&file), IndexMatch::DerivedFromOther { name });
 }
 
 /// Prose cannot drift from the files: the counts that notes quote are the counted ones.

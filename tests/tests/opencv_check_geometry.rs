@@ -2,12 +2,16 @@
 #![cfg(feature = "opencv")]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
-use atsplat_pixels::DecodeLimits;
+use atsplat_pixels::{DecodeLimits, encode_png};
 use atsplat_scene::geometry::{Convention, Verdict};
-use atsplat_scene::opencv::{GeometryCheck, GeometryCheckOptions, PairChoice, check_geometry};
-use atsplat_scene::{NerfstudioOptions, OpenOptions, Picture, PictureFolder, Scene, SceneSource, Warnings, open_with};
+use atsplat_scene::opencv::{
+    GeometryCheck, GeometryCheckOptions, PairChoice, UndistortMode, Undistorter, check_geometry,
+};
+use atsplat_scene::{
+    NerfstudioOptions, OpenOptions, Picture, PictureFolder, Scene, SceneSource, SharedBytes, Warnings, open_with,
+};
 use atsplat_tests::shared_data;
 
 /// RE10K's 640×360 intrinsics, for the 256×256 centre crops of the full height that stand in for the frames.
@@ -153,4 +157,25 @@ fn desk_agrees_at_both_resolutions() {
         assert!(median_of(&checked, Convention::Declared) < 0.4, "{pictures:?}");
         assert!(median_of(&checked, Convention::PoseInverted) > 10.0, "{pictures:?}");
     }
+}
+
+/// Pictures that were undistorted agree with a pinhole: what `data undistort` writes.
+#[test]
+fn undistorted_fox_agrees_without_a_lens() {
+    let Some(mut scene) = only_scene("undistorted_fox", "fox", &OpenOptions::default()) else { return };
+    scene.frames.retain(|frame| matches!(frame.picture, Picture::File(_)));
+    scene.frames.truncate(16);
+    for position in 0..scene.frames.len() {
+        let picture = scene.decode(position, &DecodeLimits::default()).unwrap();
+        let size = ImageSize { width: picture.width(), height: picture.height() };
+        let frame = &mut scene.frames[position];
+        let undistorter = Undistorter::new(&frame.camera, size, UndistortMode::KeepK).unwrap();
+        frame.picture =
+            Picture::Encoded(SharedBytes::new(encode_png(&undistorter.undistort(&picture).unwrap()).unwrap()));
+        frame.camera = Camera::pinhole(frame.camera.camera_from_world, undistorter.intrinsics());
+    }
+    let neighbours = (1..scene.frames.len()).map(|at| (at - 1, at)).collect();
+    let checked = check(&scene, PairChoice::Listed(neighbours));
+    assert!(checked.pairs.len() >= 12, "{} pairs", checked.pairs.len());
+    assert!(median_of(&checked, Convention::Declared) < 0.6, "{checked}");
 }

@@ -5,7 +5,7 @@
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use atsplat_camera::{Camera, ImageSize, PoseNormalisation};
+use atsplat_camera::{Camera, Distortion, ImageSize, PoseNormalisation};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
 use atsplat_protocol::extrapolation::Extrapolation;
@@ -15,7 +15,9 @@ use atsplat_protocol::trial::{DecodeAhead, Prefetch, SkipReason, TargetPictures,
 use atsplat_protocol::{DropReason, EvaluationIndex, Filters, IndexBuilder, IndexEntry, IndexFile, NearFar, Preset};
 use atsplat_scene::nerfstudio::NerfstudioOptions;
 use atsplat_scene::preprocess::Preprocessing;
-use atsplat_scene::{Dataset, OpenOptions, PictureFolder, SceneSource, Warnings, open, open_with};
+use atsplat_scene::{
+    Dataset, OpenOptions, Picture, PictureFolder, Scene, SceneError, SceneSource, Warnings, open, open_with,
+};
 use atsplat_tests::shared_data;
 
 const RE10K_SCENE: &str = "000c3ab189999a83";
@@ -218,4 +220,38 @@ fn trials_of_the_six_view_protocol_from_a_sampled_index() {
     Tolerance::F64.assert([farthest], [1.0], "the mean camera's scale");
     assert!(trials.next().is_none());
     assert_eq!(trials.report().trials, 1);
+}
+
+/// The fox's lens bends: a trial of the same cameras as pinholes asks another question.
+#[test]
+fn the_lens_is_part_of_the_trial_and_not_of_its_poses() {
+    struct Pinholes(Arc<Dataset>);
+    impl SceneSource for Pinholes {
+        fn keys(&self) -> &[String] {
+            self.0.keys()
+        }
+
+        fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+            let mut scene = self.0.load(key, warnings)?;
+            for frame in &mut scene.frames {
+                assert!(matches!(frame.camera.distortion, Distortion::OpenCv { k1, .. } if k1.abs() > 1e-3));
+                frame.camera.distortion = Distortion::None;
+            }
+            Ok(scene)
+        }
+    }
+    let Some(data) = shared_data("the_lens_is_part_of_the_trial") else { return };
+    let fox = opened(data.join("fox"));
+    let key = fox.keys().first().unwrap().clone();
+    let scene = fox.load(&key, &mut Warnings::new()).unwrap();
+    let there = scene.frames.iter().enumerate().filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_)));
+    let positions: Vec<usize> = there.map(|(at, _)| at).take(3).collect();
+    let index = only(&key, &positions[..2], &positions[2..]);
+    let trial = |source: Arc<dyn SceneSource>| {
+        let cameras_only = Prefetch { decode: DecodeAhead::Nothing, ..Prefetch::default() };
+        Trials::new(source, &index, as_it_is(), cameras_only).next().unwrap().unwrap().0
+    };
+    let (bent, straight) = (trial(Arc::clone(&fox) as Arc<dyn SceneSource>), trial(Arc::new(Pinholes(fox))));
+    assert_ne!(bent.hash(), straight.hash());
+    assert_eq!(bent.pose_hash(), straight.pose_hash());
 }

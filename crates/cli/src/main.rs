@@ -19,11 +19,11 @@ use crate::exit::Exit;
 
 /// Evaluates feed-forward 3D Gaussian splatting: scenes, protocols, trials.
 #[derive(Debug, Parser)]
-#[command(version, propagate_version = true)]
+#[command(name = "atsplat", version, propagate_version = true)]
 struct Words {
     /// Worker threads; results do not depend on it. 0 takes one per core.
-    #[arg(long, global = true, default_value_t = 0, value_name = "N")]
-    threads: usize,
+    #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=512))]
+    threads: u16,
 
     /// Exit with code 4 where scenes or frames had to be skipped.
     #[arg(long, global = true)]
@@ -48,14 +48,29 @@ fn main() -> ExitCode {
     match run(&words) {
         Ok(exit) => exit.into(),
         Err(error) => {
-            output::complain(&format!("error: {error:#}"));
+            output::complain(&format!("error: {}", told_once(&error)));
             ExitCode::FAILURE
         }
     }
 }
 
+/// The error and its causes; a cause whose text its own error already quotes is left out.
+fn told_once(error: &anyhow::Error) -> String {
+    let mut text = error.to_string();
+    for cause in error.chain().skip(1).map(ToString::to_string) {
+        if !text.contains(&cause) {
+            text.push_str(": ");
+            text.push_str(&cause);
+        }
+    }
+    text
+}
+
 fn run(words: &Words) -> anyhow::Result<Exit> {
-    rayon::ThreadPoolBuilder::new().num_threads(words.threads).build_global().context("starting worker threads")?;
+    rayon::ThreadPoolBuilder::new()
+        .num_threads(words.threads.into())
+        .build_global()
+        .context("starting worker threads")?;
     let complete = match &words.command {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,

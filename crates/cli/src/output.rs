@@ -39,6 +39,9 @@ pub(crate) struct PendingFile {
 impl PendingFile {
     /// Opens a temporary file beside `target`, making its folder where needed.
     pub(crate) fn open(target: &Path) -> anyhow::Result<Self> {
+        if target.is_dir() {
+            anyhow::bail!("{} is a folder, expected a file to write", target.display());
+        }
         let folder = match target.parent() {
             Some(parent) if !parent.as_os_str().is_empty() => parent,
             _ => Path::new("."),

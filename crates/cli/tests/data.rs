@@ -1,6 +1,14 @@
 //! `atsplat data` as a user runs it.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 mod common;
+
+use std::path::Path;
+
+use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter};
+use atsplat_scene::{SharedBytes, Warnings};
 
 use common::{atsplat, succeed, write_trajectory};
 
@@ -39,4 +47,98 @@ fn unknown_data_and_unknown_outputs_are_named() {
     let outcome = atsplat(here, &["data", "export", "a.txt", "cameras.xlsx"]);
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("cameras.xlsx"), "{}", outcome.stderr);
+}
+
+fn picture() -> Vec<u8> {
+    encode_png(&ImageU8::new(16, 16, vec![128; 16 * 16 * 3]).unwrap()).unwrap()
+}
+
+/// A trajectory of `frames` frames with one picture each.
+fn write_scene(folder: &Path, key: &str, frames: usize) {
+    write_trajectory(&folder.join(format!("{key}.txt")), frames);
+    std::fs::create_dir(folder.join(key)).unwrap();
+    for frame in 0..frames {
+        std::fs::write(folder.join(key).join(format!("{}.png", frame * 33_367)), picture()).unwrap();
+    }
+}
+
+/// One bad picture costs its own scene and no other.
+#[test]
+fn scenes_become_chunks_without_the_broken_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    for key in ["a", "b", "c"] {
+        write_scene(&here.join("data"), key, 3);
+    }
+    std::fs::write(here.join("data/b/0.png"), b"no picture at all").unwrap();
+    let text = succeed(here, &["data", "export", "data", "chunks", "--chunks"]);
+    assert!(text.contains("2 scenes in 1 chunks") && text.contains("1 scenes skipped"), "{text}");
+    let chunk = Chunk::open(here.join("chunks/000000.torch"), &mut Warnings::new()).unwrap();
+    assert_eq!(chunk.keys(), ["a", "c"]);
+    assert_eq!(atsplat(here, &["--strict", "data", "export", "data", "again", "--chunks"]).code, 4);
+}
+
+fn hostile_chunk(folder: &Path) {
+    let mut writer = ChunkWriter::create(folder, u64::MAX).unwrap();
+    let camera = [0.5, 0.9, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    for key in ["../../escaped", "/tmp/escaped", "plain"] {
+        let scene = ChunkScene {
+            key: key.to_owned(),
+            url: String::new(),
+            timestamps: vec![7],
+            cameras: vec![camera],
+            images: vec![SharedBytes::new(picture())],
+        };
+        writer.push(scene).unwrap();
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn keys_of_a_chunk_name_no_folders_elsewhere() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    hostile_chunk(&here.join("chunks"));
+    let outcome = atsplat(here, &["--strict", "data", "undistort", "chunks", "-o", "deep/out"]);
+    if cfg!(feature = "opencv") {
+        assert_eq!(outcome.code, 4, "{}", outcome.stderr);
+        let written: Vec<_> =
+            std::fs::read_dir(here.join("deep/out")).unwrap().map(|e| e.unwrap().file_name()).collect();
+        assert_eq!(written, ["plain"]);
+    } else {
+        assert!(outcome.stderr.contains("opencv"), "{}", outcome.stderr);
+    }
+    assert!(!here.join("escaped").exists() && !here.join("deep/escaped").exists());
+}
+
+#[cfg(feature = "opencv")]
+#[test]
+fn frames_with_one_name_are_all_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let frame = |side: &str| {
+        std::fs::create_dir_all(here.join("scene/images").join(side)).unwrap();
+        std::fs::write(here.join(format!("scene/images/{side}/0001.png")), picture()).unwrap();
+        serde_json::json!({
+            "file_path": format!("images/{side}/0001.png"),
+            "transform_matrix": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]],
+        })
+    };
+    let frames = [frame("left"), frame("right")];
+    let transforms = serde_json::json!({ "w": 16, "h": 16, "fl_x": 16, "k1": 0.01, "frames": frames });
+    std::fs::write(here.join("scene/transforms.json"), transforms.to_string()).unwrap();
+    succeed(here, &["data", "undistort", "scene", "-o", "out"]);
+    assert_eq!(std::fs::read_dir(here.join("out/scene/images")).unwrap().count(), 2);
+    let report = succeed(here, &["data", "inspect", "out", "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    assert_eq!(report["frames"], 2, "{report}");
+}
+
+#[test]
+fn an_error_says_each_thing_once() {
+    let folder = tempfile::tempdir().unwrap();
+    let outcome = atsplat(folder.path(), &["data", "inspect", "nowhere"]);
+    assert_eq!(outcome.stderr.matches("No such file").count(), 1, "{}", outcome.stderr);
+    assert_eq!(atsplat(folder.path(), &["--threads", "5000", "protocol", "list"]).code, 2);
 }

@@ -94,6 +94,25 @@ fn wrong_words_are_2_broken_files_are_1_and_skips_are_4_when_strict() {
 }
 
 #[test]
+fn words_that_name_nothing_are_2_before_anything_is_read() {
+    for (words, expected) in [
+        (&["lint", "nowhere", "--preset", "nope"][..], "re10k-2v-256"),
+        (&["show", "nope"], "re10k-2v-256"),
+        (&["build", "nowhere", "-o", "out", "--sampler", "nope"], "re10k-2v"),
+        (&["overlap", "nowhere", "--data", "nowhere", "--estimator", "nope"], "epipolar-ray"),
+        (&["overlap", "nowhere", "--bins", "0.5,a:0.2"], "edges that increase"),
+        (&["overlap", "nowhere", "--plot", "x.jpg"], ".svg or .png"),
+        (&["extrapolate", "nowhere", "-o", "out", "--margin", "0"], "expected 1 to 1000 frames"),
+        (&["extrapolate", "nowhere", "-o", "out", "--margin", "1001"], "expected 1 to 1000 frames"),
+        (&["extrapolate", "nowhere", "-o", "out", "--margin", "18446744073709551615"], "expected 1 to 1000 frames"),
+    ] {
+        let outcome = atsplat(&repository(), &[&["protocol"], words].concat());
+        assert_eq!(outcome.code, 2, "{words:?}: {}", outcome.stderr);
+        assert!(outcome.stderr.contains(expected), "{words:?}: {}", outcome.stderr);
+    }
+}
+
+#[test]
 fn an_output_that_cannot_be_written_fails_before_the_work() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
@@ -102,4 +121,10 @@ fn an_output_that_cannot_be_written_fails_before_the_work() {
     let outcome = atsplat(here, &words);
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("file"), "the output is named, not the missing data: {}", outcome.stderr);
+
+    let index = repository().join("eval/indices/example.json");
+    let words = ["protocol", "overlap", index.to_str().unwrap(), "--data", "nowhere", "--plot", "file/plot.svg"];
+    let outcome = atsplat(here, &words);
+    assert_eq!(outcome.code, 1);
+    assert!(outcome.stderr.contains("file"), "the plot is named, not the missing data: {}", outcome.stderr);
 }

@@ -3,14 +3,9 @@ use std::io::Cursor;
 use image::codecs::{png::PngDecoder, webp::WebPDecoder};
 use image::{ColorType, ImageDecoder, ImageError, Limits};
 
-use libjpeg_turbo_rs::{Decoder, JpegError, PixelFormat};
-
 use crate::memory::zeroed;
 use crate::size::{header, unknown};
 use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
-
-/// Real progressive JPEGs have ten scans; each further one costs a walk over all blocks for a few bytes.
-const MOST_SCANS: usize = 100;
 
 /// Encoded bytes into 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`, which every
 /// loader of the field applies (pixelSplat `src/dataset/dataset_re10k.py`, through torchvision):
@@ -45,36 +40,13 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError
             let decoder = PngDecoder::with_limits(reader, library_limits(limits)).map_err(failed)?;
             stored_samples(format, decoder, (width, height), limits)
         }
-        PictureFormat::Jpeg => return jpeg(bytes, (width, height), limits),
+        PictureFormat::Jpeg => return crate::jpeg::decode(bytes, (width, height), limits),
         PictureFormat::WebP => {
             stored_samples(format, WebPDecoder::new(reader).map_err(failed)?, (width, height), limits)
         }
         PictureFormat::Exr => Err(PixelError::HoldsFloats),
     }?;
     ImageU8::new(width, height, rgb8(format, color, stored)?)
-}
-
-/// Bit for bit libjpeg-turbo's default decoding, which Pillow's is (`JPEG.md` beside this crate).
-///
-/// Stricter than Pillow in one way: data that stop early or do not decode are an error, where libjpeg
-/// warns and leaves grey.
-fn jpeg(bytes: &[u8], size: (u32, u32), limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
-    let format = PictureFormat::Jpeg;
-    let failed = |source: JpegError| PixelError::Decode { format, source: source.into() };
-    let library = libjpeg_turbo_rs::DecodeLimits {
-        max_width: limits.max_width as usize,
-        max_height: limits.max_height as usize,
-        max_pixels: limits.max_bytes / 3,
-        max_scans: MOST_SCANS,
-        ..Default::default()
-    };
-    let decoder = Decoder::new_with_limits(bytes, library).map_err(failed)?.with_output_format(PixelFormat::Rgb);
-    let picture = decoder.decode_image().map_err(failed)?;
-    let (width, height) = size;
-    if (picture.width, picture.height) != (width as usize, height as usize) {
-        return Err(header(format, format!("says {width}×{height}, its data {}×{}", picture.width, picture.height)));
-    }
-    ImageU8::new(width, height, picture.data)
 }
 
 /// The most pixels that a file of `length` bytes can hold.

@@ -7,6 +7,7 @@ mod encode;
 mod error;
 pub mod exr;
 mod format;
+mod jpeg;
 mod limits;
 mod memory;
 mod picture;

@@ -10,7 +10,7 @@ pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
     let (width, height) = match format {
         PictureFormat::Png => png_size(bytes),
-        PictureFormat::Jpeg => jpeg_size(bytes),
+        PictureFormat::Jpeg => crate::jpeg::Frame::find(bytes).map(|frame| frame.size),
         PictureFormat::WebP => webp_size(bytes),
         PictureFormat::Exr => crate::exr::size(bytes),
     }?;
@@ -48,47 +48,6 @@ fn png_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
 fn words(bytes: &[u8], at: usize) -> Option<[[u8; 4]; 4]> {
     let (words, _) = bytes.get(at..)?.as_chunks::<4>();
     words.first_chunk::<4>().copied()
-}
-
-/// Walks the marker segments up to the frame header (ITU-T T.81 B.2.2).
-fn jpeg_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
-    let problem = |text: String| header(PictureFormat::Jpeg, text);
-    let mut rest = bytes.get(2..).unwrap_or_default();
-    loop {
-        let at = bytes.len() - rest.len();
-        let (marker, payload) = match rest {
-            [0xff, 0xff, ..] => {
-                rest = rest.get(1..).unwrap_or_default();
-                continue;
-            }
-            [0xff, marker @ (0x01 | 0xd0..=0xd7), ..] => (*marker, 0),
-            [0xff, 0xda, ..] => return Err(problem(format!("scan without a frame header at byte {at}"))),
-            [0xff, 0xd9, ..] => return Err(problem(format!("end of image without a frame header at byte {at}"))),
-            [0xff, marker, high, low, ..] => (*marker, usize::from(u16::from_be_bytes([*high, *low]))),
-            [0xff, ..] | [] => return Err(problem(format!("cut short after {} bytes", bytes.len()))),
-            [other, ..] => return Err(problem(format!("expected a marker at byte {at}, found {other:#04x}"))),
-        };
-        if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
-            let Some([_, _, _, _, _, h1, h0, w1, w0]) = rest.first_chunk() else {
-                return Err(problem(format!("frame header at byte {at} is cut short")));
-            };
-            let (width, height) = (u16::from_be_bytes([*w1, *w0]), u16::from_be_bytes([*h1, *h0]));
-            if height == 0 {
-                let feature = "a height that follows the first scan (DNL)".to_owned();
-                return Err(PixelError::Unsupported { format: PictureFormat::Jpeg, feature });
-            }
-            return Ok((u32::from(width), u32::from(height)));
-        }
-        let standalone = matches!(marker, 0x01 | 0xd0..=0xd7);
-        if !standalone && payload < 2 {
-            return Err(problem(format!(
-                "segment {marker:#04x} at byte {at}: expected a length of 2 or more, found {payload}"
-            )));
-        }
-        rest = rest.get(2 + payload..).ok_or_else(|| {
-            problem(format!("segment {marker:#04x} at byte {at}: {payload} bytes reach past the end of the file"))
-        })?;
-    }
 }
 
 /// RFC 9649, sections 2.5 to 2.7; the lossy frame header is RFC 6386, 9.1.

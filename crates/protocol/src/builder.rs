@@ -1,10 +1,10 @@
 use std::collections::BTreeMap;
 
 use atsplat_camera::Camera;
-use atsplat_scene::{SceneSource, WarningKind, Warnings};
-use rayon::prelude::*;
+use atsplat_scene::{SceneSource, Warnings};
 use serde::{Deserialize, Serialize};
 
+use crate::loading::{in_parallel, load};
 use crate::overlap::{OverlapEstimator, context_overlap};
 use crate::samplers::{NoEntry, Sampler, SceneViews};
 use crate::{EvaluationIndex, IndexEntry};
@@ -58,22 +58,17 @@ impl IndexBuilder {
     /// Runs over all scenes of `source`, in parallel; the same index for any number of threads.
     ///
     /// `progress` is called once a scene, from any thread. Unreadable scenes become `null` and a
-    /// [`WarningKind::UnreadableScene`].
+    /// [`atsplat_scene::WarningKind::UnreadableScene`].
     pub fn build(&self, source: &dyn SceneSource, progress: &(dyn Fn() + Sync), warnings: &mut Warnings) -> BuiltIndex {
-        let outcomes: Vec<SceneOutcome> = source
-            .keys()
-            .par_iter()
-            .map(|key| {
-                let outcome = self.build_scene(key, source);
-                progress();
-                outcome
-            })
-            .collect();
+        let outcomes = in_parallel(source.keys(), warnings, |key, warnings| {
+            let outcome = self.build_scene(key, source, warnings);
+            progress();
+            outcome
+        });
         let mut built = BuiltIndex::default();
-        for (key, outcome) in source.keys().iter().zip(outcomes) {
-            warnings.merge(outcome.warnings);
-            built.refused_entries += outcome.refused;
-            let entries = match outcome.entries {
+        for (key, (entries, refused)) in source.keys().iter().zip(outcomes) {
+            built.refused_entries += refused;
+            let entries = match entries {
                 Ok(entries) => {
                     built.scenes += 1;
                     built.entries += entries.len();
@@ -89,14 +84,16 @@ impl IndexBuilder {
         built
     }
 
-    fn build_scene(&self, key: &str, source: &dyn SceneSource) -> SceneOutcome {
-        let mut warnings = Warnings::new();
-        let scene = match source.load(key, &mut warnings) {
+    /// The scene's entries or why there are none, and how many were refused for their overlap.
+    fn build_scene(
+        &self,
+        key: &str,
+        source: &dyn SceneSource,
+        warnings: &mut Warnings,
+    ) -> (Result<Vec<IndexEntry>, NoEntry>, usize) {
+        let scene = match load(source, key, warnings) {
             Ok(scene) => scene,
-            Err(error) => {
-                warnings.push(WarningKind::UnreadableScene, key, error.to_string());
-                return SceneOutcome { entries: Err(NoEntry::Unreadable(error.to_string())), refused: 0, warnings };
-            }
+            Err(dropped) => return (Err(dropped.into()), 0),
         };
         let cameras: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
         let mut refused = 0;
@@ -107,14 +104,8 @@ impl IndexBuilder {
             refused = sampled_count - kept.len();
             if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
         });
-        SceneOutcome { entries, refused, warnings }
+        (entries, refused)
     }
-}
-
-struct SceneOutcome {
-    entries: Result<Vec<IndexEntry>, NoEntry>,
-    refused: usize,
-    warnings: Warnings,
 }
 
 impl OverlapRule {
@@ -122,7 +113,7 @@ impl OverlapRule {
         let mut kept = Vec::new();
         let mut last_reason = None;
         for mut entry in sampled {
-            match context_overlap(scene, &entry, &self.estimator) {
+            match context_overlap(scene, &entry, &self.estimator, None) {
                 Ok(overlap) if overlap >= self.minimum && overlap <= self.maximum => {
                     entry.overlap = Some(overlap);
                     kept.push(entry);
@@ -144,6 +135,8 @@ impl OverlapRule {
 #[cfg(test)]
 mod tests {
     use std::sync::atomic::{AtomicUsize, Ordering};
+
+    use atsplat_scene::WarningKind;
 
     use super::*;
     use crate::test_source::{MemorySource, scene};

@@ -12,6 +12,7 @@ mod error;
 mod index;
 mod known;
 mod lint;
+mod loading;
 mod named_builders;
 mod preset;
 #[cfg(test)]

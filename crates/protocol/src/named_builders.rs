@@ -1,5 +1,6 @@
 use std::path::Path;
 
+use crate::overlap::OverlapEstimator;
 use crate::{IndexBuilder, ProtocolError};
 
 macro_rules! built_in {
@@ -52,12 +53,23 @@ impl IndexBuilder {
     }
 
     fn from_toml(text: &str, place: &str) -> Result<Self, ProtocolError> {
-        toml::from_str(text).map_err(|error| ProtocolError::Malformed {
+        let malformed = |expected: &str, found: String| ProtocolError::Malformed {
             what: "sampling rule",
             location: place.to_owned(),
-            expected: "a [sampler] table and, if wanted, an [overlap] table".to_owned(),
-            found: error.to_string().trim_end().to_owned(),
-        })
+            expected: expected.to_owned(),
+            found,
+        };
+        let rule: Self = toml::from_str(text).map_err(|error| {
+            let expected = "a [sampler] table and, if wanted, an [overlap] table";
+            malformed(expected, error.to_string().trim_end().to_owned())
+        })?;
+        match rule.overlap.map(|overlap| overlap.estimator).filter(OverlapEstimator::needs_depth) {
+            Some(estimator) => Err(malformed(
+                "an overlap that needs no depth maps: an index is built without",
+                estimator.name().to_owned(),
+            )),
+            None => Ok(rule),
+        }
     }
 }
 
@@ -86,6 +98,10 @@ mod tests {
         std::fs::write(&path, "[sampler]\nsampler = \"guess\"\n").unwrap();
         let broken = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
         assert!(broken.contains("guess") && broken.contains("farthest-point"), "{broken}");
+        let depth = "[sampler]\nsampler = \"all-frames\"\n[overlap.estimator]\nestimator = \"depth-covisibility\"\n";
+        std::fs::write(&path, depth).unwrap();
+        let depth = IndexBuilder::resolve(path.to_str().unwrap()).unwrap_err().to_string();
+        assert!(depth.contains("no depth maps"), "{depth}");
         let unknown = IndexBuilder::resolve("re10k").unwrap_err().to_string();
         assert!(unknown.contains("re10k-2v"), "the names are listed: {unknown}");
     }

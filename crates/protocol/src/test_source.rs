@@ -39,7 +39,14 @@ impl SceneSource for MemorySource {
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         self.loads.fetch_add(1, Ordering::SeqCst);
         let scene = self.scenes.get(key).cloned();
-        let scene = scene.ok_or_else(|| SceneError::UnknownScene { key: key.to_owned(), path: PathBuf::new() })?;
+        let scene = scene.ok_or_else(|| {
+            let (key, path) = (key.to_owned(), PathBuf::new());
+            if !self.keys.contains(&key) {
+                return SceneError::UnknownScene { key, path };
+            }
+            let (location, found) = ("line 1".to_owned(), "nothing".to_owned());
+            SceneError::Malformed { format: "test", path, location, expected: "a scene".to_owned(), found }
+        })?;
         warnings.push(WarningKind::LensDistortion, key, "for the test");
         Ok(scene)
     }

@@ -25,6 +25,10 @@ pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
             warnings.push(kind, &scene.key, detail);
         }
     };
+    report(WarningKind::BadCamera, &|camera| {
+        let centre = camera.camera_from_world.inverse().centre();
+        (!centre.is_finite()).then(|| format!("its centre overflows: {centre}"))
+    });
     report(WarningKind::ImperfectRotation, &|camera| {
         let determinant = camera.camera_from_world.determinant();
         let fine = Tolerance::NUMPY_ALLCLOSE.accepts(determinant, 1.0);
@@ -89,6 +93,7 @@ mod tests {
     #[test]
     fn each_blemish_has_its_kind_and_is_counted_once_a_scene() {
         let cases = [
+            (WarningKind::BadCamera, "5 0.5 0.9 0.5 0.5 0 0 0.8 0.6 0 1.7e308 -0.6 0.8 0 1.7e308 0 0 1 0"),
             (WarningKind::ImperfectRotation, "5 0.5 0.9 0.5 0.5 0 0 1.0001 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::WideFieldOfView, "5 0.4 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::OffCentrePrincipalPoint, "5 0.5 0.9 0.5 0.502 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),

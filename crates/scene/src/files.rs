@@ -109,6 +109,12 @@ pub(crate) fn split_picture_name(name: &str) -> Option<(&str, usize)> {
     (!stem.is_empty()).then_some((stem, rank))
 }
 
+/// Whether a scene's key or a frame's name is the name of one file or folder, so that nothing written under it
+/// can land elsewhere: keys of chunks and indices are anybody's text.
+pub fn is_plain_name(name: &str) -> bool {
+    !matches!(name, "" | "." | "..") && !name.contains(['/', '\\', ':', '\0'])
+}
+
 /// A path written inside a dataset, as components below the scene's folder: `.` and inner `..` are
 /// resolved, backslashes separate as Windows tools write them. `None` where it leaves the folder or is
 /// absolute and not below it: a dataset must not reach into the rest of the disk.
@@ -162,6 +168,14 @@ mod tests {
             ("/", None),
         ] {
             assert_eq!(inside(root, listed), expected, "{listed:?}");
+        }
+    }
+
+    #[test]
+    fn a_name_that_leads_elsewhere_is_not_plain() {
+        assert!(["000c3ab189999a83", "clip.1", "..a", "scène 1"].into_iter().all(is_plain_name));
+        for name in ["", ".", "..", "../a", "a/b", "/a", r"..\a", "C:", "a\0"] {
+            assert!(!is_plain_name(name), "{name:?}");
         }
     }
 

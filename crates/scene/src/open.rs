@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::colmap::{ColmapOptions, ColmapScenes, model_folders};
 use crate::files::{list, read_start};
 use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes, scene_files};
-use crate::re10k::{Re10kOptions, Re10kScenes, starts_like_a_trajectory, trajectory_files};
+use crate::re10k::{Re10kOptions, Re10kScenes, read_trajectory, starts_like_a_trajectory, trajectory_files};
 use crate::torch::TorchChunks;
 use crate::{SceneError, SceneSource, Warnings};
 
@@ -116,9 +116,14 @@ pub fn open_with(
             return Ok(Dataset { format: entry.format, path: path.to_owned(), source });
         }
     }
+    let (kind, text) = match start {
+        Some(_) => ("a file of another kind", Some(path.to_owned()).filter(|path| has_extension(path, "txt"))),
+        None => ("a folder without any", trajectory_files(path)?.into_values().next()),
+    };
+    let not_a_trajectory = text.and_then(|text| read_trajectory(&text).err());
     Err(SceneError::Unrecognized {
         expected: "RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model".to_owned(),
-        found: if start.is_some() { "a file of another kind" } else { "a folder without any" }.to_owned(),
+        found: not_a_trajectory.map_or_else(|| kind.to_owned(), |error| format!("{kind}; {error}")),
         path: path.to_owned(),
     })
 }
@@ -145,7 +150,7 @@ const REGISTRY: [Entry; 4] = [
         format: Format::Nerfstudio,
         file: |path, start| is_json_object(start).then(|| path.to_owned()),
         folder: |path| Ok(!scene_files(path, false)?.is_empty()),
-        open: |path, options, _| Ok(Box::new(NerfstudioScenes::open(path, options.nerfstudio)?)),
+        open: |path, options, warnings| Ok(Box::new(NerfstudioScenes::open(path, options.nerfstudio, warnings)?)),
     },
     Entry {
         format: Format::Colmap,
@@ -169,13 +174,17 @@ fn is_chunk(start: &[u8]) -> bool {
 
 /// Chunks lie in the folder, or in the `test` and `train` of pixelSplat's layout.
 fn holds_chunks(folder: &Path) -> Result<bool, SceneError> {
-    let is_chunk = |name: &str| Path::new(name).extension().is_some_and(|extension| extension == "torch");
     for stage in ["", "test", "train"].map(|stage| folder.join(stage)) {
+        let is_chunk = |name: &str| has_extension(Path::new(name), "torch");
         if stage.is_dir() && list(&stage)?.iter().any(|(name, is_folder)| !is_folder && is_chunk(name)) {
             return Ok(true);
         }
     }
     Ok(false)
+}
+
+fn has_extension(path: &Path, extension: &str) -> bool {
+    path.extension().is_some_and(|found| found == extension)
 }
 
 fn is_json_object(start: &[u8]) -> bool {

@@ -15,7 +15,7 @@ pub enum WarningKind {
     MissingPicture,
     /// A picture was found under another extension or folder than the one written down.
     PictureElsewhere,
-    /// A frame's pose or intrinsics are unusable, so the scene that holds it is left out.
+    /// A frame's pose or intrinsics are unusable.
     BadCamera,
     /// The rotation part deviates from a rotation by more than `numpy.allclose` allows.
     ImperfectRotation,
@@ -31,6 +31,8 @@ pub enum WarningKind {
     LensDistortion,
     /// A picture's size is not the one that the metadata or the protocol states.
     UnexpectedSize,
+    /// Two scenes of a dataset have the same key; the first is used.
+    DuplicateScene,
     /// A scene could not be read at all.
     UnreadableScene,
     /// The index names a scene that the dataset does not hold.

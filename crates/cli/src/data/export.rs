@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use anyhow::bail;
 use atsplat_scene::export::{ExportFormat, ExportSummary, export};
 use atsplat_scene::torch::{ChunkScene, ChunkWriter, ChunksWritten};
-use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
+use atsplat_scene::{SceneError, SceneSource as _, WarningKind, Warnings};
 use clap::Args;
 use serde::Serialize;
 
@@ -67,14 +67,17 @@ fn write_chunks(words: &Words, warnings: &mut Warnings) -> anyhow::Result<Report
     let progress = Progress::new("scenes", dataset.keys().len());
     let mut skipped = 0;
     for key in dataset.keys() {
-        let outcome = dataset.load(key, warnings).and_then(|scene| ChunkScene::from_scene(&scene, warnings));
+        let loaded = dataset.load(key, warnings).and_then(|scene| ChunkScene::from_scene(&scene, warnings));
+        let unreadable = loaded.is_err();
+        let outcome = loaded.and_then(|scene| writer.push(scene));
         progress.step();
         match outcome {
-            Ok(scene) => writer.push(scene)?,
-            Err(error) => {
+            Ok(()) => {}
+            Err(error) if unreadable || matches!(error, SceneError::Torch { .. }) => {
                 skipped += 1;
                 warnings.push(WarningKind::UnreadableScene, key, error.to_string());
             }
+            Err(error) => return Err(error.into()),
         }
     }
     let ChunksWritten { chunks, scenes } = writer.finish()?;

@@ -7,14 +7,23 @@ pub(super) use atsplat_scene::opencv::GeometryCheck as GeometryReport;
 
 /// Checks scenes evenly spread over the dataset, one after the other: OpenCV uses its own threads.
 #[cfg(feature = "opencv")]
-pub(super) fn check(dataset: &Dataset, most: usize, warnings: &mut Warnings) -> anyhow::Result<Vec<GeometryReport>> {
+pub(super) fn check(
+    dataset: &Dataset,
+    most: usize,
+    pairs: &[(usize, usize)],
+    warnings: &mut Warnings,
+) -> anyhow::Result<Vec<GeometryReport>> {
     use atsplat_pixels::DecodeLimits;
-    use atsplat_scene::opencv::{GeometryCheckOptions, check_geometry};
+    use atsplat_scene::opencv::{GeometryCheckOptions, PairChoice, check_geometry};
     use atsplat_scene::{SceneSource as _, WarningKind};
 
     let keys = dataset.keys();
     let step = keys.len().div_ceil(most.max(1)).max(1);
     let limits = DecodeLimits::default();
+    let mut options = GeometryCheckOptions::default();
+    if !pairs.is_empty() {
+        options.pairs = PairChoice::Listed(pairs.to_vec());
+    }
     let mut reports = Vec::new();
     for key in keys.iter().step_by(step) {
         let scene = match dataset.load(key, warnings) {
@@ -24,7 +33,6 @@ pub(super) fn check(dataset: &Dataset, most: usize, warnings: &mut Warnings) -> 
                 continue;
             }
         };
-        let options = GeometryCheckOptions::default();
         reports.push(check_geometry(&scene, |frame| scene.decode(frame, &limits), &options, warnings)?);
     }
     Ok(reports)
@@ -43,6 +51,11 @@ impl std::fmt::Display for GeometryReport {
 }
 
 #[cfg(not(feature = "opencv"))]
-pub(super) fn check(_: &Dataset, _: usize, _: &mut Warnings) -> anyhow::Result<Vec<GeometryReport>> {
+pub(super) fn check(
+    _: &Dataset,
+    _: usize,
+    _: &[(usize, usize)],
+    _: &mut Warnings,
+) -> anyhow::Result<Vec<GeometryReport>> {
     Err(super::needs_opencv("--check-geometry"))
 }

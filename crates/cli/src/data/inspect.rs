@@ -33,6 +33,10 @@ pub(crate) struct Words {
     #[arg(long, value_name = "N", default_value_t = 4, requires = "check_geometry")]
     check_scenes: usize,
 
+    /// Frame pairs that are compared in each of them, as `9:126,0:40`; a spread of the scene by default.
+    #[arg(long, value_name = "A:B,…", value_delimiter = ',', value_parser = frame_pair, requires = "check_geometry")]
+    pairs: Vec<(usize, usize)>,
+
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -59,7 +63,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     drop(progress);
     let mut of_geometry = Warnings::new();
     let geometry = if words.check_geometry {
-        geometry::check(&dataset, words.check_scenes, &mut of_geometry)?
+        geometry::check(&dataset, words.check_scenes, &words.pairs, &mut of_geometry)?
     } else {
         Vec::new()
     };
@@ -69,11 +73,16 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     Ok(complete)
 }
 
+fn frame_pair(text: &str) -> Result<(usize, usize), String> {
+    let pair = text.split_once(':').and_then(|(a, b)| Some((a.trim().parse().ok()?, b.trim().parse().ok()?)));
+    pair.ok_or_else(|| "expected two frame numbers, as 9:126".to_owned())
+}
+
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.inspection)?;
         for geometry in &self.geometry {
-            write!(f, "\n{geometry}")?;
+            writeln!(f, "\n{geometry}")?;
         }
         Ok(())
     }

@@ -16,6 +16,10 @@ pub(crate) struct Words {
     /// Which pinhole camera the new pictures are of.
     #[arg(long, value_enum, default_value_t = Mode::KeepK)]
     mode: Mode,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
 }
 
 /// Which pinhole camera undistorted pictures are of.
@@ -37,18 +41,36 @@ pub(crate) use with_opencv::run;
 
 #[cfg(feature = "opencv")]
 mod with_opencv {
+    use std::collections::BTreeSet;
+    use std::fmt;
     use std::path::Path;
 
     use anyhow::Context as _;
     use atsplat_camera::{Camera, ImageSize};
     use atsplat_pixels::{DecodeLimits, encode_png};
     use atsplat_scene::opencv::{UndistortMode, Undistorter};
-    use atsplat_scene::{Frame, Picture, Scene, SceneSource as _, WarningKind, Warnings};
+    use atsplat_scene::{Frame, Picture, Scene, SceneSource as _, WarningKind, Warnings, is_plain_name};
+    use serde::Serialize;
     use serde_json::{Value, json};
 
     use super::{Mode, Words};
-    use crate::output::{PendingFile, print_text, print_warnings};
+    use crate::output::{PendingFile, print_report, print_warnings};
     use crate::progress::Progress;
+
+    #[derive(Serialize)]
+    #[serde(rename_all = "kebab-case")]
+    struct Report {
+        /// Pictures.
+        written: u64,
+        /// Scenes, and frames of others.
+        skipped: u64,
+    }
+
+    impl fmt::Display for Report {
+        fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+            writeln!(f, "{} pictures written, {} scenes or frames skipped", self.written, self.skipped)
+        }
+    }
 
     pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         let mode = match words.mode {
@@ -60,6 +82,11 @@ mod with_opencv {
         let dataset = words.dataset.open(&mut warnings)?;
         let (mut written, mut skipped) = (0u64, 0u64);
         for key in dataset.keys() {
+            if !is_plain_name(key) {
+                skipped += 1;
+                warnings.push(WarningKind::UnreadableScene, key, "its key names no folder of its own");
+                continue;
+            }
             match dataset.load(key, &mut warnings) {
                 Ok(scene) => {
                     let (of_scene, missing) = undistort_scene(&scene, mode, &words.out, &mut warnings)?;
@@ -72,7 +99,7 @@ mod with_opencv {
                 }
             }
         }
-        print_text(&format!("{written} pictures written, {skipped} scenes or frames skipped\n"))?;
+        print_report(&Report { written, skipped }, words.json)?;
         print_warnings(&warnings);
         Ok(skipped == 0)
     }
@@ -90,6 +117,7 @@ mod with_opencv {
         let limits = DecodeLimits::default();
         let mut undistorter: Option<(Camera, ImageSize, Undistorter)> = None;
         let mut frames = Vec::new();
+        let mut names = BTreeSet::new();
         let mut skipped = 0;
         for (position, frame) in scene.frames.iter().enumerate() {
             progress.step();
@@ -117,7 +145,7 @@ mod with_opencv {
                 None => (frame.camera, size, Undistorter::new(&frame.camera, size, mode)?),
             };
             let straight = current.2.undistort(&picture)?;
-            let name = format!("images/{}.png", frame.name);
+            let name = format!("images/{}.png", own_name(frame, position, &mut names));
             PendingFile::open(&folder.join(&name))?.finish(&encode_png(&straight)?)?;
             frames.push(listed(frame, &name, size, &current.2));
             undistorter = Some(current);
@@ -126,6 +154,15 @@ mod with_opencv {
         let transforms = json!({ "camera_model": "PINHOLE", "frames": frames });
         list.finish(serde_json::to_string_pretty(&transforms)?.as_bytes())?;
         Ok((written, skipped))
+    }
+
+    /// The frame's name, with its position where another frame has that name or it is none for a file.
+    fn own_name(frame: &Frame, position: usize, taken: &mut BTreeSet<String>) -> String {
+        let mut name = if is_plain_name(&frame.name) { frame.name.clone() } else { "frame".to_owned() };
+        while !taken.insert(name.clone()) {
+            name = format!("{name}_{position:06}");
+        }
+        name
     }
 
     /// A frame as nerfstudio lists it: OpenGL camera-to-world, its own pinhole intrinsics in pixels.

@@ -1,6 +1,8 @@
 //! Plots of the protocol stage, drawn with a bundled font so that they look alike everywhere.
 
+mod file;
 mod font;
 mod overlap_histogram;
 
+pub(crate) use file::{PlotFile, PlotFormat};
 pub(crate) use overlap_histogram::{OverlapHistogram, draw_overlap_histogram};

@@ -1,10 +1,8 @@
-use std::ffi::OsStr;
-use std::path::Path;
-
-use anyhow::{Context as _, bail};
+use atsplat_pixels::{ImageU8, encode_png};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
+use super::PlotFormat;
 use super::font::{self, FONT};
 
 /// What [`draw_overlap_histogram`] shows.
@@ -32,15 +30,22 @@ const COLOURS: [RGBColor; 6] = [
 ];
 const OUTSIDE: RGBColor = RGBColor(150, 150, 150);
 
-/// Draws a histogram of overlaps stacked by bin, as SVG or PNG by the extension of `path`.
-pub(crate) fn draw_overlap_histogram(histogram: &OverlapHistogram<'_>, path: &Path) -> anyhow::Result<()> {
+/// Draws a histogram of overlaps stacked by bin; returns the file's bytes.
+pub(crate) fn draw_overlap_histogram(histogram: &OverlapHistogram<'_>, format: PlotFormat) -> anyhow::Result<Vec<u8>> {
     font::register()?;
-    let outcome = match path.extension().and_then(OsStr::to_str) {
-        Some("svg") => draw(histogram, &SVGBackend::new(path, SIZE).into_drawing_area()),
-        Some("png") => draw(histogram, &BitMapBackend::new(path, SIZE).into_drawing_area()),
-        _ => bail!("a plot is written as .svg or .png ({})", path.display()),
-    };
-    outcome.with_context(|| format!("drawing {}", path.display()))
+    match format {
+        PlotFormat::Svg => {
+            let mut text = String::new();
+            draw(histogram, &SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
+            Ok(text.into_bytes())
+        }
+        PlotFormat::Png => {
+            let (width, height) = SIZE;
+            let mut samples = vec![0; width as usize * height as usize * 3];
+            draw(histogram, &BitMapBackend::with_buffer(&mut samples, SIZE).into_drawing_area())?;
+            Ok(encode_png(&ImageU8::new(width, height, samples)?)?)
+        }
+    }
 }
 
 fn draw<B>(histogram: &OverlapHistogram<'_>, area: &DrawingArea<B, Shift>) -> anyhow::Result<()>
@@ -152,20 +157,22 @@ mod tests {
     fn the_same_histogram_gives_the_same_svg() {
         let (overlaps, bins) = example();
         let histogram = OverlapHistogram { title: "overlap", overlaps: &overlaps, bins: &bins };
-        let folder = tempfile::tempdir().unwrap();
-        let draw_to = |name: &str| {
-            let path = folder.path().join(name);
-            draw_overlap_histogram(&histogram, &path).unwrap();
-            std::fs::read_to_string(path).unwrap()
-        };
-        let first = draw_to("a.svg");
-        assert_eq!(first, draw_to("b.svg"));
+        let svg = || String::from_utf8(draw_overlap_histogram(&histogram, PlotFormat::Svg).unwrap()).unwrap();
+        let first = svg();
+        assert_eq!(first, svg());
         assert!(first.contains("small (2)"), "the legend counts: {first}");
     }
 
     #[test]
-    fn other_extensions_are_refused() {
-        let histogram = OverlapHistogram { title: "", overlaps: &[], bins: &[] };
-        assert!(draw_overlap_histogram(&histogram, Path::new("plot.jpg")).is_err());
+    fn a_png_has_the_colours_of_its_bins() {
+        let (overlaps, bins) = example();
+        let histogram = OverlapHistogram { title: "overlap", overlaps: &overlaps, bins: &bins };
+        let bytes = draw_overlap_histogram(&histogram, PlotFormat::Png).unwrap();
+        let picture = atsplat_pixels::decode(&bytes, &atsplat_pixels::DecodeLimits::default()).unwrap();
+        assert_eq!((picture.width(), picture.height()), SIZE);
+        for colour in [COLOURS[0], COLOURS[1], OUTSIDE] {
+            let RGBColor(r, g, b) = colour;
+            assert!(picture.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{colour:?}");
+        }
     }
 }

@@ -6,6 +6,8 @@ use atsplat_scene::{SceneSource as _, Warnings};
 use clap::Args;
 use serde::Serialize;
 
+use super::parse;
+use crate::dataset_words::PictureWords;
 use crate::output::{PendingFile, print_report, print_warnings};
 use crate::progress::Progress;
 
@@ -20,8 +22,11 @@ pub(crate) struct Words {
 
     /// How frames are chosen: the name of a rule in `eval/samplers/` (e.g. re10k-2v, dl3dv-6v), or a path that
     /// ends in `.toml`.
-    #[arg(long, value_name = "RULE")]
+    #[arg(long, value_name = "RULE", value_parser = parse::sampler)]
     sampler: String,
+
+    #[command(flatten)]
+    pictures: PictureWords,
 
     /// Print JSON.
     #[arg(long)]
@@ -42,7 +47,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let builder = IndexBuilder::resolve(&words.sampler)?;
     let out = PendingFile::open(&words.out)?;
     let mut warnings = Warnings::new();
-    let dataset = atsplat_scene::open(&words.data, &mut warnings)?;
+    let dataset = words.pictures.open(&words.data, &mut warnings)?;
     let progress = Progress::new("scenes", dataset.keys().len());
     let built = builder.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);

@@ -1,15 +1,16 @@
 use std::fmt;
-use std::num::NonZeroUsize;
 use std::path::PathBuf;
 
-use atsplat_protocol::extrapolation::{Extrapolation, ExtrapolationReport, Incomplete, Placement};
+use atsplat_protocol::extrapolation::{
+    Extrapolation, ExtrapolationReport, Incomplete, Margin, Placement, scene_lengths,
+};
 use atsplat_protocol::{IndexFile, IndexLayout};
-use atsplat_scene::{SceneSource as _, WarningKind, Warnings};
+use atsplat_scene::Warnings;
 use clap::Args;
 use indexmap::IndexMap;
-use rayon::prelude::*;
 use serde::Serialize;
 
+use crate::dataset_words::PictureWords;
 use crate::output::{PendingFile, print_report, print_warnings};
 use crate::progress::Progress;
 
@@ -26,9 +27,12 @@ pub(crate) struct Words {
     #[arg(long, value_name = "PATH")]
     data: Option<PathBuf>,
 
-    /// Frames before and after the window that become targets.
-    #[arg(long, default_value = "10")]
-    margin: NonZeroUsize,
+    #[command(flatten)]
+    pictures: PictureWords,
+
+    /// Frames before and after the window that become targets, 1 to 1000.
+    #[arg(long, value_name = "FRAMES", default_value_t = Margin::TEN)]
+    margin: Margin,
 
     /// Leave windows where they are instead of shifting those that start or end too close to the scene's ends.
     #[arg(long)]
@@ -52,7 +56,11 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let out = PendingFile::open(&words.out)?;
     let mut warnings = Warnings::new();
     let lengths = match &words.data {
-        Some(path) => scene_lengths(path, &index.scenes.keys().cloned().collect::<Vec<_>>(), &mut warnings)?,
+        Some(path) => {
+            let dataset = words.pictures.open(path, &mut warnings)?;
+            let progress = Progress::new("scenes", index.scene_count());
+            scene_lengths(&index, &dataset, &|| progress.step(), &mut warnings)
+        }
         None => IndexMap::new(),
     };
     let split = Extrapolation {
@@ -62,40 +70,12 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     };
     let report = split.split(&index, &lengths);
     out.finish(report.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
-    let complete = report.too_short.is_empty() && report.invalid.is_empty();
+    // Without data nobody expects lengths to be known; with data, a scene that it lacks was not looked at.
+    let looked_at = words.data.is_none() || report.length_unknown == 0;
+    let complete = looked_at && report.left_out() == 0;
     print_report(&Report(report), words.json)?;
     print_warnings(&warnings);
     Ok(complete)
-}
-
-/// How many frames each of `keys` has; scenes that cannot be read are warnings and stay out.
-fn scene_lengths(
-    path: &std::path::Path,
-    keys: &[String],
-    warnings: &mut Warnings,
-) -> anyhow::Result<IndexMap<String, usize>> {
-    let dataset = atsplat_scene::open(path, warnings)?;
-    let progress = Progress::new("scenes", keys.len());
-    let loaded: Vec<_> = keys
-        .par_iter()
-        .map(|key| {
-            let mut own = Warnings::new();
-            let length = dataset.load(key, &mut own).map(|scene| scene.frames.len());
-            progress.step();
-            (key, length, own)
-        })
-        .collect();
-    let mut lengths = IndexMap::new();
-    for (key, length, own) in loaded {
-        warnings.merge(own);
-        match length {
-            Ok(length) => {
-                lengths.insert(key.clone(), length);
-            }
-            Err(error) => warnings.push(WarningKind::UnreadableScene, key, error.to_string()),
-        }
-    }
-    Ok(lengths)
 }
 
 impl fmt::Display for Report {
@@ -109,12 +89,14 @@ impl fmt::Display for Report {
             ("entries with every target", report.complete),
             ("entries clipped", report.clipped.len()),
             ("entries left out, scene too short", report.too_short.len()),
+            ("entries left out, no room before the window", report.no_room_before.len()),
+            ("entries left out, no room after the window", report.no_room_after.len()),
             ("entries left out, frames outside the scene", report.invalid.len()),
             ("entries whose scene length is unknown", report.length_unknown),
         ];
         for (what, count) in rows {
             writeln!(f, "{count:>7}  {what}")?;
         }
-        Ok(())
+        writeln!(f, "targets by distance: {}", report.targets_by_distance)
     }
 }

@@ -2,14 +2,15 @@ use std::fmt;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_camera::ImageSize;
 use atsplat_protocol::{
     Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Preset, compare, lint_file,
 };
-use atsplat_scene::{Frame, Warnings};
+use atsplat_scene::Warnings;
 use clap::Args;
 use serde::Serialize;
 
+use super::parse;
+use crate::dataset_words::PictureWords;
 use crate::output::{print_report, print_warnings};
 
 #[derive(Debug, Args)]
@@ -18,12 +19,15 @@ pub(crate) struct Words {
     index: PathBuf,
 
     /// Preset, by name or `.toml` path, whose index, bins and filters are applied.
-    #[arg(long)]
+    #[arg(long, value_parser = parse::preset)]
     preset: Option<String>,
 
     /// Dataset in which the index's scenes are looked up; needs `--preset`, whose filters decide.
     #[arg(long, value_name = "PATH", requires = "preset")]
     data: Option<PathBuf>,
+
+    #[command(flatten)]
+    pictures: PictureWords,
 
     /// Second index: may results on the two share a table?
     #[arg(long, value_name = "INDEX")]
@@ -58,7 +62,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let preset = words.preset.as_deref().map(Preset::resolve).transpose()?;
     let mut warnings = Warnings::new();
     let dataset = match &words.data {
-        Some(path) => Some(atsplat_scene::open(path, &mut warnings)?),
+        Some(path) => Some(words.pictures.open(path, &mut warnings)?),
         None => None,
     };
     let mut options = LintOptions::default();
@@ -66,7 +70,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         options.bins = bins;
     }
     if let (Some(dataset), Some(preset)) = (&dataset, &preset) {
-        options.dataset = Some(DatasetCheck { picture_size: &picture_size, ..DatasetCheck::of(dataset, preset) });
+        options.dataset = Some(DatasetCheck::of(dataset, preset));
     }
     let lint = lint_file(&file, &options, &mut warnings);
     let against = match &words.against {
@@ -80,12 +84,6 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     Ok(complete)
 }
 
-/// The header of the picture itself where there is one: a file's size wins over the metadata's. The place
-/// of the frame would only name it in an error.
-fn picture_size(frame: &Frame) -> Option<ImageSize> {
-    frame.size("", 0).ok().or(frame.stated_size)
-}
-
 impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.lint)?;
@@ -94,6 +92,14 @@ impl fmt::Display for Report<'_> {
                 IndexMatch::Default { name } => format!("its index, {name}"),
                 IndexMatch::Alternative { name, note } => {
                     format!("an alternative index, {name}{}", note.map(|note| format!(": {note}")).unwrap_or_default())
+                }
+                IndexMatch::Derived { name } => format!("its index, derived from {name}"),
+                IndexMatch::DerivedFromOther { name } => format!(
+                    "derived by its rule, but not from all scenes and context frames of {name}: \
+                     numbers compare only on this file"
+                ),
+                IndexMatch::Underived { name } => {
+                    format!("{name}, from which `protocol extrapolate` makes its index")
                 }
                 IndexMatch::Unpublished => "not one of its indices: numbers compare only on this file".to_owned(),
             };

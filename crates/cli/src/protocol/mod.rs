@@ -5,6 +5,7 @@ mod extrapolate;
 mod lint;
 mod list;
 mod overlap;
+mod parse;
 mod show;
 
 use clap::Subcommand;

@@ -2,15 +2,17 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
-use anyhow::{Context as _, bail};
-use atsplat_protocol::overlap::{OverlapEstimator, annotate_overlaps};
+use anyhow::bail;
+use atsplat_protocol::overlap::{DepthFolder, OverlapEstimator, UnmeasuredExample, annotate_overlaps};
 use atsplat_protocol::{BinCounts, BinPlace, BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
 use atsplat_scene::Warnings;
 use clap::Args;
 use serde::Serialize;
 
+use super::parse;
+use crate::dataset_words::PictureWords;
 use crate::output::{PendingFile, print_report, print_warnings};
-use crate::plot::{OverlapHistogram, draw_overlap_histogram};
+use crate::plot::{OverlapHistogram, PlotFile, PlotFormat, draw_overlap_histogram};
 
 #[derive(Debug, Args)]
 pub(crate) struct Words {
@@ -21,21 +23,36 @@ pub(crate) struct Words {
     #[arg(long, value_name = "PATH")]
     data: Option<PathBuf>,
 
-    /// Definition of overlap: epipolar-ray (cameras alone) or feature-coverage (pictures, feature `opencv`).
-    #[arg(long, value_name = "NAME", default_value = "epipolar-ray", requires = "data")]
-    estimator: String,
+    #[command(flatten)]
+    pictures: PictureWords,
+
+    /// Definition of overlap: epipolar-ray (cameras alone), feature-coverage (pictures, feature `opencv`) or
+    /// depth-covisibility (depth maps, `--depth`).
+    #[arg(
+        long,
+        value_name = "NAME",
+        default_value = "epipolar-ray",
+        requires = "data",
+        value_parser = parse::estimator
+    )]
+    estimator: OverlapEstimator,
+
+    /// Depth maps for depth-covisibility: one `<scene>/<frame name>.exr` a context frame, channel `Z` or the only
+    /// channel, in scene units along the camera's z axis.
+    #[arg(long, value_name = "FOLDER", requires = "data", required_if_eq("estimator", "depth-covisibility"))]
+    depth: Option<PathBuf>,
 
     /// Where the index with overlaps goes.
     #[arg(long, short, value_name = "INDEX")]
     out: Option<PathBuf>,
 
     /// Histogram coloured by bin, .svg or .png.
-    #[arg(long, value_name = "PICTURE")]
-    plot: Option<PathBuf>,
+    #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
+    plot: Option<PlotFile>,
 
     /// Bins as NAME:UPPER,… after the lowest edge, e.g. `0.05,small:0.3,medium:0.55,large:0.8` (the default).
-    #[arg(long, value_name = "BINS")]
-    bins: Option<String>,
+    #[arg(long, value_name = "BINS", value_parser = parse::bins)]
+    bins: Option<OverlapBins>,
 
     /// File overlaps below the first edge in no bin instead of the second, where NoPoSplat's code puts them.
     #[arg(long)]
@@ -54,17 +71,21 @@ struct Report {
     measured: Option<usize>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     unmeasured: BTreeMap<&'static str, usize>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    examples: Vec<UnmeasuredExample>,
     bins: BinCounts,
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let depth = depth(words)?;
     let file = IndexFile::read(&words.index)?;
     let rule = if words.strict_bins { BinRule::Strict } else { BinRule::Published };
-    let bins = match &words.bins {
-        Some(text) => parse_bins(text, rule)?,
-        None => OverlapBins::noposplat(rule),
-    };
+    let bins = words.bins.as_ref().map_or_else(|| OverlapBins::noposplat(rule), |bins| bins.with_rule(rule));
     let out = words.out.as_deref().map(PendingFile::open).transpose()?;
+    let plot = match &words.plot {
+        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
+        None => None,
+    };
     let layout = file.layout;
     let title = match KnownIndex::by_sha256(&file.sha256) {
         Some(known) => format!("{} {}", known.repository, known.path),
@@ -75,23 +96,25 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         definition: "as the index ships them".to_owned(),
         measured: None,
         unmeasured: BTreeMap::new(),
+        examples: Vec::new(),
         bins: bins.count(&file.index),
     };
     let mut index = file.into_unambiguous()?;
     if let Some(path) = &words.data {
-        let estimator = estimator(&words.estimator)?;
-        let dataset = atsplat_scene::open(path, &mut warnings)?;
-        let measured = annotate_overlaps(&index, &dataset, &estimator, &mut warnings);
+        let estimator = &words.estimator;
+        let dataset = words.pictures.open(path, &mut warnings)?;
+        let measured = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
         index = measured.index;
         report = Report {
             definition: format!("{}: {}", estimator.name(), estimator.definition()),
             measured: Some(measured.measured),
             unmeasured: measured.unmeasured,
+            examples: measured.examples,
             bins: bins.count(&index),
         };
     }
-    if let Some(path) = &words.plot {
-        plot(&index, &bins, &title, path)?;
+    if let Some((file, format)) = plot {
+        file.finish(&histogram(&index, &bins, &title, format)?)?;
     }
     if let Some(out) = out {
         out.finish(index.to_json(&layout).as_bytes())?;
@@ -102,38 +125,27 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     Ok(complete)
 }
 
-fn estimator(name: &str) -> anyhow::Result<OverlapEstimator> {
-    let text = format!("estimator = {name:?}");
-    toml::from_str(&text).map_err(|error| anyhow::anyhow!("--estimator: {}", error.message()))
-}
-
-/// `0.05,small:0.3,medium:0.55,large:0.8`: the lowest edge, then each bin's name and upper edge.
-fn parse_bins(text: &str, rule: BinRule) -> anyhow::Result<OverlapBins> {
-    let mut parts = text.split(',');
-    let mut edges = vec![edge(parts.next().unwrap_or_default())?];
-    let mut names = Vec::new();
-    for part in parts {
-        let Some((name, upper)) = part.split_once(':') else {
-            bail!("--bins: expected NAME:UPPER, found {part:?}");
-        };
-        names.push(name.trim().to_owned());
-        edges.push(edge(upper)?);
+/// The folder of depth maps, where the estimator looks at them.
+fn depth(words: &Words) -> anyhow::Result<Option<DepthFolder>> {
+    let estimator = &words.estimator;
+    #[cfg(not(feature = "opencv"))]
+    if *estimator == OverlapEstimator::FeatureCoverage {
+        bail!("feature-coverage needs a build with `--features opencv`; see CONTRIBUTING.md for what it takes");
     }
-    Ok(OverlapBins::new(rule, names, edges)?)
+    if words.depth.is_some() && !estimator.needs_depth() {
+        bail!("--depth is for --estimator depth-covisibility; {} looks at no depth", estimator.name());
+    }
+    Ok(words.depth.as_deref().map(DepthFolder::open).transpose()?)
 }
 
-fn edge(text: &str) -> anyhow::Result<f64> {
-    text.trim().parse().with_context(|| format!("--bins: expected a number, found {text:?}"))
-}
-
-fn plot(index: &EvaluationIndex, bins: &OverlapBins, title: &str, path: &std::path::Path) -> anyhow::Result<()> {
+fn histogram(index: &EvaluationIndex, bins: &OverlapBins, title: &str, format: PlotFormat) -> anyhow::Result<Vec<u8>> {
     let place = |overlap| match bins.place(overlap) {
         BinPlace::Bin(bin) => Some(bin),
         BinPlace::Below | BinPlace::Above => None,
     };
     let overlaps: Vec<(f64, Option<usize>)> =
         index.entries().filter_map(|(_, _, entry)| entry.overlap).map(|overlap| (overlap, place(overlap))).collect();
-    draw_overlap_histogram(&OverlapHistogram { title, overlaps: &overlaps, bins: bins.names() }, path)
+    draw_overlap_histogram(&OverlapHistogram { title, overlaps: &overlaps, bins: bins.names() }, format)
 }
 
 impl fmt::Display for Report {
@@ -144,6 +156,9 @@ impl fmt::Display for Report {
         }
         for (reason, count) in &self.unmeasured {
             writeln!(f, "{count:>7}  not measured: {reason}")?;
+            for example in self.examples.iter().filter(|example| example.reason == *reason) {
+                writeln!(f, "         {:?} entry {}: {}", example.scene, example.entry, example.detail)?;
+            }
         }
         for bin in &self.bins.bins {
             writeln!(f, "{:>7}  {}", bin.count, bin.name)?;
@@ -151,26 +166,5 @@ impl fmt::Display for Report {
         writeln!(f, "{:>7}  below the bins", self.bins.below)?;
         writeln!(f, "{:>7}  above the bins", self.bins.above)?;
         writeln!(f, "{:>7}  without an overlap", self.bins.without_overlap)
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn bins_as_words() {
-        let bins = parse_bins("0.05,small:0.3, medium:0.55,large:0.8", BinRule::Strict).unwrap();
-        assert_eq!(bins, OverlapBins::noposplat(BinRule::Strict));
-        for broken in ["", "0.1", "0.1,a", "0.1,a:x", "0.3,a:0.1", "0.1,a:0.2,a:0.3"] {
-            assert!(parse_bins(broken, BinRule::Strict).is_err(), "{broken:?}");
-        }
-    }
-
-    #[test]
-    fn estimators_by_name() {
-        assert_eq!(estimator("epipolar-ray").unwrap().name(), "epipolar-ray");
-        let error = estimator("guess").unwrap_err().to_string();
-        assert!(error.contains("epipolar-ray"), "the names are listed: {error}");
     }
 }

@@ -1,11 +1,13 @@
 use atsplat_protocol::Preset;
 use clap::Args;
 
+use super::parse;
 use crate::output::print_text;
 
 #[derive(Debug, Args)]
 pub(crate) struct Words {
     /// Name of a built-in preset, or a path that ends in `.toml`.
+    #[arg(value_parser = parse::preset)]
     preset: String,
 
     /// Print JSON instead of TOML.

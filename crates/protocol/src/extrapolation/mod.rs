@@ -1,11 +1,15 @@
 //! The extrapolation split: what a method makes of views outside the window of frames that it was given.
 
 mod distance;
+mod lengths;
+mod margin;
+mod report;
 
-use std::num::NonZeroUsize;
-
-pub use distance::FrameLabel;
+pub use distance::{FrameLabel, TargetDistances};
 use indexmap::IndexMap;
+pub use lengths::scene_lengths;
+pub use margin::{Margin, NotAMargin};
+pub use report::ExtrapolationReport;
 use serde::{Deserialize, Serialize};
 
 use crate::{Derivation, EvaluationIndex, IndexEntry};
@@ -13,12 +17,12 @@ use crate::{Derivation, EvaluationIndex, IndexEntry};
 /// How the split is made. "10 frames before and after the input window" (ATSplat) says how far targets
 /// reach, but not what happens where the window starts at frame 0, as it does in 109 of the 140 scenes of
 /// DepthSplat's 6-view index: both readings are here, the first is the default.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Extrapolation {
     /// Frames before and after the window that become targets.
-    #[serde(default = "ten")]
-    pub margin: NonZeroUsize,
+    #[serde(default)]
+    pub margin: Margin,
     /// Where the window goes.
     #[serde(default)]
     pub placement: Placement,
@@ -27,21 +31,11 @@ pub struct Extrapolation {
     pub incomplete: Incomplete,
 }
 
-const fn ten() -> NonZeroUsize {
-    NonZeroUsize::MIN.saturating_add(9)
-}
-
 impl From<Derivation> for Extrapolation {
-    /// The split that a preset derives from a published index; margin 0 counts as 1.
+    /// The split that a preset derives from a published index.
     fn from(derivation: Derivation) -> Self {
         let Derivation::ShiftedWindow { margin } = derivation;
-        Self { margin: NonZeroUsize::new(margin).unwrap_or(NonZeroUsize::MIN), ..Self::default() }
-    }
-}
-
-impl Default for Extrapolation {
-    fn default() -> Self {
-        Self { margin: ten(), placement: Placement::default(), incomplete: Incomplete::default() }
+        Self { margin, ..Self::default() }
     }
 }
 
@@ -68,34 +62,6 @@ pub enum Incomplete {
     Clip,
 }
 
-/// An extrapolation index and how it came about. Counts are entries (one a scene in every published DL3DV
-/// index), but for `null_scenes`.
-#[derive(Clone, Debug, Default, PartialEq, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct ExtrapolationReport {
-    /// The new index: contexts moved, targets outside the window, ascending.
-    #[serde(skip)]
-    pub index: EvaluationIndex,
-    /// Scenes that had no entry in the first place.
-    pub null_scenes: usize,
-    /// Windows of the given index that start at frame 0.
-    pub started_at_zero: usize,
-    /// Windows moved towards the end.
-    pub shifted_later: usize,
-    /// Windows moved towards the start.
-    pub shifted_earlier: usize,
-    /// Entries with all `2 · margin` targets.
-    pub complete: usize,
-    /// Entries that keep fewer targets ([`Incomplete::Clip`]).
-    pub clipped: Vec<String>,
-    /// Entries left out because the scene is too short, by scene key.
-    pub too_short: Vec<String>,
-    /// Entries left out because a context frame lies outside the scene, or there is none.
-    pub invalid: Vec<String>,
-    /// Entries of scenes whose length nobody gave; they count as long enough.
-    pub length_unknown: usize,
-}
-
 impl Extrapolation {
     /// Makes the split from an index and the number of frames of each scene.
     ///
@@ -109,6 +75,7 @@ impl Extrapolation {
             let moved = entries.iter().filter_map(|entry| self.outside(key, entry, length, &mut report)).collect();
             report.index.scenes.insert(key.clone(), moved);
         }
+        report.targets_by_distance = TargetDistances::of(report.index.scenes.values().flatten());
         report
     }
 
@@ -120,27 +87,35 @@ impl Extrapolation {
         report: &mut ExtrapolationReport,
     ) -> Option<IndexEntry> {
         let margin = self.margin.get();
-        let Some((start, end)) = entry.window().filter(|(_, end)| fits(*end, length)) else {
+        let frames = frames_of(length);
+        let Some((start, end)) = entry.window().filter(|(_, end)| *end < frames) else {
             report.invalid.push(key.to_owned());
             return None;
         };
         report.length_unknown += usize::from(length.is_none());
         report.started_at_zero += usize::from(start == 0);
+        let span = end - start;
         let new_start = match self.placement {
             Placement::Keep => start,
-            Placement::Shift => place(start, end - start, margin, length),
+            Placement::Shift => place(start, span, margin, frames),
         };
-        let new_end = new_start.checked_add(end - start)?;
-        let after_end = new_end.saturating_add(margin).saturating_add(1);
+        let new_end = new_start + span;
         let before = new_start.saturating_sub(margin)..new_start;
-        let after = new_end.saturating_add(1)..length.map_or(after_end, |length| after_end.min(length));
+        let after = new_end + 1..frames.min(new_end + 1 + margin);
         let target: Vec<usize> = before.chain(after).collect();
-        if target.len() == margin.saturating_mul(2) {
+        if target.len() == 2 * margin {
             report.complete += 1;
         } else if self.incomplete == Incomplete::Clip && !target.is_empty() {
             report.clipped.push(key.to_owned());
         } else {
-            report.too_short.push(key.to_owned());
+            let cause = if length.is_some() && span + 1 + 2 * margin > frames {
+                &mut report.too_short
+            } else if new_start < margin {
+                &mut report.no_room_before
+            } else {
+                &mut report.no_room_after
+            };
+            cause.push(key.to_owned());
             return None;
         }
         report.shifted_later += usize::from(new_start > start);
@@ -150,21 +125,19 @@ impl Extrapolation {
     }
 }
 
-fn fits(frame: usize, length: Option<usize>) -> bool {
-    length.is_none_or(|length| frame < length)
+/// Frames that an index may name in a scene: all of them up to the last that a file may hold.
+fn frames_of(length: Option<usize>) -> usize {
+    let nameable = IndexEntry::MAX_FRAME + 1;
+    length.map_or(nameable, |length| length.min(nameable))
 }
 
 /// The start nearest to `start` with `margin` frames before it and after `start + span`; `start` itself where
 /// the scene has no room for both.
-fn place(start: usize, span: usize, margin: usize, length: Option<usize>) -> usize {
-    let latest = match length {
-        None => usize::MAX,
-        Some(length) => match length.checked_sub(span.saturating_add(margin).saturating_add(1)) {
-            Some(latest) => latest,
-            None => return start,
-        },
-    };
-    if latest < margin { start } else { start.clamp(margin, latest) }
+fn place(start: usize, span: usize, margin: usize, frames: usize) -> usize {
+    match frames.checked_sub(span + margin + 1) {
+        Some(latest) if latest >= margin => start.clamp(margin, latest),
+        _ => start,
+    }
 }
 
 #[cfg(test)]
@@ -198,6 +171,7 @@ mod tests {
             (report.started_at_zero, report.shifted_later, report.shifted_earlier, report.complete),
             (1, 2, 1, 4)
         );
+        assert_eq!(report.targets_by_distance.to_string(), "-10 to -1: 4 each, 1 to 10: 4 each");
     }
 
     #[test]
@@ -228,10 +202,33 @@ mod tests {
             index_of(&[("unknown", &[0, 9]), ("outside", &[0, 90]), ("none", &[]), ("huge", &[usize::MAX])]);
         index.scenes.insert("null".to_owned(), Vec::new());
         let report = Extrapolation::default().split(&index, &lengths(&[("outside", 90), ("none", 50)]));
-        assert_eq!(report.invalid, ["outside", "none"]);
-        assert_eq!((report.length_unknown, report.null_scenes), (2, 1));
+        assert_eq!(report.invalid, ["outside", "none", "huge"], "no file names frame 2^64 - 1");
+        assert_eq!((report.length_unknown, report.null_scenes), (1, 1));
         assert_eq!(report.index.scenes["unknown"][0].target.len(), 20);
-        assert_eq!(report.too_short, ["huge"], "no frame comes after the last number");
+    }
+
+    /// What is written can be read: no frame lies above the last that a file may hold.
+    #[test]
+    fn the_last_frame_that_a_file_may_hold() {
+        let last = IndexEntry::MAX_FRAME;
+        let index = index_of(&[("fits", &[last - 20, last - 10]), ("moves", &[last - 9, last - 5])]);
+        for placement in [Placement::Shift, Placement::Keep] {
+            let report = Extrapolation { placement, ..Extrapolation::default() }.split(&index, &IndexMap::new());
+            let written = report.index.to_json(&crate::IndexLayout::PIXELSPLAT);
+            assert_eq!(EvaluationIndex::from_json(written.as_bytes()).unwrap(), report.index);
+            assert_eq!(report.index.scenes["fits"][0].target.last(), Some(&last));
+            let kept = placement == Placement::Keep;
+            assert_eq!((report.shifted_earlier, report.no_room_after.len()), if kept { (0, 1) } else { (1, 0) });
+        }
+    }
+
+    #[test]
+    fn each_cause_has_its_name() {
+        let keep = Extrapolation { placement: Placement::Keep, ..Extrapolation::default() };
+        let index = index_of(&[("start", &[9, 30]), ("end", &[12, 30]), ("short", &[5, 30]), ("unknown", &[9, 30])]);
+        let report = keep.split(&index, &lengths(&[("start", 300), ("end", 40), ("short", 45)]));
+        assert_eq!(report.no_room_before, ["start", "unknown"], "a length that nobody gave is no reason");
+        assert_eq!((report.no_room_after, report.too_short), (vec!["end".to_owned()], vec!["short".to_owned()]));
     }
 
     proptest! {
@@ -240,7 +237,7 @@ mod tests {
             start in 0usize..50, span in 0usize..60, length in 1usize..160, margin in 1usize..15,
         ) {
             let index = index_of(&[("a", &[start, start + span])]);
-            let split = Extrapolation { margin: NonZeroUsize::new(margin).unwrap(), ..Extrapolation::default() };
+            let split = Extrapolation { margin: Margin::try_from(margin).unwrap(), ..Extrapolation::default() };
             let report = split.split(&index, &lengths(&[("a", length)]));
             let possible = start + span < length && span + 1 + 2 * margin <= length;
             prop_assert_eq!(report.complete == 1, possible, "complete exactly where the scene has room");

@@ -4,34 +4,50 @@
 //! length, key, number of entries, and for each entry in order: number of context frames, those frames in
 //! order (the first is the reference of relative poses), number of targets, those frames sorted (a repeated
 //! target weighs twice and stays), and a byte 0, or a byte 1 and the overlap's IEEE 754 bits.
+//!
+//! [`EvaluationIndex::context_gaps_hash`] takes `"atsplat context gaps 1\n"`, then for the same scenes in the same
+//! order: key length, key, number of entries, and for each the number of context frames and those frames in
+//! order, counted from the first of the window.
 
 use sha2::{Digest, Sha256};
 
-use super::{EvaluationIndex, Sha256Digest};
-
-const MAGIC: &[u8] = b"atsplat evaluation index 1\n";
+use super::{EvaluationIndex, IndexEntry, Sha256Digest};
 
 pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
+    of_scenes(b"atsplat evaluation index 1\n", index, |hasher, entry| {
+        frames(hasher, &entry.context);
+        let mut target = entry.target.clone();
+        target.sort_unstable();
+        frames(hasher, &target);
+        match entry.overlap {
+            None => hasher.update([0]),
+            Some(overlap) => {
+                hasher.update([1]);
+                // `+ 0.0` turns the negative zero into the positive one.
+                hasher.update((overlap + 0.0).to_le_bytes());
+            }
+        }
+    })
+}
+
+pub(super) fn gaps_hash(index: &EvaluationIndex) -> Sha256Digest {
+    of_scenes(b"atsplat context gaps 1\n", index, |hasher, entry| {
+        let (start, _) = entry.window().unwrap_or_default();
+        let from_start: Vec<usize> = entry.context.iter().map(|frame| frame - start).collect();
+        frames(hasher, &from_start);
+    })
+}
+
+fn of_scenes(magic: &[u8], index: &EvaluationIndex, entry: impl Fn(&mut Sha256, &IndexEntry)) -> Sha256Digest {
     let mut scenes: Vec<_> = index.scenes.iter().filter(|(_, entries)| !entries.is_empty()).collect();
     scenes.sort_unstable_by_key(|(key, _)| *key);
-    let mut hasher = Sha256::new_with_prefix(MAGIC);
+    let mut hasher = Sha256::new_with_prefix(magic);
     for (key, entries) in scenes {
         length(&mut hasher, key.len());
         hasher.update(key);
         length(&mut hasher, entries.len());
-        for entry in entries {
-            frames(&mut hasher, &entry.context);
-            let mut target = entry.target.clone();
-            target.sort_unstable();
-            frames(&mut hasher, &target);
-            match entry.overlap {
-                None => hasher.update([0]),
-                Some(overlap) => {
-                    hasher.update([1]);
-                    // `+ 0.0` turns the negative zero into the positive one.
-                    hasher.update((overlap + 0.0).to_le_bytes());
-                }
-            }
+        for each in entries {
+            entry(&mut hasher, each);
         }
     }
     Sha256Digest::finish(hasher)
@@ -62,7 +78,7 @@ mod tests {
     #[test]
     fn equals_the_independent_computation() {
         let expected = include_str!("../../tests/fixtures/content_hash.txt");
-        let (_, expected) = expected.trim_end().rsplit_once(' ').unwrap();
+        let expected = expected.lines().next().and_then(|line| line.split(' ').next_back()).unwrap();
         assert_eq!(hash(BASE), expected);
     }
 
@@ -92,6 +108,19 @@ mod tests {
             let changed = BASE.replace(from, to);
             assert_ne!(changed, BASE, "the change {from} to {to} applies");
             assert_ne!(hash(&changed), hash(BASE), "{changed}");
+        }
+    }
+
+    #[test]
+    fn gaps_outlive_a_shift_and_nothing_else() {
+        let gaps = |json: &str| EvaluationIndex::from_json(json.as_bytes()).unwrap().context_gaps_hash().to_string();
+        let (_, expected) = include_str!("../../tests/fixtures/content_hash.txt").split_once("gaps ").unwrap();
+        assert_eq!(gaps(BASE), expected.trim_end());
+        for same in [("[1, 9]", "[11, 19]"), ("[3, 2]", "[7]"), ("0.25", "0.5")] {
+            assert_eq!(gaps(&BASE.replace(same.0, same.1)), gaps(BASE), "{same:?}");
+        }
+        for other in [("[1, 9]", "[9, 1]"), ("[1, 9]", "[1, 10]"), ("\"b\"", "\"bb\""), ("[0]", "[]")] {
+            assert_ne!(gaps(&BASE.replace(other.0, other.1)), gaps(BASE), "{other:?}");
         }
     }
 }

@@ -97,6 +97,12 @@ impl EvaluationIndex {
         content::hash(self)
     }
 
+    /// Hash of the scenes and of their context frames, counted from the first of each window: what a split that
+    /// shifts windows keeps of the index that it is made from.
+    pub fn context_gaps_hash(&self) -> Sha256Digest {
+        content::gaps_hash(self)
+    }
+
     /// Entries in index order: scene key, position within the scene, entry.
     pub fn entries(&self) -> impl Iterator<Item = (&str, usize, &IndexEntry)> {
         self.scenes

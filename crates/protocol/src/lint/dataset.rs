@@ -1,35 +1,27 @@
 use std::collections::BTreeMap;
 use std::fmt;
+use std::sync::Arc;
 
-use atsplat_camera::ImageSize;
-use atsplat_scene::{Frame, SceneError, SceneSource, WarningKind, Warnings};
-use rayon::prelude::*;
+use atsplat_scene::{SceneSource, Warnings};
 use serde::Serialize;
 
-use crate::{DropReason, Dropped, EvaluationIndex, Filters, IndexEntry, Preset};
+use crate::loading::{in_parallel, load};
+use crate::trial::{self, Refusal, SkipReason, TrialRecipe};
+use crate::{EvaluationIndex, IndexEntry, Preset};
 
-/// A dataset, and what a protocol asks of it.
-#[derive(Clone, Copy)]
+/// A dataset, and the recipe by which the index's entries become trials.
+#[derive(Clone)]
 pub struct DatasetCheck<'a> {
     /// The scenes.
     pub source: &'a dyn SceneSource,
-    /// Which scenes the published loaders leave out.
-    pub filters: &'a Filters,
-    /// The only picture size that the protocol takes.
-    pub expected_size: Option<ImageSize>,
-    /// Tells a frame's picture size; `None` where it cannot be told.
-    pub picture_size: &'a (dyn Fn(&Frame) -> Option<ImageSize> + Sync),
+    /// What is asked of them: filters, preprocessing, pose normalisation.
+    pub recipe: TrialRecipe,
 }
 
 impl<'a> DatasetCheck<'a> {
-    /// What `preset` asks of `source`, with the picture sizes that the scenes' metadata state.
-    pub fn of(source: &'a dyn SceneSource, preset: &'a Preset) -> Self {
-        Self {
-            source,
-            filters: &preset.filters,
-            expected_size: preset.preprocessing.expected_size,
-            picture_size: &|frame| frame.stated_size,
-        }
+    /// What `preset` asks of `source`, for a method that the preset does not list.
+    pub fn of(source: &'a dyn SceneSource, preset: &Preset) -> Self {
+        Self { source, recipe: TrialRecipe::of(preset, "") }
     }
 }
 
@@ -37,8 +29,7 @@ impl fmt::Debug for DatasetCheck<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("DatasetCheck")
             .field("scenes", &self.source.keys().len())
-            .field("filters", self.filters)
-            .field("expected_size", &self.expected_size)
+            .field("recipe", &self.recipe)
             .finish_non_exhaustive()
     }
 }
@@ -49,10 +40,10 @@ impl fmt::Debug for DatasetCheck<'_> {
 pub struct DatasetFacts {
     /// Scenes of the dataset that the index does not name, or names with `null`.
     pub not_asked_for: u64,
-    /// Entries that make a trial.
+    /// Entries that make a trial: as many as [`crate::trial::Trials`] yields.
     pub usable: u64,
     /// Entries that do not, by reason.
-    pub dropped: BTreeMap<DropReason, u64>,
+    pub dropped: BTreeMap<SkipReason, u64>,
     /// The first few of each reason, in index order.
     pub examples: Vec<DropExample>,
 }
@@ -66,7 +57,7 @@ pub struct DropExample {
     /// Position of the entry in the scene.
     pub entry: usize,
     /// Why it is dropped.
-    pub reason: DropReason,
+    pub reason: SkipReason,
     /// What was found.
     pub detail: String,
 }
@@ -75,20 +66,13 @@ const EXAMPLES_PER_REASON: u64 = 3;
 
 pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warnings: &mut Warnings) -> DatasetFacts {
     let asked: Vec<_> = index.scenes.iter().filter(|(_, entries)| !entries.is_empty()).collect();
-    let outcomes: Vec<_> = asked
-        .par_iter()
-        .map(|(key, entries)| {
-            let mut own = Warnings::new();
-            (scene(key, entries, dataset, &mut own), own)
-        })
-        .collect();
+    let outcomes = in_parallel(&asked, warnings, |(key, entries), warnings| scene(key, entries, dataset, warnings));
     let keys = dataset.source.keys();
     let not_asked_for = keys.iter().filter(|key| index.scenes.get(*key).is_none_or(Vec::is_empty)).count();
     let mut facts = DatasetFacts { not_asked_for: not_asked_for as u64, ..DatasetFacts::default() };
-    for ((key, _), (outcome, own)) in asked.into_iter().zip(outcomes) {
-        warnings.merge(own);
-        for (entry, dropped) in outcome.into_iter().enumerate() {
-            let Some(Dropped { reason, detail }) = dropped else {
+    for ((key, _), outcome) in asked.into_iter().zip(outcomes) {
+        for (entry, checked) in outcome.into_iter().enumerate() {
+            let Err(Refusal { reason, detail }) = checked else {
                 facts.usable += 1;
                 continue;
             };
@@ -102,30 +86,15 @@ pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warning
     facts
 }
 
-/// For each entry of one scene, why it is dropped.
+/// For each entry of one scene, whether it makes a trial.
 fn scene(
     key: &str,
     entries: &[IndexEntry],
     dataset: &DatasetCheck<'_>,
     warnings: &mut Warnings,
-) -> Vec<Option<Dropped>> {
-    let (reason, error) = match dataset.source.load(key, warnings) {
-        Ok(scene) => {
-            let judge = |entry| {
-                dataset
-                    .filters
-                    .drop_reason(&scene, entry, dataset.expected_size, &|frame| (dataset.picture_size)(frame))
-            };
-            return entries.iter().map(judge).collect();
-        }
-        Err(error @ SceneError::UnknownScene { .. }) => {
-            warnings.push(WarningKind::SceneNotFound, key, error.to_string());
-            (DropReason::SceneMissing, error)
-        }
-        Err(error) => {
-            warnings.push(WarningKind::UnreadableScene, key, error.to_string());
-            (DropReason::Unreadable, error)
-        }
-    };
-    entries.iter().map(|_| Some(Dropped { reason, detail: error.to_string() })).collect()
+) -> Vec<Result<(), Refusal>> {
+    match load(dataset.source, key, warnings).map(Arc::new) {
+        Ok(scene) => entries.iter().map(|entry| trial::check(&scene, entry, &dataset.recipe)).collect(),
+        Err(dropped) => vec![Err(dropped.into()); entries.len()],
+    }
 }

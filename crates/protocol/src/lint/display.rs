@@ -27,6 +27,7 @@ impl fmt::Display for LintReport {
         spread(f, "targets a scene", self.targets_per_scene)?;
         row(f, "leaked", &self.share(self.leaked, "targets are context frames"))?;
         row(f, "outside window", &self.share(self.outside_window, "targets"))?;
+        row(f, "targets by distance", &self.targets_by_distance.to_string())?;
         row(f, "windows at frame 0", &self.windows_at_zero.to_string())?;
         self.oddities(f)?;
         match &self.overlap {

@@ -29,8 +29,8 @@ impl Default for LintOptions<'_> {
     }
 }
 
-/// Counts what is in an index. With a dataset, every scene's cameras are read, in parallel, and what is
-/// wrong with them goes to `warnings`.
+/// Counts what is in an index. With a dataset, every scene's cameras and the headers of the pictures that the index
+/// asks for are read, in parallel, and what is wrong with them goes to `warnings`.
 pub fn lint(index: &EvaluationIndex, options: &LintOptions<'_>, warnings: &mut Warnings) -> LintReport {
     let mut report = report::of(index, &options.bins);
     report.dataset = options.dataset.as_ref().map(|dataset| dataset::check(index, dataset, warnings));

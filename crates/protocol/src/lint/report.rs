@@ -3,6 +3,7 @@ use std::collections::BTreeSet;
 use serde::Serialize;
 
 use super::DatasetFacts;
+use crate::extrapolation::TargetDistances;
 use crate::{
     BinCounts, BinRule, EvaluationIndex, IndexEntry, IndexFile, IndexNotices, KnownIndex, OverlapBins, Sha256Digest,
 };
@@ -37,6 +38,8 @@ pub struct LintReport {
     pub leaked: Places,
     /// Targets before the first or after the last context frame.
     pub outside_window: Places,
+    /// Targets by signed distance outside their window.
+    pub targets_by_distance: TargetDistances,
     /// Entries whose first context frame is frame 0: nothing lies before their window.
     pub windows_at_zero: u64,
     /// What occurs twice.
@@ -176,6 +179,7 @@ pub(super) fn of(index: &EvaluationIndex, bins: &OverlapBins) -> LintReport {
             let outside = |frame: &&usize| entry.frames_outside_window(**frame).is_some_and(|distance| distance != 0);
             entry.target.iter().filter(outside).count()
         }),
+        targets_by_distance: TargetDistances::of(entries()),
         windows_at_zero: count(&|entry| entry.window().is_some_and(|(first, _)| first == 0)),
         repeats: Repeats {
             targets: entries().map(|entry| repetitions(&entry.target)).sum(),

@@ -1,11 +1,16 @@
 //! The lint of one small index with everything odd in it, and of a dataset with everything wrong in it.
 
+use std::sync::Arc;
+
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
-use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
+use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
 use super::{DatasetCheck, LintOptions, Spread, lint, lint_file};
-use crate::{DropReason, EvaluationIndex, Filters, IndexFile, LintReport};
+use crate::test_source::{MemorySource, scene};
+use crate::trial::{Prefetch, SkipReason, TrialRecipe, Trials};
+use crate::{DropReason, EvaluationIndex, IndexEntry, IndexFile, LintReport, Preset};
 
 const ODD: &str = r#"{
 "null": null,
@@ -89,7 +94,7 @@ impl SceneSource for Dataset {
                 CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(f64::from(at), 0.0, 0.0)).unwrap(),
                 NormalizedIntrinsics::new(fx, 0.9, 0.5, 0.5).unwrap(),
             ),
-            stated_size: None,
+            stated_size: Some(ImageSize { width: 640, height: 360 }),
             picture: Picture::Absent,
         };
         Ok(Scene { key: key.to_owned(), url: None, frames: (0..10).map(frame).collect() })
@@ -101,9 +106,10 @@ fn dataset_report(threads: usize) -> (LintReport, Warnings) {
         "broken": {"context": [0], "target": [1]}, "wide": {"context": [0], "target": [1]},
         "short": [{"context": [0], "target": [9]}, {"context": [0], "target": [10]}]}"#;
     let keys = ["broken", "extra", "good", "left-out", "short", "wide"].map(str::to_owned).to_vec();
-    let (source, filters) = (Dataset { keys }, Filters { max_fov_degrees: Some(100.0), ..Filters::default() });
-    let size = |_: &Frame| Some(ImageSize { width: 640, height: 360 });
-    let dataset = DatasetCheck { source: &source, filters: &filters, expected_size: None, picture_size: &size };
+    let source = Dataset { keys };
+    let preset = Preset::named("re10k-2v-256").unwrap();
+    let recipe = TrialRecipe { allow_absent_pictures: true, ..TrialRecipe::of(&preset, "") };
+    let dataset = DatasetCheck { source: &source, recipe };
     let options = LintOptions { dataset: Some(dataset), ..LintOptions::default() };
     let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
     let mut warnings = Warnings::new();
@@ -121,7 +127,8 @@ fn scenes_are_dropped_by_reason() {
         (DropReason::Unreadable, 1),
         (DropReason::FrameOutOfRange, 1),
         (DropReason::FieldOfView, 1),
-    ];
+    ]
+    .map(|(reason, count)| (SkipReason::Dropped(reason), count));
     assert_eq!(facts.dropped, expected.into());
     assert_eq!((facts.usable, facts.not_asked_for), (2, 2));
     assert_eq!(warnings.count(WarningKind::SceneNotFound), 1);
@@ -135,4 +142,41 @@ fn the_number_of_threads_changes_nothing() {
     let (one, four) = (dataset_report(1), dataset_report(4));
     assert_eq!(one.0, four.0);
     assert_eq!(one.1.kept(), four.1.kept());
+}
+
+/// Pictures missing, absent, unreadable, too small: lint counts as trials the ones that [`Trials`] yields.
+#[test]
+fn lint_and_trials_agree() {
+    let broken = |key: &str, picture: Picture| {
+        let mut scene = scene(key, 9, 0);
+        scene.frames[4].picture = picture;
+        scene
+    };
+    let scenes = || {
+        [
+            scene("fine", 9, 0),
+            broken("missing", Picture::Missing("4.png".into())),
+            broken("absent", Picture::Absent),
+            broken("garbled", Picture::Encoded(SharedBytes::new(b"no picture".to_vec()))),
+        ]
+    };
+    let entry = |target: usize| IndexEntry { context: vec![2, 6], target: vec![target], overlap: None };
+    let keys = ["fine", "missing", "absent", "garbled", "gone"];
+    let index = EvaluationIndex {
+        scenes: keys.map(|key| (key.to_owned(), vec![entry(4), entry(5), entry(12)])).into_iter().collect(),
+    };
+    for (crop, usable) in [(32, 5), (64, 0)] {
+        let mut preset = Preset::named("re10k-2v-256").unwrap();
+        preset.preprocessing = Preprocessing::of([Step::from(CentreCrop::new(crop, crop))]);
+        let source = MemorySource::new(scenes());
+        let dataset = DatasetCheck::of(&source, &preset);
+        let options = LintOptions { dataset: Some(dataset), ..LintOptions::default() };
+        let facts = lint(&index, &options, &mut Warnings::new()).dataset.unwrap();
+        let source = Arc::new(MemorySource::new(scenes()));
+        let mut trials = Trials::new(source, &index, TrialRecipe::of(&preset, ""), Prefetch::default());
+        trials.by_ref().for_each(drop);
+        let skipped = trials.report().counts().into_iter().map(|(reason, count)| (reason, count as u64));
+        assert_eq!((facts.usable, facts.dropped), (trials.report().trials as u64, skipped.collect()));
+        assert_eq!(facts.usable, usable, "crop of {crop}");
+    }
 }

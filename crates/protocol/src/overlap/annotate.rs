@@ -1,10 +1,11 @@
 use std::collections::BTreeMap;
 
 use atsplat_pixels::DecodeLimits;
-use atsplat_scene::{SceneSource, Warnings};
-use rayon::prelude::*;
+use atsplat_scene::{Scene, SceneSource, Warnings};
+use serde::Serialize;
 
-use super::{OverlapEstimator, OverlapView};
+use super::{DepthFolder, LoadedDepth, OverlapEstimator, OverlapView};
+use crate::loading::{in_parallel, load};
 use crate::{EvaluationIndex, IndexEntry, NoEntry, ProtocolError};
 
 /// An index with overlaps written into it, and what stayed without one.
@@ -16,27 +17,61 @@ pub struct OverlapReport {
     pub measured: usize,
     /// Entries whose overlap is unknown, by [`NoEntry::name`].
     pub unmeasured: BTreeMap<&'static str, usize>,
+    /// The first few of each reason, in index order.
+    pub examples: Vec<UnmeasuredExample>,
 }
+
+/// One entry whose overlap is unknown.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct UnmeasuredExample {
+    /// Scene key.
+    pub scene: String,
+    /// Position of the entry in the scene.
+    pub entry: usize,
+    /// [`NoEntry::name`].
+    pub reason: &'static str,
+    /// The error's text.
+    pub detail: String,
+}
+
+const EXAMPLES_PER_REASON: usize = 3;
 
 /// Measures the context overlap of every entry of an index on a dataset, in parallel over scenes; the result
 /// does not depend on the number of threads. An overlap that the index shipped is replaced, by nothing where
-/// it cannot be measured.
+/// it cannot be measured. `depth` is for an estimator that needs depth maps.
 pub fn annotate_overlaps(
     index: &EvaluationIndex,
     source: &dyn SceneSource,
     estimator: &OverlapEstimator,
+    depth: Option<&DepthFolder>,
     warnings: &mut Warnings,
 ) -> OverlapReport {
     let scenes: Vec<(&String, &Vec<IndexEntry>)> = index.scenes.iter().collect();
-    let measured: Vec<(Vec<Result<f64, NoEntry>>, Warnings)> =
-        scenes.par_iter().map(|(key, entries)| measure_scene(key, entries, source, estimator)).collect();
-    let mut report = OverlapReport { index: index.clone(), measured: 0, unmeasured: BTreeMap::new() };
-    for (entries, (overlaps, scene_warnings)) in report.index.scenes.values_mut().zip(measured) {
-        warnings.merge(scene_warnings);
-        for (entry, overlap) in entries.iter_mut().zip(overlaps) {
+    let measured = in_parallel(&scenes, warnings, |(key, entries), warnings| {
+        if entries.is_empty() {
+            return Vec::new();
+        }
+        match load(source, key, warnings) {
+            Ok(scene) => entries.iter().map(|entry| context_overlap(&scene, entry, estimator, depth)).collect(),
+            Err(dropped) => vec![Err(NoEntry::from(dropped)); entries.len()],
+        }
+    });
+    let (unmeasured, examples) = (BTreeMap::new(), Vec::new());
+    let mut report = OverlapReport { index: index.clone(), measured: 0, unmeasured, examples };
+    for ((key, entries), overlaps) in report.index.scenes.iter_mut().zip(measured) {
+        for ((at, entry), overlap) in entries.iter_mut().enumerate().zip(overlaps) {
             match &overlap {
                 Ok(_) => report.measured += 1,
-                Err(reason) => *report.unmeasured.entry(reason.name()).or_default() += 1,
+                Err(error) => {
+                    let reason = error.name();
+                    let count = report.unmeasured.entry(reason).or_default();
+                    *count += 1;
+                    if *count <= EXAMPLES_PER_REASON {
+                        let (scene, detail) = (key.clone(), error.to_string());
+                        report.examples.push(UnmeasuredExample { scene, entry: at, reason, detail });
+                    }
+                }
             }
             entry.overlap = overlap.ok();
         }
@@ -44,48 +79,41 @@ pub fn annotate_overlaps(
     report
 }
 
-fn measure_scene(
-    key: &str,
-    entries: &[IndexEntry],
-    source: &dyn SceneSource,
-    estimator: &OverlapEstimator,
-) -> (Vec<Result<f64, NoEntry>>, Warnings) {
-    let mut warnings = Warnings::new();
-    if entries.is_empty() {
-        return (Vec::new(), warnings);
-    }
-    let overlaps = match source.load(key, &mut warnings) {
-        Err(error) => vec![Err(NoEntry::Unreadable(error.to_string())); entries.len()],
-        Ok(scene) => entries.iter().map(|entry| context_overlap(&scene, entry, estimator)).collect(),
-    };
-    (overlaps, warnings)
-}
-
 /// Overlap of an entry's context frames in a loaded scene.
 pub(crate) fn context_overlap(
-    scene: &atsplat_scene::Scene,
+    scene: &Scene,
     entry: &IndexEntry,
     estimator: &OverlapEstimator,
+    depth: Option<&DepthFolder>,
 ) -> Result<f64, NoEntry> {
+    let unreadable = |error: &dyn std::fmt::Display| NoEntry::Unreadable(error.to_string());
     let mut context = entry.context.clone();
     context.sort_unstable();
-    let out_of_range = |frame: usize| NoEntry::TooFewFrames { needed: frame + 1, found: scene.frames.len() };
+    let out_of_range =
+        |frame: usize| NoEntry::TooFewFrames { needed: frame.saturating_add(1), found: scene.frames.len() };
     let frames = context
         .iter()
         .map(|frame| scene.frames.get(*frame).ok_or_else(|| out_of_range(*frame)))
         .collect::<Result<Vec<_>, _>>()?;
     let pictures = if estimator.needs_pictures() {
         let decode = |frame: &usize| scene.decode(*frame, &DecodeLimits::default()).map(Some);
-        context.iter().map(decode).collect::<Result<_, _>>().map_err(|error| NoEntry::Unreadable(error.to_string()))?
+        context.iter().map(decode).collect::<Result<_, _>>().map_err(|error| unreadable(&error))?
     } else {
         vec![None; frames.len()]
     };
-    let views: Vec<OverlapView<'_>> = frames
-        .iter()
-        .zip(&pictures)
-        .map(|(frame, picture)| OverlapView { camera: &frame.camera, picture: picture.as_ref(), depth: None })
-        .collect();
-    chain_overlap(estimator, &views).map_err(|error| NoEntry::Geometry(error.to_string()))
+    let depths: Vec<Option<LoadedDepth>> = match depth.filter(|_| estimator.needs_depth()) {
+        Some(folder) => {
+            let load = |frame: &&atsplat_scene::Frame| folder.load(&scene.key, &frame.name).map(Some);
+            frames.iter().map(load).collect::<Result<_, _>>().map_err(|error| unreadable(&error))?
+        }
+        None => vec![None; frames.len()],
+    };
+    let views = frames.iter().zip(&pictures).zip(&depths).map(|((frame, picture), depth)| {
+        let depth = depth.as_ref().map(LoadedDepth::map).transpose()?;
+        Ok(OverlapView { camera: &frame.camera, picture: picture.as_ref(), depth })
+    });
+    let views: Result<Vec<OverlapView<'_>>, ProtocolError> = views.collect();
+    views.and_then(|views| chain_overlap(estimator, &views)).map_err(|error| NoEntry::Geometry(error.to_string()))
 }
 
 /// Overlap of several views in frame order: the smallest overlap of two neighbours. For two views it is
@@ -110,6 +138,7 @@ pub fn chain_overlap(estimator: &OverlapEstimator, views: &[OverlapView<'_>]) ->
 #[cfg(test)]
 mod tests {
     use atsplat_numeric::Tolerance;
+    use atsplat_scene::WarningKind;
 
     use super::*;
     use crate::overlap::EpipolarRays;
@@ -121,17 +150,18 @@ mod tests {
 
     #[test]
     fn overlaps_are_replaced_and_gaps_counted() {
-        let source = MemorySource::new([scene("a", 9, 0), scene("b", 9, 0)]);
+        let source = MemorySource::new([scene("a", 9, 0), scene("b", 9, 0)]).with_key("broken");
         let scenes = [
             ("a", vec![entry(&[0, 3]), entry(&[3, 0]), entry(&[0, 99])]),
             ("b", vec![entry(&[5])]),
             ("gone", vec![entry(&[0, 3])]),
+            ("broken", vec![entry(&[0, 3])]),
             ("null", Vec::new()),
         ];
         let index = EvaluationIndex { scenes: scenes.map(|(key, entries)| (key.to_owned(), entries)).into() };
         let estimator = OverlapEstimator::EpipolarRay(EpipolarRays::default());
         let mut warnings = Warnings::new();
-        let report = annotate_overlaps(&index, &source, &estimator, &mut warnings);
+        let report = annotate_overlaps(&index, &source, &estimator, None, &mut warnings);
         let overlaps = |key: &str| report.index.scenes[key].iter().map(|entry| entry.overlap).collect::<Vec<_>>();
         let a = overlaps("a");
         assert!(a[0].is_some_and(|overlap| overlap > 0.5 && overlap < 1.0), "{a:?}");
@@ -139,8 +169,14 @@ mod tests {
         assert_eq!((overlaps("b"), overlaps("gone")), (vec![None], vec![None]), "no stale number stays");
         assert_eq!(report.measured, 2);
         let unmeasured: Vec<_> = report.unmeasured.into_iter().collect();
-        assert_eq!(unmeasured, [("geometry", 1), ("too-few-frames", 1), ("unreadable", 1)]);
-        assert_eq!(warnings.total(), 2, "those of the two scenes that exist");
+        assert_eq!(unmeasured, [("geometry", 1), ("scene-missing", 1), ("too-few-frames", 1), ("unreadable", 1)]);
+        let said: Vec<_> = report.examples.iter().map(|e| (e.scene.as_str(), e.entry, e.reason)).collect();
+        let expected = [("a", 2, "too-few-frames"), ("b", 0, "geometry"), ("gone", 0, "scene-missing")];
+        assert_eq!((&said[..3], said[3]), (&expected[..], ("broken", 0, "unreadable")));
+        assert!(report.examples[1].detail.contains("needs two views, found 1"), "{:?}", report.examples);
+        assert_eq!(warnings.count(WarningKind::SceneNotFound), 1);
+        assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
+        assert_eq!(warnings.total(), 4, "and those of the two scenes that exist");
     }
 
     /// Three views in a row: the number is that of the worse neighbours, not of the ends.

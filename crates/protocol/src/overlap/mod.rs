@@ -4,13 +4,15 @@
 
 mod annotate;
 mod covisibility;
+mod depth_folder;
 mod epipolar;
 #[cfg(feature = "opencv")]
 mod features;
 
 pub(crate) use annotate::context_overlap;
-pub use annotate::{OverlapReport, annotate_overlaps, chain_overlap};
+pub use annotate::{OverlapReport, UnmeasuredExample, annotate_overlaps, chain_overlap};
 pub use covisibility::{DepthCovisibility, DepthMap};
+pub use depth_folder::{DepthFolder, LoadedDepth};
 pub use epipolar::EpipolarRays;
 #[cfg(feature = "opencv")]
 pub use features::{Coverage, FeatureCoverage};
@@ -73,6 +75,11 @@ impl OverlapEstimator {
     /// Whether [`OverlapView::picture`] is used.
     pub const fn needs_pictures(&self) -> bool {
         matches!(self, Self::FeatureCoverage)
+    }
+
+    /// Whether [`OverlapView::depth`] is used.
+    pub const fn needs_depth(&self) -> bool {
+        matches!(self, Self::DepthCovisibility(_))
     }
 
     /// Overlap of two views in [0, 1], the smaller of the two directions; symmetric in its arguments.

@@ -1,6 +1,7 @@
 use serde::{Deserialize, Serialize};
 
-use crate::{EvaluationIndex, IndexFile, Sha256Digest};
+use crate::extrapolation::Margin;
+use crate::{EvaluationIndex, IndexEntry, IndexFile, Sha256Digest};
 
 /// Which evaluation index a protocol is about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -10,7 +11,7 @@ pub struct IndexRule {
     pub scenes: u64,
     /// Context views of every entry.
     pub context_views: usize,
-    /// Fewest and most targets of an entry in the default index, before any derivation.
+    /// Fewest and most targets of an entry in the default index, or in what is derived from it.
     pub targets: (usize, usize),
     /// Published files that the protocol runs on; the first is the default.
     pub accepted: Vec<AcceptedIndex>,
@@ -40,7 +41,7 @@ pub enum Derivation {
     /// too early are shifted (ATSplat's "10 frames before and after the input window").
     ShiftedWindow {
         /// Frames on either side.
-        margin: usize,
+        margin: Margin,
     },
 }
 
@@ -60,12 +61,29 @@ pub enum IndexMatch<'a> {
         /// What the preset says about it.
         note: Option<&'a str>,
     },
+    /// What the preset's rule makes of the default file, all scenes included.
+    Derived {
+        /// Name of the file that it was made from.
+        name: &'a str,
+    },
+    /// What the preset's rule makes of other scenes or other context frames than the default file's, or of only
+    /// some of them.
+    DerivedFromOther {
+        /// Name of the file that the protocol's own split is made from.
+        name: &'a str,
+    },
+    /// The file from which the protocol's own split is yet to be made.
+    Underived {
+        /// Name of the file.
+        name: &'a str,
+    },
     /// No published file: numbers compare only with numbers on the same index.
     Unpublished,
 }
 
 impl IndexRule {
-    /// Whether `file` is one of the accepted ones, by its bytes or else by its content.
+    /// Whether `file` is one of the accepted ones, by its bytes or else by its content; or what the derivation makes
+    /// of one, by the gaps between its context frames and the targets around them.
     pub fn recognise(&self, file: &IndexFile) -> IndexMatch<'_> {
         self.recognise_hashes(&file.sha256, &file.index)
     }
@@ -78,10 +96,36 @@ impl IndexRule {
         };
         let position = by_bytes.or_else(by_content);
         match position.and_then(|at| self.accepted.get(at).map(|accepted| (at, accepted))) {
-            None => IndexMatch::Unpublished,
+            None => self.recognise_derived(index).unwrap_or(IndexMatch::Unpublished),
+            Some((0, accepted)) if self.derivation.is_some() => IndexMatch::Underived { name: &accepted.name },
             Some((0, accepted)) => IndexMatch::Default { name: &accepted.name },
             Some((_, accepted)) => IndexMatch::Alternative { name: &accepted.name, note: accepted.note.as_deref() },
         }
+    }
+
+    fn recognise_derived(&self, index: &EvaluationIndex) -> Option<IndexMatch<'_>> {
+        let (derivation, base) = (self.derivation?, self.accepted.first()?);
+        let entries = || index.entries().map(|(_, _, entry)| entry);
+        let of_rule = |entry: &IndexEntry| entry.context.len() == self.context_views && derivation.made(entry);
+        if entries().next().is_none() || !entries().all(of_rule) {
+            return None;
+        }
+        let name = &base.name;
+        let known = crate::KnownIndex::by_name(name).filter(|known| known.sha256 == base.sha256);
+        let whole = known.is_some_and(|known| known.gaps == index.context_gaps_hash());
+        Some(if whole { IndexMatch::Derived { name } } else { IndexMatch::DerivedFromOther { name } })
+    }
+}
+
+impl Derivation {
+    /// Whether the targets of `entry` are those that this rule gives to its context.
+    pub fn made(&self, entry: &IndexEntry) -> bool {
+        let Self::ShiftedWindow { margin } = self;
+        let Some((first, last)) = entry.window() else { return false };
+        let Some(before) = first.checked_sub(margin.get()) else { return false };
+        let mut target = entry.target.clone();
+        target.sort_unstable();
+        target.into_iter().eq((before..first).chain(last.saturating_add(1)..=last.saturating_add(margin.get())))
     }
 }
 
@@ -99,5 +143,23 @@ mod tests {
         assert_eq!(matched(accepted[0].sha256), IndexMatch::Default { name: "depthsplat-dl3dv-12v" });
         assert!(matches!(matched(accepted[1].sha256), IndexMatch::Alternative { name: "yonosplat-dl3dv-12v", .. }));
         assert_eq!(matched(Sha256Digest::of(b"")), IndexMatch::Unpublished);
+    }
+
+    #[test]
+    fn what_the_rule_makes_is_recognised() {
+        let preset = Preset::named("dl3dv-6v-extrapolation").unwrap();
+        let recognised =
+            |json: &str| preset.index.recognise_derived(&EvaluationIndex::from_json(json.as_bytes()).unwrap());
+        let entry = |context: &str, target: std::ops::RangeInclusive<usize>| {
+            let targets: Vec<usize> = (0..10).chain(target).collect();
+            format!(r#"{{"s": {{"context": {context}, "target": {targets:?}}}, "short": null}}"#)
+        };
+        let name = "depthsplat-dl3dv-6v";
+        let six = "[10, 20, 30, 40, 50, 59]";
+        assert_eq!(recognised(&entry(six, 60..=69)), Some(IndexMatch::DerivedFromOther { name }));
+        assert_eq!(recognised(&entry(six, 60..=68)), None, "a target is missing");
+        assert_eq!(recognised(&entry(six, 61..=70)), None, "a gap before the targets");
+        assert_eq!(recognised(&entry("[10, 20, 30, 40, 59]", 60..=69)), None, "five views");
+        assert_eq!(recognised("{}"), None);
     }
 }

@@ -158,6 +158,11 @@ mod tests {
             ("edges = [0.05, 0.3", "edges = [0.5, 0.3", "finite edges that increase"),
             ("step = \"rescale-and-crop\"", "step = \"rescale\"", "unknown variant `rescale`"),
             ("[index]", "[index", "line "),
+            (
+                "targets = [3, 3]",
+                "targets = [3, 3]\nderivation = { rule = \"shifted-window\", margin = 0 }",
+                "margin: expected 1 to 1000 frames, found 0",
+            ),
         ] {
             let error = changed(from, to).unwrap_err().to_string();
             assert!(error.starts_with("preset: line ") && error.contains(expected), "{error}");

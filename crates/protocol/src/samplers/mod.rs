@@ -20,6 +20,7 @@ use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
 use crate::IndexEntry;
+use crate::preset::{DropReason, Dropped};
 
 /// What a sampler sees of a scene: cameras in frame order, no pictures.
 #[derive(Clone, Copy, Debug)]
@@ -120,7 +121,10 @@ pub enum NoEntry {
     /// The cameras' geometry cannot be computed: numbers near the end of the f64 range.
     #[error("camera geometry: {0}")]
     Geometry(String),
-    /// The scene cannot be read.
+    /// The dataset does not hold the scene.
+    #[error("{0}")]
+    SceneMissing(String),
+    /// The scene, or a picture or depth map of it, cannot be read.
     #[error("{0}")]
     Unreadable(String),
 }
@@ -134,8 +138,16 @@ impl NoEntry {
             Self::NoPair => "no-pair",
             Self::OverlapOutside { .. } => "overlap-outside",
             Self::Geometry(_) => "geometry",
+            Self::SceneMissing(_) => "scene-missing",
             Self::Unreadable(_) => "unreadable",
         }
+    }
+}
+
+impl From<Dropped> for NoEntry {
+    /// For a scene that cannot be loaded.
+    fn from(Dropped { reason, detail }: Dropped) -> Self {
+        if reason == DropReason::SceneMissing { Self::SceneMissing(detail) } else { Self::Unreadable(detail) }
     }
 }
 

@@ -2,13 +2,14 @@
 //!
 //! | part | bytes | in `pose_hash` |
 //! |---|---|---|
-//! | domain | `atsplat trial 1` or `atsplat poses 1`, as text | yes |
+//! | domain | `atsplat trial 2` or `atsplat poses 1`, as text | yes |
 //! | scene key | text | no |
 //! | context frames | count, then each position, u64 little-endian | no |
 //! | target frames | the same | no |
 //! | counts | of context, of target, u64 little-endian | yes |
 //! | cameras *of the source* | context, then target in index order, each as f32 little-endian: fx fy cx cy | no |
 //! | | and the row-major 3×4 world-to-camera matrix | yes |
+//! | lenses *of the source* | in the cameras' order, each a name as text: `none`; `opencv`, then k1 k2 k3 p1 p2; `fisheye`, then k1 k2 k3 k4; coefficients as f32 little-endian | no |
 //! | preprocessing | its one-line `Display`, text | no |
 //! | normalisation | the rule as compact JSON, text | no |
 //! | near, far | before normalisation, f64 little-endian | no |
@@ -16,8 +17,9 @@
 //! Text is its length in bytes as u64 little-endian, then UTF-8. Cameras are f32 because a `.torch` chunk
 //! holds no more: a trajectory file and a chunk of the same scene hash alike. Intrinsics follow the pictures, so
 //! copies of a scene that were cropped differently share their poses alone. Negative zero is written as zero.
+//! The first version of a trial's hash, `atsplat trial 1`, left the lenses out.
 
-use atsplat_camera::Camera;
+use atsplat_camera::{Camera, Distortion};
 use sha2::{Digest, Sha256};
 
 use super::TrialRecipe;
@@ -37,7 +39,7 @@ pub(super) fn of_trial(
         found: error.to_string(),
     })?;
     let mut hasher = Sha256::new();
-    text(&mut hasher, "atsplat trial 1");
+    text(&mut hasher, "atsplat trial 2");
     text(&mut hasher, scene);
     for frames in [&entry.context, &entry.target] {
         number(&mut hasher, frames.len());
@@ -49,6 +51,9 @@ pub(super) fn of_trial(
         let k = camera.intrinsics;
         [k.fx, k.fy, k.cx, k.cy].into_iter().chain(camera.camera_from_world.to_rows())
     });
+    for camera in cameras {
+        lens(&mut hasher, &camera.distortion);
+    }
     text(&mut hasher, &recipe.preprocessing.to_string());
     text(&mut hasher, &rule);
     hasher.update((recipe.near_far.near + 0.0).to_le_bytes());
@@ -74,11 +79,27 @@ fn rows<I: IntoIterator<Item = f64>>(
     number(hasher, entry.target.len());
     for camera in cameras {
         for value in row(camera) {
-            #[expect(clippy::cast_possible_truncation, reason = "chunks store f32")]
-            let stored = value as f32 + 0.0;
-            hasher.update(stored.to_le_bytes());
+            single(hasher, value);
         }
     }
+}
+
+fn lens(hasher: &mut Sha256, distortion: &Distortion) {
+    let (name, coefficients): (_, &[f64]) = match distortion {
+        Distortion::None => ("none", &[]),
+        Distortion::OpenCv { k1, k2, k3, p1, p2 } => ("opencv", &[*k1, *k2, *k3, *p1, *p2]),
+        Distortion::Fisheye { k } => ("fisheye", k),
+    };
+    text(hasher, name);
+    for coefficient in coefficients {
+        single(hasher, *coefficient);
+    }
+}
+
+fn single(hasher: &mut Sha256, value: f64) {
+    #[expect(clippy::cast_possible_truncation, reason = "chunks store f32")]
+    let stored = value as f32 + 0.0;
+    hasher.update(stored.to_le_bytes());
 }
 
 fn text(hasher: &mut Sha256, text: &str) {

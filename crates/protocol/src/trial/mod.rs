@@ -17,8 +17,9 @@ use atsplat_scene::preprocess::Preprocessing;
 
 pub use pictures::{ContextView, TargetPictures};
 pub use prefetch::{DecodeAhead, Prefetch};
+pub use prepare::check;
 pub use recipe::TrialRecipe;
-pub use skip::{SkipReason, SkipReport, Skipped};
+pub use skip::{Refusal, SkipReason, SkipReport, Skipped};
 pub use walk::Trials;
 
 use crate::extrapolation::FrameLabel;
@@ -107,9 +108,9 @@ impl Trial {
         self.near_far
     }
 
-    /// Identity of the trial: scene key, frames, source cameras, preprocessing, normalisation, near and far.
-    /// The byte layout is documented in `trial/hash.rs`; two trials of equal hash ask a method the same
-    /// question, as far as pictures under one scene key are the same.
+    /// Identity of the trial: scene key, frames, source cameras with their lenses, preprocessing, normalisation,
+    /// near and far. The byte layout is documented in `trial/hash.rs`; two trials of equal hash ask a method the
+    /// same question, as far as pictures under one scene key are the same.
     pub const fn hash(&self) -> Sha256Digest {
         self.hash
     }

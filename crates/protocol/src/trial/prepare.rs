@@ -6,13 +6,21 @@ use atsplat_scene::preprocess::{Plan, PreprocessError, Preprocessing};
 use atsplat_scene::{Frame, Picture, Scene};
 
 use super::pictures::LazyPicture;
-use super::{AppliedNormalisation, ContextView, SkipReason, TargetPictures, TargetView, Trial, TrialRecipe, hash};
+use super::{
+    AppliedNormalisation, ContextView, Refusal, SkipReason, TargetPictures, TargetView, Trial, TrialRecipe, hash,
+};
 use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
-use crate::preset::{DropReason, NearFar};
+use crate::preset::{DropReason, Dropped, NearFar};
 
-/// Why an entry makes no trial, before its place in the index is attached.
-pub(super) type Refusal = (SkipReason, String);
+/// Whether an entry of a scene makes a trial, told without decoding a picture: what
+/// [`super::Trials`] would say of it.
+///
+/// # Errors
+/// [`Refusal`], why it does not.
+pub fn check(scene: &Arc<Scene>, entry: &IndexEntry, recipe: &TrialRecipe) -> Result<(), Refusal> {
+    prepare(scene, 0, entry, recipe).map(drop)
+}
 
 /// A trial of one index entry; no picture is decoded.
 pub(super) fn prepare(
@@ -32,7 +40,7 @@ pub(super) fn prepare(
         views.iter().map(|view| view.frame.camera.camera_from_world.inverse()).collect()
     };
     let normalised = normalise(&poses(&views.context), &poses(&views.targets), &recipe.pose_normalisation)
-        .map_err(|error| (normalisation_reason(&error), error.to_string()))?;
+        .map_err(|error| Refusal { reason: normalisation_reason(&error), detail: error.to_string() })?;
     let context = views.context.iter().zip(&normalised.context).filter_map(|(view, pose)| {
         Some(ContextView {
             frame: view.position,
@@ -50,7 +58,7 @@ pub(super) fn prepare(
     });
     let sources: Vec<Camera> = views.context.iter().chain(&views.targets).map(|view| view.frame.camera).collect();
     let hash = hash::of_trial(&scene.key, entry, &sources, recipe)
-        .map_err(|error| (SkipReason::PoseNormalisation, error.to_string()))?;
+        .map_err(|error| Refusal { reason: SkipReason::PoseNormalisation, detail: error.to_string() })?;
     let multiplier = normalised.near_far_multiplier;
     let trial = Trial {
         scene: scene.key.clone(),
@@ -102,20 +110,23 @@ impl<'a> Views<'a> {
             size.as_ref().ok().copied()
         };
         if let Some(dropped) = recipe.filters.drop_reason(scene, entry, expected_size, &known_size) {
-            return Err((SkipReason::Dropped(dropped.reason), dropped.detail));
+            return Err(dropped.into());
         }
         let mut plans = BTreeMap::new();
         let mut view = |position: &usize| -> Result<View<'a>, Refusal> {
             let (frame, size) = sizes.get(position).ok_or_else(|| {
                 let detail = format!("frame {position} of {}", scene.frames.len());
-                (SkipReason::Dropped(DropReason::FrameOutOfRange), detail)
+                Dropped { reason: DropReason::FrameOutOfRange, detail }
             })?;
             if matches!(frame.picture, Picture::Absent) && !recipe.allow_absent_pictures {
                 let detail = format!("frame {position}: the trajectory came without pictures");
-                return Err((SkipReason::Dropped(DropReason::PictureMissing), detail));
+                return Err(Dropped { reason: DropReason::PictureMissing, detail }.into());
             }
-            let size = size.clone().map_err(|reason| (SkipReason::PictureUnreadable, reason))?;
-            let unfit = |error: PreprocessError| (SkipReason::Preprocessing, format!("frame {position}: {error}"));
+            let size = size.clone().map_err(|detail| Refusal { reason: SkipReason::PictureUnreadable, detail })?;
+            let unfit = |error: PreprocessError| Refusal {
+                reason: SkipReason::Preprocessing,
+                detail: format!("frame {position}: {error}"),
+            };
             let plan = plan_for(&mut plans, &recipe.preprocessing, size).map_err(unfit)?;
             let camera = plan.camera(&frame.camera).map_err(unfit)?;
             Ok(View { position: *position, frame, plan, camera })

@@ -3,7 +3,7 @@ use std::fmt;
 
 use serde::{Serialize, Serializer};
 
-use crate::preset::DropReason;
+use crate::preset::{DropReason, Dropped};
 
 /// Why an index entry makes no trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -37,6 +37,21 @@ impl SkipReason {
 impl Serialize for SkipReason {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         serializer.serialize_str(self.name())
+    }
+}
+
+/// Why an entry makes no trial, without its place in an index.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Refusal {
+    /// Why.
+    pub reason: SkipReason,
+    /// Frame, limit and value, or the error's text.
+    pub detail: String,
+}
+
+impl From<Dropped> for Refusal {
+    fn from(Dropped { reason, detail }: Dropped) -> Self {
+        Self { reason: SkipReason::Dropped(reason), detail }
     }
 }
 

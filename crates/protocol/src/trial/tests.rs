@@ -1,7 +1,7 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
 
-use atsplat_camera::{MeanCameraScale, NormalizedIntrinsics, PoseNormalisation};
+use atsplat_camera::{Distortion, MeanCameraScale, NormalizedIntrinsics, PoseNormalisation};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::DecodeLimits;
 use atsplat_scene::preprocess::{CentreCrop, Preprocessing, Step};
@@ -200,10 +200,14 @@ fn hashes_tell_trials_apart() {
     recropped.2.preprocessing = Preprocessing::of([Step::from(CentreCrop::new(32, 30))]);
     let mut nearer = base();
     nearer.2.near_far.near = 0.25;
-    for (what, changed) in [("key", renamed), ("rule", replaced), ("crop", recropped), ("near", nearer)] {
+    let mut bent = base();
+    bent.0.frames[4].camera.distortion = Distortion::OpenCv { k1: 1e-3, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+    let changes =
+        [("key", renamed), ("rule", replaced), ("crop", recropped), ("near", nearer), ("lens of a target", bent)];
+    for (what, changed) in changes {
         let changed = hashes(changed);
         assert_ne!(changed.0, reference.0, "{what}");
-        assert_eq!(changed.1, reference.1, "{what} is no camera");
+        assert_eq!(changed.1, reference.1, "{what} is no pose");
     }
     let mut swapped = base();
     swapped.1 = entry(&[6, 2], &[4]);
@@ -233,6 +237,8 @@ fn hashes_are_those_of_the_documented_layout() {
             NormalizedIntrinsics::new(0.8, 1.0, 0.5, 0.5).unwrap(),
         );
     }
+    one.frames[1].camera.distortion = Distortion::OpenCv { k1: 0.01, k2: -0.02, k3: 0.03, p1: 0.001, p2: -0.002 };
+    one.frames[2].camera.distortion = Distortion::Fisheye { k: [0.1, 0.2, -0.3, 0.4] };
     let recipe = TrialRecipe { pose_normalisation: PoseNormalisation::None, ..recipe() };
     let (trial, _) = only_trial(one, entry(&[0, 2], &[1]), recipe).unwrap();
     let oracle: serde_json::Value =

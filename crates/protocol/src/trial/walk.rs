@@ -1,13 +1,12 @@
 use std::collections::VecDeque;
 use std::sync::{Arc, OnceLock};
 
-use atsplat_scene::{Scene, SceneError, SceneSource, WarningKind, Warnings};
+use atsplat_scene::{Scene, SceneSource, Warnings};
 
 use super::pictures::LazyPicture;
 use super::prefetch::{Budget, DecodeAhead, Ordered, Prefetch};
-use super::prepare::{Refusal, prepare};
-use super::{SkipReason, SkipReport, Skipped, TargetPictures, Trial, TrialRecipe};
-use crate::preset::DropReason;
+use super::prepare::prepare;
+use super::{Refusal, SkipReason, SkipReport, Skipped, TargetPictures, Trial, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry};
 
 /// Walks an evaluation index over a dataset: a trial and its target pictures for each entry, in index order,
@@ -151,7 +150,7 @@ impl Place {
         };
         let trial = match prepared {
             Ok((trial, pictures)) => Ok(decode_ahead(trial, pictures, decode, budget)),
-            Err((reason, detail)) => Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail }),
+            Err(Refusal { reason, detail }) => Err(Skipped { scene: shared.key.clone(), entry_number, reason, detail }),
         };
         Outcome { trial, warnings }
     }
@@ -159,14 +158,7 @@ impl Place {
 
 fn load(key: &str, source: &dyn SceneSource) -> (Result<Arc<Scene>, Refusal>, Warnings) {
     let mut warnings = Warnings::new();
-    let scene = source.load(key, &mut warnings).map(Arc::new).map_err(|error| {
-        let (kind, reason) = match error {
-            SceneError::UnknownScene { .. } => (WarningKind::SceneNotFound, DropReason::SceneMissing),
-            _ => (WarningKind::UnreadableScene, DropReason::Unreadable),
-        };
-        warnings.push(kind, key, error.to_string());
-        (SkipReason::Dropped(reason), error.to_string())
-    });
+    let scene = crate::loading::load(source, key, &mut warnings).map(Arc::new).map_err(Refusal::from);
     (scene, warnings)
 }
 

@@ -86,8 +86,10 @@ impl LensFields {
     /// These fields where they are stated, `global`'s elsewhere.
     ///
     /// A frame that states any focal length states both axes: its `fl_x` alone is not paired with the
-    /// global `fl_y`.
+    /// global `fl_y`. A frame of another size than the global one whose lengths in pixels are global has the
+    /// global lens, scaled to its size.
     pub(super) fn or(self, global: Self) -> Self {
+        let global = global.scaled_to(self.w, self.h);
         let (focal_x, focal_y) = match (self.focal_x, self.focal_y) {
             (None, None) => (global.focal_x, global.focal_y),
             own => own,
@@ -102,6 +104,25 @@ impl LensFields {
             radial: self.radial.or(global.radial),
             tangential: self.tangential.or(global.tangential),
             fisheye: self.fisheye.or(global.fisheye),
+        }
+    }
+
+    /// Lengths in pixels for a picture of another size.
+    fn scaled_to(self, w: Option<f64>, h: Option<f64>) -> Self {
+        let ratio = |new: Option<f64>, old: Option<f64>| new.zip(old).map_or(1.0, |(new, old)| new / old);
+        let (x, y) = (ratio(w, self.w), ratio(h, self.h));
+        let scaled = |focal: Option<Focal>, factor: f64| {
+            focal.map(|focal| match focal {
+                Focal::Pixels(pixels) => Focal::Pixels(pixels * factor),
+                angle @ Focal::Angle(_) => angle,
+            })
+        };
+        Self {
+            focal_x: scaled(self.focal_x, x),
+            focal_y: scaled(self.focal_y, y),
+            cx: self.cx.map(|cx| cx * x),
+            cy: self.cy.map(|cy| cy * y),
+            ..self
         }
     }
 

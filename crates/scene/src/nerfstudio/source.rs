@@ -48,12 +48,20 @@ pub(crate) struct SceneFile {
 }
 
 impl NerfstudioScenes {
-    /// Finds the scenes; reads none of them.
+    /// Finds the scenes; reads none of them. Of two with one key the first is taken, with a warning.
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`.
-    pub fn open(path: &Path, options: NerfstudioOptions) -> Result<Self, SceneError> {
-        let scenes = scene_files(path, options.prefer_gaussian_splat)?;
+    pub fn open(path: &Path, options: NerfstudioOptions, warnings: &mut Warnings) -> Result<Self, SceneError> {
+        let mut scenes = scene_files(path, options.prefer_gaussian_splat)?;
+        scenes.dedup_by(|later, earlier| {
+            let same = later.key == earlier.key;
+            if same {
+                let detail = format!("{} is used, not {}", earlier.file.display(), later.file.display());
+                warnings.push(WarningKind::DuplicateScene, &later.key, detail);
+            }
+            same
+        });
         if scenes.is_empty() {
             return Err(SceneError::Unrecognized {
                 expected: "transforms.json here, in nerfstudio/ or in one of its folders".to_owned(),
@@ -215,7 +223,6 @@ pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Ve
         }
     }
     scenes.sort_unstable();
-    scenes.dedup_by(|later, earlier| later.key == earlier.key);
     Ok(scenes)
 }
 

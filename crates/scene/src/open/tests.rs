@@ -116,3 +116,23 @@ fn names_are_what_json_says() {
         assert_eq!(serde_json::to_string(&format).unwrap(), format!("{:?}", format.name()));
     }
 }
+
+#[test]
+fn what_keeps_a_text_from_being_a_trajectory_is_said() {
+    let short = b"https://youtu.be/x\n1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1\n";
+    for below in ["", "a.txt"] {
+        let message = opened(&[("a.txt", short)], below).unwrap_err().to_string();
+        assert!(message.contains("line 2") && message.contains("19 columns, found 18"), "{message}");
+    }
+}
+
+#[test]
+fn of_two_scenes_with_one_name_the_unused_one_is_named() {
+    let json = TRANSFORMS.as_bytes();
+    let folder = folder_of(&[("1K/a/transforms.json", json), ("2K/a/transforms.json", json)]);
+    let mut warnings = Warnings::new();
+    let dataset = open(folder.path(), &mut warnings).unwrap();
+    assert_eq!(dataset.keys(), ["dl3dv_a"]);
+    assert_eq!(warnings.counts().collect::<Vec<_>>(), [(crate::WarningKind::DuplicateScene, 1)]);
+    assert!(warnings.kept()[0].detail.contains("2K"), "{:?}", warnings.kept());
+}

@@ -1,6 +1,6 @@
 use std::collections::BTreeMap;
 use std::fmt;
-use std::path::{Component, Path, PathBuf};
+use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
@@ -10,8 +10,8 @@ use ::opencv::prelude::*;
 use ::opencv::videoio::{CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_POS_MSEC, VideoCapture};
 
 use super::called;
-use crate::SceneError;
 use crate::geometry::median;
+use crate::{SceneError, is_plain_name};
 
 const FORMAT: &str = "video";
 
@@ -112,7 +112,10 @@ pub fn cut_frames(
     options: &CutOptions,
     mut progress: impl FnMut(usize),
 ) -> Result<VideoCut, SceneError> {
-    let folder = options.folder.join(plain_name(key)?);
+    if !is_plain_name(key) {
+        return Err(malformed(Path::new(key), "scene key", "a plain folder name", format!("{key:?}")));
+    }
+    let folder = options.folder.join(key);
     std::fs::create_dir_all(&folder).map_err(SceneError::io("making a folder for frames", &folder))?;
     let last_wanted = timestamps_micros.iter().copied().max();
     let shown = Shown::read(video, last_wanted)?;
@@ -176,15 +179,6 @@ fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> R
     std::fs::write(&part, bytes.as_slice()).map_err(SceneError::io("writing a frame", &part))?;
     std::fs::rename(&part, &path).map_err(SceneError::io("naming a frame", &path))?;
     Ok(path)
-}
-
-/// A key names one folder: nothing in it may lead elsewhere.
-fn plain_name(key: &str) -> Result<&str, SceneError> {
-    let mut parts = Path::new(key).components();
-    match (parts.next(), parts.next()) {
-        (Some(Component::Normal(name)), None) if name == key => Ok(key),
-        _ => Err(malformed(Path::new(key), "scene key", "a plain folder name", format!("{key:?}"))),
-    }
 }
 
 fn malformed(path: &Path, location: &str, expected: &str, found: String) -> SceneError {

@@ -4,6 +4,7 @@ use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 
 use super::error::shortened;
 use super::{Dict, TorchError, Value};
+use crate::files::read_file;
 use crate::{Frame, Picture, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
 /// Columns of a `cameras` row: fx fy cx cy, two unused, and a row-major 3×4 world-to-camera matrix.
@@ -99,9 +100,7 @@ impl ChunkScene {
                 .ok_or_else(|| lacking(format!("expected a timestamp or a numbered name, found {:?}", frame.name)))?;
             stored.images.push(match &frame.picture {
                 Picture::Encoded(bytes) => bytes.clone(),
-                Picture::File(file) => {
-                    SharedBytes::new(std::fs::read(file).map_err(SceneError::io("reading a picture", file))?)
-                }
+                Picture::File(file) => SharedBytes::new(read_file("reading a picture", file)?),
                 Picture::Missing(file) => return Err(lacking(format!("no file {}", file.display()))),
                 Picture::Absent => return Err(lacking("the trajectory came without pictures".to_owned())),
             });

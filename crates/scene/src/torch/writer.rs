@@ -72,8 +72,9 @@ impl ChunkWriter {
     /// Adds a scene, and writes a chunk when that fills one.
     ///
     /// # Errors
-    /// [`SceneError::Torch`] where the scene's lengths differ, its key was used before, or a picture is
-    /// neither JPEG, PNG nor WebP; [`SceneError::Io`] where a chunk cannot be written.
+    /// [`SceneError::Torch`] where the scene's lengths differ, its key was used before, a picture is neither
+    /// JPEG, PNG nor WebP, or a camera does not fit f32: the scene is left out and the next may follow.
+    /// [`SceneError::Io`] where a chunk cannot be written.
     pub fn push(&mut self, scene: ChunkScene) -> Result<(), SceneError> {
         self.check(&scene).map_err(SceneError::torch(&self.folder))?;
         self.pending_bytes += scene.images.iter().map(|image| image.len() as u64).sum::<u64>();
@@ -122,7 +123,15 @@ impl ChunkWriter {
                 return Err(TorchError::malformed(location, "a JPEG, PNG or WebP file", shown.join(" ")));
             }
         }
-        Ok(())
+        #[expect(clippy::cast_possible_truncation, reason = "whether it overflows is the question")]
+        let is_f32 = |number: &f64| (*number as f32).is_finite();
+        match scene.cameras.iter().position(|row| !row.iter().all(is_f32)) {
+            None => Ok(()),
+            Some(position) => {
+                let location = format!("scene {:?}, field cameras[{position}]", scene.key);
+                Err(TorchError::malformed(location, "numbers that f32 can hold", "larger ones"))
+            }
+        }
     }
 }
 

@@ -43,7 +43,7 @@ fn load_with(root: &Value, files: &[&str], options: NerfstudioOptions) -> Result
         let picture = image_bytes(8, 6);
         fs::write(path, picture).unwrap();
     }
-    let source = NerfstudioScenes::open(folder.path(), options).unwrap();
+    let source = NerfstudioScenes::open(folder.path(), options, &mut Warnings::new()).unwrap();
     let mut warnings = Warnings::new();
     let scene = source.load(&source.keys()[0], &mut warnings)?;
     Ok((scene, warnings))
@@ -300,4 +300,17 @@ proptest! {
         }
         parse_transforms(&text, Path::new("t.json")).ok();
     }
+}
+
+/// The frame is the same picture at half size: the global lens holds for it, in its own pixels.
+#[test]
+fn a_frame_of_another_size_has_the_global_lens() {
+    let root = transforms(|root| {
+        root["cy"] = json!(48);
+        root["frames"][0]["w"] = json!(100);
+        root["frames"][0]["h"] = json!(50);
+    });
+    let (scene, _) = load(&root, &["images/f_1.png"], PictureFolder::default()).unwrap();
+    let k = scene.frames[0].camera.intrinsics;
+    Tolerance::F64.assert([k.fx, k.fy, k.cx, k.cy], [0.5, 1.1, 0.5, 0.48], "normalised intrinsics");
 }

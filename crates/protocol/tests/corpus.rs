@@ -1,4 +1,4 @@
-//! Replays the fuzz targets' seeds, and every input that once broke a parser, without a fuzzer.
+//! Replays the fuzz targets' corpora, which hold every input that once broke a parser, without a fuzzer.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -9,13 +9,8 @@ use atsplat_protocol::{IndexFile, LintOptions, Preset, lint_file};
 use atsplat_scene::Warnings;
 
 fn inputs(target: &str) -> Vec<(PathBuf, Vec<u8>)> {
-    let fuzz = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz");
-    let folders = ["corpus", "regressions"].map(|kind| fuzz.join(kind).join(target));
-    let mut paths: Vec<PathBuf> = folders
-        .iter()
-        .filter_map(|folder| fs::read_dir(folder).ok())
-        .flat_map(|entries| entries.map(|entry| entry.unwrap().path()))
-        .collect();
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus").join(target);
+    let mut paths: Vec<PathBuf> = fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
     assert!(!paths.is_empty(), "{target} has seeds");
     paths.into_iter().map(|path| (path.clone(), fs::read(path).unwrap())).collect()

@@ -1,0 +1,144 @@
+//! `atsplat protocol` on datasets: which pictures, which depth maps, what is said of what fails.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::fmt::Write as _;
+
+use atsplat_pixels::exr::{self, Channel, Channels, Values};
+use atsplat_tests::shared_data;
+use common::{atsplat, succeed, write_trajectory};
+
+fn json(text: &str) -> serde_json::Value {
+    serde_json::from_str(text).unwrap()
+}
+
+/// The capture holds pictures of 960×540 and of 480×270; the protocol wants the small ones.
+#[test]
+fn each_command_takes_the_pictures_that_are_asked_for() {
+    let Some(shared) = shared_data("each_command_takes_the_pictures_that_are_asked_for") else { return };
+    let data = shared.canonicalize().unwrap().join("dl3dv_like");
+    let data = data.to_str().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    succeed(here, &["protocol", "build", data, "--images", "8", "--sampler", "dl3dv-6v", "-o", "index.json"]);
+
+    let lint = ["protocol", "lint", "index.json", "--preset", "dl3dv-6v-256x448", "--data", data, "--json"];
+    let usable = |words: &[&str]| json(&succeed(here, &[&lint[..], words].concat()))["dataset"]["usable"].as_u64();
+    assert_eq!((usable(&["--images", "8"]), usable(&["--images", "4"])), (Some(1), Some(0)));
+
+    for command in [&["overlap", "index.json"][..], &["extrapolate", "index.json", "-o", "outside.json"]] {
+        let words = [&["protocol"], command, &["--data", data, "--images", "8"]].concat();
+        let outcome = atsplat(here, &words);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        assert!(outcome.stderr.contains("images_8/frame_00081.png"), "{command:?}: {}", outcome.stderr);
+    }
+    let without_data = atsplat(here, &["protocol", "overlap", "index.json", "--images", "8"]);
+    assert_eq!(without_data.code, 2, "{}", without_data.stderr);
+}
+
+/// Two cameras that look at a wall at z = 4 from places 1.6 apart: 40 px · 1.6 / 4 = 16 of 80 columns are lost.
+#[test]
+fn depth_covisibility_from_files() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir_all(here.join("data")).unwrap();
+    for scene in ["wall", "bare"] {
+        let mut text = "https://example.org/video\n".to_owned();
+        for (time, x) in [(0, 0.0), (40_000, -1.6)] {
+            writeln!(text, "{time} 0.5 0.7 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0").unwrap();
+        }
+        std::fs::write(here.join("data").join(format!("{scene}.txt")), text).unwrap();
+    }
+    std::fs::create_dir_all(here.join("depth/wall")).unwrap();
+    for time in ["0", "40000"] {
+        let channel = Channel { name: "Z".to_owned(), values: Values::Depth, samples: vec![4.0; 80 * 60] };
+        let bytes = exr::write(&Channels::new(80, 60, vec![channel]).unwrap()).unwrap();
+        std::fs::write(here.join("depth/wall").join(format!("{time}.exr")), bytes).unwrap();
+    }
+    let entry = r#"{"context": [0, 1], "target": [0]}"#;
+    let index = format!(r#"{{"wall": {entry}, "bare": {entry}, "gone": {entry}}}"#);
+    std::fs::write(here.join("index.json"), index).unwrap();
+
+    let measure = ["protocol", "overlap", "index.json", "--data", "data", "--estimator", "depth-covisibility"];
+    let refused = atsplat(here, &measure);
+    assert_eq!(refused.code, 2);
+    assert!(refused.stderr.contains("--depth <FOLDER>"), "{}", refused.stderr);
+    let nowhere = atsplat(here, &[&measure[..], &["--depth", "nowhere"]].concat());
+    assert!(nowhere.code == 1 && nowhere.stderr.contains("nowhere"), "{}", nowhere.stderr);
+
+    let words = [&measure[..], &["--depth", "depth", "-o", "overlap.json"]].concat();
+    let report = succeed(here, &words);
+    for line in [
+        "      1  measured",
+        "      1  not measured: scene-missing",
+        "      1  not measured: unreadable",
+        "\"bare\" entry 0: reading a depth map",
+    ] {
+        assert!(report.contains(line), "{line}: {report}");
+    }
+    let measured = std::fs::read_to_string(here.join("overlap.json")).unwrap();
+    assert_eq!(json(&measured)["wall"]["overlap"].to_string(), "0.8", "{measured}");
+    assert_eq!(atsplat(here, &[&["--strict"], &words[..]].concat()).code, 4);
+
+    let other = ["protocol", "overlap", "index.json", "--data", "data", "--depth", "depth"];
+    assert!(atsplat(here, &other).stderr.contains("looks at no depth"));
+}
+
+/// Said before the index is even looked for.
+#[cfg(not(feature = "opencv"))]
+#[test]
+fn feature_coverage_needs_its_feature() {
+    let words = ["protocol", "overlap", "nowhere.json", "--data", "nowhere", "--estimator", "feature-coverage"];
+    let folder = tempfile::tempdir().unwrap();
+    let outcome = atsplat(folder.path(), &words);
+    assert!(outcome.code == 1 && outcome.stderr.contains("--features opencv"), "{}", outcome.stderr);
+}
+
+#[test]
+fn scenes_that_the_data_lacks_are_skips_and_the_split_is_known_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/here.txt"), 100);
+    let entry = r#"{"context": [0, 10, 20, 30, 40, 49], "target": [5]}"#;
+    std::fs::write(here.join("one.json"), format!(r#"{{"here": {entry}}}"#)).unwrap();
+    std::fs::write(here.join("two.json"), format!(r#"{{"here": {entry}, "gone": {entry}, "null": null}}"#)).unwrap();
+    let split = |index: &str, words: &[&str]| {
+        let all = [&["--strict", "protocol", "extrapolate", index, "-o", "outside.json"], words].concat();
+        let outcome = atsplat(here, &all);
+        (outcome.code, outcome.stdout + &outcome.stderr)
+    };
+    assert_eq!(split("two.json", &[]).0, 0, "without data nothing is missing");
+    let (code, said) = split("two.json", &["--data", "data"]);
+    assert_eq!(code, 4, "{said}");
+    assert!(said.contains("1  entries whose scene length is unknown") && said.contains("scene-not-found"), "{said}");
+    let (code, said) = split("one.json", &["--data", "data"]);
+    assert_eq!(code, 0, "{said}");
+    assert!(said.contains("targets by distance: -10 to -1: 1 each, 1 to 10: 1 each\n"), "{said}");
+
+    let lint = ["protocol", "lint", "outside.json", "--preset", "dl3dv-6v-extrapolation"];
+    let text = succeed(here, &lint);
+    assert!(text.contains("derived by its rule, but not from all scenes"), "{text}");
+    let report = json(&succeed(here, &[&lint[..], &["--json"]].concat()));
+    assert_eq!(report["targets-by-distance"]["-10"], 1, "{report}");
+    assert_eq!(report["preset"]["match"], "derived-from-other");
+    let text = succeed(here, &["protocol", "lint", "one.json", "--preset", "dl3dv-6v-extrapolation"]);
+    assert!(text.contains("not one of its indices"), "{text}");
+}
+
+#[test]
+fn the_published_split_is_known_again() {
+    let Some(shared) = shared_data("the_published_split_is_known_again") else { return };
+    let index = shared.join("index/depthsplat/dl3dv_start_0_distance_50_ctx_6v_video_0_50.json");
+    let index = index.canonicalize().unwrap();
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let lint = |index: &str| succeed(here, &["protocol", "lint", index, "--preset", "dl3dv-6v-extrapolation"]);
+    assert!(lint(index.to_str().unwrap()).contains("from which `protocol extrapolate` makes its index"));
+    succeed(here, &["protocol", "extrapolate", index.to_str().unwrap(), "-o", "outside.json"]);
+    let text = lint("outside.json");
+    assert!(text.contains("preset dl3dv-6v-extrapolation: its index, derived from depthsplat-dl3dv-6v"), "{text}");
+    assert!(text.contains("targets by distance -10 to -1: 140 each, 1 to 10: 140 each"), "{text}");
+}

@@ -1,0 +1,117 @@
+use std::path::{Component, Path, PathBuf};
+
+use atsplat_camera::ImageSize;
+use atsplat_pixels::{DecodeLimits, exr};
+
+use super::DepthMap;
+use crate::ProtocolError;
+
+/// Depth maps on disk: `<scene key>/<frame name>.exr`, the channel `Z` or the only channel there is, in scene
+/// units along the camera's z axis.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct DepthFolder {
+    root: PathBuf,
+}
+
+/// One depth map of a [`DepthFolder`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct LoadedDepth {
+    size: ImageSize,
+    depths: Vec<f32>,
+}
+
+impl DepthFolder {
+    /// The folder at `root`.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Io`] where there is no folder.
+    pub fn open(root: &Path) -> Result<Self, ProtocolError> {
+        match std::fs::read_dir(root) {
+            Ok(_) => Ok(Self { root: root.to_owned() }),
+            Err(source) => Err(ProtocolError::Io { action: "opening depth maps", path: root.to_owned(), source }),
+        }
+    }
+
+    /// The depth map of one frame.
+    ///
+    /// # Errors
+    /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around [`ProtocolError::Overlap`] for a name that
+    /// leads out of the folder and for a file that holds no depth.
+    pub fn load(&self, scene: &str, frame: &str) -> Result<LoadedDepth, ProtocolError> {
+        let relative = Path::new(scene).join(format!("{frame}.exr"));
+        let path = self.root.join(&relative);
+        let refused =
+            |reason: String| ProtocolError::Overlap { estimator: "depth-covisibility", reason }.in_file(&path);
+        if scene.is_empty() || !relative.components().all(|part| matches!(part, Component::Normal(_))) {
+            return Err(refused("expected a path inside the folder of depth maps".to_owned()));
+        }
+        let limits = DecodeLimits::default();
+        let io = |source| ProtocolError::Io { action: "reading a depth map", path: path.clone(), source };
+        let bytes = std::fs::read(&path).map_err(io)?;
+        let channels = exr::read(&bytes, &limits).map_err(|error| refused(error.to_string()))?;
+        let depth = match channels.channels() {
+            [only] => only,
+            _ => channels.get("Z").map_err(|error| refused(error.to_string()))?,
+        };
+        let size = ImageSize { width: channels.width(), height: channels.height() };
+        Ok(LoadedDepth { size, depths: depth.samples.clone() })
+    }
+}
+
+impl LoadedDepth {
+    /// The map that [`super::OverlapView`] takes.
+    ///
+    /// # Errors
+    /// As [`DepthMap::new`]; never for what [`DepthFolder::load`] returned.
+    pub fn map(&self) -> Result<DepthMap<'_>, ProtocolError> {
+        DepthMap::new(self.size, &self.depths)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_pixels::exr::{Channel, Channels, Values};
+
+    use super::*;
+
+    fn write(path: &Path, names: &[&str]) {
+        let channel = |(at, name): (usize, &&str)| Channel {
+            name: (*name).to_owned(),
+            values: Values::Depth,
+            samples: vec![f32::from(u8::try_from(at).unwrap()) + 1.0; 6],
+        };
+        let channels = names.iter().enumerate().map(channel).collect();
+        std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+        std::fs::write(path, exr::write(&Channels::new(3, 2, channels).unwrap()).unwrap()).unwrap();
+    }
+
+    #[test]
+    fn the_channel_z_or_the_only_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let depths = DepthFolder::open(folder.path()).unwrap();
+        write(&folder.path().join("s/0.exr"), &["R", "Z"]);
+        write(&folder.path().join("s/deep/1.png.exr"), &["depth"]);
+        write(&folder.path().join("s/2.exr"), &["R", "G"]);
+        let loaded = depths.load("s", "0").unwrap();
+        assert_eq!((loaded.size, loaded.depths.len()), (ImageSize { width: 3, height: 2 }, 6));
+        assert!(loaded.map().is_ok() && depths.load("s", "deep/1.png").is_ok());
+        let two = depths.load("s", "2").unwrap_err().to_string();
+        assert!(two.contains('Z') && two.contains("2.exr"), "{two}");
+        std::fs::write(folder.path().join("s/3.exr"), b"no picture").unwrap();
+        assert!(depths.load("s", "3").unwrap_err().to_string().contains("3.exr"));
+        assert!(depths.load("s", "4").unwrap_err().to_string().starts_with("reading a depth map"));
+    }
+
+    #[test]
+    fn names_stay_inside_the_folder() {
+        let folder = tempfile::tempdir().unwrap();
+        write(&folder.path().join("0.exr"), &["Z"]);
+        std::fs::create_dir(folder.path().join("depth")).unwrap();
+        let depths = DepthFolder::open(&folder.path().join("depth")).unwrap();
+        for (scene, frame) in [("..", "0"), ("s", "../../0"), ("", "0"), ("/", "0"), ("s", "/0")] {
+            let error = depths.load(scene, frame).unwrap_err().to_string();
+            assert!(error.contains("inside the folder"), "{scene:?} {frame:?}: {error}");
+        }
+        assert!(DepthFolder::open(&folder.path().join("nowhere")).is_err());
+    }
+}
