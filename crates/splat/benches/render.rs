@@ -6,7 +6,7 @@ use std::hint::black_box;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer, SimdLevel};
-use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View, sh_coefficients};
+use atsplat_splat::{GaussianParts, Gaussians, ImageGradients, RenderOptions, View, sh_coefficients};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3};
 
@@ -60,5 +60,24 @@ fn forward(criterion: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, forward);
+/// The derivative of the first scene, by colour: what one step of training adds to rendering.
+fn backward(criterion: &mut Criterion) {
+    let (gaussians, view) = scene(131_072, ImageSize { width: 256, height: 256 }, 0);
+    let images = ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
+    let mut group = criterion.benchmark_group("backward");
+    group.sample_size(10).throughput(Throughput::Elements(131_072));
+    for threads in [1, 2] {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+        let (mut renderer, options) = (CpuRenderer::default(), RenderOptions::default());
+        group.bench_function(format!("131072 to 256x256, degree 0, {threads} threads"), |bencher| {
+            bencher.iter(|| {
+                pool.install(|| renderer.backward(black_box(&gaussians), &view, &options, &images))
+                    .expect("derivatives")
+            });
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, forward, backward);
 criterion_main!(benches);

@@ -1,5 +1,9 @@
 use serde::{Deserialize, Serialize};
 
+/// Largest colour channel or scalar of a Gaussian that is drawn, in magnitude; one beyond it counts as invalid. Far
+/// from anything that means a colour, and far enough from f32's range that no sum or derivative overflows.
+pub const LARGEST_CHANNEL: f64 = 1e12;
+
 /// Every number and rule in which published rasterizers differ; a result is worth nothing without them.
 ///
 /// The default is exact: all of an ellipse that can reach `min_alpha` is drawn, and the whole of K is used.

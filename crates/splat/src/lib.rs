@@ -22,7 +22,7 @@ mod rendering;
 pub mod sh;
 mod view;
 
-pub use constants::{ClampedGradient, Extent, PrincipalPoint, RendererConstants, ShAxes};
+pub use constants::{ClampedGradient, Extent, LARGEST_CHANNEL, PrincipalPoint, RendererConstants, ShAxes};
 pub use error::SplatError;
 pub use gaussians::{
     Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,

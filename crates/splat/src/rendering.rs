@@ -3,6 +3,8 @@ use std::ops::AddAssign;
 use atsplat_camera::ImageSize;
 use serde::Serialize;
 
+use crate::reference::SplatGradient;
+use crate::reference::project_backward::GaussianGradient;
 use crate::{Gaussians, RenderOptions, SplatError, View};
 
 /// Images of one view, row-major, f64 from the reference and f32 from everything else.
@@ -160,5 +162,35 @@ impl<T: Copy + Default> Gradients<T> {
             background: [zero; 3],
             pose: [zero; 6],
         }
+    }
+}
+
+impl<T: Copy> Gradients<T> {
+    /// Puts one Gaussian's derivatives in their place.
+    pub(crate) fn put(
+        &mut self,
+        position: usize,
+        of_gaussian: &GaussianGradient,
+        of_splat: &SplatGradient,
+        number: impl Fn(f64) -> T + Copy,
+    ) {
+        let stored = self.sh.len().checked_div(self.means.len()).unwrap_or_default();
+        place(&mut self.means, position, of_gaussian.mean.to_array().map(number));
+        place(&mut self.quaternions, position, of_gaussian.quaternion.map(number));
+        place(&mut self.log_scales, position, of_gaussian.log_scales.to_array().map(number));
+        place(&mut self.opacity_logits, position, number(of_gaussian.logit));
+        place(&mut self.scalars, position, number(of_splat.scalar));
+        place(&mut self.means_2d, position, of_splat.centre.to_array().map(number));
+        place(&mut self.conics, position, of_splat.conic.to_array().map(number));
+        let own = self.sh.iter_mut().skip(position * stored).take(stored);
+        for (slot, value) in own.zip(of_gaussian.sh) {
+            *slot = value.map(number);
+        }
+    }
+}
+
+fn place<T>(values: &mut [T], position: usize, value: T) {
+    if let Some(slot) = values.get_mut(position) {
+        *slot = value;
     }
 }

@@ -7,6 +7,7 @@ use std::path::Path;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
+use atsplat_splat::cpu::{CpuOptions, CpuRenderer, SimdLevel};
 use atsplat_splat::{
     GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RenderOptions, RendererConstants, View,
     reference,
@@ -126,4 +127,38 @@ fn the_reference_differentiates_as_gsplat_does() {
         }
     }
     assert!(failures.is_empty(), "{failures:#?}");
+}
+
+/// f32 pixels and derivatives, at every instruction set.
+#[test]
+fn processors_agree_with_gsplat() {
+    let stored = Stored::read();
+    let by_image = stored.rows::<4>("v_out_img");
+    let images = ImageGradients {
+        rgb: by_image.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect(),
+        alpha: Some(by_image.iter().map(|[.., alpha]| *alpha).collect()),
+        depth: None,
+        scalar: None,
+    };
+    for simd in SimdLevel::available() {
+        let mut renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
+        let rendering = renderer.render(&stored.gaussians(), &view(), &options()).unwrap();
+        let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|([r, g, b], alpha)| [*r, *g, *b, *alpha]);
+        let (difference, _) = worst(rgba.map(f64::from), &stored.values("out_img"));
+        Tolerance::absolute(1e-5).assert([difference], [0.0], "image");
+        let gradients = renderer.backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
+        let cases = [
+            ("v_means", gradients.means.as_flattened()),
+            ("v_quats", gradients.quaternions.as_flattened()),
+            ("v_scales", gradients.log_scales.as_flattened()),
+            ("v_opacities", &gradients.opacity_logits),
+            ("v_coeffs", gradients.sh.as_flattened()),
+            ("v_xy", gradients.means_2d.as_flattened()),
+            ("v_conics", gradients.conics.as_flattened()),
+        ];
+        for (name, actual) in cases {
+            let (_, relative) = worst(actual.iter().map(|value| f64::from(*value)), &stored.values(name));
+            Tolerance::absolute(1e-3).assert([relative], [0.0], name);
+        }
+    }
 }

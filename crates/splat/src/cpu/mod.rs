@@ -3,6 +3,9 @@
 //! The same bits come out for any number of threads, any tile size, and every instruction set that fuses
 //! multiplication with addition: each pixel composites its own Gaussians in one order, whatever surrounds it.
 
+mod backward;
+mod block;
+mod differentiate;
 mod kernel;
 mod order;
 mod project;
@@ -115,14 +118,16 @@ impl CpuRenderer {
         self.timings.bin_secs = clock.lap();
         let rows_per_band = side as usize * view.size.width as usize;
         let background = options.background.map(narrowed);
-        let paint = kernel::Paint { options, background, size: view.size, splats: &self.splats };
+        let channels = options.channels;
+        let extra = channels.depth || channels.scalar || channels.median_depth;
+        let paint = kernel::Paint { options, background, size: view.size, splats: &self.splats, extra };
         let mut bands = Bands::of(&mut rendering, rows_per_band);
         bands.par_iter_mut().enumerate().for_each(|(band, images)| {
             let mut tile = kernel::Tile::new(side);
             for column in 0..self.tiles.columns() {
                 let list = self.tiles.list(column, band);
                 self.options.simd.dispatch(kernel::Render { paint: &paint, list, at: (column, band), tile: &mut tile });
-                tile.copy_to(images, column, &paint);
+                tile.copy_to(images, (column, band), &paint);
             }
         });
         self.timings.raster_secs = clock.lap();

@@ -5,10 +5,10 @@ use pulp::{Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::{SimdLevel, narrowed};
-use crate::constants::ShAxes;
+use crate::constants::{LARGEST_CHANNEL, ShAxes};
 use crate::reach::reach;
 use crate::view::Optics;
-use crate::{Census, Gaussians, RasterMode, RenderOptions, View, sh, sh_coefficients};
+use crate::{Census, Gaussians, LOG_SCALE_LIMIT, RasterMode, RenderOptions, View, sh, sh_coefficients};
 
 /// One Gaussian as the picture sees it, in one line of the cache.
 #[derive(Clone, Copy, Debug, Default)]
@@ -26,6 +26,8 @@ pub(super) struct Splat {
     pub(super) base: [i32; 2],
     /// First and one past the last column, then row, that it may reach.
     pub(super) reach: [[u16; 2]; 2],
+    /// In the list of Gaussians.
+    pub(super) position: u32,
 }
 
 /// `√(½ log₂e)`.
@@ -142,7 +144,7 @@ impl Projector<'_> {
         let reach = reach(centre, [xx, uv, yy], opacity, self.view.size, constants).ok_or(Culled::OutsidePicture)?;
         let rgb = self.colour(position, mean)?;
         let scalar = parts.scalars.as_ref().map_or(Ok(0.0), |scalars| read(scalars, position))?;
-        if !scalar.is_finite() {
+        if !(scalar.abs() <= narrowed(LARGEST_CHANNEL)) {
             return Err(Culled::Invalid);
         }
         let leg = HALF_LOG2_E / (yy * determinant).sqrt();
@@ -155,6 +157,7 @@ impl Projector<'_> {
             scalar,
             offset: [narrowed(f64::from(base[0]) + 0.5 - centre.x), narrowed(f64::from(base[1]) + 0.5 - centre.y)],
             base,
+            position: u32::try_from(position).unwrap_or(u32::MAX),
             reach: [[short(reach[0][0]), short(reach[0][1])], [short(reach[1][0]), short(reach[1][1])]],
         })
     }
@@ -168,7 +171,8 @@ impl Projector<'_> {
         let norm = quaternion.length();
         let [log_x, log_y, log_z] = read(&parts.log_scales, position)?;
         let scales = widened([log_x.exp(), log_y.exp(), log_z.exp()]);
-        if !(norm > 0.0 && norm.is_finite() && scales.is_finite()) {
+        let usable = log_x <= LOG_SCALE_LIMIT && log_y <= LOG_SCALE_LIMIT && log_z <= LOG_SCALE_LIMIT;
+        if !(norm > 0.0 && norm.is_finite() && usable) {
             return Err(Culled::Invalid);
         }
         let rotation = DMat3::from_quat(quaternion * norm.recip());
@@ -236,7 +240,11 @@ impl Projector<'_> {
             add(basis.get(..sh_coefficients(degree)).unwrap_or_default());
         }
         let seen = |channel: f32| if channel < 0.0 { 0.0 } else { channel };
-        if sum.is_finite() { Ok([seen(sum.x), seen(sum.y), seen(sum.z)]) } else { Err(Culled::Invalid) }
+        if sum.is_finite() && sum.abs().max_element() <= narrowed(LARGEST_CHANNEL) {
+            Ok([seen(sum.x), seen(sum.y), seen(sum.z)])
+        } else {
+            Err(Culled::Invalid)
+        }
     }
 }
 

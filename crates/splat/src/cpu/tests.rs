@@ -2,7 +2,7 @@ use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedI
 use glam::{DMat3, DVec3};
 
 use super::*;
-use crate::{Channels, GaussianParts, RasterMode, RendererConstants, reference};
+use crate::{Channels, GaussianParts, Gradients, ImageGradients, RasterMode, RendererConstants, reference};
 
 /// A cloud in front of the camera, from needles and discs to blobs, some of it outside the view.
 fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
@@ -160,4 +160,80 @@ fn too_much_memory_is_refused_beforehand() {
     let cpu = CpuOptions { memory_limit: 10_000, ..CpuOptions::default() };
     let outcome = CpuRenderer::new(cpu).render(&cloud(1000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Memory { limit: 10_000, .. })));
+}
+
+fn image_gradients(view: &View) -> ImageGradients<f64> {
+    let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
+    let (red, green, blue) = (wave(0.0), wave(1.0), wave(2.0));
+    ImageGradients {
+        rgb: red.into_iter().zip(green).zip(blue).map(|((r, g), b)| [r, g, b]).collect(),
+        alpha: Some(wave(3.0)),
+        depth: Some(wave(4.0)),
+        scalar: Some(wave(5.0)),
+    }
+}
+
+fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
+    let image = |values: &Option<Vec<f64>>| values.as_ref().map(|v| v.iter().map(|x| narrowed(*x)).collect());
+    ImageGradients {
+        rgb: images.rgb.iter().map(|rgb| rgb.map(narrowed)).collect(),
+        alpha: image(&images.alpha),
+        depth: image(&images.depth),
+        scalar: image(&images.scalar),
+    }
+}
+
+fn fields<T: Copy + Into<f64>>(gradients: &Gradients<T>) -> Vec<(&'static str, Vec<f64>)> {
+    fn flat<T: Copy + Into<f64>, const N: usize>(rows: &[[T; N]]) -> Vec<f64> {
+        rows.iter().flatten().map(|value| (*value).into()).collect()
+    }
+    let plain = |values: &[T]| values.iter().map(|value| (*value).into()).collect();
+    vec![
+        ("means", flat(&gradients.means)),
+        ("quaternions", flat(&gradients.quaternions)),
+        ("log scales", flat(&gradients.log_scales)),
+        ("logits", plain(&gradients.opacity_logits)),
+        ("sh", flat(&gradients.sh)),
+        ("scalars", plain(&gradients.scalars)),
+        ("means on the screen", flat(&gradients.means_2d)),
+        ("background", plain(&gradients.background)),
+        ("pose", plain(&gradients.pose)),
+    ]
+}
+
+/// Opacities without cut-offs that a rounding could cross: what is compared is arithmetic.
+#[test]
+fn gradients_are_the_references() {
+    let (gaussians, view) = (cloud(600, 2, 21), view(61, 45));
+    for mode in [RasterMode::Classic, RasterMode::Antialiased] {
+        let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::default() };
+        let options = RenderOptions { constants, mode, ..everything() };
+        let images = image_gradients(&view);
+        let expected = reference::backward(&gaussians, &view, &options, &images).unwrap();
+        for simd in SimdLevel::available() {
+            let mut renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
+            let actual = renderer.backward(&gaussians, &view, &options, &narrow(&images)).unwrap();
+            for ((name, actual), (_, expected)) in fields(&actual).into_iter().zip(fields(&expected)) {
+                let size =
+                    expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
+                for (actual, expected) in actual.iter().zip(&expected) {
+                    let apart = (actual - expected).abs();
+                    assert!(apart <= 1e-3 * size, "{mode:?} {simd:?} {name}: {actual} against {expected}, size {size}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn one_gradient_for_any_number_of_threads_and_tiles() {
+    let (gaussians, view) = (cloud(2000, 1, 23), view(90, 70));
+    let images = narrow(&image_gradients(&view));
+    let of = |threads: usize, tile| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        let mut renderer = CpuRenderer::new(CpuOptions { tile, ..CpuOptions::default() });
+        pool.install(|| renderer.backward(&gaussians, &view, &everything(), &images).unwrap())
+    };
+    let expected = of(1, TileSize::Pixels32);
+    assert!(of(3, TileSize::Pixels16) == expected && of(2, TileSize::Pixels64) == expected);
 }

@@ -70,6 +70,19 @@ impl Tiles {
         self.columns
     }
 
+    /// Every tile with its list, row by row.
+    pub(super) fn all(&self) -> impl Iterator<Item = ((usize, usize), &[u32])> {
+        self.starts.windows(2).enumerate().map(|(tile, ends)| {
+            let list = self.lists.get(ends.first().copied().unwrap_or(0)..ends.last().copied().unwrap_or(0));
+            ((tile % self.columns, tile / self.columns), list.unwrap_or_default())
+        })
+    }
+
+    /// Entries of all lists together.
+    pub(super) const fn entries(&self) -> usize {
+        self.lists.len()
+    }
+
     /// The splats of a tile.
     pub(super) fn list(&self, column: usize, row: usize) -> &[u32] {
         let tile = row * self.columns + column;

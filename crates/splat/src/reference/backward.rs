@@ -8,13 +8,13 @@ use crate::rendering::PixelGradient;
 
 /// Derivatives of the loss by what a [`Splat`] is made of.
 #[derive(Clone, Copy, Debug, Default)]
-pub(super) struct SplatGradient {
-    pub(super) centre: DVec2,
-    pub(super) conic: DVec3,
-    pub(super) opacity: f64,
-    pub(super) rgb: DVec3,
-    pub(super) depth: f64,
-    pub(super) scalar: f64,
+pub(crate) struct SplatGradient {
+    pub(crate) centre: DVec2,
+    pub(crate) conic: DVec3,
+    pub(crate) opacity: f64,
+    pub(crate) rgb: DVec3,
+    pub(crate) depth: f64,
+    pub(crate) scalar: f64,
 }
 
 /// Adds one pixel's derivatives to its splats'; returns those by the background.

@@ -3,8 +3,12 @@
 
 mod backward;
 mod composite;
-mod project;
-mod project_backward;
+pub(crate) mod project;
+pub(crate) mod project_backward;
+
+pub(crate) use backward::SplatGradient;
+
+use glam::DVec3;
 
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
@@ -33,9 +37,9 @@ pub fn backward(
     images: &ImageGradients<f64>,
 ) -> Result<Gradients<f64>, SplatError> {
     images.check(view)?;
-    let (splats, rendering) = prepare(gaussians, view, options)?;
+    let (splats, _) = prepare(gaussians, view, options)?;
     let mut gradients = Gradients::zero(gaussians);
-    let mut of_splats = vec![backward::SplatGradient::default(); splats.len()];
+    let mut of_splats = vec![SplatGradient::default(); splats.len()];
     for (pixel, at) in composite::pixel_centres(view).enumerate() {
         let image = images.at(pixel);
         let background = backward::composite(&splats, at, options, &image, &mut of_splats);
@@ -43,8 +47,14 @@ pub fn backward(
             *sum += value;
         }
     }
-    drop(rendering);
-    project_backward::add(gaussians, view, options, &splats, &of_splats, &mut gradients)?;
+    let optics = view.optics(&options.constants)?;
+    for (splat, of_splat) in splats.iter().zip(&of_splats) {
+        let of_gaussian = project_backward::of_gaussian(gaussians, &optics, options, splat, of_splat);
+        gradients.put(splat.position, &of_gaussian, of_splat, |value| value);
+        for (sum, value) in gradients.pose.iter_mut().zip(of_gaussian.pose.iter().flat_map(DVec3::to_array)) {
+            *sum += value;
+        }
+    }
     Ok(gradients)
 }
 

@@ -1,68 +1,70 @@
 use atsplat_camera::ImageSize;
 use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
-use crate::constants::ShAxes;
+use crate::constants::{LARGEST_CHANNEL, ShAxes};
 use crate::reach::reach;
 use crate::view::Optics;
-use crate::{Gaussians, RasterMode, RenderOptions, sh, sh_coefficients};
+use crate::{Gaussians, LOG_SCALE_LIMIT, RasterMode, RenderOptions, sh, sh_coefficients};
 
 /// One Gaussian as the picture sees it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Splat {
+pub(crate) struct Splat {
     /// In the list of Gaussians.
-    pub(super) position: usize,
+    pub(crate) position: usize,
     /// Along the optical axis.
-    pub(super) depth: f64,
+    pub(crate) depth: f64,
     /// Projected centre in pixels.
-    pub(super) centre: DVec2,
+    pub(crate) centre: DVec2,
     /// Inverse covariance on the screen, `(a, b, c)` of `½(a·dx² + c·dy²) + b·dx·dy`.
-    pub(super) conic: DVec3,
+    pub(crate) conic: DVec3,
     /// After the sigmoid, the 3D filter and anti-aliasing.
-    pub(super) opacity: f64,
-    pub(super) rgb: DVec3,
+    pub(crate) opacity: f64,
+    pub(crate) rgb: DVec3,
     /// Its own scalar, 0 where there is none.
-    pub(super) scalar: f64,
+    pub(crate) scalar: f64,
     /// First and one past the last pixel that it may reach, columns and rows.
-    pub(super) reach: [[u32; 2]; 2],
-    pub(super) parts: Parts,
+    pub(crate) reach: [[u32; 2]; 2],
+    pub(crate) parts: Parts,
 }
 
 /// What the derivative needs again.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Parts {
+pub(crate) struct Parts {
     /// Centre in the camera's frame.
-    pub(super) in_camera: DVec3,
+    pub(crate) in_camera: DVec3,
     /// World from Gaussian.
-    pub(super) rotation: DMat3,
+    pub(crate) rotation: DMat3,
     /// Standard deviations, after the 3D filter.
-    pub(super) scales: DVec3,
+    pub(crate) scales: DVec3,
     /// Share of the variances that the 3D filter left to the Gaussian.
-    pub(super) own_share: DVec3,
+    pub(crate) own_share: DVec3,
     /// Opacity after the sigmoid, before everything else.
-    pub(super) sigmoid: f64,
+    pub(crate) sigmoid: f64,
     /// What the 3D filter multiplied it with.
-    pub(super) filter: f64,
+    pub(crate) filter: f64,
     /// What anti-aliasing multiplied it with.
-    pub(super) compensation: f64,
+    pub(crate) compensation: f64,
     /// `x/z` and `y/z` where the Jacobian is taken, and whether each was clamped.
-    pub(super) slope: DVec2,
-    pub(super) clamped: [bool; 2],
+    pub(crate) slope: DVec2,
+    pub(crate) clamped: [bool; 2],
     /// Lens and focal lengths: pixels by slope, where the Jacobian is taken.
-    pub(super) pixel_from_slope: DMat2,
+    pub(crate) pixel_from_slope: DMat2,
     /// Rows of the Jacobian, pixels by camera coordinates.
-    pub(super) jacobian: [DVec3; 2],
+    pub(crate) jacobian: [DVec3; 2],
     /// On the screen without and with the blur.
-    pub(super) sharp: DMat2,
-    pub(super) blurred: DMat2,
+    pub(crate) sharp: DMat2,
+    pub(crate) blurred: DMat2,
+    /// Of the two, without the cancellation of taking them from the matrices.
+    pub(crate) determinants: [f64; 2],
     /// Unit direction from the camera, in the axes that the harmonics are evaluated on.
-    pub(super) direction: DVec3,
+    pub(crate) direction: DVec3,
     /// Distance to the camera.
-    pub(super) distance: f64,
+    pub(crate) distance: f64,
     /// Colour before it was clamped at 0.
-    pub(super) raw_rgb: DVec3,
+    pub(crate) raw_rgb: DVec3,
 }
 
-pub(super) enum Outcome {
+pub(crate) enum Outcome {
     Drawn(Box<Splat>),
     Invalid,
     OutsideDepth,
@@ -70,7 +72,7 @@ pub(super) enum Outcome {
     OutsidePicture,
 }
 
-pub(super) fn project(
+pub(crate) fn project(
     gaussians: &Gaussians,
     position: usize,
     optics: &Optics,
@@ -141,7 +143,7 @@ pub(super) fn project(
     let Some(raw_rgb) = colour(gaussians, position, direction, options) else { return Outcome::Invalid };
     let scalar = gaussians.parts().scalars.as_ref().and_then(|scalars| scalars.get(position).copied());
     let scalar = f64::from(scalar.unwrap_or_default());
-    if !scalar.is_finite() {
+    if !(scalar.abs() <= LARGEST_CHANNEL) {
         return Outcome::Invalid;
     }
     let parts = Parts {
@@ -158,6 +160,7 @@ pub(super) fn project(
         jacobian,
         sharp,
         blurred,
+        determinants: [sharp_determinant, determinant],
         direction,
         distance,
         raw_rgb,
@@ -186,7 +189,8 @@ fn shape(gaussians: &Gaussians, position: usize) -> Option<Shape> {
     let parts = gaussians.parts();
     let mean = parts.means.get(position)?.map(f64::from);
     let [w, x, y, z] = parts.quaternions.get(position)?.map(f64::from);
-    let scales = DVec3::from_array(parts.log_scales.get(position)?.map(|log| f64::from(log).exp()));
+    let log_scales = *parts.log_scales.get(position)?;
+    let scales = DVec3::from_array(log_scales.map(|log| f64::from(log).exp()));
     let logit = f64::from(*parts.opacity_logits.get(position)?);
     let filter_3d = parts.filter_3d.as_ref().map_or(Some(0.0), |filter| filter.get(position).map(|f| f64::from(*f)))?;
     let quaternion = DQuat::from_xyzw(x, y, z, w);
@@ -194,7 +198,7 @@ fn shape(gaussians: &Gaussians, position: usize) -> Option<Shape> {
     let usable = DVec3::from_array(mean).is_finite()
         && norm.is_finite()
         && norm > 0.0
-        && scales.is_finite()
+        && log_scales.iter().all(|log| *log <= LOG_SCALE_LIMIT)
         && !logit.is_nan()
         && filter_3d.is_finite();
     if !usable {
@@ -223,5 +227,5 @@ fn colour(gaussians: &Gaussians, position: usize, direction: DVec3, options: &Re
     let sum = coefficients.zip(basis).fold(DVec3::splat(0.5), |sum, (coefficient, value)| {
         sum + value * DVec3::from_array(coefficient.map(f64::from))
     });
-    sum.is_finite().then_some(sum)
+    (sum.abs().max_element() <= LARGEST_CHANNEL && sum.is_finite()).then_some(sum)
 }

@@ -5,40 +5,52 @@ use super::backward::SplatGradient;
 use super::project::{Parts, Splat};
 use crate::constants::{ClampedGradient, ShAxes};
 use crate::view::Optics;
-use crate::{Gaussians, Gradients, RasterMode, RenderOptions, SplatError, View, sh, sh_coefficients};
+use crate::{Gaussians, RasterMode, RenderOptions, sh, sh_coefficients};
 
-/// Carries the splats' derivatives back to the Gaussians and the camera.
-pub(super) fn add(
+/// Derivatives by everything that one Gaussian is made of, and its share of those by the camera's pose.
+pub(crate) struct GaussianGradient {
+    pub(crate) mean: DVec3,
+    pub(crate) quaternion: [f64; 4],
+    pub(crate) log_scales: DVec3,
+    pub(crate) logit: f64,
+    /// Of the degree that was evaluated; the rest is zero.
+    pub(crate) sh: [[f64; 3]; 25],
+    /// Rotation, then translation.
+    pub(crate) pose: [DVec3; 2],
+}
+
+/// Carries a splat's derivatives back to its Gaussian and the camera.
+pub(crate) fn of_gaussian(
     gaussians: &Gaussians,
-    view: &View,
+    optics: &Optics,
     options: &RenderOptions,
-    splats: &[Splat],
-    of_splats: &[SplatGradient],
-    gradients: &mut Gradients<f64>,
-) -> Result<(), SplatError> {
-    let optics = view.optics(&options.constants)?;
-    let (mut by_rotation, mut by_translation) = (DVec3::ZERO, DVec3::ZERO);
-    for (splat, of_splat) in splats.iter().zip(of_splats) {
-        let parts = &splat.parts;
-        let mut own = Own::ZERO;
-        through_opacity(options, splat, of_splat, &mut own);
-        let by_jacobian = through_covariance(&optics, parts, of_splat, &mut own);
-        through_projection(&optics, options, parts, of_splat, by_jacobian, &mut own);
-        let by_mean = through_colour(gaussians, options, splat, of_splat, gradients);
+    splat: &Splat,
+    of_splat: &SplatGradient,
+) -> GaussianGradient {
+    let parts = &splat.parts;
+    let mut own = Own::ZERO;
+    through_opacity(options, splat, of_splat, &mut own);
+    let by_jacobian = through_covariance(optics, splat, of_splat, &mut own);
+    through_projection(optics, options, parts, of_splat, by_jacobian, &mut own);
+    let (by_mean, sh) = through_colour(gaussians, options, splat, of_splat);
 
-        // The colour's direction runs from the camera's centre, −Rᵀt, to the mean.
-        by_rotation += parts.in_camera.cross(own.in_camera) + axial(own.view_rotation * optics.rotation.transpose());
-        by_translation += own.in_camera + optics.rotation * by_mean;
-        own.mean = by_mean + optics.rotation.transpose() * own.in_camera;
-        store(gaussians, splat, of_splat, &own, gradients);
+    let stored = gaussians.parts().quaternions.get(splat.position).copied().unwrap_or_default().map(f64::from);
+    // With a filter f, the scale drawn is √(s² + f²), which grows with log s by s²/√(s² + f²).
+    let log_scales = own.log_scales + own.scales * parts.scales * parts.own_share;
+    // The colour's direction runs from the camera's centre, −Rᵀt, to the mean.
+    let by_rotation = parts.in_camera.cross(own.in_camera) + axial(own.view_rotation * optics.rotation.transpose());
+    GaussianGradient {
+        mean: by_mean + optics.rotation.transpose() * own.in_camera,
+        quaternion: by_quaternion(stored, &own.rotation),
+        log_scales,
+        logit: own.logit,
+        sh,
+        pose: [by_rotation, own.in_camera + optics.rotation * by_mean],
     }
-    gradients.pose = [by_rotation, by_translation].map(|part| part.to_array()).concat().try_into().unwrap_or_default();
-    Ok(())
 }
 
 /// Derivatives by one Gaussian's parts, as they are gathered.
 struct Own {
-    mean: DVec3,
     in_camera: DVec3,
     view_rotation: DMat3,
     rotation: DMat3,
@@ -51,7 +63,6 @@ struct Own {
 impl Own {
     // glam's default matrix is the identity.
     const ZERO: Self = Self {
-        mean: DVec3::ZERO,
         in_camera: DVec3::ZERO,
         view_rotation: DMat3::ZERO,
         rotation: DMat3::ZERO,
@@ -72,7 +83,7 @@ fn through_opacity(options: &RenderOptions, splat: &Splat, of_splat: &SplatGradi
     if options.mode == RasterMode::Antialiased && parts.compensation > options.constants.min_compensation {
         // ½ √(det/det') (Σ⁻¹ − Σ'⁻¹), written so that Σ need not be invertible.
         let by_compensation = of_splat.opacity * parts.sigmoid * parts.filter;
-        let (inner, outer) = (parts.sharp.determinant(), parts.blurred.determinant());
+        let [inner, outer] = parts.determinants;
         let ratio = adjugate(parts.sharp) * outer.recip() - adjugate(parts.blurred) * (inner / (outer * outer));
         own.sharp = ratio * (0.5 * by_compensation / parts.compensation);
     }
@@ -80,10 +91,11 @@ fn through_opacity(options: &RenderOptions, splat: &Splat, of_splat: &SplatGradi
 
 /// Conic → covariance on the screen → rotation, scales, Jacobian and the view's rotation; returns what the
 /// Jacobian's rows get.
-fn through_covariance(optics: &Optics, parts: &Parts, of_splat: &SplatGradient, own: &mut Own) -> [DVec3; 2] {
+fn through_covariance(optics: &Optics, splat: &Splat, of_splat: &SplatGradient, own: &mut Own) -> [DVec3; 2] {
+    let (parts, conic) = (&splat.parts, splat.conic);
     let DVec3 { x: a, y: b, z: c } = of_splat.conic;
     let by_inverse = DMat2::from_cols(DVec2::new(a, 0.5 * b), DVec2::new(0.5 * b, c));
-    let inverse = parts.blurred.inverse();
+    let inverse = DMat2::from_cols(DVec2::new(conic.x, conic.y), DVec2::new(conic.y, conic.z));
     let by_covariance = own.sharp - inverse * by_inverse * inverse;
 
     // sharp = V Vᵀ with V = J W R S.
@@ -165,14 +177,13 @@ fn through_lens(lens: &Lens, slope: DVec2, focal: DVec2, by_rows: [DVec2; 2]) ->
     DVec2::new(along(DVec2::X), along(DVec2::Y))
 }
 
-/// Colour → spherical harmonics; returns what the mean gets through the direction.
+/// Colour → spherical harmonics; returns what the mean gets through the direction, and they.
 fn through_colour(
     gaussians: &Gaussians,
     options: &RenderOptions,
     splat: &Splat,
     of_splat: &SplatGradient,
-    gradients: &mut Gradients<f64>,
-) -> DVec3 {
+) -> (DVec3, [[f64; 3]; 25]) {
     let parts = gaussians.parts();
     let (kept, stored) = (&splat.parts, sh_coefficients(parts.sh_degree));
     let degree = if options.max_sh_degree < parts.sh_degree { options.max_sh_degree } else { parts.sh_degree };
@@ -185,11 +196,9 @@ fn through_colour(
     let from = splat.position * stored;
     let used = from..from + sh_coefficients(degree);
     let basis = sh::basis(degree, kept.direction.to_array());
-    for (slot, value) in gradients.sh.get_mut(used.clone()).unwrap_or_default().iter_mut().zip(basis) {
-        *slot = (by_rgb * value).to_array();
-    }
+    let by_sh = basis.map(|value| (by_rgb * value).to_array());
     if options.gradients.directions_stop || kept.distance <= 0.0 {
-        return DVec3::ZERO;
+        return (DVec3::ZERO, by_sh);
     }
     let slopes = sh::basis_gradient(degree, kept.direction.to_array());
     let by_direction =
@@ -197,31 +206,11 @@ fn through_colour(
             sum + DVec3::from_array(slope) * DVec3::from_array(coefficient.map(f64::from)).dot(by_rgb)
         });
     let tangential = (by_direction - kept.direction * kept.direction.dot(by_direction)) / kept.distance;
-    match options.constants.sh_axes {
+    let by_mean = match options.constants.sh_axes {
         ShAxes::Standard => tangential,
         ShAxes::E3nn => DVec3::new(tangential.y, tangential.z, tangential.x),
-    }
-}
-
-/// Rotation → quaternion, scales → logarithms, and everything into its place.
-fn store(gaussians: &Gaussians, splat: &Splat, of_splat: &SplatGradient, own: &Own, gradients: &mut Gradients<f64>) {
-    let at = splat.position;
-    // With a filter f, the scale drawn is √(s² + f²), which grows with log s by s²/√(s² + f²).
-    let log_scales = own.log_scales + own.scales * splat.parts.scales * splat.parts.own_share;
-    let stored = gaussians.parts().quaternions.get(at).copied().unwrap_or_default().map(f64::from);
-    put(&mut gradients.means, at, own.mean.to_array());
-    put(&mut gradients.quaternions, at, by_quaternion(stored, &own.rotation));
-    put(&mut gradients.log_scales, at, log_scales.to_array());
-    put(&mut gradients.opacity_logits, at, own.logit);
-    put(&mut gradients.scalars, at, of_splat.scalar);
-    put(&mut gradients.means_2d, at, of_splat.centre.to_array());
-    put(&mut gradients.conics, at, of_splat.conic.to_array());
-}
-
-fn put<T>(values: &mut [T], at: usize, value: T) {
-    if let Some(slot) = values.get_mut(at) {
-        *slot = value;
-    }
+    };
+    (by_mean, by_sh)
 }
 
 /// Derivative by a quaternion `w, x, y, z` that is normalised before it becomes a rotation.
