@@ -18,6 +18,7 @@ mod gaussians;
 mod options;
 mod reach;
 pub mod reference;
+mod renderer;
 mod rendering;
 pub mod sh;
 mod view;
@@ -29,5 +30,6 @@ pub use gaussians::{
     MAX_SH_DEGREE, Problem, Validation, ZERO_QUATERNION, sh_coefficients,
 };
 pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
+pub use renderer::{ReferenceRenderer, Renderer, Stage};
 pub use rendering::{Census, Gradients, ImageGradients, Rendering};
 pub use view::View;

@@ -116,6 +116,35 @@ impl<T: Copy + Default> Rendering<T> {
     }
 }
 
+impl<T: Copy> Rendering<T> {
+    /// The same images in other numbers.
+    pub fn map<U>(self, number: impl Fn(T) -> U + Copy) -> Rendering<U> {
+        let each = |image: Vec<T>| image.into_iter().map(number).collect();
+        Rendering {
+            size: self.size,
+            rgb: self.rgb.into_iter().map(|rgb| rgb.map(number)).collect(),
+            alpha: each(self.alpha),
+            depth: self.depth.map(each),
+            scalar: self.scalar.map(each),
+            median_depth: self.median_depth.map(each),
+            census: self.census,
+        }
+    }
+}
+
+impl<T: Copy> ImageGradients<T> {
+    /// The same derivatives in other numbers.
+    pub fn map<U>(&self, number: impl Fn(T) -> U + Copy) -> ImageGradients<U> {
+        let each = |image: &Vec<T>| image.iter().copied().map(number).collect();
+        ImageGradients {
+            rgb: self.rgb.iter().map(|rgb| rgb.map(number)).collect(),
+            alpha: self.alpha.as_ref().map(each),
+            depth: self.depth.as_ref().map(each),
+            scalar: self.scalar.as_ref().map(each),
+        }
+    }
+}
+
 impl<T: Copy + Default> ImageGradients<T> {
     /// # Errors
     /// [`SplatError::Length`] naming the first image that has not one value per pixel.
@@ -166,6 +195,26 @@ impl<T: Copy + Default> Gradients<T> {
 }
 
 impl<T: Copy> Gradients<T> {
+    /// The same derivatives in other numbers.
+    pub fn map<U>(self, number: impl Fn(T) -> U + Copy) -> Gradients<U> {
+        fn rows<T: Copy, U, const N: usize>(values: Vec<[T; N]>, number: impl Fn(T) -> U + Copy) -> Vec<[U; N]> {
+            values.into_iter().map(|row| row.map(number)).collect()
+        }
+        let each = |values: Vec<T>| values.into_iter().map(number).collect();
+        Gradients {
+            means: rows(self.means, number),
+            quaternions: rows(self.quaternions, number),
+            log_scales: rows(self.log_scales, number),
+            opacity_logits: each(self.opacity_logits),
+            sh: rows(self.sh, number),
+            scalars: each(self.scalars),
+            means_2d: rows(self.means_2d, number),
+            conics: rows(self.conics, number),
+            background: self.background.map(number),
+            pose: self.pose.map(number),
+        }
+    }
+
     /// Puts one Gaussian's derivatives in their place.
     pub(crate) fn put(
         &mut self,

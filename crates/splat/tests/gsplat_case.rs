@@ -98,6 +98,19 @@ fn the_reference_renders_as_gsplat_does() {
 }
 
 #[test]
+fn the_reference_projects_as_gsplat_does() {
+    let stored = Stored::read();
+    let projected = reference::project(&stored.gaussians(), &view(), &options()).unwrap();
+    let drawn: Vec<_> = projected.into_iter().map(Option::unwrap).collect();
+    let (centres, _) = worst(drawn.iter().flat_map(|splat| splat.centre), &stored.values("xys"));
+    Tolerance::absolute(1e-5).assert([centres], [0.0], "centres in pixels");
+    let (conics, _) = worst(drawn.iter().flat_map(|splat| splat.conic), &stored.values("conics"));
+    Tolerance::absolute(1e-6).assert([conics], [0.0], "conics");
+    let (depths, _) = worst(drawn.iter().map(|splat| splat.depth), &stored.values("depths"));
+    Tolerance::absolute(1e-6).assert([depths], [0.0], "depths");
+}
+
+#[test]
 fn the_reference_differentiates_as_gsplat_does() {
     let stored = Stored::read();
     let by_image = stored.rows::<4>("v_out_img");

@@ -8,6 +8,7 @@ use super::{CpuRenderer, check_size, narrowed, project};
 use crate::reference::SplatGradient;
 use crate::reference::project::{self as geometry, Outcome};
 use crate::reference::project_backward::{GaussianGradient, of_gaussian};
+use crate::renderer::saturated;
 use crate::view::Optics;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, SplatError, View};
 
@@ -156,9 +157,4 @@ fn over_gaussians(
         }
     }
     gradients.pose = pose.map(saturated);
-}
-
-/// The nearest f32, the largest where f32 would be infinite: a derivative keeps its sign and stays finite.
-fn saturated(value: f64) -> f32 {
-    narrowed(value.clamp(f64::from(f32::MIN), f64::from(f32::MAX)))
 }

@@ -89,6 +89,11 @@ impl CpuRenderer {
         Self { options, ..Self::default() }
     }
 
+    /// The instruction set that it uses.
+    pub const fn simd(&self) -> SimdLevel {
+        self.options.simd
+    }
+
     /// Where the time of the last rendering went.
     pub const fn timings(&self) -> Timings {
         self.timings

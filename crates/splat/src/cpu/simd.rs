@@ -1,3 +1,5 @@
+use std::fmt::{self, Display, Formatter};
+
 use pulp::{Scalar256b, Simd, WithSimd};
 
 /// Instruction sets that pixels are composited with.
@@ -60,6 +62,20 @@ impl SimdLevel {
             Self::Portable => {}
         }
         Simd::vectorize(Scalar256b, operation)
+    }
+}
+
+impl Display for SimdLevel {
+    fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
+        formatter.write_str(match self {
+            Self::Portable => "portable",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx2 => "avx2",
+            #[cfg(target_arch = "x86_64")]
+            Self::Avx512 => "avx512",
+            #[cfg(target_arch = "aarch64")]
+            Self::Neon => "neon",
+        })
     }
 }
 

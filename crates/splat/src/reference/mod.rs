@@ -26,6 +26,44 @@ pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Re
     Ok(rendering)
 }
 
+/// One Gaussian as the picture sees it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Projection {
+    /// Projected centre in pixels.
+    pub centre: [f64; 2],
+    /// Inverse covariance on the screen, blur included: `(a, b, c)` of `½(a·dx² + c·dy²) + b·dx·dy`.
+    pub conic: [f64; 3],
+    /// Along the optical axis, in scene units.
+    pub depth: f64,
+    /// After the sigmoid, the 3D filter and anti-aliasing.
+    pub opacity: f64,
+    /// Colour from this side, at least 0.
+    pub rgb: [f64; 3],
+}
+
+/// Where and how each Gaussian appears; `None` for those that are not drawn.
+///
+/// # Errors
+/// As [`render`].
+pub fn project(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) -> Result<Vec<Option<Projection>>, SplatError> {
+    let optics = view.optics(&options.constants)?;
+    let one = |position| match project::project(gaussians, position, &optics, view.size, options) {
+        Outcome::Drawn(splat) => Some(Projection {
+            centre: splat.centre.to_array(),
+            conic: splat.conic.to_array(),
+            depth: splat.depth,
+            opacity: splat.opacity,
+            rgb: splat.rgb.to_array(),
+        }),
+        _ => None,
+    };
+    Ok((0..gaussians.len()).map(one).collect())
+}
+
 /// Derivatives of a loss by everything that made the images, from its derivatives by the images.
 ///
 /// # Errors
