@@ -73,4 +73,7 @@ pub enum SplatError {
     /// The lens cannot be used.
     #[error(transparent)]
     Camera(#[from] atsplat_camera::CameraError),
+    /// The graphics processor failed.
+    #[error(transparent)]
+    Gpu(#[from] crate::gpu::GpuError),
 }

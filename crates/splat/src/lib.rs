@@ -15,6 +15,7 @@ pub mod cpu;
 mod error;
 pub mod files;
 mod gaussians;
+pub mod gpu;
 mod options;
 mod reach;
 pub mod reference;

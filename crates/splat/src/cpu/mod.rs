@@ -169,7 +169,7 @@ impl Clock {
 }
 
 /// Reaches are stored in 16 bits.
-fn check_size(view: &View) -> Result<(), SplatError> {
+pub(crate) fn check_size(view: &View) -> Result<(), SplatError> {
     const LARGEST: u32 = u16::MAX as u32;
     if view.size.width <= LARGEST && view.size.height <= LARGEST {
         return Ok(());

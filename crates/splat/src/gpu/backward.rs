@@ -1,0 +1,235 @@
+//! Recording the derivative of a picture. It renders once more, as nothing is kept from a rendering before.
+
+use super::forward::{self, Lists, Scene, TILE};
+use super::gaussians::GpuPart;
+use super::gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
+use super::images;
+use super::kernels::{Kernel, Pool};
+use super::picture::{Job, Make, bytes_needed, check_memory, composite, pair_capacity};
+use super::record::Recorder;
+use super::sort::words;
+use super::uniforms::{ViewBlock, flag};
+use super::{GpuError, GpuOptions};
+use crate::SplatError;
+
+/// Sums by Gaussian over pixels.
+struct Sums {
+    firsts: wgpu::Buffer,
+    seconds: wgpu::Buffer,
+    colours: wgpu::Buffer,
+    /// By the background, a row of pixels each.
+    rows: wgpu::Buffer,
+}
+
+/// Records the derivative into buffers that `make` provides.
+pub(super) fn record(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    limits: &GpuOptions,
+    job: Job<'_>,
+    images: &GpuImageGradients,
+    make: Make<'_>,
+) -> Result<GpuGradients, SplatError> {
+    let (context, Job { gaussians, view, options }) = (recorder.context(), job);
+    let optics = view.optics(&options.constants)?;
+    crate::cpu::check_size(view)?;
+    let count = gaussians.len();
+    // Sums 48, pose 32, records 96 of a Gaussian; two images more and what a pixel brings.
+    let more = count.saturating_mul(176).saturating_add((view.pixels() as u64).saturating_mul(80));
+    let needed = bytes_needed(count, view, more);
+    check_memory(needed, limits.memory_limit)?;
+    let strips = images::strips(context, view)?;
+    check_images(&strips, view, images)?;
+    let with_extras = images.strips.iter().any(|strip| strip.extras.is_some());
+    let block = ViewBlock::new(view, &optics, options)
+        .with_flag(flag::EXTRAS, true)
+        .with_flag(flag::SLOTS, true)
+        .with_flag(flag::EXTRA_GRADIENTS, with_extras);
+
+    let scene = forward::project(recorder, pool, gaussians, &block, options)?;
+    let rows = u64::from(view.size.height);
+    let sums = Sums {
+        firsts: pool.get(context, "first moments", 0, 16 * count)?,
+        seconds: pool.get(context, "second moments", 0, 16 * count)?,
+        colours: pool.get(context, "sums by colour", 0, 16 * count)?,
+        rows: pool.get(context, "sums by background", 0, 16 * rows)?,
+    };
+    for buffer in [&sums.firsts, &sums.seconds, &sums.colours] {
+        recorder.clear(buffer, 16 * count);
+    }
+    // Keys, values twice, digits, owners, resolved pairs, sums.
+    let capacity = pair_capacity(context, limits.memory_limit - needed, 80, 48);
+    let windows = (images::windows(&strips, view), capacity);
+    let width = view.size.width;
+    forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
+        let strip = lists.window.strip;
+        let (Some(images), Some([_, rows])) = (images.strips.get(strip), strips.get(strip)) else { return Ok(()) };
+        differentiate(recorder, pool, &scene, lists, &sums, images, [width, *rows])
+    })?;
+
+    recorder.stage("project backward");
+    let pose = ["turns", "shifts"].map(|name| pool.get(context, name, 0, 16 * count));
+    let [turns, shifts] = pose;
+    let pose = [turns?, shifts?];
+    let mut parts = Vec::new();
+    let mut first = 0;
+    for (at, part) in gaussians.parts.iter().enumerate() {
+        let block = forward::part_block(&block, gaussians.sh_degree, options, part, first);
+        parts.push(of_part(recorder, pool, (&scene, &sums, &pose), (part, &block, at), &mut *make)?);
+        first += part.count;
+    }
+    let result = make(pool, "pose and background", 0, 48)?;
+    for (at, (vectors, count)) in [(&pose[0], count), (&pose[1], count), (&sums.rows, rows)].into_iter().enumerate() {
+        reduce(recorder, pool, vectors, count, (&result, 16 * at as u64))?;
+    }
+    Ok(GpuGradients { parts, pose_and_background: result })
+}
+
+/// One window: pixels, what they bring to the derivative, sums over each tile's pixels, sums over tiles.
+fn differentiate(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    scene: &Scene,
+    lists: &Lists,
+    sums: &Sums,
+    images: &GpuStripGradients,
+    [width, rows]: [u32; 2],
+) -> Result<(), GpuError> {
+    let context = recorder.context();
+    let pixels = u64::from(width) * u64::from(rows);
+    let colours = pool.get(context, "colours", lists.window.strip, 16 * pixels)?;
+    let extras = pool.get(context, "extras", lists.window.strip, 16 * pixels)?;
+    composite(recorder, pool, scene, lists, &colours, Some(&extras))?;
+
+    let seeds = pool.get(context, "seeds", 0, 32 * pixels)?;
+    let by_background = pool.get(context, "by background", 0, 16 * pixels)?;
+    let none = pool.get(context, "no extra gradients", 0, 16)?;
+    let by_pair = pool.get(context, "sums by pair", 0, 48 * lists.pairs)?;
+    let resolved = pool.get(context, "resolved pairs", 0, 8 * lists.pairs)?;
+    recorder.clear(&by_pair, 48 * lists.pairs);
+    recorder.stage("composite backward");
+    let mut block = lists.block;
+    block.window[0] = u32::try_from(pixels).unwrap_or(u32::MAX);
+    let extra_gradients = images.extras.as_ref().unwrap_or(&none);
+    let block = block.with_flag(flag::EXTRA_GRADIENTS, images.extras.is_some());
+    let buffers = [&images.colours, extra_gradients, &colours, &extras, &seeds, &by_background];
+    recorder.dispatch(Kernel::Seed, block.bytes(), &buffers, pixels.div_ceil(64))?;
+    recorder.dispatch(Kernel::Rows, block.bytes(), &[&by_background, &sums.rows], u64::from(rows).div_ceil(64))?;
+    if lists.pairs == 0 {
+        return Ok(());
+    }
+    let block = &lists.block;
+    let buffers = [&lists.values, &lists.owners, &resolved];
+    recorder.dispatch(Kernel::Resolve, block.bytes(), &buffers, lists.pairs.div_ceil(64))?;
+    let buffers = [&scene.shapes, &scene.places, &scene.paints, &resolved, &lists.ranges, &seeds, &by_pair];
+    recorder.dispatch(Kernel::Differentiate, block.bytes(), &buffers, lists.window.tiles())?;
+    let buffers = [&scene.order, &scene.offsets, &by_pair, &sums.firsts, &sums.seconds, &sums.colours];
+    recorder.dispatch(Kernel::Gather, block.bytes(), &buffers, scene.count.div_ceil(64))
+}
+
+/// Splats' derivatives to one part's Gaussians, and their shares of those by the pose.
+fn of_part(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    (scene, sums, pose): (&Scene, &Sums, &[wgpu::Buffer; 2]),
+    (part, block, at): (&GpuPart, &ViewBlock, usize),
+    make: Make<'_>,
+) -> Result<GpuGradientPart, GpuError> {
+    let context = recorder.context();
+    let count = u64::from(part.count);
+    let groups = count.div_ceil(64);
+    let records = pool.get(context, "records", 0, 96 * count)?;
+    let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
+    let stored = u64::from(block.part[2]);
+    let mut field = |pool: &mut Pool, name, each: u64| make(pool, name, at, 4 * each * count);
+    let gradients = GpuGradientPart {
+        count: part.count,
+        means: field(pool, "by means", 3)?,
+        quaternions: field(pool, "by quaternions", 4)?,
+        log_scales: field(pool, "by log scales", 3)?,
+        opacity_logits: field(pool, "by opacity logits", 1)?,
+        sh: field(pool, "by harmonics", 3 * stored)?,
+        scalars: part.scalars.is_some().then(|| field(pool, "by scalars", 1)).transpose()?,
+        means_2d: field(pool, "by means on the screen", 2)?,
+        conics: field(pool, "by conics", 3)?,
+    };
+    let buffers = [
+        &part.means,
+        &part.sh,
+        &sums.seconds,
+        &sums.colours,
+        &scene.reaches,
+        &records,
+        &gradients.sh,
+        gradients.scalars.as_ref().unwrap_or(&dummies[1]),
+    ];
+    recorder.dispatch(Kernel::ColourBackward, block.bytes(), &buffers, groups)?;
+    let buffers = [
+        &part.means,
+        &part.quaternions,
+        &part.log_scales,
+        &part.opacity_logits,
+        part.filter_3d.as_ref().unwrap_or(&dummies[0]),
+        &sums.firsts,
+        &sums.seconds,
+        &records,
+    ];
+    recorder.dispatch(Kernel::ProjectBackward, block.bytes(), &buffers, groups)?;
+    let first = u64::from(block.part[1]);
+    // Where in a record, how many numbers, how many in the result, the first Gaussian there.
+    let unpacked = [
+        (&gradients.means, 0, 3, 3, 0),
+        (&gradients.quaternions, 3, 4, 4, 0),
+        (&gradients.log_scales, 7, 3, 3, 0),
+        (&gradients.opacity_logits, 10, 1, 1, 0),
+        (&gradients.means_2d, 11, 2, 2, 0),
+        (&gradients.conics, 13, 3, 3, 0),
+        (&pose[0], 16, 3, 4, first),
+        (&pose[1], 19, 3, 4, first),
+    ];
+    for (result, from, width, stride, first) in unpacked {
+        let uniform = [words(&[count, from, width, stride]), words(&[first, 0, 0, 0])].concat();
+        recorder.dispatch(Kernel::Unpack, &uniform, &[&records, result], groups)?;
+    }
+    Ok(gradients)
+}
+
+/// Sums vectors as a tree, to a place in a buffer.
+fn reduce(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    vectors: &wgpu::Buffer,
+    count: u64,
+    (result, offset): (&wgpu::Buffer, u64),
+) -> Result<(), GpuError> {
+    let (mut vectors, mut count, mut level) = (vectors.clone(), count, 0);
+    loop {
+        let blocks = count.div_ceil(1024).max(1);
+        let sums = pool.get(recorder.context(), "tree", level, 16 * blocks)?;
+        recorder.dispatch(Kernel::Reduce, &words(&[count, blocks, 0, 0]), &[&vectors, &sums], blocks)?;
+        if blocks == 1 {
+            recorder.copy((&sums, 0), (result, offset), 16);
+            return Ok(());
+        }
+        (vectors, count, level) = (sums, blocks, level + 1);
+    }
+}
+
+fn check_images(strips: &[[u32; 2]], view: &crate::View, images: &GpuImageGradients) -> Result<(), SplatError> {
+    let wrong = |expected: usize, found: usize| SplatError::Length { field: "strips of gradients", expected, found };
+    if images.strips.len() != strips.len() {
+        return Err(wrong(strips.len(), images.strips.len()));
+    }
+    for ([_, rows], strip) in strips.iter().zip(&images.strips) {
+        let expected = 4 * *rows as usize * view.size.width as usize;
+        let sizes = [Some(&strip.colours), strip.extras.as_ref()];
+        for found in sizes.into_iter().flatten().map(|buffer| usize::try_from(buffer.size() / 4).unwrap_or(usize::MAX))
+        {
+            if found < expected {
+                return Err(SplatError::Length { field: "numbers of a strip of gradients", expected, found });
+            }
+        }
+    }
+    debug_assert!(strips.iter().all(|[first, _]| first % TILE == 0));
+    Ok(())
+}

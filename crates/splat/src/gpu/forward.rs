@@ -1,0 +1,217 @@
+//! From Gaussians to tiles with their Gaussians, nearest first.
+
+use super::GpuError;
+use super::context::Context;
+use super::gaussians::GpuGaussians;
+use super::kernels::{Kernel, Pool};
+use super::record::Recorder;
+use super::sort::{Sorted, scan, sort};
+use super::uniforms::{ViewBlock, flag};
+use crate::{Census, RenderOptions, sh_coefficients};
+
+/// Side of a tile in pixels.
+pub(super) const TILE: u32 = 16;
+
+/// Every Gaussian as the picture sees it, and their order.
+pub(super) struct Scene {
+    pub(super) count: u64,
+    pub(super) shapes: wgpu::Buffer,
+    pub(super) places: wgpu::Buffer,
+    pub(super) paints: wgpu::Buffer,
+    pub(super) reaches: wgpu::Buffer,
+    /// Nearest first, those that are not drawn last.
+    pub(super) order: wgpu::Buffer,
+    /// Where each Gaussian's pairs begin, in that order.
+    pub(super) offsets: wgpu::Buffer,
+    census: wgpu::Buffer,
+}
+
+/// Tiles that are drawn at once: first column and row, past them.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Window {
+    pub(super) columns: [u32; 2],
+    pub(super) rows: [u32; 2],
+    /// Number of the strip of the picture that it lies in, and the strip's first row of pixels.
+    pub(super) strip: usize,
+    pub(super) first_row: u32,
+}
+
+/// The pairs of tile and Gaussian of a window.
+pub(super) struct Lists {
+    /// With tiles, pairs and first row filled in.
+    pub(super) block: ViewBlock,
+    pub(super) window: Window,
+    pub(super) pairs: u64,
+    /// Gaussians, or numbers of `owners`, tile by tile.
+    pub(super) values: wgpu::Buffer,
+    /// Gaussian of each pair in the order of `Scene::order`, where asked for.
+    pub(super) owners: wgpu::Buffer,
+    /// First and past the last of each tile.
+    pub(super) ranges: wgpu::Buffer,
+}
+
+impl Window {
+    pub(super) const fn tiles(&self) -> u64 {
+        (self.columns[1] - self.columns[0]) as u64 * (self.rows[1] - self.rows[0]) as u64
+    }
+
+    /// Two halves, the upper or the left one first; `None` for a single tile.
+    fn halves(self) -> Option<[Self; 2]> {
+        let cut = |[from, past]: [u32; 2]| (past - from > 1).then(|| from + (past - from) / 2);
+        if let Some(middle) = cut(self.rows) {
+            let [from, past] = self.rows;
+            return Some([Self { rows: [from, middle], ..self }, Self { rows: [middle, past], ..self }]);
+        }
+        let [from, past] = self.columns;
+        let middle = cut(self.columns)?;
+        Some([Self { columns: [from, middle], ..self }, Self { columns: [middle, past], ..self }])
+    }
+}
+
+/// World to screen, and the order by depth.
+pub(super) fn project(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    gaussians: &GpuGaussians,
+    block: &ViewBlock,
+    options: &RenderOptions,
+) -> Result<Scene, GpuError> {
+    let (context, count) = (recorder.context(), gaussians.len());
+    let mut get = |name, each: u64| pool.get(context, name, 0, each * count);
+    let (shapes, places, paints) = (get("shapes", 16)?, get("places", 16)?, get("paints", 16)?);
+    let reaches = get("reaches", 8)?;
+    let keys = Sorted { keys: get("depth keys", 4)?, values: get("depth values", 4)? };
+    let spare = Sorted { keys: get("spare depth keys", 4)?, values: get("spare depth values", 4)? };
+    let offsets = pool.get(context, "offsets", 0, 4 * (count + 1))?;
+    let census = pool.get(context, "census", 0, 32)?;
+
+    recorder.clear(&census, 32);
+    recorder.stage("project");
+    let mut first = 0;
+    for part in &gaussians.parts {
+        let block = part_block(block, gaussians.sh_degree, options, part, first);
+        let dummy = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar", 0, 4)?];
+        let filters = part.filter_3d.as_ref().unwrap_or(&dummy[0]);
+        let scalars = part.scalars.as_ref().unwrap_or(&dummy[1]);
+        let groups = u64::from(part.count).div_ceil(64);
+        let buffers = [
+            &part.means,
+            &part.quaternions,
+            &part.log_scales,
+            &part.opacity_logits,
+            filters,
+            &shapes,
+            &places,
+            &reaches,
+        ];
+        recorder.dispatch(Kernel::Project, block.bytes(), &buffers, groups)?;
+        let buffers = [&part.means, &part.sh, scalars, &reaches, &paints];
+        recorder.dispatch(Kernel::Colour, block.bytes(), &buffers, groups)?;
+        first += part.count;
+    }
+    recorder.stage("sort");
+    let mut block = *block;
+    block.window[3] = first;
+    let buffers = [&reaches, &places, &keys.keys, &keys.values, &census];
+    recorder.dispatch(Kernel::Keys, block.bytes(), &buffers, count.div_ceil(64))?;
+    let order = sort(recorder, pool, keys, spare, count, u32::BITS)?.values;
+    Ok(Scene { count, shapes, places, paints, reaches, order, offsets, census })
+}
+
+/// The view's block for one part of the Gaussians.
+pub(super) fn part_block(
+    block: &ViewBlock,
+    sh_degree: u8,
+    options: &RenderOptions,
+    part: &super::GpuPart,
+    first: u32,
+) -> ViewBlock {
+    let degree = if options.max_sh_degree < sh_degree { options.max_sh_degree } else { sh_degree };
+    let stored = u32::try_from(sh_coefficients(sh_degree)).unwrap_or(0);
+    let mut block =
+        block.with_flag(flag::HAS_FILTER, part.filter_3d.is_some()).with_flag(flag::HAS_SCALAR, part.scalars.is_some());
+    block.part = [part.count, first, stored, degree.into()];
+    block
+}
+
+/// Calls `with` for windows that cover the given ones in their order, each small enough for `capacity` pairs; returns
+/// the census.
+pub(super) fn for_windows(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    scene: &Scene,
+    block: &ViewBlock,
+    (windows, capacity): (Vec<Window>, u64),
+    mut with: impl FnMut(&mut Recorder<'_>, &mut Pool, &Lists) -> Result<(), GpuError>,
+) -> Result<Census, GpuError> {
+    let context = recorder.context();
+    let mut census = [0; 8];
+    let mut open: Vec<Window> = windows.into_iter().rev().collect();
+    while let Some(window) = open.pop() {
+        let mut block = *block;
+        let [columns, rows] = [window.columns, window.rows];
+        block.tiles = [columns[0], rows[0], columns[1] - columns[0], rows[1] - rows[0]];
+        block.window = [0, 0, window.first_row, u32::try_from(scene.count).unwrap_or(u32::MAX)];
+        recorder.stage("bin");
+        let buffers = [&scene.order, &scene.reaches, &scene.offsets];
+        recorder.dispatch(Kernel::TileCount, block.bytes(), &buffers, (scene.count + 1).div_ceil(64))?;
+        scan(recorder, pool, &scene.offsets, scene.count + 1)?;
+        recorder.copy((&scene.offsets, 4 * scene.count), (&scene.census, 28), 4);
+        recorder.submit();
+        census = read_census(context, &scene.census)?;
+        let pairs = u64::from(census[7]);
+        if pairs > capacity {
+            let halves = window.halves().ok_or_else(|| GpuError::TooLarge {
+                adapter: context.name.clone(),
+                what: "Gaussians of one tile",
+                needed: pairs,
+                limit: capacity,
+            })?;
+            open.extend(halves.into_iter().rev());
+            continue;
+        }
+        block.window[0] = census[7];
+        let lists = list(recorder, pool, scene, block, window)?;
+        with(recorder, pool, &lists)?;
+    }
+    let [drawn, invalid, outside_depth, faint, outside_picture, ..] = census.map(u64::from);
+    Ok(Census { drawn, invalid, outside_depth, faint, outside_picture })
+}
+
+/// Pairs of tiles and Gaussians, sorted by tile.
+fn list(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    scene: &Scene,
+    block: ViewBlock,
+    window: Window,
+) -> Result<Lists, GpuError> {
+    let (context, count) = (recorder.context(), u64::from(block.window[0]));
+    let ranges = pool.get(context, "ranges", 0, 8 * window.tiles())?;
+    let with_owners = block.picture_flags() & flag::SLOTS != 0;
+    let owners = pool.get(context, "owners", 0, if with_owners { 4 * count } else { 4 })?;
+    let mut get = |name| pool.get(context, name, 0, 4 * count);
+    let pairs = Sorted { keys: get("tile keys")?, values: get("tile values")? };
+    let spare = Sorted { keys: get("spare tile keys")?, values: get("spare tile values")? };
+    recorder.clear(&ranges, 8 * window.tiles());
+    recorder.stage("bin");
+    let mut values = pairs.values.clone();
+    if count > 0 {
+        let buffers = [&scene.order, &scene.reaches, &scene.offsets, &pairs.keys, &pairs.values, &owners];
+        recorder.dispatch(Kernel::Emit, block.bytes(), &buffers, scene.count.div_ceil(64))?;
+        let bits = u64::BITS - (window.tiles() - 1).leading_zeros();
+        let sorted = sort(recorder, pool, pairs, spare, count, bits)?;
+        recorder.dispatch(Kernel::Ranges, block.bytes(), &[&sorted.keys, &ranges], count.div_ceil(64))?;
+        values = sorted.values;
+    }
+    Ok(Lists { block, window, pairs: count, values, owners, ranges })
+}
+
+fn read_census(context: &Context, census: &wgpu::Buffer) -> Result<[u32; 8], GpuError> {
+    let bytes = context.read(&[(census, 32)])?.concat();
+    let mut words = [0; 8];
+    for (word, bytes) in words.iter_mut().zip(bytes.as_chunks().0) {
+        *word = u32::from_le_bytes(*bytes);
+    }
+    Ok(words)
+}

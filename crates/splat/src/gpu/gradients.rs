@@ -1,0 +1,134 @@
+use super::GpuError;
+use super::context::Context;
+use super::kernels::Pool;
+use crate::{Gaussians, Gradients, ImageGradients, View};
+
+/// Derivatives of a loss by the images of a [`super::GpuRendering`], strip by strip as [`super::GpuRenderer::strips`]
+/// cuts them.
+#[derive(Clone, Debug)]
+pub struct GpuImageGradients {
+    /// From the top.
+    pub strips: Vec<GpuStripGradients>,
+}
+
+/// Derivatives by the pixels of a strip: four f32 a pixel in each buffer, row by row.
+#[derive(Clone, Debug)]
+pub struct GpuStripGradients {
+    /// By red, green, blue, alpha.
+    pub colours: wgpu::Buffer,
+    /// By depth and scalar; the other two are ignored. `None` for zeros.
+    pub extras: Option<wgpu::Buffer>,
+}
+
+/// Derivatives of a loss by everything that made the images, in the device's memory.
+#[derive(Clone, Debug)]
+pub struct GpuGradients {
+    /// As the parts of [`super::GpuGaussians`].
+    pub parts: Vec<GpuGradientPart>,
+    /// Twelve f32: by the camera's rotation, 0, by its translation, 0, by the background, 0. See
+    /// [`crate::Gradients::pose`].
+    pub pose_and_background: wgpu::Buffer,
+}
+
+/// Derivatives by a run of Gaussians: tightly packed f32, as [`crate::Gradients`] holds them.
+#[derive(Clone, Debug)]
+pub struct GpuGradientPart {
+    /// How many Gaussians.
+    pub count: u32,
+    /// Three of each.
+    pub means: wgpu::Buffer,
+    /// Four of each.
+    pub quaternions: wgpu::Buffer,
+    /// Three of each.
+    pub log_scales: wgpu::Buffer,
+    /// One of each.
+    pub opacity_logits: wgpu::Buffer,
+    /// Three of each coefficient.
+    pub sh: wgpu::Buffer,
+    /// One of each, where there are scalars.
+    pub scalars: Option<wgpu::Buffer>,
+    /// Two of each.
+    pub means_2d: wgpu::Buffer,
+    /// Three of each.
+    pub conics: wgpu::Buffer,
+}
+
+impl GpuImageGradients {
+    /// Copies derivatives to the device, into buffers of the pool.
+    pub(super) fn upload(
+        context: &Context,
+        pool: &mut Pool,
+        view: &View,
+        strips: &[[u32; 2]],
+        images: &ImageGradients<f32>,
+    ) -> Result<Self, GpuError> {
+        let with_extras = images.depth.is_some() || images.scalar.is_some();
+        let mut put = |name, at, values: Vec<[f32; 4]>| -> Result<wgpu::Buffer, GpuError> {
+            let bytes: &[u8] = bytemuck::cast_slice(&values);
+            let buffer = pool.get(context, name, at, bytes.len() as u64)?;
+            context.queue.write_buffer(&buffer, 0, bytes);
+            Ok(buffer)
+        };
+        let mut uploaded = Vec::new();
+        for (at, [first, rows]) in strips.iter().enumerate() {
+            let width = view.size.width as usize;
+            let pixels = *first as usize * width..(first + rows) as usize * width;
+            let colours =
+                pixels.clone().map(|pixel| images.at(pixel)).map(|by| [by.rgb[0], by.rgb[1], by.rgb[2], by.alpha]);
+            let colours = put("colour gradients", at, colours.collect())?;
+            let extras = || pixels.clone().map(|pixel| images.at(pixel)).map(|by| [by.depth, by.scalar, 0.0, 0.0]);
+            let extras = with_extras.then(|| put("extra gradients", at, extras().collect())).transpose()?;
+            uploaded.push(GpuStripGradients { colours, extras });
+        }
+        Ok(Self { strips: uploaded })
+    }
+}
+
+impl GpuGradients {
+    /// Copies the derivatives to the host.
+    pub(super) fn read(&self, context: &Context, gaussians: &Gaussians) -> Result<Gradients<f32>, GpuError> {
+        let mut gradients = Gradients::zero(gaussians);
+        let stored = gradients.sh.len().checked_div(gradients.means.len()).unwrap_or_default() as u64;
+        let mut first = 0;
+        for part in &self.parts {
+            let count = part.count as usize;
+            let bytes = |each: u64| 4 * each * u64::from(part.count);
+            let mut wanted = vec![
+                (&part.means, bytes(3)),
+                (&part.quaternions, bytes(4)),
+                (&part.log_scales, bytes(3)),
+                (&part.opacity_logits, bytes(1)),
+                (&part.sh, bytes(3 * stored)),
+                (&part.means_2d, bytes(2)),
+                (&part.conics, bytes(3)),
+            ];
+            wanted.extend(part.scalars.as_ref().map(|scalars| (scalars, bytes(1))));
+            let read = context.read(&wanted)?;
+            let stored = usize::try_from(stored).unwrap_or_default();
+            let targets: [(&mut [f32], usize); 8] = [
+                (gradients.means.as_flattened_mut(), 3),
+                (gradients.quaternions.as_flattened_mut(), 4),
+                (gradients.log_scales.as_flattened_mut(), 3),
+                (&mut gradients.opacity_logits, 1),
+                (gradients.sh.as_flattened_mut(), 3 * stored),
+                (gradients.means_2d.as_flattened_mut(), 2),
+                (gradients.conics.as_flattened_mut(), 3),
+                (&mut gradients.scalars, 1),
+            ];
+            for ((target, each), bytes) in targets.into_iter().zip(&read) {
+                let own = target.iter_mut().skip(first * each).take(count * each);
+                for (slot, word) in own.zip(bytes.as_chunks().0) {
+                    *slot = f32::from_le_bytes(*word);
+                }
+            }
+            first += count;
+        }
+        let read = context.read(&[(&self.pose_and_background, 48)])?.concat();
+        let numbers: Vec<f32> = read.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect();
+        if let [rx, ry, rz, _, tx, ty, tz, _, red, green, blue, _] = *numbers {
+            gradients.pose = [rx, ry, rz, tx, ty, tz];
+            gradients.background = [red, green, blue];
+        }
+        Ok(gradients)
+    }
+}

@@ -1,0 +1,87 @@
+use atsplat_camera::ImageSize;
+
+use super::GpuError;
+use super::context::Context;
+use super::forward::{TILE, Window};
+use crate::{Census, Channels, Rendering, View};
+
+/// Images in the device's memory, cut into strips of rows that the adapter can bind.
+#[derive(Clone, Debug)]
+pub struct GpuRendering {
+    /// In pixels.
+    pub size: ImageSize,
+    /// From the top.
+    pub strips: Vec<GpuStrip>,
+    /// What became of each Gaussian.
+    pub census: Census,
+    pub(super) channels: Channels,
+}
+
+/// Some rows of the picture: four f32 a pixel in each buffer, row by row.
+#[derive(Clone, Debug)]
+pub struct GpuStrip {
+    /// First row of pixels.
+    pub first_row: u32,
+    /// Rows of pixels.
+    pub rows: u32,
+    /// Red, green, blue over the background, and alpha.
+    pub colours: wgpu::Buffer,
+    /// Depth, scalar, median depth and transmittance, where any of them was asked for.
+    pub extras: Option<wgpu::Buffer>,
+}
+
+/// Bytes of the widest record of a pixel.
+const PIXEL_BYTES: u64 = 32;
+
+/// First row and rows of each strip.
+pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, GpuError> {
+    let row_of_tiles = PIXEL_BYTES * u64::from(TILE) * u64::from(view.size.width);
+    let fitting = u32::try_from(context.binding_limit / row_of_tiles).unwrap_or(u32::MAX).min(u32::MAX / TILE);
+    if fitting == 0 {
+        let adapter = context.name.clone();
+        let limit = context.binding_limit;
+        return Err(GpuError::TooLarge { adapter, what: "pixels of one row of tiles", needed: row_of_tiles, limit });
+    }
+    let rows = fitting * TILE;
+    let strip = |first: u32| [first, rows.min(view.size.height - first)];
+    Ok((0..view.size.height).step_by(rows as usize).map(strip).collect())
+}
+
+/// The tiles of each strip.
+pub(super) fn windows(strips: &[[u32; 2]], view: &View) -> Vec<Window> {
+    let columns = [0, view.size.width.div_ceil(TILE)];
+    let of = |(strip, [first_row, rows]): (usize, &[u32; 2])| Window {
+        columns,
+        rows: [first_row / TILE, (first_row + rows).div_ceil(TILE)],
+        strip,
+        first_row: *first_row,
+    };
+    strips.iter().enumerate().map(of).collect()
+}
+
+impl GpuRendering {
+    /// Copies the images to the host.
+    pub(super) fn read(&self, context: &Context) -> Result<Rendering<f32>, GpuError> {
+        let bytes = |strip: &GpuStrip| 16 * u64::from(strip.rows) * u64::from(self.size.width);
+        let colours: Vec<_> = self.strips.iter().map(|strip| (&strip.colours, bytes(strip))).collect();
+        let extras = self.strips.iter().filter_map(|strip| Some((strip.extras.as_ref()?, bytes(strip))));
+        let wanted: Vec<_> = colours.iter().copied().chain(extras).collect();
+        let read = context.read(&wanted)?;
+        let (colours, extras) = read.split_at_checked(colours.len()).unwrap_or_default();
+        let fours = |strips: &[Vec<u8>]| -> Vec<[f32; 4]> {
+            let numbers = strips.iter().flat_map(|bytes| bytes.as_chunks::<16>().0);
+            numbers.map(|four| bytemuck::cast(*four)).collect()
+        };
+        let (colours, extras) = (fours(colours), fours(extras));
+        let of_extras = |wanted: bool, at: fn(&[f32; 4]) -> f32| wanted.then(|| extras.iter().map(at).collect());
+        Ok(Rendering {
+            size: self.size,
+            rgb: colours.iter().map(|[red, green, blue, _]| [*red, *green, *blue]).collect(),
+            alpha: colours.iter().map(|[.., alpha]| *alpha).collect(),
+            depth: of_extras(self.channels.depth, |four| four[0]),
+            scalar: of_extras(self.channels.scalar, |four| four[1]),
+            median_depth: of_extras(self.channels.median_depth, |four| four[2]),
+            census: self.census,
+        })
+    }
+}

@@ -1,0 +1,119 @@
+use std::collections::BTreeMap;
+
+use super::GpuError;
+use super::context::Context;
+
+/// One compute kernel; its source is in `shaders/`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum Kernel {
+    Project,
+    Colour,
+    Keys,
+    SortCount,
+    SortScatter,
+    ScanSums,
+    ScanApply,
+    TileCount,
+    Emit,
+    Ranges,
+    Composite,
+    Seed,
+    Rows,
+    Resolve,
+    Differentiate,
+    Gather,
+    ColourBackward,
+    ProjectBackward,
+    Unpack,
+    Reduce,
+}
+
+macro_rules! sources {
+    ($($name:literal),+) => { concat!($(include_str!(concat!("shaders/", $name, ".wgsl")), "\n"),+) };
+}
+
+impl Kernel {
+    const fn source(self) -> &'static str {
+        match self {
+            Self::Project => sources!("view", "double", "exponent", "lens", "geometry", "project"),
+            Self::Colour => sources!("view", "double", "exponent", "harmonics", "colour"),
+            Self::Keys => sources!("view", "keys"),
+            Self::SortCount => sources!("sort_count"),
+            Self::SortScatter => sources!("sort_scatter"),
+            Self::ScanSums => sources!("scan_sums"),
+            Self::ScanApply => sources!("scan_apply"),
+            Self::TileCount => sources!("view", "tiles", "tile_count"),
+            Self::Emit => sources!("view", "tiles", "emit"),
+            Self::Ranges => sources!("view", "ranges"),
+            Self::Composite => sources!("view", "falloff", "composite"),
+            Self::Seed => sources!("view", "seed"),
+            Self::Rows => sources!("view", "rows"),
+            Self::Resolve => sources!("view", "resolve"),
+            Self::Differentiate => sources!("view", "falloff", "differentiate"),
+            Self::Gather => sources!("view", "gather"),
+            Self::ColourBackward => sources!("view", "double", "exponent", "harmonics", "colour_backward"),
+            Self::ProjectBackward => {
+                sources!("view", "double", "exponent", "lens", "geometry", "project_backward")
+            }
+            Self::Unpack => sources!("unpack"),
+            Self::Reduce => sources!("reduce"),
+        }
+    }
+}
+
+/// Kernels as they were first needed.
+#[derive(Debug, Default)]
+pub(super) struct Pipelines(BTreeMap<Kernel, wgpu::ComputePipeline>);
+
+impl Pipelines {
+    pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> wgpu::ComputePipeline {
+        let make = || {
+            let label = format!("{kernel:?}");
+            let module = context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+                label: Some(&label),
+                source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
+            });
+            context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
+                label: Some(&label),
+                layout: None,
+                module: &module,
+                entry_point: Some("main"),
+                compilation_options: wgpu::PipelineCompilationOptions::default(),
+                cache: None,
+            })
+        };
+        self.0.entry(kernel).or_insert_with(make).clone()
+    }
+}
+
+/// Buffers that are kept from one picture to the next, by what they hold and of which part.
+#[derive(Debug, Default)]
+pub(super) struct Pool(BTreeMap<(&'static str, usize), wgpu::Buffer>);
+
+impl Pool {
+    /// A buffer of at least this many bytes; what it held is lost where it was too small.
+    pub(super) fn get(
+        &mut self,
+        context: &Context,
+        name: &'static str,
+        part: usize,
+        bytes: u64,
+    ) -> Result<wgpu::Buffer, GpuError> {
+        if let Some(buffer) = self.0.get(&(name, part))
+            && buffer.size() >= bytes
+        {
+            return Ok(buffer.clone());
+        }
+        // A quarter more, so that scenes of about one size share it.
+        let roomy = (bytes + bytes / 4).min(context.binding_limit);
+        self.0.remove(&(name, part));
+        let buffer = context.buffer(name, if roomy < bytes { bytes } else { roomy })?;
+        self.0.insert((name, part), buffer.clone());
+        Ok(buffer)
+    }
+
+    /// Frees everything.
+    pub(super) fn clear(&mut self) {
+        self.0.clear();
+    }
+}

@@ -1,0 +1,102 @@
+//! Recording a picture, and its derivative.
+
+use super::context::Context;
+use super::forward::{self, Lists, Scene};
+use super::gaussians::GpuGaussians;
+use super::images::{self, GpuRendering, GpuStrip};
+use super::kernels::{Kernel, Pool};
+use super::record::Recorder;
+use super::uniforms::{ViewBlock, flag};
+use super::{GpuError, GpuOptions};
+use crate::{RenderOptions, SplatError, View};
+
+/// What is rendered.
+#[derive(Clone, Copy)]
+pub(super) struct Job<'a> {
+    pub(super) gaussians: &'a GpuGaussians,
+    pub(super) view: &'a View,
+    pub(super) options: &'a RenderOptions,
+}
+
+/// Provides buffers by name, number of the part, and bytes.
+pub(super) type Make<'a> = &'a mut dyn FnMut(&mut Pool, &'static str, usize, u64) -> Result<wgpu::Buffer, GpuError>;
+
+/// Records a picture into buffers that `make` provides.
+pub(super) fn record(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    limits: &GpuOptions,
+    job: Job<'_>,
+    make: Make<'_>,
+) -> Result<GpuRendering, SplatError> {
+    let (context, Job { gaussians, view, options }) = (recorder.context(), job);
+    let optics = view.optics(&options.constants)?;
+    crate::cpu::check_size(view)?;
+    let needed = bytes_needed(gaussians.len(), view, 0);
+    check_memory(needed, limits.memory_limit)?;
+    let channels = options.channels;
+    let with_extras = channels.depth || channels.scalar || channels.median_depth;
+    let block = ViewBlock::new(view, &optics, options).with_flag(flag::EXTRAS, with_extras);
+
+    let strips = images::strips(context, view)?;
+    let mut buffers = Vec::new();
+    for (at, [_, rows]) in strips.iter().enumerate() {
+        let bytes = 16 * u64::from(*rows) * u64::from(view.size.width);
+        let extras = with_extras.then(|| make(pool, "extras", at, bytes)).transpose()?;
+        buffers.push((make(pool, "colours", at, bytes)?, extras));
+    }
+    let scene = forward::project(recorder, pool, gaussians, &block, options)?;
+    // Keys and values twice, and digits.
+    let capacity = pair_capacity(context, limits.memory_limit - needed, 20, 4);
+    let windows = (images::windows(&strips, view), capacity);
+    let census = forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
+        let Some((colours, extras)) = buffers.get(lists.window.strip) else { return Ok(()) };
+        composite(recorder, pool, &scene, lists, colours, extras.as_ref())
+    })?;
+    let strips = strips.iter().zip(buffers).map(|([first_row, rows], (colours, extras))| GpuStrip {
+        first_row: *first_row,
+        rows: *rows,
+        colours,
+        extras,
+    });
+    Ok(GpuRendering { size: view.size, strips: strips.collect(), census, channels })
+}
+
+pub(super) fn composite(
+    recorder: &mut Recorder<'_>,
+    pool: &mut Pool,
+    scene: &Scene,
+    lists: &Lists,
+    colours: &wgpu::Buffer,
+    extras: Option<&wgpu::Buffer>,
+) -> Result<(), GpuError> {
+    let none = pool.get(recorder.context(), "no extras", 0, 16)?;
+    let buffers = [
+        &scene.shapes,
+        &scene.places,
+        &scene.paints,
+        &lists.values,
+        &lists.ranges,
+        colours,
+        extras.unwrap_or(&none),
+        &lists.owners,
+    ];
+    recorder.stage("composite");
+    recorder.dispatch(Kernel::Composite, lists.block.bytes(), &buffers, lists.window.tiles())
+}
+
+/// Bytes on the device for Gaussians and pixels, tile lists apart.
+pub(super) fn bytes_needed(gaussians: u64, view: &View, uploaded: u64) -> u64 {
+    // Splats 56, keys and values twice 16, offsets 4, digits 2.
+    uploaded.saturating_add(gaussians.saturating_mul(78)).saturating_add((view.pixels() as u64).saturating_mul(32))
+}
+
+/// Pairs of tiles and Gaussians that fit, of so many bytes altogether and in their widest buffer.
+pub(super) fn pair_capacity(context: &Context, bytes: u64, altogether: u64, widest: u64) -> u64 {
+    let fitting = [bytes / altogether, context.binding_limit / widest, u64::from(u32::MAX - 1)];
+    fitting.into_iter().fold(u64::MAX, Ord::min)
+}
+
+pub(super) const fn check_memory(needed: u64, limit: u64) -> Result<(), SplatError> {
+    if needed > limit { Err(SplatError::Memory { needed, limit }) } else { Ok(()) }
+}

@@ -1,0 +1,190 @@
+use super::GpuError;
+use super::context::Context;
+use super::kernels::{Kernel, Pipelines};
+
+/// Bytes of the uniform blocks of one submission.
+const UNIFORM_BYTES: usize = 64 << 10;
+/// What every adapter accepts as the offset of a block.
+const UNIFORM_STEP: usize = 256;
+/// Stages that are timed.
+const MOST_STAGES: u32 = 32;
+
+/// Commands on their way to the device: dispatches within named stages.
+#[derive(Debug)]
+pub(super) struct Recorder<'a> {
+    context: &'a Context,
+    pipelines: &'a mut Pipelines,
+    encoder: wgpu::CommandEncoder,
+    pass: Option<wgpu::ComputePass<'static>>,
+    uniforms: Vec<u8>,
+    uniform_buffer: wgpu::Buffer,
+    clock: Option<wgpu::QuerySet>,
+    stages: Vec<&'static str>,
+}
+
+impl<'a> Recorder<'a> {
+    pub(super) fn new(context: &'a Context, pipelines: &'a mut Pipelines) -> Self {
+        let clock = context.timestamps.then(|| {
+            context.device.create_query_set(&wgpu::QuerySetDescriptor {
+                label: None,
+                ty: wgpu::QueryType::Timestamp,
+                count: 2 * MOST_STAGES,
+            })
+        });
+        Self {
+            context,
+            pipelines,
+            encoder: encoder(context),
+            pass: None,
+            uniforms: Vec::new(),
+            uniform_buffer: uniform_buffer(context),
+            clock,
+            stages: Vec::new(),
+        }
+    }
+
+    pub(super) const fn context(&self) -> &'a Context {
+        self.context
+    }
+
+    /// What follows belongs to a stage of this name.
+    pub(super) fn stage(&mut self, name: &'static str) {
+        self.pass = None;
+        let at = u32::try_from(self.stages.len()).unwrap_or(MOST_STAGES);
+        let timestamp_writes =
+            self.clock.as_ref().filter(|_| at < MOST_STAGES).map(|query_set| wgpu::ComputePassTimestampWrites {
+                query_set,
+                beginning_of_pass_write_index: Some(2 * at),
+                end_of_pass_write_index: Some(2 * at + 1),
+            });
+        let descriptor = wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes };
+        if descriptor.timestamp_writes.is_some() {
+            self.stages.push(name);
+        }
+        self.pass = Some(self.encoder.begin_compute_pass(&descriptor).forget_lifetime());
+    }
+
+    /// One kernel over so many groups: its uniform block, then its buffers from binding 1 on.
+    pub(super) fn dispatch(
+        &mut self,
+        kernel: Kernel,
+        uniform: &[u8],
+        buffers: &[&wgpu::Buffer],
+        groups: u64,
+    ) -> Result<(), GpuError> {
+        if groups == 0 {
+            return Ok(());
+        }
+        let device = &self.context.device;
+        let pipeline = self.pipelines.get(self.context, kernel);
+        let offset = self.place_uniform(uniform);
+        let block = wgpu::BindingResource::Buffer(wgpu::BufferBinding {
+            buffer: &self.uniform_buffer,
+            offset: offset as u64,
+            size: wgpu::BufferSize::new(uniform.len() as u64),
+        });
+        let storage = buffers.iter().map(|buffer| buffer.as_entire_binding());
+        let entries: Vec<_> = (0..)
+            .zip(std::iter::once(block).chain(storage))
+            .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
+            .collect();
+        let bind_group = device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: None,
+            layout: &pipeline.get_bind_group_layout(0),
+            entries: &entries,
+        });
+        let [across, down] = grid(groups, self.context)?;
+        let encoder = &mut self.encoder;
+        let begin = || encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()).forget_lifetime();
+        let pass = self.pass.get_or_insert_with(begin);
+        pass.set_pipeline(&pipeline);
+        pass.set_bind_group(0, &bind_group, &[]);
+        pass.dispatch_workgroups(across, down, 1);
+        Ok(())
+    }
+
+    pub(super) fn clear(&mut self, buffer: &wgpu::Buffer, bytes: u64) {
+        self.pass = None;
+        self.encoder.clear_buffer(buffer, 0, Some(bytes.next_multiple_of(4)));
+    }
+
+    pub(super) fn copy(&mut self, from: (&wgpu::Buffer, u64), to: (&wgpu::Buffer, u64), bytes: u64) {
+        self.pass = None;
+        self.encoder.copy_buffer_to_buffer(from.0, from.1, to.0, to.1, bytes);
+    }
+
+    /// Hands everything so far to the device.
+    pub(super) fn submit(&mut self) {
+        self.pass = None;
+        let encoder = std::mem::replace(&mut self.encoder, encoder(self.context));
+        if !self.uniforms.is_empty() {
+            self.context.queue.write_buffer(&self.uniform_buffer, 0, &self.uniforms);
+            self.uniforms.clear();
+        }
+        self.context.queue.submit([encoder.finish()]);
+    }
+
+    /// Submits, and says how long each stage took, where the device can tell. Waits for it.
+    pub(super) fn finish(mut self) -> Result<Vec<(&'static str, f64)>, GpuError> {
+        self.pass = None;
+        let (Some(clock), false) = (self.clock.take(), self.stages.is_empty()) else {
+            self.submit();
+            return Ok(Vec::new());
+        };
+        let marks = u32::try_from(2 * self.stages.len()).unwrap_or(2 * MOST_STAGES);
+        let bytes = 8 * u64::from(marks);
+        let resolved = self.context.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some("timestamps"),
+            size: bytes,
+            usage: wgpu::BufferUsages::QUERY_RESOLVE | wgpu::BufferUsages::COPY_SRC,
+            mapped_at_creation: false,
+        });
+        self.encoder.resolve_query_set(&clock, 0..marks, &resolved, 0);
+        self.submit();
+        let read = self.context.read(&[(&resolved, bytes)])?;
+        let period = f64::from(self.context.queue.get_timestamp_period()) * 1e-9;
+        let ticks: Vec<u64> = read.concat().as_chunks().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
+        let lengths = ticks.as_chunks::<2>().0.iter().map(|[from, to]| to.saturating_sub(*from) as f64 * period);
+        Ok(self.stages.iter().copied().zip(lengths).collect())
+    }
+
+    /// Where a uniform block lies; a submission is cut where they no longer fit one buffer.
+    fn place_uniform(&mut self, uniform: &[u8]) -> usize {
+        if self.uniforms.len().next_multiple_of(UNIFORM_STEP) + uniform.len() > UNIFORM_BYTES {
+            self.submit();
+        }
+        let offset = self.uniforms.len().next_multiple_of(UNIFORM_STEP);
+        self.uniforms.resize(offset, 0);
+        self.uniforms.extend_from_slice(uniform);
+        offset
+    }
+}
+
+fn encoder(context: &Context) -> wgpu::CommandEncoder {
+    context.device.create_command_encoder(&wgpu::CommandEncoderDescriptor { label: Some("atsplat") })
+}
+
+fn uniform_buffer(context: &Context) -> wgpu::Buffer {
+    context.device.create_buffer(&wgpu::BufferDescriptor {
+        label: Some("uniforms"),
+        size: UNIFORM_BYTES as u64,
+        usage: wgpu::BufferUsages::UNIFORM | wgpu::BufferUsages::COPY_DST,
+        mapped_at_creation: false,
+    })
+}
+
+/// Groups across and down; kernels return at once from those in excess.
+fn grid(groups: u64, context: &Context) -> Result<[u32; 2], GpuError> {
+    let limit = u64::from(context.groups_limit);
+    let across = if groups < limit { groups } else { limit };
+    let down = groups.div_ceil(across.max(1));
+    match (u32::try_from(across), u32::try_from(down)) {
+        (Ok(across), Ok(down)) if u64::from(down) <= limit => Ok([across, down]),
+        _ => Err(GpuError::TooLarge {
+            adapter: context.name.clone(),
+            what: "workgroups of one dispatch",
+            needed: groups,
+            limit: limit * limit,
+        }),
+    }
+}

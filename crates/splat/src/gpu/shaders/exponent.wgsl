@@ -1,0 +1,45 @@
+// Powers of two, logarithms' inverse and square roots that are good to f32's last bits whatever the driver's are.
+
+// 2^n; nothing below the smallest normal number, and no more than 2^127.
+fn power_of_two(n: i32) -> f32 {
+    return select(bitcast<f32>(u32(clamp(n, -126, 127) + 127) << 23u), 0.0, n < -126);
+}
+
+// The power of two at or below a magnitude, as an exponent; far below all others for zero.
+fn exponent_of(value: f32) -> i32 {
+    let bits = bitcast<u32>(value) & 0x7fffffffu;
+    return select(i32(bits >> 23u) - 127, -10000, bits < 0x00800000u);
+}
+
+struct Scaled {
+    // In [0.7, 1.5), or 0.
+    mantissa: f32,
+    exponent: i32,
+}
+
+// e^x as a mantissa and a power of two, for any x up to some thousands; 0 far below.
+fn scaled_exp(x: f32) -> Scaled {
+    if x < -20000.0 {
+        return Scaled(0.0, -10000);
+    }
+    let n = round(x * 1.442695);
+    // ln 2 in two parts; the products with the first are exact.
+    let r = opaque(x - n * 0.693359375) + n * 2.12194440e-4;
+    var e = 1.0 / 720.0;
+    e = e * r + 1.0 / 120.0;
+    e = e * r + 1.0 / 24.0;
+    e = e * r + 1.0 / 6.0;
+    e = e * r + 0.5;
+    return Scaled((e * r) * r + r + 1.0, i32(n));
+}
+
+fn exp_within_range(x: f32) -> f32 {
+    let e = scaled_exp(clamp(x, -87.0, 88.0));
+    return e.mantissa * power_of_two(e.exponent);
+}
+
+// One step of Heron's rule from the driver's root.
+fn root(x: f32) -> f32 {
+    let guess = sqrt(x);
+    return select(0.5 * (guess + x / guess), 0.0, !(x > 1e-37));
+}

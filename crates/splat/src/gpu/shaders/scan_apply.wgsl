@@ -1,0 +1,53 @@
+// Each number becomes the sum of all before it, given the sums of all blocks before its own.
+struct Scan {
+    count: u32,
+    blocks: u32,
+    is_last: u32,
+}
+
+@group(0) @binding(0) var<uniform> scan: Scan;
+@group(0) @binding(1) var<storage, read> sums: array<u32>;
+@group(0) @binding(2) var<storage, read_write> numbers: array<u32>;
+
+var<workgroup> befores: array<u32, 64>;
+
+fn saturating(a: u32, b: u32) -> u32 {
+    let sum = a + b;
+    return select(sum, 0xffffffffu, sum < a);
+}
+
+@compute @workgroup_size(64)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let block = group.y * groups.x + group.x;
+    let first = block * 2048u + local * 32u;
+    let past = select(first, min(first + 32u, scan.count), block < scan.blocks && first < scan.count);
+    var sum = 0u;
+    for (var at = first; at < past; at++) {
+        sum = saturating(sum, numbers[at]);
+    }
+    befores[local] = sum;
+    workgroupBarrier();
+    if local == 0u && block < scan.blocks {
+        var total = 0u;
+        // One block alone has none before it.
+        if scan.is_last == 0u {
+            total = sums[block];
+        }
+        for (var n = 0u; n < 64u; n++) {
+            let own = befores[n];
+            befores[n] = total;
+            total = saturating(total, own);
+        }
+    }
+    workgroupBarrier();
+    var total = befores[local];
+    for (var at = first; at < past; at++) {
+        let own = numbers[at];
+        numbers[at] = total;
+        total = saturating(total, own);
+    }
+}

@@ -1,0 +1,43 @@
+// Sums of blocks of 2048 numbers; one that would not fit u32 stays at its largest.
+struct Scan {
+    count: u32,
+    blocks: u32,
+    is_last: u32,
+}
+
+@group(0) @binding(0) var<uniform> scan: Scan;
+@group(0) @binding(1) var<storage, read> numbers: array<u32>;
+@group(0) @binding(2) var<storage, read_write> sums: array<u32>;
+
+var<workgroup> shared_sums: array<u32, 64>;
+
+fn saturating(a: u32, b: u32) -> u32 {
+    let sum = a + b;
+    return select(sum, 0xffffffffu, sum < a);
+}
+
+@compute @workgroup_size(64)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let block = group.y * groups.x + group.x;
+    var sum = 0u;
+    // Neighbouring threads read neighbouring numbers: their order does not matter to a sum.
+    for (var n = 0u; n < 32u; n++) {
+        let at = block * 2048u + n * 64u + local;
+        if block < scan.blocks && at < scan.count {
+            sum = saturating(sum, numbers[at]);
+        }
+    }
+    shared_sums[local] = sum;
+    workgroupBarrier();
+    if local == 0u && block < scan.blocks {
+        var total = 0u;
+        for (var n = 0u; n < 64u; n++) {
+            total = saturating(total, shared_sums[n]);
+        }
+        sums[block] = total;
+    }
+}

@@ -1,0 +1,35 @@
+// Least significant digit first, 4 bits at a time, 32 keys a thread: how often each digit occurs in each run of 32.
+struct Pass {
+    count: u32,
+    runs: u32,
+    shift: u32,
+}
+
+@group(0) @binding(0) var<uniform> pass_: Pass;
+@group(0) @binding(1) var<storage, read> keys: array<u32>;
+// Digit by digit, and for each run by run.
+@group(0) @binding(2) var<storage, read_write> table: array<u32>;
+
+@compute @workgroup_size(64)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let run = (group.y * groups.x + group.x) * 64u + local;
+    if run >= pass_.runs {
+        return;
+    }
+    // Sixteen counts of 8 bits.
+    var counts = vec4(0u);
+    let past = min(run * 32u + 32u, pass_.count);
+    for (var at = run * 32u; at < past; at++) {
+        let digit = (keys[at] >> pass_.shift) & 15u;
+        counts += select(vec4(0u), vec4(1u << (8u * (digit & 3u))), vec4(digit >> 2u) == vec4(0u, 1u, 2u, 3u));
+    }
+    for (var part = 0u; part < 4u; part++) {
+        for (var byte = 0u; byte < 4u; byte++) {
+            table[(4u * part + byte) * pass_.runs + run] = (counts[part] >> (8u * byte)) & 255u;
+        }
+    }
+}

@@ -1,0 +1,39 @@
+// The other half of a pass: with the table summed up, every key knows its place, and equal digits keep their order.
+struct Pass {
+    count: u32,
+    runs: u32,
+    shift: u32,
+}
+
+@group(0) @binding(0) var<uniform> pass_: Pass;
+@group(0) @binding(1) var<storage, read> keys: array<u32>;
+@group(0) @binding(2) var<storage, read> values: array<u32>;
+@group(0) @binding(3) var<storage, read> table: array<u32>;
+@group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;
+@group(0) @binding(5) var<storage, read_write> values_out: array<u32>;
+
+@compute @workgroup_size(64)
+fn main(
+    @builtin(workgroup_id) group: vec3<u32>,
+    @builtin(num_workgroups) groups: vec3<u32>,
+    @builtin(local_invocation_index) local: u32,
+) {
+    let run = (group.y * groups.x + group.x) * 64u + local;
+    if run >= pass_.runs {
+        return;
+    }
+    var counts = vec4(0u);
+    let past = min(run * 32u + 32u, pass_.count);
+    for (var at = run * 32u; at < past; at++) {
+        let key = keys[at];
+        let digit = (key >> pass_.shift) & 15u;
+        let which = vec4(digit >> 2u) == vec4(0u, 1u, 2u, 3u);
+        let shift = 8u * (digit & 3u);
+        let chosen = select(vec4(0u), counts, which);
+        let before = ((chosen.x | chosen.y | chosen.z | chosen.w) >> shift) & 255u;
+        counts += select(vec4(0u), vec4(1u << shift), which);
+        let place = table[digit * pass_.runs + run] + before;
+        keys_out[place] = key;
+        values_out[place] = values[at];
+    }
+}

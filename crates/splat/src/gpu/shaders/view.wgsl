@@ -1,0 +1,80 @@
+// What every kernel knows of the view. Numbers that f32 cannot hold are sums of two, high and low.
+struct View {
+    // Rows of camera from world.
+    rotation: array<vec4<f32>, 3>,
+    rotation_low: array<vec4<f32>, 3>,
+    // Of the camera, in the world.
+    centre: vec4<f32>,
+    centre_low: vec4<f32>,
+    // x, y, then their low parts; in pixels.
+    focal: vec4<f32>,
+    principal: vec4<f32>,
+    // Slopes that the Jacobian follows: least x and y, greatest x and y.
+    slopes: vec4<f32>,
+    // near, far, and their low parts.
+    depths: vec4<f32>,
+    // Blur, logarithm of min_alpha, min_alpha, min_compensation.
+    rules: vec4<f32>,
+    // max_alpha, min_alpha, min_transmittance.
+    alphas: vec4<f32>,
+    background: vec4<f32>,
+    lens: vec4<f32>,
+    // p2, p1, and the largest radius (perspective) or angle (fisheye) that the lens maps.
+    lens_more: vec4<f32>,
+    // Width, height, flags, zero.
+    picture: vec4<u32>,
+    // Gaussians of this part, the first among all, coefficients stored, degree evaluated.
+    part: vec4<u32>,
+    // Tiles shown: first column and row, columns and rows.
+    tiles: vec4<u32>,
+    // Pairs of this window, threads that sort them, first row of pixels of the image buffers, Gaussians in all.
+    window: vec4<u32>,
+}
+
+const NEAR_IS_CULLED: u32 = 1u;
+const ANTIALIASED: u32 = 2u;
+const THREE_SIGMA: u32 = 4u;
+const E3NN: u32 = 8u;
+const HAS_FILTER: u32 = 16u;
+const HAS_SCALAR: u32 = 32u;
+const LENS_OPENCV: u32 = 64u;
+const LENS_FISHEYE: u32 = 128u;
+const CLAMP_PASSES: u32 = 256u;
+const SCALAR_STOPS: u32 = 512u;
+const DIRECTIONS_STOP: u32 = 1024u;
+const EXTRAS: u32 = 2048u;
+const SLOTS: u32 = 4096u;
+const EXTRA_GRADIENTS: u32 = 8192u;
+
+@group(0) @binding(0) var<uniform> view: View;
+
+fn has(flag: u32) -> bool {
+    return (view.picture.z & flag) != 0u;
+}
+
+// Compilers may assume that nothing is NaN or infinite; bits tell.
+fn is_finite(value: f32) -> bool {
+    return (bitcast<u32>(value) & 0x7f800000u) != 0x7f800000u;
+}
+
+fn are_finite(value: vec3<f32>) -> bool {
+    return is_finite(value.x) && is_finite(value.y) && is_finite(value.z);
+}
+
+// The nearest finite number; NaN becomes 0.
+fn saturated(value: f32) -> f32 {
+    let bits = bitcast<u32>(value);
+    if (bits & 0x7f800000u) != 0x7f800000u {
+        return value;
+    }
+    return select(0.0, bitcast<f32>(0x7f7fffffu | (bits & 0x80000000u)), (bits & 0x007fffffu) == 0u);
+}
+
+fn saturated3(value: vec3<f32>) -> vec3<f32> {
+    return vec3(saturated(value.x), saturated(value.y), saturated(value.z));
+}
+
+// A dispatch may need more groups than one dimension takes.
+fn linear(group: vec3<u32>, groups: vec3<u32>, size: u32, local: u32) -> u32 {
+    return (group.y * groups.x + group.x) * size + local;
+}

@@ -1,0 +1,139 @@
+use bytemuck::{Pod, Zeroable};
+use glam::DVec2;
+
+use crate::constants::{ClampedGradient, Extent, ShAxes};
+use crate::cpu::narrowed;
+use crate::view::Optics;
+use crate::{RasterMode, RenderOptions, View};
+
+/// `struct View` of `shaders/view.wgsl`.
+#[derive(Clone, Copy, Debug, Pod, Zeroable)]
+#[repr(C)]
+pub(super) struct ViewBlock {
+    rotation: [[f32; 4]; 3],
+    rotation_low: [[f32; 4]; 3],
+    centre: [f32; 4],
+    centre_low: [f32; 4],
+    focal: [f32; 4],
+    principal: [f32; 4],
+    slopes: [f32; 4],
+    depths: [f32; 4],
+    rules: [f32; 4],
+    alphas: [f32; 4],
+    background: [f32; 4],
+    lens: [f32; 4],
+    lens_more: [f32; 4],
+    picture: [u32; 4],
+    pub(super) part: [u32; 4],
+    pub(super) tiles: [u32; 4],
+    pub(super) window: [u32; 4],
+}
+
+/// Flags of `view.wgsl`.
+pub(super) mod flag {
+    pub(crate) const NEAR_IS_CULLED: u32 = 1;
+    pub(crate) const ANTIALIASED: u32 = 2;
+    pub(crate) const THREE_SIGMA: u32 = 4;
+    pub(crate) const E3NN: u32 = 8;
+    pub(crate) const HAS_FILTER: u32 = 16;
+    pub(crate) const HAS_SCALAR: u32 = 32;
+    pub(crate) const LENS_OPENCV: u32 = 64;
+    pub(crate) const LENS_FISHEYE: u32 = 128;
+    pub(crate) const CLAMP_PASSES: u32 = 256;
+    pub(crate) const SCALAR_STOPS: u32 = 512;
+    pub(crate) const DIRECTIONS_STOP: u32 = 1024;
+    pub(crate) const EXTRAS: u32 = 2048;
+    pub(crate) const SLOTS: u32 = 4096;
+    pub(crate) const EXTRA_GRADIENTS: u32 = 8192;
+}
+
+impl ViewBlock {
+    pub(super) fn new(view: &View, optics: &Optics, options: &RenderOptions) -> Self {
+        let constants = &options.constants;
+        let rows = optics.rotation.transpose();
+        let rotation = [rows.x_axis, rows.y_axis, rows.z_axis].map(|row| row.to_array().map(split));
+        let centre = optics.centre.to_array().map(split);
+        let high = |row: [[f32; 2]; 3]| [row[0][0], row[1][0], row[2][0], 0.0];
+        let low = |row: [[f32; 2]; 3]| [row[0][1], row[1][1], row[2][1], 0.0];
+        let two = |value: DVec2| {
+            let [x, y] = value.to_array().map(split);
+            [x[0], y[0], x[1], y[1]]
+        };
+        let [least, greatest] = optics.jacobian_range.map(|slope| slope.to_array().map(bounded));
+        let (lens, lens_more, lens_flag) = lens(view, optics);
+        let [red, green, blue] = options.background.map(narrowed);
+        let flags = [
+            (constants.near_is_culled, flag::NEAR_IS_CULLED),
+            (options.mode == RasterMode::Antialiased, flag::ANTIALIASED),
+            (constants.extent == Extent::ThreeSigmaTiles, flag::THREE_SIGMA),
+            (constants.sh_axes == ShAxes::E3nn, flag::E3NN),
+            (constants.clamped_gradient == ClampedGradient::Inria, flag::CLAMP_PASSES),
+            (options.gradients.scalar_stops, flag::SCALAR_STOPS),
+            (options.gradients.directions_stop, flag::DIRECTIONS_STOP),
+        ];
+        let flags = flags.into_iter().filter(|(on, _)| *on).fold(lens_flag, |all, (_, one)| all | one);
+        Self {
+            rotation: rotation.map(high),
+            rotation_low: rotation.map(low),
+            centre: high(centre),
+            centre_low: low(centre),
+            focal: two(optics.focal),
+            principal: two(optics.principal),
+            slopes: [least[0], least[1], greatest[0], greatest[1]],
+            depths: two(DVec2::new(constants.near, constants.far)),
+            rules: [
+                bounded(constants.blur),
+                bounded(constants.min_alpha.ln()),
+                bounded(constants.min_alpha),
+                bounded(constants.min_compensation),
+            ],
+            alphas: [constants.max_alpha, constants.min_alpha, constants.min_transmittance, 0.0].map(bounded),
+            background: [red, green, blue, 0.0],
+            lens,
+            lens_more,
+            picture: [view.size.width, view.size.height, flags, 0],
+            part: [0; 4],
+            tiles: [0; 4],
+            window: [0; 4],
+        }
+    }
+
+    pub(super) const fn with_flag(mut self, flag: u32, on: bool) -> Self {
+        if on {
+            self.picture[2] |= flag;
+        }
+        self
+    }
+
+    pub(super) const fn picture_flags(&self) -> u32 {
+        self.picture[2]
+    }
+
+    pub(super) fn bytes(&self) -> &[u8] {
+        bytemuck::bytes_of(self)
+    }
+}
+
+fn lens(view: &View, optics: &Optics) -> ([f32; 4], [f32; 4], u32) {
+    let limit = optics.lens.map_or(0.0, |lens| lens.angle_limit());
+    match view.camera.distortion {
+        atsplat_camera::Distortion::None => ([0.0; 4], [0.0; 4], 0),
+        atsplat_camera::Distortion::OpenCv { k1, k2, k3, p1, p2 } => {
+            ([k1, k2, k3, 0.0].map(bounded), [p2, p1, limit.tan(), 0.0].map(bounded), flag::LENS_OPENCV)
+        }
+        atsplat_camera::Distortion::Fisheye { k } => {
+            (k.map(bounded), [0.0, 0.0, bounded(limit), 0.0], flag::LENS_FISHEYE)
+        }
+    }
+}
+
+/// The nearest f32 and what it leaves.
+fn split(value: f64) -> [f32; 2] {
+    let high = bounded(value);
+    [high, bounded(value - f64::from(high))]
+}
+
+/// The nearest f32 that is finite and leaves room to calculate.
+fn bounded(value: f64) -> f32 {
+    narrowed(value.clamp(-3e38, 3e38))
+}
