@@ -171,7 +171,7 @@ pub(super) fn for_windows(
             continue;
         }
         block.window[0] = census[7];
-        let lists = list(recorder, pool, scene, block, window)?;
+        let lists = list(recorder, pool, scene, &block, window)?;
         with(recorder, pool, &lists)?;
     }
     let [drawn, invalid, outside_depth, faint, outside_picture, ..] = census.map(u64::from);
@@ -183,7 +183,7 @@ fn list(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     scene: &Scene,
-    block: ViewBlock,
+    block: &ViewBlock,
     window: Window,
 ) -> Result<Lists, GpuError> {
     let (context, count) = (recorder.context(), u64::from(block.window[0]));
@@ -204,7 +204,7 @@ fn list(
         recorder.dispatch(Kernel::Ranges, block.bytes(), &[&sorted.keys, &ranges], count.div_ceil(64))?;
         values = sorted.values;
     }
-    Ok(Lists { block, window, pairs: count, values, owners, ranges })
+    Ok(Lists { block: *block, window, pairs: count, values, owners, ranges })
 }
 
 fn read_census(context: &Context, census: &wgpu::Buffer) -> Result<[u32; 8], GpuError> {

@@ -62,7 +62,7 @@ impl Kernel {
 }
 
 /// Kernels as they were first needed.
-#[derive(Debug, Default)]
+#[derive(Clone, Debug, Default)]
 pub(super) struct Pipelines(BTreeMap<Kernel, wgpu::ComputePipeline>);
 
 impl Pipelines {

@@ -15,6 +15,7 @@ mod images;
 mod kernels;
 mod picture;
 mod record;
+mod self_test;
 mod sort;
 mod uniforms;
 
@@ -26,11 +27,38 @@ pub use images::{GpuRendering, GpuStrip};
 
 use std::time::Instant;
 
-use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, Stage, View};
+use crate::cpu::{CpuOptions, CpuRenderer};
+use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View};
 use context::Context;
 use kernels::{Pipelines, Pool};
 use picture::{Job, bytes_needed, check_memory};
 use record::Recorder;
+
+/// A renderer, and why it is not the one that was asked for.
+pub struct Fallback {
+    /// On the adapter, or on the processor.
+    pub renderer: Box<dyn Renderer>,
+    /// Why the adapter cannot be used: for a warning.
+    pub reason: Option<GpuError>,
+}
+
+impl std::fmt::Debug for Fallback {
+    fn fmt(&self, formatter: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        formatter
+            .debug_struct("Fallback")
+            .field("renderer", &self.renderer.name())
+            .field("reason", &self.reason)
+            .finish()
+    }
+}
+
+/// The renderer on an adapter, or the processor's where there is none that passes its test.
+pub fn with_fallback(choice: &AdapterChoice, options: GpuOptions, cpu: CpuOptions) -> Fallback {
+    match GpuRenderer::new(choice, options) {
+        Ok(renderer) => Fallback { renderer: Box::new(renderer), reason: None },
+        Err(reason) => Fallback { renderer: Box::new(CpuRenderer::new(cpu)), reason: Some(reason) },
+    }
+}
 
 /// How much of a device is used; pictures do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,14 +89,17 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// Opens an adapter and tests it.
+    /// Opens an adapter and tests it, forward and backward, against the reference.
     ///
     /// # Errors
     /// [`GpuError`]: no such adapter, one that cannot do what is needed, or does it wrong.
     pub fn new(choice: &AdapterChoice, options: GpuOptions) -> Result<Self, GpuError> {
         let (adapter, description) = adapters::choose(choice)?;
         let context = Context::open(&adapter, &description, &options)?;
-        Ok(Self::over(context, options))
+        let mut renderer = Self::over(context, options);
+        self_test::self_test(&mut renderer)?;
+        renderer.pool.clear();
+        Ok(renderer)
     }
 
     /// Renders on a device that somebody else opened, and leaves its error handlers alone. It is not tested.
@@ -98,6 +129,14 @@ impl GpuRenderer {
     /// The device's queue.
     pub const fn queue(&self) -> &wgpu::Queue {
         &self.context.queue
+    }
+
+    /// Tests the device: a picture and its derivative against the reference's.
+    ///
+    /// # Errors
+    /// [`GpuError::SelfTest`] for wrong numbers, and whatever the driver fails with.
+    pub fn self_test(&mut self) -> Result<(), GpuError> {
+        self_test::self_test(self)
     }
 
     /// Frees the buffers that are kept for the next picture.
@@ -176,6 +215,18 @@ impl GpuRenderer {
         self.context.guarded(|| Ok(rendering.read(&self.context)?))
     }
 
+    /// Copies gradients to the host, of the lengths that the Gaussians have.
+    ///
+    /// # Errors
+    /// [`SplatError::Gpu`].
+    pub fn read_gradients(
+        &self,
+        gradients: &GpuGradients,
+        gaussians: &Gaussians,
+    ) -> Result<Gradients<f32>, SplatError> {
+        self.context.guarded(|| Ok(gradients.read(&self.context, gaussians)?))
+    }
+
     fn render_from_host(
         &mut self,
         gaussians: &Gaussians,
@@ -225,7 +276,7 @@ impl GpuRenderer {
     }
 }
 
-impl crate::Renderer for GpuRenderer {
+impl Renderer for GpuRenderer {
     fn name(&self) -> String {
         format!("gpu, {}", self.context.name)
     }

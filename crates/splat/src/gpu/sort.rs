@@ -74,3 +74,89 @@ pub(super) fn sort(
 pub(super) fn words(values: &[u64; 4]) -> Vec<u8> {
     values.iter().flat_map(|value| u32::try_from(*value).unwrap_or(u32::MAX).to_le_bytes()).collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::gpu::adapters::{AdapterChoice, choose};
+    use crate::gpu::context::Context;
+    use crate::gpu::kernels::Pipelines;
+    use crate::gpu::{GpuError, GpuOptions};
+
+    /// `None` where there is no adapter at all and none is required.
+    fn context() -> Option<Context> {
+        match choose(&AdapterChoice::Automatic) {
+            Ok((adapter, description)) => Some(Context::open(&adapter, &description, &GpuOptions::default()).unwrap()),
+            Err(error @ GpuError::NoAdapter { .. }) => {
+                assert!(std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() != Ok("1"), "{error}");
+                eprintln!("SKIPPED, no graphics adapter: {error}");
+                None
+            }
+            Err(error) => panic!("{error}"),
+        }
+    }
+
+    fn upload(context: &Context, values: &[u32]) -> wgpu::Buffer {
+        let buffer = context.buffer("test", 4 * values.len() as u64).unwrap();
+        context.queue.write_buffer(&buffer, 0, bytemuck::cast_slice(values));
+        buffer
+    }
+
+    fn numbers(bytes: &[u8]) -> Vec<u32> {
+        bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect()
+    }
+
+    fn sorted(context: &Context, pipelines: &mut Pipelines, keys: &[u32], bits: u32) -> Vec<u32> {
+        let values: Vec<u32> = (0..).take(keys.len()).collect();
+        let [pairs, spare] = [(); 2].map(|()| Sorted { keys: upload(context, keys), values: upload(context, &values) });
+        let mut recorder = Recorder::new(context, pipelines);
+        let sorted = sort(&mut recorder, &mut Pool::default(), pairs, spare, keys.len() as u64, bits).unwrap();
+        recorder.submit();
+        numbers(&context.read(&[(&sorted.values, 4 * keys.len() as u64)]).unwrap().concat())
+    }
+
+    fn expected(keys: &[u32], bits: u32) -> Vec<u32> {
+        let mut order: Vec<u32> = (0..).take(keys.len()).collect();
+        order.sort_by_key(|at| keys[*at as usize] & (u32::MAX >> (32 - bits)));
+        order
+    }
+
+    #[test]
+    fn sorts_as_a_stable_sort_does() {
+        let Some(context) = context() else { return };
+        let mut pipelines = Pipelines::default();
+        let key = prop_oneof![any::<u32>(), 0u32..4, Just(u32::MAX)];
+        let case = (prop::collection::vec(key, 1..3000), prop::sample::select(vec![4u32, 12, 32]));
+        let mut runner = proptest::test_runner::TestRunner::new(ProptestConfig::with_cases(24));
+        runner
+            .run(&case, |(keys, bits)| {
+                prop_assert_eq!(sorted(&context, &mut pipelines.clone(), &keys, bits), expected(&keys, bits));
+                Ok(())
+            })
+            .unwrap();
+        for count in [31, 32, 33, 2047, 2048, 2049, 140_000] {
+            let keys: Vec<u32> = (0u32..count).map(|n| n.wrapping_mul(2_654_435_769) >> 7).collect();
+            assert!(sorted(&context, &mut pipelines, &keys, 28) == expected(&keys, 28), "{count}");
+        }
+    }
+
+    /// Three levels of blocks; and sums beyond u32 that stay there.
+    #[test]
+    fn scans_as_a_running_sum_does() {
+        let Some(context) = context() else { return };
+        let mut pipelines = Pipelines::default();
+        for (count, step) in [(1u32, 3), (2048, 1), (2049, 7), (70_000, 5), (4_200_000, 1), (9000, 1_000_000)] {
+            let values: Vec<u32> = (0..count).map(|n| (n % 3) * step).collect();
+            let buffer = upload(&context, &values);
+            let mut recorder = Recorder::new(&context, &mut pipelines);
+            scan(&mut recorder, &mut Pool::default(), &buffer, count.into()).unwrap();
+            recorder.submit();
+            let found = numbers(&context.read(&[(&buffer, 4 * u64::from(count))]).unwrap().concat());
+            let running =
+                values.iter().scan(0u32, |sum, value| Some(std::mem::replace(sum, sum.saturating_add(*value))));
+            assert!(found == running.collect::<Vec<_>>(), "{count} by {step}");
+        }
+    }
+}

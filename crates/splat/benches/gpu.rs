@@ -1,0 +1,93 @@
+//! The scenes of `render.rs` on a graphics adapter: `gpu [--adapter NAME] [--rounds N] [--export FOLDER]`.
+
+#![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
+
+use std::path::Path;
+use std::time::Instant;
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer};
+use atsplat_splat::{
+    GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, Stage, View, files, sh_coefficients,
+};
+use glam::{DMat3, DVec3};
+
+/// One Gaussian behind each of `count` evenly spread points of the picture, 0.6 pixels wide, at smooth depths.
+fn scene(count: usize, size: ImageSize, degree: u8) -> (Gaussians, View) {
+    let intrinsics = NormalizedIntrinsics::new(0.9, 0.9 * f64::from(size.width) / f64::from(size.height), 0.5, 0.5);
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).expect("a pose");
+    let camera = Camera::pinhole(pose, intrinsics.expect("intrinsics"));
+    let focal = 0.9 * size.width as f32;
+    let mut state = 1u32;
+    let mut uniform = move || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let mut parts = GaussianParts { sh_degree: degree, ..GaussianParts::default() };
+    for _ in 0..count {
+        let (u, v) = (uniform() * size.width as f32, uniform() * size.height as f32);
+        let depth = 3.0 + (u * 0.02).sin() + (v * 0.03).cos() + 0.1 * uniform();
+        let (x, y) = ((u - 0.5 * size.width as f32) / focal, (v - 0.5 * size.height as f32) / focal);
+        parts.means.push([x * depth, y * depth, depth]);
+        parts.quaternions.push([1.0, uniform(), uniform(), uniform()]);
+        parts.log_scales.push([(0.6 * depth / focal).ln(); 3]);
+        parts.opacity_logits.push(4.0 * uniform() - 1.0);
+        parts.sh.extend((0..sh_coefficients(degree)).map(|_| [uniform() - 0.5, uniform() - 0.5, uniform() - 0.5]));
+    }
+    (Gaussians::new(parts).expect("Gaussians"), View { camera, size })
+}
+
+fn main() {
+    let arguments: Vec<String> = std::env::args().collect();
+    let option = |name: &str| {
+        let at = arguments.iter().position(|argument| argument == name)?;
+        arguments.get(at + 1).cloned()
+    };
+    let cases = [
+        ("131072", 131_072, ImageSize { width: 256, height: 256 }),
+        ("311040", 311_040, ImageSize { width: 960, height: 512 }),
+    ];
+    if let Some(folder) = option("--export") {
+        for (name, count, size) in cases {
+            let path = Path::new(&folder).join(format!("{name}.ply"));
+            files::write(&path, &scene(count, size, 0).0).expect("a file");
+        }
+        return;
+    }
+    let rounds = option("--rounds").map_or(9, |rounds| rounds.parse().expect("a number of rounds"));
+    let choice = option("--adapter").map_or(AdapterChoice::Automatic, AdapterChoice::Name);
+    let mut gpu = GpuRenderer::new(&choice, GpuOptions::default()).expect("an adapter");
+    println!("{}", gpu.name());
+    let options = RenderOptions::default();
+    for (name, count, size) in cases {
+        let (gaussians, view) = scene(count, size, 0);
+        let images =
+            ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
+        let resident = gpu.upload(&gaussians).expect("memory");
+        let mut timed = |what: &str, work: &mut dyn FnMut(&mut GpuRenderer)| {
+            work(&mut gpu);
+            let mut secs: Vec<f64> = (0..rounds)
+                .map(|_| {
+                    let start = Instant::now();
+                    work(&mut gpu);
+                    start.elapsed().as_secs_f64()
+                })
+                .collect();
+            secs.sort_by(f64::total_cmp);
+            let [least, median] = [0, secs.len() / 2].map(|at| 1e3 * secs.get(at).copied().unwrap_or(f64::NAN));
+            let stages: Vec<String> =
+                gpu.stages().iter().map(|Stage { name, secs }| format!("{name} {:.1}", 1e3 * secs)).collect();
+            println!("{name} {what}: least {least:.1} ms, median {median:.1} ms; {}", stages.join(", "));
+        };
+        timed("forward from the host", &mut |gpu| {
+            gpu.render(&gaussians, &view, &options).expect("a picture");
+        });
+        timed("forward on the device", &mut |gpu| {
+            let rendering = gpu.render_resident(&resident, &view, &options).expect("a picture");
+            gpu.read(&rendering).expect("a picture");
+        });
+        timed("backward from the host", &mut |gpu| {
+            gpu.backward(&gaussians, &view, &options, &images).expect("derivatives");
+        });
+    }
+}

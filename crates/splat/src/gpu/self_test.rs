@@ -1,0 +1,124 @@
+//! A small scene with a known answer, so that a driver which computes nonsense is found before it draws anything.
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use glam::{DMat3, DVec3};
+
+use super::{GpuError, GpuRenderer};
+use crate::renderer::saturated;
+use crate::{
+    Channels, GaussianParts, Gaussians, Gradients, ImageGradients, RenderOptions, RendererConstants, Rendering,
+    SplatError, View, reference,
+};
+
+/// Largest difference of a pixel, of images whose values are about one.
+const PIXEL_BOUND: f64 = 1e-4;
+/// Largest difference of a derivative, relative to the largest of its kind.
+const GRADIENT_BOUND: f64 = 1e-3;
+/// More than one block of every kernel's work.
+const COUNT: u16 = 2100;
+
+/// Compares a picture and its derivative with the reference's.
+pub(super) fn self_test(renderer: &mut GpuRenderer) -> Result<(), GpuError> {
+    let adapter = renderer.context.name.clone();
+    let unfit = |error: SplatError| match error {
+        SplatError::Gpu(error) => error,
+        other => GpuError::Refused { adapter: adapter.clone(), reason: other.to_string() },
+    };
+    let Case { gaussians, view, options, images } = Case::new().map_err(unfit)?;
+    let expected = reference::render(&gaussians, &view, &options).map_err(unfit)?;
+    let actual = renderer.render_from_host(&gaussians, &view, &options).map_err(unfit)?;
+    let found = |what: &str, difference: f64, bound: f64| {
+        let (adapter, what) = (adapter.clone(), what.to_owned());
+        // NaN fails.
+        if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
+    };
+    let counts = [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.outside_picture]);
+    let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
+    found("census", miscounted as f64, 0.0)?;
+    for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
+        found(what, largest(actual, &expected), PIXEL_BOUND)?;
+    }
+    let expected = reference::backward(&gaussians, &view, &options, &images).map_err(unfit)?;
+    let actual = renderer.backward_from_host(&gaussians, &view, &options, &images.map(saturated)).map_err(unfit)?;
+    for ((what, actual), (_, expected)) in fields(&actual.map(f64::from)).iter().zip(fields(&expected)) {
+        let zeros = vec![0.0; expected.len()];
+        found(what, largest(actual, &expected) / largest(&expected, &zeros), GRADIENT_BOUND)?;
+    }
+    Ok(())
+}
+
+struct Case {
+    gaussians: Gaussians,
+    view: View,
+    options: RenderOptions,
+    images: ImageGradients<f64>,
+}
+
+impl Case {
+    /// Soft Gaussians of which a pixel shows many, and no cut-off that a rounding could cross.
+    fn new() -> Result<Self, SplatError> {
+        let wave = |n: u16, step: f32, phase: f32| (f32::from(n) * step + phase).sin();
+        let mut parts = GaussianParts { sh_degree: 1, scalars: Some(Vec::new()), ..GaussianParts::default() };
+        for n in 0..COUNT {
+            parts.means.push([1.2 * wave(n, 1.37, 0.0), 0.8 * wave(n, 2.11, 1.0), 3.0 + wave(n, 0.73, 2.0)]);
+            parts.quaternions.push([1.5, wave(n, 1.1, 3.0), wave(n, 1.3, 4.0), wave(n, 1.7, 5.0)]);
+            parts.log_scales.push([-3.0, -2.5, -3.5].map(|log| log + 0.5 * wave(n, 0.9, log)));
+            parts.opacity_logits.push(-3.0 + wave(n, 0.6, 6.0));
+            parts.scalars.iter_mut().for_each(|scalars| scalars.push(wave(n, 0.4, 7.0)));
+            parts.sh.extend(
+                [0.5, 1.5, 2.5, 3.5].map(|phase| [phase, phase + 0.3, phase + 0.6].map(|p| 0.3 * wave(n, 0.8, p))),
+            );
+        }
+        let pose = CameraFromWorld::new(DMat3::from_rotation_y(0.1), DVec3::new(0.1, -0.05, 0.2))?;
+        let camera = Camera::pinhole(pose, NormalizedIntrinsics::new(0.9, 1.2, 0.48, 0.53)?);
+        let view = View { camera, size: ImageSize { width: 45, height: 35 } };
+        let constants = RendererConstants { min_alpha: 1e-5, min_transmittance: 1e-9, ..RendererConstants::default() };
+        let options = RenderOptions {
+            constants,
+            background: [0.2, 0.5, 0.1],
+            channels: Channels { depth: true, scalar: true, median_depth: false },
+            ..RenderOptions::default()
+        };
+        let ripple = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
+        let images = ImageGradients {
+            rgb: ripple(0.0).into_iter().map(|value| [value, 0.5 - value, value * value]).collect(),
+            alpha: Some(ripple(1.0)),
+            depth: Some(ripple(2.0)),
+            scalar: Some(ripple(3.0)),
+        };
+        Ok(Self { gaussians: Gaussians::new(parts)?, view, options, images })
+    }
+}
+
+fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
+    vec![
+        ("colour", rendering.rgb.as_flattened().to_vec()),
+        ("alpha", rendering.alpha),
+        ("depth", rendering.depth.unwrap_or_default()),
+        ("scalar", rendering.scalar.unwrap_or_default()),
+    ]
+}
+
+fn fields(gradients: &Gradients<f64>) -> Vec<(&'static str, Vec<f64>)> {
+    vec![
+        ("gradient of means", gradients.means.as_flattened().to_vec()),
+        ("gradient of quaternions", gradients.quaternions.as_flattened().to_vec()),
+        ("gradient of scales", gradients.log_scales.as_flattened().to_vec()),
+        ("gradient of opacities", gradients.opacity_logits.clone()),
+        ("gradient of harmonics", gradients.sh.as_flattened().to_vec()),
+        ("gradient of scalars", gradients.scalars.clone()),
+        ("gradient of centres", gradients.means_2d.as_flattened().to_vec()),
+        ("gradient of conics", gradients.conics.as_flattened().to_vec()),
+        ("gradient of background", gradients.background.to_vec()),
+        ("gradient of pose", gradients.pose.to_vec()),
+    ]
+}
+
+/// The largest difference; NaN where there is one, infinite where the lengths differ.
+fn largest(actual: &[f64], expected: &[f64]) -> f64 {
+    if actual.len() != expected.len() {
+        return f64::INFINITY;
+    }
+    let apart = actual.iter().zip(expected).map(|(a, b)| (a - b).abs());
+    apart.fold(0.0, atsplat_numeric::Extremes::maximum_of)
+}

@@ -1,0 +1,114 @@
+use atsplat_camera::Distortion;
+use atsplat_splat::{
+    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, Gradients, RasterMode, RenderOptions, Renderer,
+    RendererConstants, ShAxes, View, reference,
+};
+
+use crate::scenes::{cloud, everything, filtered, gpu, narrow, ripples, view};
+
+fn fields(gradients: &Gradients<f64>) -> Vec<(&'static str, Vec<f64>)> {
+    vec![
+        ("means", gradients.means.as_flattened().to_vec()),
+        ("quaternions", gradients.quaternions.as_flattened().to_vec()),
+        ("log scales", gradients.log_scales.as_flattened().to_vec()),
+        ("logits", gradients.opacity_logits.clone()),
+        ("sh", gradients.sh.as_flattened().to_vec()),
+        ("scalars", gradients.scalars.clone()),
+        ("means on the screen", gradients.means_2d.as_flattened().to_vec()),
+        ("conics", gradients.conics.as_flattened().to_vec()),
+        ("background", gradients.background.to_vec()),
+        ("pose", gradients.pose.to_vec()),
+    ]
+}
+
+/// Opacities without cut-offs that a rounding could cross: what is compared is arithmetic.
+fn without_cuts(constants: RendererConstants) -> RendererConstants {
+    RendererConstants { min_alpha: 1e-5, ..constants }
+}
+
+fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
+    let Some(mut gpu) = gpu() else { return };
+    let images = ripples(view);
+    let expected = reference::backward(gaussians, view, options, &images).unwrap();
+    let actual = gpu.backward(gaussians, view, options, &narrow(&images)).unwrap();
+    assert!(gpu.backward(gaussians, view, options, &narrow(&images)).unwrap() == actual, "{what}: other bits");
+    for ((name, actual), (_, expected)) in fields(&actual.map(f64::from)).into_iter().zip(fields(&expected)) {
+        assert_eq!(actual.len(), expected.len(), "{what}: {name}");
+        let size = expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
+        for (actual, expected) in actual.iter().zip(&expected) {
+            let apart = (actual - expected).abs();
+            assert!(apart <= 1e-4 * size, "{what}: {name}: {actual} against {expected}, size {size}");
+        }
+    }
+}
+
+#[test]
+fn every_mode_rule_and_filter() {
+    let gaussians = cloud(600, 2, 21);
+    for mode in [RasterMode::Classic, RasterMode::Antialiased] {
+        for gaussians in [&gaussians, &filtered(&gaussians)] {
+            let constants = without_cuts(RendererConstants::default());
+            let what = format!("{mode:?}, filter {}", gaussians.parts().filter_3d.is_some());
+            check(gaussians, &view(61, 45), &RenderOptions { constants, mode, ..everything() }, &what);
+        }
+    }
+    let inria = RendererConstants {
+        sh_axes: ShAxes::E3nn,
+        clamped_gradient: ClampedGradient::Inria,
+        extent: Extent::Exact,
+        ..RendererConstants::named("inria").unwrap()
+    };
+    check(
+        &gaussians,
+        &view(61, 45),
+        &RenderOptions { constants: without_cuts(inria), ..everything() },
+        "inria's rules",
+    );
+}
+
+#[test]
+fn every_degree_and_reach() {
+    for degree in 0..=4 {
+        let gradients = GradientReach { scalar_stops: degree % 2 == 1, directions_stop: degree == 2 };
+        let constants = without_cuts(RendererConstants::default());
+        let options = RenderOptions { constants, gradients, max_sh_degree: 3, ..everything() };
+        check(&cloud(300, degree, 9), &view(33, 29), &options, &format!("degree {degree}"));
+    }
+}
+
+#[test]
+fn every_lens() {
+    let mut view = view(61, 45);
+    for distortion in [
+        Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: -0.003, p1: 0.003, p2: -0.002 },
+        Distortion::Fisheye { k: [0.02, -0.01, 0.003, -0.001] },
+    ] {
+        view.camera.distortion = distortion;
+        let constants = without_cuts(RendererConstants::default());
+        let options = RenderOptions { constants, ..everything() };
+        check(&cloud(500, 1, 23), &view, &options, &format!("{distortion:?}"));
+    }
+}
+
+/// Without scalars, without images beside colour, without Gaussians; and of one hidden behind others nothing is left.
+#[test]
+fn what_is_absent_has_no_derivative() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = view(20, 30);
+    let mut parts = cloud(50, 0, 3).into_parts();
+    parts.scalars = None;
+    parts.means[7] = [0.0, 0.0, -5.0];
+    let gaussians = Gaussians::new(parts).unwrap();
+    let mut images = narrow(&ripples(&view));
+    (images.alpha, images.depth, images.scalar) = (None, None, None);
+    let gradients = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
+    assert!(gradients.scalars.is_empty());
+    assert!(
+        gradients.means[7].iter().chain(&gradients.quaternions[7]).chain(&gradients.sh[7]).all(|v| v.to_bits() == 0)
+    );
+    assert!(gradients.means.iter().flatten().any(|value| *value != 0.0));
+    let none = Gaussians::new(GaussianParts::default()).unwrap();
+    let gradients = gpu.backward(&none, &view, &everything(), &images).unwrap();
+    let sum: f32 = images.rgb.iter().map(|rgb| rgb[0]).sum();
+    assert!((gradients.background[0] - sum).abs() < 1e-3 && gradients.means.is_empty());
+}

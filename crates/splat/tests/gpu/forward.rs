@@ -1,0 +1,148 @@
+use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize};
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::{
+    Channels, Gaussians, RasterMode, RenderOptions, Renderer, RendererConstants, SplatError, View, reference,
+};
+use glam::DVec3;
+
+use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, view};
+
+#[test]
+fn every_preset_and_mode() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (cloud(3000, 3, 7), view(97, 61));
+    for preset in RendererConstants::PRESETS {
+        for mode in [RasterMode::Classic, RasterMode::Antialiased] {
+            let constants = RendererConstants::named(preset).unwrap();
+            let options = RenderOptions { constants, mode, ..everything() };
+            let expected = reference::render(&gaussians, &view, &options).unwrap();
+            let actual = gpu.render(&gaussians, &view, &options).unwrap();
+            assert_bound(&actual, &expected, &format!("{preset} {mode:?}"));
+        }
+    }
+}
+
+#[test]
+fn every_degree_and_filter_and_channel() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = view(50, 40);
+    for degree in 0..=4 {
+        let gaussians = filtered(&cloud(800, degree, 13));
+        for max_sh_degree in [1, 4] {
+            let channels = Channels { depth: degree % 2 == 0, scalar: degree > 2, median_depth: false };
+            let options = RenderOptions { max_sh_degree, channels, ..everything() };
+            let expected = reference::render(&gaussians, &view, &options).unwrap();
+            let actual = gpu.render(&gaussians, &view, &options).unwrap();
+            assert_bound(&actual, &expected, &format!("degree {degree} up to {max_sh_degree}"));
+        }
+    }
+}
+
+#[test]
+fn every_lens() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, mut view) = (cloud(1000, 1, 3), view(64, 48));
+    for distortion in [
+        Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 },
+        Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 },
+        Distortion::OpenCv { k1: -0.4, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 },
+        Distortion::Fisheye { k: [0.02, -0.01, 0.003, -0.001] },
+        Distortion::Fisheye { k: [0.0; 4] },
+    ] {
+        view.camera.distortion = distortion;
+        let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+        let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
+        assert_bound(&actual, &expected, &format!("{distortion:?}"));
+    }
+}
+
+/// Blocks, workgroups and tiles that are not full, and nothing at all.
+#[test]
+fn odd_sizes_and_counts() {
+    let Some(mut gpu) = gpu() else { return };
+    for (width, height) in [(1, 1), (17, 33), (16, 16), (3, 40)] {
+        for count in [0, 1, 31, 33, 255, 256, 257] {
+            let (gaussians, view) = (cloud(count, 0, 5), view(width, height));
+            let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+            let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
+            assert_bound(&actual, &expected, &format!("{count} on {width}×{height}"));
+        }
+    }
+    let nothing = gpu.render(&Gaussians::default(), &view(33, 17), &RenderOptions::default()).unwrap();
+    assert!(nothing.rgb.iter().flatten().chain(&nothing.alpha).all(|value| value.to_bits() == 0));
+    let none = View { size: ImageSize { width: 0, height: 3 }, ..view(3, 3) };
+    let empty = gpu.render(&cloud(3, 0, 1), &none, &everything());
+    assert!(matches!(empty, Err(SplatError::View { .. })), "{empty:?}");
+}
+
+/// Around 2¹⁶, and where prefix sums need a third level.
+#[test]
+fn many_gaussians_as_the_processor_has_them() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = view(160, 120);
+    let mut cpu = CpuRenderer::default();
+    for count in [65_535, 65_536, 65_537, 200_000] {
+        let gaussians = dust(count);
+        let expected = cpu.render(&gaussians, &view, &everything()).unwrap();
+        let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
+        assert_bound(&actual, &expected.map(f64::from), &format!("{count}"));
+    }
+}
+
+/// A scene and camera moved and scaled together: f32 holds the means, two of them hold everything from there to the
+/// picture.
+#[test]
+fn far_away_and_far_apart() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = view(97, 61);
+    for (scale, shift) in [(1e6f32, 0.0f32), (1e-4, 0.0), (1.0, 5e3), (100.0, 3.3e5), (1e6, 1e8)] {
+        let mut parts = cloud(2000, 1, 17).into_parts();
+        parts.means.iter_mut().for_each(|mean| *mean = mean.map(|value| value * scale + shift));
+        parts.log_scales.iter_mut().for_each(|logs| *logs = logs.map(|log| log + scale.ln()));
+        let gaussians = Gaussians::new(parts).unwrap();
+        let pose = view.camera.camera_from_world;
+        let centre = pose.inverse().centre() * f64::from(scale) + DVec3::splat(f64::from(shift));
+        let moved = CameraFromWorld::new(pose.rotation(), -(pose.rotation() * centre)).unwrap();
+        let view = View { camera: Camera { camera_from_world: moved, ..view.camera }, ..view };
+        let base = everything().constants;
+        let constants = RendererConstants { near: base.near * f64::from(scale), ..base };
+        let options = RenderOptions { constants, ..everything() };
+        let expected = reference::render(&gaussians, &view, &options).unwrap();
+        assert!(expected.census.drawn > 500, "{:?}", expected.census);
+        let actual = gpu.render(&gaussians, &view, &options).unwrap();
+        assert_bound(&actual, &expected, &format!("scale {scale}, shift {shift}"));
+    }
+}
+
+/// What is extreme but valid survives, as the reference has it.
+#[test]
+fn needles_discs_giants_and_coincident_ones() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = view(80, 60);
+    let shapes = [[3.0, -9.0, -9.0], [2.0, 2.0, -12.0], [20.0, 20.0, 20.0], [30.0, -20.0, 1.0], [-40.0, -40.0, -40.0]];
+    for shape in shapes {
+        let mut parts = cloud(60, 0, 29).into_parts();
+        parts.log_scales.iter_mut().for_each(|logs| *logs = shape);
+        let gaussians = Gaussians::new(parts).unwrap();
+        let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+        let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
+        assert_bound(&actual, &expected, &format!("{shape:?}"));
+    }
+    let mut parts = cloud(10_000, 0, 31).into_parts();
+    parts.means.iter_mut().for_each(|mean| *mean = [0.1, 0.2, 3.0]);
+    let gaussians = Gaussians::new(parts).unwrap();
+    let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+    assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, "coincident");
+}
+
+#[test]
+fn the_same_bits_every_time() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (cloud(4000, 2, 11), view(131, 77));
+    let first = gpu.render(&gaussians, &view, &everything()).unwrap();
+    // Another picture in between leaves nothing behind.
+    gpu.render(&cloud(900, 1, 2), &View { size: ImageSize { width: 40, height: 50 }, ..view }, &everything()).unwrap();
+    for _ in 0..3 {
+        assert!(gpu.render(&gaussians, &view, &everything()).unwrap() == first);
+    }
+}

@@ -1,0 +1,52 @@
+use atsplat_splat::cpu::CpuOptions;
+use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, with_fallback};
+use atsplat_splat::{Renderer, SplatError};
+
+use crate::scenes::{cloud, everything, gpu, narrow, open, ripples, view};
+
+/// Parts of 600 Gaussians, strips of two rows of tiles, windows of few tiles, dispatches in two dimensions.
+#[test]
+fn small_limits_give_the_same_bits() {
+    let small = GpuOptions { binding_limit: 128 << 10, groups_limit: 25, ..GpuOptions::default() };
+    let (Some(mut gpu), Some(mut cut)) = (gpu(), open(small)) else { return };
+    let (gaussians, view) = (cloud(3000, 3, 7), view(97, 71));
+    assert!(cut.strips(&view).unwrap().len() > 1 && gpu.strips(&view).unwrap().len() == 1);
+    let whole = gpu.render(&gaussians, &view, &everything()).unwrap();
+    assert!(cut.render(&gaussians, &view, &everything()).unwrap() == whole);
+    let images = narrow(&ripples(&view));
+    let whole = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
+    assert!(cut.backward(&gaussians, &view, &everything(), &images).unwrap() == whole);
+}
+
+#[test]
+fn what_does_not_fit_is_a_typed_error() {
+    let Some(mut gpu) = gpu() else { return };
+    let tiny = GpuOptions { memory_limit: 100_000, ..GpuOptions::default() };
+    let outcome = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), tiny);
+    let outcome = outcome.unwrap().render(&cloud(2000, 0, 1), &view(64, 64), &everything());
+    assert!(matches!(outcome, Err(SplatError::Memory { limit: 100_000, .. })), "{outcome:?}");
+    let narrow = GpuOptions { binding_limit: 16 << 10, ..GpuOptions::default() };
+    let outcome = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), narrow);
+    let outcome = outcome.unwrap().render(&cloud(2000, 0, 1), &view(64, 64), &everything());
+    assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::TooLarge { .. }))), "{outcome:?}");
+    // And the device is as good as before.
+    gpu.render(&cloud(100, 0, 1), &view(8, 8), &everything()).unwrap();
+}
+
+#[test]
+fn the_processor_takes_over_and_says_why() {
+    let choice = AdapterChoice::Name("no adapter has this name".to_owned());
+    let mut fallback = with_fallback(&choice, GpuOptions::default(), CpuOptions::default());
+    assert!(fallback.renderer.name().starts_with("cpu"));
+    assert!(matches!(&fallback.reason, Some(GpuError::NoAdapter { .. })), "{:?}", fallback.reason);
+    fallback.renderer.render(&cloud(10, 0, 1), &view(8, 8), &everything()).unwrap();
+}
+
+/// A destroyed device is an error, not a panic.
+#[test]
+fn a_lost_device_is_a_typed_error() {
+    let Some(mut gpu) = open(GpuOptions::default()) else { return };
+    gpu.device().destroy();
+    let outcome = gpu.render(&cloud(10, 0, 1), &view(8, 8), &everything());
+    assert!(matches!(outcome, Err(SplatError::Gpu(_))), "{outcome:?}");
+}

@@ -1,0 +1,12 @@
+//! The graphics processor against the f64 reference and the processor.
+//!
+//! Without an adapter these tests say so and pass; with `ATSPLAT_REQUIRE_GPU=1` they fail.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod backward;
+mod forward;
+mod limits;
+mod poison;
+mod resident;
+mod scenes;

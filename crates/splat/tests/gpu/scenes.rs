@@ -1,0 +1,136 @@
+//! Scenes, and the one device that all tests share.
+
+use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
+use atsplat_splat::{Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, Rendering, View};
+use glam::{DMat3, DVec3};
+
+/// A renderer of its own, `None` where there is no adapter at all and none is required.
+pub(crate) fn open(options: GpuOptions) -> Option<GpuRenderer> {
+    match GpuRenderer::new(&AdapterChoice::Automatic, options) {
+        Ok(renderer) => Some(renderer),
+        Err(error @ GpuError::NoAdapter { .. }) => {
+            assert!(std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() != Ok("1"), "{error}");
+            eprintln!("SKIPPED, no graphics adapter: {error}");
+            None
+        }
+        Err(error) => panic!("{error}"),
+    }
+}
+
+/// The shared renderer.
+pub(crate) fn gpu() -> Option<MutexGuard<'static, GpuRenderer>> {
+    static SHARED: OnceLock<Option<Mutex<GpuRenderer>>> = OnceLock::new();
+    let shared = SHARED.get_or_init(|| open(GpuOptions::default()).map(Mutex::new)).as_ref()?;
+    Some(shared.lock().unwrap_or_else(PoisonError::into_inner))
+}
+
+/// A cloud in front of the camera, from needles and discs to blobs, some of it outside the view.
+pub(crate) fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
+    let mut state = seed;
+    let mut uniform = || {
+        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (state >> 8) as f32 / (1 << 24) as f32
+    };
+    let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
+    for _ in 0..count {
+        let mut spread = |width: f32| width * (2.0 * uniform() - 1.0);
+        parts.means.push([spread(2.5), spread(2.0), 4.0 + spread(3.5)]);
+        parts.quaternions.push([spread(1.0), spread(1.0), spread(1.0), spread(1.0)]);
+        parts.log_scales.push([-3.0 + spread(2.0), -3.0 + spread(2.0), -3.5 + spread(2.0)]);
+        parts.opacity_logits.push(spread(5.0));
+        parts.scalars.iter_mut().for_each(|scalars| scalars.push(spread(1.0)));
+        for _ in 0..atsplat_splat::sh_coefficients(degree) {
+            parts.sh.push([spread(0.8), spread(0.8), spread(0.8)]);
+        }
+    }
+    Gaussians::new(parts).unwrap()
+}
+
+/// The same with a 3D filter.
+pub(crate) fn filtered(gaussians: &Gaussians) -> Gaussians {
+    let mut parts = gaussians.parts().clone();
+    parts.filter_3d =
+        Some((0..gaussians.len()).map(|n| if n % 5 == 0 { 0.0 } else { 0.01 * (n % 7) as f32 }).collect());
+    Gaussians::new(parts).unwrap()
+}
+
+/// Small ones by the hundred thousand.
+pub(crate) fn dust(count: usize) -> Gaussians {
+    let mut parts = cloud(count, 0, 77).into_parts();
+    parts.log_scales.iter_mut().for_each(|logs| *logs = logs.map(|log| log - 2.5));
+    Gaussians::new(parts).unwrap()
+}
+
+pub(crate) fn view(width: u32, height: u32) -> View {
+    let rotation = DMat3::from_rotation_y(0.2) * DMat3::from_rotation_x(0.1);
+    let pose = CameraFromWorld::new(rotation, DVec3::new(0.3, -0.1, 0.4)).unwrap();
+    let intrinsics = NormalizedIntrinsics::new(0.8, 0.8 * f64::from(width) / f64::from(height), 0.48, 0.53).unwrap();
+    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
+}
+
+pub(crate) fn everything() -> RenderOptions {
+    RenderOptions {
+        background: [0.1, 0.6, 0.3],
+        channels: Channels { depth: true, scalar: true, median_depth: true },
+        ..RenderOptions::default()
+    }
+}
+
+/// Derivatives by images that differ from pixel to pixel.
+pub(crate) fn ripples(view: &View) -> ImageGradients<f64> {
+    let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
+    ImageGradients {
+        rgb: wave(0.0).into_iter().zip(wave(1.0)).zip(wave(2.0)).map(|((r, g), b)| [r, g, b]).collect(),
+        alpha: Some(wave(3.0)),
+        depth: Some(wave(4.0)),
+        scalar: Some(wave(5.0)),
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "sines")]
+pub(crate) fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
+    images.map(|value| value as f32)
+}
+
+/// The published bound: at most 1/255 on 99.99 % of pixels and 60 dB or better, nothing left out; and one census.
+pub(crate) fn assert_bound(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
+    assert_eq!(actual.census, expected.census, "{what}");
+    let flat: Vec<f64> = actual.rgb.iter().flatten().map(|value| f64::from(*value)).collect();
+    within(&flat, expected.rgb.as_flattened(), 1.0 / 255.0, &format!("{what}: rgb"));
+    let image = |values: &[f32]| values.iter().map(|value| f64::from(*value)).collect::<Vec<_>>();
+    within(&image(&actual.alpha), &expected.alpha, 1.0 / 255.0, &format!("{what}: alpha"));
+    let pairs = [
+        ("depth", &actual.depth, &expected.depth, 1.0 / 255.0),
+        ("scalar", &actual.scalar, &expected.scalar, 1.0 / 255.0),
+    ];
+    for (name, actual, expected, bound) in pairs {
+        assert_eq!(actual.is_some(), expected.is_some(), "{what}: {name}");
+        if let (Some(actual), Some(expected)) = (actual, expected) {
+            let scale = 1.0 + expected.iter().fold(0.0f64, |most, value| if *value > most { *value } else { most });
+            within(&image(actual), expected, bound * scale, &format!("{what}: {name}"));
+        }
+    }
+    if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
+        // Another Gaussian may take the transmittance past one half: a cut-off like the others.
+        let apart = image(actual).iter().zip(expected).filter(|(a, e)| !((*a - *e).abs() <= 1e-4 * (1.0 + *e))).count();
+        assert!(apart * 1000 <= expected.len(), "{what}: {apart} median depths of {}", expected.len());
+    }
+}
+
+fn within(actual: &[f64], expected: &[f64], bound: f64, what: &str) {
+    assert_eq!(actual.len(), expected.len(), "{what}");
+    let mut squares = 0.0;
+    let mut beyond = 0;
+    for (actual, expected) in actual.iter().zip(expected) {
+        assert!(actual.is_finite(), "{what}");
+        let apart = actual - expected;
+        squares += (apart / (255.0 * bound)).powi(2);
+        beyond += usize::from(!(apart.abs() <= bound));
+    }
+    let decibels = -10.0 * (squares / actual.len() as f64).log10();
+    assert!(beyond * 10_000 <= actual.len(), "{what}: {beyond} of {} beyond 1/255", actual.len());
+    assert!(decibels >= 60.0, "{what}: {decibels} dB");
+}
