@@ -1,4 +1,4 @@
-//! The scenes of `render.rs` on a graphics adapter: `gpu [--adapter NAME] [--rounds N] [--export FOLDER]`.
+//! The scenes of `render.rs` on a graphics adapter: `gpu [--adapter NAME] [--rounds N] [--only WORD] [--export FOLDER]`.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
 
@@ -6,10 +6,9 @@ use std::path::Path;
 use std::time::Instant;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_splat::files::{self, Encoding, Output};
 use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer};
-use atsplat_splat::{
-    GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, Stage, View, files, sh_coefficients,
-};
+use atsplat_splat::{GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, Stage, View, sh_coefficients};
 use glam::{DMat3, DVec3};
 
 /// One Gaussian behind each of `count` evenly spread points of the picture, 0.6 pixels wide, at smooth depths.
@@ -50,7 +49,7 @@ fn main() {
     if let Some(folder) = option("--export") {
         for (name, count, size) in cases {
             let path = Path::new(&folder).join(format!("{name}.ply"));
-            files::write(&path, &scene(count, size, 0).0).expect("a file");
+            files::write(&path, &scene(count, size, 0).0, Output::Ply(Encoding::BinaryLittleEndian)).expect("a file");
         }
         return;
     }
@@ -65,6 +64,9 @@ fn main() {
             ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
         let resident = gpu.upload(&gaussians).expect("memory");
         let mut timed = |what: &str, work: &mut dyn FnMut(&mut GpuRenderer)| {
+            if option("--only").is_some_and(|only| !what.contains(&only)) {
+                return;
+            }
             work(&mut gpu);
             let mut secs: Vec<f64> = (0..rounds)
                 .map(|_| {
