@@ -3,21 +3,33 @@
 //! The same bits come out for any number of threads, any tile size, and every instruction set that fuses
 //! multiplication with addition: each pixel composites its own Gaussians in one order, whatever surrounds it.
 
-mod backward;
-mod block;
+mod adjoint;
+mod batch;
+mod bins;
+mod colour;
+mod composite;
 mod differentiate;
-mod kernel;
+mod elementary;
+mod frame;
+mod gradients;
+mod images;
 mod order;
 mod project;
+mod recording;
+mod shape;
 mod simd;
-mod tiles;
+mod splat;
+mod wide;
 
 use std::time::Instant;
 
-use rayon::prelude::*;
+use bins::Tiling;
+use frame::Frame;
+use images::Layout;
 
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
 
+pub use recording::Recording;
 pub use simd::SimdLevel;
 
 /// How the processor is used; results do not depend on it, but for levels without fused multiplication.
@@ -64,9 +76,7 @@ impl TileSize {
 #[derive(Debug, Default)]
 pub struct CpuRenderer {
     options: CpuOptions,
-    splats: Vec<project::Splat>,
-    order: order::Sorter,
-    tiles: tiles::Tiles,
+    frame: Frame,
     timings: Timings,
 }
 
@@ -75,12 +85,12 @@ pub struct CpuRenderer {
 pub struct Timings {
     /// World to screen, colour, culling.
     pub project_secs: f64,
-    /// By depth.
-    pub sort_secs: f64,
     /// Into tiles.
     pub bin_secs: f64,
-    /// Compositing pixels.
+    /// Sorting each tile's splats by depth, and compositing its pixels.
     pub raster_secs: f64,
+    /// Images from pixels.
+    pub write_secs: f64,
 }
 
 impl CpuRenderer {
@@ -104,41 +114,42 @@ impl CpuRenderer {
         view: &View,
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError> {
+        let mut rendering = Rendering::empty(view, options);
+        self.render_tiled(gaussians, view, options, self.options.tile, &mut rendering)?;
+        Ok(rendering)
+    }
+
+    fn render_tiled(
+        &mut self,
+        gaussians: &Gaussians,
+        view: &View,
+        options: &RenderOptions,
+        tile: TileSize,
+        rendering: &mut Rendering<f32>,
+    ) -> Result<(), SplatError> {
         let optics = view.optics(&options.constants)?;
         check_size(view)?;
         self.check_memory(gaussians, view, options)?;
         let mut clock = Clock::start();
-        let mut rendering = Rendering::empty(view, options);
-        rendering.census = project::project_all(gaussians, view, &optics, options, self.options.simd, &mut self.splats);
+        let simd = self.options.simd;
+        let paint = Paint::new(view, options);
+        self.frame.prepare(gaussians.len(), Layout::new(Tiling::new(view.size, tile.pixels()), paint.extra));
+        frame::project(gaussians, options, simd, &[(*view, optics)], std::slice::from_mut(&mut self.frame));
         self.timings.project_secs = clock.lap();
-        let order = self.order.by_depth(&self.splats);
-        self.timings.sort_secs = clock.lap();
-        let side = self.options.tile.pixels();
-        self.tiles.fill(&self.splats, order, view.size, side)?;
+        self.frame.bin(self.options.memory_limit, self.options.memory_limit)?;
         self.timings.bin_secs = clock.lap();
-        let rows_per_band = side as usize * view.size.width as usize;
-        let background = options.background.map(narrowed);
-        let channels = options.channels;
-        let extra = channels.depth || channels.scalar || channels.median_depth;
-        let paint = kernel::Paint { options, background, size: view.size, splats: &self.splats, extra };
-        let mut bands = Bands::of(&mut rendering, rows_per_band);
-        bands.par_iter_mut().enumerate().for_each(|(band, images)| {
-            let mut tile = kernel::Tile::new(side);
-            for column in 0..self.tiles.columns() {
-                let list = self.tiles.list(column, band);
-                self.options.simd.dispatch(kernel::Render { paint: &paint, list, at: (column, band), tile: &mut tile });
-                tile.copy_to(images, (column, band), &paint);
-            }
-        });
+        self.frame.composite(simd, &paint);
         self.timings.raster_secs = clock.lap();
-        Ok(rendering)
+        self.frame.write(&paint, rendering);
+        self.timings.write_secs = clock.lap();
+        Ok(())
     }
 
     /// Bytes per Gaussian and pixel that are needed at once; tile lists are checked when their length is known.
     fn check_memory(&self, gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<(), SplatError> {
         let channels = &options.channels;
         let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
-        let per_gaussian = (size_of::<project::Splat>() + order::BYTES_EACH + 8) as u64;
+        let per_gaussian = (size_of::<splat::Splat>() + 32) as u64;
         let needed = (gaussians.len() as u64)
             .saturating_mul(per_gaussian)
             .saturating_add((view.pixels() as u64).saturating_mul(4 * images));
@@ -173,32 +184,20 @@ fn check_size(view: &View) -> Result<(), SplatError> {
     Err(SplatError::View { what: "picture", expected, found: view.size.to_string() })
 }
 
-/// The parts of every image that one row of tiles covers.
-pub(crate) struct Band<'a> {
-    pub(crate) rgb: &'a mut [[f32; 3]],
-    pub(crate) alpha: &'a mut [f32],
-    pub(crate) depth: Option<&'a mut [f32]>,
-    pub(crate) scalar: Option<&'a mut [f32]>,
-    pub(crate) median_depth: Option<&'a mut [f32]>,
+/// What all pixels share.
+pub(crate) struct Paint<'a> {
+    options: &'a RenderOptions,
+    background: [f32; 3],
+    size: atsplat_camera::ImageSize,
+    /// Whether depth and scalar are composited too.
+    extra: bool,
 }
 
-struct Bands;
-
-impl Bands {
-    fn of(rendering: &mut Rendering<f32>, pixels: usize) -> Vec<Band<'_>> {
-        let mut depth = rendering.depth.as_mut().map(|image| image.chunks_mut(pixels));
-        let mut scalar = rendering.scalar.as_mut().map(|image| image.chunks_mut(pixels));
-        let mut median = rendering.median_depth.as_mut().map(|image| image.chunks_mut(pixels));
-        let colours = rendering.rgb.chunks_mut(pixels).zip(rendering.alpha.chunks_mut(pixels));
-        colours
-            .map(|(rgb, alpha)| Band {
-                rgb,
-                alpha,
-                depth: depth.as_mut().and_then(Iterator::next),
-                scalar: scalar.as_mut().and_then(Iterator::next),
-                median_depth: median.as_mut().and_then(Iterator::next),
-            })
-            .collect()
+impl<'a> Paint<'a> {
+    fn new(view: &View, options: &'a RenderOptions) -> Self {
+        let channels = options.channels;
+        let extra = channels.depth || channels.scalar || channels.median_depth;
+        Self { options, background: options.background.map(narrowed), size: view.size, extra }
     }
 }
 
