@@ -117,7 +117,7 @@ impl Basis {
         lane: usize,
         (seen, by): ([f32; 3], [f32; 3]),
         rows: &mut [[f32; 3]],
-    ) -> [f32; 3] {
+    ) -> [f64; 3] {
         let lane = lane % SIDE_BY_SIDE;
         let through = |seen: f32, by: f32| if seen.is_sign_negative() { 0.0 } else { by };
         let [r, g, b] = [through(seen[0], by[0]), through(seen[1], by[1]), through(seen[2], by[2])];
@@ -127,10 +127,14 @@ impl Basis {
             *row = [r * value, g * value, b * value];
         }
         let coefficients = parts.sh.get(position * self.stored..).unwrap_or_default();
-        let mut sum = [0.0f32; 3];
-        for (coefficient, slopes) in coefficients.iter().zip(&self.slopes) {
-            let worth = coefficient[0] * r + coefficient[1] * g + coefficient[2] * b;
-            sum = [sum[0] + slopes[0][lane] * worth, sum[1] + slopes[1][lane] * worth, sum[2] + slopes[2][lane] * worth];
+        // In f64, where no coefficient overflows.
+        let [r, g, b] = [f64::from(r), f64::from(g), f64::from(b)];
+        let mut sum = [0.0f64; 3];
+        for (coefficient, [x, y, z]) in coefficients.iter().zip(&self.slopes) {
+            let [cr, cg, cb] = *coefficient;
+            let worth = f64::from(cr) * r + f64::from(cg) * g + f64::from(cb) * b;
+            let [x, y, z] = [f64::from(x[lane]), f64::from(y[lane]), f64::from(z[lane])];
+            sum = [sum[0] + x * worth, sum[1] + y * worth, sum[2] + z * worth];
         }
         sum
     }

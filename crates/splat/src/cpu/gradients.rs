@@ -97,12 +97,13 @@ impl WithSimd for Carry<'_> {
                 let row = start - first + lane;
                 by_splat.put(lane, &screen, splat, totals);
                 rows.put_splat(row, lane, &by_splat, totals);
-                let by_rgb = [6, 7, 8].map(|channel: usize| narrowed(totals[channel]));
+                // Three times as much, more than a basis reaches, would still be an f32.
+                let by_rgb = [6, 7, 8].map(|channel: usize| narrowed(totals[channel].clamp(-1e38, 1e38)));
                 let stored = basis.stored();
                 let sh = rows.sh.get_mut(row * stored..(row + 1) * stored).unwrap_or_default();
                 let by_direction = basis.carry(parts, start + lane, lane, (splat.rgb, by_rgb), sh);
                 for (slot, value) in by_splat.direction.iter_mut().zip(by_direction) {
-                    slot[lane] = f64::from(value);
+                    slot[lane] = value;
                 }
             }
             by_gaussian.take(simd, &At { shapes: &shapes, screen: &screen, optics, options }, &by_splat);
