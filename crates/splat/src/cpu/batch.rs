@@ -56,7 +56,13 @@ pub(super) struct Batch {
 
 impl Default for Batch {
     fn default() -> Self {
-        Self { near: [Splat::default(); BATCH], records: [Record::default(); 256], used: 0, lists: [[0; 256]; BLOCKS], lengths: [0; BLOCKS] }
+        Self {
+            near: [Splat::default(); BATCH],
+            records: [Record::default(); 256],
+            used: 0,
+            lists: [[0; 256]; BLOCKS],
+            lengths: [0; BLOCKS],
+        }
     }
 }
 

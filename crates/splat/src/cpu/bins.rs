@@ -9,7 +9,7 @@ use super::splat::Splat;
 pub(super) const RUN: usize = 4096;
 
 /// First and one past the last tile column, then row.
-type Reach = [[u16; 2]; 2];
+pub(super) type Reach = [[u16; 2]; 2];
 
 /// The tiles of a picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]

@@ -4,9 +4,9 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 use pulp::Simd;
 
+use super::narrowed;
 use super::shape::Shapes;
 use super::wide::{Row, Row32, SIDE_BY_SIDE, Wide, dot, load3, splat3, store3};
-use super::narrowed;
 use crate::constants::{LARGEST_CHANNEL, ShAxes};
 use crate::view::Optics;
 use crate::{GaussianParts, RenderOptions, sh, sh_coefficients};
@@ -27,7 +27,13 @@ impl Basis {
         let degree = if options.max_sh_degree < parts.sh_degree { options.max_sh_degree } else { parts.sh_degree };
         let mut values = [[0.0; SIDE_BY_SIDE]; 25];
         values[0] = [narrowed(sh::C0); SIDE_BY_SIDE];
-        Self { degree, stored: sh_coefficients(parts.sh_degree), values, unit: [[0.0; SIDE_BY_SIDE]; 3], slopes: Vec::new() }
+        Self {
+            degree,
+            stored: sh_coefficients(parts.sh_degree),
+            values,
+            unit: [[0.0; SIDE_BY_SIDE]; 3],
+            slopes: Vec::new(),
+        }
     }
 
     /// Evaluates the basis in the directions from a camera.

@@ -289,7 +289,8 @@ fn add_terms<S: Simd, const EXTRA: bool>(
         let fold = |of: usize| simd.add_f32s(terms[of][half], terms[of][half + halves]);
         let (e, ey) = (fold(0), fold(2));
         let ex = simd.mul_f32s(e, x);
-        let mut folded = [e, ex, ey, simd.mul_f32s(ex, x), simd.mul_f32s(ey, x), fold(5), fold(6), fold(7), fold(8), e, e];
+        let mut folded =
+            [e, ex, ey, simd.mul_f32s(ex, x), simd.mul_f32s(ey, x), fold(5), fold(6), fold(7), fold(8), e, e];
         if EXTRA {
             (folded[9], folded[10]) = (fold(9), fold(10));
         }

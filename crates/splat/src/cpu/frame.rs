@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::batch::Batch;
-use super::bins::{Bins, RUN, Tiling};
+use super::bins::{Bins, Entry, RUN, Reach, Tiling};
 use super::composite::Composite;
 use super::differentiate::SUMS;
 use super::images::{self, Layout};
@@ -12,7 +12,10 @@ use super::project::{Project, Run, Target};
 use super::splat::Splat;
 use super::{Paint, SimdLevel};
 use crate::view::Optics;
-use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
+use crate::{Census, Gaussians, RenderOptions, Rendering, SplatError, View};
+
+/// Bytes that a frame takes for each Gaussian, but for tile lists.
+pub(super) const BYTES_EACH: u64 = (size_of::<Splat>() + size_of::<Reach>() + 2 * size_of::<u32>()) as u64;
 
 /// Everything about one view, from splats to pixels; its buffers are used again.
 #[derive(Debug)]
@@ -49,11 +52,11 @@ impl Frame {
         self.bins.resize_with(runs, Bins::default);
     }
 
-    /// Sorts splats into tiles: counts, and fills where what was counted fits.
+    /// Sorts splats into tiles: counts, and fills where what was counted fits. Returns the bytes of the lists.
     ///
     /// # Errors
     /// [`SplatError::Memory`] before the lists are made.
-    pub(super) fn bin(&mut self, room: u64, limit: u64) -> Result<(), SplatError> {
+    pub(super) fn bin(&mut self, room: u64, limit: u64) -> Result<u64, SplatError> {
         let tiling = self.tiling();
         let Self { splats, runs, bins, .. } = self;
         let counts: Vec<u64> = bins
@@ -62,13 +65,15 @@ impl Frame {
             .zip(&*runs)
             .map(|((bins, splats), run)| bins.count(splats.get(..run.positions.len()).unwrap_or_default(), tiling))
             .collect();
-        let bytes = counts.iter().fold(0u64, |sum, count| sum.saturating_add(count.saturating_mul(8)));
+        let lists = counts.iter().fold(0u64, |sum, count| sum.saturating_add(*count));
+        let ends = (bins.len() as u64).saturating_mul(4 * tiling.len() as u64);
+        let bytes = lists.saturating_mul(size_of::<Entry>() as u64).saturating_add(ends);
         let most = counts.iter().copied().max().unwrap_or_default();
         if bytes > room || most > u64::from(u32::MAX) {
             return Err(SplatError::Memory { needed: limit.saturating_sub(room).saturating_add(bytes), limit });
         }
         bins.par_iter_mut().enumerate().for_each(|(at, bins)| bins.fill(at * RUN, tiling));
-        Ok(())
+        Ok(bytes)
     }
 
     /// Composites every tile.
@@ -87,12 +92,29 @@ impl Frame {
     }
 
     /// Writes the pixels into images.
-    pub(super) fn write(&self, paint: &Paint<'_>, rendering: &mut Rendering<f32>) {
+    pub(super) fn write(&self, paint: &Paint<'_>, view: &View, rendering: &mut Rendering<f32>) {
+        shape(view, paint.options, rendering);
         for run in &self.runs {
             rendering.census += run.census;
         }
         images::write(self.layout, &self.pixels, paint, rendering);
     }
+}
+
+/// Gives images the size that a view's have, none of them counted yet.
+fn shape(view: &View, options: &RenderOptions, rendering: &mut Rendering<f32>) {
+    let pixels = view.pixels();
+    let fit = |image: &mut Option<Vec<f32>>, wanted: bool| match image {
+        Some(image) if wanted => image.resize(pixels, 0.0),
+        _ => *image = wanted.then(|| vec![0.0; pixels]),
+    };
+    let Rendering { size, rgb, alpha, depth, scalar, median_depth, census } = rendering;
+    (*size, *census) = (view.size, Census::default());
+    rgb.resize(pixels, [0.0; 3]);
+    alpha.resize(pixels, 0.0);
+    fit(depth, options.channels.depth);
+    fit(scalar, options.channels.scalar);
+    fit(median_depth, options.channels.median_depth);
 }
 
 /// Projects Gaussians to several views at once: what the views share is worked out once for each few Gaussians.

@@ -76,7 +76,7 @@ impl TileSize {
 #[derive(Debug, Default)]
 pub struct CpuRenderer {
     options: CpuOptions,
-    frame: Frame,
+    spare: Vec<Frame>,
     timings: Timings,
 }
 
@@ -93,13 +93,16 @@ pub struct Timings {
     pub write_secs: f64,
 }
 
+/// Views that are projected to together by [`CpuRenderer::render_many`], if memory allows it.
+const TOGETHER: usize = 4;
+
 impl CpuRenderer {
     /// A renderer without buffers yet.
     pub fn new(options: CpuOptions) -> Self {
         Self { options, ..Self::default() }
     }
 
-    /// Where the time of the last rendering went.
+    /// Where the time of the last rendering went, of all views together.
     pub const fn timings(&self) -> Timings {
         self.timings
     }
@@ -107,7 +110,8 @@ impl CpuRenderer {
     /// Renders a view on rayon's threads.
     ///
     /// # Errors
-    /// [`SplatError::View`], [`SplatError::Camera`]; [`SplatError::Memory`] before anything is allocated.
+    /// [`SplatError::View`], [`SplatError::Camera`]; [`SplatError::Memory`] before anything is allocated that would
+    /// not fit.
     pub fn render(
         &mut self,
         gaussians: &Gaussians,
@@ -115,47 +119,128 @@ impl CpuRenderer {
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError> {
         let mut rendering = Rendering::empty(view, options);
-        self.render_tiled(gaussians, view, options, self.options.tile, &mut rendering)?;
+        self.render_into(gaussians, view, options, &mut rendering)?;
         Ok(rendering)
     }
 
-    fn render_tiled(
+    /// As [`CpuRenderer::render`], into images whose memory is used again, whatever they were.
+    ///
+    /// # Errors
+    /// As [`CpuRenderer::render`]; the images are unspecified then.
+    pub fn render_into(
         &mut self,
         gaussians: &Gaussians,
         view: &View,
         options: &RenderOptions,
-        tile: TileSize,
         rendering: &mut Rendering<f32>,
     ) -> Result<(), SplatError> {
-        let optics = view.optics(&options.constants)?;
-        check_size(view)?;
-        self.check_memory(gaussians, view, options)?;
-        let mut clock = Clock::start();
-        let simd = self.options.simd;
-        let paint = Paint::new(view, options);
-        self.frame.prepare(gaussians.len(), Layout::new(Tiling::new(view.size, tile.pixels()), paint.extra));
-        frame::project(gaussians, options, simd, &[(*view, optics)], std::slice::from_mut(&mut self.frame));
-        self.timings.project_secs = clock.lap();
-        self.frame.bin(self.options.memory_limit, self.options.memory_limit)?;
-        self.timings.bin_secs = clock.lap();
-        self.frame.composite(simd, &paint);
-        self.timings.raster_secs = clock.lap();
-        self.frame.write(&paint, rendering);
-        self.timings.write_secs = clock.lap();
+        let spare = self.spare.pop().unwrap_or_default();
+        let outcome =
+            self.render_frames(gaussians, &[*view], options, self.options.tile, vec![spare], &mut [rendering]);
+        self.spare.extend(outcome?);
         Ok(())
     }
 
-    /// Bytes per Gaussian and pixel that are needed at once; tile lists are checked when their length is known.
-    fn check_memory(&self, gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<(), SplatError> {
-        let channels = &options.channels;
-        let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
-        let per_gaussian = (size_of::<splat::Splat>() + 32) as u64;
-        let needed = (gaussians.len() as u64)
-            .saturating_mul(per_gaussian)
-            .saturating_add((view.pixels() as u64).saturating_mul(4 * images));
-        let limit = self.options.memory_limit;
-        if needed > limit { Err(SplatError::Memory { needed, limit }) } else { Ok(()) }
+    /// Renders several views of the same Gaussians: the images of [`CpuRenderer::render`], bit for bit. What does
+    /// not depend on the camera is worked out once for several views, while it is in the nearest caches.
+    ///
+    /// # Errors
+    /// As [`CpuRenderer::render`], before anything is rendered where one of the views is at fault.
+    pub fn render_many(
+        &mut self,
+        gaussians: &Gaussians,
+        views: &[View],
+        options: &RenderOptions,
+    ) -> Result<Vec<Rendering<f32>>, SplatError> {
+        for view in views {
+            view.optics(&options.constants)?;
+            check_size(view)?;
+        }
+        let images = views.iter().fold(0u64, |sum, view| sum.saturating_add(image_bytes(view, options)));
+        let most = views.iter().map(|view| frame_bytes(gaussians, view, options, self.options.tile)).max();
+        let Some(frame) = most else { return Ok(Vec::new()) };
+        let room = self.room(images.saturating_add(frame))?;
+        let together = 1 + usize::try_from(room / frame).unwrap_or(usize::MAX);
+        let together = if together < TOGETHER { together } else { TOGETHER };
+
+        let mut renderings: Vec<_> = views.iter().map(|view| Rendering::empty(view, options)).collect();
+        let mut timings = Timings::default();
+        for (views, renderings) in views.chunks(together).zip(renderings.chunks_mut(together)) {
+            let mut frames = std::mem::take(&mut self.spare);
+            frames.resize_with(views.len(), Frame::default);
+            let mut renderings: Vec<_> = renderings.iter_mut().collect();
+            let tile = self.options.tile;
+            self.spare = self.render_frames(gaussians, views, options, tile, frames, &mut renderings)?;
+            timings.project_secs += self.timings.project_secs;
+            timings.bin_secs += self.timings.bin_secs;
+            timings.raster_secs += self.timings.raster_secs;
+            timings.write_secs += self.timings.write_secs;
+        }
+        self.timings = timings;
+        Ok(renderings)
     }
+
+    /// Renders as many views as there are frames, and returns those.
+    fn render_frames(
+        &mut self,
+        gaussians: &Gaussians,
+        views: &[View],
+        options: &RenderOptions,
+        tile: TileSize,
+        mut frames: Vec<Frame>,
+        renderings: &mut [&mut Rendering<f32>],
+    ) -> Result<Vec<Frame>, SplatError> {
+        let mut eyes = Vec::with_capacity(views.len());
+        let mut needed = 0u64;
+        for view in views {
+            eyes.push((*view, view.optics(&options.constants)?));
+            check_size(view)?;
+            needed = needed.saturating_add(image_bytes(view, options));
+            needed = needed.saturating_add(frame_bytes(gaussians, view, options, tile));
+        }
+        let mut room = self.room(needed)?;
+        let (simd, mut clock) = (self.options.simd, Clock::start());
+        for (frame, view) in frames.iter_mut().zip(views) {
+            frame.prepare(gaussians.len(), Layout::new(Tiling::new(view.size, tile.pixels()), kept_extra(options)));
+        }
+        frame::project(gaussians, options, simd, &eyes, &mut frames);
+        self.timings = Timings { project_secs: clock.lap(), ..Timings::default() };
+        for ((frame, view), rendering) in frames.iter_mut().zip(views).zip(renderings) {
+            let paint = Paint::new(view, options);
+            room = room.saturating_sub(frame.bin(room, self.options.memory_limit)?);
+            self.timings.bin_secs += clock.lap();
+            frame.composite(simd, &paint);
+            self.timings.raster_secs += clock.lap();
+            frame.write(&paint, view, rendering);
+            self.timings.write_secs += clock.lap();
+        }
+        Ok(frames)
+    }
+
+    /// Bytes that are left beside those needed.
+    fn room(&self, needed: u64) -> Result<u64, SplatError> {
+        let limit = self.options.memory_limit;
+        limit.checked_sub(needed).ok_or(SplatError::Memory { needed, limit })
+    }
+}
+
+/// Whether pixels have more than colour and alpha.
+const fn kept_extra(options: &RenderOptions) -> bool {
+    options.channels.depth || options.channels.scalar || options.channels.median_depth
+}
+
+/// Bytes of a view's images.
+fn image_bytes(view: &View, options: &RenderOptions) -> u64 {
+    let channels = &options.channels;
+    let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
+    4 * images * view.pixels() as u64
+}
+
+/// Bytes of a view's [`Frame`], but for tile lists, which are checked when their length is known.
+fn frame_bytes(gaussians: &Gaussians, view: &View, options: &RenderOptions, tile: TileSize) -> u64 {
+    let layout = Layout::new(Tiling::new(view.size, tile.pixels()), kept_extra(options));
+    let pixels = (layout.per_tile() as u64).saturating_mul(4 * layout.tiling.len() as u64);
+    (gaussians.len() as u64).saturating_mul(frame::BYTES_EACH).saturating_add(pixels)
 }
 
 struct Clock(Instant);
@@ -195,9 +280,8 @@ pub(crate) struct Paint<'a> {
 
 impl<'a> Paint<'a> {
     fn new(view: &View, options: &'a RenderOptions) -> Self {
-        let channels = options.channels;
-        let extra = channels.depth || channels.scalar || channels.median_depth;
-        Self { options, background: options.background.map(narrowed), size: view.size, extra }
+        let background = options.background.map(narrowed);
+        Self { options, background, size: view.size, extra: kept_extra(options) }
     }
 }
 

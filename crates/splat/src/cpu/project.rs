@@ -48,8 +48,7 @@ impl WithSimd for Project<'_, '_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let Self { gaussians, options, first, past, targets } = self;
         let parts = gaussians.parts();
-        let (mut shapes, mut screen, mut basis) =
-            (Shapes::default(), Screen::default(), Basis::new(parts, options));
+        let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
         for target in &mut *targets {
             target.run.positions.clear();
             target.run.census = Census::default();

@@ -9,7 +9,7 @@ use super::frame::Frame;
 use super::gradients::{Carry, Rows, Totals, saturated};
 use super::images::Layout;
 use super::order::Sorter;
-use super::{CpuRenderer, Paint, SimdLevel, TileSize, bins};
+use super::{CpuOptions, CpuRenderer, Paint, SimdLevel, TileSize, bins};
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
 /// A rendering with everything that its derivative needs again.
@@ -20,7 +20,7 @@ pub struct Recording<G> {
     gaussians: G,
     view: View,
     options: RenderOptions,
-    simd: SimdLevel,
+    cpu: CpuOptions,
     rendering: Rendering<f32>,
     frame: Frame,
 }
@@ -37,17 +37,19 @@ impl CpuRenderer {
         view: &View,
         options: &RenderOptions,
     ) -> Result<Recording<G>, SplatError> {
-        let tile = TileSize::Pixels32;
         let mut rendering = Rendering::empty(view, options);
-        self.render_tiled(gaussians.borrow(), view, options, tile, &mut rendering)?;
-        let frame = std::mem::take(&mut self.frame);
-        let (view, options, simd) = (*view, options.clone(), self.options.simd);
-        Ok(Recording { gaussians, view, options, simd, rendering, frame })
+        let spare = vec![self.spare.pop().unwrap_or_default()];
+        // One cell a tile, whatever the tiles for rendering are: sums over a tile have one order.
+        let tile = TileSize::Pixels32;
+        let frames = self.render_frames(gaussians.borrow(), &[*view], options, tile, spare, &mut [&mut rendering])?;
+        let frame = frames.into_iter().next().unwrap_or_default();
+        let (view, options, cpu) = (*view, options.clone(), self.options);
+        Ok(Recording { gaussians, view, options, cpu, rendering, frame })
     }
 
     /// Takes the buffers of a recording that is done with; returns its Gaussians and images.
     pub fn reuse<G>(&mut self, recording: Recording<G>) -> (G, Rendering<f32>) {
-        self.frame = recording.frame;
+        self.spare.push(recording.frame);
         (recording.gaussians, recording.rendering)
     }
 
@@ -83,7 +85,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     /// is the same for any number of threads and every instruction set that fuses multiplication with addition.
     ///
     /// # Errors
-    /// [`SplatError::Length`] for an image of another size than the view's.
+    /// [`SplatError::Length`] for an image of another size than the view's, [`SplatError::Memory`].
     pub fn backward(&mut self, images: &ImageGradients<f32>) -> Result<Gradients<f32>, SplatError> {
         images.check(&self.view)?;
         let gaussians = self.gaussians.borrow();
@@ -93,6 +95,11 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         let tiling = frame.tiling();
         let starts = starts(&frame.bins, tiling.len());
         let total = starts.last().copied().unwrap_or_default();
+        let needed = (total as u64).saturating_mul(size_of::<[f32; SUMS]>() as u64);
+        let CpuOptions { simd, memory_limit: limit, .. } = self.cpu;
+        if needed > limit {
+            return Err(SplatError::Memory { needed, limit });
+        }
         let mut sums = std::mem::take(&mut frame.sums);
         sums.resize(total, [0.0; SUMS]);
         let paint = Paint {
@@ -101,7 +108,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
             size: self.view.size,
             extra: images.depth.is_some() || images.scalar.is_some(),
         };
-        let background = over_tiles(frame, self.simd, &paint, images, &starts, &mut sums);
+        let background = over_tiles(frame, simd, &paint, images, &starts, &mut sums);
         gradients.background = background.map(saturated);
 
         let Frame { splats, runs, bins, .. } = &*frame;
@@ -128,7 +135,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
                         }
                     }
                 }
-                self.simd.dispatch(Carry {
+                simd.dispatch(Carry {
                     gaussians,
                     options: &self.options,
                     optics: &optics,
