@@ -199,7 +199,7 @@ impl ByGaussian {
     /// Centre, depth, Jacobian and the colour's direction → mean and pose.
     #[inline(always)]
     fn through_projection<S: Simd>(&mut self, simd: S, at: &At<'_>, by_splat: &BySplat, vector: usize) {
-        let At { shapes, screen, optics, options } = *at;
+        let At { screen, optics, options, .. } = *at;
         let splat = |value| Wide::splat(simd, value);
         let zero = splat(0.0);
         let depth = Wide::load(simd, &screen.depth, vector);

@@ -95,19 +95,19 @@ impl Batch {
             let mut group = Group::default();
             let count = if count - start < GROUP { count - start } else { GROUP };
             let near = self.near.iter().zip(entries).skip(start).take(count);
-            for (lane, (splat, entry)) in near.enumerate() {
+            for ((lane, place), (splat, entry)) in (first..).enumerate().zip(near) {
                 // Kept behind those in use, until it is known which touch anything.
                 let record = record(cell, entry.splat, splat);
-                self.records[usize::from(first.wrapping_add(lane as u8))] = record;
+                self.records[usize::from(place)] = record;
                 group.put(lane, cell, splat, &record);
             }
             group.shrink::<S>(simd, cell.across);
-            for lane in 0..count {
+            for (lane, place) in (first..).enumerate().take(count) {
                 let mut blocks = group.blocks(lane) & open;
                 if blocks == 0 {
                     continue;
                 }
-                self.records[usize::from(self.used)] = self.records[usize::from(first.wrapping_add(lane as u8))];
+                self.records[usize::from(self.used)] = self.records[usize::from(place)];
                 while blocks != 0 {
                     let block = blocks.trailing_zeros() as usize % BLOCKS;
                     let length = &mut self.lengths[block];
@@ -140,7 +140,7 @@ impl Batch {
 #[inline(always)]
 fn record(cell: Cell, place: u32, splat: &Splat) -> Record {
     // Pictures and bases are well within 2³¹.
-    let from_base = |start: usize, base: i32| (start as i32 - base) as f32;
+    let from_base = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
     Record {
         whitener: splat.whitener,
         shift: splat.shift,
@@ -197,6 +197,7 @@ impl Group {
     #[inline(always)]
     fn shrink<S: Simd>(&mut self, simd: S, across: usize) {
         const SPARE: f32 = 0.05;
+        const BITS: [u32; 32] = bits();
         const LAST: f32 = (BLOCK - 1) as f32;
         let splat = |value: f32| simd.splat_f32s(value);
         let (zero, one, most) = (splat(0.0), splat(1.0), splat(across as f32));
@@ -246,7 +247,7 @@ impl Group {
                 let touched = simd.greater_than_or_equal_f32s(inside, zero);
                 let columns = simd.select_u32s(touched, columns, simd.splat_u32s(0));
                 let place = block_row * across;
-                let shifted = simd.wrapping_dyn_shl_u32s(columns, simd.splat_u32s(place as u32 % 32));
+                let shifted = simd.wrapping_dyn_shl_u32s(columns, simd.splat_u32s(BITS[place % 32]));
                 let word = &mut found[place / 32 % 2];
                 *word = simd.or_u32s(*word, shifted);
             }
@@ -257,6 +258,17 @@ impl Group {
             }
         }
     }
+}
+
+/// The numbers from 0 to 31.
+const fn bits() -> [u32; 32] {
+    let mut bits = [0; 32];
+    let mut at = 1;
+    while at < 32 {
+        bits[at] = bits[at - 1] + 1;
+        at += 1;
+    }
+    bits
 }
 
 /// Blocks of a cell within a rectangle of pixels.
@@ -272,9 +284,9 @@ fn rectangle(cell: Cell, [columns, rows]: [[u16; 2]; 2]) -> u64 {
         (from, past)
     };
     let ((left, right), (top, bottom)) = (along(columns, cell.left), along(rows, cell.top));
-    let below = |row: usize| 1u64.checked_shl((row * cell.across) as u32).unwrap_or(0).wrapping_sub(1);
+    let below = |row: usize| if row * cell.across < BLOCKS { (1u64 << (row * cell.across)) - 1 } else { u64::MAX };
     let every_row = if cell.across == 8 { 0x0101_0101_0101_0101 } else { 0x1111 };
     let within = (1u64 << right).wrapping_sub(1 << left);
     // Where the rectangle misses the cell, one of the differences is nothing.
-    if right > left && bottom > top { within * every_row & (below(bottom) & !below(top)) } else { 0 }
+    if right > left && bottom > top { (within * every_row) & below(bottom) & !below(top) } else { 0 }
 }

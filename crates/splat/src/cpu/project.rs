@@ -147,10 +147,13 @@ impl Screen {
     fn bend(&mut self, optics: &Optics) {
         let (focal, principal) = (optics.focal, optics.principal);
         let Some(lens) = &optics.lens else {
-            let [slopes, _] = &self.slope;
-            for lane in 0..SIDE_BY_SIDE {
-                self.centre[0][lane] = focal.x * slopes[0][lane] + principal.x;
-                self.centre[1][lane] = focal.y * slopes[1][lane] + principal.y;
+            let focal_and_principal = [(focal.x, principal.x), (focal.y, principal.y)];
+            for ((centres, slopes), (focal, principal)) in
+                self.centre.iter_mut().zip(&self.slope[0]).zip(focal_and_principal)
+            {
+                for (centre, slope) in centres.iter_mut().zip(slopes) {
+                    *centre = focal * slope + principal;
+                }
             }
             return;
         };

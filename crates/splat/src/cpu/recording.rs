@@ -2,7 +2,7 @@ use std::borrow::Borrow;
 
 use rayon::prelude::*;
 
-use super::batch::{Batch, Cell};
+use super::batch::Batch;
 use super::composite::Composite;
 use super::differentiate::{CellGradient, Differentiate, SUMS};
 use super::frame::Frame;

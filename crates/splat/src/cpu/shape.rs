@@ -86,16 +86,10 @@ impl Shapes {
             for (row, value) in logs.iter_mut().zip([log_x, log_y, log_z, -logit]) {
                 row[lane] = value;
             }
-            let finite = x.is_finite()
-                & y.is_finite()
-                & z.is_finite()
-                & qw.is_finite()
-                & qx.is_finite()
-                & qy.is_finite()
-                & qz.is_finite();
-            let turned = (qw != 0.0) | (qx != 0.0) | (qy != 0.0) | (qz != 0.0);
-            let small = (log_x <= LOG_SCALE_LIMIT) & (log_y <= LOG_SCALE_LIMIT) & (log_z <= LOG_SCALE_LIMIT);
-            self.usable[lane] = finite & turned & small & !logit.is_nan();
+            let finite = mean.iter().chain(quaternion).all(|value| value.is_finite());
+            let turned = quaternion.iter().any(|value| *value != 0.0);
+            let small = scales.iter().all(|log| *log <= LOG_SCALE_LIMIT);
+            self.usable[lane] = finite && turned && small && !logit.is_nan();
         }
         for row in &mut logs {
             for lanes in S::as_mut_simd_f32s(row).0 {

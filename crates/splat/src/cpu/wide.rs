@@ -93,7 +93,6 @@ pub(super) fn cross<S: Simd>(a: [Wide<S>; 3], b: [Wide<S>; 3]) -> [Wide<S>; 3] {
 
 /// `Σ weights · vectors`.
 #[inline(always)]
-
 pub(super) fn combine<S: Simd>([a, b, c]: [[Wide<S>; 3]; 3], weights: [Wide<S>; 3]) -> [Wide<S>; 3] {
     [dot([a[0], b[0], c[0]], weights), dot([a[1], b[1], c[1]], weights), dot([a[2], b[2], c[2]], weights)]
 }

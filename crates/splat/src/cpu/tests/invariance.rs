@@ -150,7 +150,7 @@ fn gradients_of_every_rule_are_the_references() {
                 let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::named(preset).unwrap() };
                 let gradients = crate::GradientReach { scalar_stops: stops, directions_stop: stops };
                 let mode = if stops { RasterMode::Antialiased } else { RasterMode::Classic };
-                let options = RenderOptions { constants, gradients, mode, ..everything() };
+                let options = RenderOptions { constants, mode, gradients, ..everything() };
                 let images = image_gradients(&view);
                 let expected = reference::backward(&gaussians, &view, &options, &images).unwrap();
                 let actual = CpuRenderer::default().backward(&gaussians, &view, &options, &narrow(&images)).unwrap();
