@@ -107,8 +107,7 @@ fn one_block<S: Simd, const EXTRA: bool, const KEPT: usize>(
             let power = ellipse.power(simd, y[v]).0;
             let alpha = simd.min_f32s(limits.max_alpha, simd.mul_f32s(opacity, exp2.of_negative(simd, power)));
             let before = kept[0][v];
-            let Passed { weight, after, seen, open, hit } = limits.pass(simd, alpha, before);
-            let weight = simd.select_f32s(hit, weight, zero);
+            let Passed { weight, after, hit } = limits.pass(simd, alpha, before);
             if EXTRA {
                 let depth = splat(record.depth);
                 kept[KEPT - 3][v] = simd.mul_add_e_f32s(weight, depth, kept[KEPT - 3][v]);
@@ -118,7 +117,7 @@ fn one_block<S: Simd, const EXTRA: bool, const KEPT: usize>(
                 let crosses = simd.and_m32s(hit, simd.and_m32s(from_above, to_below));
                 kept[KEPT - 1][v] = simd.select_f32s(crosses, depth, kept[KEPT - 1][v]);
             }
-            kept[0][v] = passed_on(simd, seen, open, before, after);
+            kept[0][v] = after;
             for (channel, value) in record.rgb.iter().enumerate() {
                 kept[1 + channel][v] = simd.mul_add_e_f32s(weight, splat(*value), kept[1 + channel][v]);
             }
@@ -233,19 +232,16 @@ pub(super) struct Limits<S: Simd> {
     pub(super) max_alpha: S::f32s,
     min_alpha: S::f32s,
     min_transmittance: S::f32s,
+    sign: S::f32s,
 }
 
 /// What a splat does to pixels.
 pub(super) struct Passed<S: Simd> {
-    /// `α·T`, of hits only where it is used.
+    /// `α·T` where it is drawn, 0 elsewhere.
     pub(super) weight: S::f32s,
-    /// Transmittance behind the splat.
+    /// Transmittance behind the splat; with its sign turned where the splat would finish the pixel.
     pub(super) after: S::f32s,
-    /// Opaque enough to be drawn.
-    pub(super) seen: S::m32s,
-    /// The pixel is not finished, and would not be by this.
-    pub(super) open: S::m32s,
-    /// Both.
+    /// Where it is drawn: opaque enough, and the pixel neither finished nor to be.
     pub(super) hit: S::m32s,
 }
 
@@ -255,22 +251,27 @@ impl<S: Simd> Limits<S> {
         let [max_alpha, min_alpha, min_transmittance] =
             [constants.max_alpha, constants.min_alpha, constants.min_transmittance]
                 .map(|value| simd.splat_f32s(super::narrowed(value)));
-        Self { max_alpha, min_alpha, min_transmittance }
+        Self { max_alpha, min_alpha, min_transmittance, sign: simd.splat_f32s(-0.0) }
     }
 
+    /// Where nothing is seen, alpha counts as 0: transmittance stays, and stays above its least where it was.
     #[inline(always)]
     pub(super) fn pass(&self, simd: S, alpha: S::f32s, before: S::f32s) -> Passed<S> {
-        let weight = simd.mul_f32s(alpha, before);
-        let after = simd.sub_f32s(before, weight);
         let seen = simd.greater_than_or_equal_f32s(alpha, self.min_alpha);
+        let weight = simd.mul_f32s(only(simd, seen, alpha), before);
+        let after = simd.sub_f32s(before, weight);
         let open = simd.greater_than_f32s(after, self.min_transmittance);
-        Passed { weight, after, seen, open, hit: simd.and_m32s(seen, open) }
+        let closed = simd.or_f32s(before, self.sign);
+        Passed {
+            weight: only(simd, open, weight),
+            after: simd.select_f32s(open, after, closed),
+            hit: simd.and_m32s(seen, open),
+        }
     }
 }
 
-/// Transmittance after a splat; that of a pixel which the splat would finish is kept with its sign turned.
+/// `value` where the mask is set, 0 elsewhere.
 #[inline(always)]
-pub(super) fn passed_on<S: Simd>(simd: S, seen: S::m32s, open: S::m32s, before: S::f32s, after: S::f32s) -> S::f32s {
-    let closed = simd.neg_f32s(simd.abs_f32s(before));
-    simd.select_f32s(seen, simd.select_f32s(open, after, closed), before)
+pub(super) fn only<S: Simd>(simd: S, mask: S::m32s, value: S::f32s) -> S::f32s {
+    simd.select_f32s(mask, value, simd.splat_f32s(0.0))
 }

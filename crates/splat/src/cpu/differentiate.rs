@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 use super::Paint;
 use super::batch::{BLOCK, Batch, Cell, LANES, Record};
 use super::bins::Entry;
-use super::composite::{Ellipse, Grid, Limits, MOST_VECTORS, Passed, kept, passed_on, vectors};
+use super::composite::{Ellipse, Grid, Limits, MOST_VECTORS, Passed, kept, only, vectors};
 use super::elementary::Exp2;
 use super::splat::Splat;
 use crate::ImageGradients;
@@ -195,15 +195,14 @@ impl<S: Simd> Slope<S> {
                 let full = simd.mul_f32s(simd.splat_f32s(record.opacity), self.exp2.of_negative(simd, power));
                 let alpha = simd.min_f32s(self.limits.max_alpha, full);
                 let before = planes[1][v];
-                let Passed { weight, after, seen, open, hit } = self.limits.pass(simd, alpha, before);
-                let weight = simd.select_f32s(hit, weight, zero);
+                let Passed { weight, after, hit } = self.limits.pass(simd, alpha, before);
                 let shown = self.shown::<EXTRA>(simd, record, &planes, v);
                 planes[0][v] = simd.sub_f32s(planes[0][v], simd.mul_f32s(weight, shown));
-                planes[1][v] = passed_on(simd, seen, open, before, after);
+                planes[1][v] = after;
                 let left = simd.sub_f32s(one, alpha);
                 let by_alpha = simd.sub_f32s(simd.mul_f32s(before, shown), simd.div_f32s(planes[0][v], left));
                 let e = simd.neg_f32s(simd.mul_f32s(full, by_alpha));
-                let mut e = simd.select_f32s(hit, e, zero);
+                let mut e = only(simd, hit, e);
                 if self.clamp_stops {
                     e = simd.select_f32s(simd.greater_than_f32s(full, self.limits.max_alpha), zero, e);
                 }
