@@ -1,4 +1,4 @@
-//! A batch of splats sorted into the blocks of a cell, by exactly which blocks each ellipse touches.
+//! A batch of splats, sorted into the blocks of a cell by exactly which blocks each ellipse touches.
 
 use pulp::Simd;
 

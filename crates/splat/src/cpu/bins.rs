@@ -35,14 +35,57 @@ impl Tiling {
         splat.reach.map(|[from, past]| [from / side, past.div_ceil(side)])
     }
 
-    /// Calls `with` for each tile of a rectangle.
+    /// Calls `with` for each tile that a splat may reach: those of the rectangle, without the corners that the
+    /// ellipse leaves out where there are many.
     #[inline(always)]
-    fn each(self, [[left, right], [top, bottom]]: Reach, mut with: impl FnMut(usize)) {
-        for row in usize::from(top)..usize::from(bottom) {
-            for column in usize::from(left)..usize::from(right) {
+    fn each(self, reach: Reach, splat: &Splat, mut with: impl FnMut(usize)) {
+        const FEW: usize = 6;
+        let [[left, right], [top, bottom]] = reach.map(|range| range.map(usize::from));
+        let many = (right - left) * (bottom - top) > FEW;
+        for row in top..bottom {
+            let (left, right) = if many { self.columns(splat, row, (left, right)) } else { (left, right) };
+            for column in left..right {
                 with(row * self.columns + column);
             }
         }
+    }
+
+    /// Columns of the tiles in a row of them that a splat's ellipse touches, of those from `first` to `past`, or a
+    /// few too many; see [`super::batch`] for the geometry.
+    fn columns(self, splat: &Splat, row: usize, (first, past): (usize, usize)) -> (usize, usize) {
+        // Pixels, far beyond what rounding moves.
+        const SPARE: f32 = 0.5;
+        let ([along, shear, down], [shift_u, shift_v]) = (splat.whitener, splat.shift);
+        let side = self.side as f32;
+        let start = row as f32 * side - splat.base[1] as f32;
+        let (top, bottom) = (down * (start - SPARE) + shift_v, down * (start + side - 1.0 + SPARE) + shift_v);
+        let slope = shear / down;
+        let middle = slope * (splat.cut / (1.0 + slope * slope)).sqrt();
+        let within = |v: f32| {
+            if v < top {
+                top
+            } else if v > bottom {
+                bottom
+            } else {
+                v
+            }
+        };
+        let (v_right, v_left) = (within(-middle), within(middle));
+        let inside = splat.cut - v_right * v_right;
+        if inside < 0.0 {
+            return (first, first);
+        }
+        let half = |v: f32| (splat.cut - v * v).abs().sqrt();
+        let pixel = |u: f32, v: f32| (slope * (shift_v - v) - shift_u + u) / along + splat.base[0] as f32;
+        let from = ((pixel(-half(v_left), v_left) - SPARE) / side).floor();
+        let to = ((pixel(half(v_right), v_right) + SPARE) / side).floor() + 1.0;
+        // What is NaN narrows nothing.
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within the columns")]
+        let narrowed = |value: f32, otherwise: usize| {
+            if value > first as f32 && value < past as f32 { value as usize } else { otherwise }
+        };
+        let empty = from >= past as f32 || to <= first as f32;
+        if empty { (first, first) } else { (narrowed(from, first), narrowed(to, past)) }
     }
 }
 
@@ -69,17 +112,20 @@ impl Bins {
     pub(super) fn count(&mut self, splats: &[Splat], tiling: Tiling) -> u64 {
         self.reaches.clear();
         self.reaches.extend(splats.iter().map(|splat| (depth_key(splat.depth), tiling.of(splat))));
-        let area = |[from, past]: [u16; 2]| u64::from(past.saturating_sub(from));
-        self.reaches.iter().map(|(_, [columns, rows])| area(*columns) * area(*rows)).sum()
+        let mut total = 0;
+        for ((_, reach), splat) in self.reaches.iter().zip(splats) {
+            tiling.each(*reach, splat, |_| total += 1);
+        }
+        total
     }
 
     /// Fills the lists with the counted splats, of which the first is `first` among all.
-    pub(super) fn fill(&mut self, first: usize, tiling: Tiling) {
+    pub(super) fn fill(&mut self, first: usize, splats: &[Splat], tiling: Tiling) {
         self.starts.clear();
         self.starts.resize(tiling.len() + 2, 0);
         // Two places ahead: filling moves each start to the end of its list, one place too early.
-        for (_, reach) in &self.reaches {
-            tiling.each(*reach, |tile| self.starts.get_mut(tile + 2).into_iter().for_each(|count| *count += 1));
+        for ((_, reach), splat) in self.reaches.iter().zip(splats) {
+            tiling.each(*reach, splat, |tile| self.starts.get_mut(tile + 2).into_iter().for_each(|count| *count += 1));
         }
         let mut total = 0;
         for start in &mut self.starts {
@@ -88,11 +134,12 @@ impl Bins {
         }
         self.entries.clear();
         self.entries.resize(total as usize, Entry::default());
-        for ((key, reach), splat) in self.reaches.iter().zip(u32::try_from(first).unwrap_or(u32::MAX)..) {
-            tiling.each(*reach, |tile| {
+        let numbers = u32::try_from(first).unwrap_or(u32::MAX)..;
+        for (((key, reach), splat), number) in self.reaches.iter().zip(splats).zip(numbers) {
+            tiling.each(*reach, splat, |tile| {
                 let Some(next) = self.starts.get_mut(tile + 1) else { return };
                 if let Some(slot) = self.entries.get_mut(*next as usize) {
-                    *slot = Entry { key: *key, splat };
+                    *slot = Entry { key: *key, splat: number };
                 }
                 *next += 1;
             });

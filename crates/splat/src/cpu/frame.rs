@@ -72,7 +72,8 @@ impl Frame {
         if bytes > room || most > u64::from(u32::MAX) {
             return Err(SplatError::Memory { needed: limit.saturating_sub(room).saturating_add(bytes), limit });
         }
-        bins.par_iter_mut().enumerate().for_each(|(at, bins)| bins.fill(at * RUN, tiling));
+        let runs = bins.par_iter_mut().zip(splats.par_chunks(RUN)).enumerate();
+        runs.for_each(|(at, (bins, splats))| bins.fill(at * RUN, splats, tiling));
         Ok(bytes)
     }
 

@@ -93,7 +93,7 @@ mod tests {
             let bins: Vec<Bins> = splats.chunks(run).enumerate().map(|(at, splats)| {
                 let mut bins = Bins::default();
                 assert_eq!(bins.count(splats, tiling), splats.len() as u64);
-                bins.fill(at * run, tiling);
+                bins.fill(at * run, splats, tiling);
                 bins
             }).collect();
             let mut expected: Vec<u32> = (0..).take(depths.len()).collect();

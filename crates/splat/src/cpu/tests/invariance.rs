@@ -159,3 +159,22 @@ fn gradients_of_every_rule_are_the_references() {
         }
     }
 }
+
+/// A needle across the picture is in the lists of the tiles on its way, not of all in the box around it.
+#[test]
+fn lists_follow_the_ellipse() {
+    let mut parts = cloud(1, 0, 81).into_parts();
+    parts.means = vec![[0.0, 0.0, 2.0]];
+    let half_turn = std::f32::consts::FRAC_PI_8;
+    parts.quaternions = vec![[half_turn.cos(), 0.0, 0.0, half_turn.sin()]];
+    parts.log_scales = vec![[1.0, -6.0, -6.0]];
+    parts.opacity_logits = vec![5.0];
+    let gaussians = Gaussians::new(parts).unwrap();
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+    let view = View { camera: Camera { camera_from_world: pose, ..view(512, 512).camera }, ..view(512, 512) };
+    let mut renderer = CpuRenderer::new(CpuOptions { tile: TileSize::Pixels32, ..CpuOptions::default() });
+    renderer.render(&gaussians, &view, &RenderOptions::default()).unwrap();
+    let frame = renderer.spare.first().unwrap();
+    let listed: usize = (0..frame.tiling().len()).map(|tile| frame.bins[0].list(tile).len()).sum();
+    assert!((16..=64).contains(&listed), "{listed} of {}", frame.tiling().len());
+}
