@@ -105,15 +105,16 @@ impl Renderer for CpuRenderer {
         let timings = self.timings();
         vec![
             Stage { name: "project", secs: timings.project_secs },
-            Stage { name: "sort", secs: timings.sort_secs },
             Stage { name: "bin", secs: timings.bin_secs },
             Stage { name: "composite", secs: timings.raster_secs },
+            Stage { name: "write", secs: timings.write_secs },
         ]
     }
 }
 
 /// The nearest f32, the largest where f32 would be infinite: a derivative keeps its sign and stays finite.
 #[expect(clippy::cast_possible_truncation, reason = "clamped before")]
+#[inline(always)]
 pub(crate) const fn saturated(value: f64) -> f32 {
     value.clamp(f32::MIN as f64, f32::MAX as f64) as f32
 }

@@ -1,160 +1,302 @@
-use glam::{DVec2, DVec3};
-use rayon::prelude::*;
+//! The derivative of compositing: each cell once more from front to back, knowing what its pixels ended as.
 
-use super::backward::{Differentiate, Sums, TileGradient};
-use super::kernel::{Paint, Render, Tile};
-use super::project::Splat;
-use super::{CpuRenderer, check_size, narrowed, project};
-use crate::reference::SplatGradient;
-use crate::reference::project::{self as geometry, Outcome};
-use crate::reference::project_backward::{GaussianGradient, of_gaussian};
-use crate::renderer::saturated;
-use crate::view::Optics;
-use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, SplatError, View};
+use pulp::{Simd, WithSimd};
 
-/// Derivatives are summed over cells of this side, whatever the tiles for rendering are.
-const CELL: u32 = 16;
+use super::Paint;
+use super::batch::{BLOCK, Batch, Cell, LANES, Record};
+use super::bins::Entry;
+use super::composite::{Ellipse, Grid, Limits, MOST_VECTORS, Passed, kept, only, vectors};
+use super::elementary::Exp2;
+use super::splat::Splat;
+use crate::ImageGradients;
+use crate::constants::ClampedGradient;
 
-impl CpuRenderer {
-    /// Derivatives of a loss by everything that made the images, from its derivatives by the images. Needs no
-    /// rendering before it.
-    ///
-    /// Sums over pixels have a fixed order: lanes of a cell of 16×16 pixels, then cells row by row. The result is
-    /// the same for any number of threads; another instruction set may round differently.
-    ///
-    /// # Errors
-    /// As [`CpuRenderer::render`], and [`SplatError::Length`] for an image of another size than the view's.
-    pub fn backward(
+/// Splats that are differentiated together: their sums stay in the nearest cache.
+const TOGETHER: usize = 96;
+
+/// Lanes that sums are kept in: each block's 16 pixels are added in pairs two rows apart, so that instruction sets
+/// of 4, 8 and 16 lanes add in one order.
+const SUM_LANES: usize = 8;
+
+/// What is summed over a cell's pixels for one splat, with `x` and `y` in pixels from the splat's base, and `e` the
+/// derivative by the exponent `½ dᵀ Σ⁻¹ d`: `e, ex, ey, exx, exy, eyy`, then by red, green, blue, depth, scalar.
+pub(super) const SUMS: usize = 11;
+
+type Lanes = [[f32; SUM_LANES]; SUMS];
+
+/// The derivatives by a cell's images, block by block; of each block 16 pixels of one after the other: what lies
+/// behind the current splat, weighted by the derivatives, and transmittance; then by red, green, blue, depth, scalar.
+#[derive(Debug)]
+pub(super) struct CellGradient {
+    values: Vec<f32>,
+    sums: Vec<Lanes>,
+}
+
+const PLANES: usize = 7;
+
+impl Default for CellGradient {
+    fn default() -> Self {
+        let blocks = super::batch::BLOCKS;
+        Self { values: vec![0.0; blocks * LANES * PLANES], sums: vec![[[0.0; SUM_LANES]; SUMS]; TOGETHER] }
+    }
+}
+
+impl CellGradient {
+    /// Takes the derivatives by a cell's pixels from the images, and what the cell was composited to; returns the
+    /// derivative by the background.
+    pub(super) fn fill(
         &mut self,
-        gaussians: &Gaussians,
-        view: &View,
-        options: &RenderOptions,
+        pixels: &[f32],
+        extra: bool,
+        cell: Cell,
+        paint: &Paint<'_>,
         images: &ImageGradients<f32>,
-    ) -> Result<Gradients<f32>, SplatError> {
-        images.check(view)?;
-        let optics = view.optics(&options.constants)?;
-        check_size(view)?;
-        self.check_memory(gaussians, view, options)?;
-        project::project_all(gaussians, view, &optics, options, self.options.simd, &mut self.splats);
-        let order = self.order.by_depth(&self.splats);
-        self.tiles.fill(&self.splats, order, view.size, CELL)?;
-
-        let extra = images.depth.is_some() || images.scalar.is_some();
-        let background = options.background.map(narrowed);
-        let paint = Paint { options, background, size: view.size, splats: &self.splats, extra };
-        let (of_splats, by_background) = self.over_cells(&paint, images);
-        let mut gradients = Gradients::zero(gaussians);
-        gradients.background = by_background.map(saturated);
-        over_gaussians(gaussians, view, &optics, options, (&self.splats, &of_splats), &mut gradients);
-        Ok(gradients)
-    }
-
-    /// Derivatives by the splats, and by the background.
-    fn over_cells(&self, paint: &Paint<'_>, images: &ImageGradients<f32>) -> (Vec<CellSum>, [f64; 3]) {
-        let mut entries = vec![Sums::default(); self.tiles.entries()];
-        let mut rest = entries.as_mut_slice();
-        let mut cells = Vec::new();
-        for (at, list) in self.tiles.all() {
-            let (sums, after) = std::mem::take(&mut rest).split_at_mut(list.len());
-            rest = after;
-            cells.push((at, list, sums));
-        }
-        let simd = self.options.simd;
-        let backgrounds: Vec<[f64; 3]> = cells
-            .into_par_iter()
-            .map_init(
-                || (Tile::new(CELL), TileGradient::new(CELL)),
-                |(tile, gradient), (at, list, sums)| {
-                    simd.dispatch(Render { paint, list, at, tile });
-                    let background = gradient.fill(tile, at, paint, images);
-                    simd.dispatch(Differentiate { paint, list, at, side: CELL as usize, gradient, sums });
-                    background
-                },
-            )
-            .collect();
-        let mut by_background = [0.0; 3];
-        for background in backgrounds {
-            for (sum, value) in by_background.iter_mut().zip(background) {
-                *sum += value;
+    ) -> [f64; 3] {
+        let mut background = [0.0; 3];
+        let (width, height) = (paint.size.width as usize, paint.size.height as usize);
+        let scalar_passes = !paint.options.gradients.scalar_stops;
+        let blocks = self.values.chunks_exact_mut(PLANES * LANES).zip(pixels.chunks_exact(kept(extra) * LANES));
+        for (block, (values, pixels)) in blocks.enumerate() {
+            let [left, top] = cell.at(block);
+            for lane in 0..LANES {
+                let (column, row) = (cell.left + left + lane % BLOCK, cell.top + top + lane / BLOCK);
+                let mut put = |plane: usize, value: f32| {
+                    if let Some(slot) = values.get_mut(plane * LANES + lane) {
+                        *slot = value;
+                    }
+                };
+                if column >= width || row >= height {
+                    (0..PLANES).for_each(|plane| put(plane, if plane == 1 { -1.0 } else { 0.0 }));
+                    continue;
+                }
+                let ended = |of: usize| pixels.get(of * LANES + lane).copied().unwrap_or_default();
+                let gradient = images.at(row * width + column);
+                let through = ended(0).abs();
+                let mut behind = -through * gradient.alpha;
+                if extra {
+                    behind += ended(4) * gradient.depth;
+                    behind += if scalar_passes { ended(5) * gradient.scalar } else { 0.0 };
+                }
+                for (channel, by) in gradient.rgb.into_iter().enumerate() {
+                    behind += by * (ended(1 + channel) + through * paint.background[channel]);
+                    background[channel] += f64::from(by) * f64::from(through);
+                    put(2 + channel, by);
+                }
+                put(0, behind);
+                put(1, 1.0);
+                put(5, gradient.depth);
+                put(6, gradient.scalar);
             }
         }
-        let mut of_splats = vec![CellSum::default(); self.splats.len()];
-        let listed = self.tiles.all().flat_map(|(_, list)| list);
-        for (splat, sums) in listed.zip(&entries) {
-            if let Some(total) = of_splats.get_mut(*splat as usize) {
-                total.add(sums);
-            }
-        }
-        (of_splats, by_background)
+        background
     }
 }
 
-/// [`Sums`] over all cells.
-#[derive(Clone, Copy, Debug, Default)]
-struct CellSum {
-    e: f64,
-    first: DVec2,
-    second: DVec3,
-    rgb: DVec3,
-    depth: f64,
-    scalar: f64,
+/// Differentiates one cell; `order` holds places in `list`, and `sums` has one entry per entry of `list`.
+pub(super) struct Differentiate<'a> {
+    pub(super) paint: &'a Paint<'a>,
+    pub(super) order: &'a [Entry],
+    pub(super) list: &'a [u32],
+    pub(super) splats: &'a [Splat],
+    pub(super) cell: Cell,
+    pub(super) batch: &'a mut Batch,
+    pub(super) gradient: &'a mut CellGradient,
+    pub(super) sums: &'a mut [[f32; SUMS]],
 }
 
-impl CellSum {
-    fn add(&mut self, sums: &Sums) {
-        self.e += f64::from(sums.e);
-        self.first += DVec2::from_array(sums.first.map(f64::from));
-        self.second += DVec3::from_array(sums.second.map(f64::from));
-        self.rgb += DVec3::from_array(sums.rgb.map(f64::from));
-        self.depth += f64::from(sums.depth);
-        self.scalar += f64::from(sums.scalar);
-    }
+impl WithSimd for Differentiate<'_> {
+    type Output = ();
 
-    /// `½ dᵀ Σ⁻¹ d` by the centre is `−Σ⁻¹ d`, by the inverse covariance `½ dx²`, `dx·dy`, `½ dy²`; opacity times
-    /// falloff by opacity is `−e` over it.
-    fn by_splat(&self, splat: &geometry::Splat) -> SplatGradient {
-        let DVec3 { x: a, y: b, z: c } = splat.conic;
-        let DVec2 { x, y } = self.first;
-        SplatGradient {
-            centre: -DVec2::new(a * x + b * y, b * x + c * y),
-            conic: self.second * DVec3::new(0.5, 1.0, 0.5),
-            opacity: -self.e / splat.opacity,
-            rgb: self.rgb,
-            depth: self.depth,
-            scalar: self.scalar,
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        if self.paint.extra {
+            differentiate::<S, true>(simd, self);
+        } else {
+            differentiate::<S, false>(simd, self);
         }
     }
 }
 
-/// Carries the splats' derivatives to the Gaussians and the pose, in f64.
-fn over_gaussians(
-    gaussians: &Gaussians,
-    view: &View,
-    optics: &Optics,
-    options: &RenderOptions,
-    (splats, of_splats): (&[Splat], &[CellSum]),
-    gradients: &mut Gradients<f32>,
-) {
-    const AT_ONCE: usize = 8192;
-    let one = |(splat, sum): (&Splat, &CellSum)| -> Option<(usize, GaussianGradient, SplatGradient)> {
-        let position = splat.position as usize;
-        match geometry::project(gaussians, position, optics, view.size, options) {
-            Outcome::Drawn(splat) => {
-                let of_splat = sum.by_splat(&splat);
-                Some((position, of_gaussian(gaussians, optics, options, &splat, &of_splat), of_splat))
-            }
-            _ => None,
-        }
+#[inline(always)]
+fn differentiate<S: Simd, const EXTRA: bool>(simd: S, task: Differentiate<'_>) {
+    let Differentiate { paint, order, list, splats, cell, batch, gradient, sums } = task;
+    let CellGradient { values, sums: lanes } = gradient;
+    let slope = Slope::<S> {
+        grid: Grid::new(simd),
+        limits: Limits::new(simd, &paint.options.constants),
+        exp2: Exp2::new(simd),
+        clamp_stops: paint.options.constants.clamped_gradient == ClampedGradient::Exact,
+        scalar_passes: !paint.options.gradients.scalar_stops,
     };
-    let mut pose = [0.0f64; 6];
-    for (splats, of_splats) in splats.chunks(AT_ONCE).zip(of_splats.chunks(AT_ONCE)) {
-        let results: Vec<_> = splats.par_iter().zip(of_splats).map(one).collect();
-        for (position, of_gaussian, of_splat) in results.into_iter().flatten() {
-            gradients.put(position, &of_gaussian, &of_splat, saturated);
-            for (sum, value) in pose.iter_mut().zip(of_gaussian.pose.iter().flat_map(DVec3::to_array)) {
+    let blocks = cell.across * cell.across;
+    let mut open = if blocks == 64 { u64::MAX } else { (1 << blocks) - 1 };
+    for entries in order.chunks(TOGETHER) {
+        batch.fill(simd, cell, open, entries, Some(list), splats);
+        let used = batch.records().len();
+        for lanes in lanes.iter_mut().take(used) {
+            *lanes = [[0.0; SUM_LANES]; SUMS];
+        }
+        for (block, values) in values.chunks_exact_mut(PLANES * LANES).enumerate().take(blocks) {
+            let list = batch.list(block);
+            if !list.is_empty() && slope.through_block::<EXTRA>(simd, batch, list, cell.at(block), values, lanes) {
+                open &= !(1 << block);
+            }
+        }
+        for (record, lanes) in batch.records().iter().zip(lanes.iter()) {
+            let Some(sums) = sums.get_mut(record.place as usize) else { continue };
+            for (sum, [a, b, c, d, e, f, g, h]) in sums.iter_mut().zip(lanes) {
+                *sum += ((a + e) + (c + g)) + ((b + f) + (d + h));
+            }
+        }
+        if open == 0 {
+            break;
+        }
+    }
+}
+
+/// What blocks share.
+struct Slope<S: Simd> {
+    grid: Grid<S>,
+    limits: Limits<S>,
+    exp2: Exp2<S>,
+    clamp_stops: bool,
+    scalar_passes: bool,
+}
+
+impl<S: Simd> Slope<S> {
+    /// Returns whether no pixel lets anything through any more.
+    #[inline(always)]
+    fn through_block<const EXTRA: bool>(
+        &self,
+        simd: S,
+        batch: &Batch,
+        list: &[u8],
+        at: [usize; 2],
+        values: &mut [f32],
+        lanes: &mut [Lanes],
+    ) -> bool {
+        let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
+        let vectors = vectors::<S>();
+        let (stored, _) = S::as_mut_simd_f32s(values);
+        let mut planes = [[zero; MOST_VECTORS]; PLANES];
+        for (plane, stored) in planes.iter_mut().zip(stored.chunks_exact(vectors)) {
+            for (value, stored) in plane.iter_mut().zip(stored) {
+                *value = *stored;
+            }
+        }
+        let (x, y) = self.grid.at(simd, at);
+        for number in list {
+            let record = batch.record(*number);
+            let Some(lanes) = lanes.get_mut(usize::from(*number)) else { continue };
+            let ellipse = Ellipse::new(simd, record, x);
+            let mut terms = [[zero; MOST_VECTORS]; SUMS];
+            for v in 0..vectors {
+                let (power, y) = ellipse.power(simd, y[v]);
+                let full = simd.mul_f32s(simd.splat_f32s(record.opacity), self.exp2.of_negative(simd, power));
+                let alpha = simd.min_f32s(self.limits.max_alpha, full);
+                let before = planes[1][v];
+                let Passed { weight, after, hit } = self.limits.pass(simd, alpha, before);
+                let shown = self.shown::<EXTRA>(simd, record, &planes, v);
+                planes[0][v] = simd.sub_f32s(planes[0][v], simd.mul_f32s(weight, shown));
+                planes[1][v] = after;
+                let left = simd.sub_f32s(one, alpha);
+                let by_alpha = simd.sub_f32s(simd.mul_f32s(before, shown), simd.div_f32s(planes[0][v], left));
+                let e = simd.neg_f32s(simd.mul_f32s(full, by_alpha));
+                let mut e = only(simd, hit, e);
+                if self.clamp_stops {
+                    e = simd.select_f32s(simd.greater_than_f32s(full, self.limits.max_alpha), zero, e);
+                }
+                let ey = simd.mul_f32s(e, y);
+                terms[0][v] = e;
+                terms[2][v] = ey;
+                terms[5][v] = simd.mul_f32s(ey, y);
+                for channel in 0..if EXTRA { 5 } else { 3 } {
+                    terms[6 + channel][v] = simd.mul_f32s(weight, planes[2 + channel][v]);
+                }
+            }
+            add_terms::<S, EXTRA>(simd, &terms, ellipse.x, lanes);
+        }
+        for (plane, stored) in planes.iter().take(2).zip(stored.chunks_exact_mut(vectors)) {
+            for (value, stored) in plane.iter().zip(stored) {
+                *stored = *value;
+            }
+        }
+        let mut most = planes[1][0];
+        for value in planes[1].iter().take(vectors).skip(1) {
+            most = simd.max_f32s(most, *value);
+        }
+        simd.reduce_max_f32s(most) <= 0.0
+    }
+
+    /// What the splat's colour, depth and scalar are worth to the loss at a vector of pixels.
+    #[inline(always)]
+    fn shown<const EXTRA: bool>(
+        &self,
+        simd: S,
+        record: &Record,
+        planes: &[[S::f32s; MOST_VECTORS]; PLANES],
+        v: usize,
+    ) -> S::f32s {
+        let [r, g, b] = record.rgb;
+        let mut shown = simd.mul_f32s(simd.splat_f32s(r), planes[2][v]);
+        shown = simd.mul_add_e_f32s(simd.splat_f32s(g), planes[3][v], shown);
+        shown = simd.mul_add_e_f32s(simd.splat_f32s(b), planes[4][v], shown);
+        if EXTRA {
+            shown = simd.mul_add_e_f32s(simd.splat_f32s(record.depth), planes[5][v], shown);
+            if self.scalar_passes {
+                shown = simd.mul_add_e_f32s(simd.splat_f32s(record.scalar), planes[6][v], shown);
+            }
+        }
+        shown
+    }
+}
+
+/// Adds a block's terms, of which those along `x` are still to be made: a pixel column is the same in every vector.
+#[inline(always)]
+fn add_terms<S: Simd, const EXTRA: bool>(
+    simd: S,
+    terms: &[[S::f32s; MOST_VECTORS]; SUMS],
+    x: S::f32s,
+    lanes: &mut Lanes,
+) {
+    if S::F32_LANES > SUM_LANES {
+        let mut folded = [[0.0f32; SUM_LANES]; SUMS];
+        let mut columns = [0.0f32; LANES];
+        S::as_mut_simd_f32s(&mut columns).0.iter_mut().for_each(|slot| *slot = x);
+        for (folded, terms) in folded.iter_mut().zip(terms) {
+            let mut flat = [0.0f32; LANES];
+            S::as_mut_simd_f32s(&mut flat).0.iter_mut().for_each(|slot| *slot = terms[0]);
+            let (low, high) = flat.split_at(SUM_LANES);
+            for ((slot, low), high) in folded.iter_mut().zip(low).zip(high) {
+                *slot = low + high;
+            }
+        }
+        for (lane, x) in columns.iter().enumerate().take(SUM_LANES) {
+            folded[1][lane] = folded[0][lane] * x;
+            folded[3][lane] = folded[1][lane] * x;
+            folded[4][lane] = folded[2][lane] * x;
+        }
+        for (sum, folded) in lanes.iter_mut().zip(folded).take(if EXTRA { SUMS } else { 9 }) {
+            for (sum, value) in sum.iter_mut().zip(folded) {
                 *sum += value;
             }
         }
+        return;
     }
-    gradients.pose = pose.map(saturated);
+    let halves = SUM_LANES / S::F32_LANES;
+    for half in 0..halves {
+        let fold = |of: usize| simd.add_f32s(terms[of][half], terms[of][half + halves]);
+        let (e, ey) = (fold(0), fold(2));
+        let ex = simd.mul_f32s(e, x);
+        let mut folded =
+            [e, ex, ey, simd.mul_f32s(ex, x), simd.mul_f32s(ey, x), fold(5), fold(6), fold(7), fold(8), e, e];
+        if EXTRA {
+            (folded[9], folded[10]) = (fold(9), fold(10));
+        }
+        for (sum, value) in lanes.iter_mut().zip(folded).take(if EXTRA { SUMS } else { 9 }) {
+            if let Some(slot) = S::as_mut_simd_f32s(sum).0.get_mut(half) {
+                *slot = simd.add_f32s(*slot, value);
+            }
+        }
+    }
 }

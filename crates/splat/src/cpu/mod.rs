@@ -3,21 +3,33 @@
 //! The same bits come out for any number of threads, any tile size, and every instruction set that fuses
 //! multiplication with addition: each pixel composites its own Gaussians in one order, whatever surrounds it.
 
-mod backward;
-mod block;
+mod adjoint;
+mod batch;
+mod bins;
+mod colour;
+mod composite;
 mod differentiate;
-mod kernel;
+mod elementary;
+mod frame;
+mod gradients;
+mod images;
 mod order;
 mod project;
+mod recording;
+mod shape;
 mod simd;
-mod tiles;
+mod splat;
+mod wide;
 
 use std::time::Instant;
 
-use rayon::prelude::*;
+use bins::Tiling;
+use frame::Frame;
+use images::Layout;
 
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
 
+pub use recording::Recording;
 pub use simd::SimdLevel;
 
 /// How the processor is used; results do not depend on it, but for levels without fused multiplication.
@@ -64,9 +76,7 @@ impl TileSize {
 #[derive(Debug, Default)]
 pub struct CpuRenderer {
     options: CpuOptions,
-    splats: Vec<project::Splat>,
-    order: order::Sorter,
-    tiles: tiles::Tiles,
+    spare: Vec<Frame>,
     timings: Timings,
 }
 
@@ -75,13 +85,16 @@ pub struct CpuRenderer {
 pub struct Timings {
     /// World to screen, colour, culling.
     pub project_secs: f64,
-    /// By depth.
-    pub sort_secs: f64,
     /// Into tiles.
     pub bin_secs: f64,
-    /// Compositing pixels.
+    /// Sorting each tile's splats by depth, and compositing its pixels.
     pub raster_secs: f64,
+    /// Images from pixels.
+    pub write_secs: f64,
 }
+
+/// Views that are projected to together by [`CpuRenderer::render_many`], if memory allows it.
+const TOGETHER: usize = 4;
 
 impl CpuRenderer {
     /// A renderer without buffers yet.
@@ -94,7 +107,7 @@ impl CpuRenderer {
         self.options.simd
     }
 
-    /// Where the time of the last rendering went.
+    /// Where the time of the last rendering went, of all views together.
     pub const fn timings(&self) -> Timings {
         self.timings
     }
@@ -102,54 +115,137 @@ impl CpuRenderer {
     /// Renders a view on rayon's threads.
     ///
     /// # Errors
-    /// [`SplatError::View`], [`SplatError::Camera`]; [`SplatError::Memory`] before anything is allocated.
+    /// [`SplatError::View`], [`SplatError::Camera`]; [`SplatError::Memory`] before anything is allocated that would
+    /// not fit.
     pub fn render(
         &mut self,
         gaussians: &Gaussians,
         view: &View,
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError> {
-        let optics = view.optics(&options.constants)?;
-        check_size(view)?;
-        self.check_memory(gaussians, view, options)?;
-        let mut clock = Clock::start();
         let mut rendering = Rendering::empty(view, options);
-        rendering.census = project::project_all(gaussians, view, &optics, options, self.options.simd, &mut self.splats);
-        self.timings.project_secs = clock.lap();
-        let order = self.order.by_depth(&self.splats);
-        self.timings.sort_secs = clock.lap();
-        let side = self.options.tile.pixels();
-        self.tiles.fill(&self.splats, order, view.size, side)?;
-        self.timings.bin_secs = clock.lap();
-        let rows_per_band = side as usize * view.size.width as usize;
-        let background = options.background.map(narrowed);
-        let channels = options.channels;
-        let extra = channels.depth || channels.scalar || channels.median_depth;
-        let paint = kernel::Paint { options, background, size: view.size, splats: &self.splats, extra };
-        let mut bands = Bands::of(&mut rendering, rows_per_band);
-        bands.par_iter_mut().enumerate().for_each(|(band, images)| {
-            let mut tile = kernel::Tile::new(side);
-            for column in 0..self.tiles.columns() {
-                let list = self.tiles.list(column, band);
-                self.options.simd.dispatch(kernel::Render { paint: &paint, list, at: (column, band), tile: &mut tile });
-                tile.copy_to(images, (column, band), &paint);
-            }
-        });
-        self.timings.raster_secs = clock.lap();
+        self.render_into(gaussians, view, options, &mut rendering)?;
         Ok(rendering)
     }
 
-    /// Bytes per Gaussian and pixel that are needed at once; tile lists are checked when their length is known.
-    fn check_memory(&self, gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<(), SplatError> {
-        let channels = &options.channels;
-        let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
-        let per_gaussian = (size_of::<project::Splat>() + order::BYTES_EACH + 8) as u64;
-        let needed = (gaussians.len() as u64)
-            .saturating_mul(per_gaussian)
-            .saturating_add((view.pixels() as u64).saturating_mul(4 * images));
-        let limit = self.options.memory_limit;
-        if needed > limit { Err(SplatError::Memory { needed, limit }) } else { Ok(()) }
+    /// As [`CpuRenderer::render`], into images whose memory is used again, whatever they were.
+    ///
+    /// # Errors
+    /// As [`CpuRenderer::render`]; the images are unspecified then.
+    pub fn render_into(
+        &mut self,
+        gaussians: &Gaussians,
+        view: &View,
+        options: &RenderOptions,
+        rendering: &mut Rendering<f32>,
+    ) -> Result<(), SplatError> {
+        let spare = self.spare.pop().unwrap_or_default();
+        let outcome =
+            self.render_frames(gaussians, &[*view], options, self.options.tile, vec![spare], &mut [rendering]);
+        self.spare.extend(outcome?);
+        Ok(())
     }
+
+    /// Renders several views of the same Gaussians: the images of [`CpuRenderer::render`], bit for bit. What does
+    /// not depend on the camera is worked out once for several views, while it is in the nearest caches.
+    ///
+    /// # Errors
+    /// As [`CpuRenderer::render`], before anything is rendered where one of the views is at fault.
+    pub fn render_many(
+        &mut self,
+        gaussians: &Gaussians,
+        views: &[View],
+        options: &RenderOptions,
+    ) -> Result<Vec<Rendering<f32>>, SplatError> {
+        for view in views {
+            view.optics(&options.constants)?;
+            check_size(view)?;
+        }
+        let images = views.iter().fold(0u64, |sum, view| sum.saturating_add(image_bytes(view, options)));
+        let most = views.iter().map(|view| frame_bytes(gaussians, view, options, self.options.tile)).max();
+        let Some(frame) = most else { return Ok(Vec::new()) };
+        let room = self.room(images.saturating_add(frame))?;
+        let together = 1 + usize::try_from(room / frame).unwrap_or(usize::MAX);
+        let together = if together < TOGETHER { together } else { TOGETHER };
+
+        let mut renderings: Vec<_> = views.iter().map(|view| Rendering::empty(view, options)).collect();
+        let mut timings = Timings::default();
+        for (views, renderings) in views.chunks(together).zip(renderings.chunks_mut(together)) {
+            let mut frames = std::mem::take(&mut self.spare);
+            frames.resize_with(views.len(), Frame::default);
+            let mut renderings: Vec<_> = renderings.iter_mut().collect();
+            let tile = self.options.tile;
+            self.spare = self.render_frames(gaussians, views, options, tile, frames, &mut renderings)?;
+            timings.project_secs += self.timings.project_secs;
+            timings.bin_secs += self.timings.bin_secs;
+            timings.raster_secs += self.timings.raster_secs;
+            timings.write_secs += self.timings.write_secs;
+        }
+        self.timings = timings;
+        Ok(renderings)
+    }
+
+    /// Renders as many views as there are frames, and returns those.
+    fn render_frames(
+        &mut self,
+        gaussians: &Gaussians,
+        views: &[View],
+        options: &RenderOptions,
+        tile: TileSize,
+        mut frames: Vec<Frame>,
+        renderings: &mut [&mut Rendering<f32>],
+    ) -> Result<Vec<Frame>, SplatError> {
+        let mut eyes = Vec::with_capacity(views.len());
+        let mut needed = 0u64;
+        for view in views {
+            eyes.push((*view, view.optics(&options.constants)?));
+            check_size(view)?;
+            needed = needed.saturating_add(image_bytes(view, options));
+            needed = needed.saturating_add(frame_bytes(gaussians, view, options, tile));
+        }
+        let mut room = self.room(needed)?;
+        let (simd, mut clock) = (self.options.simd, Clock::start());
+        for (frame, view) in frames.iter_mut().zip(views) {
+            frame.prepare(gaussians.len(), Layout::new(Tiling::new(view.size, tile.pixels()), kept_extra(options)));
+        }
+        frame::project(gaussians, options, simd, &eyes, &mut frames);
+        self.timings = Timings { project_secs: clock.lap(), ..Timings::default() };
+        for ((frame, view), rendering) in frames.iter_mut().zip(views).zip(renderings) {
+            let paint = Paint::new(view, options);
+            room = room.saturating_sub(frame.bin(room, self.options.memory_limit)?);
+            self.timings.bin_secs += clock.lap();
+            frame.composite(simd, &paint);
+            self.timings.raster_secs += clock.lap();
+            frame.write(&paint, view, rendering);
+            self.timings.write_secs += clock.lap();
+        }
+        Ok(frames)
+    }
+
+    /// Bytes that are left beside those needed.
+    fn room(&self, needed: u64) -> Result<u64, SplatError> {
+        let limit = self.options.memory_limit;
+        limit.checked_sub(needed).ok_or(SplatError::Memory { needed, limit })
+    }
+}
+
+/// Whether pixels have more than colour and alpha.
+const fn kept_extra(options: &RenderOptions) -> bool {
+    options.channels.depth || options.channels.scalar || options.channels.median_depth
+}
+
+/// Bytes of a view's images.
+fn image_bytes(view: &View, options: &RenderOptions) -> u64 {
+    let channels = &options.channels;
+    let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
+    4 * images * view.pixels() as u64
+}
+
+/// Bytes of a view's [`Frame`], but for tile lists, which are checked when their length is known.
+fn frame_bytes(gaussians: &Gaussians, view: &View, options: &RenderOptions, tile: TileSize) -> u64 {
+    let layout = Layout::new(Tiling::new(view.size, tile.pixels()), kept_extra(options));
+    let pixels = (layout.per_tile() as u64).saturating_mul(4 * layout.tiling.len() as u64);
+    (gaussians.len() as u64).saturating_mul(frame::BYTES_EACH).saturating_add(pixels)
 }
 
 struct Clock(Instant);
@@ -178,32 +274,19 @@ pub(crate) fn check_size(view: &View) -> Result<(), SplatError> {
     Err(SplatError::View { what: "picture", expected, found: view.size.to_string() })
 }
 
-/// The parts of every image that one row of tiles covers.
-pub(crate) struct Band<'a> {
-    pub(crate) rgb: &'a mut [[f32; 3]],
-    pub(crate) alpha: &'a mut [f32],
-    pub(crate) depth: Option<&'a mut [f32]>,
-    pub(crate) scalar: Option<&'a mut [f32]>,
-    pub(crate) median_depth: Option<&'a mut [f32]>,
+/// What all pixels share.
+pub(crate) struct Paint<'a> {
+    options: &'a RenderOptions,
+    background: [f32; 3],
+    size: atsplat_camera::ImageSize,
+    /// Whether depth and scalar are composited too.
+    extra: bool,
 }
 
-struct Bands;
-
-impl Bands {
-    fn of(rendering: &mut Rendering<f32>, pixels: usize) -> Vec<Band<'_>> {
-        let mut depth = rendering.depth.as_mut().map(|image| image.chunks_mut(pixels));
-        let mut scalar = rendering.scalar.as_mut().map(|image| image.chunks_mut(pixels));
-        let mut median = rendering.median_depth.as_mut().map(|image| image.chunks_mut(pixels));
-        let colours = rendering.rgb.chunks_mut(pixels).zip(rendering.alpha.chunks_mut(pixels));
-        colours
-            .map(|(rgb, alpha)| Band {
-                rgb,
-                alpha,
-                depth: depth.as_mut().and_then(Iterator::next),
-                scalar: scalar.as_mut().and_then(Iterator::next),
-                median_depth: median.as_mut().and_then(Iterator::next),
-            })
-            .collect()
+impl<'a> Paint<'a> {
+    fn new(view: &View, options: &'a RenderOptions) -> Self {
+        let background = options.background.map(narrowed);
+        Self { options, background, size: view.size, extra: kept_extra(options) }
     }
 }
 

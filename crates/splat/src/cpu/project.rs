@@ -1,271 +1,354 @@
-use std::ops::Range;
+//! From Gaussians to splats, many side by side, in f64 where a pixel's worth of f32 would show.
 
-use glam::{DMat2, DMat3, DQuat, DVec2, DVec3, Vec3};
 use pulp::{Simd, WithSimd};
-use rayon::prelude::*;
 
-use super::{SimdLevel, narrowed};
-use crate::constants::{LARGEST_CHANNEL, ShAxes};
+use super::colour::Basis;
+use super::elementary::log2;
+use super::narrowed;
+use super::shape::Shapes;
+use super::splat::{HALF_LOG2_E, Splat, base, shift};
+use super::wide::{Row, Row32, SIDE_BY_SIDE, Wide, combine, cross, dot, load2, load3, splat3, store2, store3};
+use crate::constants::{Extent, LARGEST_CHANNEL};
 use crate::reach::reach;
 use crate::view::Optics;
-use crate::{Census, Gaussians, LOG_SCALE_LIMIT, RasterMode, RenderOptions, View, sh, sh_coefficients};
+use crate::{Census, Gaussians, RasterMode, RenderOptions, View};
+use glam::DVec2;
 
-/// One Gaussian as the picture sees it, in one line of the cache.
-#[derive(Clone, Copy, Debug, Default)]
-#[repr(align(64))]
-pub(super) struct Splat {
-    /// `√(½ log₂e)` times the Cholesky factor `(l₁₁, l₁₂, l₂₂)` of the inverse screen covariance: the exponent to
-    /// base 2 is `−(l₁₁·dx + l₁₂·dy)² − (l₂₂·dy)²`. A sum of squares does not cancel where the Gaussian is a needle.
-    pub(super) whitener: [f32; 3],
-    pub(super) opacity: f32,
-    pub(super) rgb: [f32; 3],
-    pub(super) depth: f32,
-    pub(super) scalar: f32,
-    /// From the centre to the centre of the pixel `base`; with `base` apart, f32 holds it to 1e-7 pixels.
-    pub(super) offset: [f32; 2],
-    pub(super) base: [i32; 2],
-    /// First and one past the last column, then row, that it may reach.
-    pub(super) reach: [[u16; 2]; 2],
-    /// In the list of Gaussians.
-    pub(super) position: u32,
+/// What one run of Gaussians gave, beside its splats.
+#[derive(Debug, Default)]
+pub(super) struct Run {
+    pub(super) census: Census,
+    /// Of each splat, in the list of Gaussians.
+    pub(super) positions: Vec<u32>,
 }
 
-/// `√(½ log₂e)`.
-const HALF_LOG2_E: f64 = 0.849_321_800_288_019;
+/// A view that is projected to, and where to.
+pub(super) struct Target<'a> {
+    pub(super) view: &'a View,
+    pub(super) optics: &'a Optics,
+    /// One per Gaussian of the run, of which those drawn fill the first.
+    pub(super) splats: &'a mut [Splat],
+    pub(super) run: &'a mut Run,
+}
 
-/// Why a Gaussian is not drawn.
-enum Culled {
+/// Projects a run of Gaussians to one view or several, working out once what they share.
+pub(super) struct Project<'a, 'b> {
+    pub(super) gaussians: &'a Gaussians,
+    pub(super) options: &'a RenderOptions,
+    /// Position of the run's first Gaussian.
+    pub(super) first: usize,
+    pub(super) past: usize,
+    pub(super) targets: &'b mut [Target<'a>],
+}
+
+impl WithSimd for Project<'_, '_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let Self { gaussians, options, first, past, targets } = self;
+        let parts = gaussians.parts();
+        let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
+        for target in &mut *targets {
+            target.run.positions.clear();
+            target.run.census = Census::default();
+        }
+        for first in (first..past).step_by(SIDE_BY_SIDE) {
+            shapes.take(simd, parts, first, past);
+            for target in &mut *targets {
+                screen.project(simd, &shapes, target.optics, options);
+                basis.look(simd, &shapes, target.optics, options.constants.sh_axes);
+                screen.deliver(gaussians, options, &shapes, &basis, target);
+            }
+        }
+    }
+}
+
+/// Gaussians side by side, on one screen.
+#[derive(Debug)]
+pub(super) struct Screen {
+    pub(super) depth: Row,
+    /// Projected centre in pixels.
+    pub(super) centre: [Row; 2],
+    /// Slopes `x/z` and `y/z`, as they are and where the Jacobian is taken.
+    pub(super) slope: [[Row; 2]; 2],
+    /// Pixels by slopes, row by row, and whether the lens sees the Gaussian; filled for lenses alone.
+    pub(super) lens: [[Row; 2]; 2],
+    pub(super) visible: [bool; SIDE_BY_SIDE],
+    /// Covariance `xx, xy, yy` without the blur, and its determinant without and with it.
+    pub(super) sharp: [Row; 3],
+    pub(super) determinants: [Row; 2],
+    whitener: [Row; 3],
+    /// After everything.
+    pub(super) opacity: Row,
+    cut: Row32,
+}
+
+impl Default for Screen {
+    fn default() -> Self {
+        const ZERO: Row = [0.0; SIDE_BY_SIDE];
+        Self {
+            depth: ZERO,
+            centre: [ZERO; 2],
+            slope: [[ZERO; 2]; 2],
+            lens: [[ZERO; 2]; 2],
+            visible: [true; SIDE_BY_SIDE],
+            sharp: [ZERO; 3],
+            determinants: [ZERO; 2],
+            whitener: [ZERO; 3],
+            opacity: ZERO,
+            cut: [0.0; SIDE_BY_SIDE],
+        }
+    }
+}
+
+impl Screen {
+    #[inline(always)]
+    pub(super) fn project<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, options: &RenderOptions) {
+        for at in 0..SIDE_BY_SIDE / S::F64_LANES {
+            self.look(simd, shapes, optics, at);
+        }
+        self.bend(optics);
+        for at in 0..SIDE_BY_SIDE / S::F64_LANES {
+            self.spread(simd, shapes, optics, options, at);
+        }
+        let mut ratios = [0.0f32; SIDE_BY_SIDE];
+        let per = options.constants.min_alpha.recip();
+        for (ratio, opacity) in ratios.iter_mut().zip(&self.opacity) {
+            *ratio = narrowed(opacity * per);
+        }
+        for (cut, ratio) in S::as_mut_simd_f32s(&mut self.cut).0.iter_mut().zip(S::as_simd_f32s(&ratios).0) {
+            *cut = log2(simd, *ratio);
+        }
+    }
+
+    /// Centres in the camera's frame.
+    #[inline(always)]
+    fn look<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, at: usize) {
+        let splat = |value| Wide::splat(simd, value);
+        let mean = load3(simd, &shapes.mean, at);
+        let [a, b, c] = optics.rotation.to_cols_array_2d();
+        let axes = [splat3(simd, a), splat3(simd, b), splat3(simd, c)];
+        let [x, y, z] = combine(axes, mean);
+        let translation = splat3(simd, optics.translation.to_array());
+        let (x, y, z) = (x + translation[0], y + translation[1], z + translation[2]);
+        z.store(&mut self.depth, at);
+        let near = splat(1.0) / z;
+        let (x, y) = (x * near, y * near);
+        let [low, high] = optics.jacobian_range;
+        let within = [x.clamp(splat(low.x), splat(high.x)), y.clamp(splat(low.y), splat(high.y))];
+        let [slopes, clamped] = &mut self.slope;
+        store2([x, y], slopes, at);
+        store2(within, clamped, at);
+    }
+
+    /// Centres on the screen, through the lens.
+    #[inline(always)]
+    fn bend(&mut self, optics: &Optics) {
+        let (focal, principal) = (optics.focal, optics.principal);
+        let Some(lens) = &optics.lens else {
+            let focal_and_principal = [(focal.x, principal.x), (focal.y, principal.y)];
+            for ((centres, slopes), (focal, principal)) in
+                self.centre.iter_mut().zip(&self.slope[0]).zip(focal_and_principal)
+            {
+                for (centre, slope) in centres.iter_mut().zip(slopes) {
+                    *centre = focal * slope + principal;
+                }
+            }
+            return;
+        };
+        for lane in 0..SIDE_BY_SIDE {
+            let [slope, within] = self.slope.each_ref().map(|rows| DVec2::new(rows[0][lane], rows[1][lane]));
+            let seen = (lens.distorted_from_undistorted(slope), lens.jacobian(within));
+            self.visible[lane] = seen.0.is_ok() && seen.1.is_ok();
+            let (Ok(bent), Ok(jacobian)) = seen else { continue };
+            let centre = focal * bent + principal;
+            (self.centre[0][lane], self.centre[1][lane]) = (centre.x, centre.y);
+            let [x, y] = [jacobian.x_axis * focal, jacobian.y_axis * focal];
+            (self.lens[0][0][lane], self.lens[0][1][lane]) = (x.x, y.x);
+            (self.lens[1][0][lane], self.lens[1][1][lane]) = (x.y, y.y);
+        }
+    }
+
+    /// Rows of `∂pixel/∂slope` where the Jacobian is taken.
+    #[inline(always)]
+    pub(super) fn pixel_from_slope<S: Simd>(&self, simd: S, optics: &Optics, at: usize) -> [[Wide<S>; 2]; 2] {
+        let splat = |value| Wide::splat(simd, value);
+        if optics.lens.is_some() {
+            let [x, y] = &self.lens;
+            return [load2(simd, x, at), load2(simd, y, at)];
+        }
+        [[splat(optics.focal.x), splat(0.0)], [splat(0.0), splat(optics.focal.y)]]
+    }
+
+    /// Covariances on the screen, and what they make of opacity.
+    #[inline(always)]
+    fn spread<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, options: &RenderOptions, at: usize) {
+        let splat = |value| Wide::splat(simd, value);
+        let constants = &options.constants;
+        let depth = Wide::load(simd, &self.depth, at);
+        let near = splat(1.0) / depth;
+        let slope = load2(simd, &self.slope[1], at);
+        let [x, y] = self.pixel_from_slope(simd, optics, at);
+        let [first, second, third] = &shapes.axes;
+        let axes = [load3(simd, first, at), load3(simd, second, at), load3(simd, third, at)];
+        let u = against(axes, to_world(simd, optics, jacobian(x, slope, near)));
+        let v = against(axes, to_world(simd, optics, jacobian(y, slope, near)));
+        let (uu, uv, vv) = (dot(u, u), dot(u, v), dot(v, v));
+        // |u|²|v|² − (u·v)² cancels for needles; the cross product does not.
+        let across = cross(u, v);
+        let sharp = dot(across, across);
+        let blur = splat(constants.blur);
+        let determinant = blur.mul_add(uu + vv + blur, sharp);
+        let yy = vv + blur;
+        let along = splat(HALF_LOG2_E) * (yy / determinant).sqrt();
+        let narrow = splat(1.0) / yy;
+        let mut opacity = Wide::load(simd, &shapes.opacity, at);
+        if options.mode == RasterMode::Antialiased {
+            let (ratio, least) = ((sharp / determinant).sqrt(), splat(constants.min_compensation));
+            opacity = opacity * least.where_above(least, ratio, ratio);
+        }
+        store3([uu, uv, vv], &mut self.sharp, at);
+        store2([sharp, determinant], &mut self.determinants, at);
+        let shear = -(uv * narrow * along);
+        store3([along, shear, splat(HALF_LOG2_E) * narrow.sqrt()], &mut self.whitener, at);
+        opacity.store(&mut self.opacity, at);
+    }
+
+    /// Why a Gaussian is not drawn, or the pixels that it may reach.
+    #[inline(always)]
+    pub(super) fn fate(&self, shapes: &Shapes, view: &View, options: &RenderOptions, lane: usize) -> Fate {
+        let constants = &options.constants;
+        let lane = lane % SIDE_BY_SIDE;
+        if !shapes.usable[lane] {
+            return Fate::Invalid;
+        }
+        if !constants.keeps_depth(self.depth[lane]) {
+            return Fate::OutsideDepth;
+        }
+        if !self.visible[lane] {
+            return Fate::OutsidePicture;
+        }
+        let centre = DVec2::new(self.centre[0][lane], self.centre[1][lane]);
+        let determinant = self.determinants[1][lane];
+        if !((determinant > 0.0) & determinant.is_finite() & centre.is_finite()) {
+            return Fate::Invalid;
+        }
+        let opacity = self.opacity[lane];
+        if !(opacity >= constants.min_alpha) {
+            return Fate::Faint;
+        }
+        let (xx, yy) = (self.sharp[0][lane] + constants.blur, self.sharp[2][lane] + constants.blur);
+        let reach = match constants.extent {
+            Extent::Exact => self.rectangle(centre, [xx, yy], view, lane),
+            Extent::ThreeSigmaTiles => reach(centre, [xx, self.sharp[1][lane], yy], opacity, view.size, constants)
+                .map(|reach| reach.map(|range| range.map(|pixel| u16::try_from(pixel).unwrap_or(u16::MAX)))),
+        };
+        reach.map_or(Fate::OutsidePicture, |reach| Fate::Drawn { centre, reach })
+    }
+
+    /// The pixels in the box around the ellipse on which opacity falls to `min_alpha`.
+    #[inline(always)]
+    fn rectangle(&self, centre: DVec2, variances: [f64; 2], view: &View, lane: usize) -> Option<[[u16; 2]; 2]> {
+        // Wider than the cut-off by far more than what rounding may move it.
+        const SPARE: f64 = 0.01;
+        let cut = (2.0 * std::f64::consts::LN_2 * f64::from(self.cut[lane])).clamp(0.0, f64::MAX);
+        let span = |centre: f64, variance: f64, length: u32| {
+            let half = (variance * cut).sqrt() * (1.0 + SPARE) + SPARE;
+            let length = f64::from(length);
+            let from = (centre - half - 0.5).ceil().clamp(0.0, length);
+            let past = ((centre + half - 0.5).floor() + 1.0).clamp(0.0, length);
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within a picture's side")]
+            (from < past).then_some([from as i32 as u16, past as i32 as u16])
+        };
+        Some([span(centre.x, variances[0], view.size.width)?, span(centre.y, variances[1], view.size.height)?])
+    }
+
+    #[inline(always)]
+    fn deliver(
+        &self,
+        gaussians: &Gaussians,
+        options: &RenderOptions,
+        shapes: &Shapes,
+        basis: &Basis,
+        target: &mut Target<'_>,
+    ) {
+        let parts = gaussians.parts();
+        let Run { census, positions } = &mut *target.run;
+        for lane in 0..shapes.count {
+            let position = shapes.first + lane;
+            let lane = lane % SIDE_BY_SIDE;
+            let (centre, reach) = match self.fate(shapes, target.view, options, lane) {
+                Fate::Drawn { centre, reach } => (centre, reach),
+                Fate::Invalid => {
+                    census.invalid += 1;
+                    continue;
+                }
+                Fate::OutsideDepth => {
+                    census.outside_depth += 1;
+                    continue;
+                }
+                Fate::Faint => {
+                    census.faint += 1;
+                    continue;
+                }
+                Fate::OutsidePicture => {
+                    census.outside_picture += 1;
+                    continue;
+                }
+            };
+            let scalar = parts.scalars.as_ref().map_or(Some(0.0), |scalars| scalars.get(position).copied());
+            let scalar = scalar.filter(|scalar| scalar.abs() <= narrowed(LARGEST_CHANNEL));
+            let (Some(rgb), Some(scalar)) = (basis.colour(parts, position, lane), scalar) else {
+                census.invalid += 1;
+                continue;
+            };
+            let whitener = self.whitener.each_ref().map(|row| row[lane]);
+            let base = base(centre);
+            if let Some(slot) = target.splats.get_mut(positions.len()) {
+                *slot = Splat {
+                    whitener: whitener.map(narrowed),
+                    shift: shift(whitener, base, centre),
+                    base,
+                    opacity: narrowed(self.opacity[lane]),
+                    rgb,
+                    depth: narrowed(self.depth[lane]),
+                    scalar,
+                    // More than the logarithm's error, and than what rounding moves of the ellipse.
+                    cut: self.cut[lane] * 1.001 + 0.001,
+                    reach,
+                };
+            }
+            positions.push(u32::try_from(position).unwrap_or(u32::MAX));
+            census.drawn += 1;
+        }
+    }
+}
+
+/// What becomes of a Gaussian.
+pub(super) enum Fate {
+    Drawn { centre: DVec2, reach: [[u16; 2]; 2] },
     Invalid,
     OutsideDepth,
     Faint,
     OutsidePicture,
 }
 
-/// Projects every Gaussian that the picture can show, in the order of the list.
-pub(super) fn project_all(
-    gaussians: &Gaussians,
-    view: &View,
-    optics: &Optics,
-    options: &RenderOptions,
-    simd: SimdLevel,
-    splats: &mut Vec<Splat>,
-) -> Census {
-    const CHUNK: usize = 4096;
-    let projector = Projector { gaussians, view, optics, options };
-    let chunks: Vec<(Vec<Splat>, Census)> = (0..gaussians.len().div_ceil(CHUNK))
-        .into_par_iter()
-        .map(|chunk| {
-            let past = ((chunk + 1) * CHUNK).min(gaussians.len());
-            simd.dispatch(ProjectSome { projector: &projector, positions: chunk * CHUNK..past })
-        })
-        .collect();
-    splats.clear();
-    splats.reserve(chunks.iter().map(|(drawn, _)| drawn.len()).sum());
-    let mut total = Census::default();
-    for (drawn, census) in chunks {
-        splats.extend_from_slice(&drawn);
-        total += census;
-    }
-    total
-}
-
-/// A run of Gaussians, compiled for each instruction set: same operations, fewer instructions.
-struct ProjectSome<'a> {
-    projector: &'a Projector<'a>,
-    positions: Range<usize>,
-}
-
-impl WithSimd for ProjectSome<'_> {
-    type Output = (Vec<Splat>, Census);
-
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, _: S) -> Self::Output {
-        let mut census = Census::default();
-        let mut drawn = Vec::with_capacity(self.positions.len());
-        for position in self.positions {
-            match self.projector.project(position) {
-                Ok(splat) => drawn.push(splat),
-                Err(Culled::Invalid) => census.invalid += 1,
-                Err(Culled::OutsideDepth) => census.outside_depth += 1,
-                Err(Culled::Faint) => census.faint += 1,
-                Err(Culled::OutsidePicture) => census.outside_picture += 1,
-            }
-        }
-        census.drawn = drawn.len() as u64;
-        (drawn, census)
-    }
-}
-
-struct Projector<'a> {
-    gaussians: &'a Gaussians,
-    view: &'a View,
-    optics: &'a Optics,
-    options: &'a RenderOptions,
-}
-
-impl Projector<'_> {
-    #[inline(always)]
-    fn project(&self, position: usize) -> Result<Splat, Culled> {
-        let (parts, constants) = (self.gaussians.parts(), &self.options.constants);
-        let mean = widened(read(&parts.means, position)?);
-        let in_camera = self.optics.rotation * mean + self.optics.translation;
-        if !in_camera.is_finite() {
-            return Err(Culled::Invalid);
-        }
-        if !constants.keeps_depth(in_camera.z) {
-            return Err(Culled::OutsideDepth);
-        }
-        let mut opacity = f64::from(1.0 / (1.0 + (-read(&parts.opacity_logits, position)?).exp()));
-        if opacity.is_nan() {
-            return Err(Culled::Invalid);
-        }
-        if opacity < constants.min_alpha {
-            return Err(Culled::Faint);
-        }
-        let (axes, filter) = self.axes(position)?;
-        opacity *= filter;
-        let (centre, jacobian) = self.screen(in_camera)?;
-        let world = axes.transpose() * self.optics.rotation.transpose();
-        let (u, v) = (world * jacobian[0], world * jacobian[1]);
-        let (uu, uv, vv) = (u.dot(u), u.dot(v), v.dot(v));
-        let sharp = u.cross(v).length_squared();
-        let determinant = sharp + constants.blur * (uu + vv) + constants.blur * constants.blur;
-        if !(determinant > 0.0 && determinant.is_finite() && centre.is_finite()) {
-            return Err(Culled::Invalid);
-        }
-        if self.options.mode == RasterMode::Antialiased {
-            let ratio = (sharp / determinant).sqrt();
-            opacity *= if ratio < constants.min_compensation { constants.min_compensation } else { ratio };
-        }
-        if !(opacity >= constants.min_alpha) {
-            return Err(Culled::Faint);
-        }
-        let (xx, yy) = (uu + constants.blur, vv + constants.blur);
-        let reach = reach(centre, [xx, uv, yy], opacity, self.view.size, constants).ok_or(Culled::OutsidePicture)?;
-        let rgb = self.colour(position, mean)?;
-        let scalar = parts.scalars.as_ref().map_or(Ok(0.0), |scalars| read(scalars, position))?;
-        if !(scalar.abs() <= narrowed(LARGEST_CHANNEL)) {
-            return Err(Culled::Invalid);
-        }
-        let leg = HALF_LOG2_E / (yy * determinant).sqrt();
-        let base = [nearest(centre.x), nearest(centre.y)];
-        Ok(Splat {
-            whitener: [narrowed(yy * leg), narrowed(-uv * leg), narrowed(HALF_LOG2_E / yy.sqrt())],
-            opacity: narrowed(opacity),
-            rgb,
-            depth: narrowed(in_camera.z),
-            scalar,
-            offset: [narrowed(f64::from(base[0]) + 0.5 - centre.x), narrowed(f64::from(base[1]) + 0.5 - centre.y)],
-            base,
-            position: u32::try_from(position).unwrap_or(u32::MAX),
-            reach: [[short(reach[0][0]), short(reach[0][1])], [short(reach[1][0]), short(reach[1][1])]],
-        })
-    }
-
-    /// Axes of the ellipsoid, one standard deviation long, as columns; and what the 3D filter leaves of opacity.
-    #[inline(always)]
-    fn axes(&self, position: usize) -> Result<(DMat3, f64), Culled> {
-        let parts = self.gaussians.parts();
-        let [w, x, y, z] = read(&parts.quaternions, position)?;
-        let quaternion = DQuat::from_xyzw(x.into(), y.into(), z.into(), w.into());
-        let norm = quaternion.length();
-        let [log_x, log_y, log_z] = read(&parts.log_scales, position)?;
-        let scales = widened([log_x.exp(), log_y.exp(), log_z.exp()]);
-        let usable = log_x <= LOG_SCALE_LIMIT && log_y <= LOG_SCALE_LIMIT && log_z <= LOG_SCALE_LIMIT;
-        if !(norm > 0.0 && norm.is_finite() && usable) {
-            return Err(Culled::Invalid);
-        }
-        let rotation = DMat3::from_quat(quaternion * norm.recip());
-        let Some(filters) = &parts.filter_3d else { return Ok((rotation * DMat3::from_diagonal(scales), 1.0)) };
-        let filter = f64::from(read(filters, position)?);
-        if !filter.is_finite() {
-            return Err(Culled::Invalid);
-        }
-        if filter == 0.0 {
-            return Ok((rotation * DMat3::from_diagonal(scales), 1.0));
-        }
-        let own = scales * scales;
-        let total = own + DVec3::splat(filter * filter);
-        let share = own / total;
-        let scales = DVec3::from_array(total.to_array().map(f64::sqrt));
-        Ok((rotation * DMat3::from_diagonal(scales), (share.x * share.y * share.z).sqrt()))
-    }
-
-    /// Projected centre in pixels and the rows of `∂pixel/∂(x, y, z)`.
-    #[inline(always)]
-    fn screen(&self, in_camera: DVec3) -> Result<(DVec2, [DVec3; 2]), Culled> {
-        let optics = self.optics;
-        let true_slope = in_camera.truncate() / in_camera.z;
-        let slope = true_slope.clamp(optics.jacobian_range[0], optics.jacobian_range[1]);
-        let focal = DMat2::from_diagonal(optics.focal);
-        let (bent, pixel_from_slope) = match &optics.lens {
-            None => (true_slope, focal),
-            Some(lens) => match (lens.distorted_from_undistorted(true_slope), lens.jacobian(slope)) {
-                (Ok(bent), Ok(jacobian)) => (bent, focal * jacobian),
-                _ => return Err(Culled::OutsidePicture),
-            },
-        };
-        let rows = pixel_from_slope.transpose();
-        let near = in_camera.z.recip();
-        let row = |row: DVec2| row.extend(-row.dot(slope)) * near;
-        let jacobian = [row(rows.x_axis), row(rows.y_axis)];
-        Ok((optics.focal * bent + optics.principal, jacobian))
-    }
-
-    #[inline(always)]
-    fn colour(&self, position: usize, mean: DVec3) -> Result<[f32; 3], Culled> {
-        let parts = self.gaussians.parts();
-        let stored = sh_coefficients(parts.sh_degree);
-        let degree =
-            if self.options.max_sh_degree < parts.sh_degree { self.options.max_sh_degree } else { parts.sh_degree };
-        let coefficients = parts.sh.get(position * stored..(position + 1) * stored).ok_or(Culled::Invalid)?;
-        let mut sum = Vec3::splat(0.5);
-        let mut add = |values: &[f32]| {
-            for (coefficient, value) in coefficients.iter().zip(values) {
-                sum += Vec3::from_array(*coefficient) * *value;
-            }
-        };
-        if degree == 0 {
-            add(&[narrowed(sh::C0)]);
-        } else {
-            let away = mean - self.optics.centre;
-            let distance = away.length();
-            let unit = if distance > 0.0 { away / distance } else { DVec3::Z };
-            let [x, y, z] = unit.to_array().map(narrowed);
-            let direction = match self.options.constants.sh_axes {
-                ShAxes::Standard => [x, y, z],
-                ShAxes::E3nn => [z, x, y],
-            };
-            let basis = sh::basis(degree, direction);
-            add(basis.get(..sh_coefficients(degree)).unwrap_or_default());
-        }
-        let seen = |channel: f32| if channel < 0.0 { 0.0 } else { channel };
-        if sum.is_finite() && sum.abs().max_element() <= narrowed(LARGEST_CHANNEL) {
-            Ok([seen(sum.x), seen(sum.y), seen(sum.z)])
-        } else {
-            Err(Culled::Invalid)
-        }
-    }
-}
-
+/// A row of `∂pixel/∂(x, y, z)` of a point at `slope·z`: `A/z · [1 | −slope]`.
 #[inline(always)]
-fn read<T: Copy>(values: &[T], position: usize) -> Result<T, Culled> {
-    values.get(position).copied().ok_or(Culled::Invalid)
+pub(super) fn jacobian<S: Simd>(row: [Wide<S>; 2], slope: [Wide<S>; 2], near: Wide<S>) -> [Wide<S>; 3] {
+    [row[0] * near, row[1] * near, -(row[0].mul_add(slope[0], row[1] * slope[1]) * near)]
 }
 
+/// What each of three vectors has of another.
 #[inline(always)]
-fn widened([x, y, z]: [f32; 3]) -> DVec3 {
-    DVec3::new(x.into(), y.into(), z.into())
+pub(super) fn against<S: Simd>(vectors: [[Wide<S>; 3]; 3], direction: [Wide<S>; 3]) -> [Wide<S>; 3] {
+    [dot(vectors[0], direction), dot(vectors[1], direction), dot(vectors[2], direction)]
 }
 
+/// A direction in the camera's frame, in the world's.
 #[inline(always)]
-fn short(pixel: u32) -> u16 {
-    u16::try_from(pixel).unwrap_or(u16::MAX)
-}
-
-#[inline(always)]
-#[expect(clippy::cast_possible_truncation, reason = "far centres saturate, and their offset makes up for it")]
-fn nearest(value: f64) -> i32 {
-    // Half of i32's range, so that differences to pixels do not overflow.
-    value.floor().clamp(-1e9, 1e9) as i32
+pub(super) fn to_world<S: Simd>(simd: S, optics: &Optics, direction: [Wide<S>; 3]) -> [Wide<S>; 3] {
+    let [x, y, z] = optics.rotation.to_cols_array_2d();
+    [dot(splat3(simd, x), direction), dot(splat3(simd, y), direction), dot(splat3(simd, z), direction)]
 }

@@ -17,6 +17,12 @@ pub enum SimdLevel {
     /// 4 lanes.
     #[cfg(target_arch = "aarch64")]
     Neon,
+    /// 4 lanes, as portable as [`Self::Portable`].
+    #[cfg(test)]
+    Lanes4,
+    /// 16 lanes, as portable as [`Self::Portable`].
+    #[cfg(test)]
+    Lanes16,
 }
 
 impl SimdLevel {
@@ -60,6 +66,10 @@ impl SimdLevel {
                 }
             }
             Self::Portable => {}
+            #[cfg(test)]
+            Self::Lanes4 => return Simd::vectorize(pulp::Scalar128b, operation),
+            #[cfg(test)]
+            Self::Lanes16 => return Simd::vectorize(pulp::Scalar512b, operation),
         }
         Simd::vectorize(Scalar256b, operation)
     }

@@ -196,6 +196,7 @@ fn fields<T: Copy + Into<f64>>(gradients: &Gradients<T>) -> Vec<(&'static str, V
         ("sh", flat(&gradients.sh)),
         ("scalars", plain(&gradients.scalars)),
         ("means on the screen", flat(&gradients.means_2d)),
+        ("conics", flat(&gradients.conics)),
         ("background", plain(&gradients.background)),
         ("pose", plain(&gradients.pose)),
     ]
@@ -213,14 +214,18 @@ fn gradients_are_the_references() {
         for simd in SimdLevel::available() {
             let mut renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
             let actual = renderer.backward(&gaussians, &view, &options, &narrow(&images)).unwrap();
-            for ((name, actual), (_, expected)) in fields(&actual).into_iter().zip(fields(&expected)) {
-                let size =
-                    expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
-                for (actual, expected) in actual.iter().zip(&expected) {
-                    let apart = (actual - expected).abs();
-                    assert!(apart <= 1e-3 * size, "{mode:?} {simd:?} {name}: {actual} against {expected}, size {size}");
-                }
-            }
+            assert_gradients_close(&actual, &expected, &format!("{mode:?} {simd:?}"));
+        }
+    }
+}
+
+fn assert_gradients_close(actual: &Gradients<f32>, expected: &Gradients<f64>, what: &str) {
+    for ((name, actual), (_, expected)) in fields(actual).into_iter().zip(fields(expected)) {
+        let size = expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
+        assert_eq!(actual.len(), expected.len());
+        for (actual, expected) in actual.iter().zip(&expected) {
+            let apart = (actual - expected).abs();
+            assert!(apart <= 1e-3 * size, "{what} {name}: {actual} against {expected}, size {size}");
         }
     }
 }
@@ -237,3 +242,5 @@ fn one_gradient_for_any_number_of_threads_and_tiles() {
     let expected = of(1, TileSize::Pixels32);
     assert!(of(3, TileSize::Pixels16) == expected && of(2, TileSize::Pixels64) == expected);
 }
+
+mod invariance;

@@ -165,7 +165,7 @@ fn through_projection(
 
 /// How the lens's own Jacobian changes with the slope, by central differences: its second derivatives have no
 /// closed form here, and in f64 the differences are good to 1e-9.
-fn through_lens(lens: &Lens, slope: DVec2, focal: DVec2, by_rows: [DVec2; 2]) -> DVec2 {
+pub(crate) fn through_lens(lens: &Lens, slope: DVec2, focal: DVec2, by_rows: [DVec2; 2]) -> DVec2 {
     const STEP: f64 = 1e-5;
     let along = |unit: DVec2| {
         let sides = [STEP, -STEP].map(|step| lens.jacobian(slope + unit * step));

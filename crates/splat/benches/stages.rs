@@ -1,0 +1,94 @@
+//! Where the time goes, stage by stage: `cargo bench -p atsplat-splat --bench stages [-- part of a scene's name]`.
+
+#![expect(clippy::expect_used, clippy::print_stdout, reason = "a benchmark stops at the first error, and prints")]
+
+mod scene;
+
+use std::hint::black_box;
+use std::time::Instant;
+
+use atsplat_camera::ImageSize;
+use atsplat_splat::cpu::{CpuOptions, CpuRenderer, TileSize};
+use atsplat_splat::{Gaussians, ImageGradients, RenderOptions, View};
+use scene::scene;
+
+const ROUNDS: usize = 25;
+
+fn main() {
+    let wanted = std::env::args().skip(1).find(|argument| !argument.starts_with("--")).unwrap_or_default();
+    let (small, wide) = (ImageSize { width: 256, height: 256 }, ImageSize { width: 960, height: 512 });
+    let cases = [
+        ("131072 to 256x256, degree 0", 131_072, small, 0),
+        ("311040 to 960x512, degree 0", 311_040, wide, 0),
+        ("311040 to 960x512, degree 3", 311_040, wide, 3),
+    ];
+    for (name, count, size, degree) in cases.into_iter().filter(|(name, ..)| name.contains(&wanted)) {
+        let (gaussians, view) = scene(count, size, degree);
+        for threads in [1, 2] {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
+            println!("{name}, {threads} threads: least and median of {ROUNDS} rounds in milliseconds");
+            pool.install(|| rounds(&gaussians, &view));
+        }
+    }
+}
+
+fn rounds(gaussians: &Gaussians, view: &View) {
+    // Derivatives are taken in tiles of 32 pixels; so that buffers are shared, views are too.
+    let mut renderer = CpuRenderer::new(CpuOptions { tile: TileSize::Pixels32, ..CpuOptions::default() });
+    let options = RenderOptions::default();
+    let images = ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
+    let mut rendering = renderer.render(gaussians, view, &options).expect("a picture");
+    let views = [*view; 4];
+    let mut times: [Vec<f64>; 9] = Default::default();
+    for _ in 0..ROUNDS {
+        let cpu = thread_secs();
+        let clock = Instant::now();
+        renderer.render_into(black_box(gaussians), view, &options, &mut rendering).expect("a picture");
+        let forward = clock.elapsed().as_secs_f64();
+        let cpu = thread_secs() - cpu;
+        let timings = renderer.timings();
+        let mut recording = renderer.record(gaussians, view, &options).expect("a recording");
+        let clock = Instant::now();
+        let gradients = recording.backward(&images).expect("derivatives");
+        let backward = clock.elapsed().as_secs_f64();
+        drop(black_box(gradients));
+        renderer.reuse(recording);
+        let clock = Instant::now();
+        drop(black_box(renderer.render_many(gaussians, &views, &options).expect("pictures")));
+        let each_of_many = clock.elapsed().as_secs_f64() / views.len() as f64;
+        let round = [
+            forward,
+            cpu,
+            timings.project_secs,
+            timings.bin_secs,
+            timings.raster_secs,
+            timings.write_secs,
+            backward,
+            backward / forward * 1e-3,
+            each_of_many,
+        ];
+        times.iter_mut().zip(round).for_each(|(times, time)| times.push(1e3 * time));
+    }
+    let names = [
+        "everything",
+        "of this thread alone",
+        "project",
+        "bin",
+        "sort and raster",
+        "write",
+        "backward",
+        "backward / forward, a ratio",
+        "each of four views together",
+    ];
+    for (name, times) in names.into_iter().zip(&mut times) {
+        times.sort_by(f64::total_cmp);
+        println!("  {name:30} {:8.2} {:8.2}", times.first().expect("rounds"), times.get(ROUNDS / 2).expect("rounds"));
+    }
+}
+
+/// Seconds that this thread has been running, where Linux tells: other work on the machine counts less.
+fn thread_secs() -> f64 {
+    let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
+    let nanos = text.split(' ').next().and_then(|nanos| nanos.parse::<f64>().ok());
+    nanos.map_or(f64::NAN, |nanos| 1e-9 * nanos)
+}

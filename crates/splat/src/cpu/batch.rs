@@ -1,0 +1,292 @@
+//! A batch of splats, sorted into the blocks of a cell by exactly which blocks each ellipse touches.
+
+use pulp::Simd;
+
+use super::bins::Entry;
+use super::splat::Splat;
+
+/// Side of a block in pixels; what is kept of a block stays in registers while its splats pass.
+pub(super) const BLOCK: usize = 4;
+/// Pixels in a block.
+pub(super) const LANES: usize = BLOCK * BLOCK;
+/// Side of the largest cell in pixels: its 64 blocks are one word.
+pub(super) const CELL: usize = 32;
+/// Blocks in a cell.
+pub(super) const BLOCKS: usize = 64;
+/// Splats that are looked at together.
+const GROUP: usize = 16;
+/// Splats in a batch: no more than a byte can count.
+pub(super) const BATCH: usize = 240;
+
+/// A square of blocks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Cell {
+    pub(super) left: usize,
+    pub(super) top: usize,
+    /// Blocks in a row of them: 4 or 8.
+    pub(super) across: usize,
+}
+
+/// A splat as the blocks of one cell see it.
+#[derive(Clone, Copy, Debug, Default)]
+#[repr(align(64))]
+pub(super) struct Record {
+    pub(super) whitener: [f32; 3],
+    pub(super) shift: [f32; 2],
+    /// From the splat's base to the first pixel of the cell, whole pixels.
+    pub(super) from_base: [f32; 2],
+    pub(super) opacity: f32,
+    pub(super) rgb: [f32; 3],
+    pub(super) depth: f32,
+    pub(super) scalar: f32,
+    /// Which of those that the batch was made from.
+    pub(super) place: u32,
+}
+
+/// Splats, and for each block those that touch it.
+#[derive(Debug)]
+pub(super) struct Batch {
+    /// Copies.
+    near: [Splat; BATCH],
+    records: [Record; 256],
+    used: u8,
+    lists: [[u8; 256]; BLOCKS],
+    lengths: [u8; BLOCKS],
+}
+
+impl Default for Batch {
+    fn default() -> Self {
+        Self {
+            near: [Splat::default(); BATCH],
+            records: [Record::default(); 256],
+            used: 0,
+            lists: [[0; 256]; BLOCKS],
+            lengths: [0; BLOCKS],
+        }
+    }
+}
+
+impl Batch {
+    /// Takes at most [`BATCH`] splats, in their order; `open` has a bit for each block that is not finished. Entries
+    /// are places in `list`, or among all splats where there is none.
+    #[inline(always)]
+    pub(super) fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        cell: Cell,
+        open: u64,
+        entries: &[Entry],
+        list: Option<&[u32]>,
+        splats: &[Splat],
+    ) {
+        self.used = 0;
+        self.lengths = [0; BLOCKS];
+        // Loads that nothing else stands between wait for memory together, not one after the other.
+        for (near, entry) in self.near.iter_mut().zip(entries) {
+            let splat = match list {
+                None => entry.splat,
+                Some(list) => list.get(entry.splat as usize).copied().unwrap_or(u32::MAX),
+            };
+            *near = splats.get(splat as usize).copied().unwrap_or_default();
+        }
+        let count = if entries.len() < BATCH { entries.len() } else { BATCH };
+        for start in (0..count).step_by(GROUP) {
+            let first = self.used;
+            let mut group = Group::default();
+            let count = if count - start < GROUP { count - start } else { GROUP };
+            let near = self.near.iter().zip(entries).skip(start).take(count);
+            for ((lane, place), (splat, entry)) in (first..).enumerate().zip(near) {
+                // Kept behind those in use, until it is known which touch anything.
+                let record = record(cell, entry.splat, splat);
+                self.records[usize::from(place)] = record;
+                group.put(lane, cell, splat, &record);
+            }
+            group.shrink::<S>(simd, cell.across);
+            for (lane, place) in (first..).enumerate().take(count) {
+                let mut blocks = group.blocks(lane) & open;
+                if blocks == 0 {
+                    continue;
+                }
+                self.records[usize::from(self.used)] = self.records[usize::from(place)];
+                while blocks != 0 {
+                    let block = blocks.trailing_zeros() as usize % BLOCKS;
+                    let length = &mut self.lengths[block];
+                    self.lists[block][usize::from(*length)] = self.used;
+                    *length += 1;
+                    blocks &= blocks - 1;
+                }
+                self.used += 1;
+            }
+        }
+    }
+
+    /// The splats that touch a block, in their order, as numbers of records.
+    #[inline(always)]
+    pub(super) fn list(&self, block: usize) -> &[u8] {
+        let block = block % BLOCKS;
+        self.lists[block].get(..usize::from(self.lengths[block])).unwrap_or_default()
+    }
+
+    #[inline(always)]
+    pub(super) const fn record(&self, number: u8) -> &Record {
+        &self.records[number as usize]
+    }
+
+    pub(super) fn records(&self) -> &[Record] {
+        self.records.get(..usize::from(self.used)).unwrap_or_default()
+    }
+}
+
+#[inline(always)]
+fn record(cell: Cell, place: u32, splat: &Splat) -> Record {
+    // Pictures and bases are well within 2³¹.
+    let from_base = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
+    Record {
+        whitener: splat.whitener,
+        shift: splat.shift,
+        from_base: [from_base(cell.left, splat.base[0]), from_base(cell.top, splat.base[1])],
+        opacity: splat.opacity,
+        rgb: splat.rgb,
+        depth: splat.depth,
+        scalar: splat.scalar,
+        place,
+    }
+}
+
+/// What decides which blocks splats touch, a lane each.
+#[derive(Default)]
+struct Group {
+    whitener: [[f32; GROUP]; 3],
+    shift: [[f32; GROUP]; 2],
+    from_base: [[f32; GROUP]; 2],
+    cut: [f32; GROUP],
+    /// Blocks in the rectangle of the splat's reach.
+    rectangle: [u64; GROUP],
+    /// Blocks that the ellipse touches, the upper 32 and the lower.
+    ellipse: [[u32; GROUP]; 2],
+}
+
+impl Group {
+    #[inline(always)]
+    fn put(&mut self, lane: usize, cell: Cell, splat: &Splat, record: &Record) {
+        let lane = lane % GROUP;
+        for (row, value) in self.whitener.iter_mut().zip(record.whitener) {
+            row[lane] = value;
+        }
+        for (row, value) in self.shift.iter_mut().zip(record.shift) {
+            row[lane] = value;
+        }
+        for (row, value) in self.from_base.iter_mut().zip(record.from_base) {
+            row[lane] = value;
+        }
+        self.cut[lane] = splat.cut;
+        self.rectangle[lane] = rectangle(cell, splat.reach);
+    }
+
+    #[inline(always)]
+    const fn blocks(&self, lane: usize) -> u64 {
+        let lane = lane % GROUP;
+        self.rectangle[lane] & (self.ellipse[0][lane] as u64 | (self.ellipse[1][lane] as u64) << 32)
+    }
+
+    /// Finds the blocks that the ellipses touch, row by row of them, or a few too many.
+    ///
+    /// Whitened, the ellipse is a disc `u² + v² ≤ cut`, rows are strips of `v`, and the strip reaches furthest
+    /// right where `√(cut − v²) − v·shear/down` is greatest: at the middle of the disc's own edge, or at the end
+    /// of the strip nearest to it.
+    #[inline(always)]
+    fn shrink<S: Simd>(&mut self, simd: S, across: usize) {
+        const SPARE: f32 = 0.05;
+        const BITS: [u32; 32] = bits();
+        const LAST: f32 = (BLOCK - 1) as f32;
+        let splat = |value: f32| simd.splat_f32s(value);
+        let (zero, one, most) = (splat(0.0), splat(1.0), splat(across as f32));
+        let (quarter, low, high) = (splat(0.25), splat(0.5 - (LAST + SPARE) / 4.0), splat(0.5 + SPARE / 4.0));
+        // Adding 2²³ leaves a small whole number in the low bits.
+        let (rounder, bits) = (splat(8_388_608.0), simd.splat_u32s(31));
+        let row = |values: &[f32; GROUP], at: usize| S::as_simd_f32s(values).0.get(at).copied().unwrap_or(zero);
+        for at in 0..GROUP / S::F32_LANES {
+            let [along, shear, down] = [0, 1, 2].map(|n| row(&self.whitener[n], at));
+            let [shift_u, shift_v] = [0, 1].map(|n| row(&self.shift[n], at));
+            let [from_x, from_y] = [0, 1].map(|n| row(&self.from_base[n], at));
+            let cut = row(&self.cut, at);
+            let slope = simd.div_f32s(shear, down);
+            let middle = {
+                let stretched = simd.mul_add_e_f32s(slope, slope, one);
+                simd.mul_f32s(slope, simd.sqrt_f32s(simd.div_f32s(cut, stretched)))
+            };
+            let per_pixel = simd.div_f32s(one, along);
+            // Pixels from the cell's left edge, where u is 0 in row v: (centre − v·slope) / along.
+            let centre = simd.sub_f32s(simd.mul_f32s(slope, shift_v), simd.mul_add_e_f32s(along, from_x, shift_u));
+            let mut found = [simd.splat_u32s(0); 2];
+            for block_row in 0..across {
+                let edge = |pixel: usize| {
+                    let y = simd.add_f32s(from_y, splat(pixel as f32));
+                    simd.mul_add_e_f32s(down, y, shift_v)
+                };
+                let (top, bottom) = (edge(block_row * BLOCK), edge(block_row * BLOCK + BLOCK - 1));
+                let within = |v| simd.min_f32s(simd.max_f32s(v, top), bottom);
+                let (v_right, v_left) = (within(simd.neg_f32s(middle)), within(middle));
+                let half = |v| {
+                    let left = simd.sub_f32s(cut, simd.mul_f32s(v, v));
+                    (left, simd.sqrt_f32s(simd.max_f32s(left, zero)))
+                };
+                let ((inside, right), (_, left)) = (half(v_right), half(v_left));
+                let pixel = |u, v| {
+                    let x = simd.mul_f32s(simd.sub_f32s(simd.add_f32s(centre, u), simd.mul_f32s(slope, v)), per_pixel);
+                    simd.mul_f32s(x, quarter)
+                };
+                let clamp = |x, most| simd.min_f32s(simd.max_f32s(x, zero), most);
+                let past = clamp(simd.add_f32s(pixel(right, v_right), high), most);
+                let from = clamp(simd.add_f32s(pixel(simd.neg_f32s(left), v_left), low), past);
+                let ones = |x| {
+                    let count = simd.and_u32s(simd.transmute_u32s_f32s(simd.add_f32s(x, rounder)), bits);
+                    simd.wrapping_dyn_shl_u32s(simd.splat_u32s(1), count)
+                };
+                let columns = simd.sub_u32s(ones(past), ones(from));
+                let touched = simd.greater_than_or_equal_f32s(inside, zero);
+                let columns = simd.select_u32s(touched, columns, simd.splat_u32s(0));
+                let place = block_row * across;
+                let shifted = simd.wrapping_dyn_shl_u32s(columns, simd.splat_u32s(BITS[place % 32]));
+                let word = &mut found[place / 32 % 2];
+                *word = simd.or_u32s(*word, shifted);
+            }
+            for (words, found) in self.ellipse.iter_mut().zip(found) {
+                if let Some(slot) = S::as_mut_simd_u32s(words).0.get_mut(at) {
+                    *slot = found;
+                }
+            }
+        }
+    }
+}
+
+/// The numbers from 0 to 31.
+const fn bits() -> [u32; 32] {
+    let mut bits = [0; 32];
+    let mut at = 1;
+    while at < 32 {
+        bits[at] = bits[at - 1] + 1;
+        at += 1;
+    }
+    bits
+}
+
+/// Blocks of a cell within a rectangle of pixels.
+#[inline(always)]
+fn rectangle(cell: Cell, [columns, rows]: [[u16; 2]; 2]) -> u64 {
+    let along = |[from, past]: [u16; 2], start: usize| {
+        let block = |pixel: usize| {
+            let block = pixel / BLOCK;
+            if block < cell.across { block } else { cell.across }
+        };
+        let from = block(usize::from(from).saturating_sub(start));
+        let past = block(usize::from(past).saturating_sub(start) + BLOCK - 1);
+        (from, past)
+    };
+    let ((left, right), (top, bottom)) = (along(columns, cell.left), along(rows, cell.top));
+    let below = |row: usize| if row * cell.across < BLOCKS { (1u64 << (row * cell.across)) - 1 } else { u64::MAX };
+    let every_row = if cell.across == 8 { 0x0101_0101_0101_0101 } else { 0x1111 };
+    let within = (1u64 << right).wrapping_sub(1 << left);
+    // Where the rectangle misses the cell, one of the differences is nothing.
+    if right > left && bottom > top { (within * every_row) & below(bottom) & !below(top) } else { 0 }
+}

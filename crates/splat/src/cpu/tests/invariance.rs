@@ -1,0 +1,180 @@
+//! What must not change a bit, and what only the structure of this renderer could get wrong.
+
+use super::*;
+
+fn gradients(gaussians: &Gaussians, view: &View, simd: SimdLevel) -> Gradients<f32> {
+    let mut renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
+    renderer.backward(gaussians, view, &everything(), &narrow(&image_gradients(view))).unwrap()
+}
+
+/// Vectors of 4, 8 and 16 lanes, none of which fuses.
+#[test]
+fn the_number_of_lanes_changes_nothing() {
+    let (gaussians, view) = (cloud(1500, 3, 31), view(83, 67));
+    let of = |simd| rendered(&gaussians, &view, &everything(), CpuOptions { simd, ..CpuOptions::default() });
+    let (expected, expected_gradients) = (of(SimdLevel::Portable), gradients(&gaussians, &view, SimdLevel::Portable));
+    for simd in [SimdLevel::Lanes4, SimdLevel::Lanes16] {
+        assert!(of(simd) == expected, "{simd:?}");
+        assert!(gradients(&gaussians, &view, simd) == expected_gradients, "{simd:?}");
+    }
+}
+
+#[test]
+fn one_gradient_for_every_instruction_set_that_fuses() {
+    let (gaussians, view) = (cloud(1500, 2, 33), view(70, 90));
+    let levels: Vec<_> = SimdLevel::available().into_iter().filter(|level| *level != SimdLevel::Portable).collect();
+    let expected = gradients(&gaussians, &view, SimdLevel::best());
+    assert!(levels.into_iter().all(|simd| gradients(&gaussians, &view, simd) == expected));
+}
+
+#[test]
+fn a_recording_is_the_rendering_and_its_derivative() {
+    let view = view(75, 51);
+    let images = narrow(&image_gradients(&view));
+    let mut renderer = CpuRenderer::default();
+    for (count, seed) in [(900, 41), (300, 42), (5000, 43)] {
+        let gaussians = cloud(count, 1, seed);
+        let rendering = renderer.render(&gaussians, &view, &everything()).unwrap();
+        let expected = CpuRenderer::default().backward(&gaussians, &view, &everything(), &images).unwrap();
+        let shared = std::sync::Arc::new(gaussians);
+        let mut recording = renderer.record(std::sync::Arc::clone(&shared), &view, &everything()).unwrap();
+        assert!(*recording.rendering() == rendering);
+        // Another rendering in between has buffers of its own.
+        renderer.render(&cloud(50, 0, 44), &view, &everything()).unwrap();
+        assert!(recording.backward(&images).unwrap() == expected);
+        assert!(recording.backward(&images).unwrap() == expected);
+        let (_, images) = renderer.reuse(recording);
+        assert!(images == rendering);
+    }
+}
+
+/// A loss may ask for images that were not rendered.
+#[test]
+fn derivatives_of_images_that_were_not_recorded() {
+    let (gaussians, view) = (cloud(700, 0, 45), view(50, 40));
+    let images = narrow(&image_gradients(&view));
+    let mut renderer = CpuRenderer::default();
+    let colour_alone = RenderOptions { channels: Channels::default(), ..everything() };
+    let expected = renderer.backward(&gaussians, &view, &everything(), &images).unwrap();
+    assert!(renderer.backward(&gaussians, &view, &colour_alone, &images).unwrap() == expected);
+}
+
+#[test]
+fn many_cameras_are_each_alone() {
+    let gaussians = cloud(5000, 2, 51);
+    let views: Vec<View> = (0..7)
+        .map(|n| {
+            let mut view = view(40 + 13 * n, 61 - 5 * n);
+            let rotation = DMat3::from_rotation_y(0.1 * f64::from(n));
+            view.camera.camera_from_world = CameraFromWorld::new(rotation, DVec3::new(0.1, 0.0, 0.3)).unwrap();
+            view
+        })
+        .collect();
+    let expected: Vec<_> =
+        views.iter().map(|view| rendered(&gaussians, view, &everything(), CpuOptions::default())).collect();
+    for memory_limit in [2_000_000, 16 << 30] {
+        let mut renderer = CpuRenderer::new(CpuOptions { memory_limit, ..CpuOptions::default() });
+        let together = renderer.render_many(&gaussians, &views, &everything()).unwrap();
+        assert!(together == expected, "{memory_limit}");
+    }
+    assert_eq!(CpuRenderer::default().render_many(&gaussians, &[], &everything()).unwrap(), Vec::new());
+}
+
+#[test]
+fn images_of_any_shape_are_used_again() {
+    let gaussians = cloud(200, 0, 52);
+    let mut images = rendered(&cloud(90, 0, 53), &view(90, 20), &everything(), CpuOptions::default());
+    for (size, options) in [((33, 47), RenderOptions::default()), ((64, 64), everything())] {
+        let view = view(size.0, size.1);
+        CpuRenderer::default().render_into(&gaussians, &view, &options, &mut images).unwrap();
+        assert!(images == rendered(&gaussians, &view, &options, CpuOptions::default()));
+    }
+}
+
+/// Tile lists of Gaussians that cover everything, and sums over them, count towards the limit.
+#[test]
+fn long_lists_are_refused_beforehand() {
+    let mut parts = cloud(4000, 0, 54).into_parts();
+    parts.log_scales.fill([5.0; 3]);
+    parts.opacity_logits.fill(4.0);
+    let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(512, 512));
+    let options = RenderOptions::default();
+    let lists = 3000 * 256 * 8;
+    let limited = |memory_limit| CpuRenderer::new(CpuOptions { memory_limit, ..CpuOptions::default() });
+    let outcome = limited(lists).render(&gaussians, &view, &options);
+    assert!(matches!(outcome, Err(SplatError::Memory { needed, .. }) if needed > lists), "{outcome:?}");
+    assert!(limited(6 * lists).render(&gaussians, &view, &options).is_ok());
+    let images = ImageGradients { rgb: vec![[1.0; 3]; view.pixels()], alpha: None, depth: None, scalar: None };
+    let outcome = limited(4 * lists).backward(&gaussians, &view, &options, &images);
+    assert!(matches!(outcome, Err(SplatError::Memory { .. })), "{outcome:?}");
+}
+
+/// Needles and specks far thinner than a pixel and longer than the picture, and surfaces that hide the rest: blocks
+/// are found and finished right.
+#[test]
+fn needles_and_walls_are_the_references() {
+    let view = view(101, 67);
+    let mut parts = cloud(1500, 0, 61).into_parts();
+    for (at, (scales, logit)) in parts.log_scales.iter_mut().zip(&mut parts.opacity_logits).enumerate() {
+        match at % 3 {
+            0 => *scales = [scales[0] + 3.0, scales[1] - 6.0, scales[2] - 6.0],
+            1 => *scales = [-9.0; 3],
+            _ => *logit = 8.0,
+        }
+    }
+    let gaussians = Gaussians::new(parts).unwrap();
+    for preset in ["exact", "inria"] {
+        let constants = RendererConstants::named(preset).unwrap();
+        let options = RenderOptions { constants, ..everything() };
+        let expected = reference::render(&gaussians, &view, &options).unwrap();
+        for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
+            let actual = rendered(&gaussians, &view, &options, CpuOptions { tile, ..CpuOptions::default() });
+            assert_close(&actual, &expected, &format!("{preset} {tile:?}"));
+        }
+    }
+}
+
+/// Directions, lenses, both gradients at clamps, and what stops, in the derivative written for vectors.
+#[test]
+fn gradients_of_every_rule_are_the_references() {
+    let gaussians = {
+        let mut parts = cloud(400, 3, 71).into_parts();
+        parts.filter_3d = Some((0..400).map(|n| 0.01 * (n % 4) as f32).collect());
+        Gaussians::new(parts).unwrap()
+    };
+    let mut bent = view(47, 58);
+    bent.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 };
+    for view in [view(47, 58), bent] {
+        for preset in RendererConstants::PRESETS {
+            for stops in [false, true] {
+                let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::named(preset).unwrap() };
+                let gradients = crate::GradientReach { scalar_stops: stops, directions_stop: stops };
+                let mode = if stops { RasterMode::Antialiased } else { RasterMode::Classic };
+                let options = RenderOptions { constants, mode, gradients, ..everything() };
+                let images = image_gradients(&view);
+                let expected = reference::backward(&gaussians, &view, &options, &images).unwrap();
+                let actual = CpuRenderer::default().backward(&gaussians, &view, &options, &narrow(&images)).unwrap();
+                assert_gradients_close(&actual, &expected, &format!("{preset} {stops}"));
+            }
+        }
+    }
+}
+
+/// A needle across the picture is in the lists of the tiles on its way, not of all in the box around it.
+#[test]
+fn lists_follow_the_ellipse() {
+    let mut parts = cloud(1, 0, 81).into_parts();
+    parts.means = vec![[0.0, 0.0, 2.0]];
+    let half_turn = std::f32::consts::FRAC_PI_8;
+    parts.quaternions = vec![[half_turn.cos(), 0.0, 0.0, half_turn.sin()]];
+    parts.log_scales = vec![[1.0, -6.0, -6.0]];
+    parts.opacity_logits = vec![5.0];
+    let gaussians = Gaussians::new(parts).unwrap();
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+    let view = View { camera: Camera { camera_from_world: pose, ..view(512, 512).camera }, ..view(512, 512) };
+    let mut renderer = CpuRenderer::new(CpuOptions { tile: TileSize::Pixels32, ..CpuOptions::default() });
+    renderer.render(&gaussians, &view, &RenderOptions::default()).unwrap();
+    let frame = renderer.spare.first().unwrap();
+    let listed: usize = (0..frame.tiling().len()).map(|tile| frame.bins[0].list(tile).len()).sum();
+    assert!((16..=64).contains(&listed), "{listed} of {}", frame.tiling().len());
+}
