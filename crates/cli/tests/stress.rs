@@ -1,5 +1,6 @@
 //! `atsplat stress` as a user runs it.
 
+#[expect(dead_code, reason = "hard cases need no dataset")]
 mod common;
 
 use common::{atsplat, succeed};

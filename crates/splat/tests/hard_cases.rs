@@ -94,7 +94,7 @@ fn mistakes_are_found() {
     let derivatives: [fn(&mut Gradients<f32>); 6] = [
         |gradients| gradients.means.iter_mut().flatten().for_each(|value| *value *= 1.01),
         |gradients| gradients.quaternions[1][3] = f32::INFINITY,
-        |gradients| gradients.log_scales[0] = [0.0; 3],
+        |gradients| gradients.log_scales[1] = [0.0; 3],
         |gradients| gradients.sh.iter_mut().flatten().for_each(|value| *value *= 0.99),
         |gradients| gradients.background[2] += 1.0,
         |gradients| gradients.pose[4] = -gradients.pose[4],

@@ -34,7 +34,9 @@ pub(super) fn rows(cases: &[String], words: &[String]) -> anyhow::Result<Vec<Str
 
 /// Names and descriptions, a line each.
 pub(super) fn list(cases: &[String]) -> String {
-    chosen(cases).iter().map(|case| format!("{:<24} {}\n", case.name, case.description)).collect()
+    let lines: Vec<String> =
+        chosen(cases).iter().map(|case| format!("{:<24} {}", case.name, case.description)).collect();
+    lines.join("\n") + "\n"
 }
 
 fn chosen(cases: &[String]) -> Vec<HardCase> {
