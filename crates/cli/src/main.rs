@@ -9,6 +9,7 @@ mod output;
 mod plot;
 mod progress;
 mod protocol;
+mod stress;
 
 use std::process::ExitCode;
 
@@ -41,6 +42,8 @@ enum Command {
     /// List, lint, build and derive evaluation protocols.
     #[command(subcommand)]
     Protocol(protocol::Command),
+    /// Put every renderer through the hard cases; exits with 1 where one fails.
+    Stress(stress::Words),
 }
 
 fn main() -> ExitCode {
@@ -74,6 +77,7 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
     let complete = match &words.command {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
+        Command::Stress(words) => return Ok(if stress::run(words)? { Exit::Done } else { Exit::Failed }),
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })
 }

@@ -27,6 +27,7 @@ use bins::Tiling;
 use frame::Frame;
 use images::Layout;
 
+use crate::renderer::saturated;
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
 
 pub use recording::Recording;
@@ -115,8 +116,8 @@ impl CpuRenderer {
     /// Renders a view on rayon's threads.
     ///
     /// # Errors
-    /// [`SplatError::View`], [`SplatError::Camera`]; [`SplatError::Memory`] before anything is allocated that would
-    /// not fit.
+    /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`]; [`SplatError::Memory`] before anything is
+    /// allocated that would not fit.
     pub fn render(
         &mut self,
         gaussians: &Gaussians,
@@ -157,6 +158,7 @@ impl CpuRenderer {
         views: &[View],
         options: &RenderOptions,
     ) -> Result<Vec<Rendering<f32>>, SplatError> {
+        options.check()?;
         for view in views {
             view.optics(&options.constants)?;
             check_size(view)?;
@@ -195,6 +197,7 @@ impl CpuRenderer {
         mut frames: Vec<Frame>,
         renderings: &mut [&mut Rendering<f32>],
     ) -> Result<Vec<Frame>, SplatError> {
+        options.check()?;
         let mut eyes = Vec::with_capacity(views.len());
         let mut needed = 0u64;
         for view in views {
@@ -217,6 +220,7 @@ impl CpuRenderer {
             frame.composite(simd, &paint);
             self.timings.raster_secs += clock.lap();
             frame.write(&paint, view, rendering);
+            options.expose(rendering, saturated);
             self.timings.write_secs += clock.lap();
         }
         Ok(frames)

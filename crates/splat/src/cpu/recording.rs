@@ -89,6 +89,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     /// [`SplatError::Length`] for an image of another size than the view's, [`SplatError::Memory`].
     pub fn backward(&mut self, images: &ImageGradients<f32>) -> Result<Gradients<f32>, SplatError> {
         images.check(&self.view)?;
+        let images = &*self.options.before_exposure(images, saturated);
         let gaussians = self.gaussians.borrow();
         let mut gradients = Gradients::zero(gaussians);
         let optics = self.view.optics(&self.options.constants)?;
