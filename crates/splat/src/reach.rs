@@ -6,7 +6,7 @@ use crate::constants::Extent;
 
 /// Pixels from the picture's corner to the farthest centre that is drawn. Second moments over pixels are sums of
 /// squares of such distances times colours of up to [`crate::LARGEST_CHANNEL`], and have to fit into f32.
-const FARTHEST: f64 = 1e10;
+pub(crate) const FARTHEST: f64 = 1e10;
 
 /// First and one past the last column, then row, that a Gaussian may reach; `None` where the picture has none of
 /// them. `[xx, xy, yy]` is its covariance on the screen, blur included.

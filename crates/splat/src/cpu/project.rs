@@ -9,7 +9,7 @@ use super::shape::Shapes;
 use super::splat::{HALF_LOG2_E, Splat, base, shift};
 use super::wide::{Row, Row32, SIDE_BY_SIDE, Wide, combine, cross, dot, load2, load3, splat3, store2, store3};
 use crate::constants::{Extent, LARGEST_CHANNEL};
-use crate::reach::reach;
+use crate::reach::{FARTHEST, reach};
 use crate::view::Optics;
 use crate::{Census, Gaussians, RasterMode, RenderOptions, View};
 use glam::DVec2;
@@ -252,6 +252,9 @@ impl Screen {
     fn rectangle(&self, centre: DVec2, variances: [f64; 2], view: &View, lane: usize) -> Option<[[u16; 2]; 2]> {
         // Wider than the cut-off by far more than what rounding may move it.
         const SPARE: f64 = 0.01;
+        if !(centre.abs().max_element() <= FARTHEST) {
+            return None;
+        }
         let cut = (2.0 * std::f64::consts::LN_2 * f64::from(self.cut[lane])).clamp(0.0, f64::MAX);
         let span = |centre: f64, variance: f64, length: u32| {
             let half = (variance * cut).sqrt() * (1.0 + SPARE) + SPARE;
