@@ -91,17 +91,19 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         images.check(&self.view)?;
         let images = &*self.options.before_exposure(images, saturated);
         let gaussians = self.gaussians.borrow();
-        let mut gradients = Gradients::zero(gaussians);
         let optics = self.view.optics(&self.options.constants)?;
         let frame = &mut self.frame;
         let tiling = frame.tiling();
         let starts = starts(&frame.bins, tiling.len());
         let total = starts.last().copied().unwrap_or_default();
-        let needed = (total as u64).saturating_mul(size_of::<[f32; SUMS]>() as u64);
+        // On the screen there are five numbers for each Gaussian beside its own.
+        let own = gaussians.size_in_bytes().saturating_add(20 * gaussians.len() as u64);
+        let needed = (total as u64).saturating_mul(size_of::<[f32; SUMS]>() as u64).saturating_add(own);
         let CpuOptions { simd, memory_limit: limit, .. } = self.cpu;
         if needed > limit {
             return Err(SplatError::Memory { needed, limit });
         }
+        let mut gradients = Gradients::zero(gaussians);
         let mut sums = std::mem::take(&mut frame.sums);
         sums.resize(total, [0.0; SUMS]);
         let paint = Paint {
