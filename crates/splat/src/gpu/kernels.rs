@@ -67,9 +67,7 @@ impl Pipelines {
     pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> wgpu::ComputePipeline {
         let make = || {
             let label = format!("{kernel:?}");
-            // Processors would rather have few threads with more to do.
-            let rows = if context.is_software { 4 } else { 1 };
-            let source = format!("const ROWS: u32 = {rows}u;\n{}", kernel.source());
+            let source = format!("const ROWS: u32 = {}u;\n{}", context.thread_rows, kernel.source());
             let module = context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(&label),
                 source: wgpu::ShaderSource::Wgsl(source.into()),
