@@ -1,6 +1,7 @@
 //! The scenes of `render.rs` on a graphics adapter: `gpu [--adapter NAME] [--rounds N] [--only WORD] [--export FOLDER]`.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
+#![expect(clippy::print_stdout, reason = "its result is what it prints")]
 
 use std::path::Path;
 use std::time::Instant;

@@ -2,15 +2,17 @@
 //! here.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::print_stderr, reason = "a test that is skipped says so")]
 
 use std::path::Path;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer, SimdLevel};
+use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer};
 use atsplat_splat::{
-    GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RenderOptions, RendererConstants, View,
-    reference,
+    GaussianParts, Gaussians, GradientReach, Gradients, ImageGradients, RenderOptions, Renderer, RendererConstants,
+    View, reference,
 };
 use glam::{DMat3, DVec3};
 
@@ -142,7 +144,7 @@ fn the_reference_differentiates_as_gsplat_does() {
     assert!(failures.is_empty(), "{failures:#?}");
 }
 
-/// f32 pixels and derivatives, at every instruction set.
+/// f32 pixels and derivatives, at every instruction set and on the graphics adapter.
 #[test]
 fn processors_agree_with_gsplat() {
     let stored = Stored::read();
@@ -153,8 +155,18 @@ fn processors_agree_with_gsplat() {
         depth: None,
         scalar: None,
     };
+    let mut renderers: Vec<Box<dyn Renderer>> = Vec::new();
     for simd in SimdLevel::available() {
-        let mut renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
+        renderers.push(Box::new(CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() })));
+    }
+    match GpuRenderer::new(&AdapterChoice::Automatic, GpuOptions::default()) {
+        Ok(gpu) => renderers.push(Box::new(gpu)),
+        Err(error) => {
+            assert!(std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() != Ok("1"), "{error}");
+            eprintln!("SKIPPED on the graphics adapter: {error}");
+        }
+    }
+    for mut renderer in renderers {
         let rendering = renderer.render(&stored.gaussians(), &view(), &options()).unwrap();
         let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|([r, g, b], alpha)| [*r, *g, *b, *alpha]);
         let (difference, _) = worst(rgba.map(f64::from), &stored.values("out_img"));

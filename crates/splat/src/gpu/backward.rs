@@ -57,8 +57,8 @@ pub(super) fn record(
     for buffer in [&sums.firsts, &sums.seconds, &sums.colours] {
         recorder.clear(buffer, 16 * count);
     }
-    // Keys, values twice, digits, owners, resolved pairs, sums.
-    let capacity = pair_capacity(context, limits.memory_limit - needed, 80, 48);
+    // Keys and values twice, digits, sorted pairs, boxes, owners, sums.
+    let capacity = pair_capacity(context, limits.memory_limit - needed, 84, 48);
     let windows = (images::windows(&strips, view), capacity);
     let width = view.size.width;
     forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
@@ -105,7 +105,6 @@ fn differentiate(
     let by_background = pool.get(context, "by background", 0, 16 * pixels)?;
     let none = pool.get(context, "no extra gradients", 0, 16)?;
     let by_pair = pool.get(context, "sums by pair", 0, 48 * lists.pairs)?;
-    let resolved = pool.get(context, "resolved pairs", 0, 8 * lists.pairs)?;
     recorder.clear(&by_pair, 48 * lists.pairs);
     recorder.stage("composite backward");
     let mut block = lists.block;
@@ -119,9 +118,8 @@ fn differentiate(
         return Ok(());
     }
     let block = &lists.block;
-    let buffers = [&lists.values, &lists.owners, &resolved];
-    recorder.dispatch(Kernel::Resolve, block.bytes(), &buffers, lists.pairs.div_ceil(64))?;
-    let buffers = [&scene.shapes, &scene.places, &scene.paints, &resolved, &lists.ranges, &seeds, &by_pair];
+    let buffers =
+        [&scene.shapes, &scene.places, &scene.paints, &lists.sorted, &lists.boxes, &lists.ranges, &seeds, &by_pair];
     recorder.dispatch(Kernel::Differentiate, block.bytes(), &buffers, lists.window.tiles())?;
     let buffers = [&scene.order, &scene.offsets, &by_pair, &sums.firsts, &sums.seconds, &sums.colours];
     recorder.dispatch(Kernel::Gather, block.bytes(), &buffers, scene.count.div_ceil(64))

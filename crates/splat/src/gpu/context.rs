@@ -1,7 +1,7 @@
 use std::sync::{Arc, Mutex, PoisonError};
 
 use super::adapters::AdapterDescription;
-use super::{GpuError, GpuOptions};
+use super::{GpuError, GpuOptions, Threads};
 
 /// A device, what it may be asked for, and what became of it.
 #[derive(Debug)]
@@ -15,13 +15,15 @@ pub(super) struct Context {
     /// Workgroups along a dimension of a dispatch.
     pub(super) groups_limit: u32,
     pub(super) timestamps: bool,
+    /// Rows of four pixels that a thread composites, 1 or 4.
+    pub(super) thread_rows: u32,
     lost: Arc<Mutex<Option<String>>>,
 }
 
 /// Buffers that the largest kernel sees.
 const STORAGE_BUFFERS: u32 = 8;
 /// Bytes that a workgroup of the largest kernel shares.
-const SHARED_BYTES: u32 = 12 << 10;
+const SHARED_BYTES: u32 = 13 << 10;
 
 impl Context {
     /// Opens an adapter with all that it has.
@@ -78,7 +80,10 @@ impl Context {
         let binding_limit = allowed.into_iter().fold(1 << 33, Ord::min) & !255;
         let groups_limit = limits.max_compute_workgroups_per_dimension.min(options.groups_limit).max(1);
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        Ok(Self { device, queue, name, binding_limit, groups_limit, timestamps, lost: Arc::default() })
+        let is_processor = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
+        let few = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_processor);
+        let thread_rows = if few { 4 } else { 1 };
+        Ok(Self { device, queue, name, binding_limit, groups_limit, timestamps, thread_rows, lost: Arc::default() })
     }
 
     /// Does something with the device and reports what the driver thinks of it.

@@ -42,10 +42,10 @@ pub(super) struct Lists {
     pub(super) block: ViewBlock,
     pub(super) window: Window,
     pub(super) pairs: u64,
-    /// Gaussians, or numbers of `owners`, tile by tile.
-    pub(super) values: wgpu::Buffer,
-    /// Gaussian of each pair in the order of `Scene::order`, where asked for.
-    pub(super) owners: wgpu::Buffer,
+    /// Number of each pair in the order of `Scene::order`, where asked for, and its Gaussian; tile by tile.
+    pub(super) sorted: wgpu::Buffer,
+    /// Which of the tile's pixels each may reach.
+    pub(super) boxes: wgpu::Buffer,
     /// First and past the last of each tile.
     pub(super) ranges: wgpu::Buffer,
 }
@@ -190,21 +190,22 @@ fn list(
     let ranges = pool.get(context, "ranges", 0, 8 * window.tiles())?;
     let with_owners = block.picture_flags() & flag::SLOTS != 0;
     let owners = pool.get(context, "owners", 0, if with_owners { 4 * count } else { 4 })?;
+    let sorted = pool.get(context, "sorted pairs", 0, 8 * count)?;
     let mut get = |name| pool.get(context, name, 0, 4 * count);
+    let boxes = get("boxes")?;
     let pairs = Sorted { keys: get("tile keys")?, values: get("tile values")? };
     let spare = Sorted { keys: get("spare tile keys")?, values: get("spare tile values")? };
     recorder.clear(&ranges, 8 * window.tiles());
     recorder.stage("bin");
-    let mut values = pairs.values.clone();
     if count > 0 {
         let buffers = [&scene.order, &scene.reaches, &scene.offsets, &pairs.keys, &pairs.values, &owners];
         recorder.dispatch(Kernel::Emit, block.bytes(), &buffers, scene.count.div_ceil(64))?;
         let bits = u64::BITS - (window.tiles() - 1).leading_zeros();
-        let sorted = sort(recorder, pool, pairs, spare, count, bits)?;
-        recorder.dispatch(Kernel::Ranges, block.bytes(), &[&sorted.keys, &ranges], count.div_ceil(64))?;
-        values = sorted.values;
+        let Sorted { keys, values } = sort(recorder, pool, pairs, spare, count, bits)?;
+        let buffers = [&keys, &values, &owners, &scene.reaches, &ranges, &sorted, &boxes];
+        recorder.dispatch(Kernel::Ranges, block.bytes(), &buffers, count.div_ceil(64))?;
     }
-    Ok(Lists { block: *block, window, pairs: count, values, owners, ranges })
+    Ok(Lists { block: *block, window, pairs: count, sorted, boxes, ranges })
 }
 
 fn read_census(context: &Context, census: &wgpu::Buffer) -> Result<[u32; 8], GpuError> {

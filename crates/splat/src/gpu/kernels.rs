@@ -19,7 +19,6 @@ pub(super) enum Kernel {
     Composite,
     Seed,
     Rows,
-    Resolve,
     Differentiate,
     Gather,
     ColourBackward,
@@ -48,7 +47,6 @@ impl Kernel {
             Self::Composite => sources!("view", "falloff", "composite"),
             Self::Seed => sources!("view", "seed"),
             Self::Rows => sources!("view", "rows"),
-            Self::Resolve => sources!("view", "resolve"),
             Self::Differentiate => sources!("view", "falloff", "differentiate"),
             Self::Gather => sources!("view", "gather"),
             Self::ColourBackward => sources!("view", "double", "exponent", "harmonics", "colour_backward"),
@@ -69,9 +67,10 @@ impl Pipelines {
     pub(super) fn get(&mut self, context: &Context, kernel: Kernel) -> wgpu::ComputePipeline {
         let make = || {
             let label = format!("{kernel:?}");
+            let source = format!("const ROWS: u32 = {}u;\n{}", context.thread_rows, kernel.source());
             let module = context.device.create_shader_module(wgpu::ShaderModuleDescriptor {
                 label: Some(&label),
-                source: wgpu::ShaderSource::Wgsl(kernel.source().into()),
+                source: wgpu::ShaderSource::Wgsl(source.into()),
             });
             context.device.create_compute_pipeline(&wgpu::ComputePipelineDescriptor {
                 label: Some(&label),

@@ -60,7 +60,7 @@ pub fn with_fallback(choice: &AdapterChoice, options: GpuOptions, cpu: CpuOption
     }
 }
 
-/// How much of a device is used; pictures do not depend on it.
+/// How a device is used; pictures do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
     /// Bytes that all buffers together may take.
@@ -69,12 +69,26 @@ pub struct GpuOptions {
     pub binding_limit: u64,
     /// Workgroups along one dimension of a dispatch, where that is less than the adapter allows.
     pub groups_limit: u32,
+    /// How many pixels a thread composites.
+    pub threads: Threads,
+}
+
+/// How many pixels a thread composites; only the last bits of gradients depend on it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Threads {
+    /// As suits the adapter.
+    #[default]
+    Automatic,
+    /// Four pixels each: for graphics processors.
+    Many,
+    /// Sixteen pixels each: for processors that stand in for one.
+    Few,
 }
 
 impl Default for GpuOptions {
     /// 8 GiB, and whatever the adapter allows.
     fn default() -> Self {
-        Self { memory_limit: 8 << 30, binding_limit: u64::MAX, groups_limit: u32::MAX }
+        Self { memory_limit: 8 << 30, binding_limit: u64::MAX, groups_limit: u32::MAX, threads: Threads::Automatic }
     }
 }
 

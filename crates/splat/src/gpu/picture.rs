@@ -46,8 +46,8 @@ pub(super) fn record(
         buffers.push((make(pool, "colours", at, bytes)?, extras));
     }
     let scene = forward::project(recorder, pool, gaussians, &block, options)?;
-    // Keys and values twice, and digits.
-    let capacity = pair_capacity(context, limits.memory_limit - needed, 20, 4);
+    // Keys and values twice, digits, sorted pairs, boxes.
+    let capacity = pair_capacity(context, limits.memory_limit - needed, 32, 8);
     let windows = (images::windows(&strips, view), capacity);
     let census = forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
         let Some((colours, extras)) = buffers.get(lists.window.strip) else { return Ok(()) };
@@ -75,11 +75,11 @@ pub(super) fn composite(
         &scene.shapes,
         &scene.places,
         &scene.paints,
-        &lists.values,
+        &lists.sorted,
+        &lists.boxes,
         &lists.ranges,
         colours,
         extras.unwrap_or(&none),
-        &lists.owners,
     ];
     recorder.stage("composite");
     recorder.dispatch(Kernel::Composite, lists.block.bytes(), &buffers, lists.window.tiles())

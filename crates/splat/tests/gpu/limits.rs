@@ -1,8 +1,8 @@
 use atsplat_splat::cpu::CpuOptions;
-use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, with_fallback};
-use atsplat_splat::{Renderer, SplatError};
+use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, with_fallback};
+use atsplat_splat::{RenderOptions, Renderer, RendererConstants, SplatError, reference};
 
-use crate::scenes::{cloud, everything, gpu, narrow, open, ripples, view};
+use crate::scenes::{assert_bound, cloud, everything, gpu, narrow, open, ripples, view};
 
 /// Parts of 600 Gaussians, strips of two rows of tiles, windows of few tiles, dispatches in two dimensions.
 #[test]
@@ -16,6 +16,32 @@ fn small_limits_give_the_same_bits() {
     let images = narrow(&ripples(&view));
     let whole = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
     assert!(cut.backward(&gaussians, &view, &everything(), &images).unwrap() == whole);
+}
+
+/// How the work is divided changes no pixel; sums over pixels round otherwise (the self-test bounds that).
+#[test]
+fn many_and_few_threads_give_the_same_pixels() {
+    let renderers = [Threads::Many, Threads::Few].map(|threads| open(GpuOptions { threads, ..GpuOptions::default() }));
+    let [Some(mut many), Some(mut few)] = renderers else { return };
+    let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
+    for preset in ["exact", "inria"] {
+        let constants = RendererConstants::named(preset).unwrap();
+        let options = RenderOptions { constants, ..everything() };
+        let pixels = many.render(&gaussians, &view, &options).unwrap();
+        assert!(few.render(&gaussians, &view, &options).unwrap() == pixels, "{preset}");
+    }
+}
+
+/// OpenGL, where there is an adapter for it: it passes the self-test, and pixels are within the bound.
+#[test]
+fn opengl_too() {
+    let Ok(mut gl) = GpuRenderer::new(&AdapterChoice::Name("(gl)".to_owned()), GpuOptions::default()) else {
+        eprintln!("SKIPPED, no OpenGL adapter with compute shaders");
+        return;
+    };
+    let (gaussians, view) = (cloud(2000, 3, 7), view(70, 50));
+    let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+    assert_bound(&gl.render(&gaussians, &view, &everything()).unwrap(), &expected, "OpenGL");
 }
 
 #[test]

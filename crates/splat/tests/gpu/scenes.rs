@@ -115,7 +115,7 @@ pub(crate) fn assert_bound(actual: &Rendering<f32>, expected: &Rendering<f64>, w
     }
     if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
         // Another Gaussian may take the transmittance past one half: a cut-off like the others.
-        let apart = image(actual).iter().zip(expected).filter(|(a, e)| !((*a - *e).abs() <= 1e-4 * (1.0 + *e))).count();
+        let apart = image(actual).iter().zip(expected).filter(|(a, e)| (*a - *e).abs() > 1e-4 * (1.0 + *e)).count();
         assert!(apart * 1000 <= expected.len(), "{what}: {apart} median depths of {}", expected.len());
     }
 }
@@ -128,7 +128,7 @@ fn within(actual: &[f64], expected: &[f64], bound: f64, what: &str) {
         assert!(actual.is_finite(), "{what}");
         let apart = actual - expected;
         squares += (apart / (255.0 * bound)).powi(2);
-        beyond += usize::from(!(apart.abs() <= bound));
+        beyond += usize::from(apart.abs() > bound);
     }
     let decibels = -10.0 * (squares / actual.len() as f64).log10();
     assert!(beyond * 10_000 <= actual.len(), "{what}: {beyond} of {} beyond 1/255", actual.len());

@@ -1,4 +1,12 @@
-// What compositing and its derivative share: four pixels side by side a thread, a tile a group of 4×16 threads.
+// What compositing and its derivative share. A thread has a block of pixels 4 wide and ROWS high, which is 1 or 4
+// (`kernels.rs` puts the constant in front), and a workgroup a tile.
+const THREADS: u32 = 64u / ROWS;
+
+// Whether a Gaussian's box within the tile leaves out the thread's pixels: most Gaussians of a tile are smaller.
+fn misses(box: u32, corner: vec2<u32>) -> bool {
+    return (box & 15u) > corner.x + 3u || ((box >> 4u) & 15u) < corner.x
+        || ((box >> 8u) & 15u) > corner.y + (ROWS - 1u) || ((box >> 12u) & 15u) < corner.y;
+}
 
 // `2^(−x)` for x ≥ 0, to 2 units in the last place down to 2^−20, below which no opacity is ever drawn.
 fn power_below(x: vec4<f32>) -> vec4<f32> {

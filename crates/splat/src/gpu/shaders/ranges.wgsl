@@ -1,6 +1,14 @@
-// Where each tile's pairs begin and end among the sorted ones; tiles without any keep (0, 0).
+// What the tiles need of the sorted pairs: where each tile's begin and end (tiles without any keep (0, 0)), their
+// Gaussians, and which of the tile's pixels each may reach.
 @group(0) @binding(1) var<storage, read> keys: array<u32>;
-@group(0) @binding(2) var<storage, read_write> ranges: array<u32>;
+@group(0) @binding(2) var<storage, read> values: array<u32>;
+@group(0) @binding(3) var<storage, read> owners: array<u32>;
+@group(0) @binding(4) var<storage, read> reaches: array<vec2<u32>>;
+@group(0) @binding(5) var<storage, read_write> ranges: array<u32>;
+// The pair's number where `owners` tells the Gaussian, then the Gaussian.
+@group(0) @binding(6) var<storage, read_write> pairs: array<vec2<u32>>;
+// First and last column, then row, within the tile; 4 bits each.
+@group(0) @binding(7) var<storage, read_write> boxes: array<u32>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -19,4 +27,15 @@ fn main(
     if at + 1u == view.window.x || keys[at + 1u] != tile {
         ranges[2u * tile + 1u] = at + 1u;
     }
+    let value = values[at];
+    var gaussian = value;
+    if has(SLOTS) {
+        gaussian = owners[value];
+    }
+    pairs[at] = vec2(value, gaussian);
+    let corner = 16u * (view.tiles.xy + vec2(tile % view.tiles.z, tile / view.tiles.z));
+    let reach = reaches[gaussian];
+    let first = max(vec2(reach.x & 0xffffu, reach.y & 0xffffu), corner) - corner;
+    let last = min(vec2(reach.x >> 16u, reach.y >> 16u) - corner, vec2(16u)) - 1u;
+    boxes[at] = first.x | (last.x << 4u) | (first.y << 8u) | (last.y << 12u);
 }
