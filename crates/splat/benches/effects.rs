@@ -1,20 +1,24 @@
-//! What is not called for costs nothing: pairs of a bare request, and of one that asks for everything in vain.
+//! What is not called for costs nothing: a bare request, and one that asks for everything in vain, in turn.
+//!
+//! A word runs one variant alone, so that `perf stat` can count its instructions.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
 
 use std::hint::black_box;
+use std::io::Write as _;
+use std::time::Instant;
 
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
-use atsplat_splat::{Channels, Exposure, GaussianParts, Gaussians, RenderOptions, View, sh_coefficients};
-use criterion::{Criterion, criterion_group, criterion_main};
+use atsplat_splat::{Channels, Exposure, GaussianParts, Gaussians, RenderOptions, Rendering, View, sh_coefficients};
 use glam::{DMat3, DVec3};
 
-const COUNT: usize = 131_072;
-const SIZE: ImageSize = ImageSize { width: 256, height: 256 };
+const COUNT: usize = 16_384;
+const SIZE: ImageSize = ImageSize { width: 96, height: 96 };
 
-/// A Gaussian per input pixel of two views, 0.6 pixels wide; harmonics above degree 0 are all zero.
+/// Gaussians 0.6 pixels wide at smooth depths, few enough that a round is over before the machine turns to something
+/// else; harmonics above degree 0 are all zero.
 fn scene(degree: u8) -> (Gaussians, View) {
     let intrinsics = NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).expect("intrinsics");
     let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).expect("a pose");
@@ -39,40 +43,67 @@ fn scene(degree: u8) -> (Gaussians, View) {
     (Gaussians::new(parts).expect("Gaussians"), View { camera: Camera::pinhole(pose, intrinsics), size: SIZE })
 }
 
-fn nothing_called_for(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("effects");
-    group.sample_size(20);
+/// Rounds of all variants in turn, so that what else the machine does falls on all of them alike.
+fn main() {
+    const ROUNDS: usize = 200;
+    let only = std::env::args().skip(1).find(|word| !word.starts_with("--"));
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
+    for degree in [0, 3] {
+        let (gaussians, view) = scene(degree);
+        let variants: Vec<Variant> =
+            variants(view).into_iter().filter(|own| only.as_ref().is_none_or(|only| own.name == only)).collect();
+        let mut renderer = CpuRenderer::default();
+        let mut times = vec![Vec::with_capacity(ROUNDS); variants.len()];
+        for _ in 0..ROUNDS {
+            for (variant, times) in variants.iter().zip(&mut times) {
+                let start = Instant::now();
+                pool.install(|| black_box(variant.render(&mut renderer, &gaussians)));
+                times.push(1e3 * start.elapsed().as_secs_f64());
+            }
+        }
+        let mut out = std::io::stdout().lock();
+        for (variant, mut times) in variants.iter().zip(times) {
+            times.sort_by(f64::total_cmp);
+            let (least, middle) = (times.first().expect("rounds"), times.get(ROUNDS / 2).expect("rounds"));
+            writeln!(out, "degree {degree}, {:<28} least {least:7.2} ms, median {middle:7.2} ms", variant.name)
+                .expect("a line");
+        }
+    }
+}
+
+/// What is rendered, and whether a plan is made first.
+struct Variant {
+    name: &'static str,
+    view: View,
+    options: RenderOptions,
+    selection: Option<EffectSelection>,
+}
+
+impl Variant {
+    fn render(&self, renderer: &mut CpuRenderer, gaussians: &Gaussians) -> Rendering<f32> {
+        let Some(selection) = &self.selection else {
+            return renderer.render(gaussians, &self.view, &self.options).expect("a picture");
+        };
+        let plan = EffectPlan::for_scene(gaussians, &self.view, &self.options, selection, EffectPlan::TOLERANCE);
+        plan.expect("a plan").render(renderer, gaussians).expect("a picture")
+    }
+}
+
+fn variants(view: View) -> Vec<Variant> {
     let bare = RenderOptions { max_sh_degree: 0, ..RenderOptions::default() };
     let in_vain = RenderOptions {
         exposure: Some(Exposure::IDENTITY),
         channels: Channels { scalar: true, ..Channels::default() },
         ..RenderOptions::default()
     };
-    for degree in [0, 3] {
-        let (gaussians, view) = scene(degree);
-        let mut through = view;
-        through.camera.distortion = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
-        let mut renderer = CpuRenderer::default();
-        group.bench_function(format!("degree {degree}, bare"), |bencher| {
-            bencher.iter(|| renderer.render(black_box(&gaussians), &view, &bare).expect("a picture"));
-        });
-        for selection in [EffectSelection::Auto, EffectSelection::All] {
-            group.bench_function(format!("degree {degree}, in vain, {selection}"), |bencher| {
-                bencher.iter(|| {
-                    let plan = EffectPlan::for_scene(
-                        black_box(&gaussians),
-                        &through,
-                        &in_vain,
-                        &selection,
-                        EffectPlan::TOLERANCE,
-                    );
-                    plan.expect("a plan").render(&mut renderer, &gaussians).expect("a picture")
-                });
-            });
-        }
-    }
-    group.finish();
+    let mut through = view;
+    through.camera.distortion = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+    let variant =
+        |name, view, options: &RenderOptions, selection| Variant { name, view, options: options.clone(), selection };
+    vec![
+        variant("bare", view, &bare, None),
+        variant("bare-auto", view, &bare, Some(EffectSelection::Auto)),
+        variant("in-vain-auto", through, &in_vain, Some(EffectSelection::Auto)),
+        variant("in-vain-all", through, &in_vain, Some(EffectSelection::All)),
+    ]
 }
-
-criterion_group!(benches, nothing_called_for);
-criterion_main!(benches);

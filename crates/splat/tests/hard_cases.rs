@@ -1,7 +1,5 @@
 //! Every path through every hard case.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::fmt::Write as _;
 
 use atsplat_splat::hard_cases::catalogue;

@@ -70,6 +70,7 @@ where
     let panels = charts.split_evenly((1, PANELS.len()));
     for (panel, (name, title)) in panels.iter().zip(PANELS) {
         let mut chart = ChartBuilder::on(panel)
+            .margin_left(18)
             .margin_right(18)
             .x_label_area_size(56)
             .build_cartesian_2d(LOWEST..HIGHEST, cases.len() as f64..0.0)?;

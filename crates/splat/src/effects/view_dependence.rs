@@ -22,6 +22,9 @@ impl Effect for ViewDependence {
 
     fn judge(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Judgement {
         let degree = amplitude::degree(gaussians, request.options.max_sh_degree);
+        if amplitude::is_flat(gaussians, degree) {
+            return Judgement::leaves_out(self, request, 0.0, "every coefficient above degree 0 is zero");
+        }
         let gain = request.gain();
         let last = usize::from(degree);
         let above = amplitude::above(gaussians, degree, |above| {
