@@ -31,6 +31,7 @@ pub(super) fn record(
     make: Make<'_>,
 ) -> Result<GpuGradients, SplatError> {
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
+    options.check()?;
     let optics = view.optics(&options.constants)?;
     crate::cpu::check_size(view)?;
     let count = gaussians.len();
@@ -44,6 +45,7 @@ pub(super) fn record(
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, true)
         .with_flag(flag::SLOTS, true)
+        .with_flag(flag::WAS_EXPOSED, options.exposure.is_some())
         .with_flag(flag::EXTRA_GRADIENTS, with_extras);
 
     let scene = forward::project(recorder, pool, gaussians, &block, options)?;

@@ -30,13 +30,16 @@ pub(super) fn record(
     make: Make<'_>,
 ) -> Result<GpuRendering, SplatError> {
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
+    options.check()?;
     let optics = view.optics(&options.constants)?;
     crate::cpu::check_size(view)?;
     let needed = bytes_needed(gaussians.len(), view, 0);
     check_memory(needed, limits.memory_limit)?;
     let channels = options.channels;
     let with_extras = channels.depth || channels.scalar || channels.median_depth;
-    let block = ViewBlock::new(view, &optics, options).with_flag(flag::EXTRAS, with_extras);
+    let block = ViewBlock::new(view, &optics, options)
+        .with_flag(flag::EXTRAS, with_extras)
+        .with_flag(flag::EXPOSES, options.exposure.is_some());
 
     let strips = images::strips(context, view)?;
     let mut buffers = Vec::new();

@@ -4,7 +4,7 @@ use glam::DVec2;
 use crate::constants::{ClampedGradient, Extent, ShAxes};
 use crate::cpu::narrowed;
 use crate::view::Optics;
-use crate::{RasterMode, RenderOptions, View};
+use crate::{Exposure, RasterMode, RenderOptions, View};
 
 /// `struct View` of `shaders/view.wgsl`.
 #[derive(Clone, Copy, Debug, Pod, Zeroable)]
@@ -21,6 +21,7 @@ pub(super) struct ViewBlock {
     rules: [f32; 4],
     alphas: [f32; 4],
     background: [f32; 4],
+    exposure: [[f32; 4]; 3],
     lens: [f32; 4],
     lens_more: [f32; 4],
     picture: [u32; 4],
@@ -45,6 +46,8 @@ pub(super) mod flag {
     pub(crate) const EXTRAS: u32 = 2048;
     pub(crate) const SLOTS: u32 = 4096;
     pub(crate) const EXTRA_GRADIENTS: u32 = 8192;
+    pub(crate) const EXPOSES: u32 = 16384;
+    pub(crate) const WAS_EXPOSED: u32 = 32768;
 }
 
 impl ViewBlock {
@@ -89,6 +92,7 @@ impl ViewBlock {
             ],
             alphas: [constants.max_alpha, constants.min_alpha, constants.min_transmittance, 0.0].map(bounded),
             background: [red, green, blue, 0.0],
+            exposure: exposure(options.exposure.unwrap_or(Exposure::IDENTITY)),
             lens,
             lens_more,
             picture: [view.size.width, view.size.height, flags, 0],
@@ -125,6 +129,15 @@ fn lens(view: &View, optics: &Optics) -> ([f32; 4], [f32; 4], u32) {
             (k.map(bounded), [0.0, 0.0, bounded(limit), 0.0], flag::LENS_FISHEYE)
         }
     }
+}
+
+/// Rows of the matrix, the offset last.
+fn exposure(exposure: Exposure) -> [[f32; 4]; 3] {
+    let [rows, offset] = [exposure.matrix, [exposure.offset; 3]];
+    std::array::from_fn(|at| {
+        let [red, green, blue] = rows[at].map(bounded);
+        [red, green, blue, bounded(offset[at][at])]
+    })
 }
 
 /// The nearest f32 and what it leaves.

@@ -81,7 +81,12 @@ fn main(
             if row + r < view.picture.y && column + n < view.picture.x {
                 let pixel = (row + r - view.window.z) * view.picture.x + column + n;
                 let left = abs(transmittance[r][n]);
-                let rgb = view.background.xyz * left + vec3(red[r][n], green[r][n], blue[r][n]);
+                var rgb = view.background.xyz * left + vec3(red[r][n], green[r][n], blue[r][n]);
+                if has(EXPOSES) {
+                    let seen = vec4(rgb, 1.0);
+                    let rows = view.exposure;
+                    rgb = saturated3(vec3(dot(rows[0], seen), dot(rows[1], seen), dot(rows[2], seen)));
+                }
                 colours[pixel] = vec4(rgb, 1.0 - left);
                 if has(EXTRAS) {
                     extras[pixel] = vec4(depth[r][n], scalar[r][n], median[r][n], left);

@@ -21,7 +21,12 @@ fn main(
     if at >= view.window.x {
         return;
     }
-    let by_colour = by_colours[at];
+    var by_colour = by_colours[at];
+    if has(WAS_EXPOSED) {
+        let rows = view.exposure;
+        let by_seen = by_colour.x * rows[0].xyz + by_colour.y * rows[1].xyz + by_colour.z * rows[2].xyz;
+        by_colour = vec4(saturated3(by_seen), by_colour.w);
+    }
     var by_extra = vec4(0.0);
     if has(EXTRA_GRADIENTS) {
         by_extra = by_extras[at];

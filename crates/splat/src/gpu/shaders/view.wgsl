@@ -18,6 +18,8 @@ struct View {
     // max_alpha, min_alpha, min_transmittance.
     alphas: vec4<f32>,
     background: vec4<f32>,
+    // Rows of the matrix, the offset last.
+    exposure: array<vec4<f32>, 3>,
     lens: vec4<f32>,
     // p2, p1, and the largest radius (perspective) or angle (fisheye) that the lens maps.
     lens_more: vec4<f32>,
@@ -45,6 +47,8 @@ const DIRECTIONS_STOP: u32 = 1024u;
 const EXTRAS: u32 = 2048u;
 const SLOTS: u32 = 4096u;
 const EXTRA_GRADIENTS: u32 = 8192u;
+const EXPOSES: u32 = 16384u;
+const WAS_EXPOSED: u32 = 32768u;
 
 @group(0) @binding(0) var<uniform> view: View;
 
