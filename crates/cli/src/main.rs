@@ -9,6 +9,7 @@ mod output;
 mod plot;
 mod progress;
 mod protocol;
+mod render;
 
 use std::process::ExitCode;
 
@@ -41,12 +42,18 @@ enum Command {
     /// List, lint, build and derive evaluation protocols.
     #[command(subcommand)]
     Protocol(protocol::Command),
+    /// Render Gaussians along a path into PNG, EXR and an animation.
+    Render(Box<render::Words>),
 }
 
 fn main() -> ExitCode {
     let words = Words::parse();
     match run(&words) {
         Ok(exit) => exit.into(),
+        Err(error) if error.is::<clap::Error>() => {
+            output::complain(&format!("{error}"));
+            Exit::WrongWords.into()
+        }
         Err(error) => {
             output::complain(&format!("error: {}", told_once(&error)));
             ExitCode::FAILURE
@@ -74,6 +81,7 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
     let complete = match &words.command {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
+        Command::Render(words) => render::run(words)?,
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })
 }
