@@ -86,9 +86,11 @@ fn each<T: for<'de> Deserialize<'de>>(
     entries: Vec<Value>,
     camera: impl Fn(usize, T) -> anyhow::Result<FileCamera>,
 ) -> anyhow::Result<Vec<FileCamera>> {
-    let entries = entries.into_iter().enumerate();
-    let one = |(at, entry)| camera(at, serde_json::from_value(entry)?).with_context(|| format!("camera {at}"));
-    entries.map(|(at, entry)| one((at, entry)).with_context(|| format!("camera {at}"))).collect()
+    let one = |(at, entry)| {
+        let read = serde_json::from_value(entry).map_err(anyhow::Error::from).and_then(|entry| camera(at, entry));
+        read.with_context(|| format!("camera {at}"))
+    };
+    entries.into_iter().enumerate().map(one).collect()
 }
 
 fn trained(at: usize, entry: TrainedCamera) -> anyhow::Result<FileCamera> {

@@ -173,6 +173,18 @@ pub(crate) fn file_name(number: usize, extension: &str) -> String {
     format!("{number:06}.{extension}")
 }
 
+/// How many pictures a folder holds that look like frames and are none of these: an earlier call's.
+pub(crate) fn strangers(folder: &Path, frames: &[Frame]) -> anyhow::Result<usize> {
+    let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
+    let is_frame = |name: &str| match name.split_once('.') {
+        Some((number, "png" | "exr")) => number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit()),
+        _ => false,
+    };
+    let entries = std::fs::read_dir(folder)?.collect::<std::io::Result<Vec<_>>>()?;
+    let names = entries.iter().map(std::fs::DirEntry::file_name);
+    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame(name) && !is_ours(name))).count())
+}
+
 /// The folder, made and tried before long work starts.
 pub(crate) fn open_folder(folder: &Path) -> anyhow::Result<PendingFile> {
     PendingFile::open(&folder.join("render.json"))

@@ -26,7 +26,7 @@ use clap::{Args, Command, ValueEnum};
 
 use crate::output::{complain, print_report, print_warnings};
 use backend::{BackendWord, backend};
-use frames::{FrameFiles, open_folder, shoot};
+use frames::{FrameFiles, open_folder, shoot, strangers};
 use look::{LookRecord, LookWords, ignored};
 use preview::PreviewWords;
 use report::{FrameCounts, Record, RenderFile, Report, ViewRecord};
@@ -150,6 +150,10 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     print_warnings(&warnings);
     for note in &report.record.warnings {
         complain(&format!("warning: {note}"));
+    }
+    let strangers = strangers(&words.out, &frames)?;
+    if strangers > 0 {
+        complain(&format!("warning: {} holds {strangers} pictures of another call", words.out.display()));
     }
     broken_promise.map_or(Ok(report.record.frames.failed == 0), |promise| bail!("{promise}"))
 }

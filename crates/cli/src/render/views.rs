@@ -51,35 +51,35 @@ pub(crate) struct ViewWords {
     no_distortion: bool,
 
     /// Close the path: after the last camera back to the first.
-    #[arg(long, requires = "spline")]
+    #[arg(long, conflicts_with_all = ["cameras", "orbit"])]
     closed: bool,
 
     /// What is even along the path: the way between views, or the time between cameras.
-    #[arg(long, value_name = "WHAT", requires = "spline", default_value = "way")]
+    #[arg(long, value_name = "WHAT", conflicts_with_all = ["cameras", "orbit"], default_value = "way")]
     spacing: SpacingWord,
 
     /// Degrees above the horizon.
-    #[arg(long, value_name = "DEGREES", requires = "orbit", default_value = "15", allow_negative_numbers = true, value_parser = words::elevation)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "15", allow_negative_numbers = true, value_parser = words::elevation)]
     elevation: f64,
 
     /// Distance in multiples of that which just frames the bulk of the scene.
-    #[arg(long, value_name = "FACTOR", requires = "orbit", default_value = "1", value_parser = words::positive)]
+    #[arg(long, value_name = "FACTOR", conflicts_with_all = ["cameras", "spline"], default_value = "1", value_parser = words::positive)]
     distance: f64,
 
     /// Upwards in the scene; -y is that of OpenCV's and 3DGS' axes.
-    #[arg(long, value_name = "AXIS", requires = "orbit", default_value = "-y", allow_hyphen_values = true)]
+    #[arg(long, value_name = "AXIS", conflicts_with_all = ["cameras", "spline"], default_value = "-y", allow_hyphen_values = true)]
     up: Axis,
 
     /// Degrees from the left edge to the right.
-    #[arg(long, value_name = "DEGREES", requires = "orbit", default_value = "50", value_parser = words::angle)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "50", value_parser = words::angle)]
     fov: f64,
 
     /// Degrees at which the orbit begins, to the camera's right.
-    #[arg(long, value_name = "DEGREES", requires = "orbit", default_value = "0", allow_negative_numbers = true, value_parser = words::finite)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "0", allow_negative_numbers = true, value_parser = words::finite)]
     azimuth: f64,
 
     /// Degrees around.
-    #[arg(long, value_name = "DEGREES", requires = "orbit", default_value = "360", allow_negative_numbers = true, value_parser = words::finite)]
+    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "360", allow_negative_numbers = true, value_parser = words::finite)]
     sweep: f64,
 }
 
