@@ -7,6 +7,8 @@ pub(crate) enum Exit {
     Done,
     /// Words that do not fit together; the parser itself leaves with the same code.
     WrongWords,
+    /// Done, and what was tested failed.
+    Failed,
     /// Done, but scenes were skipped and `--strict` was given.
     Skipped,
 }
@@ -16,6 +18,7 @@ impl From<Exit> for ExitCode {
         match exit {
             Exit::Done => Self::SUCCESS,
             Exit::WrongWords => Self::from(2),
+            Exit::Failed => Self::FAILURE,
             Exit::Skipped => Self::from(4),
         }
     }

@@ -10,6 +10,7 @@ mod plot;
 mod progress;
 mod protocol;
 mod render;
+mod stress;
 
 use std::process::ExitCode;
 
@@ -44,6 +45,8 @@ enum Command {
     Protocol(protocol::Command),
     /// Render Gaussians along a path into PNG, EXR and an animation.
     Render(Box<render::Words>),
+    /// Put every renderer through the hard cases; exits with 1 where one fails.
+    Stress(stress::Words),
 }
 
 fn main() -> ExitCode {
@@ -82,6 +85,7 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
         Command::Render(words) => render::run(words)?,
+        Command::Stress(words) => return Ok(if stress::run(words)? { Exit::Done } else { Exit::Failed }),
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })
 }

@@ -1,10 +1,13 @@
 //! How floats are compared and ordered everywhere in atsplat.
 //!
 //! Two rules live here because every crate shares them: a comparison names its [`Tolerance`], and
-//! [`Extremes`] lets NaN through where the standard library's `max` and `min` swallow it.
+//! [`Extremes`] lets NaN through where the standard library's `max` and `min` swallow it. A third thing is shared for
+//! the same reason: the row in which every crate reports how it fared with a hard case, [`StressRow`].
 
 mod extremes;
+mod stress;
 mod tolerance;
 
 pub use extremes::Extremes;
+pub use stress::{MeasuredError, StressRow};
 pub use tolerance::{Mismatch, Tolerance};

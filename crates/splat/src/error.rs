@@ -39,6 +39,20 @@ pub enum SplatError {
         /// What was there.
         found: String,
     },
+    /// Options with a number that no picture can come of.
+    #[error("options: {what}: {found}, expected at most {:e} in magnitude", crate::LARGEST_CHANNEL)]
+    Options {
+        /// Which option.
+        what: &'static str,
+        /// What was there.
+        found: f64,
+    },
+    /// A word that names no effect.
+    #[error("effects: expected auto, all, none or a list of {}, found {found:?}", known_effects())]
+    Effect {
+        /// The word.
+        found: String,
+    },
     /// A file of Gaussians that breaks its format.
     #[error("{path}: {location}: expected {expected}, found {found}")]
     Format {
@@ -73,4 +87,8 @@ pub enum SplatError {
     /// The lens cannot be used.
     #[error(transparent)]
     Camera(#[from] atsplat_camera::CameraError),
+}
+
+fn known_effects() -> String {
+    crate::effects::EFFECTS.map(crate::effects::Effect::name).join(", ")
 }

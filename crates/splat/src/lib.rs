@@ -12,19 +12,24 @@
 
 mod constants;
 pub mod cpu;
+pub mod effects;
 mod error;
+mod exposure;
 pub mod files;
 mod gaussians;
+pub mod hard_cases;
 mod options;
 mod reach;
 pub mod reference;
 mod renderer;
 mod rendering;
 pub mod sh;
+pub mod stress;
 mod view;
 
 pub use constants::{ClampedGradient, Extent, LARGEST_CHANNEL, PrincipalPoint, RendererConstants, ShAxes};
 pub use error::SplatError;
+pub use exposure::Exposure;
 pub use gaussians::{
     Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
     MAX_SH_DEGREE, Problem, Validation, ZERO_QUATERNION, sh_coefficients,

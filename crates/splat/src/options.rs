@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 
-use crate::RendererConstants;
+use crate::{Exposure, RendererConstants};
 
 /// What is rendered, and how, beside the Gaussians and the view.
 #[derive(Clone, Debug, PartialEq)]
@@ -13,6 +13,8 @@ pub struct RenderOptions {
     pub mode: RasterMode,
     /// Highest degree of spherical harmonics that is evaluated.
     pub max_sh_degree: u8,
+    /// What becomes of colour after compositing; nothing where absent.
+    pub exposure: Option<Exposure>,
     /// Images beside colour and alpha.
     pub channels: Channels,
     /// How far gradients reach.
@@ -27,6 +29,7 @@ impl Default for RenderOptions {
             background: [0.0; 3],
             mode: RasterMode::Classic,
             max_sh_degree: crate::MAX_SH_DEGREE,
+            exposure: None,
             channels: Channels::default(),
             gradients: GradientReach::default(),
         }

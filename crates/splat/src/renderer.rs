@@ -9,8 +9,8 @@ pub trait Renderer: Send {
     /// Renders a view.
     ///
     /// # Errors
-    /// [`SplatError::View`] and [`SplatError::Camera`] for a view that cannot be rendered, [`SplatError::Memory`]
-    /// before more is allocated than is allowed; those of the backend.
+    /// [`SplatError::View`], [`SplatError::Camera`] and [`SplatError::Options`] for what cannot be rendered,
+    /// [`SplatError::Memory`] before more is allocated than is allowed; those of the backend.
     fn render(
         &mut self,
         gaussians: &Gaussians,

@@ -116,6 +116,46 @@ impl<T: Copy + Default> Rendering<T> {
     }
 }
 
+impl<T: Copy + Into<f64>> Rendering<T> {
+    /// How many values of all images are NaN or infinite.
+    pub fn non_finite(&self) -> u64 {
+        let extra = [&self.depth, &self.scalar, &self.median_depth];
+        let extra = extra.into_iter().flatten().flatten();
+        broken(self.rgb.as_flattened().iter().chain(&self.alpha).chain(extra))
+    }
+}
+
+impl<T: Copy + Into<f64>> Gradients<T> {
+    /// How many values are NaN or infinite.
+    pub fn non_finite(&self) -> u64 {
+        self.lists().into_iter().map(|list| broken(list.iter())).sum()
+    }
+
+    /// Every field's numbers, in the order in which the fields are declared.
+    pub(crate) fn fields(&self) -> [Vec<f64>; 10] {
+        self.lists().map(|list| list.iter().map(|value| (*value).into()).collect())
+    }
+
+    fn lists(&self) -> [&[T]; 10] {
+        [
+            self.means.as_flattened(),
+            self.quaternions.as_flattened(),
+            self.log_scales.as_flattened(),
+            &self.opacity_logits,
+            self.sh.as_flattened(),
+            &self.scalars,
+            self.means_2d.as_flattened(),
+            self.conics.as_flattened(),
+            &self.background,
+            &self.pose,
+        ]
+    }
+}
+
+fn broken<'a, T: Copy + Into<f64> + 'a>(values: impl Iterator<Item = &'a T>) -> u64 {
+    values.map(|value| u64::from(!(*value).into().is_finite())).sum()
+}
+
 impl<T: Copy> Rendering<T> {
     /// The same images in other numbers.
     pub fn map<U>(self, number: impl Fn(T) -> U + Copy) -> Rendering<U> {

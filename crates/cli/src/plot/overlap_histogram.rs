@@ -4,6 +4,7 @@ use plotters::prelude::*;
 
 use super::PlotFormat;
 use super::font::{self, FONT};
+use super::palette::{COLOURS, GREY};
 
 /// What [`draw_overlap_histogram`] shows.
 #[derive(Debug)]
@@ -19,17 +20,6 @@ pub(crate) struct OverlapHistogram<'a> {
 const SIZE: (u32, u32) = (960, 540);
 /// One column per 0.025 of overlap: fine enough to see a bin's edge, coarse enough for 5 000 scenes.
 const COLUMNS: usize = 40;
-/// Okabe and Ito's colours, told apart by colour-blind readers; grey is outside every bin.
-const COLOURS: [RGBColor; 6] = [
-    RGBColor(213, 94, 0),
-    RGBColor(230, 159, 0),
-    RGBColor(0, 114, 178),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-];
-const OUTSIDE: RGBColor = RGBColor(150, 150, 150);
-
 /// Draws a histogram of overlaps stacked by bin; returns the file's bytes.
 pub(crate) fn draw_overlap_histogram(histogram: &OverlapHistogram<'_>, format: PlotFormat) -> anyhow::Result<Vec<u8>> {
     font::register()?;
@@ -129,9 +119,9 @@ fn stack(histogram: &OverlapHistogram<'_>) -> Vec<Vec<u64>> {
 
 fn colour_of(histogram: &OverlapHistogram<'_>, bin: usize) -> RGBColor {
     if bin >= histogram.bins.len() {
-        return OUTSIDE;
+        return GREY;
     }
-    COLOURS.get(bin % COLOURS.len()).copied().unwrap_or(OUTSIDE)
+    COLOURS.get(bin % COLOURS.len()).copied().unwrap_or(GREY)
 }
 
 #[cfg(test)]
@@ -170,7 +160,7 @@ mod tests {
         let bytes = draw_overlap_histogram(&histogram, PlotFormat::Png).unwrap();
         let picture = atsplat_pixels::decode(&bytes, &atsplat_pixels::DecodeLimits::default()).unwrap();
         assert_eq!((picture.width(), picture.height()), SIZE);
-        for colour in [COLOURS[0], COLOURS[1], OUTSIDE] {
+        for colour in [COLOURS[0], COLOURS[1], GREY] {
             let RGBColor(r, g, b) = colour;
             assert!(picture.samples().chunks_exact(3).any(|pixel| pixel == [r, g, b]), "{colour:?}");
         }

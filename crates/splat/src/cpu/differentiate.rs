@@ -32,6 +32,8 @@ impl CpuRenderer {
         images: &ImageGradients<f32>,
     ) -> Result<Gradients<f32>, SplatError> {
         images.check(view)?;
+        options.check()?;
+        let images = &*options.before_exposure(images, saturated);
         let optics = view.optics(&options.constants)?;
         check_size(view)?;
         self.check_memory(gaussians, view, options)?;

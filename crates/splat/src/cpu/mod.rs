@@ -16,6 +16,7 @@ use std::time::Instant;
 
 use rayon::prelude::*;
 
+use crate::renderer::saturated;
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
 
 pub use simd::SimdLevel;
@@ -102,13 +103,14 @@ impl CpuRenderer {
     /// Renders a view on rayon's threads.
     ///
     /// # Errors
-    /// [`SplatError::View`], [`SplatError::Camera`]; [`SplatError::Memory`] before anything is allocated.
+    /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`]; [`SplatError::Memory`] before anything is allocated.
     pub fn render(
         &mut self,
         gaussians: &Gaussians,
         view: &View,
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError> {
+        options.check()?;
         let optics = view.optics(&options.constants)?;
         check_size(view)?;
         self.check_memory(gaussians, view, options)?;
@@ -135,6 +137,7 @@ impl CpuRenderer {
                 tile.copy_to(images, (column, band), &paint);
             }
         });
+        options.expose(&mut rendering, saturated);
         self.timings.raster_secs = clock.lap();
         Ok(rendering)
     }

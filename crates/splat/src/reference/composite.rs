@@ -26,22 +26,12 @@ pub(super) struct Hit {
 }
 
 /// The splats that a pixel shows, nearest first, and the transmittance behind the last.
-pub(super) fn hits(splats: &[Splat], [column, row]: [u32; 2], options: &RenderOptions) -> (Vec<Hit>, f64) {
+pub(super) fn hits(splats: &[Splat], at: [u32; 2], options: &RenderOptions) -> (Vec<Hit>, f64) {
     let constants = &options.constants;
-    let centre = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5);
     let mut transmittance = 1.0;
     let mut hits = Vec::new();
     for (index, splat) in splats.iter().enumerate() {
-        let [columns, rows] = splat.reach;
-        if !(columns[0]..columns[1]).contains(&column) || !(rows[0]..rows[1]).contains(&row) {
-            continue;
-        }
-        let offset = centre - splat.centre;
-        let exponent = 0.5 * (splat.conic.x * offset.x * offset.x + splat.conic.z * offset.y * offset.y)
-            + splat.conic.y * offset.x * offset.y;
-        // Never negative but for rounding.
-        let exponent = if exponent < 0.0 { 0.0 } else { exponent };
-        let falloff = (-exponent).exp();
+        let Some((offset, falloff)) = falloff(splat, at) else { continue };
         let full = splat.opacity * falloff;
         let saturated = full > constants.max_alpha;
         let alpha = if saturated { constants.max_alpha } else { full };
@@ -56,6 +46,20 @@ pub(super) fn hits(splats: &[Splat], [column, row]: [u32; 2], options: &RenderOp
         transmittance = next;
     }
     (hits, transmittance)
+}
+
+/// From a splat's centre to a pixel's, and `exp(−½ dᵀ Σ⁻¹ d)`; `None` beyond its reach.
+pub(super) fn falloff(splat: &Splat, [column, row]: [u32; 2]) -> Option<(DVec2, f64)> {
+    let [columns, rows] = splat.reach;
+    if !(columns[0]..columns[1]).contains(&column) || !(rows[0]..rows[1]).contains(&row) {
+        return None;
+    }
+    let offset = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5) - splat.centre;
+    let exponent = 0.5 * (splat.conic.x * offset.x * offset.x + splat.conic.z * offset.y * offset.y)
+        + splat.conic.y * offset.x * offset.y;
+    // Never negative but for rounding.
+    let exponent = if exponent < 0.0 { 0.0 } else { exponent };
+    Some((offset, (-exponent).exp()))
 }
 
 /// Composites one pixel into a rendering.

@@ -2,11 +2,13 @@
 //! pixel after the other, and the derivative of exactly that.
 
 mod backward;
+mod band;
 mod composite;
 pub(crate) mod project;
 pub(crate) mod project_backward;
 
 pub(crate) use backward::SplatGradient;
+pub use band::{Jump, jumps};
 
 use glam::DVec3;
 
@@ -17,12 +19,13 @@ use project::{Outcome, Splat};
 /// Renders a view.
 ///
 /// # Errors
-/// [`SplatError::View`], [`SplatError::Camera`].
+/// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`].
 pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Rendering<f64>, SplatError> {
     let (splats, mut rendering) = prepare(gaussians, view, options)?;
     for (pixel, at) in composite::pixel_centres(view).enumerate() {
         composite::composite(&splats, at, options, pixel, &mut rendering);
     }
+    options.expose(&mut rendering, |value| value);
     Ok(rendering)
 }
 
@@ -75,6 +78,7 @@ pub fn backward(
     images: &ImageGradients<f64>,
 ) -> Result<Gradients<f64>, SplatError> {
     images.check(view)?;
+    let images = options.before_exposure(images, |value| value);
     let (splats, _) = prepare(gaussians, view, options)?;
     let mut gradients = Gradients::zero(gaussians);
     let mut of_splats = vec![SplatGradient::default(); splats.len()];
@@ -102,6 +106,7 @@ fn prepare(
     view: &View,
     options: &RenderOptions,
 ) -> Result<(Vec<Splat>, Rendering<f64>), SplatError> {
+    options.check()?;
     let optics = view.optics(&options.constants)?;
     let mut rendering = Rendering::empty(view, options);
     let mut splats = Vec::new();

@@ -1,0 +1,94 @@
+use std::fmt;
+
+use atsplat_numeric::{MeasuredError, StressRow};
+use serde::Serialize;
+
+/// What came of all cases.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Report {
+    pub(super) failed: usize,
+    pub(super) rows: Vec<StressRow>,
+}
+
+impl Report {
+    pub(super) fn of(rows: Vec<StressRow>) -> Self {
+        Self { failed: rows.iter().filter(|row| !row.passes()).count(), rows }
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<24} {:<16} {:>8} {:>8} {:>9} {:>11} {:>10}  verdict",
+            "case", "path", "absolute", "relative", "gradient", "differences", "not finite"
+        )?;
+        let mut before = "";
+        for row in &self.rows {
+            let case = if row.case == before { "" } else { &row.case };
+            before = &row.case;
+            let of = |name: &str, share: fn(&MeasuredError) -> f64| {
+                row.error(name).filter(|error| error.compared > 0).map_or_else(|| "-".to_owned(), |error| figure(share(error)))
+            };
+            writeln!(
+                f,
+                "{case:<24} {:<16} {:>8} {:>8} {:>9} {:>11} {:>10}  {}",
+                row.path,
+                of("image", |error| error.absolute),
+                of("image", |error| error.relative),
+                of("gradient", |error| error.relative),
+                of("differences", |error| error.relative),
+                row.non_finite,
+                if row.passes() { "ok" } else { "FAILED" },
+            )?;
+        }
+        writeln!(f)?;
+        for row in self.rows.iter().filter(|row| !row.passes()) {
+            for error in row.errors.iter().filter(|error| !error.passes()) {
+                let MeasuredError { name, relative, bound, .. } = error;
+                writeln!(f, "{}, {}: {name} {}, at most {}", row.case, row.path, figure(*relative), figure(*bound))?;
+            }
+            for finding in &row.findings {
+                writeln!(f, "{}, {}: {finding}", row.case, row.path)?;
+            }
+        }
+        writeln!(
+            f,
+            "{} of {} rows failed. Errors are against the reference in f64: of samples as a share of the image's range, \
+             of derivatives as a share of the largest in their field.",
+            self.failed,
+            self.rows.len()
+        )
+    }
+}
+
+fn figure(value: f64) -> String {
+    if value == 0.0 { "0".to_owned() } else { format!("{value:.1e}") }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_fails_is_told_at_the_end() {
+        let error = |name, relative| MeasuredError { name, absolute: 2.0 * relative, relative, bound: 1e-5, compared: 9 };
+        let row = |path: &str, relative, findings: &[&str]| StressRow {
+            case: "needles".to_owned(),
+            path: path.to_owned(),
+            errors: vec![error("image", relative), error("gradient", 0.0)],
+            non_finite: 0,
+            findings: findings.iter().map(ToString::to_string).collect(),
+        };
+        let rows = vec![row("reference", 1e-8, &[]), row("cpu, avx2", f64::NAN, &[]), row("gpu", 1e-4, &["census: off"])];
+        let report = Report::of(rows);
+        assert_eq!(report.failed, 2);
+        let text = report.to_string();
+        let lines: Vec<&str> = text.lines().collect();
+        assert!(lines[1].starts_with("needles                  reference          2.0e-8   1.0e-8         0"), "{text}");
+        assert!(lines[1].ends_with("ok") && lines[2].ends_with("FAILED") && lines[3].ends_with("FAILED"), "{text}");
+        assert_eq!(lines[5], "needles, cpu, avx2: image NaN, at most 1.0e-5");
+        assert_eq!(lines[7], "needles, gpu: census: off");
+    }
+}

@@ -1,0 +1,45 @@
+use anyhow::bail;
+use atsplat_numeric::StressRow;
+use atsplat_splat::hard_cases::{HardCase, catalogue};
+use atsplat_splat::stress::{Expected, paths};
+
+use crate::progress::Progress;
+
+/// Parses `--case`.
+pub(super) fn case_name(word: &str) -> Result<String, String> {
+    if catalogue().iter().any(|case| case.name == word) {
+        Ok(word.to_owned())
+    } else {
+        Err("no hard case has this name; `atsplat stress --list` tells those that there are".to_owned())
+    }
+}
+
+/// Rows of the chosen cases and paths; of all where none is chosen.
+pub(super) fn rows(cases: &[String], words: &[String]) -> anyhow::Result<Vec<StressRow>> {
+    let mut paths = paths();
+    let names: Vec<String> = paths.iter().map(|path| path.name()).collect();
+    if let Some(word) = words.iter().find(|word| !names.iter().any(|name| name.contains(*word))) {
+        bail!("--path {word}: this machine has {}", names.join("; "));
+    }
+    paths.retain(|path| words.is_empty() || words.iter().any(|word| path.name().contains(word)));
+    let chosen = chosen(cases);
+    let progress = Progress::new("hard cases", chosen.len());
+    let mut rows = Vec::with_capacity(chosen.len() * paths.len());
+    for case in &chosen {
+        let expected = Expected::of(case)?;
+        rows.extend(paths.iter_mut().map(|path| expected.row(path.as_mut())));
+        progress.step();
+    }
+    Ok(rows)
+}
+
+/// Names and descriptions, a line each.
+pub(super) fn list(cases: &[String]) -> String {
+    chosen(cases).iter().map(|case| format!("{:<24} {}\n", case.name, case.description)).collect()
+}
+
+fn chosen(cases: &[String]) -> Vec<HardCase> {
+    let mut all = catalogue();
+    all.retain(|case| cases.is_empty() || cases.iter().any(|name| name == case.name));
+    all
+}

@@ -1,0 +1,47 @@
+//! `atsplat stress` as a user runs it.
+
+mod common;
+
+use common::{atsplat, succeed};
+
+#[test]
+fn a_table_with_a_row_per_case_and_path() {
+    let folder = tempfile::tempdir().unwrap();
+    let words = ["stress", "--case", "needles", "--case", "not-a-number", "--path", "reference", "--path", "portable"];
+    let table = succeed(folder.path(), &words);
+    let lines: Vec<&str> = table.lines().collect();
+    assert!(lines[0].starts_with("case") && lines[0].ends_with("verdict"), "{table}");
+    for (line, start) in lines[1..5].iter().zip(["needles", "  ", "not-a-number", "  "]) {
+        assert!(line.starts_with(start) && line.ends_with("0  ok"), "{table}");
+    }
+    assert!(table.contains("0 of 4 rows failed"), "{table}");
+}
+
+#[test]
+fn json_and_a_plot() {
+    let folder = tempfile::tempdir().unwrap();
+    let words = ["stress", "--case", "saturated", "--path", "cpu", "--json", "--plot", "errors.svg"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &words)).unwrap();
+    assert_eq!(report["failed"], 0, "{report}");
+    let row = &report["rows"][0];
+    assert_eq!((&row["case"], &row["path"], &row["non-finite"]), (&"saturated".into(), &"cpu, portable".into(), &0.into()));
+    let names: Vec<&str> = row["errors"].as_array().unwrap().iter().map(|e| e["name"].as_str().unwrap()).collect();
+    assert_eq!(names, ["image", "gradient", "differences"]);
+    for error in row["errors"].as_array().unwrap() {
+        assert!(error["relative"].as_f64().unwrap() <= error["bound"].as_f64().unwrap(), "{error}");
+        assert!(error["compared"].as_u64().unwrap() > 0, "{error}");
+    }
+    let plot = std::fs::read_to_string(folder.path().join("errors.svg")).unwrap();
+    assert!(plot.starts_with("<svg") && plot.contains("saturated"));
+}
+
+#[test]
+fn names_are_listed_and_wrong_ones_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let list = succeed(folder.path(), &["stress", "--list"]);
+    assert!(list.lines().count() > 50 && list.contains("needle-end-on"), "{list}");
+    let outcome = atsplat(folder.path(), &["stress", "--case", "kittens"]);
+    assert!(outcome.code == 2 && outcome.stderr.contains("--list"), "{}", outcome.stderr);
+    let outcome = atsplat(folder.path(), &["stress", "--path", "abacus"]);
+    assert!(outcome.code == 1 && outcome.stderr.contains("reference; cpu, portable"), "{}", outcome.stderr);
+}

@@ -1,0 +1,142 @@
+use std::borrow::Cow;
+
+use atsplat_numeric::Extremes as _;
+use rayon::prelude::*;
+
+use crate::{ImageGradients, LARGEST_CHANNEL, RenderOptions, Rendering, SplatError};
+
+/// What a camera's settings make of colour after compositing, background included: `matrix · rgb + offset`.
+///
+/// 3DGS's exposure compensation multiplies a row vector from the left (`gaussian_renderer/__init__.py`), so that its
+/// 3×4 array holds this matrix transposed; see [`Exposure::from_3dgs`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Exposure {
+    /// Rows make red, green and blue; each entry at most [`LARGEST_CHANNEL`] in magnitude.
+    pub matrix: [[f64; 3]; 3],
+    /// Added to red, green and blue; at most [`LARGEST_CHANNEL`] in magnitude.
+    pub offset: [f64; 3],
+}
+
+impl Exposure {
+    /// Leaves colour as it is.
+    pub const IDENTITY: Self = Self { matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], offset: [0.0; 3] };
+
+    /// From the 3×4 array that 3DGS trains: `out[j] = Σᵢ rgb[i] · array[i][j] + array[j][3]`.
+    pub const fn from_3dgs([a, b, c]: [[f64; 4]; 3]) -> Self {
+        let matrix = [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]];
+        Self { matrix, offset: [a[3], b[3], c[3]] }
+    }
+
+    /// A colour as this exposure shows it.
+    pub fn of(&self, rgb: [f64; 3]) -> [f64; 3] {
+        let mut seen = self.offset;
+        for (sum, row) in seen.iter_mut().zip(self.matrix) {
+            *sum += row.iter().zip(rgb).map(|(entry, channel)| entry * channel).sum::<f64>();
+        }
+        seen
+    }
+
+    /// By how much a change of every channel by at most 1 can change a channel.
+    pub fn gain(&self) -> f64 {
+        let sums = self.matrix.iter().map(|row| row.iter().map(|entry| entry.abs()).sum::<f64>());
+        sums.fold(0.0, f64::maximum_of)
+    }
+
+    /// Derivative of a loss by this exposure, from the derivative by the exposed pixels and the pixels before
+    /// exposure: a rendering of the same options with `exposure: None`.
+    ///
+    /// # Errors
+    /// [`SplatError::Length`] where the two have not equally many pixels.
+    pub fn gradient<T: Copy + Into<f64>>(composited: &[[T; 3]], by_rgb: &[[T; 3]]) -> Result<Self, SplatError> {
+        if composited.len() != by_rgb.len() {
+            return Err(SplatError::Length {
+                field: "rgb gradient",
+                expected: composited.len(),
+                found: by_rgb.len(),
+            });
+        }
+        let mut sum = Self { matrix: [[0.0; 3]; 3], offset: [0.0; 3] };
+        for (rgb, by_rgb) in composited.iter().zip(by_rgb) {
+            for ((row, offset), by_channel) in sum.matrix.iter_mut().zip(&mut sum.offset).zip(by_rgb) {
+                let by_channel: f64 = (*by_channel).into();
+                *offset += by_channel;
+                for (entry, channel) in row.iter_mut().zip(rgb) {
+                    *entry += by_channel * (*channel).into();
+                }
+            }
+        }
+        Ok(sum)
+    }
+
+    fn transposed(&self) -> Self {
+        let [a, b, c] = self.matrix;
+        Self { matrix: [[a[0], b[0], c[0]], [a[1], b[1], c[1]], [a[2], b[2], c[2]]], offset: [0.0; 3] }
+    }
+
+    fn entries(&self) -> impl Iterator<Item = f64> {
+        self.matrix.into_iter().flatten().chain(self.offset)
+    }
+}
+
+/// What every backend calls: before anything, at the end of rendering, at the start of differentiating.
+impl RenderOptions {
+    /// # Errors
+    /// [`SplatError::Options`] for a background or an exposure that is not finite or beyond [`LARGEST_CHANNEL`].
+    pub(crate) fn check(&self) -> Result<(), SplatError> {
+        let exposure = self.exposure.iter().flat_map(|exposure| exposure.entries().map(|entry| ("exposure", entry)));
+        let mut numbers = self.background.into_iter().map(|channel| ("background", channel)).chain(exposure);
+        match numbers.find(|(_, number)| !(number.abs() <= LARGEST_CHANNEL)) {
+            Some((what, found)) => Err(SplatError::Options { what, found }),
+            None => Ok(()),
+        }
+    }
+
+    /// Exposes a composited picture.
+    pub(crate) fn expose<T>(&self, rendering: &mut Rendering<T>, number: impl Fn(f64) -> T + Copy + Sync)
+    where
+        T: Copy + Into<f64> + Send,
+    {
+        const AT_ONCE: usize = 1 << 14;
+        if let Some(exposure) = &self.exposure {
+            let pixels = rendering.rgb.par_iter_mut().with_min_len(AT_ONCE);
+            pixels.for_each(|rgb| *rgb = exposure.of(rgb.map(Into::into)).map(number));
+        }
+    }
+
+    /// Derivatives by the composited picture, from those by the exposed one.
+    pub(crate) fn before_exposure<'a, T: Copy + Into<f64>>(
+        &self,
+        images: &'a ImageGradients<T>,
+        number: impl Fn(f64) -> T + Copy,
+    ) -> Cow<'a, ImageGradients<T>> {
+        let Some(exposure) = &self.exposure else { return Cow::Borrowed(images) };
+        let transposed = exposure.transposed();
+        let rgb = images.rgb.iter().map(|by_rgb| transposed.of(by_rgb.map(Into::into)).map(number)).collect();
+        Cow::Owned(ImageGradients { rgb, ..images.clone() })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    /// Computed with `np.matmul(rgb, e[:3, :3]) + e[:3, 3]`.
+    #[test]
+    fn the_array_of_3dgs() {
+        let exposure =
+            Exposure::from_3dgs([[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]]);
+        let seen = exposure.of([0.5, 0.25, 0.75]);
+        Tolerance::F64.assert(seen, [0.5725, 0.1925, 0.955], "exposed");
+        Tolerance::F64.assert([exposure.gain()], [1.6], "row of blue");
+    }
+
+    #[test]
+    fn what_is_no_number_is_refused_by_name() {
+        let dark = Exposure { offset: [0.0, f64::NAN, 0.0], ..Exposure::IDENTITY };
+        let options = RenderOptions { exposure: Some(dark), ..RenderOptions::default() };
+        assert!(matches!(options.check(), Err(SplatError::Options { what: "exposure", .. })));
+        let options = RenderOptions { background: [0.0, 1e13, 0.0], ..RenderOptions::default() };
+        assert!(matches!(options.check(), Err(SplatError::Options { what: "background", .. })));
+    }
+}

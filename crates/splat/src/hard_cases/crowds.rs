@@ -1,0 +1,44 @@
+use atsplat_camera::ImageSize;
+
+use super::HardCase;
+use super::scene::{BACKDROP, ONE, One, case, gaussians, sized};
+
+/// Many in one place, each of its own colour.
+fn coincident(count: usize, logit: f32) -> impl Iterator<Item = One> {
+    (0..count).map(move |n| {
+        let shade = (n % 97) as f32 / 97.0;
+        One { logit, colour: [shade, 1.0 - shade, 0.5 - shade], ..ONE }
+    })
+}
+
+pub(super) fn cases() -> Vec<HardCase> {
+    let batch = |name, count| {
+        let description = "as many as a batch, a tile's list or a byte holds, and one beside it";
+        case(name, description, gaussians(coincident(count, -3.5))).counted([count as u64, 0, 0, 0, 0])
+    };
+    let ties = (0..300).map(|n| {
+        let turn = n as f32;
+        let mean = [0.4 * (0.7 * turn).sin(), 0.3 * (1.1 * turn).cos(), 2.0];
+        One { mean, logit: -1.0, colour: [turn.sin(), turn.cos(), 0.2], ..ONE }
+    });
+    let mut depth = 2.0f32;
+    let adjacent = std::iter::repeat_with(|| {
+        depth = depth.next_down();
+        One { mean: [0.0, 0.0, depth], logit: 0.0, colour: [depth.fract(), (2.0 - depth) * 4e5, 0.1], ..ONE }
+    });
+    let adjacent: Vec<One> = adjacent.take(12).collect();
+    let crowd = case("ten-thousand", "ten thousand Gaussians in one place", gaussians(coincident(10_000, -4.0)))
+        .counted([10_000, 0, 0, 0, 0]);
+    let small = ImageSize { width: 5, height: 4 };
+    vec![
+        case("nothing", "no Gaussians at all", gaussians([])).counted([0; 5]),
+        crowd.seen(sized(small.width, small.height)),
+        batch("255-in-one-place", 255),
+        batch("256-in-one-place", 256),
+        batch("257-in-one-place", 257),
+        case("equal-depths", "three hundred at one depth: their order is the list's", gaussians(ties)),
+        case("adjacent-depths", "depths one unit in the last place apart, listed from the farthest", {
+            gaussians(adjacent.into_iter().chain([BACKDROP]))
+        }),
+    ]
+}

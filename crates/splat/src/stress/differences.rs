@@ -1,0 +1,227 @@
+//! Derivatives against differences of the function itself, of which the cut-offs are smooth.
+//!
+//! At a cut-off the true function jumps, and has no derivative. What is differentiated is therefore the same function
+//! without an early end and with a `min_alpha` of 1e-12, where the Gaussian itself has faded away. Jumps that are left
+//! (near plane) and kinks (clamps, ties of depth) show in differences that do not settle as steps shrink, or that are
+//! not the same to both sides; such parameters are left out, and what was compared is counted. Paths in f32 do not go below 1e-6: what a cut-off there takes away from a
+//! derivative is known from the reference, and taken from the difference too.
+
+use atsplat_numeric::{Extremes as _, MeasuredError};
+use rayon::prelude::*;
+
+use super::gradients::{of_loss, share, sizes};
+use super::parameter::{Parameter, moved};
+use crate::constants::Extent;
+use crate::hard_cases::HardCase;
+use crate::{
+    ClampedGradient, Gaussians, ImageGradients, RenderOptions, Renderer, RendererConstants, Rendering, SplatError, View,
+    reference,
+};
+
+/// Below which even the reference goes.
+const FADED: f64 = 1e-12;
+/// As far as f32 paths go: some cut their exponential off at 2⁻²⁰.
+const FADED_IN_F32: f64 = 1e-6;
+
+/// Differences by some parameters.
+#[derive(Debug)]
+pub(super) struct Differences {
+    images: ImageGradients<f32>,
+    of: Vec<Difference>,
+}
+
+#[derive(Debug)]
+struct Difference {
+    parameter: Parameter,
+    value: f64,
+    /// The largest derivative of its field.
+    size: f64,
+}
+
+impl Differences {
+    pub(super) fn of(case: &HardCase) -> Result<Self, SplatError> {
+        let images = of_loss(&case.view, &[]);
+        let options = smooth(&case.options, FADED);
+        let scene = Scene { case, options: &options, images: &images.map(f64::from) };
+        let analytic = |min_alpha| {
+            let options = smooth(&case.options, min_alpha);
+            reference::backward(&case.gaussians, &case.view, &options, scene.images)
+        };
+        let (whole, cut) = (analytic(FADED)?, analytic(FADED_IN_F32)?);
+        let sizes = sizes(&whole);
+        let of = scene.parameters()?.into_par_iter().filter_map(|(parameter, step)| {
+            let size = sizes.get(parameter.field()).copied()?;
+            let value = scene.difference(parameter, step, size)? - (parameter.of(&whole)? - parameter.of(&cut)?);
+            Some(Difference { parameter, value, size })
+        });
+        Ok(Self { of: of.collect(), images })
+    }
+
+    /// How far a path's derivatives are from the differences.
+    pub(super) fn error(&self, case: &HardCase, path: &mut dyn Renderer) -> Result<MeasuredError, SplatError> {
+        let options = smooth(&case.options, FADED_IN_F32);
+        let gradients = path.backward(&case.gaussians, &case.view, &options, &self.images)?;
+        let (compared, bound) = (self.of.len() as u64, case.bounds.gradient);
+        let mut error = MeasuredError { name: "differences", absolute: 0.0, relative: 0.0, bound, compared };
+        for Difference { parameter, value, size } in &self.of {
+            let apart = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
+            if std::env::var_os("SHOW").is_some() && apart > 1e-4 * size { println!("  {} {parameter:?} {value:e} apart {apart:e} size {size:e}", path.name()); }
+            error.absolute = error.absolute.maximum_of(apart);
+            error.relative = error.relative.maximum_of(share(apart, *size));
+        }
+        Ok(error)
+    }
+}
+
+/// The same without cut-offs, and with the derivative of what is computed.
+fn smooth(options: &RenderOptions, min_alpha: f64) -> RenderOptions {
+    let constants = RendererConstants {
+        min_alpha,
+        min_transmittance: 0.0,
+        extent: Extent::Exact,
+        clamped_gradient: ClampedGradient::Exact,
+        ..options.constants.clone()
+    };
+    RenderOptions { constants, ..options.clone() }
+}
+
+struct Scene<'a> {
+    case: &'a HardCase,
+    options: &'a RenderOptions,
+    images: &'a ImageGradients<f64>,
+}
+
+impl Scene<'_> {
+    /// Those of a few Gaussians and the pose, with a step each over which the picture changes little.
+    fn parameters(&self) -> Result<Vec<(Parameter, f64)>, SplatError> {
+        const SMALL: f64 = 1.0 / 256.0;
+        let HardCase { gaussians, view, .. } = self.case;
+        let projections = reference::project(gaussians, view, self.options)?;
+        let drawn: Vec<(usize, f64)> = projections
+            .iter()
+            .enumerate()
+            .filter_map(|(position, projection)| Some((position, projection.as_ref()?.depth)))
+            .collect();
+        let k = view.camera.intrinsics.pixel_from_normalized(view.size);
+        // A pixel, at a distance of one.
+        let pixel = k.fx.maximum_of(k.fy).recip();
+        let mut chosen: Vec<(usize, f64)> = [0, drawn.len() / 2, drawn.len().saturating_sub(1)]
+            .into_iter()
+            .filter_map(|place| drawn.get(place).copied())
+            .collect();
+        chosen.dedup_by_key(|(position, _)| *position);
+        chosen.truncate(if gaussians.len() > 500 { 1 } else { 3 });
+        let step = |parameter: Parameter, depth: f64| match parameter {
+            Parameter::Mean(..) => SMALL * pixel * depth,
+            Parameter::Quaternion(at, _) => {
+                let own = gaussians.parts().quaternions.get(at).copied().unwrap_or_default();
+                SMALL * own.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>().sqrt()
+            }
+            Parameter::Sh(at, _) => {
+                let own = gaussians.parts().sh.get(at).copied().unwrap_or_default();
+                SMALL * own.iter().map(|value| f64::from(value.abs())).fold(1.0, f64::maximum_of)
+            }
+            _ => SMALL,
+        };
+        let mut list: Vec<(Parameter, f64)> = Vec::new();
+        for (position, depth) in &chosen {
+            let own = Parameter::of_gaussian(gaussians, *position);
+            list.extend(own.into_iter().map(|parameter| (parameter, step(parameter, *depth))));
+        }
+        let nearest = drawn.iter().map(|(_, depth)| *depth).fold(f64::INFINITY, f64::minimum_of);
+        if nearest.is_finite() {
+            let step = |axis| if axis < 3 { SMALL * pixel } else { SMALL * pixel * nearest };
+            list.extend((0..6).map(|axis| (Parameter::Pose(axis), step(axis))));
+        }
+        Ok(list)
+    }
+
+    /// The derivative by a parameter; `None` where none can be told by differences.
+    fn difference(&self, parameter: Parameter, step: f64, size: f64) -> Option<f64> {
+        const TRIES: i32 = 5;
+        // What sums over pixels lose, as a share of the sum of magnitudes.
+        const ROUNDING: f64 = 1e-15;
+        // Smaller than what is to be found, by far.
+        let settled = 0.05 * self.case.bounds.gradient * size;
+        let here = self.loss(&self.case.gaussians, &self.case.view)?;
+        (0..TRIES).find_map(|attempt| {
+            let step = step * 0.125f64.powi(attempt);
+            let noise = ROUNDING * here.magnitude / (0.25 * step);
+            let [wide, middle, narrow] = [1.0, 0.5, 0.25].map(|share| self.slope(parameter, step * share, here.sum));
+            let (wide, middle, narrow) = (wide?, middle?, narrow?);
+            let (coarse, fine) =
+                ((4.0 * middle.central - wide.central) / 3.0, (4.0 * narrow.central - middle.central) / 3.0);
+            let kink = 2.0 * narrow.bend - middle.bend;
+            let is_settled = (coarse - fine).abs() + kink.abs() + noise <= settled;
+            is_settled.then_some((16.0 * fine - coarse) / 15.0)
+        })
+    }
+
+    /// Of the loss over a step to both sides, as f32 has them.
+    fn slope(&self, parameter: Parameter, step: f64, here: f64) -> Option<Slope> {
+        // So many units in the last place are a step.
+        const RESOLVED: f64 = 64.0;
+        if let Parameter::Pose(axis) = parameter {
+            let at = |step: f64| {
+                let view = moved(&self.case.view, axis, step).ok()?;
+                Some((step.abs(), self.loss(&self.case.gaussians, &view)?.sum))
+            };
+            return Some(Slope::of(at(step)?, here, at(-step)?));
+        }
+        let mut parts = self.case.gaussians.parts().clone();
+        let value = *parameter.slot(&mut parts)?;
+        let unit = f64::from(value.abs().next_up() - value.abs());
+        if !(step > RESOLVED * unit) {
+            return None;
+        }
+        let mut at = |step: f64| {
+            let moved = crate::renderer::saturated(f64::from(value) + step);
+            *parameter.slot(&mut parts)? = moved;
+            let loss = self.loss(&Gaussians::new(parts.clone()).ok()?, &self.case.view)?;
+            Some(((f64::from(moved) - f64::from(value)).abs(), loss.sum))
+        };
+        Some(Slope::of(at(step)?, here, at(-step)?))
+    }
+
+    fn loss(&self, gaussians: &Gaussians, view: &View) -> Option<Loss> {
+        let Rendering { rgb, alpha, depth, scalar, .. } = reference::render(gaussians, view, self.options).ok()?;
+        let by = self.images;
+        let mut loss = Loss::default();
+        loss.add(rgb.as_flattened(), by.rgb.as_flattened());
+        for (image, by) in [(&Some(alpha), &by.alpha), (&depth, &by.depth), (&scalar, &by.scalar)] {
+            loss.add(image.as_deref().unwrap_or_default(), by.as_deref().unwrap_or_default());
+        }
+        Some(loss)
+    }
+}
+
+/// A weighted sum of all samples.
+#[derive(Clone, Copy, Debug, Default)]
+struct Loss {
+    sum: f64,
+    /// The sum of magnitudes.
+    magnitude: f64,
+}
+
+impl Loss {
+    fn add(&mut self, image: &[f64], by: &[f64]) {
+        for (value, by) in image.iter().zip(by) {
+            self.sum += value * by;
+            self.magnitude += (value * by).abs();
+        }
+    }
+}
+
+struct Slope {
+    /// Of the parabola through three points, at the middle one.
+    central: f64,
+    /// To the right less to the left: of the order of the step where there is no kink.
+    bend: f64,
+}
+
+impl Slope {
+    fn of((a, ahead): (f64, f64), here: f64, (b, behind): (f64, f64)) -> Self {
+        let (right, left) = ((ahead - here) / a, (here - behind) / b);
+        Self { central: (b * right + a * left) / (a + b), bend: right - left }
+    }
+}

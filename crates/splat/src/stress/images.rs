@@ -1,0 +1,75 @@
+use atsplat_numeric::{Extremes as _, MeasuredError};
+
+use crate::hard_cases::HardCase;
+use crate::reference::{self, Jump};
+use crate::{Rendering, SplatError};
+
+/// One kind of image, and how much of a jump a sample may make.
+struct Compared<'a> {
+    actual: &'a [f32],
+    expected: &'a [f64],
+    /// By how much the values that are composited differ at most.
+    spread: f64,
+}
+
+/// The largest error of all images, less what a pixel may jump.
+pub(super) fn error(
+    case: &HardCase,
+    actual: &Rendering<f32>,
+    expected: &Rendering<f64>,
+    jumps: &[Jump],
+) -> Result<MeasuredError, SplatError> {
+    let mut error =
+        MeasuredError { name: "image", absolute: 0.0, relative: 0.0, bound: case.bounds.image, compared: 0 };
+    let [colour, depth, scalar] = spreads(case)?;
+    let flat = |image: &[f64]| image.iter().fold(1.0, |most: f64, value| most.maximum_of(value.abs()));
+    let mut compare = |Compared { actual, expected, spread }: Compared<'_>, samples: usize, skips: fn(&Jump) -> bool| {
+        let size = flat(expected);
+        for ((actual, expected), jump) in actual.chunks(samples).zip(expected.chunks(samples)).zip(jumps) {
+            if skips(jump) {
+                continue;
+            }
+            for (actual, expected) in actual.iter().zip(expected) {
+                let apart = (f64::from(*actual) - expected).abs() - jump.share * spread;
+                error.absolute = error.absolute.maximum_of(apart);
+                error.relative = error.relative.maximum_of(apart / size);
+                error.compared += 1;
+            }
+        }
+    };
+    let never = |_: &Jump| false;
+    let gain = case.options.exposure.map_or(1.0, |exposure| exposure.gain());
+    let (rgb, expected_rgb) = (actual.rgb.as_flattened(), expected.rgb.as_flattened());
+    compare(Compared { actual: rgb, expected: expected_rgb, spread: colour * gain }, 3, never);
+    compare(Compared { actual: &actual.alpha, expected: &expected.alpha, spread: 1.0 }, 1, never);
+    if let (Some(actual), Some(expected)) = (&actual.depth, &expected.depth) {
+        compare(Compared { actual, expected, spread: depth }, 1, never);
+    }
+    if let (Some(actual), Some(expected)) = (&actual.scalar, &expected.scalar) {
+        compare(Compared { actual, expected, spread: scalar }, 1, never);
+    }
+    if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
+        compare(Compared { actual, expected, spread: depth }, 1, |jump| jump.median);
+    }
+    Ok(error)
+}
+
+/// Ranges of what is composited: colour with the background, depth and scalar with zero.
+fn spreads(case: &HardCase) -> Result<[f64; 3], SplatError> {
+    let mut ranges = [[0.0; 2]; 3];
+    let mut widen = |range: usize, value: f64| {
+        if let Some([low, high]) = ranges.get_mut(range) {
+            (*low, *high) = (low.minimum_of(value), high.maximum_of(value));
+        }
+    };
+    case.options.background.iter().for_each(|channel| widen(0, *channel));
+    let projections = reference::project(&case.gaussians, &case.view, &case.options)?;
+    let scalars = case.gaussians.parts().scalars.iter().flatten().map(|scalar| f64::from(*scalar));
+    for (projection, scalar) in projections.iter().zip(scalars.chain(std::iter::repeat(0.0))) {
+        let Some(projection) = projection else { continue };
+        projection.rgb.iter().for_each(|channel| widen(0, *channel));
+        widen(1, projection.depth);
+        widen(2, scalar);
+    }
+    Ok(ranges.map(|[low, high]| high - low))
+}

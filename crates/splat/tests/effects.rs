@@ -1,0 +1,280 @@
+//! A plan leaves out what cannot be seen, and nothing else.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
+use atsplat_numeric::Extremes as _;
+use atsplat_splat::effects::{Decision, EffectPlan, EffectSelection, Verdict};
+use atsplat_splat::{
+    Channels, Exposure, GaussianParts, Gaussians, RasterMode, ReferenceRenderer, RenderOptions, Rendering, View,
+    hard_cases, reference, sh_coefficients,
+};
+use glam::{DMat3, DVec3};
+use proptest::prelude::*;
+
+/// What f32 loses beside the tolerance, as a share of an image's largest value.
+const ROUNDING: f64 = 1e-6;
+
+fn view(distortion: Distortion) -> View {
+    let pose = CameraFromWorld::new(DMat3::from_rotation_y(0.1), DVec3::new(0.1, 0.0, 0.2)).unwrap();
+    let intrinsics = NormalizedIntrinsics::new(0.9, 1.2, 0.48, 0.53).unwrap();
+    let camera = Camera { distortion, ..Camera::pinhole(pose, intrinsics) };
+    View { camera, size: ImageSize { width: 20, height: 15 } }
+}
+
+/// Gaussians of degree 3 whose harmonics above 0 have the given size.
+fn scene(count: usize, harmonics: f32, log_scale: f32, scalars: Option<f32>) -> Gaussians {
+    let wave = |n: usize, phase: f32| (n as f32 * 1.37 + phase).sin();
+    let own = sh_coefficients(3);
+    let coefficient = |n: usize| [0.0, 1.0, 2.0].map(|c| if n % own == 0 { wave(n, c) } else { harmonics * wave(n, c) });
+    Gaussians::new(GaussianParts {
+        means: (0..count).map(|n| [0.8 * wave(n, 0.0), 0.6 * wave(n, 1.0), 2.5 + 0.1 * n as f32]).collect(),
+        quaternions: (0..count).map(|n| [1.5, wave(n, 2.0), wave(n, 3.0), wave(n, 4.0)]).collect(),
+        log_scales: (0..count).map(|n| [0.0, 0.4, -0.6].map(|s| log_scale + s * wave(n, 5.0))).collect(),
+        opacity_logits: (0..count).map(|n| 2.0 * wave(n, 6.0)).collect(),
+        sh_degree: 3,
+        sh: (0..count * own).map(coefficient).collect(),
+        scalars: scalars.map(|size| (0..count).map(|n| size * wave(n, 7.0)).collect()),
+        filter_3d: None,
+    })
+    .unwrap()
+}
+
+fn plan(gaussians: &Gaussians, view: &View, options: &RenderOptions, selection: &str) -> EffectPlan {
+    let selection: EffectSelection = selection.parse().unwrap();
+    EffectPlan::for_scene(gaussians, view, options, &selection, EffectPlan::TOLERANCE).unwrap()
+}
+
+fn decision<'a>(plan: &'a EffectPlan, effect: &str) -> &'a Decision {
+    plan.decisions().iter().find(|decision| decision.effect == effect).unwrap()
+}
+
+/// Every sample of `auto` is within the tolerance of `all`, but where rounding alone makes a pixel jump.
+fn assert_equal_within_tolerance(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
+    let [auto, all] = ["auto", "all"].map(|selection| {
+        let plan = plan(gaussians, view, options, selection);
+        plan.render(&mut ReferenceRenderer, gaussians).unwrap()
+    });
+    let jumps = reference::jumps(gaussians, view, options, 1e-5).unwrap();
+    assert_eq!(auto.census, all.census, "{what}");
+    for (name, auto, all) in images(&auto).into_iter().zip(images(&all)).map(|((name, a), (_, b))| (name, a, b)) {
+        assert_eq!(auto.len(), all.len(), "{what}: {name}");
+        let size = all.iter().fold(1.0, |most: f64, value| most.maximum_of(value.abs()));
+        let samples = auto.len() / jumps.len();
+        for (at, (auto, all)) in auto.iter().zip(&all).enumerate() {
+            let jump = jumps[at / samples];
+            if jump.share > 0.0 || name == "median-depth" && jump.median {
+                continue;
+            }
+            // Of colour and alpha absolutely, of the others as a share.
+            let allowed = if name == "rgb" || name == "alpha" { 1.0 } else { size } * EffectPlan::TOLERANCE;
+            let apart = (auto - all).abs();
+            assert!(apart <= allowed + ROUNDING * size, "{what}: {name} sample {at}: {auto} and {all}");
+        }
+    }
+}
+
+fn images(rendering: &Rendering<f32>) -> Vec<(&'static str, Vec<f64>)> {
+    let wide = |image: &[f32]| image.iter().map(|value| f64::from(*value)).collect::<Vec<_>>();
+    let extra =
+        [("depth", &rendering.depth), ("scalar", &rendering.scalar), ("median-depth", &rendering.median_depth)];
+    let extra = extra.into_iter().map(|(name, image)| (name, image.as_deref().map(wide).unwrap_or_default()));
+    [("rgb", wide(rendering.rgb.as_flattened())), ("alpha", wide(&rendering.alpha))].into_iter().chain(extra).collect()
+}
+
+fn everything() -> RenderOptions {
+    RenderOptions { channels: Channels { depth: true, scalar: true, median_depth: true }, ..RenderOptions::default() }
+}
+
+#[test]
+fn auto_equals_all_on_every_hard_case() {
+    for case in hard_cases::catalogue() {
+        assert_equal_within_tolerance(&case.gaussians, &case.view, &case.options, case.name);
+    }
+}
+
+/// A size whose logarithm is spread evenly.
+fn size(from: i32, to: i32) -> impl Strategy<Value = f64> {
+    (f64::from(from)..f64::from(to)).prop_map(|exponent| 10f64.powf(exponent))
+}
+
+fn lens() -> impl Strategy<Value = Distortion> {
+    let opencv = (size(-12, -1), -1.0..1.0f64)
+        .prop_map(|(size, k2)| Distortion::OpenCv { k1: -size, k2: k2 * size, k3: 0.0, p1: 0.1 * size, p2: 0.0 });
+    prop_oneof![
+        Just(Distortion::None),
+        Just(Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }),
+        opencv,
+        size(-6, -1).prop_map(|k| Distortion::Fisheye { k: [k, 0.0, 0.0, 0.0] }),
+    ]
+}
+
+fn exposure() -> impl Strategy<Value = Option<Exposure>> {
+    let near = (size(-7, 0), prop::array::uniform12(-1.0..1.0f64)).prop_map(|(size, numbers)| {
+        let mut exposure = Exposure::IDENTITY;
+        let entries = exposure.matrix.iter_mut().flatten().chain(&mut exposure.offset);
+        entries.zip(numbers).for_each(|(entry, number)| *entry += size * number);
+        Some(exposure)
+    });
+    prop_oneof![Just(None), Just(Some(Exposure::IDENTITY)), near]
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(300))]
+
+    #[test]
+    fn auto_equals_all_on_random_scenes(
+        (harmonics, log_scale, count) in (size(-6, 1), -5.0..6.0f32, 0usize..12),
+        scalars in prop_oneof![Just(None), Just(Some(0.0f32)), Just(Some(1.0f32))],
+        (lens, exposure, background) in (lens(), exposure(), prop_oneof![Just(0.0), size(-5, 0)]),
+        (antialiased, blur) in (any::<bool>(), prop_oneof![Just(0.0), Just(0.3)]),
+    ) {
+        #[expect(clippy::cast_possible_truncation, reason = "a size")]
+        let gaussians = scene(count, harmonics as f32, log_scale, scalars);
+        let mut options = RenderOptions { exposure, background: [background, 0.5 * background, 0.0], ..everything() };
+        options.mode = if antialiased { RasterMode::Antialiased } else { RasterMode::Classic };
+        options.constants.blur = blur;
+        let what = format!("harmonics {harmonics} scale {log_scale} of {count}, {lens:?} {exposure:?}");
+        assert_equal_within_tolerance(&gaussians, &view(lens), &options, &what);
+    }
+}
+
+/// Everything asked for in vain is left out, with a proof; nothing is left of the request.
+#[test]
+fn a_scene_that_calls_for_nothing_gets_nothing() {
+    let gaussians = scene(9, 0.0, -1.0, Some(0.0));
+    let zero = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+    let mut options = RenderOptions {
+        exposure: Some(Exposure::IDENTITY),
+        mode: RasterMode::Antialiased,
+        channels: Channels { scalar: true, ..Channels::default() },
+        ..RenderOptions::default()
+    };
+    options.constants.blur = 0.0;
+    let plan = plan(&gaussians, &view(zero), &options, "auto");
+    assert_eq!(plan.reduced().view, view(Distortion::None));
+    let bare = RenderOptions { max_sh_degree: 0, constants: options.constants.clone(), ..RenderOptions::default() };
+    assert_eq!(plan.reduced().options, bare);
+    for decision in plan.decisions() {
+        assert!(matches!(decision.verdict, Verdict::LeftOut | Verdict::NotAsked), "{decision:?}");
+        assert_eq!(decision.bound, Some(0.0), "{decision:?}");
+    }
+}
+
+#[test]
+fn what_shows_runs_and_says_why() {
+    let gaussians = scene(9, 0.2, -1.0, Some(1.0));
+    let lens = Distortion::OpenCv { k1: -0.1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+    let exposure = Some(Exposure { offset: [0.1, 0.0, 0.0], ..Exposure::IDENTITY });
+    let options =
+        RenderOptions { exposure, mode: RasterMode::Antialiased, background: [0.0, 0.5, 0.0], ..everything() };
+    let plan = plan(&gaussians, &view(lens), &options, "auto");
+    assert_eq!((&plan.reduced().view, &plan.reduced().options), (&view(lens), &options));
+    let reasons: Vec<&str> = plan.decisions().iter().map(|decision| decision.reason.as_str()).collect();
+    for (reason, word) in
+        reasons.iter().zip(["white", "degree 3", "border", "opacities", "empty pixel", "asked", "asked", "asked"])
+    {
+        assert!(reason.contains(word), "{word}: {reasons:?}");
+    }
+}
+
+/// Only the upper bands are too small to be seen: those below stay.
+#[test]
+fn harmonics_are_cut_where_they_fade() {
+    let mut parts = scene(5, 0.3, -1.0, None).into_parts();
+    for own in parts.sh.as_chunks_mut::<16>().0 {
+        own[4..].iter_mut().flatten().for_each(|value| *value *= 1e-5);
+    }
+    let gaussians = Gaussians::new(parts).unwrap();
+    let plan = plan(&gaussians, &view(Distortion::None), &RenderOptions::default(), "auto");
+    assert_eq!(plan.reduced().options.max_sh_degree, 1);
+    assert_eq!(decision(&plan, "view-dependence").verdict, Verdict::Reduced);
+    assert!(decision(&plan, "view-dependence").bound.unwrap() > 0.0);
+}
+
+/// Each change alone would pass; together they may not exceed the tolerance.
+#[test]
+fn changes_add_up() {
+    let gaussians = scene(5, 0.0, -1.0, None);
+    let three_quarters = 0.75 * EffectPlan::TOLERANCE;
+    let exposure = Some(Exposure { offset: [three_quarters, 0.0, 0.0], ..Exposure::IDENTITY });
+    let options = RenderOptions { exposure, background: [three_quarters, 0.0, 0.0], ..RenderOptions::default() };
+    let plan = plan(&gaussians, &view(Distortion::None), &options, "auto");
+    assert_eq!(decision(&plan, "exposure").verdict, Verdict::LeftOut);
+    assert_eq!(decision(&plan, "background").verdict, Verdict::Runs);
+    let bounds: f64 = plan.decisions().iter().filter_map(|decision| decision.bound).sum();
+    assert!(bounds <= plan.tolerance());
+}
+
+/// An exposure that stays makes small changes large.
+#[test]
+fn exposure_scales_what_the_others_change() {
+    let gaussians = scene(5, 1e-5, -1.0, None);
+    let brighter = |gain: f64| {
+        let exposure = Exposure { matrix: DMat3::from_diagonal(DVec3::splat(gain)).to_cols_array_2d(), offset: [0.0; 3] };
+        RenderOptions { exposure: Some(exposure), ..RenderOptions::default() }
+    };
+    for (gain, verdict) in [(2.0, Verdict::LeftOut), (1e4, Verdict::Runs)] {
+        let plan = plan(&gaussians, &view(Distortion::None), &brighter(gain), "auto");
+        assert_eq!(decision(&plan, "view-dependence").verdict, verdict, "gain {gain}");
+    }
+}
+
+/// A NaN in a band that looks empty culls its Gaussian, and goes on doing so.
+#[test]
+fn a_coefficient_that_culls_is_kept() {
+    for value in [f32::NAN, f32::INFINITY, 1e13] {
+        let mut parts = scene(5, 0.0, -1.0, None).into_parts();
+        parts.sh[16 + 9][1] = value;
+        let gaussians = Gaussians::new(parts).unwrap();
+        let plan = plan(&gaussians, &view(Distortion::None), &RenderOptions::default(), "auto");
+        assert_eq!(plan.reduced().options.max_sh_degree, 4, "{value}");
+        assert_equal_within_tolerance(&gaussians, &view(Distortion::None), &RenderOptions::default(), "culled");
+    }
+}
+
+#[test]
+fn all_none_and_lists_do_as_they_are_told() {
+    let gaussians = scene(5, 0.3, -1.0, Some(1.0));
+    let options = RenderOptions { background: [0.5; 3], ..everything() };
+    let here = view(Distortion::Fisheye { k: [0.0; 4] });
+    let all = plan(&gaussians, &here, &options, "all");
+    assert_eq!((&all.reduced().view, &all.reduced().options), (&here, &options));
+    let none = plan(&gaussians, &here, &options, "none");
+    assert_eq!(none.reduced().view, view(Distortion::None));
+    assert_eq!(none.reduced().options, RenderOptions { max_sh_degree: 0, ..RenderOptions::default() });
+    let rendering = none.render(&mut ReferenceRenderer, &gaussians).unwrap();
+    assert_eq!((rendering.depth, rendering.scalar), (None, None), "no image is made up");
+    let list = plan(&gaussians, &here, &options, "background,depth");
+    assert_eq!(list.reduced().options.background, [0.5; 3]);
+    assert_eq!(list.reduced().options.channels, Channels { depth: true, ..Channels::default() });
+    assert_eq!(list.reduced().options.max_sh_degree, 0);
+}
+
+#[test]
+fn what_cannot_be_rendered_cannot_be_planned() {
+    let gaussians = scene(1, 0.0, -1.0, None);
+    let options = RenderOptions::default();
+    for tolerance in [-1.0, f64::NAN] {
+        let plan =
+            EffectPlan::for_scene(&gaussians, &view(Distortion::None), &options, &EffectSelection::Auto, tolerance);
+        assert!(plan.is_err(), "{tolerance}");
+    }
+    let nowhere = View { size: ImageSize { width: 0, height: 3 }, ..view(Distortion::None) };
+    let plan = EffectPlan::for_scene(&gaussians, &nowhere, &options, &EffectSelection::Auto, 0.0);
+    assert!(plan.is_err());
+}
+
+#[test]
+fn an_explanation_has_a_row_per_effect() {
+    let gaussians = scene(9, 0.2, -1.0, None);
+    let options = RenderOptions { background: [0.5; 3], ..everything() };
+    let plan = plan(&gaussians, &view(Distortion::None), &options, "auto");
+    let explanation = plan.explain(&mut ReferenceRenderer, &gaussians, 3).unwrap();
+    let timed: Vec<bool> = explanation.effects.iter().map(|cost| cost.ms.is_some()).collect();
+    assert_eq!(timed, [false, true, false, false, true, true, true, true]);
+    assert!(explanation.asked_ms > 0.0 && explanation.reduced_ms > 0.0 && explanation.plan_ms > 0.0);
+    let text = explanation.to_string();
+    assert!(text.lines().nth(1).unwrap().starts_with("exposure         not asked"), "{text}");
+    assert!(text.contains("the Gaussians have none") && text.contains("tolerance 9.8e-4"), "{text}");
+}
