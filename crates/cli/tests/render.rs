@@ -93,7 +93,7 @@ fn files_hold_what_the_library_renders() {
     let folder = folder();
     let here = folder.path();
     let words = "render scene.ply --cameras path.txt --frames 0,7..10:2 --size 80x60 --out out --formats png,exr \
-                 --channels depth,scalar,median-depth --background 0.25,0.5,1 --constants gsplat-1.6 --near 0.5";
+                 --channels depth,scalar,median-depth --background 0.25,0.5,1 --constants gsplat-1.6 --near 0.5 --effects all";
     succeed(here, &words.split_whitespace().collect::<Vec<_>>());
     let names: Vec<String> = contents(&here.join("out")).into_keys().collect();
     assert_eq!(
@@ -151,7 +151,10 @@ fn what_was_cleaned_and_culled_is_counted() {
     assert_eq!((all, &census["outside-depth"]), (5 * 12, &json!(12)), "one of five is behind each of twelve");
     assert!(report.get("views").is_none() && record(&here.join("out"))["views"].as_array().unwrap().len() == 12);
     let text = succeed(here, &words[..8]);
-    assert!(text.contains("5 Gaussians") && text.contains("NotANumber") && text.contains("behind the far"), "{text}");
+    assert!(
+        text.contains("5 Gaussians") && text.contains("means: not-a-number") && text.contains("behind the far"),
+        "{text}"
+    );
 }
 
 #[test]
@@ -330,6 +333,8 @@ fn wrong_words_are_told_before_anything_is_made() {
         &["--orbit", "--fps", "12"],
         &["--orbit", "--backend", "cuda"],
         &["--orbit", "--round-trip", "splat"],
+        &["--orbit", "--effects", "fog"],
+        &["--orbit", "--tolerance", "-1"],
     ] {
         let outcome = atsplat(here, &[&start[..], more].concat());
         assert_eq!(outcome.code, 2, "{more:?}: {}", outcome.stderr);
@@ -379,4 +384,29 @@ fn the_reference_renders_what_the_processor_does() {
         let (cpu, reference) = (picture(&format!("cpu/{name}")), picture(&format!("reference/{name}")));
         Tolerance::absolute(1e-4).assert(wide(&cpu), wide(&reference), name);
     }
+}
+
+#[test]
+fn effects_that_are_skipped_are_told_and_stay_within_the_tolerance() {
+    let folder = folder();
+    let here = folder.path();
+    let scene = fixture("degree3_little_endian.ply");
+    let mut pictures = Vec::new();
+    for effects in ["all", "auto", "none"] {
+        let words =
+            ["render", scene.to_str().unwrap(), "--orbit", "3", "--size", "32x24", "--formats", "exr", "--effects"];
+        let more = [effects, "--tolerance", "0.01", "--background", "white", "--out", effects, "--explain"];
+        let text = succeed(here, &[&words[..], &more[..]].concat());
+        assert!(text.contains("view-dependence") && text.contains(" ms to decide"), "{text}");
+        let rows = record(&here.join(effects))["effects"]["effects"].clone();
+        let row = rows.as_array().unwrap().iter().find(|row| row["effect"] == "background").unwrap().clone();
+        assert_eq!(row[if effects == "none" { "left-out" } else { "runs" }], 3, "{effects}: {row}");
+        let read = |at: usize| {
+            let file = fs::read(here.join(effects).join(format!("{at:06}.exr"))).unwrap();
+            exr::read_rgb(&file, &DecodeLimits::default()).unwrap().0.into_samples()
+        };
+        pictures.push((0..3).flat_map(read).map(f64::from).collect::<Vec<_>>());
+    }
+    Tolerance::absolute(0.01 + 1e-5).assert(pictures[1].clone(), pictures[0].clone(), "auto is all");
+    assert!(Tolerance::absolute(0.5).check(pictures[2].clone(), pictures[0].clone()).is_err(), "none is black");
 }

@@ -4,9 +4,11 @@ use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use atsplat_pixels::{ImageU8, PixelError, Rounding, encode_png};
-use atsplat_splat::{Census, Gaussians, RenderOptions, Renderer, Rendering, Stage};
+use atsplat_splat::effects::Decision;
+use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
 use rayon::prelude::*;
 
+use super::effects::Look;
 use super::picture;
 use super::preview::{Preview, reduced};
 use super::views::Shot;
@@ -34,6 +36,8 @@ pub(crate) struct Frame {
     pub(crate) census: Option<Census>,
     /// Why it is not whole.
     pub(crate) fault: Option<String>,
+    /// What became of the effects.
+    pub(crate) decisions: Vec<Decision>,
     pub(crate) timing: FrameTiming,
 }
 
@@ -49,6 +53,7 @@ pub(crate) struct FrameTiming {
 struct Waiting<'a> {
     shot: &'a Shot,
     rendering: Result<Rendering<f32>, String>,
+    decisions: Vec<Decision>,
     timing: FrameTiming,
 }
 
@@ -57,13 +62,13 @@ struct Waiting<'a> {
 pub(crate) fn shoot(
     renderer: &mut dyn Renderer,
     (gaussians, shots): (&Gaussians, &[Shot]),
-    options: &RenderOptions,
+    look: &Look,
     files: &FrameFiles,
     mut preview: Option<&mut Preview>,
     apart: bool,
 ) -> anyhow::Result<Vec<Frame>> {
     let progress = Progress::new("frames", shots.len());
-    let mut render = |shots| rendered(renderer, gaussians, shots, options);
+    let mut render = |shots| rendered(renderer, gaussians, shots, look);
     let mut write = |waiting| written(waiting, files, preview.as_deref_mut(), &progress);
     let mut frames = Vec::with_capacity(shots.len());
     let mut waiting = Vec::new();
@@ -90,13 +95,23 @@ fn rendered<'a>(
     renderer: &mut dyn Renderer,
     gaussians: &Gaussians,
     shots: &'a [Shot],
-    options: &RenderOptions,
+    look: &Look,
 ) -> Vec<Waiting<'a>> {
     let mut one = |shot: &'a Shot| {
         let start = Instant::now();
-        let rendering = renderer.render(gaussians, &shot.view, options).map_err(|error| error.to_string());
-        let render_secs = start.elapsed().as_secs_f64();
-        Waiting { shot, rendering, timing: FrameTiming { stages: renderer.stages(), render_secs, write_secs: 0.0 } }
+        let outcome = look.render(renderer, gaussians, &shot.view);
+        let mut timing = FrameTiming { render_secs: start.elapsed().as_secs_f64(), ..FrameTiming::default() };
+        let mut decisions = Vec::new();
+        let rendering = match outcome {
+            Ok((rendering, plan)) => {
+                timing.stages = vec![Stage { name: "plan", secs: plan.secs() }];
+                timing.stages.extend(renderer.stages());
+                decisions = plan.decisions().to_vec();
+                Ok(rendering)
+            }
+            Err(error) => Err(error.to_string()),
+        };
+        Waiting { shot, rendering, decisions, timing }
     };
     shots.iter().map(&mut one).collect()
 }
@@ -128,11 +143,11 @@ fn written(
 }
 
 fn write_frame(
-    Waiting { shot, rendering, timing }: Waiting<'_>,
+    Waiting { shot, rendering, decisions, timing }: Waiting<'_>,
     files: &FrameFiles,
     wants_bytes: bool,
 ) -> anyhow::Result<(Frame, Option<ImageU8>)> {
-    let mut frame = Frame { files: Vec::new(), census: None, fault: None, timing };
+    let mut frame = Frame { files: Vec::new(), census: None, fault: None, decisions, timing };
     let rendering = match rendering {
         Ok(rendering) => rendering,
         Err(fault) => return Ok((Frame { fault: Some(fault), ..frame }, None)),

@@ -2,6 +2,7 @@
 
 mod backend;
 mod camera_file;
+mod effects;
 mod frames;
 mod framing;
 mod look;
@@ -26,14 +27,18 @@ use clap::{Args, Command, ValueEnum};
 
 use crate::output::{complain, print_report, print_warnings};
 use backend::{BackendWord, backend};
-use frames::{FrameFiles, open_folder, shoot, strangers};
+use effects::EffectWords;
+use frames::{Frame, FrameFiles, open_folder, shoot, strangers};
 use look::{LookRecord, LookWords, ignored};
 use preview::PreviewWords;
 use report::{FrameCounts, Record, RenderFile, Report, ViewRecord};
 use round_trip::{RoundTripWord, measure};
 use scene_file::SceneWords;
 use timings::Timings;
-use views::{Plan, ViewWords};
+use views::{Plan, Shot, ViewWords};
+
+/// Pairs of renderings that an effect's cost is the median of.
+const EXPLAINING_PAIRS: usize = 5;
 
 #[derive(Debug, Args)]
 pub(crate) struct Words {
@@ -46,8 +51,11 @@ pub(crate) struct Words {
     #[command(flatten, next_help_heading = "Rendering")]
     look: LookWords,
 
+    #[command(flatten, next_help_heading = "Rendering")]
+    effects: EffectWords,
+
     /// Who renders.
-    #[arg(long, value_name = "NAME", default_value = "cpu")]
+    #[arg(long, value_name = "NAME", default_value = "cpu", help_heading = "Rendering")]
     backend: BackendWord,
 
     /// Folder for `000000.png`, `000000.exr`, … and `render.json`, which tells how they were made.
@@ -101,14 +109,14 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let cameras = words.views.read(&mut warnings)?;
 
     let scene = words.scene.read()?;
-    let options = words.look.options(constants, &scene, words.writes(FormatWord::Exr))?;
+    let look = words.effects.look(words.look.options(constants, &scene, words.writes(FormatWord::Exr))?);
     let Plan { shots, path, notes } = words.views.plan(cameras, &scene.gaussians)?;
     let (gaussians, mut notes) = (scene.gaussians, [scene.notes, notes].concat());
-    notes.extend(ignored(&options.constants, &shots));
+    notes.extend(ignored(&look.options.constants, &shots));
 
     let mut preview = preview_file.map(|file| words.preview.start(file, &shots)).transpose()?;
     let files = words.files();
-    let frames = shoot(renderer.as_mut(), (&gaussians, &shots), &options, &files, preview.as_mut(), words.timings)?;
+    let frames = shoot(renderer.as_mut(), (&gaussians, &shots), &look, &files, preview.as_mut(), words.timings)?;
     let done = frames.iter().filter(|frame| frame.fault.is_none()).count();
     let faults = || shots.iter().zip(&frames).filter_map(|(shot, frame)| Some((shot.number, frame.fault.as_ref()?)));
     if done == 0 {
@@ -122,7 +130,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let round_trip = if words.round_trip.is_empty() {
         None
     } else {
-        Some(measure(renderer.as_mut(), (&gaussians, &shots), &options, &words.round_trip)?)
+        Some(measure(renderer.as_mut(), (&gaussians, &shots), &look.options, &words.round_trip)?)
     };
     let broken_promise = round_trip.as_ref().and_then(round_trip::RoundTrips::broken_promise);
 
@@ -133,7 +141,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         scene: scene.record,
         path,
         backend: renderer.name(),
-        look: LookRecord::of(&options)?,
+        look: LookRecord::of(&look.options)?,
+        effects: look.record(&frames),
         rounding: files.rounding,
         values: "display-referred RGB, over the background",
         frames: FrameCounts { asked: shots.len(), done, failed: shots.len() - done },
@@ -145,7 +154,14 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let text = serde_json::to_string_pretty(&RenderFile { record: &record, views })?;
     record_file.finish(format!("{text}\n").as_bytes())?;
     let timings = words.timings.then(|| Timings::of(scene.reading_secs, &frames));
-    let report = Report { out: words.out.clone(), preview: words.preview.preview.clone(), record, timings };
+    let explanation = match whole(&shots, &frames).filter(|_| words.effects.explain) {
+        Some(shot) => {
+            Some(look.plan(&gaussians, &shot.view)?.explain(renderer.as_mut(), &gaussians, EXPLAINING_PAIRS)?)
+        }
+        None => None,
+    };
+    let preview = words.preview.preview.clone();
+    let report = Report { out: words.out.clone(), preview, record, timings, explanation };
     print_report(&report, words.json)?;
     print_warnings(&warnings);
     for note in &report.record.warnings {
@@ -156,6 +172,11 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         complain(&format!("warning: {} holds {strangers} pictures of another call", words.out.display()));
     }
     broken_promise.map_or(Ok(report.record.frames.failed == 0), |promise| bail!("{promise}"))
+}
+
+/// The first frame that nothing is wrong with.
+fn whole<'a>(shots: &'a [Shot], frames: &[Frame]) -> Option<&'a Shot> {
+    shots.iter().zip(frames).find(|(_, frame)| frame.fault.is_none()).map(|(shot, _)| shot)
 }
 
 impl Words {

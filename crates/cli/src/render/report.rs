@@ -1,10 +1,13 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use atsplat_splat::effects::Explanation;
+use atsplat_splat::files::{Encoding, Format};
 use atsplat_splat::{Census, Validation};
 use serde::Serialize;
 
 use super::camera_file::CameraRecord;
+use super::effects::EffectRecord;
 use super::frames::Frame;
 use super::look::LookRecord;
 use super::round_trip::RoundTrips;
@@ -30,6 +33,7 @@ pub(crate) struct Record {
     pub(crate) path: PathRecord,
     pub(crate) backend: String,
     pub(crate) look: LookRecord,
+    pub(crate) effects: EffectRecord,
     /// How f32 became 8 bits.
     pub(crate) rounding: atsplat_pixels::Rounding,
     /// What the values of the pictures are.
@@ -85,6 +89,9 @@ pub(crate) struct Report {
     pub(crate) record: Record,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) timings: Option<Timings>,
+    /// Of the first frame.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub(crate) explanation: Option<Explanation>,
 }
 
 impl fmt::Display for Report {
@@ -93,8 +100,11 @@ impl fmt::Display for Report {
         let scene = &record.scene;
         writeln!(
             f,
-            "{} Gaussians of degree {}, {:?}, {} bytes",
-            scene.gaussians, scene.sh_degree, scene.format, scene.bytes
+            "{} Gaussians of degree {}, {}, {} bytes",
+            scene.gaussians,
+            scene.sh_degree,
+            name(scene.format),
+            scene.bytes
         )?;
         problems(f, "on import", &scene.import)?;
         problems(f, "after that", &scene.cleaning.found)?;
@@ -110,14 +120,30 @@ impl fmt::Display for Report {
         if failed > 0 {
             writeln!(f, "{failed} frames failed")?;
         }
+        record.effects.fmt(f)?;
         census(f, &record.census, asked)?;
         if let Some(timings) = &self.timings {
             timings.fmt(f)?;
+        }
+        if let Some(explanation) = &self.explanation {
+            write!(f, "\n{explanation}")?;
         }
         if let Some(round_trip) = &record.round_trip {
             round_trip.fmt(f)?;
         }
         Ok(())
+    }
+}
+
+/// For people.
+fn name(format: Format) -> String {
+    match format {
+        Format::Ply(Encoding::Ascii) => "PLY in ASCII".to_owned(),
+        Format::Ply(Encoding::BinaryLittleEndian) => "PLY".to_owned(),
+        Format::Ply(Encoding::BinaryBigEndian) => "PLY, big-endian".to_owned(),
+        Format::CompressedPly => "compressed PLY".to_owned(),
+        Format::Spz(version) => format!("SPZ {version}"),
+        Format::Splat => ".splat".to_owned(),
     }
 }
 
@@ -128,7 +154,11 @@ fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::
     let Validation { invalid, rejected, repaired, .. } = found;
     writeln!(f, "{invalid} Gaussians with problems {when}: {rejected} left out, {repaired} mended")?;
     for finding in &found.findings {
-        writeln!(f, "{:>12}  {:?} {:?}, first at {}", finding.count, finding.field, finding.problem, finding.first)?;
+        write!(f, "{:>12}  ", finding.count)?;
+        finding.field.serialize(&mut *f)?;
+        f.write_str(": ")?;
+        finding.problem.serialize(&mut *f)?;
+        writeln!(f, ", first at {}", finding.first)?;
     }
     Ok(())
 }

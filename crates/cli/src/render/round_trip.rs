@@ -82,7 +82,7 @@ struct Trip {
     largest: f64,
 }
 
-/// Exports to each format, imports again, and renders the same views.
+/// Exports to each format, imports again, and renders the same views with every effect that was asked for.
 pub(crate) fn measure(
     renderer: &mut dyn Renderer,
     (gaussians, shots): (&Gaussians, &[Shot]),

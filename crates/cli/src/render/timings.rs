@@ -93,7 +93,7 @@ mod tests {
         let secs = ms / 1e3;
         let timing =
             FrameTiming { stages: vec![Stage { name: "sort", secs }], render_secs: 2.0 * secs, write_secs: 0.0 };
-        Frame { files: vec![], census: Some(Census::default()), fault: None, timing }
+        Frame { files: vec![], census: Some(Census::default()), fault: None, decisions: vec![], timing }
     }
 
     #[test]

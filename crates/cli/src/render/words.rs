@@ -66,6 +66,10 @@ pub(crate) fn positive(text: &str) -> Result<f64, String> {
     within(text, "a number above 0", |number| number > 0.0)
 }
 
+pub(crate) fn not_negative(text: &str) -> Result<f64, String> {
+    within(text, "a number of at least 0", |number| number >= 0.0)
+}
+
 pub(crate) fn elevation(text: &str) -> Result<f64, String> {
     within(text, "-90 to 90 degrees", |number| number.abs() <= 90.0)
 }
