@@ -14,11 +14,18 @@ pub(crate) enum BackendWord {
     Reference,
 }
 
+/// A renderer, and why it is not the one that was asked for.
+pub(crate) struct Backend {
+    pub(crate) renderer: Box<dyn Renderer>,
+    pub(crate) note: Option<String>,
+}
+
 /// The renderer that a word stands for.
-pub(crate) fn backend(word: BackendWord) -> anyhow::Result<Box<dyn Renderer>> {
-    match word {
-        BackendWord::Cpu => Ok(Box::new(CpuRenderer::default())),
-        BackendWord::Reference => Ok(Box::new(ReferenceRenderer)),
+pub(crate) fn backend(word: BackendWord) -> anyhow::Result<Backend> {
+    let renderer: Box<dyn Renderer> = match word {
+        BackendWord::Cpu => Box::new(CpuRenderer::default()),
+        BackendWord::Reference => Box::new(ReferenceRenderer),
         BackendWord::Gpu => bail!("this build renders on no GPU; --backend cpu draws the same pictures"),
-    }
+    };
+    Ok(Backend { renderer, note: None })
 }

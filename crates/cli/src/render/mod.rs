@@ -26,7 +26,7 @@ use clap::error::ErrorKind;
 use clap::{Args, Command, ValueEnum};
 
 use crate::output::{complain, print_report, print_warnings};
-use backend::{BackendWord, backend};
+use backend::{Backend, BackendWord, backend};
 use effects::EffectWords;
 use frames::{Frame, FrameFiles, open_folder, shoot, strangers};
 use look::{LookRecord, LookWords, ignored};
@@ -101,7 +101,7 @@ enum RoundingWord {
 /// Renders; `true` where every frame is whole.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     words.check()?;
-    let mut renderer = backend(words.backend)?;
+    let Backend { mut renderer, note } = backend(words.backend)?;
     let record_file = open_folder(&words.out)?;
     let preview_file = words.preview.open()?;
     let constants = words.look.constants()?;
@@ -112,6 +112,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let look = words.effects.look(words.look.options(constants, &scene, words.writes(FormatWord::Exr))?);
     let Plan { shots, path, notes } = words.views.plan(cameras, &scene.gaussians)?;
     let (gaussians, mut notes) = (scene.gaussians, [scene.notes, notes].concat());
+    notes.extend(note);
     notes.extend(ignored(&look.options.constants, &shots));
 
     let mut preview = preview_file.map(|file| words.preview.start(file, &shots)).transpose()?;

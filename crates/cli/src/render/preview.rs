@@ -98,3 +98,27 @@ impl Preview {
 pub(crate) fn reduced(frame: &ImageU8, size: ImageSize) -> anyhow::Result<ImageU8> {
     Ok(resize(frame, size.width, size.height, Filter::Lanczos)?)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn previews_keep_their_shape_and_are_never_enlarged() {
+        let words = PreviewWords { preview: None, preview_width: 480, fps: 24 };
+        let of = |width, height| {
+            let size = words.size(ImageSize { width, height });
+            (size.width, size.height)
+        };
+        assert_eq!(of(960, 540), (480, 270));
+        assert_eq!(of(320, 4000), (320, 4000));
+        assert_eq!(of(1000, 333), (480, 160));
+        assert_eq!(of(60_000, 1), (480, 1));
+    }
+
+    #[test]
+    fn the_extension_tells_an_animation() {
+        assert!(animation_path("a/b.apng").is_ok() && animation_path("b.png").is_ok());
+        assert!(animation_path("b.gif").is_err() && animation_path("png").is_err());
+    }
+}
