@@ -13,7 +13,7 @@ const LONGEST_SIDE: u32 = 24;
 
 /// Reads a scene from bytes, zeros where they end: switches, the camera, then as many Gaussians as the bytes hold.
 /// `None` where the camera is none.
-pub fn scene_of_bytes(bytes: &[u8]) -> Option<(Gaussians, View, RenderOptions)> {
+pub(crate) fn scene_of_bytes(bytes: &[u8]) -> Option<(Gaussians, View, RenderOptions)> {
     let mut reader = Reader(bytes);
     let [preset, switches, degree, max_degree] = [(); 4].map(|()| reader.byte());
     let size = ImageSize {

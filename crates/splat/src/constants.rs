@@ -124,10 +124,11 @@ impl RendererConstants {
         })
     }
 
-    /// Whether a Gaussian whose centre has this depth is drawn; never for NaN.
+    /// Whether a Gaussian whose centre has this depth is drawn; never for NaN, nor beyond [`LARGEST_CHANNEL`], since
+    /// depth is composited too.
     pub fn keeps_depth(&self, depth: f64) -> bool {
         let beyond_near = if self.near_is_culled { depth > self.near } else { depth >= self.near };
-        beyond_near && depth <= self.far
+        beyond_near && depth <= self.far && depth <= LARGEST_CHANNEL
     }
 }
 

@@ -49,11 +49,7 @@ impl Exposure {
     /// [`SplatError::Length`] where the two have not equally many pixels.
     pub fn gradient<T: Copy + Into<f64>>(composited: &[[T; 3]], by_rgb: &[[T; 3]]) -> Result<Self, SplatError> {
         if composited.len() != by_rgb.len() {
-            return Err(SplatError::Length {
-                field: "rgb gradient",
-                expected: composited.len(),
-                found: by_rgb.len(),
-            });
+            return Err(SplatError::Length { field: "rgb gradient", expected: composited.len(), found: by_rgb.len() });
         }
         let mut sum = Self { matrix: [[0.0; 3]; 3], offset: [0.0; 3] };
         for (rgb, by_rgb) in composited.iter().zip(by_rgb) {
@@ -124,8 +120,7 @@ mod tests {
     /// Computed with `np.matmul(rgb, e[:3, :3]) + e[:3, 3]`.
     #[test]
     fn the_array_of_3dgs() {
-        let exposure =
-            Exposure::from_3dgs([[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]]);
+        let exposure = Exposure::from_3dgs([[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]]);
         let seen = exposure.of([0.5, 0.25, 0.75]);
         Tolerance::F64.assert(seen, [0.5725, 0.1925, 0.955], "exposed");
         Tolerance::F64.assert([exposure.gain()], [1.6], "row of blue");

@@ -4,11 +4,17 @@ use glam::DVec2;
 use crate::RendererConstants;
 use crate::constants::Extent;
 
+/// Pixels from the picture's corner to the farthest centre that is drawn. Second moments over pixels are sums of
+/// squares of such distances times colours of up to [`crate::LARGEST_CHANNEL`], and have to fit into f32.
+const FARTHEST: f64 = 1e10;
+
 /// First and one past the last column, then row, that a Gaussian may reach; `None` where the picture has none of
 /// them. `[xx, xy, yy]` is its covariance on the screen, blur included.
 ///
 /// For [`Extent::Exact`] these are the pixels whose centres lie in the box around the ellipse on which opacity
 /// falls to `min_alpha`, and whoever composites them still tests each: nothing is lost, little is visited in vain.
+///
+/// A centre beyond [`FARTHEST`] reaches nothing.
 #[inline(always)]
 pub(crate) fn reach(
     centre: DVec2,
@@ -20,6 +26,9 @@ pub(crate) fn reach(
     const TILE: f64 = 16.0;
     // Wider than the cut-off by far more than what rounding may move it.
     const SPARE: f64 = 0.01;
+    if !(centre.abs().max_element() <= FARTHEST) {
+        return None;
+    }
     let (first, past) = match constants.extent {
         Extent::Exact => {
             let cut = 2.0 * (opacity / constants.min_alpha).ln();

@@ -26,7 +26,8 @@ fn view(distortion: Distortion) -> View {
 fn scene(count: usize, harmonics: f32, log_scale: f32, scalars: Option<f32>) -> Gaussians {
     let wave = |n: usize, phase: f32| (n as f32 * 1.37 + phase).sin();
     let own = sh_coefficients(3);
-    let coefficient = |n: usize| [0.0, 1.0, 2.0].map(|c| if n % own == 0 { wave(n, c) } else { harmonics * wave(n, c) });
+    let coefficient =
+        |n: usize| [0.0, 1.0, 2.0].map(|c| if n % own == 0 { wave(n, c) } else { harmonics * wave(n, c) });
     Gaussians::new(GaussianParts {
         means: (0..count).map(|n| [0.8 * wave(n, 0.0), 0.6 * wave(n, 1.0), 2.5 + 0.1 * n as f32]).collect(),
         quaternions: (0..count).map(|n| [1.5, wave(n, 2.0), wave(n, 3.0), wave(n, 4.0)]).collect(),
@@ -76,8 +77,7 @@ fn assert_equal_within_tolerance(gaussians: &Gaussians, view: &View, options: &R
 
 fn images(rendering: &Rendering<f32>) -> Vec<(&'static str, Vec<f64>)> {
     let wide = |image: &[f32]| image.iter().map(|value| f64::from(*value)).collect::<Vec<_>>();
-    let extra =
-        [("depth", &rendering.depth), ("scalar", &rendering.scalar), ("median-depth", &rendering.median_depth)];
+    let extra = [("depth", &rendering.depth), ("scalar", &rendering.scalar), ("median-depth", &rendering.median_depth)];
     let extra = extra.into_iter().map(|(name, image)| (name, image.as_deref().map(wide).unwrap_or_default()));
     [("rgb", wide(rendering.rgb.as_flattened())), ("alpha", wide(&rendering.alpha))].into_iter().chain(extra).collect()
 }
@@ -99,8 +99,13 @@ fn size(from: i32, to: i32) -> impl Strategy<Value = f64> {
 }
 
 fn lens() -> impl Strategy<Value = Distortion> {
-    let opencv = (size(-12, -1), -1.0..1.0f64)
-        .prop_map(|(size, k2)| Distortion::OpenCv { k1: -size, k2: k2 * size, k3: 0.0, p1: 0.1 * size, p2: 0.0 });
+    let opencv = (size(-12, -1), -1.0..1.0f64).prop_map(|(size, k2)| Distortion::OpenCv {
+        k1: -size,
+        k2: k2 * size,
+        k3: 0.0,
+        p1: 0.1 * size,
+        p2: 0.0,
+    });
     prop_oneof![
         Just(Distortion::None),
         Just(Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }),
@@ -211,7 +216,8 @@ fn changes_add_up() {
 fn exposure_scales_what_the_others_change() {
     let gaussians = scene(5, 1e-5, -1.0, None);
     let brighter = |gain: f64| {
-        let exposure = Exposure { matrix: DMat3::from_diagonal(DVec3::splat(gain)).to_cols_array_2d(), offset: [0.0; 3] };
+        let exposure =
+            Exposure { matrix: DMat3::from_diagonal(DVec3::splat(gain)).to_cols_array_2d(), offset: [0.0; 3] };
         RenderOptions { exposure: Some(exposure), ..RenderOptions::default() }
     };
     for (gain, verdict) in [(2.0, Verdict::LeftOut), (1e4, Verdict::Runs)] {

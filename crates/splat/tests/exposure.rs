@@ -44,9 +44,8 @@ fn its_gradient_is_the_differences() {
     let composited =
         reference::render(&case.gaussians, &case.view, &RenderOptions { exposure: None, ..case.options.clone() });
     let gradient = Exposure::gradient(&composited.unwrap().rgb, &images.rgb).unwrap();
-    let numbers = |exposure: &Exposure| -> Vec<f64> {
-        exposure.matrix.into_iter().flatten().chain(exposure.offset).collect()
-    };
+    let numbers =
+        |exposure: &Exposure| -> Vec<f64> { exposure.matrix.into_iter().flatten().chain(exposure.offset).collect() };
     let of_numbers = |numbers: &[f64]| Exposure {
         matrix: [0, 3, 6].map(|row| [numbers[row], numbers[row + 1], numbers[row + 2]]),
         offset: [numbers[9], numbers[10], numbers[11]],

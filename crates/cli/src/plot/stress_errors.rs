@@ -115,7 +115,8 @@ where
     Ok(())
 }
 
-type Chart<'a, B> = ChartContext<'a, B, Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>>;
+type Chart<'a, B> =
+    ChartContext<'a, B, Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>>;
 
 /// What fails is crossed out.
 fn draw_dot<B>(chart: &mut Chart<'_, B>, at: (f64, f64), colour: RGBColor, error: &MeasuredError) -> anyhow::Result<()>

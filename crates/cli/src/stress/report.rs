@@ -29,7 +29,9 @@ impl fmt::Display for Report {
             let case = if row.case == before { "" } else { &row.case };
             before = &row.case;
             let of = |name: &str, share: fn(&MeasuredError) -> f64| {
-                row.error(name).filter(|error| error.compared > 0).map_or_else(|| "-".to_owned(), |error| figure(share(error)))
+                row.error(name)
+                    .filter(|error| error.compared > 0)
+                    .map_or_else(|| "-".to_owned(), |error| figure(share(error)))
             };
             writeln!(
                 f,
@@ -73,7 +75,8 @@ mod tests {
 
     #[test]
     fn what_fails_is_told_at_the_end() {
-        let error = |name, relative| MeasuredError { name, absolute: 2.0 * relative, relative, bound: 1e-5, compared: 9 };
+        let error =
+            |name, relative| MeasuredError { name, absolute: 2.0 * relative, relative, bound: 1e-5, compared: 9 };
         let row = |path: &str, relative, findings: &[&str]| StressRow {
             case: "needles".to_owned(),
             path: path.to_owned(),
@@ -81,12 +84,16 @@ mod tests {
             non_finite: 0,
             findings: findings.iter().map(ToString::to_string).collect(),
         };
-        let rows = vec![row("reference", 1e-8, &[]), row("cpu, avx2", f64::NAN, &[]), row("gpu", 1e-4, &["census: off"])];
+        let rows =
+            vec![row("reference", 1e-8, &[]), row("cpu, avx2", f64::NAN, &[]), row("gpu", 1e-4, &["census: off"])];
         let report = Report::of(rows);
         assert_eq!(report.failed, 2);
         let text = report.to_string();
         let lines: Vec<&str> = text.lines().collect();
-        assert!(lines[1].starts_with("needles                  reference          2.0e-8   1.0e-8         0"), "{text}");
+        assert!(
+            lines[1].starts_with("needles                  reference          2.0e-8   1.0e-8         0"),
+            "{text}"
+        );
         assert!(lines[1].ends_with("ok") && lines[2].ends_with("FAILED") && lines[3].ends_with("FAILED"), "{text}");
         assert_eq!(lines[5], "needles, cpu, avx2: image NaN, at most 1.0e-5");
         assert_eq!(lines[7], "needles, gpu: census: off");

@@ -1,7 +1,7 @@
 use anyhow::bail;
 use atsplat_numeric::StressRow;
 use atsplat_splat::hard_cases::{HardCase, catalogue};
-use atsplat_splat::stress::{Expected, paths};
+use atsplat_splat::stress;
 
 use crate::progress::Progress;
 
@@ -16,18 +16,17 @@ pub(super) fn case_name(word: &str) -> Result<String, String> {
 
 /// Rows of the chosen cases and paths; of all where none is chosen.
 pub(super) fn rows(cases: &[String], words: &[String]) -> anyhow::Result<Vec<StressRow>> {
-    let mut paths = paths();
-    let names: Vec<String> = paths.iter().map(|path| path.name()).collect();
+    let mut paths = stress::paths();
+    let names: Vec<String> = paths.iter().map(|path| path.renderer.name()).collect();
     if let Some(word) = words.iter().find(|word| !names.iter().any(|name| name.contains(*word))) {
         bail!("--path {word}: this machine has {}", names.join("; "));
     }
-    paths.retain(|path| words.is_empty() || words.iter().any(|word| path.name().contains(word)));
+    paths.retain(|path| words.is_empty() || words.iter().any(|word| path.renderer.name().contains(word)));
     let chosen = chosen(cases);
     let progress = Progress::new("hard cases", chosen.len());
     let mut rows = Vec::with_capacity(chosen.len() * paths.len());
     for case in &chosen {
-        let expected = Expected::of(case)?;
-        rows.extend(paths.iter_mut().map(|path| expected.row(path.as_mut())));
+        rows.extend(stress::rows(case, &mut paths)?);
         progress.step();
     }
     Ok(rows)
@@ -35,7 +34,9 @@ pub(super) fn rows(cases: &[String], words: &[String]) -> anyhow::Result<Vec<Str
 
 /// Names and descriptions, a line each.
 pub(super) fn list(cases: &[String]) -> String {
-    chosen(cases).iter().map(|case| format!("{:<24} {}\n", case.name, case.description)).collect()
+    let lines: Vec<String> =
+        chosen(cases).iter().map(|case| format!("{:<24} {}", case.name, case.description)).collect();
+    lines.join("\n") + "\n"
 }
 
 fn chosen(cases: &[String]) -> Vec<HardCase> {

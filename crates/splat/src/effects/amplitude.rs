@@ -41,9 +41,8 @@ fn of_one(coefficients: &[[f32; 3]]) -> Above {
     let mut sum = 0.0;
     for (band, slot) in above.iter_mut().enumerate().take(BANDS).rev() {
         let Some(own) = coefficients.get(band * band..) else { continue };
-        let squares = own.iter().take(2 * band + 1).fold([0.0f32; 3], |[r, g, b], [x, y, z]| {
-            [r + x * x, g + y * y, b + z * z]
-        });
+        let squares =
+            own.iter().take(2 * band + 1).fold([0.0f32; 3], |[r, g, b], [x, y, z]| [r + x * x, g + y * y, b + z * z]);
         let largest = squares.into_iter().fold(0.0, f32::maximum_of);
         sum += ROUNDING * (f64::from(largest) * (2.0 * band as f64 + 1.0) * 0.25 * std::f64::consts::FRAC_1_PI).sqrt();
         *slot = sum;

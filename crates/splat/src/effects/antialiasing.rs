@@ -26,7 +26,11 @@ impl Effect for Antialiasing {
         self.leave_out(&mut reduced);
         match geometry::change(gaussians, request, &reduced, budget) {
             Ok(bound) => {
-                let reason = format!("Gaussians are so large that no pixel changes by more than {bound:.1e}");
+                let reason = if bound == 0.0 {
+                    "it changes no Gaussian that is drawn".to_owned()
+                } else {
+                    format!("Gaussians are so large that no pixel changes by more than {bound:.1e}")
+                };
                 Judgement { reduced: Some(reduced), bound: Some(bound), reason }
             }
             Err(objection) => Judgement::runs(objection),

@@ -30,21 +30,24 @@ pub(super) fn change(gaussians: &Gaussians, before: &Request, after: &Request, b
     let pair = Pair { gaussians, before: (before, &optics_before), after: (after, &optics_after) };
     let background = before.options.background;
     let mut relative = 0.0;
-    let mut span = background.into_iter().fold([0.0; 2], |[low, high], channel| {
-        [low.minimum_of(channel), high.maximum_of(channel)]
-    });
+    let mut span = background
+        .into_iter()
+        .fold([0.0; 2], |[low, high], channel| [low.minimum_of(channel), high.maximum_of(channel)]);
     for positions in growing(gaussians.len()) {
         let apart: Vec<Apart> = positions.clone().into_par_iter().map(|position| pair.apart(position)).collect();
         for (position, apart) in positions.zip(apart) {
             match apart {
                 Apart::Same => {}
-                Apart::Culled => return Err("some Gaussians are drawn only with it, or only without".to_owned()),
+                Apart::Culled => return Err("without it other Gaussians are culled, or for other reasons".to_owned()),
                 Apart::By { opacity, brightest } if opacity <= ROUNDING => {
                     relative = opacity.maximum_of(relative);
                     span[1] = brightest.maximum_of(span[1]);
                 }
                 Apart::By { opacity, .. } => {
-                    return Err(format!("it changes opacities, Gaussian {position}'s by up to {:.2} %", 100.0 * opacity));
+                    return Err(format!(
+                        "it changes opacities, Gaussian {position}'s by up to {:.2} %",
+                        100.0 * opacity
+                    ));
                 }
             }
         }
@@ -75,7 +78,7 @@ struct Pair<'a> {
 /// How the two projections of a Gaussian differ.
 enum Apart {
     Same,
-    /// One of them is not drawn, or what both may reach differs by tiles.
+    /// One of them is not drawn, both for other reasons, or what they may reach differs by tiles.
     Culled,
     By {
         /// Relative change of its opacity at any pixel that shows it.
@@ -87,16 +90,16 @@ enum Apart {
 
 impl Pair<'_> {
     fn apart(&self, position: usize) -> Apart {
-        let [before, after] = [self.before, self.after].map(|(request, optics)| {
-            project(self.gaussians, position, optics, request.view.size, &request.options)
-        });
+        let [before, after] = [self.before, self.after]
+            .map(|(request, optics)| project(self.gaussians, position, optics, request.view.size, &request.options));
         let constants = &self.before.0.options.constants;
         match (&before, &after) {
             (Outcome::Drawn(a), Outcome::Drawn(b)) if constants.extent == Extent::Exact || a.reach == b.reach => {
                 Apart::By { opacity: relative_change(a, b, constants), brightest: a.rgb.max_element() }
             }
             (Outcome::Drawn(_), _) | (_, Outcome::Drawn(_)) => Apart::Culled,
-            _ => Apart::Same,
+            _ if std::mem::discriminant(&before) == std::mem::discriminant(&after) => Apart::Same,
+            _ => Apart::Culled,
         }
     }
 }

@@ -33,9 +33,10 @@ impl Effect for ViewDependence {
         });
         let Some((kept, change)) = kept else {
             let change = above.get(last).copied().unwrap_or_default() * gain;
-            return Judgement::runs(match change.is_finite() {
-                true => format!("degree {degree} alone may change a colour by {change:.2}"),
-                false => format!("a coefficient up to degree {degree} is not finite or too large to be drawn"),
+            return Judgement::runs(if change.is_finite() {
+                format!("degree {degree} alone may change a colour by {change:.2}")
+            } else {
+                format!("a coefficient up to degree {degree} is not finite or too large to be drawn")
             });
         };
         let mut reduced = request.clone();

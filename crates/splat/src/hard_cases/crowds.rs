@@ -14,7 +14,8 @@ fn coincident(count: usize, logit: f32) -> impl Iterator<Item = One> {
 pub(super) fn cases() -> Vec<HardCase> {
     let batch = |name, count| {
         let description = "as many as a batch, a tile's list or a byte holds, and one beside it";
-        case(name, description, gaussians(coincident(count, -3.5))).counted([count as u64, 0, 0, 0, 0])
+        let case = case(name, description, gaussians(coincident(count, -3.5))).counted([count as u64, 0, 0, 0, 0]);
+        case.with_image_to(5e-6).with_gradient_to(1e-3)
     };
     let ties = (0..300).map(|n| {
         let turn = n as f32;
@@ -28,7 +29,9 @@ pub(super) fn cases() -> Vec<HardCase> {
     });
     let adjacent: Vec<One> = adjacent.take(12).collect();
     let crowd = case("ten-thousand", "ten thousand Gaussians in one place", gaussians(coincident(10_000, -4.0)))
-        .counted([10_000, 0, 0, 0, 0]);
+        .counted([10_000, 0, 0, 0, 0])
+        .with_image_to(1e-5)
+        .with_gradient_to(1e-3);
     let small = ImageSize { width: 5, height: 4 };
     vec![
         case("nothing", "no Gaussians at all", gaussians([])).counted([0; 5]),
@@ -36,7 +39,8 @@ pub(super) fn cases() -> Vec<HardCase> {
         batch("255-in-one-place", 255),
         batch("256-in-one-place", 256),
         batch("257-in-one-place", 257),
-        case("equal-depths", "three hundred at one depth: their order is the list's", gaussians(ties)),
+        case("equal-depths", "three hundred at one depth: their order is the list's", gaussians(ties))
+            .with_image_to(5e-6),
         case("adjacent-depths", "depths one unit in the last place apart, listed from the farthest", {
             gaussians(adjacent.into_iter().chain([BACKDROP]))
         }),

@@ -1,7 +1,7 @@
 //! Scenes at which renderers break: each a name, the data, and the error that a renderer may make on it.
 //!
 //! What is invalid is culled and counted, what is extreme but valid survives. Sources: the issue trackers of
-//! gaussian-splatting, diff-gaussian-rasterization, gsplat, brush, fvdb-core, LichtFeld and supersplat.
+//! gaussian-splatting, diff-gaussian-rasterization, gsplat, brush, fvdb-core, supersplat and others.
 
 mod crowds;
 mod numbers;
@@ -44,22 +44,25 @@ pub struct ErrorBounds {
     pub band: f64,
 }
 
+impl ErrorBounds {
+    /// Larger, or smaller, by a factor: for a renderer that computes more coarsely, or less.
+    #[must_use]
+    pub fn scaled(self, factor: f64) -> Self {
+        let Self { image, gradient, band } = self;
+        Self { image: image * factor, gradient: gradient * factor, band: band * factor }
+    }
+}
+
 impl Default for ErrorBounds {
     /// What geometry in f64 and pixels in f32 leave.
     fn default() -> Self {
-        Self { image: 4e-6, gradient: 1e-4, band: 1e-4 }
+        Self { image: 1e-6, gradient: 2e-4, band: 1e-4 }
     }
 }
 
 /// Every hard case.
 pub fn catalogue() -> Vec<HardCase> {
-    let groups = [
-        shapes::cases(),
-        places::cases(),
-        opacities::cases(),
-        numbers::cases(),
-        crowds::cases(),
-        views::cases(),
-    ];
+    let groups =
+        [shapes::cases(), places::cases(), opacities::cases(), numbers::cases(), crowds::cases(), views::cases()];
     groups.into_iter().flatten().collect()
 }

@@ -18,12 +18,18 @@ fn in_each_field(number: f32) -> Gaussians {
 pub(super) fn cases() -> Vec<HardCase> {
     let quaternion = |quaternion| One { quaternion, ..ONE };
     let spread = |n: usize| One { mean: [0.3 * n as f32 - 0.6, 0.1, 2.0 + 0.5 * n as f32], ..ONE };
-    let wave = |size: f32| move |n: usize| [(n as f32).sin(), (1.3 * n as f32).cos(), (0.7 * n as f32).sin()].map(|v| v * size);
+    let wave = |size: f32| {
+        move |n: usize| [(n as f32).sin(), (1.3 * n as f32).cos(), (0.7 * n as f32).sin()].map(|v| v * size)
+    };
     let e3nn = || with(|constants| constants.sh_axes = ShAxes::E3nn);
     vec![
         case("not-a-number", "NaN in each field", in_each_field(f32::NAN)).counted([1, 6, 0, 0, 0]),
-        case("infinity", "infinity in each field: an opacity of one is none the worse for it", in_each_field(f32::INFINITY))
-            .counted([2, 5, 0, 0, 0]),
+        case(
+            "infinity",
+            "infinity in each field: an opacity of one is none the worse for it",
+            in_each_field(f32::INFINITY),
+        )
+        .counted([2, 5, 0, 0, 0]),
         case("minus-infinity", "minus infinity in each field: a scale of zero is usable, an opacity of zero faint", {
             in_each_field(f32::NEG_INFINITY)
         })
@@ -36,9 +42,8 @@ pub(super) fn cases() -> Vec<HardCase> {
             gaussians([quaternion([1e-20, 2e-20, 0.0, 1e-20]), quaternion([3e30, 1e30, -2e30, 0.0]), BACKDROP])
         })
         .counted([3, 0, 0, 0, 0]),
-        case("bright", "colours of a billion", {
-            gaussians([One { colour: [3e9, 1e9, -3e9], ..ONE }, BACKDROP])
-        }),
+        case("bright", "colours of a billion", gaussians([One { colour: [3e9, 1e9, -3e9], ..ONE }, BACKDROP]))
+            .with_gradient_to(1e-3),
         case("too-bright", "colours beyond any meaning are invalid", {
             gaussians([One { colour: [1e13, 0.0, 0.0], ..ONE }, One { scalar: -1e13, ..ONE }, BACKDROP])
         })

@@ -22,6 +22,7 @@ pub(super) fn cases() -> Vec<HardCase> {
             let one = |(n, logit): (usize, f32)| One { mean: [0.2 * n as f32 - 0.7, 0.0, 2.0], logit, ..ONE };
             gaussians(logits.into_iter().enumerate().map(one))
         })
+        .with_gradient_to(5e-4)
         .counted([4, 0, 0, 4, 0]),
         case("faintest", "opacities of 1/255, and up to eight units in the last place beside it", {
             let mut logit = FAINTEST;
@@ -32,28 +33,34 @@ pub(super) fn cases() -> Vec<HardCase> {
             };
             gaussians(std::iter::repeat_with(next).take(16).collect::<Vec<_>>().into_iter().chain([BACKDROP]))
         }),
-        case("saturated", "fifty opaque layers: all pixels finish early", gaussians(stack(50, 20.0))),
+        case("saturated", "fifty opaque layers: all pixels finish early", gaussians(stack(50, 20.0)))
+            .with_gradient_to(2e-3),
         case("nearly-saturated", "opacities around the largest that one Gaussian may have", {
             let logits = [6.9, 6.906, 6.907, 6.908, 7.0, 9.0];
             gaussians(logits.into_iter().enumerate().map(|(n, logit)| sheet(2.0 + n as f32, logit)))
-        }),
+        })
+        .with_gradient_to(3e-3),
         case("one-in-the-way", "an alpha of one in front, with no largest opacity and no early end", {
             gaussians([sheet(2.0, 30.0), sheet(3.0, 0.0), BACKDROP])
         })
         .drawn(with(|constants| {
             constants.max_alpha = 1.0;
             constants.min_transmittance = 0.0;
-        })),
+        }))
+        .with_gradient_to(2e-2),
         case("almost-one-in-the-way", "an opacity 6e-8 below one: its 1/(1 − α) is 2²⁴", {
             gaussians([sheet(2.0, 16.6), sheet(3.0, 0.0), BACKDROP])
         })
         .drawn(with(|constants| {
             constants.max_alpha = 1.0;
             constants.min_transmittance = 0.0;
-        })),
+        }))
+        .with_gradient_to(2e-2),
         case("gauze", "a thousand layers just above the faintest", {
             gaussians(stack(1000, -5.4).map(|one| One { mean: [0.0, 0.0, one.mean[2] - 1.0], ..one }))
-        }),
+        })
+        .with_image_to(1e-5)
+        .with_gradient_to(1e-3),
         case("half-way", "the transmittance passes one half exactly", {
             gaussians([sheet(2.0, 0.0), sheet(3.0, 0.0), sheet(4.0, 0.0)])
         }),

@@ -4,7 +4,7 @@ use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedI
 use glam::{DMat3, DVec3};
 
 use super::{ErrorBounds, HardCase};
-use crate::{Census, Channels, GaussianParts, Gaussians, RendererConstants, RenderOptions, View, sh_coefficients};
+use crate::{Census, Channels, GaussianParts, Gaussians, RenderOptions, RendererConstants, View, sh_coefficients};
 
 /// One Gaussian as the cases write it down: red, a quarter see-through, a third of a unit wide, two units ahead.
 #[derive(Clone, Copy, Debug)]
@@ -127,8 +127,14 @@ impl HardCase {
         Self { options, ..self }
     }
 
-    pub(super) fn bounded(self, bounds: ErrorBounds) -> Self {
-        Self { bounds, ..self }
+    /// A case at which derivatives are worse than usual.
+    pub(super) fn with_gradient_to(self, gradient: f64) -> Self {
+        Self { bounds: ErrorBounds { gradient, ..self.bounds }, ..self }
+    }
+
+    /// A case at which images are worse than usual.
+    pub(super) fn with_image_to(self, image: f64) -> Self {
+        Self { bounds: ErrorBounds { image, ..self.bounds }, ..self }
     }
 
     /// How many are drawn, invalid, outside depth, faint, outside the picture.

@@ -36,30 +36,48 @@ pub(super) fn cases() -> Vec<HardCase> {
     vec![
         case("needles", "a thousand times longer than wide, in every direction", gaussians(turned([0.0, -7.0, -7.0])))
             .counted([6, 0, 0, 0, 0]),
-        case("long-needles", "a hundred million times longer than wide", gaussians(turned([8.0, -11.0, -11.0]))),
-        case("needle-end-on", "a needle along the optical axis", gaussians([end_on, BACKDROP])).counted([2, 0, 0, 0, 0]),
-        case("flat-discs", "one scale is nothing, seen from the front and edge-on", gaussians(turned([-1.0, -1.0, -60.0])))
-            .counted([6, 0, 0, 0, 0]),
+        case("long-needles", "a hundred million times longer than wide", gaussians(turned([8.0, -11.0, -11.0])))
+            .with_gradient_to(3e-2),
+        case("needle-end-on", "a needle along the optical axis", gaussians([end_on, BACKDROP]))
+            .counted([2, 0, 0, 0, 0]),
+        case(
+            "flat-discs",
+            "one scale is nothing, seen from the front and edge-on",
+            gaussians(turned([-1.0, -1.0, -60.0])),
+        )
+        .counted([6, 0, 0, 0, 0]),
         case("points", "all scales are nothing: the blur alone is drawn", gaussians(turned([-100.0; 3])))
             .counted([6, 0, 0, 0, 0]),
         case("denormal-scales", "scales whose exponential is a denormal of f32, or zero", {
             let scales = [-87.0, -88.0, -100.0, -103.0, -104.0, -200.0];
             gaussians(turned([0.0; 3]).zip(scales).map(|(one, log)| One { log_scales: [log, -1.5, log], ..one }))
         }),
-        case("tiny", "scales of 1e-6, in classic mode", gaussians(turned([-13.8, -14.3, -13.5]))).counted([6, 0, 0, 0, 0]),
-        case("tiny-antialiased", "scales of 1e-6, whose compensation leaves nothing", gaussians(turned([-13.8, -14.3, -13.5])))
-            .drawn(antialiased())
-            .counted([0, 0, 0, 6, 0]),
-        case("huge", "scales of 1e6", gaussians(turned([13.8, 14.3, 13.5]))),
+        case("tiny", "scales of 1e-6, in classic mode", gaussians(turned([-13.8, -14.3, -13.5])))
+            .counted([6, 0, 0, 0, 0]),
+        case(
+            "tiny-antialiased",
+            "scales of 1e-6, whose compensation leaves nothing",
+            gaussians(turned([-13.8, -14.3, -13.5])),
+        )
+        .drawn(antialiased())
+        .counted([0, 0, 0, 6, 0]),
+        case("huge", "scales of 1e6", gaussians(turned([13.8, 14.3, 13.5]))).with_gradient_to(1e-3),
         case("dust", "hundreds of Gaussians a hundredth of a pixel wide", gaussians(dust.clone())),
-        case("dust-antialiased", "the same, antialiased, most of it too faint", gaussians(dust.clone())).drawn(antialiased()),
-        case("dust-compensated", "the same with a smallest compensation, as gsplat 1.6 has it", gaussians(dust)).drawn({
-            let mut options = antialiased();
-            options.constants.min_compensation = 0.02;
-            options
-        }),
-        case("antialiased", "needles and a backdrop, antialiased", gaussians(turned([-1.0, -4.0, -4.0]).chain([BACKDROP])))
+        case("dust-antialiased", "the same, antialiased, most of it too faint", gaussians(dust.clone()))
             .drawn(antialiased()),
+        case("dust-compensated", "the same with a smallest compensation, as gsplat 1.6 has it", gaussians(dust)).drawn(
+            {
+                let mut options = antialiased();
+                options.constants.min_compensation = 0.02;
+                options
+            },
+        ),
+        case(
+            "antialiased",
+            "needles and a backdrop, antialiased",
+            gaussians(turned([-1.0, -4.0, -4.0]).chain([BACKDROP])),
+        )
+        .drawn(antialiased()),
         case("no-blur", "no screen-space blur at all", gaussians(turned([-1.0, -2.0, -2.5])))
             .drawn(with(|constants| constants.blur = 0.0)),
         case("no-blur-disc-edge-on", "without blur a disc seen edge-on has no area", {

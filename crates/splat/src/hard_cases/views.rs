@@ -36,8 +36,11 @@ pub(super) fn cases() -> Vec<HardCase> {
         })
         .seen(wide(1000.0, 1300.0)),
         case("wide-angle", "a focal length of a twentieth of the width", gaussians(beside)).seen(wide(0.05, 0.07)),
-        case("from-the-side", "a right angle away from where the Gaussians were seen", gaussians(row()))
-            .seen(looking(all_round, DVec3::new(-2.0, 0.1, 2.5), [0.9, 1.2])),
+        case("from-the-side", "a right angle away from where the Gaussians were seen", gaussians(row())).seen(looking(
+            all_round,
+            DVec3::new(-2.0, 0.1, 2.5),
+            [0.9, 1.2],
+        )),
         case("from-behind", "the opposite view: what was last is first", gaussians(row())).seen(looking(
             all_round * all_round,
             DVec3::new(0.0, 0.0, 8.0),

@@ -14,8 +14,8 @@ use super::parameter::{Parameter, moved};
 use crate::constants::Extent;
 use crate::hard_cases::HardCase;
 use crate::{
-    ClampedGradient, Gaussians, ImageGradients, RenderOptions, Renderer, RendererConstants, Rendering, SplatError, View,
-    reference,
+    ClampedGradient, Gaussians, ImageGradients, RenderOptions, Renderer, RendererConstants, Rendering, SplatError,
+    View, reference,
 };
 
 /// Below which even the reference goes.
@@ -58,14 +58,18 @@ impl Differences {
     }
 
     /// How far a path's derivatives are from the differences.
-    pub(super) fn error(&self, case: &HardCase, path: &mut dyn Renderer) -> Result<MeasuredError, SplatError> {
+    pub(super) fn error(
+        &self,
+        case: &HardCase,
+        path: &mut dyn Renderer,
+        bound: f64,
+    ) -> Result<MeasuredError, SplatError> {
         let options = smooth(&case.options, FADED_IN_F32);
         let gradients = path.backward(&case.gaussians, &case.view, &options, &self.images)?;
-        let (compared, bound) = (self.of.len() as u64, case.bounds.gradient);
+        let compared = self.of.len() as u64;
         let mut error = MeasuredError { name: "differences", absolute: 0.0, relative: 0.0, bound, compared };
         for Difference { parameter, value, size } in &self.of {
             let apart = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
-            if std::env::var_os("SHOW").is_some() && apart > 1e-4 * size { println!("  {} {parameter:?} {value:e} apart {apart:e} size {size:e}", path.name()); }
             error.absolute = error.absolute.maximum_of(apart);
             error.relative = error.relative.maximum_of(share(apart, *size));
         }
@@ -142,7 +146,7 @@ impl Scene<'_> {
         // What sums over pixels lose, as a share of the sum of magnitudes.
         const ROUNDING: f64 = 1e-15;
         // Smaller than what is to be found, by far.
-        let settled = 0.05 * self.case.bounds.gradient * size;
+        const SETTLED: f64 = 1e-5;
         let here = self.loss(&self.case.gaussians, &self.case.view)?;
         (0..TRIES).find_map(|attempt| {
             let step = step * 0.125f64.powi(attempt);
@@ -152,7 +156,7 @@ impl Scene<'_> {
             let (coarse, fine) =
                 ((4.0 * middle.central - wide.central) / 3.0, (4.0 * narrow.central - middle.central) / 3.0);
             let kink = 2.0 * narrow.bend - middle.bend;
-            let is_settled = (coarse - fine).abs() + kink.abs() + noise <= settled;
+            let is_settled = (coarse - fine).abs() + kink.abs() + noise <= SETTLED * size;
             is_settled.then_some((16.0 * fine - coarse) / 15.0)
         })
     }

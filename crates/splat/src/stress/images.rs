@@ -18,25 +18,26 @@ pub(super) fn error(
     actual: &Rendering<f32>,
     expected: &Rendering<f64>,
     jumps: &[Jump],
+    bound: f64,
 ) -> Result<MeasuredError, SplatError> {
-    let mut error =
-        MeasuredError { name: "image", absolute: 0.0, relative: 0.0, bound: case.bounds.image, compared: 0 };
+    let mut error = MeasuredError { name: "image", absolute: 0.0, relative: 0.0, bound, compared: 0 };
     let [colour, depth, scalar] = spreads(case)?;
     let flat = |image: &[f64]| image.iter().fold(1.0, |most: f64, value| most.maximum_of(value.abs()));
-    let mut compare = |Compared { actual, expected, spread }: Compared<'_>, samples: usize, skips: fn(&Jump) -> bool| {
-        let size = flat(expected);
-        for ((actual, expected), jump) in actual.chunks(samples).zip(expected.chunks(samples)).zip(jumps) {
-            if skips(jump) {
-                continue;
+    let mut compare =
+        |Compared { actual, expected, spread }: Compared<'_>, samples: usize, skips: fn(&Jump) -> bool| {
+            let size = flat(expected);
+            for ((actual, expected), jump) in actual.chunks(samples).zip(expected.chunks(samples)).zip(jumps) {
+                if skips(jump) {
+                    continue;
+                }
+                for (actual, expected) in actual.iter().zip(expected) {
+                    let apart = (f64::from(*actual) - expected).abs() - jump.share * spread;
+                    error.absolute = error.absolute.maximum_of(apart);
+                    error.relative = error.relative.maximum_of(apart / size);
+                    error.compared += 1;
+                }
             }
-            for (actual, expected) in actual.iter().zip(expected) {
-                let apart = (f64::from(*actual) - expected).abs() - jump.share * spread;
-                error.absolute = error.absolute.maximum_of(apart);
-                error.relative = error.relative.maximum_of(apart / size);
-                error.compared += 1;
-            }
-        }
-    };
+        };
     let never = |_: &Jump| false;
     let gain = case.options.exposure.map_or(1.0, |exposure| exposure.gain());
     let (rgb, expected_rgb) = (actual.rgb.as_flattened(), expected.rgb.as_flattened());

@@ -8,25 +8,56 @@ mod parameter;
 use atsplat_numeric::StressRow;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
-use crate::hard_cases::HardCase;
+use crate::hard_cases::{ErrorBounds, HardCase};
 use crate::reference::{self, Jump};
 use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, SplatError};
 
 use differences::Differences;
 
+/// A renderer, and what it may get wrong.
+#[expect(missing_debug_implementations, reason = "renderers have none")]
+pub struct Path {
+    /// The renderer.
+    pub renderer: Box<dyn Renderer>,
+    /// Factor on every bound of a case, which are those of geometry in f64 and pixels in f32.
+    pub slack: f64,
+}
+
 /// Every renderer that this machine has: the reference, and the processor at each of its instruction sets.
-pub fn paths() -> Vec<Box<dyn Renderer>> {
-    let mut paths: Vec<Box<dyn Renderer>> = vec![Box::new(ReferenceRenderer)];
+pub fn paths() -> Vec<Path> {
+    let mut paths = vec![Path { renderer: Box::new(ReferenceRenderer), slack: 1.0 }];
     for simd in SimdLevel::available() {
-        paths.push(Box::new(CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() })));
+        let renderer = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() });
+        paths.push(Path { renderer: Box::new(renderer), slack: 1.0 });
     }
     paths
 }
 
+/// Puts every path through a case, a row each.
+///
+/// # Errors
+/// As [`reference::render`]: for a case that cannot be rendered at all, of which the catalogue has none. What a path
+/// answers with an error is a finding in its row.
+pub fn rows(case: &HardCase, paths: &mut [Path]) -> Result<Vec<StressRow>, SplatError> {
+    let mut rows = Vec::with_capacity(paths.len());
+    let mut known: Option<Expected<'_>> = None;
+    for Path { renderer, slack } in paths {
+        let expected = match known.take() {
+            Some(expected) if expected.slack.to_bits() == slack.to_bits() => expected,
+            _ => Expected::of(case, *slack)?,
+        };
+        rows.push(expected.row(renderer.as_mut()));
+        known = Some(expected);
+    }
+    Ok(rows)
+}
+
 /// What a hard case has to give.
 #[derive(Debug)]
-pub struct Expected<'a> {
+struct Expected<'a> {
     case: &'a HardCase,
+    slack: f64,
+    bounds: ErrorBounds,
     rendering: Rendering<f64>,
     jumps: Vec<Jump>,
     /// Of a loss that looks away from pixels that may jump.
@@ -37,15 +68,15 @@ pub struct Expected<'a> {
 
 impl<'a> Expected<'a> {
     /// Renders and differentiates a case in f64, and takes the differences of its smooth variant.
-    ///
-    /// # Errors
-    /// As [`reference::render`]; the catalogue's cases have none.
-    pub fn of(case: &'a HardCase) -> Result<Self, SplatError> {
-        let HardCase { gaussians, view, options, bounds, .. } = case;
+    fn of(case: &'a HardCase, slack: f64) -> Result<Self, SplatError> {
+        let HardCase { gaussians, view, options, .. } = case;
+        let bounds = case.bounds.scaled(slack);
         let jumps = reference::jumps(gaussians, view, options, bounds.band)?;
         let images = gradients::of_loss(view, &jumps);
         Ok(Self {
             case,
+            slack,
+            bounds,
             rendering: reference::render(gaussians, view, options)?,
             gradients: reference::backward(gaussians, view, options, &images.map(f64::from))?,
             differences: Differences::of(case)?,
@@ -54,8 +85,7 @@ impl<'a> Expected<'a> {
         })
     }
 
-    /// Puts a path through the case.
-    pub fn row(&self, path: &mut dyn Renderer) -> StressRow {
+    fn row(&self, path: &mut dyn Renderer) -> StressRow {
         let mut row = StressRow {
             case: self.case.name.to_owned(),
             path: path.name(),
@@ -70,13 +100,13 @@ impl<'a> Expected<'a> {
     }
 
     fn try_row(&self, path: &mut dyn Renderer, row: &mut StressRow) -> Result<(), SplatError> {
-        let HardCase { gaussians, view, options, bounds, census, .. } = self.case;
+        let HardCase { gaussians, view, options, census, .. } = self.case;
         let rendering = path.render(gaussians, view, options)?;
         let derivatives = path.backward(gaussians, view, options, &self.images)?;
         row.non_finite = rendering.non_finite() + derivatives.non_finite();
-        row.errors.push(images::error(self.case, &rendering, &self.rendering, &self.jumps)?);
-        row.errors.push(gradients::error(&derivatives, &self.gradients, bounds.gradient));
-        row.errors.push(self.differences.error(self.case, path)?);
+        row.errors.push(images::error(self.case, &rendering, &self.rendering, &self.jumps, self.bounds.image)?);
+        row.errors.push(gradients::error(&derivatives, &self.gradients, self.bounds.gradient));
+        row.errors.push(self.differences.error(self.case, path, self.bounds.gradient)?);
         if let Some(census) = census
             && rendering.census != *census
         {

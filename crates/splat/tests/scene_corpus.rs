@@ -1,0 +1,47 @@
+//! Replays the inputs of the fuzz target `scenes` without a fuzzer: pixels and derivatives are finite, or the error is
+//! typed.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[path = "../../../fuzz/scene_of_bytes.rs"]
+mod scene_of_bytes;
+
+use std::path::{Path, PathBuf};
+
+use atsplat_splat::{ImageGradients, stress};
+
+fn inputs(folder: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz").join(folder).join("scenes");
+    let mut inputs: Vec<PathBuf> =
+        std::fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path()).collect();
+    inputs.sort();
+    inputs
+}
+
+/// Whether the bytes are a scene that can be rendered.
+fn renders(path: &Path) -> bool {
+    let bytes = std::fs::read(path).unwrap();
+    let Some((gaussians, view, options)) = scene_of_bytes::scene_of_bytes(&bytes) else { return false };
+    let ones = vec![1.0; view.pixels()];
+    let images = ImageGradients {
+        rgb: vec![[1.0; 3]; view.pixels()],
+        alpha: Some(ones.clone()),
+        depth: Some(ones.clone()),
+        scalar: Some(ones),
+    };
+    for stress::Path { mut renderer, .. } in stress::paths() {
+        let what = format!("{} by {}", path.display(), renderer.name());
+        let Ok(rendering) = renderer.render(&gaussians, &view, &options) else { return false };
+        assert_eq!(rendering.non_finite(), 0, "{what}");
+        assert!(rendering.alpha.iter().all(|alpha| (0.0..=1.0).contains(alpha)), "{what}");
+        assert_eq!(renderer.backward(&gaussians, &view, &options, &images).unwrap().non_finite(), 0, "{what}");
+    }
+    true
+}
+
+#[test]
+fn scenes() {
+    let seeds = inputs("corpus");
+    let rendered = seeds.iter().filter(|path| renders(path)).count();
+    assert!(rendered >= 60 && rendered < seeds.len(), "{rendered} of {} rendered", seeds.len());
+}
