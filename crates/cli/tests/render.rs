@@ -18,7 +18,7 @@ use serde_json::{Value, json};
 
 use common::{atsplat, succeed, write_trajectory};
 
-/// Fifty Gaussians of degree 3 that another program's script wrote.
+/// A few Gaussians that an independent script wrote.
 fn fixture(name: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files").join(name)
 }

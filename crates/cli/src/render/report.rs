@@ -121,7 +121,7 @@ impl fmt::Display for Report {
             writeln!(f, "{failed} frames failed")?;
         }
         record.effects.fmt(f)?;
-        census(f, &record.census, asked)?;
+        census(f, &record.census, scene.gaussians)?;
         if let Some(timings) = &self.timings {
             timings.fmt(f)?;
         }
@@ -163,7 +163,8 @@ fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::
     Ok(())
 }
 
-fn census(f: &mut fmt::Formatter<'_>, census: &Census, frames: usize) -> fmt::Result {
+/// Means over the frames that were rendered, each of which counts every Gaussian once.
+fn census(f: &mut fmt::Formatter<'_>, census: &Census, gaussians: usize) -> fmt::Result {
     let Census { drawn, invalid, outside_depth, faint, outside_picture } = *census;
     let all = drawn + invalid + outside_depth + faint + outside_picture;
     if all == 0 {
@@ -178,7 +179,8 @@ fn census(f: &mut fmt::Formatter<'_>, census: &Census, frames: usize) -> fmt::Re
         (invalid, "with a value that cannot be rendered"),
     ];
     for (count, what) in rows {
-        let (mean, share) = (count as f64 / frames as f64, 100.0 * count as f64 / all as f64);
+        let share = count as f64 / all as f64;
+        let (mean, share) = (share * gaussians as f64, 100.0 * share);
         writeln!(f, "{mean:>12.1}  {share:>5.1} %  {what}")?;
     }
     Ok(())
