@@ -107,6 +107,12 @@ pub enum CameraError {
         /// Time of the last pose.
         end: f64,
     },
+    /// Cameras that are to be interpolated have different lenses.
+    #[error("camera {position}: expected the lens of the first camera, found another")]
+    DifferentLens {
+        /// Position of the first camera that differs, from 0.
+        position: usize,
+    },
 }
 
 /// `value` itself where it is finite.

@@ -7,6 +7,7 @@
 mod axes;
 mod distortion;
 mod error;
+mod framing;
 mod intrinsics;
 mod normalise;
 mod paths;
@@ -17,10 +18,13 @@ mod projection;
 mod rays;
 mod similarity;
 mod so3;
+mod spline;
 mod trajectory;
+mod turntable;
 
 pub use distortion::{Distortion, Lens};
 pub use error::CameraError;
+pub use framing::Sphere;
 pub use intrinsics::{CropRect, FieldOfView, ImageSize, NormalizedIntrinsics, PixelIntrinsics, PrincipalPointRule};
 pub use normalise::{Fallback, MeanCameraScale, Normalised, PoseNormalisation, normalise};
 pub use paths::{CameraPath, eased, pivot_interpolation, there_and_back};
@@ -29,7 +33,9 @@ pub use pose::{CameraFromWorld, WorldFromCamera};
 pub use projection::{Projected, Projector};
 pub use rays::{DirectionScale, PixelRays, Ray};
 pub use similarity::Similarity;
+pub use spline::CameraSpline;
 pub use trajectory::{Interpolation, Spacing, Trajectory};
+pub use turntable::Turntable;
 
 /// One posed camera: where it stands, how it projects, how its lens bends.
 #[derive(Clone, Copy, Debug, PartialEq)]

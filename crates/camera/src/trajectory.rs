@@ -83,6 +83,23 @@ impl Trajectory {
         Self::new((0..poses.len()).map(|index| index as f64).collect(), poses)
     }
 
+    /// A loop: poses at the times 0, 1, 2, … and the first of them again at the end, where the velocity of
+    /// [`Interpolation::Spline`] is continuous as everywhere.
+    ///
+    /// # Errors
+    /// [`CameraError::TooFewPoses`] for fewer than two poses.
+    pub fn closed(mut poses: Vec<WorldFromCamera>) -> Result<Self, CameraError> {
+        at_least(2, poses.len(), "closed trajectory")?;
+        let count = poses.len();
+        let times: Vec<f64> = (0..=count).map(|index| index as f64).collect();
+        // Tangents look one pose to either side.
+        let around: Vec<WorldFromCamera> = poses.iter().copied().cycle().skip(count - 1).take(count + 3).collect();
+        let around_times: Vec<f64> = (0..count + 3).map(|index| index as f64 - 1.0).collect();
+        let segments = segment::through(&around_times, &around).into_iter().skip(1).take(count).collect();
+        poses.extend(poses.first().copied());
+        Ok(Self { times, poses, segments })
+    }
+
     /// Times of the poses, strictly increasing.
     pub fn times(&self) -> &[f64] {
         &self.times

@@ -5,6 +5,8 @@ use std::process::ExitCode;
 pub(crate) enum Exit {
     /// Done.
     Done,
+    /// Words that do not fit together; the parser itself leaves with the same code.
+    WrongWords,
     /// Done, and what was tested failed.
     Failed,
     /// Done, but scenes were skipped and `--strict` was given.
@@ -15,6 +17,7 @@ impl From<Exit> for ExitCode {
     fn from(exit: Exit) -> Self {
         match exit {
             Exit::Done => Self::SUCCESS,
+            Exit::WrongWords => Self::from(2),
             Exit::Failed => Self::FAILURE,
             Exit::Skipped => Self::from(4),
         }

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong words, 4 done with scenes skipped (`--strict` only).
 
+mod adapters;
 mod data;
 mod dataset_words;
 mod exit;
@@ -9,6 +10,7 @@ mod output;
 mod plot;
 mod progress;
 mod protocol;
+mod render;
 mod stress;
 
 use std::process::ExitCode;
@@ -42,6 +44,10 @@ enum Command {
     /// List, lint, build and derive evaluation protocols.
     #[command(subcommand)]
     Protocol(protocol::Command),
+    /// Render Gaussians along a path into PNG, EXR and an animation.
+    Render(Box<render::Words>),
+    /// List graphics adapters, and test each.
+    Adapters(adapters::Words),
     /// Put every renderer through the hard cases; exits with 1 where one fails.
     Stress(stress::Words),
 }
@@ -50,6 +56,10 @@ fn main() -> ExitCode {
     let words = Words::parse();
     match run(&words) {
         Ok(exit) => exit.into(),
+        Err(error) if error.is::<clap::Error>() => {
+            output::complain(&format!("{error}"));
+            Exit::WrongWords.into()
+        }
         Err(error) => {
             output::complain(&format!("error: {}", told_once(&error)));
             ExitCode::FAILURE
@@ -77,6 +87,8 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
     let complete = match &words.command {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
+        Command::Render(words) => render::run(words)?,
+        Command::Adapters(words) => adapters::run(words)?,
         Command::Stress(words) => return Ok(if stress::run(words)? { Exit::Done } else { Exit::Failed }),
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })

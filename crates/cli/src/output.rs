@@ -54,11 +54,25 @@ impl PendingFile {
 
     /// Writes everything and moves the file to its target.
     pub(crate) fn finish(mut self, bytes: &[u8]) -> anyhow::Result<()> {
-        let context = || format!("writing {}", self.target.display());
-        self.temporary.write_all(bytes).with_context(context)?;
-        make_readable(self.temporary.as_file()).with_context(context)?;
-        self.temporary.persist(&self.target).with_context(|| format!("writing {}", self.target.display()))?;
+        self.temporary.write_all(bytes).with_context(|| self.doing())?;
+        self.persist()
+    }
+
+    /// Another handle, at the beginning of the file, for what writes piece by piece.
+    pub(crate) fn writer(&self) -> anyhow::Result<std::fs::File> {
+        self.temporary.reopen().with_context(|| self.doing())
+    }
+
+    /// Moves the file to its target as it is.
+    pub(crate) fn persist(self) -> anyhow::Result<()> {
+        make_readable(self.temporary.as_file()).with_context(|| self.doing())?;
+        let doing = self.doing();
+        self.temporary.persist(&self.target).context(doing)?;
         Ok(())
+    }
+
+    fn doing(&self) -> String {
+        format!("writing {}", self.target.display())
     }
 }
 

@@ -49,3 +49,14 @@ fn names_are_listed_and_wrong_ones_refused() {
     let outcome = atsplat(folder.path(), &["stress", "--path", "abacus"]);
     assert!(outcome.code == 1 && outcome.stderr.contains("reference; cpu, portable"), "{}", outcome.stderr);
 }
+
+#[test]
+fn adapters_are_listed() {
+    let folder = tempfile::tempdir().unwrap();
+    let text = succeed(folder.path(), &["adapters"]);
+    assert!(text.contains("passes its test") || text.contains("no graphics adapter") || text.contains(':'), "{text}");
+    let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &["adapters", "--json"])).unwrap();
+    let required = std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1");
+    let adapters = report["adapters"].as_array().unwrap();
+    assert!(!required || adapters.iter().any(|adapter| adapter["fault"].is_null()), "{report}");
+}

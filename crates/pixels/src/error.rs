@@ -128,6 +128,22 @@ pub enum PixelError {
         /// Rows of the picture.
         picture_height: u32,
     },
+    /// A frame of another size than its animation.
+    #[error("frame of an animation: expected {}×{}, found {}×{}", expected.0, expected.1, found.0, found.1)]
+    FrameSize {
+        /// Columns and rows of the animation.
+        expected: (u32, u32),
+        /// Columns and rows of the frame.
+        found: (u32, u32),
+    },
+    /// An animation has more or fewer frames than its header says.
+    #[error("animation: expected {expected} frames, found {found}")]
+    FrameCount {
+        /// Frames that the header says.
+        expected: u32,
+        /// Frames that were written.
+        found: u32,
+    },
     /// A JPEG quality outside its range.
     #[error("JPEG quality: expected 1 to 100, found {found}")]
     Quality {

@@ -1,6 +1,7 @@
 //! Bytes into pictures and back: decoding within limits, PNG, JPEG, WebP and EXR, Pillow-exact
-//! resampling, crops, 8-bit rounding rules. Knows nothing of cameras or datasets.
+//! resampling, crops, 8-bit rounding rules, animated PNG. Knows nothing of cameras or datasets.
 
+mod animation;
 mod crop;
 mod decode;
 mod encode;
@@ -15,6 +16,7 @@ mod resize;
 mod rounding;
 mod size;
 
+pub use animation::AnimatedPng;
 pub use crop::crop;
 pub use decode::decode;
 pub use encode::{encode_jpeg, encode_png, encode_webp};

@@ -1,9 +1,12 @@
 //! Every path through every hard case.
 
+#![expect(clippy::print_stderr, reason = "a path that is skipped says so")]
+
 use std::fmt::Write as _;
 
+use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::catalogue;
-use atsplat_splat::stress::{Path, paths, rows};
+use atsplat_splat::stress::{Path, gpu_path, paths, rows};
 use atsplat_splat::{
     Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View,
 };
@@ -11,6 +14,13 @@ use atsplat_splat::{
 #[test]
 fn every_path_survives_every_case() {
     let mut paths = paths();
+    match gpu_path(&AdapterChoice::Automatic) {
+        Ok(path) => paths.push(path),
+        Err(error) => {
+            assert!(std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() != Ok("1"), "{error}");
+            eprintln!("skipped on the adapter: {error}");
+        }
+    }
     let (mut failed, mut compared) = (String::new(), 0);
     for case in catalogue() {
         for row in rows(&case, &mut paths).unwrap() {

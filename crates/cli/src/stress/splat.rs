@@ -1,8 +1,10 @@
 use anyhow::bail;
 use atsplat_numeric::StressRow;
+use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::{HardCase, catalogue};
-use atsplat_splat::stress;
+use atsplat_splat::stress::{self, Path};
 
+use crate::output::complain;
 use crate::progress::Progress;
 
 /// Parses `--case`.
@@ -17,8 +19,15 @@ pub(super) fn case_name(word: &str) -> Result<String, String> {
 /// Rows of the chosen cases and paths; of all where none is chosen.
 pub(super) fn rows(cases: &[String], words: &[String]) -> anyhow::Result<Vec<StressRow>> {
     let mut paths = stress::paths();
-    let names: Vec<String> = paths.iter().map(|path| path.renderer.name()).collect();
-    if let Some(word) = words.iter().find(|word| !names.iter().any(|name| name.contains(*word))) {
+    let is_here = |paths: &[Path], word: &str| paths.iter().any(|path| path.renderer.name().contains(word));
+    if words.is_empty() || words.iter().any(|word| !is_here(&paths, word)) {
+        match stress::gpu_path(&AdapterChoice::Automatic) {
+            Ok(path) => paths.push(path),
+            Err(error) => complain(&format!("warning: no rows of a graphics processor: {error}")),
+        }
+    }
+    if let Some(word) = words.iter().find(|word| !is_here(&paths, word)) {
+        let names: Vec<String> = paths.iter().map(|path| path.renderer.name()).collect();
         bail!("--path {word}: this machine has {}", names.join("; "));
     }
     paths.retain(|path| words.is_empty() || words.iter().any(|word| path.renderer.name().contains(word)));

@@ -1,4 +1,5 @@
 use std::fmt;
+use std::io::{self, Read};
 use std::str::FromStr;
 
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
@@ -16,6 +17,22 @@ impl Sha256Digest {
 
     pub(crate) fn finish(hasher: Sha256) -> Self {
         Self(hasher.finalize().into())
+    }
+
+    /// Of everything that a reader yields, and how many bytes that is.
+    ///
+    /// # Errors
+    /// The reader's.
+    pub fn of_reader(mut reader: impl Read) -> io::Result<(Self, u64)> {
+        let (mut hasher, mut length) = (Sha256::new(), 0);
+        let mut buffer = vec![0; 1 << 16];
+        loop {
+            let read = reader.read(&mut buffer)?;
+            let Some(part) = buffer.get(..read).filter(|part| !part.is_empty()) else { break };
+            hasher.update(part);
+            length += read as u64;
+        }
+        Ok((Self(hasher.finalize().into()), length))
     }
 
     /// From hexadecimal text in a constant; a wrong digit does not compile.
@@ -98,6 +115,9 @@ mod tests {
     fn the_standard_vector_and_its_text_forms() {
         let digest = Sha256Digest::of(b"abc");
         assert_eq!(digest.to_string(), ABC);
+        assert_eq!(Sha256Digest::of_reader(&b"abc"[..]).unwrap(), (digest, 3));
+        let long = vec![7; 200_000];
+        assert_eq!(Sha256Digest::of_reader(long.as_slice()).unwrap(), (Sha256Digest::of(&long), 200_000));
         assert_eq!(ABC.parse(), Ok(digest));
         assert_eq!(ABC.to_uppercase().parse(), Ok(digest), "upper case is read");
         assert_eq!(Sha256Digest::literal(ABC), digest);

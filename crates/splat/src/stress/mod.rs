@@ -8,6 +8,7 @@ mod parameter;
 use atsplat_numeric::StressRow;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
+use crate::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
 use crate::hard_cases::{ErrorBounds, HardCase};
 use crate::reference::{self, Jump};
 use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, SplatError};
@@ -23,7 +24,7 @@ pub struct Path {
     pub slack: f64,
 }
 
-/// Every renderer that this machine has: the reference, and the processor at each of its instruction sets.
+/// The reference, and the processor at each of its instruction sets.
 pub fn paths() -> Vec<Path> {
     let mut paths = vec![Path { renderer: Box::new(ReferenceRenderer), slack: 1.0 }];
     for simd in SimdLevel::available() {
@@ -32,6 +33,18 @@ pub fn paths() -> Vec<Path> {
     }
     paths
 }
+
+/// The renderer on an adapter, which has geometry in f32.
+///
+/// # Errors
+/// [`GpuError`] where there is no adapter, or none that passes its test.
+pub fn gpu_path(choice: &AdapterChoice) -> Result<Path, GpuError> {
+    let renderer = GpuRenderer::new(choice, GpuOptions::default())?;
+    Ok(Path { renderer: Box::new(renderer), slack: GPU_SLACK })
+}
+
+/// What geometry in f32 adds to errors that pixels in f32 have.
+const GPU_SLACK: f64 = 30.0;
 
 /// Puts every path through a case, a row each.
 ///

@@ -1,0 +1,110 @@
+use atsplat_numeric::Extremes;
+use glam::DVec3;
+
+use crate::error::positive;
+use crate::{CameraError, ImageSize, NormalizedIntrinsics};
+
+/// A ball in scene units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Sphere {
+    /// Its middle.
+    pub centre: DVec3,
+    /// Its radius; ≥ 0.
+    pub radius: f64,
+}
+
+impl Sphere {
+    /// A sphere around the bulk of some points that a few far outliers do not move: its centre is the middle of the
+    /// range that holds the central `share` (in (0, 1]) of each coordinate, its radius that of the smallest sphere
+    /// there which holds `share` of the points. Points that are not finite count for nothing; `None` without any.
+    pub fn around_bulk(points: impl IntoIterator<Item = DVec3>, share: f64) -> Option<Self> {
+        let points: Vec<DVec3> = points.into_iter().filter(|point| point.is_finite()).collect();
+        let tail = 0.5 * (1.0 - share);
+        let middle = |coordinate: fn(&DVec3) -> f64| {
+            let mut values: Vec<f64> = points.iter().map(coordinate).collect();
+            Some(quantile(&mut values, tail)?.midpoint(quantile(&mut values, 1.0 - tail)?))
+        };
+        let centre = DVec3::new(middle(|point| point.x)?, middle(|point| point.y)?, middle(|point| point.z)?);
+        let mut distances: Vec<f64> = points.iter().map(|point| point.distance(centre)).collect();
+        Some(Self { centre, radius: quantile(&mut distances, share)? })
+    }
+}
+
+impl NormalizedIntrinsics {
+    /// A centred camera with square pixels that sees `angle` radians from the left edge to the right.
+    ///
+    /// # Errors
+    /// [`CameraError::NotPositive`] for an angle outside (0, π) or an empty picture, [`CameraError::NonFinite`].
+    pub fn with_horizontal_view(angle: f64, size: ImageSize) -> Result<Self, CameraError> {
+        let (width, height) = (positive("width", f64::from(size.width))?, positive("height", f64::from(size.height))?);
+        let tangent = positive("tangent of half the viewing angle", (0.5 * positive("viewing angle", angle)?).tan())?;
+        let fx = 0.5 / tangent;
+        Self::new(fx, fx * width / height, 0.5, 0.5)
+    }
+
+    /// How far away along the optical axis a sphere of this radius just fits between all four edges.
+    ///
+    /// # Errors
+    /// [`CameraError::NotPositive`] for a radius of zero, and where the optical axis lies outside the picture.
+    pub fn distance_that_frames(&self, radius: f64) -> Result<f64, CameraError> {
+        let nearest = |focal: f64, centre: f64| centre.minimum_of(1.0 - centre) / focal;
+        let tangent = nearest(self.fx, self.cx).minimum_of(nearest(self.fy, self.cy));
+        let tangent = positive("distance of the optical axis from the nearest edge", tangent)?;
+        Ok(positive("radius", radius)? / tangent.atan().sin())
+    }
+}
+
+/// The value below which `share` of the values lie, the nearest of them.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length is within it")]
+fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
+    let last = values.len().checked_sub(1)?;
+    let at = (share.clamp(0.0, 1.0) * last as f64).round() as usize;
+    Some(*values.select_nth_unstable_by(at.min(last), f64::total_cmp).1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    #[test]
+    fn outliers_and_nan_do_not_move_the_sphere() {
+        let cube = (0..1000).map(|i| DVec3::new(f64::from(i % 10), f64::from(i / 10 % 10), f64::from(i / 100)));
+        let strays = [DVec3::splat(1e9), DVec3::NAN, DVec3::new(-1e7, 0.0, 0.0)];
+        let sphere = Sphere::around_bulk(cube.clone().chain(strays), 0.98).unwrap();
+        let clean = Sphere::around_bulk(cube, 0.98).unwrap();
+        Tolerance::absolute(0.5).assert(sphere.centre.to_array(), [4.5; 3], "in the middle");
+        Tolerance::absolute(0.1).assert([sphere.radius], [clean.radius], "as without them");
+        assert_eq!(Sphere::around_bulk([DVec3::NAN], 0.98), None);
+        let one = Sphere::around_bulk([DVec3::ONE], 0.98).unwrap();
+        assert_eq!(one, Sphere { centre: DVec3::ONE, radius: 0.0 });
+    }
+
+    #[test]
+    fn all_points_are_held_by_a_share_of_one() {
+        let line = (0..5).map(|i| DVec3::new(f64::from(i), 0.0, 0.0));
+        assert_eq!(Sphere::around_bulk(line, 1.0), Some(Sphere { centre: DVec3::new(2.0, 0.0, 0.0), radius: 2.0 }));
+    }
+
+    #[test]
+    fn a_framed_sphere_touches_the_nearest_edges() {
+        let size = ImageSize { width: 400, height: 200 };
+        let camera = NormalizedIntrinsics::with_horizontal_view(std::f64::consts::FRAC_PI_2, size).unwrap();
+        Tolerance::F64.assert([camera.fx, camera.fy], [0.5, 1.0], "square pixels");
+        let distance = camera.distance_that_frames(3.0).unwrap();
+        // The upper edge's plane passes through the centre of the camera at arctan ½ to the axis.
+        Tolerance::F64.assert([distance * 0.5f64.atan().sin()], [3.0], "touches above and below");
+    }
+
+    #[test]
+    fn angles_and_radii_are_checked() {
+        let size = ImageSize { width: 4, height: 4 };
+        for angle in [0.0, -1.0, f64::NAN, 3.2] {
+            assert!(NormalizedIntrinsics::with_horizontal_view(angle, size).is_err(), "{angle}");
+        }
+        assert!(NormalizedIntrinsics::with_horizontal_view(1.0, ImageSize { width: 0, height: 4 }).is_err());
+        let aside = NormalizedIntrinsics::new(1.0, 1.0, 1.5, 0.5).unwrap();
+        assert!(aside.distance_that_frames(1.0).is_err());
+        assert!(NormalizedIntrinsics { cx: 0.5, ..aside }.distance_that_frames(0.0).is_err());
+    }
+}

@@ -1,0 +1,99 @@
+use super::*;
+use crate::{Distortion, WorldFromCamera};
+use atsplat_numeric::Tolerance;
+use glam::{DMat3, DVec3};
+
+fn keys() -> Vec<Camera> {
+    let key = |(turn, x, y, z, fx): (f64, f64, f64, f64, f64)| {
+        let pose = WorldFromCamera::new(DMat3::from_rotation_y(turn), DVec3::new(x, y, z)).unwrap();
+        Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(fx, 1.7 * fx, 0.5, 0.4 + 0.1 * fx).unwrap())
+    };
+    [(0.0, 0.0, 0.0, 0.0, 0.5), (0.4, 1.0, 0.2, 0.1, 0.6), (0.5, 1.2, 0.1, 0.9, 1.9), (1.2, 0.1, 0.0, 1.4, 0.7)]
+        .map(key)
+        .to_vec()
+}
+
+#[test]
+fn keys_come_back_bit_for_bit() {
+    let (open, closed) = (CameraSpline::open(keys()).unwrap(), CameraSpline::closed(keys()).unwrap());
+    for (time, key) in keys().into_iter().enumerate() {
+        assert_eq!(open.at(time as f64).unwrap(), key);
+        assert_eq!(closed.at(time as f64).unwrap(), key);
+    }
+    assert_eq!(closed.at(4.0).unwrap(), keys()[0], "around");
+    assert!(open.at(3.001).is_err() && open.at(-0.001).is_err() && closed.at(4.001).is_err());
+    let samples = open.resampled(9, Spacing::ArcLength).unwrap();
+    assert_eq!((samples[0], samples[8]), (keys()[0], keys()[3]));
+}
+
+/// Positions, axes and intrinsics of the camera at a time.
+fn state(spline: &CameraSpline, time: f64) -> Vec<f64> {
+    let camera = spline.at(time).unwrap();
+    let mut state = camera.camera_from_world.inverse().to_rows().to_vec();
+    state.extend(numbers(&camera.intrinsics));
+    state
+}
+
+/// The derivative from the left and from the right of each key, the seam of a closed spline among them.
+#[test]
+fn velocity_is_continuous_at_the_keys() {
+    const STEP: f64 = 1e-6;
+    let (open, closed) = (CameraSpline::open(keys()).unwrap(), CameraSpline::closed(keys()).unwrap());
+    let slope = |spline: &CameraSpline, from: f64, to: f64| -> Vec<f64> {
+        state(spline, to).into_iter().zip(state(spline, from)).map(|(to, from)| (to - from) / STEP).collect()
+    };
+    let slack = Tolerance::absolute(5e-5);
+    for (spline, before, after) in
+        [(&open, 1.0, 1.0), (&open, 2.0, 2.0), (&closed, 3.0, 3.0), (&closed, 1.0, 1.0), (&closed, 4.0, 0.0)]
+    {
+        let (left, right) = (slope(spline, before - STEP, before), slope(spline, after, after + STEP));
+        slack.assert(left, right, "the same on either side");
+    }
+    let moving = slope(&closed, 4.0 - STEP, 4.0).iter().fold(0.0f64, |most, value| most.maximum_of(value.abs()));
+    assert!(moving > 0.1, "the seam is passed, not stopped at: {moving}");
+}
+
+#[test]
+fn steps_along_the_path_are_even() {
+    let closed = CameraSpline::closed(keys()).unwrap();
+    let samples = closed.resampled(400, Spacing::ArcLength).unwrap();
+    let centres: Vec<DVec3> = samples.iter().map(|camera| camera.camera_from_world.inverse().centre()).collect();
+    let around = centres.iter().zip(centres.iter().cycle().skip(1));
+    let steps: Vec<f64> = around.map(|(a, b)| a.distance(*b)).collect();
+    let mean = steps.iter().sum::<f64>() / steps.len() as f64;
+    Tolerance::relative(2e-3).assert(steps, std::iter::repeat_n(mean, 400), "unit speed, over the seam too");
+    let timed = closed.resampled(8, Spacing::Time).unwrap();
+    assert_eq!([timed[0], timed[2], timed[4], timed[6]].to_vec(), keys());
+}
+
+#[test]
+fn intrinsics_stay_between_their_neighbours() {
+    let spline = CameraSpline::closed(keys()).unwrap();
+    let focal = |camera: &Camera| camera.intrinsics.fx;
+    for step in 0..400 {
+        let time = step as f64 / 100.0;
+        let (from, to) = (focal(&keys()[step / 100]), focal(&keys()[(step / 100 + 1) % 4]));
+        let found = focal(&spline.at(time).unwrap());
+        let (low, high) = (from.minimum_of(to), from.maximum_of(to));
+        assert!((low - 1e-12..=high + 1e-12).contains(&found), "{time}: {found} outside {low}..{high}");
+    }
+}
+
+#[test]
+fn few_keys_and_different_lenses() {
+    assert!(CameraSpline::open(vec![]).is_err() && CameraSpline::closed(keys()[..1].to_vec()).is_err());
+    let one = CameraSpline::open(keys()[..1].to_vec()).unwrap();
+    assert_eq!(one.resampled(1, Spacing::Time).unwrap(), keys()[..1]);
+    assert!(one.resampled(2, Spacing::Time).is_err() && one.resampled(0, Spacing::Time).is_err());
+    let mut mixed = keys();
+    mixed[2].distortion = Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] };
+    assert_eq!(CameraSpline::open(mixed.clone()), Err(CameraError::DifferentLens { position: 2 }));
+    for key in &mut mixed {
+        key.distortion = mixed_lens();
+    }
+    assert_eq!(CameraSpline::open(mixed).unwrap().at(0.5).unwrap().distortion, mixed_lens());
+}
+
+const fn mixed_lens() -> Distortion {
+    Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] }
+}

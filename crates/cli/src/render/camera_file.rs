@@ -1,0 +1,157 @@
+//! Cameras out of files: any dataset that `scene` reads, the `cameras.json` of 3DGS' trained models, and the
+//! `render.json` that this command writes.
+
+use std::path::Path;
+
+use anyhow::{Context as _, bail};
+use atsplat_camera::{
+    Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
+};
+use atsplat_scene::{Picture, SceneSource as _, Warnings};
+use serde::{Deserialize, Serialize};
+use serde_json::Value;
+
+/// A camera of a file.
+#[derive(Clone, Debug)]
+pub(crate) struct FileCamera {
+    /// What its picture's file is called by.
+    pub(crate) number: usize,
+    /// What the file calls it.
+    pub(crate) name: String,
+    pub(crate) camera: Camera,
+    /// In pixels, where the file or its picture tells.
+    pub(crate) size: Option<ImageSize>,
+}
+
+/// A camera as `render.json` keeps it: with every bit.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) struct CameraRecord {
+    number: usize,
+    name: String,
+    width: u32,
+    height: u32,
+    camera_from_world: [f64; 12],
+    /// Over the picture's width and height.
+    intrinsics: NormalizedIntrinsics,
+    #[serde(default)]
+    distortion: Distortion,
+}
+
+/// A camera as 3DGS' `camera_to_JSON` writes it (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
+/// axes of the camera in the world, focal lengths in pixels, the principal point in the middle.
+#[derive(Debug, Deserialize)]
+struct TrainedCamera {
+    img_name: String,
+    width: u32,
+    height: u32,
+    position: [f64; 3],
+    rotation: [[f64; 3]; 3],
+    fx: f64,
+    fy: f64,
+}
+
+/// Every camera of a file or folder; `key` tells which scene where it holds several.
+pub(crate) fn read(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow::Result<Vec<FileCamera>> {
+    let json = if path.is_file() { json(path)? } else { None };
+    let cameras = match json {
+        Some(Value::Array(entries)) => each(entries, trained).with_context(|| in_file(path))?,
+        Some(Value::Object(mut object)) if object.contains_key("views") => {
+            let views: Vec<Value> = object.remove("views").map(serde_json::from_value).transpose()?.unwrap_or_default();
+            each(views, recorded).with_context(|| in_file(path))?
+        }
+        _ => of_dataset(path, key, warnings)?,
+    };
+    if cameras.is_empty() {
+        bail!("{} holds no camera", path.display());
+    }
+    Ok(cameras)
+}
+
+fn in_file(path: &Path) -> String {
+    format!("reading cameras from {}", path.display())
+}
+
+/// The file's JSON where it looks like some.
+fn json(path: &Path) -> anyhow::Result<Option<Value>> {
+    let bytes = std::fs::read(path).with_context(|| in_file(path))?;
+    let start = bytes.trim_ascii_start();
+    if !start.starts_with(b"[") && !start.starts_with(b"{") {
+        return Ok(None);
+    }
+    Ok(serde_json::from_slice(start).ok())
+}
+
+fn each<T: for<'de> Deserialize<'de>>(
+    entries: Vec<Value>,
+    camera: impl Fn(usize, T) -> anyhow::Result<FileCamera>,
+) -> anyhow::Result<Vec<FileCamera>> {
+    let one = |(at, entry)| {
+        let read = serde_json::from_value(entry).map_err(anyhow::Error::from).and_then(|entry| camera(at, entry));
+        read.with_context(|| format!("camera {at}"))
+    };
+    entries.into_iter().enumerate().map(one).collect()
+}
+
+fn trained(at: usize, entry: TrainedCamera) -> anyhow::Result<FileCamera> {
+    let size = ImageSize { width: entry.width, height: entry.height };
+    let middle = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
+    let intrinsics = PixelIntrinsics::new(entry.fx, entry.fy, middle.0, middle.1)?.normalized_from_pixel(size)?;
+    let ([r0, r1, r2], [x, y, z]) = (entry.rotation, entry.position);
+    let rows = [r0[0], r0[1], r0[2], x, r1[0], r1[1], r1[2], y, r2[0], r2[1], r2[2], z];
+    let pose = WorldFromCamera::from_rows(&rows)?;
+    Ok(FileCamera {
+        number: at,
+        name: entry.img_name,
+        camera: Camera::pinhole(pose.inverse(), intrinsics),
+        size: Some(size),
+    })
+}
+
+fn recorded(_: usize, entry: CameraRecord) -> anyhow::Result<FileCamera> {
+    let NormalizedIntrinsics { fx, fy, cx, cy } = entry.intrinsics;
+    let camera = Camera {
+        camera_from_world: CameraFromWorld::from_rows(&entry.camera_from_world)?,
+        intrinsics: NormalizedIntrinsics::new(fx, fy, cx, cy)?,
+        distortion: entry.distortion,
+    };
+    let size = ImageSize { width: entry.width, height: entry.height };
+    Ok(FileCamera { number: entry.number, name: entry.name, camera, size: Some(size) })
+}
+
+impl CameraRecord {
+    pub(crate) fn of(number: usize, name: &str, camera: &Camera, size: ImageSize) -> Self {
+        Self {
+            number,
+            name: name.to_owned(),
+            width: size.width,
+            height: size.height,
+            camera_from_world: camera.camera_from_world.to_rows(),
+            intrinsics: camera.intrinsics,
+            distortion: camera.distortion,
+        }
+    }
+}
+
+fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow::Result<Vec<FileCamera>> {
+    let dataset = atsplat_scene::open(path, warnings)?;
+    let key = match (key, dataset.keys()) {
+        (Some(key), _) => key,
+        (None, [only]) => only,
+        (None, keys) => {
+            let some: Vec<&str> = keys.iter().take(5).map(String::as_str).collect();
+            bail!("{} holds {} scenes ({} …): say which with --key", path.display(), keys.len(), some.join(", "))
+        }
+    };
+    let scene = dataset.load(key, warnings)?;
+    let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
+        // A picture that cannot be read only leaves the size open.
+        let of_picture = || match frame.picture {
+            Picture::File(_) | Picture::Encoded(_) => frame.size(key, number).ok(),
+            Picture::Absent | Picture::Missing(_) => None,
+        };
+        let size = frame.stated_size.or_else(of_picture);
+        FileCamera { number, name: frame.name.clone(), camera: frame.camera, size }
+    });
+    Ok(cameras.collect())
+}

@@ -1,0 +1,206 @@
+//! Renders frame after frame and writes them, both at once: while one batch is rendered, the batch before it is encoded.
+
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use atsplat_pixels::{ImageU8, PixelError, Rounding, encode_png};
+use atsplat_splat::effects::Decision;
+use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
+use rayon::prelude::*;
+
+use super::effects::Look;
+use super::picture;
+use super::preview::{Preview, reduced};
+use super::views::Shot;
+use crate::output::PendingFile;
+use crate::progress::Progress;
+
+/// Bytes that renderings waiting to be written may take.
+const WAITING_BYTES: usize = 1 << 30;
+
+/// What is written of each frame, and where.
+#[derive(Debug)]
+pub(crate) struct FrameFiles {
+    pub(crate) folder: PathBuf,
+    pub(crate) png: bool,
+    pub(crate) exr: bool,
+    pub(crate) rounding: Rounding,
+}
+
+/// What became of a frame.
+#[derive(Debug)]
+pub(crate) struct Frame {
+    /// Names of its files inside the folder.
+    pub(crate) files: Vec<String>,
+    /// `None` where it was not rendered.
+    pub(crate) census: Option<Census>,
+    /// Why it is not whole.
+    pub(crate) fault: Option<String>,
+    /// What became of the effects.
+    pub(crate) decisions: Vec<Decision>,
+    pub(crate) timing: FrameTiming,
+}
+
+/// Where a frame's time went.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct FrameTiming {
+    pub(crate) stages: Vec<Stage>,
+    pub(crate) render_secs: f64,
+    pub(crate) write_secs: f64,
+}
+
+/// A frame between rendering and writing.
+struct Waiting<'a> {
+    shot: &'a Shot,
+    rendering: Result<Rendering<f32>, String>,
+    decisions: Vec<Decision>,
+    timing: FrameTiming,
+}
+
+/// Renders and writes every shot, in order. A frame that cannot be rendered or has no honest bytes is told in its
+/// [`Frame`]; a file that cannot be written ends the work. With `apart`, nothing else runs while a frame is rendered.
+pub(crate) fn shoot(
+    renderer: &mut dyn Renderer,
+    (gaussians, shots): (&Gaussians, &[Shot]),
+    look: &Look,
+    files: &FrameFiles,
+    mut preview: Option<&mut Preview>,
+    apart: bool,
+) -> anyhow::Result<Vec<Frame>> {
+    let progress = Progress::new("frames", shots.len());
+    let mut render = |shots| rendered(renderer, gaussians, shots, look);
+    let mut write = |waiting| written(waiting, files, preview.as_deref_mut(), &progress);
+    let mut frames = Vec::with_capacity(shots.len());
+    let mut waiting = Vec::new();
+    for batch in shots.chunks(if apart { 1 } else { batch_length(shots) }) {
+        let before = std::mem::take(&mut waiting);
+        let (done, next) =
+            if apart { (write(before), render(batch)) } else { rayon::join(|| write(before), || render(batch)) };
+        frames.extend(done?);
+        waiting = next;
+    }
+    frames.extend(write(waiting)?);
+    Ok(frames)
+}
+
+/// Enough frames that every thread has one to encode, few enough to hold two batches.
+fn batch_length(shots: &[Shot]) -> usize {
+    let largest = shots.iter().map(|shot| shot.view.pixels()).max().unwrap_or(1);
+    // Colour, opacity and up to three more planes, as f32.
+    let fit = WAITING_BYTES / 2 / (7 * 4 * largest).max(1);
+    rayon::current_num_threads().min(fit).max(1)
+}
+
+fn rendered<'a>(
+    renderer: &mut dyn Renderer,
+    gaussians: &Gaussians,
+    shots: &'a [Shot],
+    look: &Look,
+) -> Vec<Waiting<'a>> {
+    let mut one = |shot: &'a Shot| {
+        let start = Instant::now();
+        let outcome = look.render(renderer, gaussians, &shot.view);
+        let mut timing = FrameTiming { render_secs: start.elapsed().as_secs_f64(), ..FrameTiming::default() };
+        let mut decisions = Vec::new();
+        let rendering = match outcome {
+            Ok((rendering, plan)) => {
+                timing.stages = vec![Stage { name: "plan", secs: plan.secs() }];
+                timing.stages.extend(renderer.stages());
+                decisions = plan.decisions().to_vec();
+                Ok(rendering)
+            }
+            Err(error) => Err(error.to_string()),
+        };
+        Waiting { shot, rendering, decisions, timing }
+    };
+    shots.iter().map(&mut one).collect()
+}
+
+fn written(
+    waiting: Vec<Waiting<'_>>,
+    files: &FrameFiles,
+    preview: Option<&mut Preview>,
+    progress: &Progress,
+) -> anyhow::Result<Vec<Frame>> {
+    let size = preview.as_ref().map(|preview| preview.size());
+    let write = |waiting| {
+        let outcome = write_frame(waiting, files, size.is_some());
+        progress.step();
+        let (frame, picture) = outcome?;
+        let picture = match (picture, size) {
+            (Some(picture), Some(size)) => Some(reduced(&picture, size)?),
+            _ => None,
+        };
+        Ok((frame, picture))
+    };
+    let done: Vec<(Frame, Option<ImageU8>)> = waiting.into_par_iter().map(write).collect::<anyhow::Result<_>>()?;
+    if let Some(preview) = preview {
+        for (_, picture) in &done {
+            preview.push(picture.as_ref())?;
+        }
+    }
+    Ok(done.into_iter().map(|(frame, _)| frame).collect())
+}
+
+fn write_frame(
+    Waiting { shot, rendering, decisions, timing }: Waiting<'_>,
+    files: &FrameFiles,
+    wants_bytes: bool,
+) -> anyhow::Result<(Frame, Option<ImageU8>)> {
+    let mut frame = Frame { files: Vec::new(), census: None, fault: None, decisions, timing };
+    let rendering = match rendering {
+        Ok(rendering) => rendering,
+        Err(fault) => return Ok((Frame { fault: Some(fault), ..frame }, None)),
+    };
+    frame.census = Some(rendering.census);
+    let start = Instant::now();
+    if files.exr {
+        write(files, shot, "exr", &picture::exr(&rendering)?, &mut frame)?;
+    }
+    let picture = if files.png || wants_bytes {
+        match picture::image(&rendering)?.to_u8(files.rounding) {
+            Ok(picture) => Some(picture),
+            Err(fault @ PixelError::NonFinite { .. }) => {
+                frame.fault = Some(format!("no 8-bit picture: {fault}"));
+                None
+            }
+            Err(error) => return Err(error.into()),
+        }
+    } else {
+        None
+    };
+    if let Some(picture) = picture.as_ref().filter(|_| files.png) {
+        write(files, shot, "png", &encode_png(picture)?, &mut frame)?;
+    }
+    frame.timing.write_secs = start.elapsed().as_secs_f64();
+    Ok((frame, picture))
+}
+
+fn write(files: &FrameFiles, shot: &Shot, extension: &str, bytes: &[u8], frame: &mut Frame) -> anyhow::Result<()> {
+    let name = file_name(shot.number, extension);
+    PendingFile::open(&files.folder.join(&name))?.finish(bytes)?;
+    frame.files.push(name);
+    Ok(())
+}
+
+/// `000029.png`: the number of the camera, as pixelSplat names its renderings.
+pub(crate) fn file_name(number: usize, extension: &str) -> String {
+    format!("{number:06}.{extension}")
+}
+
+/// How many pictures a folder holds that look like frames and are none of these: an earlier call's.
+pub(crate) fn strangers(folder: &Path, frames: &[Frame]) -> anyhow::Result<usize> {
+    let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
+    let is_frame = |name: &str| match name.split_once('.') {
+        Some((number, "png" | "exr")) => number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit()),
+        _ => false,
+    };
+    let entries = std::fs::read_dir(folder)?.collect::<std::io::Result<Vec<_>>>()?;
+    let names = entries.iter().map(std::fs::DirEntry::file_name);
+    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame(name) && !is_ours(name))).count())
+}
+
+/// The folder, made and tried before long work starts.
+pub(crate) fn open_folder(folder: &Path) -> anyhow::Result<PendingFile> {
+    PendingFile::open(&folder.join("render.json"))
+}

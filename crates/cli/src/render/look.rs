@@ -1,0 +1,151 @@
+use anyhow::bail;
+use atsplat_splat::{Channels, MAX_SH_DEGREE, PrincipalPoint, RasterMode, RenderOptions, RendererConstants};
+use clap::{Args, ValueEnum};
+use serde::Serialize;
+use serde_json::Value;
+
+use super::scene_file::SceneFile;
+use super::views::Shot;
+use super::words;
+
+/// How Gaussians become pixels.
+#[derive(Debug, Args)]
+pub(crate) struct LookWords {
+    /// Numbers and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
+    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = words::constants_name)]
+    constants: String,
+
+    /// Near plane in scene units, instead of the preset's.
+    #[arg(long, value_name = "DEPTH", value_parser = words::positive)]
+    near: Option<f64>,
+
+    /// Far plane in scene units, instead of the preset's.
+    #[arg(long, value_name = "DEPTH", value_parser = words::positive)]
+    far: Option<f64>,
+
+    /// black, white, or R,G,B from 0 to 1.
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = words::background)]
+    background: [f64; 3],
+
+    /// What becomes of Gaussians smaller than a pixel; by default what the file says, else classic.
+    #[arg(long, value_name = "MODE")]
+    mode: Option<ModeWord>,
+
+    /// Highest degree of spherical harmonics that is evaluated.
+    #[arg(long, value_name = "DEGREE", default_value_t = MAX_SH_DEGREE, value_parser = clap::value_parser!(u8).range(..=i64::from(MAX_SH_DEGREE)))]
+    sh_degree: u8,
+
+    /// Planes beside colour and opacity in EXR files: depth, scalar, median-depth; depth by default.
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    channels: Vec<ChannelWord>,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum ModeWord {
+    Classic,
+    Antialiased,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ChannelWord {
+    Depth,
+    Scalar,
+    MedianDepth,
+}
+
+/// [`RenderOptions`] as `render.json` keeps them.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) struct LookRecord {
+    constants: Value,
+    background: [f64; 3],
+    mode: RasterMode,
+    max_sh_degree: u8,
+    channels: Channels,
+}
+
+impl LookWords {
+    /// Whether planes were asked for that only an EXR holds.
+    pub(crate) const fn names_channels(&self) -> bool {
+        !self.channels.is_empty()
+    }
+
+    /// The constants, with what was overridden in their name.
+    pub(crate) fn constants(&self) -> anyhow::Result<RendererConstants> {
+        let mut constants = words::constants(&self.constants)?;
+        for (field, asked) in [("near", self.near), ("far", self.far)] {
+            let Some(asked) = asked else { continue };
+            constants.name = format!("{} with {field} {asked}", constants.name);
+            *(if field == "near" { &mut constants.near } else { &mut constants.far }) = asked;
+        }
+        let in_order = constants.near < constants.far;
+        if !in_order {
+            bail!("expected a near plane before the far plane, found {} and {}", constants.near, constants.far);
+        }
+        Ok(constants)
+    }
+
+    /// Options for a scene; `planes` where an EXR has room for more than colour.
+    pub(crate) fn options(
+        &self,
+        constants: RendererConstants,
+        scene: &SceneFile,
+        planes: bool,
+    ) -> anyhow::Result<RenderOptions> {
+        let asked = |channel| self.channels.contains(&channel);
+        let channels = Channels {
+            depth: planes && (asked(ChannelWord::Depth) || self.channels.is_empty()),
+            scalar: asked(ChannelWord::Scalar),
+            median_depth: asked(ChannelWord::MedianDepth),
+        };
+        if channels.scalar && scene.gaussians.parts().scalars.is_none() {
+            bail!("--channels scalar: the Gaussians of this scene have no scalar (a PLY's `uncertainty`)");
+        }
+        let mode = match self.mode {
+            Some(ModeWord::Antialiased) => RasterMode::Antialiased,
+            None if scene.record.antialiased == Some(true) => RasterMode::Antialiased,
+            Some(ModeWord::Classic) | None => RasterMode::Classic,
+        };
+        let background = self.background;
+        Ok(RenderOptions {
+            constants,
+            background,
+            mode,
+            max_sh_degree: self.sh_degree,
+            channels,
+            ..RenderOptions::default()
+        })
+    }
+}
+
+/// What the constants ignore of the cameras.
+pub(crate) fn ignored(constants: &RendererConstants, shots: &[Shot]) -> Option<String> {
+    const CENTRED: f64 = 1e-3;
+    let is_off = |shot: &&Shot| {
+        let intrinsics = shot.view.camera.intrinsics;
+        !((intrinsics.cx - 0.5).abs() <= CENTRED && (intrinsics.cy - 0.5).abs() <= CENTRED)
+    };
+    let off = shots.iter().filter(is_off).count();
+    (off > 0 && constants.principal_point == PrincipalPoint::Centre).then(|| {
+        format!("{off} cameras have a principal point off the centre, which the constants {} ignore", constants.name)
+    })
+}
+
+impl LookRecord {
+    pub(crate) fn of(options: &RenderOptions) -> anyhow::Result<Self> {
+        let mut constants = serde_json::to_value(&options.constants)?;
+        if options.constants.far.is_infinite()
+            && let Some(far) = constants.get_mut("far")
+        {
+            // JSON has no infinity.
+            *far = Value::from("inf");
+        }
+        Ok(Self {
+            constants,
+            background: options.background,
+            mode: options.mode,
+            max_sh_degree: options.max_sh_degree,
+            channels: options.channels,
+        })
+    }
+}

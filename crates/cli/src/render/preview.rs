@@ -1,0 +1,124 @@
+use std::fs::File;
+use std::io::BufWriter;
+use std::path::PathBuf;
+
+use anyhow::{Context as _, bail};
+use atsplat_camera::ImageSize;
+use atsplat_pixels::{AnimatedPng, Filter, ImageU8, resize};
+use clap::Args;
+
+use super::views::Shot;
+use crate::output::PendingFile;
+
+/// An animation of all frames.
+#[derive(Debug, Args)]
+pub(crate) struct PreviewWords {
+    /// Write all frames as one animated PNG, .png or .apng.
+    #[arg(long, value_name = "FILE", value_parser = animation_path)]
+    pub(crate) preview: Option<PathBuf>,
+
+    /// Widest that the preview may be, in pixels.
+    #[arg(long, value_name = "PIXELS", default_value_t = 480, requires = "preview", value_parser = clap::value_parser!(u32).range(1..=4096))]
+    preview_width: u32,
+
+    /// Frames a second.
+    #[arg(long, value_name = "N", default_value_t = 24, requires = "preview", value_parser = clap::value_parser!(u16).range(1..=240))]
+    fps: u16,
+}
+
+fn animation_path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().and_then(std::ffi::OsStr::to_str) {
+        Some("png" | "apng") => Ok(path),
+        _ => Err(format!("a preview is an animated PNG, .png or .apng, found {text:?}")),
+    }
+}
+
+/// An animation under way; it appears when it is complete.
+#[derive(Debug)]
+pub(crate) struct Preview {
+    animation: AnimatedPng<BufWriter<File>>,
+    file: PendingFile,
+    size: ImageSize,
+}
+
+impl PreviewWords {
+    /// Opens the file; `None` where none is wanted.
+    pub(crate) fn open(&self) -> anyhow::Result<Option<PendingFile>> {
+        self.preview.as_deref().map(PendingFile::open).transpose()
+    }
+
+    /// Begins the animation of these shots.
+    pub(crate) fn start(&self, file: PendingFile, shots: &[Shot]) -> anyhow::Result<Preview> {
+        let full = shots.first().context("a preview needs a frame")?.view.size;
+        if let Some(other) = shots.iter().map(|shot| shot.view.size).find(|size| *size != full) {
+            bail!("--preview needs frames of one size, found {full} and {other}: say one with --size");
+        }
+        let size = self.size(full);
+        let frames = u32::try_from(shots.len()).context("too many frames for an animation")?;
+        let out = BufWriter::new(file.writer()?);
+        let animation = AnimatedPng::new(out, (size.width, size.height), frames, self.fps)?;
+        Ok(Preview { animation, file, size })
+    }
+
+    fn size(&self, full: ImageSize) -> ImageSize {
+        if full.width <= self.preview_width {
+            return full;
+        }
+        let width = self.preview_width;
+        let height = (u64::from(full.height) * u64::from(width) + u64::from(full.width) / 2) / u64::from(full.width);
+        ImageSize { width, height: u32::try_from(height).unwrap_or(u32::MAX).clamp(1, full.height) }
+    }
+}
+
+impl Preview {
+    /// The size of its frames.
+    pub(crate) const fn size(&self) -> ImageSize {
+        self.size
+    }
+
+    /// Appends a frame of its size; black for one that could not be rendered.
+    pub(crate) fn push(&mut self, frame: Option<&ImageU8>) -> anyhow::Result<()> {
+        if let Some(frame) = frame {
+            return Ok(self.animation.push(frame)?);
+        }
+        let ImageSize { width, height } = self.size;
+        let black = ImageU8::new(width, height, vec![0; 3 * width as usize * height as usize])?;
+        Ok(self.animation.push(&black)?)
+    }
+
+    /// Puts the file in its place.
+    pub(crate) fn finish(self) -> anyhow::Result<()> {
+        self.animation.finish()?;
+        self.file.persist()
+    }
+}
+
+/// A frame in the preview's size.
+pub(crate) fn reduced(frame: &ImageU8, size: ImageSize) -> anyhow::Result<ImageU8> {
+    Ok(resize(frame, size.width, size.height, Filter::Lanczos)?)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn previews_keep_their_shape_and_are_never_enlarged() {
+        let words = PreviewWords { preview: None, preview_width: 480, fps: 24 };
+        let of = |width, height| {
+            let size = words.size(ImageSize { width, height });
+            (size.width, size.height)
+        };
+        assert_eq!(of(960, 540), (480, 270));
+        assert_eq!(of(320, 4000), (320, 4000));
+        assert_eq!(of(1000, 333), (480, 160));
+        assert_eq!(of(60_000, 1), (480, 1));
+    }
+
+    #[test]
+    fn the_extension_tells_an_animation() {
+        assert!(animation_path("a/b.apng").is_ok() && animation_path("b.png").is_ok());
+        assert!(animation_path("b.gif").is_err() && animation_path("png").is_err());
+    }
+}

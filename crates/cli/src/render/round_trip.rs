@@ -1,0 +1,225 @@
+use std::fmt;
+use std::fs;
+
+use atsplat_camera::ImageSize;
+use atsplat_numeric::Extremes as _;
+use atsplat_splat::files::{self, Encoding, Output};
+use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering};
+use clap::ValueEnum;
+use serde::Serialize;
+
+use super::views::Shot;
+use crate::progress::Progress;
+
+/// What a PLY must come back with; it holds every bit, so that anything less is a fault of ours.
+const PLY_DB: f64 = 60.0;
+
+/// A format that Gaussians are exported to and imported from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) enum RoundTripWord {
+    Ply,
+    PlyAscii,
+    PlyBigEndian,
+    Spz2,
+    Spz3,
+}
+
+impl RoundTripWord {
+    const fn output(self) -> Output {
+        match self {
+            Self::Ply => Output::Ply(Encoding::BinaryLittleEndian),
+            Self::PlyAscii => Output::Ply(Encoding::Ascii),
+            Self::PlyBigEndian => Output::Ply(Encoding::BinaryBigEndian),
+            Self::Spz2 => Output::Spz2,
+            Self::Spz3 => Output::Spz3,
+        }
+    }
+
+    const fn is_lossless(self) -> bool {
+        matches!(self.output(), Output::Ply(_))
+    }
+}
+
+/// What export and import cost, as far as the pictures show it.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) struct RoundTrips {
+    /// What the figures are.
+    convention: &'static str,
+    views: usize,
+    rows: Vec<Row>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    format: RoundTripWord,
+    /// Why there is no figure.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fault: Option<String>,
+    bytes: u64,
+    /// Over the bytes of a little-endian PLY.
+    size_over_ply: f64,
+    /// Whether every picture is the same to the bit.
+    identical: bool,
+    /// Of all views together; nothing where no clipped value differs.
+    psnr_db: Option<f64>,
+    /// Of the view that differs most.
+    worst_view_psnr_db: Option<f64>,
+    largest_difference: f64,
+}
+
+/// One format while its views are rendered.
+struct Trip {
+    format: RoundTripWord,
+    bytes: u64,
+    back: Result<Gaussians, String>,
+    identical: bool,
+    squares: f64,
+    samples: f64,
+    worst_mse: f64,
+    largest: f64,
+}
+
+/// Exports to each format, imports again, and renders the same views with every effect that was asked for.
+pub(crate) fn measure(
+    renderer: &mut dyn Renderer,
+    (gaussians, shots): (&Gaussians, &[Shot]),
+    options: &RenderOptions,
+    formats: &[RoundTripWord],
+) -> anyhow::Result<RoundTrips> {
+    let folder = tempfile::tempdir()?;
+    let path = folder.path().join("gaussians");
+    files::write(&path, gaussians, RoundTripWord::Ply.output())?;
+    let ply_bytes = fs::metadata(&path)?.len();
+    let mut trips = Vec::new();
+    for format in formats {
+        trips.push(Trip::start(*format, gaussians, &path)?);
+    }
+    let progress = Progress::new("views of the round trip", shots.len());
+    let mut views = 0;
+    for shot in shots {
+        // A view that cannot be rendered is told with the frames.
+        if let Ok(before) = renderer.render(gaussians, &shot.view, options) {
+            views += 1;
+            for trip in &mut trips {
+                trip.compare(renderer, &before, shot, options);
+            }
+        }
+        progress.step();
+    }
+    let convention = "f32 RGB clipped to [0, 1]; squared differences averaged over all samples of all views";
+    Ok(RoundTrips { convention, views, rows: trips.into_iter().map(|trip| trip.row(ply_bytes)).collect() })
+}
+
+impl Trip {
+    /// A format that has no place for what the Gaussians hold is told, not an end.
+    fn start(format: RoundTripWord, gaussians: &Gaussians, path: &std::path::Path) -> anyhow::Result<Self> {
+        let written = files::write(path, gaussians, format.output());
+        let bytes = if written.is_ok() { fs::metadata(path)?.len() } else { 0 };
+        let back = written.and_then(|()| files::read(path)).map(|(back, _)| back).map_err(|error| error.to_string());
+        let (identical, squares, samples, worst_mse, largest) = (true, 0.0, 0.0, 0.0, 0.0);
+        Ok(Self { format, bytes, back, identical, squares, samples, worst_mse, largest })
+    }
+
+    fn compare(&mut self, renderer: &mut dyn Renderer, before: &Rendering<f32>, shot: &Shot, options: &RenderOptions) {
+        let Ok(back) = &self.back else { return };
+        let after = match renderer.render(back, &shot.view, options) {
+            Ok(after) => after,
+            Err(error) => {
+                self.back = Err(error.to_string());
+                return;
+            }
+        };
+        self.identical &= same_bits(before, &after);
+        let pairs = before.rgb.as_flattened().iter().zip(after.rgb.as_flattened());
+        let mut squares = 0.0;
+        for (before, after) in pairs {
+            let difference = f64::from(before.clamp(0.0, 1.0)) - f64::from(after.clamp(0.0, 1.0));
+            squares += difference * difference;
+            self.largest = self.largest.maximum_of(difference.abs());
+        }
+        let samples = samples_of(before.size);
+        self.squares += squares;
+        self.samples += samples;
+        self.worst_mse = self.worst_mse.maximum_of(squares / samples);
+    }
+
+    fn row(self, ply_bytes: u64) -> Row {
+        Row {
+            format: self.format,
+            bytes: self.bytes,
+            size_over_ply: self.bytes as f64 / ply_bytes as f64,
+            identical: self.identical && self.back.is_ok(),
+            psnr_db: psnr(self.squares / self.samples),
+            worst_view_psnr_db: psnr(self.worst_mse),
+            largest_difference: self.largest,
+            fault: self.back.err(),
+        }
+    }
+}
+
+fn samples_of(size: ImageSize) -> f64 {
+    3.0 * f64::from(size.width) * f64::from(size.height)
+}
+
+/// Of a peak of 1; `None` where nothing differs.
+fn psnr(mse: f64) -> Option<f64> {
+    (mse != 0.0 && mse.is_finite()).then(|| -10.0 * mse.log10())
+}
+
+fn same_bits(before: &Rendering<f32>, after: &Rendering<f32>) -> bool {
+    let bits = |image: &[f32]| image.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+    let same = |a: &[f32], b: &[f32]| bits(a) == bits(b);
+    let optional = |a: &Option<Vec<f32>>, b: &Option<Vec<f32>>| match (a, b) {
+        (Some(a), Some(b)) => same(a, b),
+        (None, None) => true,
+        _ => false,
+    };
+    same(before.rgb.as_flattened(), after.rgb.as_flattened())
+        && same(&before.alpha, &after.alpha)
+        && optional(&before.depth, &after.depth)
+        && optional(&before.scalar, &after.scalar)
+        && optional(&before.median_depth, &after.median_depth)
+}
+
+impl RoundTrips {
+    /// Why this is a failure: a format that keeps every bit did not bring the pictures back.
+    pub(crate) fn broken_promise(&self) -> Option<String> {
+        let broken = |row: &&Row| {
+            let kept = row.identical || row.psnr_db.is_none_or(|psnr| psnr >= PLY_DB);
+            row.format.is_lossless() && (row.fault.is_some() || !kept || row.largest_difference.is_nan())
+        };
+        let row = self.rows.iter().find(broken)?;
+        Some(format!("{} did not bring the pictures back: expected {PLY_DB} dB or more", name(row.format)))
+    }
+}
+
+fn name(format: RoundTripWord) -> String {
+    format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
+}
+
+impl fmt::Display for RoundTrips {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let head = ["bytes", "of PLY", "PSNR", "worst view", "largest"];
+        let [bytes, of_ply, psnr, worst, largest] = head;
+        writeln!(f, "\n{:>14} {bytes:>11} {of_ply:>7} {psnr:>10} {worst:>11} {largest:>10}", "round trip")?;
+        for row in &self.rows {
+            let name = name(row.format);
+            if let Some(fault) = &row.fault {
+                writeln!(f, "{name:>14} {fault}")?;
+                continue;
+            }
+            let shown = |psnr: Option<f64>| match psnr {
+                Some(psnr) => format!("{psnr:.2} dB"),
+                None if row.identical => "identical".to_owned(),
+                None => "inf".to_owned(),
+            };
+            let (psnr, worst) = (shown(row.psnr_db), shown(row.worst_view_psnr_db));
+            let (bytes, share, largest) = (row.bytes, 100.0 * row.size_over_ply, row.largest_difference);
+            writeln!(f, "{name:>14} {bytes:>11} {share:>5.1} % {psnr:>10} {worst:>11} {largest:>10.2e}")?;
+        }
+        writeln!(f, "{:>14} {} views; {}", "", self.views, self.convention)
+    }
+}

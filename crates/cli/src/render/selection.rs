@@ -1,0 +1,96 @@
+use std::collections::BTreeSet;
+use std::str::FromStr;
+
+use anyhow::{Context as _, bail};
+
+/// Positions in a list of cameras, in the order given: `0,29,100..200:10`.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Selection(Vec<Part>);
+
+/// A position, or every `step`-th from `first` on, before `past` or to the end.
+#[derive(Clone, Debug, PartialEq, Eq)]
+struct Part {
+    first: usize,
+    past: Option<usize>,
+    step: usize,
+}
+
+impl FromStr for Selection {
+    type Err = anyhow::Error;
+
+    fn from_str(text: &str) -> anyhow::Result<Self> {
+        text.split(',').map(|part| Part::parse(part.trim())).collect::<anyhow::Result<_>>().map(Self)
+    }
+}
+
+impl Part {
+    fn parse(text: &str) -> anyhow::Result<Self> {
+        let number = |text: &str| -> anyhow::Result<usize> {
+            text.parse().with_context(|| format!("expected a position as 7, 3..9 or 3..9:2, found {text:?}"))
+        };
+        let Some((first, rest)) = text.split_once("..") else {
+            let first = number(text)?;
+            return Ok(Self { first, past: Some(first.saturating_add(1)), step: 1 });
+        };
+        let (past, step) = rest.split_once(':').map_or((rest, 1), |(past, step)| (past, number(step).unwrap_or(0)));
+        if step == 0 {
+            bail!("expected a step of at least 1 after the colon, found {text:?}");
+        }
+        let first = if first.is_empty() { 0 } else { number(first)? };
+        let past = if past.is_empty() { None } else { Some(number(past)?) };
+        if past.is_some_and(|past| past <= first) {
+            bail!("expected a range that ends behind its beginning, found {text:?}");
+        }
+        Ok(Self { first, past, step })
+    }
+}
+
+impl Selection {
+    /// The selected positions of a list of `count`.
+    pub(crate) fn of(&self, count: usize) -> anyhow::Result<Vec<usize>> {
+        let mut picked = Vec::new();
+        let mut known = BTreeSet::new();
+        for part in &self.0 {
+            let past = part.past.unwrap_or(count);
+            if part.first >= count || past > count {
+                let found = if part.first >= count { part.first } else { past - 1 };
+                bail!("--frames: position {found}, but there are {count} cameras, counted from 0");
+            }
+            for position in (part.first..past).step_by(part.step) {
+                if !known.insert(position) {
+                    bail!("--frames: position {position} is selected twice");
+                }
+                picked.push(position);
+            }
+        }
+        Ok(picked)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn of(text: &str, count: usize) -> anyhow::Result<Vec<usize>> {
+        text.parse::<Selection>()?.of(count)
+    }
+
+    #[test]
+    fn positions_and_ranges_in_their_order() {
+        assert_eq!(of("7,0, 3", 8).unwrap(), [7, 0, 3]);
+        assert_eq!(of("2..5,9", 10).unwrap(), [2, 3, 4, 9]);
+        assert_eq!(of("..:4", 10).unwrap(), [0, 4, 8]);
+        assert_eq!(of("6..", 9).unwrap(), [6, 7, 8]);
+        assert_eq!(of("1..9:3", 9).unwrap(), [1, 4, 7]);
+    }
+
+    #[test]
+    fn what_is_no_selection_and_what_is_not_there() {
+        for broken in ["", "a", "1,,2", "3..3", "5..2", "1..4:0", "1..4:x", "-1", "1..2..3", "99999999999999999999"] {
+            assert!(broken.parse::<Selection>().is_err(), "{broken:?}");
+        }
+        for outside in ["8", "3..9", "8..", "1..4,3"] {
+            assert!(of(outside, 8).is_err(), "{outside:?}");
+        }
+    }
+}

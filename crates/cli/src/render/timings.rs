@@ -1,0 +1,115 @@
+use std::fmt;
+
+use serde::Serialize;
+
+use super::frames::Frame;
+
+/// Where the time went: per frame the median over all frames but the first, which warms caches and buffers up.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(crate) struct Timings {
+    reading_secs: f64,
+    /// Frames behind the medians.
+    frames: usize,
+    /// One over the median of `render`; nothing for a single frame.
+    frames_per_second: Option<f64>,
+    rows: Vec<Row>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    stage: &'static str,
+    first_ms: f64,
+    median_ms: Option<f64>,
+    /// Median absolute deviation from the median.
+    mad_ms: Option<f64>,
+}
+
+impl Timings {
+    /// Of the frames that were rendered.
+    pub(crate) fn of(reading_secs: f64, frames: &[Frame]) -> Self {
+        let whole: Vec<_> = frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing).collect();
+        let names = whole.first().map(|first| first.stages.iter().map(|stage| stage.name).collect::<Vec<_>>());
+        let mut rows: Vec<Row> = Vec::new();
+        for (at, stage) in names.unwrap_or_default().into_iter().enumerate() {
+            rows.extend(Row::of(stage, whole.iter().filter_map(|frame| Some(frame.stages.get(at)?.secs))));
+        }
+        let render = Row::of("render", whole.iter().map(|frame| frame.render_secs));
+        let frames_per_second = render.as_ref().and_then(|row| row.median_ms).map(|median| 1e3 / median);
+        rows.extend(render);
+        rows.extend(Row::of("encode, write", whole.iter().map(|frame| frame.write_secs)));
+        Self { reading_secs, frames: whole.len().saturating_sub(1), frames_per_second, rows }
+    }
+}
+
+impl Row {
+    fn of(stage: &'static str, secs: impl Iterator<Item = f64>) -> Option<Self> {
+        let mut ms = secs.map(|secs| 1e3 * secs);
+        let first_ms = ms.next()?;
+        let rest: Vec<f64> = ms.collect();
+        let median_ms = median(rest.clone());
+        let mad_ms = median_ms.and_then(|middle| median(rest.iter().map(|ms| (ms - middle).abs()).collect()));
+        Some(Self { stage, first_ms, median_ms, mad_ms })
+    }
+}
+
+/// The middle value, the mean of both where there are two.
+fn median(mut values: Vec<f64>) -> Option<f64> {
+    values.sort_by(f64::total_cmp);
+    let upper = values.get(values.len() / 2).copied()?;
+    let lower = values.get((values.len() - 1) / 2).copied()?;
+    Some(lower.midpoint(upper))
+}
+
+impl fmt::Display for Timings {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "\n{:>12}  {:>10} {:>10} {:>8}   milliseconds a frame", "", "median", "MAD", "first")?;
+        let shown = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
+        for row in &self.rows {
+            let (median, mad) = (shown(row.median_ms), shown(row.mad_ms));
+            writeln!(f, "{:>13} {median:>10} {mad:>10} {:>8.2}", row.stage, row.first_ms)?;
+        }
+        write!(
+            f,
+            "{:>13} {:>10.2} s; medians over {} frames after the first",
+            "reading", self.reading_secs, self.frames
+        )?;
+        match self.frames_per_second {
+            Some(rate) => writeln!(f, ": {rate:.1} frames a second"),
+            None => writeln!(f),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::render::frames::FrameTiming;
+    use atsplat_numeric::Tolerance;
+    use atsplat_splat::{Census, Stage};
+
+    fn frame(ms: f64) -> Frame {
+        let secs = ms / 1e3;
+        let timing =
+            FrameTiming { stages: vec![Stage { name: "sort", secs }], render_secs: 2.0 * secs, write_secs: 0.0 };
+        Frame { files: vec![], census: Some(Census::default()), fault: None, decisions: vec![], timing }
+    }
+
+    #[test]
+    fn the_first_frame_stands_apart() {
+        let lost = Frame { census: None, ..frame(1e6) };
+        let timings = Timings::of(0.5, &[frame(100.0), frame(4.0), lost, frame(6.0), frame(5.0), frame(20.0)]);
+        assert_eq!((timings.frames, timings.rows.len()), (4, 3));
+        let row = &timings.rows[0];
+        let found = [row.first_ms, row.median_ms.unwrap(), row.mad_ms.unwrap(), timings.frames_per_second.unwrap()];
+        Tolerance::relative(1e-12).assert(found, [100.0, 5.5, 1.0, 1e3 / 11.0], "medians");
+    }
+
+    #[test]
+    fn one_frame_is_all_warm_up() {
+        let timings = Timings::of(0.5, &[frame(3.0)]);
+        assert_eq!((timings.frames, timings.frames_per_second, timings.rows[0].median_ms), (0, None, None));
+        assert!(Timings::of(0.5, &[]).rows.is_empty());
+    }
+}
