@@ -78,8 +78,10 @@ fn main() {
                 .collect();
             secs.sort_by(f64::total_cmp);
             let [least, median] = [0, secs.len() / 2].map(|at| 1e3 * secs.get(at).copied().unwrap_or(f64::NAN));
+            // What stays on the device is not timed by stages.
+            let stages = if what.contains("host") { gpu.stages() } else { Vec::new() };
             let stages: Vec<String> =
-                gpu.stages().iter().map(|Stage { name, secs }| format!("{name} {:.1}", 1e3 * secs)).collect();
+                stages.iter().map(|Stage { name, secs }| format!("{name} {:.1}", 1e3 * secs)).collect();
             println!("{name} {what}: least {least:.1} ms, median {median:.1} ms; {}", stages.join(", "));
         };
         timed("forward from the host", &mut |gpu| {
