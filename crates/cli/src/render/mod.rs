@@ -22,8 +22,8 @@ use anyhow::bail;
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
 use atsplat_splat::Census;
-use clap::error::ErrorKind;
 use atsplat_splat::gpu::AdapterChoice;
+use clap::error::ErrorKind;
 use clap::{Args, Command, ValueEnum};
 
 use crate::output::{complain, print_report, print_warnings};

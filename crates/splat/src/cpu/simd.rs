@@ -79,6 +79,10 @@ impl Display for SimdLevel {
     fn fmt(&self, formatter: &mut Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Portable => "portable",
+            #[cfg(test)]
+            Self::Lanes4 => "4 lanes",
+            #[cfg(test)]
+            Self::Lanes16 => "16 lanes",
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]
