@@ -119,10 +119,11 @@ fn differentiate(
     if lists.pairs == 0 {
         return Ok(());
     }
-    let block = &lists.block;
     let buffers =
         [&scene.shapes, &scene.places, &scene.paints, &lists.sorted, &lists.boxes, &lists.ranges, &seeds, &by_pair];
-    recorder.dispatch(Kernel::Differentiate, block.bytes(), &buffers, lists.window.tiles())?;
+    for block in lists.passes() {
+        recorder.dispatch(Kernel::Differentiate, block.bytes(), &buffers, lists.window.tiles())?;
+    }
     let buffers = [&scene.order, &scene.offsets, &by_pair, &sums.firsts, &sums.seconds, &sums.colours];
     recorder.dispatch(Kernel::Gather, block.bytes(), &buffers, scene.count.div_ceil(64))
 }

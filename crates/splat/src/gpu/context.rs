@@ -17,6 +17,10 @@ pub(super) struct Context {
     pub(super) timestamps: bool,
     /// Rows of four pixels that a thread composites, 1 or 4.
     pub(super) thread_rows: u32,
+    /// Entries of a tile's list that one dispatch passes over.
+    pub(super) entries_at_once: u32,
+    /// Tiles of one window.
+    pub(super) tiles_at_once: u64,
     lost: Arc<Mutex<Option<String>>>,
 }
 
@@ -83,7 +87,27 @@ impl Context {
         let is_processor = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
         let few = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_processor);
         let thread_rows = if few { 4 } else { 1 };
-        Ok(Self { device, queue, name, binding_limit, groups_limit, timestamps, thread_rows, lost: Arc::default() })
+        Ok(Self {
+            device,
+            queue,
+            name,
+            binding_limit,
+            groups_limit,
+            timestamps,
+            thread_rows,
+            entries_at_once: options.entries_limit.max(1),
+            tiles_at_once: u64::MAX,
+            lost: Arc::default(),
+        })
+    }
+
+    /// Cuts what kernels loop over to what the driver allows. Differentiating takes most: for each entry of a list
+    /// one turn for every thread beside it that passes over it at another time, and one for each sum.
+    pub(super) fn allow_turns(&mut self, turns: u32) {
+        if turns < u32::MAX {
+            self.entries_at_once = self.entries_at_once.min(turns / 32).max(1);
+            self.tiles_at_once = u64::from(turns / 2).max(1);
+        }
     }
 
     /// Does something with the device and reports what the driver thinks of it.

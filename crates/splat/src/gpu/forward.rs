@@ -48,6 +48,21 @@ pub(super) struct Lists {
     pub(super) boxes: wgpu::Buffer,
     /// First and past the last of each tile.
     pub(super) ranges: wgpu::Buffer,
+    /// Entries of the longest tile's list, or as many as can be passed over at once.
+    longest: u32,
+    entries_at_once: u32,
+}
+
+impl Lists {
+    /// The block of each dispatch that passes over the lists, one after the other.
+    pub(super) fn passes(&self) -> impl Iterator<Item = ViewBlock> {
+        let (count, whole) = (self.longest.div_ceil(self.entries_at_once).max(1), self.block);
+        (0..count).map(move |pass| {
+            let mut block = whole.with_flag(flag::GOES_ON, pass > 0).with_flag(flag::STOPS_HERE, pass + 1 < count);
+            block.part = [pass * self.entries_at_once, self.entries_at_once, 0, 0];
+            block
+        })
+    }
 }
 
 impl Window {
@@ -160,7 +175,7 @@ pub(super) fn for_windows(
         recorder.submit();
         census = read_census(context, &scene.census)?;
         let pairs = u64::from(census[7]);
-        if pairs > capacity {
+        if pairs > capacity || (window.tiles() > context.tiles_at_once && window.tiles() > 1) {
             let halves = window.halves().ok_or_else(|| GpuError::TooLarge {
                 adapter: context.name.clone(),
                 what: "Gaussians of one tile",
@@ -205,7 +220,21 @@ fn list(
         let buffers = [&keys, &values, &owners, &scene.reaches, &ranges, &sorted, &boxes];
         recorder.dispatch(Kernel::Ranges, block.bytes(), &buffers, count.div_ceil(64))?;
     }
-    Ok(Lists { block: *block, window, pairs: count, sorted, boxes, ranges })
+    let entries_at_once = context.entries_at_once;
+    let longest = if count > u64::from(entries_at_once) {
+        recorder.submit();
+        longest(context, &ranges, window)?
+    } else {
+        0
+    };
+    Ok(Lists { block: *block, window, pairs: count, sorted, boxes, ranges, longest, entries_at_once })
+}
+
+/// Entries of the longest tile's list.
+fn longest(context: &Context, ranges: &wgpu::Buffer, window: Window) -> Result<u32, GpuError> {
+    let bytes = context.read(&[(ranges, 8 * window.tiles())])?.concat();
+    let words: Vec<u32> = bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
+    Ok(words.as_chunks().0.iter().map(|[first, past]| past.saturating_sub(*first)).fold(0, Ord::max))
 }
 
 fn read_census(context: &Context, census: &wgpu::Buffer) -> Result<[u32; 8], GpuError> {

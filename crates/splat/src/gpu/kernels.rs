@@ -24,6 +24,7 @@ pub(super) enum Kernel {
     ColourBackward,
     ProjectBackward,
     Unpack,
+    Probe,
     Reduce,
 }
 
@@ -54,6 +55,7 @@ impl Kernel {
                 sources!("view", "double", "exponent", "lens", "geometry", "project_backward")
             }
             Self::Unpack => sources!("unpack"),
+            Self::Probe => sources!("probe"),
             Self::Reduce => sources!("reduce"),
         }
     }

@@ -14,6 +14,7 @@ mod gradients;
 mod images;
 mod kernels;
 mod picture;
+mod probe;
 mod record;
 mod self_test;
 mod sort;
@@ -69,6 +70,8 @@ pub struct GpuOptions {
     pub binding_limit: u64,
     /// Workgroups along one dimension of a dispatch, where that is less than the adapter allows.
     pub groups_limit: u32,
+    /// Entries of a tile's list that one dispatch passes over, where that is less than the driver allows.
+    pub entries_limit: u32,
     /// How many pixels a thread composites.
     pub threads: Threads,
 }
@@ -88,7 +91,13 @@ pub enum Threads {
 impl Default for GpuOptions {
     /// 8 GiB, and whatever the adapter allows.
     fn default() -> Self {
-        Self { memory_limit: 8 << 30, binding_limit: u64::MAX, groups_limit: u32::MAX, threads: Threads::Automatic }
+        Self {
+            memory_limit: 8 << 30,
+            binding_limit: u64::MAX,
+            groups_limit: u32::MAX,
+            entries_limit: u32::MAX,
+            threads: Threads::Automatic,
+        }
     }
 }
 
@@ -110,7 +119,7 @@ impl GpuRenderer {
     pub fn new(choice: &AdapterChoice, options: GpuOptions) -> Result<Self, GpuError> {
         let (adapter, description) = adapters::choose(choice)?;
         let context = Context::open(&adapter, &description, &options)?;
-        let mut renderer = Self::over(context, options);
+        let mut renderer = Self::over(context, options)?;
         self_test::self_test(&mut renderer)?;
         renderer.pool.clear();
         Ok(renderer)
@@ -123,11 +132,13 @@ impl GpuRenderer {
     pub fn with_device(device: wgpu::Device, queue: wgpu::Queue, options: GpuOptions) -> Result<Self, GpuError> {
         let info = device.adapter_info();
         let name = format!("{} ({:?})", info.name, info.backend);
-        Ok(Self::over(Context::with_device(device, queue, name, &options)?, options))
+        Self::over(Context::with_device(device, queue, name, &options)?, options)
     }
 
-    fn over(context: Context, options: GpuOptions) -> Self {
-        Self { context, options, pipelines: Pipelines::default(), pool: Pool::default(), stages: Vec::new() }
+    fn over(mut context: Context, options: GpuOptions) -> Result<Self, GpuError> {
+        let mut pipelines = Pipelines::default();
+        context.allow_turns(probe::turns(&context, &mut pipelines)?);
+        Ok(Self { context, options, pipelines, pool: Pool::default(), stages: Vec::new() })
     }
 
     /// The adapter's name and backend.

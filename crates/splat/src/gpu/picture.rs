@@ -85,7 +85,10 @@ pub(super) fn composite(
         extras.unwrap_or(&none),
     ];
     recorder.stage("composite");
-    recorder.dispatch(Kernel::Composite, lists.block.bytes(), &buffers, lists.window.tiles())
+    for block in lists.passes() {
+        recorder.dispatch(Kernel::Composite, block.bytes(), &buffers, lists.window.tiles())?;
+    }
+    Ok(())
 }
 
 /// Bytes on the device for Gaussians and pixels, tile lists apart.

@@ -48,6 +48,8 @@ pub(super) mod flag {
     pub(crate) const EXTRA_GRADIENTS: u32 = 8192;
     pub(crate) const EXPOSES: u32 = 16384;
     pub(crate) const WAS_EXPOSED: u32 = 32768;
+    pub(crate) const GOES_ON: u32 = 65536;
+    pub(crate) const STOPS_HERE: u32 = 131_072;
 }
 
 impl ViewBlock {

@@ -30,6 +30,8 @@ pub struct HardCase {
     pub census: Option<Census>,
     /// What a renderer in f32 may get wrong.
     pub bounds: ErrorBounds,
+    /// Whether derivatives take geometry in f64: a renderer with less has to give finite ones, and no more.
+    pub derivatives_need_f64: bool,
 }
 
 /// Errors that a renderer may make, against the reference in f64.

@@ -115,6 +115,7 @@ pub(super) fn case(name: &'static str, description: &'static str, gaussians: Gau
         options: options(),
         census: None,
         bounds: ErrorBounds::default(),
+        derivatives_need_f64: false,
     }
 }
 
@@ -130,6 +131,11 @@ impl HardCase {
     /// A case at which derivatives are worse than usual.
     pub(super) fn with_gradient_to(self, gradient: f64) -> Self {
         Self { bounds: ErrorBounds { gradient, ..self.bounds }, ..self }
+    }
+
+    /// A case whose derivatives geometry in f32 cannot give.
+    pub(super) fn beyond_f32(self) -> Self {
+        Self { derivatives_need_f64: true, ..self }
     }
 
     /// A case at which images are worse than usual.

@@ -83,7 +83,10 @@ impl<'a> Expected<'a> {
     /// Renders and differentiates a case in f64, and takes the differences of its smooth variant.
     fn of(case: &'a HardCase, slack: f64) -> Result<Self, SplatError> {
         let HardCase { gaussians, view, options, .. } = case;
-        let bounds = case.bounds.scaled(slack);
+        let mut bounds = case.bounds.scaled(slack);
+        if case.derivatives_need_f64 && slack > 1.0 {
+            bounds.gradient = f64::INFINITY;
+        }
         let jumps = reference::jumps(gaussians, view, options, bounds.band)?;
         let images = gradients::of_loss(view, &jumps);
         Ok(Self {

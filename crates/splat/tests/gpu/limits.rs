@@ -1,8 +1,9 @@
+use atsplat_numeric::Tolerance;
 use atsplat_splat::cpu::CpuOptions;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, with_fallback};
 use atsplat_splat::{RenderOptions, Renderer, RendererConstants, SplatError, reference};
 
-use crate::scenes::{assert_bound, cloud, everything, gpu, narrow, open, ripples, view};
+use crate::scenes::{assert_bound, cloud, everything, gpu, narrow, open, ripples, specks, view};
 
 /// Parts of 600 Gaussians, strips of two rows of tiles, windows of few tiles, dispatches in two dimensions.
 #[test]
@@ -16,6 +17,37 @@ fn small_limits_give_the_same_bits() {
     let images = narrow(&ripples(&view));
     let whole = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
     assert!(cut.backward(&gaussians, &view, &everything(), &images).unwrap() == whole);
+}
+
+/// Lists are passed over in many dispatches, as drivers need that end a kernel's loops early.
+#[test]
+fn lists_in_parts_give_the_same_bits() {
+    let few = GpuOptions { entries_limit: 37, ..GpuOptions::default() };
+    let (Some(mut gpu), Some(mut cut)) = (gpu(), open(few)) else { return };
+    let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
+    let images = narrow(&ripples(&view));
+    for options in [everything(), RenderOptions::default()] {
+        let whole = gpu.render(&gaussians, &view, &options).unwrap();
+        assert!(cut.render(&gaussians, &view, &options).unwrap() == whole);
+        let whole = gpu.backward(&gaussians, &view, &options, &images).unwrap();
+        assert!(cut.backward(&gaussians, &view, &options, &images).unwrap() == whole);
+    }
+}
+
+/// Software Vulkan ends loops after 65 535 turns: so many Gaussians of one tile, none of which hides the others.
+#[test]
+fn more_of_one_tile_than_a_loop_takes() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (specks(200_000), view(16, 16));
+    let expected = reference::render(&gaussians, &view, &everything()).unwrap();
+    assert!(expected.census.drawn > 65_535, "{:?}", expected.census);
+    assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, "specks");
+    let images = ripples(&view);
+    let expected = reference::backward(&gaussians, &view, &everything(), &images).unwrap();
+    let actual = gpu.backward(&gaussians, &view, &everything(), &narrow(&images)).unwrap();
+    let last = actual.opacity_logits.iter().rev().take(1000).map(|value| f64::from(*value));
+    let largest = expected.opacity_logits.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
+    Tolerance::absolute(1e-3 * largest).assert(last, expected.opacity_logits.iter().rev().take(1000).copied(), "last");
 }
 
 /// How the work is divided changes no pixel; sums over pixels round otherwise (the self-test bounds that).

@@ -64,6 +64,14 @@ pub(crate) fn dust(count: usize) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
+/// Specks of a pixel, just opaque enough to be seen: hundreds on a pixel leave it transparent.
+pub(crate) fn specks(count: usize) -> Gaussians {
+    let mut parts = cloud(count, 0, 78).into_parts();
+    parts.log_scales.iter_mut().for_each(|logs| *logs = [-8.0; 3]);
+    parts.opacity_logits.iter_mut().for_each(|logit| *logit = -5.3);
+    Gaussians::new(parts).unwrap()
+}
+
 pub(crate) fn view(width: u32, height: u32) -> View {
     let rotation = DMat3::from_rotation_y(0.2) * DMat3::from_rotation_x(0.1);
     let pose = CameraFromWorld::new(rotation, DVec3::new(0.3, -0.1, 0.4)).unwrap();

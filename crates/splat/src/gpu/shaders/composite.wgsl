@@ -23,7 +23,7 @@ fn main(
     let corner = vec2(local.x * 4u, local.y * ROWS);
     let column = (view.tiles.x + tile % view.tiles.z) * 16u + corner.x;
     let row = (view.tiles.y + tile / view.tiles.z) * 16u + corner.y;
-    let range = ranges[tile];
+    let range = entries_now(ranges[tile]);
     // That of a finished pixel is kept with its sign turned.
     var transmittance: array<vec4<f32>, ROWS>;
     var red: array<vec4<f32>, ROWS>;
@@ -34,6 +34,24 @@ fn main(
     var median: array<vec4<f32>, ROWS>;
     for (var r = 0u; r < ROWS; r++) {
         transmittance[r] = vec4(1.0);
+        if has(GOES_ON) {
+            for (var n = 0u; n < 4u; n++) {
+                if row + r < view.picture.y && column + n < view.picture.x {
+                    let pixel = (row + r - view.window.z) * view.picture.x + column + n;
+                    let before = colours[pixel];
+                    red[r][n] = before.x;
+                    green[r][n] = before.y;
+                    blue[r][n] = before.z;
+                    transmittance[r][n] = before.w;
+                    if has(EXTRAS) {
+                        let more = extras[pixel];
+                        depth[r][n] = more.x;
+                        scalar[r][n] = more.y;
+                        median[r][n] = more.z;
+                    }
+                }
+            }
+        }
     }
     var at = range.x;
     loop {
@@ -80,6 +98,13 @@ fn main(
         for (var n = 0u; n < 4u; n++) {
             if row + r < view.picture.y && column + n < view.picture.x {
                 let pixel = (row + r - view.window.z) * view.picture.x + column + n;
+                if has(STOPS_HERE) {
+                    colours[pixel] = vec4(red[r][n], green[r][n], blue[r][n], transmittance[r][n]);
+                    if has(EXTRAS) {
+                        extras[pixel] = vec4(depth[r][n], scalar[r][n], median[r][n], 0.0);
+                    }
+                    continue;
+                }
                 let left = abs(transmittance[r][n]);
                 var rgb = view.background.xyz * left + vec3(red[r][n], green[r][n], blue[r][n]);
                 if has(EXPOSES) {

@@ -8,7 +8,7 @@
 @group(0) @binding(4) var<storage, read> pairs: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read> boxes: array<u32>;
 @group(0) @binding(6) var<storage, read> ranges: array<vec2<u32>>;
-@group(0) @binding(7) var<storage, read> pixels: array<vec4<f32>>;
+@group(0) @binding(7) var<storage, read_write> pixels: array<vec4<f32>>;
 // Twelve numbers a pair. With e, the derivative by the exponent, and the whitened distance (a, b): Σe, Σea, Σeb,
 // Σeaa, Σeab, Σebb; then by red, green, blue, depth, scalar.
 @group(0) @binding(8) var<storage, read_write> sums: array<f32>;
@@ -36,7 +36,7 @@ fn main(
     let corner = vec2(local.x * 4u, local.y * ROWS);
     let column = (view.tiles.x + tile % view.tiles.z) * 16u + corner.x;
     let row = (view.tiles.y + tile / view.tiles.z) * 16u + corner.y;
-    let range = ranges[tile];
+    let range = entries_now(ranges[tile]);
 
     var transmittance: array<vec4<f32>, ROWS>;
     var by_red: array<vec4<f32>, ROWS>;
@@ -53,14 +53,14 @@ fn main(
                 let pixel = 2u * ((row + r - view.window.z) * view.picture.x + column + n);
                 let first = pixels[pixel];
                 let second = pixels[pixel + 1u];
-                transmittance[r][n] = 1.0;
+                transmittance[r][n] = second.z;
                 by_red[r][n] = first.x;
                 by_green[r][n] = first.y;
                 by_blue[r][n] = first.z;
                 by_depth[r][n] = first.w;
                 by_scalar[r][n] = second.x;
                 behind[r][n] = second.y;
-                is_open = true;
+                is_open = is_open || second.z > 0.0;
             }
         }
     }
@@ -157,6 +157,16 @@ fn main(
         // The rest of the list keeps the zeros that were there.
         if workgroupUniformLoad(&all_finished) == THREADS {
             break;
+        }
+    }
+    if has(STOPS_HERE) {
+        for (var r = 0u; r < ROWS; r++) {
+            for (var n = 0u; n < 4u; n++) {
+                if row + r < view.picture.y && column + n < view.picture.x {
+                    let pixel = 2u * ((row + r - view.window.z) * view.picture.x + column + n);
+                    pixels[pixel + 1u] = vec4(by_scalar[r][n], behind[r][n], transmittance[r][n], 0.0);
+                }
+            }
         }
     }
 }

@@ -6,7 +6,7 @@
 @group(0) @binding(2) var<storage, read> by_extras: array<vec4<f32>>;
 @group(0) @binding(3) var<storage, read> colours: array<vec4<f32>>;
 @group(0) @binding(4) var<storage, read> extras: array<vec4<f32>>;
-// Two of each pixel: by red, green, blue, depth; by scalar, what lies behind.
+// Two of each pixel: by red, green, blue, depth; by scalar, what lies behind, transmittance.
 @group(0) @binding(5) var<storage, read_write> pixels: array<vec4<f32>>;
 @group(0) @binding(6) var<storage, read_write> by_background: array<vec4<f32>>;
 
@@ -38,6 +38,6 @@ fn main(
         behind += extra.y * by_extra.y;
     }
     pixels[2u * at] = vec4(by_colour.xyz, by_extra.x);
-    pixels[2u * at + 1u] = vec4(by_extra.y, behind, 0.0, 0.0);
+    pixels[2u * at + 1u] = vec4(by_extra.y, behind, 1.0, 0.0);
     by_background[at] = vec4(by_colour.xyz * extra.w, 0.0);
 }

@@ -25,7 +25,8 @@ struct View {
     lens_more: vec4<f32>,
     // Width, height, flags, zero.
     picture: vec4<u32>,
-    // Gaussians of this part, the first among all, coefficients stored, degree evaluated.
+    // Gaussians of this part, the first among all, coefficients stored, degree evaluated. Of tile lists: the first
+    // entry that is passed over, and how many.
     part: vec4<u32>,
     // Tiles shown: first column and row, columns and rows.
     tiles: vec4<u32>,
@@ -49,6 +50,8 @@ const SLOTS: u32 = 4096u;
 const EXTRA_GRADIENTS: u32 = 8192u;
 const EXPOSES: u32 = 16384u;
 const WAS_EXPOSED: u32 = 32768u;
+const GOES_ON: u32 = 65536u;
+const STOPS_HERE: u32 = 131072u;
 
 @group(0) @binding(0) var<uniform> view: View;
 
