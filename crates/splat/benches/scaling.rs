@@ -10,6 +10,7 @@ use std::hint::black_box;
 use std::time::Instant;
 
 use atsplat_camera::ImageSize;
+use atsplat_numeric::Extremes as _;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Gaussians, RenderOptions, View, reference, sh_coefficients};
 use scene::scene;
@@ -118,7 +119,7 @@ fn bandwidth() -> f64 {
         black_box(&to);
         2.0 * BYTES as f64 / start.elapsed().as_secs_f64()
     });
-    copies.fold(0.0, f64::max)
+    copies.fold(0.0, f64::maximum_of)
 }
 
 /// Exponents of `time ∝ n^e` by least squares on logarithms: of all points, and of the last three.

@@ -1,4 +1,4 @@
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::cpu::CpuOptions;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, with_fallback};
 use atsplat_splat::{RenderOptions, Renderer, RendererConstants, SplatError, reference};
@@ -46,7 +46,7 @@ fn more_of_one_tile_than_a_loop_takes() {
     let expected = reference::backward(&gaussians, &view, &everything(), &images).unwrap();
     let actual = gpu.backward(&gaussians, &view, &everything(), &narrow(&images)).unwrap();
     let last = actual.opacity_logits.iter().rev().take(1000).map(|value| f64::from(*value));
-    let largest = expected.opacity_logits.iter().fold(0.0f64, |largest, value| largest.max(value.abs()));
+    let largest = expected.opacity_logits.iter().fold(0.0f64, |largest, value| largest.maximum_of(value.abs()));
     Tolerance::absolute(1e-3 * largest).assert(last, expected.opacity_logits.iter().rev().take(1000).copied(), "last");
 }
 
