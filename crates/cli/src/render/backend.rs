@@ -24,7 +24,7 @@ pub(crate) struct Backend {
 pub(crate) fn backend(word: BackendWord, adapter: Option<&AdapterChoice>) -> Backend {
     let here = |renderer: Box<dyn Renderer>| Backend { renderer, note: None };
     match word {
-        BackendWord::Cpu => here(Box::new(CpuRenderer::default())),
+        BackendWord::Cpu => here(Box::<CpuRenderer>::default()),
         BackendWord::Reference => here(Box::new(ReferenceRenderer)),
         BackendWord::Gpu => {
             let choice = adapter.cloned().unwrap_or_default();
@@ -35,6 +35,9 @@ pub(crate) fn backend(word: BackendWord, adapter: Option<&AdapterChoice>) -> Bac
 }
 
 /// Parses `--adapter`.
-pub(crate) fn adapter(word: &str) -> Result<AdapterChoice, std::convert::Infallible> {
+pub(crate) fn adapter(word: &str) -> Result<AdapterChoice, String> {
+    if word.is_empty() {
+        return Err("expected a number or a part of a name; `atsplat adapters` tells those that there are".to_owned());
+    }
     Ok(word.parse().map_or_else(|_| AdapterChoice::Name(word.to_owned()), AdapterChoice::Index))
 }
