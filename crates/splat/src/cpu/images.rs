@@ -3,7 +3,7 @@
 use rayon::prelude::*;
 
 use super::Paint;
-use super::batch::{BLOCK, BLOCKS, CELL, Cell, LANES};
+use super::batch::{BLOCK, CELL, Cell, LANES};
 use super::bins::Tiling;
 use super::composite::kept;
 use crate::Rendering;
@@ -45,16 +45,20 @@ impl Layout {
         })
     }
 
-    /// Where the four pixels from `(4·column, row)` on begin, of what is kept first.
-    fn quad(self, column: usize, row: usize) -> usize {
-        let blocks = self.tiling.side / BLOCK;
-        let (tile_column, block_column) = (column / blocks, column % blocks);
-        let (tile_row, row) = (row / self.tiling.side, row % self.tiling.side);
-        let block_row = row / BLOCK;
-        let cell = block_row / self.across * self.cells + block_column / self.across;
-        let block = block_row % self.across * self.across + block_column % self.across;
-        let tile = tile_row * self.tiling.columns + tile_column;
-        tile * self.per_tile() + cell * self.stride() + block % BLOCKS * LANES * kept(self.extra) + row % BLOCK * BLOCK
+    /// Where each four pixels of a row begin, from left to right, of what is kept first.
+    fn quads(self, row: usize) -> impl Iterator<Item = usize> {
+        let Self { tiling, cells, across, .. } = self;
+        let (tile_row, within) = (row / tiling.side, row % tiling.side);
+        let block_row = within / BLOCK;
+        let block = LANES * kept(self.extra);
+        let first = block_row % across * across * block + within % BLOCK * BLOCK;
+        (0..tiling.columns).flat_map(move |column| {
+            let tile = (tile_row * tiling.columns + column) * self.per_tile();
+            (0..cells).flat_map(move |cell| {
+                let cell = tile + (block_row / across * cells + cell) * self.stride();
+                (0..across).map(move |at| cell + first + at * block)
+            })
+        })
     }
 }
 
@@ -62,32 +66,31 @@ impl Layout {
 pub(super) fn write(layout: Layout, pixels: &[f32], paint: &Paint<'_>, rendering: &mut Rendering<f32>) {
     let width = paint.size.width as usize;
     let Rendering { rgb, alpha, depth, scalar, median_depth, .. } = rendering;
-    let quads = |row: usize| {
-        let quad = move |column: usize, of: usize| -> &[f32] {
-            let from = layout.quad(column, row) + of * LANES;
-            pixels.get(from..from + BLOCK).unwrap_or_default()
-        };
-        (0..width.div_ceil(BLOCK)).map(move |column| (column, quad))
+    let [behind_red, behind_green, behind_blue] = paint.background;
+    let colour = |transmittance: &[f32; BLOCK], red: &[f32; BLOCK], green: &[f32; BLOCK], blue: &[f32; BLOCK]| {
+        let through = transmittance.map(f32::abs);
+        let over: [[f32; 3]; BLOCK] = std::array::from_fn(|n| {
+            [behind_red * through[n] + red[n], behind_green * through[n] + green[n], behind_blue * through[n] + blue[n]]
+        });
+        (over, through.map(|through| 1.0 - through))
     };
     rgb.par_chunks_mut(width).zip(alpha.par_chunks_mut(width)).enumerate().for_each(|(row, (rgb, alpha))| {
-        for ((column, quad), (rgb, alpha)) in quads(row).zip(rgb.chunks_mut(BLOCK).zip(alpha.chunks_mut(BLOCK))) {
-            let [transmittance, red, green, blue] = [0, 1, 2, 3].map(|of| quad(column, of));
-            let colours = red.iter().zip(green).zip(blue);
-            for (((rgb, alpha), transmittance), ((red, green), blue)) in
-                rgb.iter_mut().zip(alpha).zip(transmittance).zip(colours)
-            {
-                let through = transmittance.abs();
-                let [behind_red, behind_green, behind_blue] = paint.background.map(|channel| channel * through);
-                *rgb = [behind_red + red, behind_green + green, behind_blue + blue];
-                *alpha = 1.0 - through;
-            }
+        for (from, (rgb, alpha)) in layout.quads(row).zip(rgb.chunks_mut(BLOCK).zip(alpha.chunks_mut(BLOCK))) {
+            let quad = |of: usize| pixels.get(from + of * LANES..).and_then(<[f32]>::first_chunk);
+            let (Some(transmittance), Some(red), Some(green), Some(blue)) = (quad(0), quad(1), quad(2), quad(3)) else {
+                continue;
+            };
+            let (over, opaque) = colour(transmittance, red, green, blue);
+            rgb.iter_mut().zip(over).for_each(|(slot, value)| *slot = value);
+            alpha.iter_mut().zip(opaque).for_each(|(slot, value)| *slot = value);
         }
     });
     for (of, image) in [(4, depth), (5, scalar), (6, median_depth)] {
         let Some(image) = image else { continue };
         image.par_chunks_mut(width).enumerate().for_each(|(row, values)| {
-            for ((column, quad), values) in quads(row).zip(values.chunks_mut(BLOCK)) {
-                values.iter_mut().zip(quad(column, of)).for_each(|(slot, value)| *slot = *value);
+            for (from, values) in layout.quads(row).zip(values.chunks_mut(BLOCK)) {
+                let quad = pixels.get(from + of * LANES..).unwrap_or_default();
+                values.iter_mut().zip(quad).for_each(|(slot, value)| *slot = *value);
             }
         });
     }
