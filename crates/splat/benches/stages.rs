@@ -45,10 +45,10 @@ fn by_patch(gaussians: &Gaussians, view: &View) -> Gaussians {
         let [x, y, depth] = gaussians.parts().means[*position];
         let pixel = |slope: f32, side: u32| focal * slope + 0.5 * side as f32;
         let (column, row) = (pixel(x / depth, view.size.width), pixel(y / depth, view.size.height));
-        ((row / PATCH).floor() as i32, (column / PATCH).floor() as i32)
+        [(row / PATCH).floor(), (column / PATCH).floor()]
     };
     let mut order: Vec<usize> = (0..gaussians.len()).collect();
-    order.sort_by_cached_key(patch);
+    order.sort_by(|a, b| patch(a).partial_cmp(&patch(b)).expect("numbers"));
     gaussians.select(&order).expect("positions")
 }
 
