@@ -1,9 +1,9 @@
 use std::fmt;
 use std::sync::Arc;
 
-use super::TorchError;
-use super::container::Container;
 use crate::SharedBytes;
+use crate::TorchError;
+use crate::container::Container;
 
 /// What an element of a tensor is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -62,12 +62,12 @@ impl fmt::Display for DType {
 
 /// The flat buffer behind a tensor, found in the file but not read until it is asked for.
 #[derive(Clone)]
-pub(super) struct Storage {
-    pub(super) container: Arc<Container>,
-    pub(super) key: Arc<str>,
-    pub(super) dtype: DType,
+pub(crate) struct Storage {
+    pub(crate) container: Arc<Container>,
+    pub(crate) key: Arc<str>,
+    pub(crate) dtype: DType,
     /// In elements.
-    pub(super) len: u64,
+    pub(crate) len: u64,
 }
 
 /// A tensor of `torch.save`: a strided view of a storage, whose bounds were checked when it was parsed.
@@ -85,14 +85,14 @@ pub struct Tensor {
 }
 
 impl Tensor {
-    pub(super) fn new(
+    pub(crate) fn new(
         storage: Storage,
         offset: u64,
         shape: Arc<[u64]>,
         strides: Arc<[u64]>,
     ) -> Result<Self, TorchError> {
         let layout = || format!("shape {shape:?}, strides {strides:?}, offset {offset}");
-        let location = || format!("tensor in storage {:?}", super::error::shortened(&storage.key));
+        let location = || format!("tensor in storage {:?}", crate::shortened(&storage.key));
         if shape.len() != strides.len() {
             return Err(TorchError::malformed(location(), "as many strides as dimensions", layout()));
         }

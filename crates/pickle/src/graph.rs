@@ -4,28 +4,28 @@ use std::sync::Arc;
 
 use indexmap::IndexMap;
 
-use super::container::Container;
-use super::error::shortened;
-use super::globals::Global;
-use super::tensor::{DType, Storage};
-use super::value::{Dict, Key};
-use super::{MAX_DEPTH, Tensor, TorchError, Value};
+use crate::container::Container;
+use crate::globals::Global;
+use crate::shortened;
+use crate::tensor::{DType, Storage};
+use crate::value::{Dict, Key};
+use crate::{MAX_DEPTH, Tensor, TorchError, Value};
 
 /// PyTorch's own limit.
 const MAX_DIMENSIONS: usize = 64;
 
 /// Position of a node in [`Graph`]: an opcode makes one node at most, and a pickle is shorter than 4 GiB.
-pub(super) type NodeId = u32;
+pub(crate) type NodeId = u32;
 
 /// What a pickle built. Objects refer to each other by position, as they do in Python: a list can be
 /// filled after others hold it, can be held twice, can hold itself. Dropping it recurses nowhere.
-pub(super) struct Graph<'a> {
-    pub(super) nodes: Vec<Node>,
+pub(crate) struct Graph<'a> {
+    pub(crate) nodes: Vec<Node>,
     /// What text and bytes are ranges of.
-    pub(super) source: &'a [u8],
+    pub(crate) source: &'a [u8],
 }
 
-pub(super) enum Node {
+pub(crate) enum Node {
     None,
     Bool(bool),
     Int(i64),
@@ -42,23 +42,23 @@ pub(super) enum Node {
 
 /// `('storage', class, key, location, numel)`.
 #[derive(Clone, Copy)]
-pub(super) struct StorageRef {
-    pub(super) dtype: DType,
-    pub(super) key: NodeId,
+pub(crate) struct StorageRef {
+    pub(crate) dtype: DType,
+    pub(crate) key: NodeId,
     /// In elements.
-    pub(super) len: u64,
+    pub(crate) len: u64,
 }
 
 /// Arguments of `_rebuild_tensor` and `_rebuild_tensor_v2`. The tuples stay where they are, because many tensors may share them.
-pub(super) struct TensorRef {
-    pub(super) storage: StorageRef,
-    pub(super) offset: u64,
-    pub(super) shape: NodeId,
-    pub(super) strides: NodeId,
+pub(crate) struct TensorRef {
+    pub(crate) storage: StorageRef,
+    pub(crate) offset: u64,
+    pub(crate) shape: NodeId,
+    pub(crate) strides: NodeId,
 }
 
 impl Node {
-    pub(super) fn kind(&self) -> &'static str {
+    pub(crate) fn kind(&self) -> &'static str {
         match self {
             Self::None => "None",
             Self::Bool(_) => "a bool",
@@ -77,11 +77,11 @@ impl Node {
 }
 
 impl<'a> Graph<'a> {
-    pub(super) fn node(&self, id: NodeId) -> &Node {
+    pub(crate) fn node(&self, id: NodeId) -> &Node {
         self.nodes.get(id as usize).unwrap_or(&Node::None)
     }
 
-    pub(super) fn text(&self, id: NodeId) -> Option<&'a str> {
+    pub(crate) fn text(&self, id: NodeId) -> Option<&'a str> {
         match self.node(id) {
             Node::Str(range) => std::str::from_utf8(self.slice(range)).ok(),
             _ => None,
@@ -93,7 +93,7 @@ impl<'a> Graph<'a> {
     }
 
     /// Element type and count of every storage that the pickle names.
-    pub(super) fn storages(&self) -> Result<HashMap<&'a str, (DType, u64)>, TorchError> {
+    pub(crate) fn storages(&self) -> Result<HashMap<&'a str, (DType, u64)>, TorchError> {
         let mut storages = HashMap::new();
         for node in &self.nodes {
             let Node::Storage(StorageRef { dtype, key, len }) = *node else { continue };
@@ -111,7 +111,7 @@ impl<'a> Graph<'a> {
     ///
     /// # Errors
     /// Where an object holds itself, nesting exceeds [`MAX_DEPTH`], or a tensor does not fit its storage.
-    pub(super) fn into_value(self, root: NodeId, container: &Arc<Container>) -> Result<Value, TorchError> {
+    pub(crate) fn into_value(self, root: NodeId, container: &Arc<Container>) -> Result<Value, TorchError> {
         let mut tree = Tree {
             states: (0..self.nodes.len()).map(|_| State::New).collect(),
             graph: self,

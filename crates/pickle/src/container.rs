@@ -1,13 +1,13 @@
 use std::collections::HashMap;
 
-use super::TorchError;
-use super::error::shortened;
-use super::zip_container::ZipDirectory;
 use crate::SharedBytes;
+use crate::TorchError;
+use crate::shortened;
+use crate::zip_container::ZipDirectory;
 
 /// Where the storages of a file are, by the key that the pickle names them by.
 #[derive(Debug)]
-pub(super) enum Container {
+pub(crate) enum Container {
     /// `torch.save` since 1.6: an entry each, whose local header is not touched before the storage is.
     Zip(ZipDirectory),
     /// Known ranges: the older format, which appends the storages to the pickle.
@@ -16,7 +16,7 @@ pub(super) enum Container {
 
 impl Container {
     /// Length of a storage in bytes; `None` where there is none under this key.
-    pub(super) fn len(&self, key: &str) -> Option<u64> {
+    pub(crate) fn len(&self, key: &str) -> Option<u64> {
         match self {
             Self::Zip(directory) => directory.len(&directory.storage_name(key)),
             Self::Buffers(buffers) => buffers.get(key).map(|buffer| buffer.len() as u64),
@@ -24,7 +24,7 @@ impl Container {
     }
 
     /// The bytes of a storage, shared with the file's map.
-    pub(super) fn bytes(&self, key: &str) -> Result<SharedBytes, TorchError> {
+    pub(crate) fn bytes(&self, key: &str) -> Result<SharedBytes, TorchError> {
         match self {
             Self::Zip(directory) => directory.bytes(&directory.storage_name(key)),
             Self::Buffers(buffers) => buffers

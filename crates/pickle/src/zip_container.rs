@@ -7,10 +7,10 @@
 
 use std::collections::HashMap;
 
-use super::TorchError;
-use super::bytes::{span, u16_at, u32_at, u64_at};
-use super::error::shortened;
 use crate::SharedBytes;
+use crate::TorchError;
+use crate::bytes::{span, u16_at, u32_at, u64_at};
+use crate::shortened;
 
 const LOCAL_HEADER: &[u8] = b"PK\x03\x04";
 const LOCAL_HEADER_LEN: usize = 30;
@@ -27,7 +27,7 @@ const SATURATED: u32 = u32::MAX;
 
 /// Entry names and places of a zip file whose entries are stored, not deflated.
 #[derive(Debug)]
-pub(super) struct ZipDirectory {
+pub(crate) struct ZipDirectory {
     file: SharedBytes,
     /// The one top-level folder: `archive`, or the stem that the file had when it was saved.
     prefix: String,
@@ -44,11 +44,11 @@ struct Entry {
 
 impl ZipDirectory {
     /// Whether the bytes open like a zip file.
-    pub(super) fn recognises(bytes: &[u8]) -> bool {
+    pub(crate) fn recognises(bytes: &[u8]) -> bool {
         bytes.starts_with(LOCAL_HEADER)
     }
 
-    pub(super) fn parse(file: SharedBytes) -> Result<Self, TorchError> {
+    pub(crate) fn parse(file: SharedBytes) -> Result<Self, TorchError> {
         let end = EndOfDirectory::find(&file)?;
         let directory = end.directory(&file)?;
         let most = usize::try_from(end.entries).unwrap_or(usize::MAX).min(directory.len() / CENTRAL_HEADER_LEN);
@@ -74,22 +74,22 @@ impl ZipDirectory {
     }
 
     /// The pickle that describes the saved object.
-    pub(super) fn pickle(&self) -> Result<SharedBytes, TorchError> {
+    pub(crate) fn pickle(&self) -> Result<SharedBytes, TorchError> {
         self.bytes(&self.name("data.pkl"))
     }
 
     /// Name of the entry that holds a storage.
-    pub(super) fn storage_name(&self, key: &str) -> String {
+    pub(crate) fn storage_name(&self, key: &str) -> String {
         [&self.prefix, "/data/", key].concat()
     }
 
     /// Length of an entry.
-    pub(super) fn len(&self, name: &str) -> Option<u64> {
+    pub(crate) fn len(&self, name: &str) -> Option<u64> {
         self.entries.get(name).map(|entry| entry.len)
     }
 
     /// The bytes of an entry, shared with the file's map.
-    pub(super) fn bytes(&self, name: &str) -> Result<SharedBytes, TorchError> {
+    pub(crate) fn bytes(&self, name: &str) -> Result<SharedBytes, TorchError> {
         let location = || format!("zip entry {:?}", shortened(name));
         let missing = || TorchError::malformed("zip directory", format!("an entry {:?}", shortened(name)), "none");
         let entry = self.entries.get(name).ok_or_else(missing)?;

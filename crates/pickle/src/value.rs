@@ -3,13 +3,13 @@ use std::sync::Arc;
 
 use indexmap::IndexMap;
 
-use super::Tensor;
+use crate::Tensor;
 
 /// A Python object that `torch.save` wrote.
 ///
 /// Objects that the pickle shares are shared here too, so a hostile file cannot make the tree larger
 /// than itself. A walk that follows every path may still visit one object many times: it must bound its
-/// own work. Nesting is at most [`super::MAX_DEPTH`] deep and never cyclic.
+/// own work. Nesting is at most [`crate::MAX_DEPTH`] deep and never cyclic.
 #[derive(Clone)]
 pub enum Value {
     /// `None`.
@@ -46,7 +46,7 @@ pub enum Key {
 /// A Python dict in insertion order; a repeated key keeps its first place and its last value, as in Python.
 #[derive(Clone, Default)]
 pub struct Dict {
-    pub(super) entries: IndexMap<Key, Value>,
+    pub(crate) entries: IndexMap<Key, Value>,
 }
 
 impl Dict {
@@ -113,7 +113,7 @@ impl fmt::Display for Value {
             Self::Bool(value) => write!(f, "{value}"),
             Self::Int(value) => write!(f, "the integer {value}"),
             Self::Float(value) => write!(f, "the float {value}"),
-            Self::Str(text) => write!(f, "the text {:?}", super::error::shortened(text)),
+            Self::Str(text) => write!(f, "the text {:?}", crate::shortened(text)),
             Self::Bytes(bytes) => write!(f, "{} bytes", bytes.len()),
             Self::List(items) => write!(f, "a list of {}", items.len()),
             Self::Tuple(items) => write!(f, "a tuple of {}", items.len()),

@@ -1,8 +1,8 @@
-use super::DType;
+use crate::DType;
 
 /// The Python objects that a pickle may name. Nothing here runs code of the file's choosing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Global {
+pub(crate) enum Global {
     /// `collections.OrderedDict`.
     OrderedDict,
     /// `torch._utils._rebuild_tensor_v2`, and `_rebuild_tensor` of PyTorch before 0.4.
@@ -15,7 +15,7 @@ pub(super) enum Global {
 
 impl Global {
     /// The allow-list. `torch.storage._load_from_bytes` is left out on purpose: it unpickles again.
-    pub(super) fn allowed(module: &str, name: &str) -> Option<Self> {
+    pub(crate) fn allowed(module: &str, name: &str) -> Option<Self> {
         Some(match (module, name) {
             ("collections", "OrderedDict") => Self::OrderedDict,
             ("torch._utils", "_rebuild_tensor_v2" | "_rebuild_tensor") => Self::RebuildTensor,

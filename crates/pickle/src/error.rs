@@ -1,7 +1,6 @@
 use thiserror::Error;
 
-/// Why bytes are not a file of `torch.save` that this reader takes. The path is added by
-/// [`crate::SceneError::Torch`].
+/// Why bytes are not a file of `torch.save` that this reader takes. Whoever knows the path adds it.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum TorchError {
@@ -42,21 +41,19 @@ pub enum TorchError {
 }
 
 impl TorchError {
-    pub(super) fn malformed(
-        location: impl Into<String>,
-        expected: impl Into<String>,
-        found: impl Into<String>,
-    ) -> Self {
+    /// [`TorchError::Malformed`]; for whoever reads a [`crate::Value`] and finds something else in it.
+    pub fn malformed(location: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self::Malformed { location: location.into(), expected: expected.into(), found: found.into() }
     }
 
-    pub(super) fn unsupported(location: impl Into<String>, feature: impl Into<String>) -> Self {
+    /// [`TorchError::Unsupported`].
+    pub fn unsupported(location: impl Into<String>, feature: impl Into<String>) -> Self {
         Self::Unsupported { location: location.into(), feature: feature.into() }
     }
 }
 
 /// At most 80 characters of untrusted text, for a message.
-pub(super) fn shortened(text: &str) -> String {
+pub fn shortened(text: &str) -> String {
     const SHOWN: usize = 80;
     match text.char_indices().nth(SHOWN) {
         Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),

@@ -4,11 +4,11 @@
 
 use std::ops::Range;
 
-use super::TorchError;
-use super::bytes::array_at;
-use super::error::shortened;
-use super::globals::Global;
-use super::graph::{Graph, Node, NodeId, StorageRef, TensorRef};
+use crate::TorchError;
+use crate::bytes::array_at;
+use crate::globals::Global;
+use crate::graph::{Graph, Node, NodeId, StorageRef, TensorRef};
+use crate::shortened;
 
 /// Longest pickle that is read. A chunk needs some 70 bytes a picture.
 const MAX_PICKLE_BYTES: usize = 256 << 20;
@@ -19,15 +19,15 @@ const HIGHEST_PROTOCOL: u8 = 5;
 const EMPTY: NodeId = NodeId::MAX;
 
 /// A pickle that ran to its end.
-pub(super) struct Parsed<'a> {
-    pub(super) graph: Graph<'a>,
-    pub(super) root: NodeId,
+pub(crate) struct Parsed<'a> {
+    pub(crate) graph: Graph<'a>,
+    pub(crate) root: NodeId,
     /// Where the byte after the pickle is.
-    pub(super) end: usize,
+    pub(crate) end: usize,
 }
 
 /// Runs the pickle that begins at `start`; offsets in errors count from the beginning of `bytes`.
-pub(super) fn parse(bytes: &[u8], start: usize) -> Result<Parsed<'_>, TorchError> {
+pub(crate) fn parse(bytes: &[u8], start: usize) -> Result<Parsed<'_>, TorchError> {
     let limit = bytes.len().min(start.saturating_add(MAX_PICKLE_BYTES));
     let source = bytes.get(..limit).unwrap_or_default();
     if u32::try_from(limit).is_err() {

@@ -6,24 +6,24 @@
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use super::bytes::{array_at, span};
-use super::container::Container;
-use super::error::shortened;
-use super::graph::Graph;
-use super::pickle::{self, Parsed};
-use super::{TorchError, Value};
 use crate::SharedBytes;
+use crate::bytes::{array_at, span};
+use crate::container::Container;
+use crate::graph::Graph;
+use crate::machine::{self, Parsed};
+use crate::shortened;
+use crate::{TorchError, Value};
 
 /// `pickle.dumps(0x1950a86a20f9469cfc6c, protocol=2)`.
 const MAGIC: &[u8] = b"\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.";
 const PROTOCOL_VERSION: i64 = 1001;
 
 /// Whether the bytes open with the magic number.
-pub(super) fn recognises(bytes: &[u8]) -> bool {
+pub(crate) fn recognises(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
 
-pub(super) fn parse(file: &SharedBytes) -> Result<Value, TorchError> {
+pub(crate) fn parse(file: &SharedBytes) -> Result<Value, TorchError> {
     let mut at = MAGIC.len();
     match plain(next_pickle(file, &mut at)?)? {
         Value::Int(PROTOCOL_VERSION) => {}
@@ -41,13 +41,13 @@ pub(super) fn parse(file: &SharedBytes) -> Result<Value, TorchError> {
 }
 
 fn next_pickle<'a>(file: &'a [u8], at: &mut usize) -> Result<Parsed<'a>, TorchError> {
-    let parsed = pickle::parse(file, *at)?;
+    let parsed = machine::parse(file, *at)?;
     *at = parsed.end;
     Ok(parsed)
 }
 
 /// A pickle that holds no tensors.
-pub(super) fn plain(parsed: Parsed<'_>) -> Result<Value, TorchError> {
+pub(crate) fn plain(parsed: Parsed<'_>) -> Result<Value, TorchError> {
     parsed.graph.into_value(parsed.root, &Arc::new(Container::Buffers(HashMap::new())))
 }
 
