@@ -46,7 +46,7 @@ VARIANTS = [
                       ("expansion = { ratio = 0.25 }\n", "")], 2, 32, 48),
     ("first_block_only", [("layers = 2\nexpansion = { ratio = 0.5 }", "layers = 2\nexpand = false\nexpansion = { ratio = 0.5 }"),
                           ("expansion = { ratio = 0.25 }", "expand = false\nexpansion = { ratio = 0.25 }")], 2, 32, 48),
-    ("thresholds", [("ratio = 0.5", "threshold = 0.7"), ("ratio = 0.5", "threshold = 0.75"), ("ratio = 0.25", "threshold = 0.8")], 2, 32, 48),
+    ("thresholds", [("ratio = 0.5", "threshold = 0.5"), ("ratio = 0.5", "threshold = 0.7"), ("ratio = 0.25", "threshold = 0.65")], 2, 32, 48),
     ("rounded_down", [('"ceil"', '"floor"'), ("ratio = 0.5", "ratio = 0.3")], 2, 32, 48),
     ("three_children", [("children = 2", "children = 3"), ("token = 4", "token = 3"), ("sh-degree = 0", "sh-degree = 2")], 2, 32, 48),
     ("depth_sigmoid", [('"log-sigmoid", near = 0.1, far = 500.0, shift = 0.0', '"sigmoid", near = 0.0, far = 500.0, shift = -3.0')], 2, 32, 48),

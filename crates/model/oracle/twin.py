@@ -91,8 +91,11 @@ class Layers:
         return F.layer_norm(x, (self.dim,), p(f"{name}.weight", self.dim), bias, self.config["norm-eps"])
 
     def mlp(self, p, x, hidden, outputs):
-        hidden = F.gelu(self.linear(p, "fc1", self.norm(p, "norm", x), hidden))
-        return self.linear(p, "fc2", hidden, outputs)
+        return self.linear(p, "fc2", F.gelu(self.linear(p, "fc1", x, hidden)), outputs)
+
+    def head(self, p, x, outputs):
+        """Layer norm and a 2-layer MLP."""
+        return self.mlp(p.below("mlp"), self.norm(p, "norm", x), self.dim, outputs)
 
     def heads(self, x):
         """[..., n, D] to [..., heads, n, head_dim]."""
@@ -104,29 +107,24 @@ class Layers:
         if norm["kind"] == "rms":
             def rms(x, name):
                 return x / (x.square().mean(-1, keepdim=True) + norm["eps"]).sqrt() * p(f"{name}.weight", self.head_dim)
-            queries, keys = rms(queries, "query_norm"), rms(keys, "key_norm")
+            queries, keys = rms(queries, "q_norm"), rms(keys, "k_norm")
         weights = (queries @ keys.transpose(-1, -2) / math.sqrt(self.head_dim)).softmax(-1)
-        return self.linear(p, "out", (weights @ values).transpose(-2, -3).flatten(-2), self.dim)
+        return self.linear(p, "proj", (weights @ values).transpose(-2, -3).flatten(-2), self.dim)
 
-    def self_attention(self, p, x):
-        qkv = self.linear(p, "qkv", self.norm(p, "norm", x), 3 * self.dim)
-        return x + self.attend(p, *qkv.split(self.dim, -1))
-
-    def cross_attention(self, p, x, context):
-        queries = self.linear(p, "query", self.norm(p, "norm", x), self.dim)
-        keys_values = self.linear(p, "key_value", self.norm(p, "context_norm", context), 2 * self.dim)
-        return x + self.attend(p, queries, *keys_values.split(self.dim, -1))
-
-    def feed_forward(self, p, x):
-        return x + self.mlp(p, x, self.config["mlp-ratio"] * self.dim, self.dim)
-
-    def self_attention_layer(self, p, x):
-        x = self.self_attention(p.below("self_attention"), x)
-        return self.feed_forward(p.below("feed_forward"), x)
+    def block(self, p, x):
+        """Self-attention, then feed-forward."""
+        a = p.below("attn")
+        qkv = self.linear(a, "qkv", self.norm(p, "norm1", x), 3 * self.dim)
+        x = x + self.attend(a, *qkv.split(self.dim, -1))
+        return x + self.mlp(p.below("mlp"), self.norm(p, "norm2", x), self.config["mlp-ratio"] * self.dim, self.dim)
 
     def decoder_layer(self, p, x, context):
-        x = self.cross_attention(p.below("cross_attention"), x, context)
-        return self.self_attention_layer(p, x)
+        """Cross-attention, then a block."""
+        c = p.below("cross")
+        queries = self.linear(c, "q", self.norm(p, "cross_norm", x), self.dim)
+        keys_values = self.linear(c, "kv", self.norm(p, "context_norm", context), 2 * self.dim)
+        x = x + self.attend(c, queries, *keys_values.split(self.dim, -1))
+        return self.block(p.below("block"), x)
 
 
 def backbone(config, layers, p, scene):
@@ -139,7 +137,7 @@ def backbone(config, layers, p, scene):
     maps = torch.cat([2 * scene.pictures - 1, scene.plucker()], -1)
     x = layers.linear(p, "embed", patches(maps, size), layers.dim)
     for layer in range(settings["layers"]):
-        x = layers.self_attention_layer(p.below(f"layers.{layer}"), x)
+        x = layers.block(p.below(f"layers.{layer}"), x)
     return x
 
 
@@ -156,7 +154,7 @@ def coarse_branch(config, layers, p, scene, seen):
     views = x.shape[0]
     x = x.flatten(0, 1)
     for layer in range(settings["layers"]):
-        x = layers.self_attention_layer(p.below(f"layers.{layer}"), x)
+        x = layers.block(p.below(f"layers.{layer}"), x)
     x = x.unflatten(0, (views, -1))
     seen["coarse"] = x
     return x
@@ -169,7 +167,7 @@ def fine_branch(config, layers, p, scene, coarse, grid, seen):
     x = layers.linear(p, "patch", patches(2 * scene.pictures - 1, size), layers.dim)
     x = x + layers.linear(p, "plucker", patches(scene.plucker(), size), layers.dim)
     for layer in range(settings["layers"]):
-        x = layers.self_attention_layer(p.below(f"layers.{layer}"), x)
+        x = layers.block(p.below(f"layers.{layer}"), x)
     seen["fine_own"] = x
     fine_grid = (scene.pictures.shape[1] // size, scene.pictures.shape[2] // size)
     maps = coarse.unflatten(1, grid).permute(0, 3, 1, 2)
@@ -221,8 +219,8 @@ def pointnet(config, layers, p, tokens, anchors, seen):
     normed = layers.norm(p, "norm", tokens)
     offsets = anchors[nearest] - anchors[:, None]
     pairs = torch.cat([normed[nearest], offsets], -1)
-    hidden = F.gelu(layers.linear(p, "fc1", pairs, layers.dim))
-    return tokens + layers.linear(p, "fc2", hidden.amax(1), layers.dim)
+    largest = layers.linear(p, "fc1", pairs, layers.dim).amax(1)
+    return tokens + layers.linear(p, "fc2", F.gelu(largest), layers.dim)
 
 
 def initial_tokens(config, layers, p, scene, coarse, grid, seen):
@@ -246,7 +244,7 @@ def initial_tokens(config, layers, p, scene, coarse, grid, seen):
 
         return tokens, None, (by_token(origins), by_token(directions))
     assert kind == "patch-depth"
-    depths = depth_of(settings["depth"], layers.mlp(p.below("depth"), tokens, layers.dim, 1))
+    depths = depth_of(settings["depth"], layers.head(p.below("depth"), tokens, 1))
     origins, directions = scene.rays(centres(grid[0], size), centres(grid[1], size))
     anchors = origins.reshape(-1, 3) + depths * directions.reshape(-1, 3)
     seen["depths"], seen["anchors"] = depths[:, 0], anchors
@@ -283,7 +281,7 @@ def select(config, layers, p, tokens, anchors, expansion, block, call_seed):
     if kind == "farthest-point":
         return farthest_points(anchors, count) if count else [], None
     assert kind in ("uncertainty", "straight-through")
-    scores = F.softplus(layers.mlp(p.below("score"), tokens, layers.dim, 1)[:, 0])
+    scores = F.softplus(layers.head(p.below("score"), tokens, 1)[:, 0])
     if count is None:
         assert (scores - expansion["threshold"]).abs().min() > 1e-4, "scores at the threshold"
         return (scores > expansion["threshold"]).nonzero()[:, 0].tolist(), scores
@@ -312,7 +310,7 @@ def gaussians(config, layers, p, tokens, anchors, rays):
     settings, design = config["head"], config["anchors"]["design"]["kind"]
     count, coefficients = settings["gaussians-per-token"], (settings["sh-degree"] + 1) ** 2
     place = 1 if design == "ray-depth" else 3
-    x = layers.mlp(p.below("head"), tokens, layers.dim, count * (place + 8 + 3 * coefficients))
+    x = layers.head(p.below("head"), tokens, count * (place + 8 + 3 * coefficients))
     centre, quaternion, scale, opacity, sh = x.unflatten(-1, (count, -1)).split([place, 4, 3, 1, 3 * coefficients], -1)
     if design == "ray-depth":
         means = rays[0] + depth_of(config["anchors"]["depth"], centre) * rays[1]

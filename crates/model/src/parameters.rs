@@ -39,7 +39,7 @@ pub fn parameters(config: &ModelConfig) -> Vec<Parameter> {
             let patch = config.coarse.patch_size.pow(2);
             list.linear("backbone.embed", patch * (RGB + PLUCKER), dim);
             for layer in 0..layers {
-                list.within(format!("backbone.layers.{layer}"), List::self_attention_layer);
+                list.within(format!("backbone.layers.{layer}"), List::block);
             }
         }
     }
@@ -50,12 +50,12 @@ pub fn parameters(config: &ModelConfig) -> Vec<Parameter> {
         list.linear("patch", patch * RGB, dim);
         list.linear("plucker", patch * PLUCKER, dim);
         for layer in 0..config.fine.layers {
-            list.within(format!("layers.{layer}"), List::self_attention_layer);
+            list.within(format!("layers.{layer}"), List::block);
         }
     });
     decoder(config, &mut list);
     let channels = config.head.channels(config.anchors.design.centre_channels());
-    list.within("head", |list| list.mlp(dim, dim, config.head.gaussians_per_token * channels));
+    list.within("head", |list| list.head(config.head.gaussians_per_token * channels));
     list.parameters
 }
 
@@ -67,7 +67,7 @@ fn coarse(config: &ModelConfig, list: &mut List<'_>) {
         list.linear("fuse", config.backbone.dim(dim) + dim, dim);
         list.linear("plucker", patch * PLUCKER, dim);
         for layer in 0..config.coarse.layers {
-            list.within(format!("layers.{layer}"), List::self_attention_layer);
+            list.within(format!("layers.{layer}"), List::block);
         }
     });
 }
@@ -75,7 +75,7 @@ fn coarse(config: &ModelConfig, list: &mut List<'_>) {
 fn anchors(config: &ModelConfig, list: &mut List<'_>) {
     let dim = config.transformer.dim;
     match config.anchors.design {
-        AnchorDesign::PatchDepth {} => list.within("anchors.depth", |list| list.mlp(dim, dim, 1)),
+        AnchorDesign::PatchDepth {} => list.within("anchors.depth", |list| list.head(1)),
         AnchorDesign::LearnableTokens { tokens } => list.push("anchors.tokens", vec![tokens, dim], true),
         AnchorDesign::RayDepth {} | AnchorDesign::DirectXyz {} => {}
     }
@@ -95,7 +95,7 @@ fn decoder(config: &ModelConfig, list: &mut List<'_>) {
         list.within(format!("decoder.blocks.{position}"), |list| {
             if block.expansion.is_some() {
                 if scored {
-                    list.within("expansion.score", |list| list.mlp(dim, dim, 1));
+                    list.within("expansion.score", |list| list.head(1));
                 }
                 list.linear("expansion.children", dim, config.expansion.children * dim);
             }
@@ -140,56 +140,53 @@ impl List<'_> {
         }
     }
 
-    /// Layer norm, linear, GELU, linear.
-    fn mlp(&mut self, inputs: usize, hidden: usize, outputs: usize) {
+    /// Linear, GELU, linear.
+    fn mlp(&mut self, hidden: usize, outputs: usize) {
+        let dim = self.transformer.dim;
+        self.within("mlp", |list| {
+            list.linear("fc1", dim, hidden);
+            list.linear("fc2", hidden, outputs);
+        });
+    }
+
+    /// Layer norm and an MLP.
+    fn head(&mut self, outputs: usize) {
         self.norm("norm");
-        self.linear("fc1", inputs, hidden);
-        self.linear("fc2", hidden, outputs);
+        self.mlp(self.transformer.dim, outputs);
     }
 
     fn query_key_norms(&mut self) {
         if let QueryKeyNorm::Rms { .. } = self.transformer.query_key_norm {
-            self.push("query_norm.weight", vec![self.transformer.head_dim], true);
-            self.push("key_norm.weight", vec![self.transformer.head_dim], true);
+            self.push("q_norm.weight", vec![self.transformer.head_dim], true);
+            self.push("k_norm.weight", vec![self.transformer.head_dim], true);
         }
     }
 
-    fn self_attention(&mut self) {
+    /// Self-attention and feed-forward.
+    fn block(&mut self) {
         let dim = self.transformer.dim;
-        self.within("self_attention", |list| {
-            list.norm("norm");
+        self.norm("norm1");
+        self.within("attn", |list| {
             list.linear("qkv", dim, 3 * dim);
             list.query_key_norms();
-            list.linear("out", dim, dim);
+            list.linear("proj", dim, dim);
         });
+        self.norm("norm2");
+        self.mlp(self.transformer.hidden_dim(), dim);
     }
 
-    fn cross_attention(&mut self) {
-        let dim = self.transformer.dim;
-        self.within("cross_attention", |list| {
-            list.norm("norm");
-            list.norm("context_norm");
-            list.linear("query", dim, dim);
-            list.linear("key_value", dim, 2 * dim);
-            list.query_key_norms();
-            list.linear("out", dim, dim);
-        });
-    }
-
-    fn feed_forward(&mut self) {
-        let (dim, hidden) = (self.transformer.dim, self.transformer.hidden_dim());
-        self.within("feed_forward", |list| list.mlp(dim, hidden, dim));
-    }
-
-    fn self_attention_layer(&mut self) {
-        self.self_attention();
-        self.feed_forward();
-    }
-
+    /// Cross-attention and a block.
     fn decoder_layer(&mut self) {
-        self.cross_attention();
-        self.self_attention();
-        self.feed_forward();
+        let dim = self.transformer.dim;
+        self.norm("cross_norm");
+        self.norm("context_norm");
+        self.within("cross", |list| {
+            list.linear("q", dim, dim);
+            list.linear("kv", dim, 2 * dim);
+            list.query_key_norms();
+            list.linear("proj", dim, dim);
+        });
+        self.within("block", Self::block);
     }
 
     /// Names of the official checkpoints, under `backbone.`.

@@ -61,7 +61,10 @@ fn a_training_checkpoint_is_imported_to_the_bit() {
         }
         assert_eq!(bits(&found.tensors["row.weight"]), bits(&shared.tensors["shared"])[8..16], "a view of two rows");
         let third = &found.tensors["third.weight"];
-        assert_eq!((third.dtype(), third.bytes()), (DType::F16, truth.tensors["third.weight"].to_half().unwrap().bytes()));
+        assert_eq!(
+            (third.dtype(), third.bytes()),
+            (DType::F16, truth.tensors["third.weight"].to_half().unwrap().bytes())
+        );
         assert_eq!(found.tensors["fourth.weight"].dtype(), DType::Bf16);
         let rounded = bits(&found.tensors["fourth.weight"]);
         let close = rounded.iter().zip(bits(&truth.tensors["fourth.weight"])).all(|(a, b)| a.abs_diff(b) <= 1 << 15);
@@ -72,7 +75,9 @@ fn a_training_checkpoint_is_imported_to_the_bit() {
 #[test]
 fn integers_are_no_parameters() {
     let file = TensorFile::open(&fixture("training.pt")).unwrap();
-    let map = KeyMap::from_toml("name = \"all\"\nroots = [\"state_dict.module.\"]\n[[rules]]\nfrom = \"**\"\nto = \"{1}\"").unwrap();
+    let map =
+        KeyMap::from_toml("name = \"all\"\nroots = [\"state_dict.module.\"]\n[[rules]]\nfrom = \"**\"\nto = \"{1}\"")
+            .unwrap();
     let (_, report) = map.apply(&file.stored, &[parameter("steps", &[])]);
     assert!(report.mismatched[0].found.contains("expected floating-point elements, found int64"), "{report}");
 }
@@ -80,7 +85,10 @@ fn integers_are_no_parameters() {
 #[test]
 fn code_in_a_checkpoint_is_refused_and_named() {
     let error = TensorFile::open(&fixture("executable.pt")).unwrap_err().to_string();
-    assert!(error.contains("posix system") && error.contains("allow-list") && error.contains("executable.pt"), "{error}");
+    assert!(
+        error.contains("posix system") && error.contains("allow-list") && error.contains("executable.pt"),
+        "{error}"
+    );
 }
 
 #[test]

@@ -54,8 +54,9 @@ impl AnchorDesign {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum AnchorContext {
-    /// PointNet's `γ ∘ max ∘ h` (Qi et al. 2017, eq. 1) over the nearest anchors, itself among them: `h` is
-    /// linear and GELU of (normalised feature, offset to the neighbour), `γ` linear; added to the feature.
+    /// PointNet's `γ ∘ max ∘ h` (Qi et al. 2017, eq. 1) over the nearest anchors, itself among them: `h` is a
+    /// linear layer over the normalised feature and the offset to the neighbour, `γ` GELU and a linear layer; added
+    /// to the feature.
     PointNet {
         /// How many neighbours; all where there are fewer anchors.
         neighbours: usize,
