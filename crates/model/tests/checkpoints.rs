@@ -1,6 +1,6 @@
 //! Checkpoints that PyTorch wrote: imported whole, or refused with a reason.
 
-#![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail like tests")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
 use std::path::PathBuf;
 

@@ -78,10 +78,8 @@ impl DinoArchitecture {
             DinoSize::Base => (768, 12, 12, 37),
             DinoSize::Large => (1024, 24, 16, 37),
         };
-        let interpolation = match registers {
-            false => PositionInterpolation::OffsetBicubic,
-            true => PositionInterpolation::AntialiasedBicubic,
-        };
+        let interpolation =
+            if registers { PositionInterpolation::AntialiasedBicubic } else { PositionInterpolation::OffsetBicubic };
         Self { dim, layers, heads, registers: if registers { 4 } else { 0 }, position_side, interpolation }
     }
 }

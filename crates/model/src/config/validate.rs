@@ -124,7 +124,7 @@ fn head(config: &ModelConfig) -> Result<(), ModelError> {
     ensure(degree, "head.sh-degree", &format!("0 to {HIGHEST_SH_DEGREE}"), &head.sh_degree)?;
     match head.offset {
         OffsetActivation::Linear { gain } | OffsetActivation::InverseLog { gain } => {
-            positive("head.offset.gain", gain)?
+            positive("head.offset.gain", gain)?;
         }
     }
     match head.scale {

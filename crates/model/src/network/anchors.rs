@@ -112,9 +112,9 @@ impl Context {
         // `fc1` over (feature of the neighbour, its anchor − own anchor) is a sum of three: what the neighbour gives
         // can be compared before what is the token's own is taken off.
         let weight = self.fc1.weight.val();
-        let own = linear(anchors.clone(), weight.clone().slice([dim..dim + 3, 0..dim]), None);
+        let own = linear(anchors.clone(), weight.clone().slice_dim(0, dim..dim + 3), None);
         let bias = self.fc1.bias.as_ref().map(Param::val);
-        let given = linear(self.norm.forward(features.clone()), weight.slice([0..dim, 0..dim]), bias) + own.clone();
+        let given = linear(self.norm.forward(features.clone()), weight.slice_dim(0, 0..dim), bias) + own.clone();
         let largest = gather_max(given, indices) - own;
         Ok(features + self.fc2.forward(gelu(largest)))
     }

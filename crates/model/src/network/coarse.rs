@@ -27,9 +27,10 @@ impl Backbone {
     pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
         let patch = config.coarse.patch_size.pow(2);
         match config.backbone {
-            BackboneConfig::DinoV2 { size, registers } => {
-                Self { dino: Some(Dino::new(DinoArchitecture::new(size, registers), make.device).no_grad()), patch: None }
-            }
+            BackboneConfig::DinoV2 { size, registers } => Self {
+                dino: Some(Dino::new(DinoArchitecture::new(size, registers), make.device).no_grad()),
+                patch: None,
+            },
             BackboneConfig::Patch { layers } => {
                 let embed = make.linear(patch * 9, make.transformer.dim);
                 Self { dino: None, patch: Some(PatchBackbone { embed, layers: make.blocks(layers) }) }

@@ -8,11 +8,11 @@ use super::bicubic::resized_grid;
 use crate::ImageSize;
 use crate::config::{DinoArchitecture, Grid};
 
-/// `ImageNet`'s mean and deviation.
+/// ImageNet's mean and deviation.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
-/// A `DINOv2` vision transformer; never trained.
+/// A DINOv2 vision transformer; never trained.
 #[derive(Module, Debug)]
 pub(super) struct Dino {
     cls_token: Param<Tensor<3>>,
@@ -60,15 +60,15 @@ impl Dino {
         let repeated = |token: Tensor<3>| token.repeat_dim(0, views.len());
         let mut x = Tensor::cat(vec![repeated(self.cls_token.val()), x], 1) + self.positions(grid, device);
         if let Some(registers) = &self.register_tokens {
-            let [count, tokens, dim] = x.dims();
-            let class = x.clone().slice([0..count, 0..1, 0..dim]);
-            x = Tensor::cat(vec![class, repeated(registers.val()), x.slice([0..count, 1..tokens, 0..dim])], 1);
+            let [_, tokens, _] = x.dims();
+            let class = x.clone().slice_dim(1, 0..1);
+            x = Tensor::cat(vec![class, repeated(registers.val()), x.slice_dim(1, 1..tokens)], 1);
         }
         for block in &self.blocks {
             x = block.forward(x, None);
         }
-        let [count, tokens, dim] = x.dims();
-        self.norm.forward(x).slice([0..count, 1 + self.architecture.registers..tokens, 0..dim]).detach()
+        let [_, tokens, _] = x.dims();
+        self.norm.forward(x.slice_dim(1, 1 + self.architecture.registers..tokens)).detach()
     }
 
     /// Position embeddings of the class token and of a grid's patches, `[1, 1 + patches, channels]`.
@@ -79,8 +79,8 @@ impl Dino {
             return stored;
         }
         let dim = self.architecture.dim;
-        let class = stored.clone().slice([0..1, 0..1, 0..dim]);
-        let patches = stored.slice([0..1, 1..side * side + 1, 0..dim]).into_data_as::<f32>();
+        let class = stored.clone().slice_dim(1, 0..1);
+        let patches = stored.slice_dim(1, 1..side * side + 1).into_data_as::<f32>();
         let resized =
             resized_grid(patches.as_slice::<f32>().unwrap_or_default(), side, grid, self.architecture.interpolation);
         let patches = Tensor::<3>::from_data(TensorData::new(resized, [1, grid.len(), dim]), device);

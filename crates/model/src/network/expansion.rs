@@ -116,16 +116,12 @@ impl Expansion {
         let unselected = after - chosen * children;
         let chosen_features = gather_rows(tokens.features.clone(), indices(selected, device));
         let residuals = self.children.forward(chosen_features).reshape([scenes, chosen * children, dim]);
-        let mut born = all.clone().slice([0..scenes, unselected..after, 0..dim]) + residuals;
+        let mut born = all.clone().slice_dim(1, unselected..after) + residuals;
         if let Some(scores) = straight_through {
-            let own = carried(scores.unsqueeze_dim(2)).slice([0..scenes, unselected..after, 0..1]);
+            let own = carried(scores.unsqueeze_dim(2)).slice_dim(1, unselected..after);
             born = born * (own.clone() - own.detach() + 1.0);
         }
-        let features = if unselected == 0 {
-            born
-        } else {
-            Tensor::cat(vec![all.slice([0..scenes, 0..unselected, 0..dim]), born], 1)
-        };
+        let features = if unselected == 0 { born } else { Tensor::cat(vec![all.slice_dim(1, 0..unselected), born], 1) };
         Tokens {
             features,
             anchors: tokens.anchors.map(&carried),

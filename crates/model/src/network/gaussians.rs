@@ -35,8 +35,7 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
     let (per_token, place) = (settings.gaussians_per_token, design.centre_channels());
     let channels = settings.channels(place);
     let raw = head.forward(tokens.features.clone()).reshape([scenes, count * per_token, channels]);
-    let part =
-        |start: usize, length: usize| raw.clone().slice([0..scenes, 0..count * per_token, start..start + length]);
+    let part = |start: usize, length: usize| raw.clone().slice_dim(2, start..start + length);
 
     let centre = part(0, place);
     let spread = |x: Tensor<3>| x.reshape([scenes, count * per_token, 3]);
@@ -92,8 +91,7 @@ impl GaussianTensors {
             return Err(ModelError::malformed("network", "scene", format!("one of {scenes}"), scene));
         }
         let rows = |tensor: &Tensor<3>| {
-            let [_, count, width] = tensor.dims();
-            let data = tensor.clone().slice([scene..scene + 1, 0..count, 0..width]).into_data_as::<f32>();
+            let data = tensor.clone().slice_dim(0, scene..scene + 1).into_data_as::<f32>();
             data.as_slice::<f32>().unwrap_or_default().to_vec()
         };
         let parts = GaussianParts {

@@ -11,7 +11,7 @@ use indexmap::IndexMap;
 use serde::de::{Deserialize, Deserializer, Error, MapAccess, Visitor};
 use serde::ser::{Serialize, SerializeMap, Serializer};
 
-use super::StoredTensor;
+use super::{StoredTensor, StoredTensors};
 use crate::ModelError;
 
 const WHAT: &str = "safetensors file";
@@ -29,9 +29,7 @@ pub(super) fn recognises(file: &[u8]) -> bool {
 }
 
 /// Tensors in the order of their bytes, and the file's metadata.
-pub(super) fn parse(
-    file: &SharedBytes,
-) -> Result<(IndexMap<String, StoredTensor>, BTreeMap<String, String>), ModelError> {
+pub(super) fn parse(file: &SharedBytes) -> Result<StoredTensors, ModelError> {
     let length = file.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
     let length =
         length.ok_or_else(|| malformed("byte 0", "eight bytes of header length", format!("{} bytes", file.len())))?;
@@ -44,7 +42,7 @@ pub(super) fn parse(
     let header: Header = serde_json::from_slice(header).map_err(|error| {
         malformed(format!("header, line {} column {}", error.line(), error.column()), "a JSON object of tensors", error)
     })?;
-    Ok((tensors(header.tensors, &data)?, header.metadata))
+    Ok(StoredTensors { tensors: tensors(header.tensors, &data)?, metadata: header.metadata })
 }
 
 /// The file of these tensors, in their order. The same arguments give the same bytes.

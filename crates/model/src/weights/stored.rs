@@ -1,7 +1,7 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use atsplat_pickle::{Key, SharedBytes, Tensor, Value, shortened};
+use atsplat_pickle::{Dict, Key, SharedBytes, Tensor, Value, shortened};
 use indexmap::IndexMap;
 use sha2::{Digest, Sha256};
 
@@ -58,8 +58,7 @@ impl StoredTensors {
     /// [`ModelError::Malformed`] and [`ModelError::Torch`] where the bytes are neither.
     pub fn parse(file: SharedBytes) -> Result<Self, ModelError> {
         if safetensors::recognises(&file) {
-            let (tensors, metadata) = safetensors::parse(&file)?;
-            return Ok(Self { tensors, metadata });
+            return safetensors::parse(&file);
         }
         if atsplat_pickle::recognises(&file) {
             let bytes = file.len();
@@ -139,7 +138,7 @@ impl Walk {
         for (position, item) in value.as_sequence().unwrap_or_default().iter().enumerate() {
             self.visit(item, &below(&position.to_string()), depth)?;
         }
-        for (key, item) in value.as_dict().into_iter().flat_map(|dict| dict.iter()) {
+        for (key, item) in value.as_dict().into_iter().flat_map(Dict::iter) {
             let name = match key {
                 Key::Str(text) => below(text),
                 Key::Int(number) => below(&number.to_string()),

@@ -61,7 +61,7 @@ fn any_changed_byte_is_noticed() {
     let stored = nano().to_stored(Precision::Half).unwrap();
     let bytes = stored.to_safetensors().unwrap();
     let header = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();
-    for at in [header, (header + bytes.len()) / 2, bytes.len() - 1] {
+    for at in [header, usize::midpoint(header, bytes.len()), bytes.len() - 1] {
         let mut changed = bytes.clone();
         changed[at] ^= 1;
         let stored = StoredTensors::parse(shared(changed)).unwrap();

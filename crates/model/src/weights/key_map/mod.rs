@@ -94,14 +94,13 @@ impl KeyMap {
             let text = std::fs::read_to_string(path).map_err(ModelError::io("reading a key map", path))?;
             return Self::from_toml(&text).map_err(|error| error.in_file(path));
         }
-        match builtin::TEXTS.iter().find(|(known, _)| *known == name_or_path) {
-            Some((_, text)) => Self::from_toml(text),
-            None => {
-                let known: Vec<&str> = Self::names().collect();
-                let expected = format!("one of {}, or a path that ends in .toml", known.join(", "));
-                Err(ModelError::malformed(WHAT, "name", expected, format!("{name_or_path:?}")))
-            }
-        }
+        let found = builtin::TEXTS.iter().find(|(known, _)| *known == name_or_path);
+        let (_, text) = found.ok_or_else(|| {
+            let known: Vec<&str> = Self::names().collect();
+            let expected = format!("one of {}, or a path that ends in .toml", known.join(", "));
+            ModelError::malformed(WHAT, "name", expected, format!("{name_or_path:?}"))
+        })?;
+        Self::from_toml(text)
     }
 
     /// The map that changes no name.
@@ -143,13 +142,11 @@ impl Rule {
             (None, Some(_)) => return Err("a split into fewer than two".to_owned()),
             _ => return Err("neither or both of `to` and `split`".to_owned()),
         };
-        if let Some((part, count)) = text.part {
-            if part >= count || text.split.is_some() {
-                return Err(format!(
-                    "part {part} of {count}{}",
-                    if text.split.is_some() { " beside a split" } else { "" }
-                ));
-            }
+        if let Some((part, count)) = text.part
+            && (part >= count || text.split.is_some())
+        {
+            let beside = if text.split.is_some() { " beside a split" } else { "" };
+            return Err(format!("part {part} of {count}{beside}"));
         }
         let targets = targets.iter().map(|target| Pattern::target(target, &from)).collect::<Result<_, _>>()?;
         Ok(Self { from, targets, part: text.part, transpose: text.transpose })
