@@ -171,5 +171,10 @@ fn tensors(rays: &[Ray], scenes: usize, width: usize, device: &Device) -> [Tenso
         let tokens = values.len() / (scenes * width).max(1);
         Tensor::from_data(TensorData::new(values, [scenes, tokens, width]), device)
     };
-    [tensor(|ray| ray.origin.as_vec3().to_array()), tensor(|ray| ray.direction.as_vec3().to_array())]
+    [tensor(|ray| ray.origin.to_array().map(f32_from_f64)), tensor(|ray| ray.direction.to_array().map(f32_from_f64))]
+}
+
+#[expect(clippy::cast_possible_truncation, reason = "the one rounding to the network's precision")]
+fn f32_from_f64(value: f64) -> f32 {
+    value as f32
 }
