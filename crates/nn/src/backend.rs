@@ -73,11 +73,7 @@ pub(crate) trait FusedOps: Backend {
 
 /// Each operation's forward and backward pass. The bodies here are the generic fall-back.
 pub(crate) trait Kernels: Backend {
-    fn affine(
-        x: FloatTensor<Self>,
-        weight: FloatTensor<Self>,
-        bias: Option<FloatTensor<Self>>,
-    ) -> FloatTensor<Self> {
+    fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
         generic::rows::linear::<Self>(x, weight, bias)
     }
 

@@ -26,6 +26,8 @@ mod generic;
 mod kernels;
 pub mod layers;
 pub mod ops;
+#[cfg(test)]
+mod tests;
 
 /// How a vector is normalised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

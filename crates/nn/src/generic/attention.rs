@@ -112,7 +112,8 @@ fn logits<B: Backend>(
 /// Queries, keys and values as `[batch, heads, tokens, head width]`.
 fn split<B: Backend>(inputs: AttentionInputs<B>, sizes: &AttentionSizes) -> [Array<B>; 3] {
     let width = sizes.heads * sizes.head_width;
-    let part = |packed: &Array<B>, index| split_heads(packed.clone().range(2, index * width..(index + 1) * width), sizes);
+    let part =
+        |packed: &Array<B>, index| split_heads(packed.clone().range(2, index * width..(index + 1) * width), sizes);
     match inputs {
         AttentionInputs::Together(packed) => {
             let packed = Array(packed);
