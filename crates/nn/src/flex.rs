@@ -139,7 +139,7 @@ impl Kernels for Flex {
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {
         let packed = Packed::new(&inputs, mask.as_ref());
         let Some(kernel_inputs) = packed.view(sizes) else {
-            return generic::attention::forward::<Self>(inputs, mask, sizes);
+            return generic::attention::forward::<Self>(inputs, mask.as_ref(), sizes);
         };
         let (out, log_sums) = attention::forward(&kernel_inputs);
         let shape = |width| Shape::new([sizes.batch, sizes.queries, width]);
@@ -158,7 +158,7 @@ impl Kernels for Flex {
         let contiguous = [&out, &log_sums, &grad].map(FlexTensor::to_contiguous);
         let [outs, sums, grads] = contiguous.each_ref().map(floats);
         let (Some(view), Some(outs), Some(sums), Some(grads)) = (packed.view(sizes), outs, sums, grads) else {
-            return generic::attention::backward::<Self>(inputs, mask, out, log_sums, grad, sizes);
+            return generic::attention::backward::<Self>(inputs, mask.as_ref(), out, log_sums, grad, sizes);
         };
         let gradients = attention_backward::backward(&view, outs, sums, grads);
         let kinds: [fn(&HeadGradients) -> &[f32]; 3] = [|of| &of.queries, |of| &of.keys, |of| &of.values];

@@ -19,6 +19,8 @@
 //!
 //! Like burn's own, operations panic when shapes do not fit together.
 
+#![expect(clippy::inline_always, reason = "vector instructions reach only what is inlined")]
+
 mod autodiff;
 mod backend;
 mod flex;

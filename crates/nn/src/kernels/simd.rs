@@ -24,7 +24,7 @@ impl<S: Simd> Exp<S> {
     pub(crate) fn new(simd: S) -> Self {
         // Minimax on [−ln 2 / 2, ln 2 / 2], the two lowest powers being exact.
         const COEFFICIENTS: [f32; 7] =
-            [1.381_453_1e-3, 8.368_713e-3, 4.166_838_9e-2, 1.666_652_1e-1, 4.999_999_4e-1, 1.0, 1.0];
+            [1.381_453_1e-3, 8.368_713e-3, 4.166_839e-2, 1.666_652_1e-1, 4.999_999_4e-1, 1.0, 1.0];
         Self {
             lowest: simd.splat_f32s(-87.3),
             log2_e: simd.splat_f32s(std::f32::consts::LOG2_E),

@@ -157,7 +157,7 @@ fn top_k_orders_ties_infinities_and_nan() {
     let scores = of(&[1.0, f64::NAN, 3.0, f64::NEG_INFINITY, 3.0, f64::INFINITY, f64::NAN, 0.0, -0.0, 1.0]);
     let chosen = |k| {
         let selection = ops::top_k(scores.clone().reshape([1, 10]), k);
-        let read = |numbers: Tensor<2, burn::tensor::Int>| numbers.into_data_as::<i64>().to_vec::<i64>().unwrap();
+        let read = |numbers: Tensor<2, burn::tensor::Int>| numbers.into_data_as::<i64>().try_to_vec::<i64>().unwrap();
         (read(selection.chosen), read(selection.rest))
     };
     assert_eq!(chosen(10).0, [5, 2, 4, 0, 9, 7, 8, 3, 1, 6]);
@@ -170,14 +170,14 @@ fn nearest_neighbours_order_ties_and_broken_points() {
     let points = [0.0, 0.0, 1.0, 0.0, -1.0, 0.0, f64::NAN, 0.0, 0.0, 0.0, f64::INFINITY, 0.0];
     let points = of(&points).reshape([1, 6, 2]);
     let nearest = ops::nearest_neighbours(points.clone().slice([0..1, 0..1]), points, 6);
-    assert_eq!(nearest.into_data_as::<i64>().to_vec::<i64>().unwrap(), [0, 4, 1, 2, 3, 5]);
+    assert_eq!(nearest.into_data_as::<i64>().try_to_vec::<i64>().unwrap(), [0, 4, 1, 2, 3, 5]);
 }
 
 #[test]
 fn nearest_neighbours_agree_with_sorting_all_distances() {
     let points = random::<3>([2, 90, 3], 6);
     let coordinates = values(points.clone());
-    let found = ops::nearest_neighbours(points.clone(), points, 7).into_data_as::<i64>().to_vec::<i64>().unwrap();
+    let found = ops::nearest_neighbours(points.clone(), points, 7).into_data_as::<i64>().try_to_vec::<i64>().unwrap();
     for (query, found) in found.chunks(7).enumerate() {
         let at = |point: usize| &coordinates[(query / 90 * 90 + point) * 3..][..3];
         let distance =

@@ -76,22 +76,25 @@ fn cross_attention_is_the_composition_of_its_parts() {
     SINGLE.assert(values(layer.forward(x, context, None)), values(expected), "cross-attention");
 }
 
+/// The path so far, and the paths of all parameters.
+struct Names(Vec<String>, Vec<String>);
+
+impl burn::module::ModuleVisitor for Names {
+    fn visit_float<const D: usize>(&mut self, _: &Param<Tensor<D>>) {
+        self.1.push(self.0.join("."));
+    }
+    fn enter_module(&mut self, name: &str, _: &str) {
+        self.0.push(name.to_owned());
+    }
+    fn exit_module(&mut self, _: &str, _: &str) {
+        self.0.pop();
+    }
+}
+
 #[test]
 fn parameters_have_the_documented_names() {
     let attention = AttentionConfig::new(8, 2).with_qk_norm(Some(NormKind::Layer)).with_qkv_bias(false);
     let block = BlockConfig::new(attention, 16).with_layer_scale(Some(1.0)).init(&Device::flex());
-    struct Names(Vec<String>, Vec<String>);
-    impl burn::module::ModuleVisitor for Names {
-        fn visit_float<const D: usize>(&mut self, _: &Param<Tensor<D>>) {
-            self.1.push(self.0.join("."));
-        }
-        fn enter_module(&mut self, name: &str, _: &str) {
-            self.0.push(name.to_owned());
-        }
-        fn exit_module(&mut self, _: &str, _: &str) {
-            self.0.pop();
-        }
-    }
     let mut names = Names(Vec::new(), Vec::new());
     block.visit(&mut names);
     let expected = [

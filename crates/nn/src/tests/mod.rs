@@ -26,9 +26,9 @@ fn random<const D: usize>(shape: [usize; D], seed: u64) -> Tensor<D> {
 }
 
 fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
-    tensor.into_data_as::<f64>().to_vec().unwrap()
+    tensor.into_data_as::<f64>().try_to_vec().unwrap()
 }
 
 fn bits<const D: usize>(tensor: Tensor<D>) -> Vec<u32> {
-    tensor.into_data().to_vec::<f32>().unwrap().into_iter().map(f32::to_bits).collect()
+    tensor.into_data().try_to_vec::<f32>().unwrap().into_iter().map(f32::to_bits).collect()
 }
