@@ -1,13 +1,13 @@
 //! The operations' backward passes in burn's graph.
 
 use burn::backend::Autodiff;
+use burn::backend::TensorMetadata;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
 use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
-use burn::backend::TensorMetadata;
 
-use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, KeyMask, Kernels, Parameter};
+use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, Kernels, KeyMask, Parameter};
 use crate::kernels::gather::Sizes as GatherSizes;
 use crate::kernels::norm::Segments;
 
@@ -22,11 +22,7 @@ macro_rules! finish {
 }
 
 impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
-    fn fused_linear(
-        x: FloatTensor<Self>,
-        weight: FloatTensor<Self>,
-        bias: Parameter<Self>,
-    ) -> FloatTensor<Self> {
+    fn fused_linear(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Parameter<Self>) -> FloatTensor<Self> {
         // Where there is no bias, nobody reads the third parent.
         let (bias, bias_node) = match bias {
             Parameter::Given(bias) => {
@@ -69,11 +65,7 @@ impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
         finish!(Norm, nodes, (x, gamma, has_beta, segments), out)
     }
 
-    fn fused_attention(
-        inputs: AttentionInputs<Self>,
-        mask: KeyMask<Self>,
-        sizes: AttentionSizes,
-    ) -> FloatTensor<Self> {
+    fn fused_attention(inputs: AttentionInputs<Self>, mask: KeyMask<Self>, sizes: AttentionSizes) -> FloatTensor<Self> {
         let mask = mask.into_option();
         let (inputs, nodes) = match inputs {
             AttentionInputs::Together(packed) => {

@@ -73,11 +73,7 @@ pub(crate) trait FusedOps: Backend {
 
 /// Each operation's forward and backward pass. The bodies here are the generic fall-back.
 pub(crate) trait Kernels: Backend {
-    fn affine(
-        x: FloatTensor<Self>,
-        weight: FloatTensor<Self>,
-        bias: Option<FloatTensor<Self>>,
-    ) -> FloatTensor<Self> {
+    fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
         generic::rows::linear::<Self>(x, weight, bias)
     }
 
@@ -127,7 +123,7 @@ pub(crate) trait Kernels: Backend {
         mask: Option<BoolTensor<Self>>,
         sizes: AttentionSizes,
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {
-        generic::attention::forward::<Self>(inputs, mask, sizes)
+        generic::attention::forward::<Self>(inputs, mask.as_ref(), sizes)
     }
 
     fn attend_backward(
@@ -138,7 +134,7 @@ pub(crate) trait Kernels: Backend {
         grad: FloatTensor<Self>,
         sizes: AttentionSizes,
     ) -> AttentionInputs<Self> {
-        generic::attention::backward::<Self>(inputs, mask, out, log_sums, grad, sizes)
+        generic::attention::backward::<Self>(inputs, mask.as_ref(), out, log_sums, grad, sizes)
     }
 
     fn rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {

@@ -1,12 +1,12 @@
 //! The kernels on burn's processor backend, for contiguous f32; other element types take the generic way.
 
-use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
 use burn::backend::ops::IntTensorOps;
+use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
 use burn::backend::{DType, Flex, IntDType, TensorMetadata};
 use burn::tensor::{Bytes, Shape};
 use burn_flex::{FlexTensor, Layout};
 
-use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, KeyMask, Kernels, Parameter};
+use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, Kernels, KeyMask, Parameter};
 use crate::generic;
 use crate::kernels::attention::{Inputs, Tokens};
 use crate::kernels::attention_backward::{self, HeadGradients};
@@ -15,11 +15,7 @@ use crate::kernels::norm::Segments;
 use crate::kernels::{attention, gather, gelu, linear, norm};
 
 impl FusedOps for Flex {
-    fn fused_linear(
-        x: FloatTensor<Self>,
-        weight: FloatTensor<Self>,
-        bias: Parameter<Self>,
-    ) -> FloatTensor<Self> {
+    fn fused_linear(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Parameter<Self>) -> FloatTensor<Self> {
         Self::affine(x, weight, option(bias))
     }
 
@@ -36,11 +32,7 @@ impl FusedOps for Flex {
         Self::norm(x, gamma, option(beta), segments)
     }
 
-    fn fused_attention(
-        inputs: AttentionInputs<Self>,
-        mask: KeyMask<Self>,
-        sizes: AttentionSizes,
-    ) -> FloatTensor<Self> {
+    fn fused_attention(inputs: AttentionInputs<Self>, mask: KeyMask<Self>, sizes: AttentionSizes) -> FloatTensor<Self> {
         Self::attend(inputs, mask.into_option(), sizes).0
     }
 
@@ -54,11 +46,7 @@ impl FusedOps for Flex {
 }
 
 impl Kernels for Flex {
-    fn affine(
-        x: FloatTensor<Self>,
-        weight: FloatTensor<Self>,
-        bias: Option<FloatTensor<Self>>,
-    ) -> FloatTensor<Self> {
+    fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
         let (contiguous_x, contiguous_weight) = (x.to_contiguous(), weight.to_contiguous());
         let contiguous_bias = bias.as_ref().map(FlexTensor::to_contiguous);
         let (Some(slice), Some(weights)) = (floats(&contiguous_x), floats(&contiguous_weight)) else {
@@ -151,7 +139,7 @@ impl Kernels for Flex {
     ) -> (FloatTensor<Self>, FloatTensor<Self>) {
         let packed = Packed::new(&inputs, mask.as_ref());
         let Some(kernel_inputs) = packed.view(sizes) else {
-            return generic::attention::forward::<Self>(inputs, mask, sizes);
+            return generic::attention::forward::<Self>(inputs, mask.as_ref(), sizes);
         };
         let (out, log_sums) = attention::forward(&kernel_inputs);
         let shape = |width| Shape::new([sizes.batch, sizes.queries, width]);
@@ -170,7 +158,7 @@ impl Kernels for Flex {
         let contiguous = [&out, &log_sums, &grad].map(FlexTensor::to_contiguous);
         let [outs, sums, grads] = contiguous.each_ref().map(floats);
         let (Some(view), Some(outs), Some(sums), Some(grads)) = (packed.view(sizes), outs, sums, grads) else {
-            return generic::attention::backward::<Self>(inputs, mask, out, log_sums, grad, sizes);
+            return generic::attention::backward::<Self>(inputs, mask.as_ref(), out, log_sums, grad, sizes);
         };
         let gradients = attention_backward::backward(&view, outs, sums, grads);
         let kinds: [fn(&HeadGradients) -> &[f32]; 3] = [|of| &of.queries, |of| &of.keys, |of| &of.values];
@@ -219,7 +207,8 @@ impl Kernels for Flex {
             Some(slice) => {
                 let (out, winners) = gather::max(slice, &row_numbers(indices, sizes.rows), sizes);
                 let shape = Shape::new([sizes.batch, sizes.picks, sizes.width]);
-                let winners = FlexTensor::new(Bytes::from_elems(winners), Layout::contiguous(shape.clone()), DType::I64);
+                let winners =
+                    FlexTensor::new(Bytes::from_elems(winners), Layout::contiguous(shape.clone()), DType::I64);
                 (tensor(out, shape), winners)
             }
             None => generic::gather::max::<Self>(x, indices, sizes),

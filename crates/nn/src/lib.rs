@@ -19,6 +19,8 @@
 //!
 //! Like burn's own, operations panic when shapes do not fit together.
 
+#![expect(clippy::inline_always, reason = "vector instructions reach only what is inlined")]
+
 mod autodiff;
 mod backend;
 mod flex;
@@ -26,6 +28,8 @@ mod generic;
 mod kernels;
 pub mod layers;
 pub mod ops;
+#[cfg(test)]
+mod tests;
 
 /// How a vector is normalised.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, serde::Serialize, serde::Deserialize)]

@@ -10,7 +10,7 @@ const TILE: usize = 1024;
 /// Attention and the logarithm of each row's sum of exponentials, `[batch, queries, heads]`.
 pub(crate) fn forward<B: Backend>(
     inputs: AttentionInputs<B>,
-    ignored: Option<BoolTensor<B>>,
+    ignored: Option<&BoolTensor<B>>,
     sizes: AttentionSizes,
 ) -> (FloatTensor<B>, FloatTensor<B>) {
     let [queries, keys, values] = split(inputs, &sizes);
@@ -24,7 +24,7 @@ pub(crate) fn forward<B: Backend>(
         let mut total = queries.zeros_beside(&per_query);
         let mut sums = queries.zeros_beside(&[sizes.batch, sizes.heads, count, sizes.head_width]);
         for (first_key, end) in key_tiles(&sizes) {
-            let logits = logits::<B>(&tile, &keys, ignored.as_ref(), first_key..end, &sizes);
+            let logits = logits::<B>(&tile, &keys, ignored, first_key..end, &sizes);
             let now = largest.clone().larger(logits.clone().max(3));
             let weights = (logits - now.clone()).exp();
             let factor = (largest - now.clone()).exp();
@@ -46,7 +46,7 @@ pub(crate) fn forward<B: Backend>(
 /// The gradients of [`forward`]'s inputs, packed as they are.
 pub(crate) fn backward<B: Backend>(
     inputs: AttentionInputs<B>,
-    ignored: Option<BoolTensor<B>>,
+    ignored: Option<&BoolTensor<B>>,
     out: FloatTensor<B>,
     log_sums: FloatTensor<B>,
     grad: FloatTensor<B>,
@@ -67,7 +67,7 @@ pub(crate) fn backward<B: Backend>(
         let mut by_tile = tile.clone().times(0.0);
         for (first_key, end) in key_tiles(&sizes) {
             let of_keys = |array: &Array<B>| array.clone().range(2, first_key..end);
-            let logits = logits::<B>(&tile, &keys, ignored.as_ref(), first_key..end, &sizes);
+            let logits = logits::<B>(&tile, &keys, ignored, first_key..end, &sizes);
             let weights = (logits - of(&log_sums)).exp();
             let slopes = grad.clone().matmul(of_keys(&values).transposed()) - of(&along);
             let slopes = (weights.clone() * slopes).times(sizes.scale());
@@ -112,7 +112,8 @@ fn logits<B: Backend>(
 /// Queries, keys and values as `[batch, heads, tokens, head width]`.
 fn split<B: Backend>(inputs: AttentionInputs<B>, sizes: &AttentionSizes) -> [Array<B>; 3] {
     let width = sizes.heads * sizes.head_width;
-    let part = |packed: &Array<B>, index| split_heads(packed.clone().range(2, index * width..(index + 1) * width), sizes);
+    let part =
+        |packed: &Array<B>, index| split_heads(packed.clone().range(2, index * width..(index + 1) * width), sizes);
     match inputs {
         AttentionInputs::Together(packed) => {
             let packed = Array(packed);

@@ -128,7 +128,7 @@ fn standard<B: Backend>(x: Array<B>, segments: &Segments) -> (Array<B>, Array<B>
         NormKind::Layer => x.clone() - x.mean(3),
         NormKind::Rms => x,
     };
-    let spread = (off.clone() * off.clone()).mean(3).plus(f64::from(segments.epsilon)).sqrt();
+    let spread = (off.clone() * off.clone()).mean(3).plus(segments.epsilon).sqrt();
     let one = spread.clone().times(0.0).plus(1.0);
     let scale = one / spread;
     (off * scale.clone(), scale)

@@ -44,6 +44,10 @@ impl WithSimd for Add<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        simd::map(simd, self.sum, [self.row], |sum, [value]| simd.add_f32s(sum, value));
+        let add = {
+            #[inline(always)]
+            |sum, [value]: [S::f32s; 1]| simd.add_f32s(sum, value)
+        };
+        simd::map(simd, self.sum, [self.row], add);
     }
 }

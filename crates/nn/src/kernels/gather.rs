@@ -58,10 +58,11 @@ pub(crate) fn max(x: &[f32], indices: &[usize], sizes: Sizes) -> (Vec<f32>, Vec<
         winners.fill(indices[0].cast_signed() as i64);
         for &index in indices {
             let row = &sample[index * width..][..width];
+            let number = index.cast_signed() as i64;
             for ((out, winner), &value) in out.iter_mut().zip(winners.iter_mut()).zip(row) {
                 let wins = value > *out || (value.is_nan() && !out.is_nan());
                 *out = if wins { value } else { *out };
-                *winner = if wins { index as i64 } else { *winner };
+                *winner = if wins { number } else { *winner };
             }
         }
     });

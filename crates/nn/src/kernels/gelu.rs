@@ -32,10 +32,14 @@ impl WithSimd for Forward<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let normal = Normal::new(simd);
-        simd::map(simd, self.out, [self.x], |_, [x]| {
-            let (probability, _) = normal.cumulative(simd, x);
-            times(simd, x, probability)
-        });
+        let activate = {
+            #[inline(always)]
+            |_, [x]: [S::f32s; 1]| {
+                let (probability, _) = normal.cumulative(simd, x);
+                times(simd, x, probability)
+            }
+        };
+        simd::map(simd, self.out, [self.x], activate);
     }
 }
 
@@ -53,11 +57,15 @@ impl WithSimd for Backward<'_> {
         const INVERSE_SQRT_TAU: f32 = 0.398_942_3;
         let normal = Normal::new(simd);
         let peak = simd.splat_f32s(INVERSE_SQRT_TAU);
-        simd::map(simd, self.out, [self.x, self.grad], |_, [x, grad]| {
-            let (probability, bell) = normal.cumulative(simd, x);
-            let slope = simd.add_f32s(probability, times(simd, x, simd.mul_f32s(peak, bell)));
-            simd.mul_f32s(grad, slope)
-        });
+        let differentiate = {
+            #[inline(always)]
+            |_, [x, grad]: [S::f32s; 2]| {
+                let (probability, bell) = normal.cumulative(simd, x);
+                let slope = simd.add_f32s(probability, times(simd, x, simd.mul_f32s(peak, bell)));
+                simd.mul_f32s(grad, slope)
+            }
+        };
+        simd::map(simd, self.out, [self.x, self.grad], differentiate);
     }
 }
 

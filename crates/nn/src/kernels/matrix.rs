@@ -203,7 +203,11 @@ impl WithSimd for Chains<'_> {
         for (term, &weight) in self.weights.iter().enumerate() {
             let weight = simd.splat_f32s(weight);
             let row = &self.rows[term * self.row_stride..][..self.lanes.len()];
-            simd::map(simd, self.lanes, [row], |sum, [value]| simd.mul_add_e_f32s(weight, value, sum));
+            let add = {
+                #[inline(always)]
+                |sum, [value]: [S::f32s; 1]| simd.mul_add_e_f32s(weight, value, sum)
+            };
+            simd::map(simd, self.lanes, [row], add);
         }
     }
 }

@@ -12,7 +12,7 @@ use crate::NormKind;
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Segments {
     pub(crate) kind: NormKind,
-    pub(crate) epsilon: f32,
+    pub(crate) epsilon: f64,
     /// Elements in a row.
     pub(crate) width: usize,
     pub(crate) parts: usize,
@@ -79,13 +79,20 @@ impl WithSimd for Forward<'_> {
                 let part = index / heads * length..(index / heads + 1) * length;
                 let Moments { mean, scale } = Moments::of(simd, segment, &segments);
                 let (mean, scale) = (simd.splat_f32s(mean), simd.splat_f32s(scale));
-                let standard = |x| simd.mul_f32s(simd.sub_f32s(x, mean), scale);
+                let shifted = {
+                    #[inline(always)]
+                    |x, [gamma, beta]: [S::f32s; 2]| {
+                        simd.mul_add_e_f32s(simd.mul_f32s(simd.sub_f32s(x, mean), scale), gamma, beta)
+                    }
+                };
+                let scaled = {
+                    #[inline(always)]
+                    |x, [gamma]: [S::f32s; 1]| simd.mul_f32s(simd.mul_f32s(simd.sub_f32s(x, mean), scale), gamma)
+                };
                 let gamma = &gamma[part.clone()];
                 match beta {
-                    Some(beta) => simd::map(simd, segment, [gamma, &beta[part]], |x, [gamma, beta]| {
-                        simd.mul_add_e_f32s(standard(x), gamma, beta)
-                    }),
-                    None => simd::map(simd, segment, [gamma], |x, [gamma]| simd.mul_f32s(standard(x), gamma)),
+                    Some(beta) => simd::map(simd, segment, [gamma, &beta[part]], shifted),
+                    None => simd::map(simd, segment, [gamma], scaled),
                 }
             }
         }
@@ -118,24 +125,46 @@ impl WithSimd for Backward<'_> {
                 let part = index / heads * length..(index / heads + 1) * length;
                 let Moments { mean, scale } = Moments::of(simd, x, &segments);
                 let (mean, scale) = (simd.splat_f32s(mean), simd.splat_f32s(scale));
-                simd::map(simd, &mut standard, [x], |_, [x]| simd.mul_f32s(simd.sub_f32s(x, mean), scale));
-                simd::map(simd, &mut scaled, [grad, &gamma[part.clone()]], |_, [g, gamma]| simd.mul_f32s(g, gamma));
-                simd::map(simd, &mut by_gamma[part.clone()], [grad, &standard], |sum, [g, standard]| {
-                    simd.mul_add_e_f32s(g, standard, sum)
-                });
-                simd::map(simd, &mut by_beta[part], [grad], |sum, [g]| simd.add_f32s(sum, g));
+                let standardise = {
+                    #[inline(always)]
+                    |_, [x]: [S::f32s; 1]| simd.mul_f32s(simd.sub_f32s(x, mean), scale)
+                };
+                let product = {
+                    #[inline(always)]
+                    |_, [a, b]: [S::f32s; 2]| simd.mul_f32s(a, b)
+                };
+                let add_product = {
+                    #[inline(always)]
+                    |sum, [a, b]: [S::f32s; 2]| simd.mul_add_e_f32s(a, b, sum)
+                };
+                let add = {
+                    #[inline(always)]
+                    |sum, [a]: [S::f32s; 1]| simd.add_f32s(sum, a)
+                };
+                simd::map(simd, &mut standard, [x], standardise);
+                simd::map(simd, &mut scaled, [grad, &gamma[part.clone()]], product);
+                simd::map(simd, &mut by_gamma[part.clone()], [grad, &standard], add_product);
+                simd::map(simd, &mut by_beta[part], [grad], add);
 
-                let along = simd::sum(simd, [&scaled, &standard], |[a, b]| simd.mul_f32s(a, b), |[a, b]| a * b);
+                let products = {
+                    #[inline(always)]
+                    |[a, b]: [S::f32s; 2]| simd.mul_f32s(a, b)
+                };
+                let along = simd::sum(simd, [&scaled, &standard], products, |[a, b]| a * b);
                 let along = simd.splat_f32s(along / length as f32);
                 let level = match segments.kind {
-                    NormKind::Layer => simd::sum(simd, [&scaled], |[a]| a, |[a]| a) / length as f32,
+                    NormKind::Layer => total(simd, &scaled) / length as f32,
                     NormKind::Rms => 0.0,
                 };
                 let level = simd.splat_f32s(level);
-                simd::map(simd, grad, [&scaled, &standard], |_, [scaled, standard]| {
-                    let across = simd.sub_f32s(simd.sub_f32s(scaled, level), simd.mul_f32s(standard, along));
-                    simd.mul_f32s(across, scale)
-                });
+                let project = {
+                    #[inline(always)]
+                    |_, [scaled, standard]: [S::f32s; 2]| {
+                        let across = simd.sub_f32s(simd.sub_f32s(scaled, level), simd.mul_f32s(standard, along));
+                        simd.mul_f32s(across, scale)
+                    }
+                };
+                simd::map(simd, grad, [&scaled, &standard], project);
             }
         }
     }
@@ -152,15 +181,29 @@ impl Moments {
     fn of<S: Simd>(simd: S, x: &[f32], segments: &Segments) -> Self {
         let count = x.len() as f32;
         let mean = match segments.kind {
-            NormKind::Layer => simd::sum(simd, [x], |[x]| x, |[x]| x) / count,
+            NormKind::Layer => total(simd, x) / count,
             NormKind::Rms => 0.0,
         };
         let means = simd.splat_f32s(mean);
-        let square = |[x]: [S::f32s; 1]| {
-            let off = simd.sub_f32s(x, means);
-            simd.mul_f32s(off, off)
+        let square = {
+            #[inline(always)]
+            |[x]: [S::f32s; 1]| {
+                let off = simd.sub_f32s(x, means);
+                simd.mul_f32s(off, off)
+            }
         };
         let variance = simd::sum(simd, [x], square, |[x]| (x - mean) * (x - mean)) / count;
-        Self { mean, scale: 1.0 / (variance + segments.epsilon).sqrt() }
+        #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+        let epsilon = segments.epsilon as f32;
+        Self { mean, scale: 1.0 / (variance + epsilon).sqrt() }
     }
+}
+
+#[inline(always)]
+fn total<S: Simd>(simd: S, x: &[f32]) -> f32 {
+    let same = {
+        #[inline(always)]
+        |[x]: [S::f32s; 1]| x
+    };
+    simd::sum(simd, [x], same, |[x]| x)
 }

@@ -24,7 +24,7 @@ impl<S: Simd> Exp<S> {
     pub(crate) fn new(simd: S) -> Self {
         // Minimax on [−ln 2 / 2, ln 2 / 2], the two lowest powers being exact.
         const COEFFICIENTS: [f32; 7] =
-            [1.381_453_1e-3, 8.368_713e-3, 4.166_838_9e-2, 1.666_652_1e-1, 4.999_999_4e-1, 1.0, 1.0];
+            [1.381_453_1e-3, 8.368_713e-3, 4.166_839e-2, 1.666_652_1e-1, 4.999_999_4e-1, 1.0, 1.0];
         Self {
             lowest: simd.splat_f32s(-87.3),
             log2_e: simd.splat_f32s(std::f32::consts::LOG2_E),
@@ -43,8 +43,10 @@ impl<S: Simd> Exp<S> {
         let whole = simd.sub_f32s(biased, self.rounder);
         let rest = simd.mul_add_e_f32s(whole, self.minus_ln_2[0], x);
         let rest = simd.mul_add_e_f32s(whole, self.minus_ln_2[1], rest);
-        let [first, others @ ..] = self.coefficients;
-        let value = others.iter().fold(first, |value, &next| simd.mul_add_e_f32s(value, rest, next));
+        let [mut value, others @ ..] = self.coefficients;
+        for next in others {
+            value = simd.mul_add_e_f32s(value, rest, next);
+        }
         // A product keeps the NaN that adding to the exponent's bits could lose.
         let power = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(biased), self.mantissa_bits);
         let value = simd.mul_f32s(value, simd.transmute_f32s_u32s(power));
@@ -87,14 +89,19 @@ impl<S: Simd> Normal<S> {
         let (zero, one) = (simd.splat_f32s(0.0), simd.splat_f32s(1.0));
         let bell = self.exp.of(simd, simd.mul_f32s(simd.mul_f32s(x, x), simd.splat_f32s(-0.5)));
         let t = simd.div_f32s(one, simd.mul_add_e_f32s(simd.abs_f32s(x), self.slope, one));
-        let [first, others @ ..] = self.coefficients;
-        let ratio = others.iter().fold(first, |value, &next| simd.mul_add_e_f32s(value, t, next));
+        let [mut ratio, others @ ..] = self.coefficients;
+        for next in others {
+            ratio = simd.mul_add_e_f32s(ratio, t, next);
+        }
         let tail = simd.mul_f32s(simd.mul_f32s(ratio, t), bell);
         (simd.select_f32s(simd.less_than_f32s(x, zero), tail, simd.sub_f32s(one, tail)), bell)
     }
 }
 
 /// The sum over elements of a function of them, in an order that only their number decides.
+///
+/// Functions given to this and to [`map`] must be bound to a name under `#[inline(always)]`: one that stays a function of
+/// its own is compiled without the vector instructions that it calls for.
 #[inline(always)]
 pub(crate) fn sum<S: Simd, const N: usize>(
     simd: S,

@@ -56,9 +56,7 @@ impl Norm {
     /// When the last dimension is not of `width` elements.
     pub fn forward<const D: usize>(&self, x: Tensor<D>) -> Tensor<D> {
         match self.kind {
-            NormKind::Layer => {
-                ops::layer_norm(x, self.gamma.val(), self.beta.as_ref().map(Param::val), self.epsilon)
-            }
+            NormKind::Layer => ops::layer_norm(x, self.gamma.val(), self.beta.as_ref().map(Param::val), self.epsilon),
             NormKind::Rms => ops::rms_norm(x, self.gamma.val(), self.epsilon),
         }
     }

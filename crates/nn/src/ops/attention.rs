@@ -42,10 +42,7 @@ pub fn cross_attention(
     let [key_batch, key_count, packed_width] = keys_values.dims();
     assert_eq!([key_batch, packed_width], [batch, 2 * width], "batch and width of packed keys and values");
     let sizes = sizes(batch, query_count, key_count, width, heads);
-    let inputs = AttentionInputs::Apart {
-        queries: queries.into_dispatch(),
-        keys_values: keys_values.into_dispatch(),
-    };
+    let inputs = AttentionInputs::Apart { queries: queries.into_dispatch(), keys_values: keys_values.into_dispatch() };
     attend(inputs, sizes, ignored)
 }
 

@@ -46,7 +46,10 @@ pub fn nearest_neighbours(queries: Tensor<3>, points: Tensor<3>, k: usize) -> Te
 fn by_dimension(points: &[f32], count: usize, dimensions: usize) -> Vec<f32> {
     let size = (count * dimensions).max(1);
     let samples = points.chunks_exact(size);
-    samples.flat_map(|sample| (0..dimensions).flat_map(move |at| sample.iter().skip(at).step_by(dimensions))).copied().collect()
+    samples
+        .flat_map(|sample| (0..dimensions).flat_map(move |at| sample.iter().skip(at).step_by(dimensions)))
+        .copied()
+        .collect()
 }
 
 /// The places of the `k` smallest, the smallest first.

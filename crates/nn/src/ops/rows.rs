@@ -33,12 +33,7 @@ pub fn gelu<const D: usize>(x: Tensor<D>) -> Tensor<D> {
 ///
 /// # Panics
 /// When the shapes do not fit together.
-pub fn layer_norm<const D: usize>(
-    x: Tensor<D>,
-    gamma: Tensor<1>,
-    beta: Option<Tensor<1>>,
-    epsilon: f64,
-) -> Tensor<D> {
+pub fn layer_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, beta: Option<Tensor<1>>, epsilon: f64) -> Tensor<D> {
     norm(x, gamma.unsqueeze(), beta.map(Tensor::unsqueeze), NormKind::Layer, epsilon, 1)
 }
 
@@ -88,8 +83,7 @@ fn norm<const D: usize>(
     if let Some(beta) = &beta {
         assert_eq!(beta.dims(), gamma.dims(), "shape of beta beside gamma");
     }
-    #[expect(clippy::cast_possible_truncation, reason = "rounding to the kernels' precision is meant")]
-    let segments = Segments { kind, epsilon: epsilon as f32, width, parts, heads, length };
+    let segments = Segments { kind, epsilon, width, parts, heads, length };
     Tensor::from_dispatch(Dispatch::fused_norm(x.into_dispatch(), gamma.into_dispatch(), parameter(beta), segments))
 }
 
