@@ -6,6 +6,8 @@
 #![expect(clippy::print_stderr, reason = "a test that is skipped says so")]
 
 mod backward;
+#[path = "../common/poison.rs"]
+mod common;
 mod forward;
 mod limits;
 mod poison;

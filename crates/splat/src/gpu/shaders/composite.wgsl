@@ -1,10 +1,4 @@
 // Each tile's Gaussians over each other, nearest first.
-@group(0) @binding(1) var<storage, read> shapes: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> places: array<vec4<u32>>;
-@group(0) @binding(3) var<storage, read> paints: array<vec4<f32>>;
-@group(0) @binding(4) var<storage, read> pairs: array<vec2<u32>>;
-@group(0) @binding(5) var<storage, read> boxes: array<u32>;
-@group(0) @binding(6) var<storage, read> ranges: array<vec2<u32>>;
 // RGB over the background, alpha.
 @group(0) @binding(7) var<storage, read_write> colours: array<vec4<f32>>;
 // Depth, scalar, median depth, transmittance.

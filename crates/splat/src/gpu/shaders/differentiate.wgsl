@@ -1,13 +1,6 @@
 // The derivative of compositing: each tile once more from front to back, knowing what its pixels ended as. For each
 // pair of tile and Gaussian it leaves the sums over the tile's pixels, always in the same order: pixels of a thread,
 // then threads by number.
-@group(0) @binding(1) var<storage, read> shapes: array<vec4<f32>>;
-@group(0) @binding(2) var<storage, read> places: array<vec4<u32>>;
-@group(0) @binding(3) var<storage, read> paints: array<vec4<f32>>;
-// Number of the pair, Gaussian.
-@group(0) @binding(4) var<storage, read> pairs: array<vec2<u32>>;
-@group(0) @binding(5) var<storage, read> boxes: array<u32>;
-@group(0) @binding(6) var<storage, read> ranges: array<vec2<u32>>;
 @group(0) @binding(7) var<storage, read_write> pixels: array<vec4<f32>>;
 // Twelve numbers a pair. With e, the derivative by the exponent, and the whitened distance (a, b): Σe, Σea, Σeb,
 // Σeaa, Σeab, Σebb; then by red, green, blue, depth, scalar.

@@ -39,9 +39,3 @@ fn falloff_at(shape: vec4<f32>, place: vec4<u32>, column: u32, row: u32) -> Fall
     f.value = power_below(min(f.along * f.along + f.across * f.across, vec4(20.0)));
     return f;
 }
-
-// The part of a tile's list that is passed over now. Drivers on processors end a kernel's loops after so many turns.
-fn entries_now(list: vec2<u32>) -> vec2<u32> {
-    let first = list.x + min(view.part.x, list.y - list.x);
-    return vec2(first, first + min(view.part.y, list.y - first));
-}

@@ -1,20 +1,8 @@
 // Each number becomes the sum of all before it, given the sums of all blocks before its own.
-struct Scan {
-    count: u32,
-    blocks: u32,
-    is_last: u32,
-}
-
-@group(0) @binding(0) var<uniform> scan: Scan;
 @group(0) @binding(1) var<storage, read> sums: array<u32>;
 @group(0) @binding(2) var<storage, read_write> numbers: array<u32>;
 
 var<workgroup> befores: array<u32, 64>;
-
-fn saturating(a: u32, b: u32) -> u32 {
-    let sum = a + b;
-    return select(sum, 0xffffffffu, sum < a);
-}
 
 @compute @workgroup_size(64)
 fn main(

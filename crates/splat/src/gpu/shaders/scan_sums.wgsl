@@ -1,20 +1,8 @@
 // Sums of blocks of 2048 numbers; one that would not fit u32 stays at its largest.
-struct Scan {
-    count: u32,
-    blocks: u32,
-    is_last: u32,
-}
-
-@group(0) @binding(0) var<uniform> scan: Scan;
 @group(0) @binding(1) var<storage, read> numbers: array<u32>;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 
 var<workgroup> shared_sums: array<u32, 64>;
-
-fn saturating(a: u32, b: u32) -> u32 {
-    let sum = a + b;
-    return select(sum, 0xffffffffu, sum < a);
-}
 
 @compute @workgroup_size(64)
 fn main(

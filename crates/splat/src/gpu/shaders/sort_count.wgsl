@@ -1,12 +1,4 @@
 // Least significant digit first, 4 bits at a time, 32 keys a thread: how often each digit occurs in each run of 32.
-struct Pass {
-    count: u32,
-    runs: u32,
-    shift: u32,
-}
-
-@group(0) @binding(0) var<uniform> pass_: Pass;
-@group(0) @binding(1) var<storage, read> keys: array<u32>;
 // Digit by digit, and for each run by run.
 @group(0) @binding(2) var<storage, read_write> table: array<u32>;
 

@@ -1,12 +1,4 @@
 // The other half of a pass: with the table summed up, every key knows its place, and equal digits keep their order.
-struct Pass {
-    count: u32,
-    runs: u32,
-    shift: u32,
-}
-
-@group(0) @binding(0) var<uniform> pass_: Pass;
-@group(0) @binding(1) var<storage, read> keys: array<u32>;
 @group(0) @binding(2) var<storage, read> values: array<u32>;
 @group(0) @binding(3) var<storage, read> table: array<u32>;
 @group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;

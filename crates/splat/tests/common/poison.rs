@@ -1,0 +1,99 @@
+//! Numbers that break arithmetic, and a scene of which any number may be replaced by them.
+
+use std::fmt::Debug;
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, View};
+use glam::{DMat3, DVec3};
+
+/// Numbers at which arithmetic changes its rules.
+pub(crate) const POISON: [f32; 26] = [
+    f32::NAN,
+    f32::INFINITY,
+    f32::NEG_INFINITY,
+    0.0,
+    -0.0,
+    1e-45,
+    -1e-45,
+    f32::MIN_POSITIVE,
+    f32::MAX,
+    f32::MIN,
+    1e38,
+    1e20,
+    -1e20,
+    1e12,
+    1e6,
+    -1e6,
+    1e-6,
+    1.0,
+    -1.0,
+    0.01,
+    0.009_999_999,
+    43.4,
+    88.7,
+    -88.7,
+    -103.9,
+    20.0,
+];
+
+/// Numbers of one Gaussian.
+pub(crate) const SLOTS: usize = 25;
+/// Numbers of the scene.
+pub(crate) const NUMBERS: usize = COUNT * SLOTS;
+const COUNT: usize = 4;
+
+pub(crate) fn view() -> View {
+    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
+    let intrinsics = NormalizedIntrinsics::new(0.9, 1.2, 0.5, 0.5).unwrap();
+    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: 20, height: 15 } }
+}
+
+/// Harmless Gaussians in front of the camera, of which any number may be replaced.
+pub(crate) fn scene(poisoned: &[(usize, f32)]) -> Gaussians {
+    let mut numbers: Vec<f32> = (0..COUNT)
+        .flat_map(|n| {
+            let shift = n as f32 * 0.1;
+            let own = [0.1 - shift, shift - 0.2, 2.0 + shift, 1.0, 0.2, -0.3, 0.1, -1.5, -2.0, -1.0, 0.5, 0.7, 0.02];
+            own.into_iter().chain((0..12).map(move |k| 0.2 - 0.05 * k as f32))
+        })
+        .collect();
+    let length = numbers.len();
+    for (slot, value) in poisoned {
+        numbers[slot % length] = *value;
+    }
+    let mut parts = GaussianParts {
+        sh_degree: 1,
+        scalars: Some(Vec::new()),
+        filter_3d: Some(Vec::new()),
+        ..GaussianParts::default()
+    };
+    for own in numbers.as_chunks::<SLOTS>().0 {
+        parts.means.push([own[0], own[1], own[2]]);
+        parts.quaternions.push([own[3], own[4], own[5], own[6]]);
+        parts.log_scales.push([own[7], own[8], own[9]]);
+        parts.opacity_logits.push(own[10]);
+        parts.scalars.iter_mut().for_each(|scalars| scalars.push(own[11]));
+        parts.filter_3d.iter_mut().for_each(|filters| filters.push(own[12]));
+        parts.sh.extend_from_slice(own[13..].as_chunks::<3>().0);
+    }
+    Gaussians::new(parts).unwrap()
+}
+
+/// Ones by every image.
+pub(crate) fn ones<T: Copy>(one: T) -> ImageGradients<T> {
+    let pixels = view().pixels();
+    ImageGradients {
+        rgb: vec![[one; 3]; pixels],
+        alpha: Some(vec![one; pixels]),
+        depth: Some(vec![one; pixels]),
+        scalar: Some(vec![one; pixels]),
+    }
+}
+
+pub(crate) fn assert_finite<T>(rendering: &Rendering<T>, gradients: &Gradients<T>, what: &str)
+where
+    T: Copy + Into<f64> + Debug,
+{
+    assert_eq!(rendering.non_finite(), 0, "{what}");
+    assert_eq!(gradients.non_finite(), 0, "{what}: {gradients:?}");
+}
