@@ -1,6 +1,6 @@
 //! ATSplat (paper: "Compact Feed-forward 3D Gaussian Splatting with Adaptive Token Expansion"): a trial's
 //! context views into Gaussians. Configuration with every variant of the paper, its token and Gaussian
-//! budgets, weights in and out.
+//! budgets, the network on burn's tensors, weights in and out.
 //!
 //! Knows nothing of datasets' files, nor of metrics.
 
@@ -10,6 +10,8 @@ mod error;
 pub mod farthest_point;
 mod hash;
 pub mod neighbours;
+#[cfg(feature = "network")]
+pub mod network;
 pub mod parameters;
 pub mod selection;
 pub mod weights;
