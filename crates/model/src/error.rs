@@ -3,6 +3,8 @@ use std::path::PathBuf;
 use atsplat_pickle::TorchError;
 use thiserror::Error;
 
+use crate::config::ImageSize;
+
 /// What can go wrong between a configuration, a weights file and a network.
 #[derive(Debug, Error)]
 #[non_exhaustive]
@@ -37,6 +39,28 @@ pub enum ModelError {
         /// What stands there, shortened.
         found: String,
     },
+    /// Pictures, poses or what the network made of them hold NaN or infinities.
+    #[error("{location}: expected finite values, found {count} that are NaN or infinite")]
+    NonFinite {
+        /// Which picture, camera or stage.
+        location: String,
+        /// How many values.
+        count: usize,
+    },
+    /// Patches do not divide a picture.
+    #[error("model input: {branch} branch, picture size: expected height and width that {step} divides, found {found}")]
+    Indivisible {
+        /// Which branch's patches.
+        branch: &'static str,
+        /// Side of a patch, in pixels of the picture.
+        step: usize,
+        /// The picture.
+        found: ImageSize,
+    },
+    /// The splatter refused Gaussians, a view or options.
+    #[cfg(feature = "network")]
+    #[error("rendering: {0}")]
+    Splat(#[from] atsplat_splat::SplatError),
     /// A file is not what `torch.save` writes.
     #[error("checkpoint: {0}")]
     Torch(#[from] TorchError),

@@ -42,13 +42,11 @@ impl ImageSize {
     }
 
     /// The patches of this picture after it was made `downscale` times smaller.
-    pub(super) fn grid(self, patch: usize, downscale: usize, branch: &str) -> Result<Grid, ModelError> {
+    pub(super) fn grid(self, patch: usize, downscale: usize, branch: &'static str) -> Result<Grid, ModelError> {
         let step = patch.saturating_mul(downscale);
         let divides = step > 0 && self.height > 0 && self.width > 0;
         if !divides || !self.height.is_multiple_of(step) || !self.width.is_multiple_of(step) {
-            let location = format!("{branch} branch, picture size");
-            let expected = format!("height and width that {step} divides");
-            return Err(ModelError::malformed("model input", location, expected, self));
+            return Err(ModelError::Indivisible { branch, step, found: self });
         }
         Ok(Grid { rows: self.height / step, columns: self.width / step })
     }

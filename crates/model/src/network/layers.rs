@@ -70,6 +70,11 @@ pub(super) struct Head {
 }
 
 impl Head {
+    /// Where its parameters are, and with or without gradients.
+    pub(super) fn device(&self) -> Device {
+        self.norm.gamma.val().device()
+    }
+
     pub(super) fn forward(&self, x: Tensor<3>) -> Tensor<3> {
         self.mlp.forward(self.norm.forward(x))
     }

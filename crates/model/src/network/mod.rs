@@ -1,5 +1,7 @@
 //! The network on burn's tensors, part by part as the paper has it: coarse branch, anchors, fine branch, decoder with
 //! expansion, Gaussian head. `oracle/twin.py` is its twin, and tests compare the two stage by stage.
+//!
+//! [`Network::reconstruct`] turns one scene's views into plain numbers. [`Network::forward`] keeps tensors, for training.
 
 mod anchors;
 mod bicubic;
@@ -11,23 +13,28 @@ mod fine;
 mod gaussians;
 mod layers;
 mod names;
+mod reconstruction;
+mod render;
 mod resize;
+mod splatting;
 mod views;
 
 use std::time::Instant;
 
 use burn::Tensor;
 use burn::module::Module;
-use burn::tensor::Device;
+pub use burn::tensor::Device;
+use serde::Serialize;
 
 pub use anchors::Tokens;
 pub use coarse::CoarseStages;
 pub use expansion::Expanded;
 pub use gaussians::GaussianTensors;
+pub use reconstruction::{BlockOutcome, Reconstruction};
+pub use render::RenderedTensors;
 pub use views::Views;
 
 use crate::ModelError;
-use crate::budget::{Budget, MemoryEstimate, memory};
 use crate::config::ModelConfig;
 use anchors::Anchors;
 use coarse::{Backbone, Coarse};
@@ -48,14 +55,14 @@ pub struct Network {
     config: ModelConfig,
 }
 
-/// What the network made of a batch of scenes, and how.
+/// What the network made of a batch of scenes, as tensors through which gradients flow.
 #[derive(Clone, Debug)]
-pub struct Reconstruction {
+pub struct Forward {
     /// The Gaussians.
     pub gaussians: GaussianTensors,
     /// The stages of the coarse branch.
     pub coarse: CoarseStages,
-    /// Features of the fine branch, `[scenes, views · patches, channels]`.
+    /// Features that the decoder looks at, `[scenes, views · patches, channels]`.
     pub fine: Tensor<3>,
     /// Tokens that entered the decoder.
     pub initial: Tokens,
@@ -63,10 +70,6 @@ pub struct Reconstruction {
     pub blocks: Vec<BlockTrace>,
     /// Wall-clock seconds of each stage.
     pub seconds: StageSeconds,
-    /// Tokens and Gaussians of each scene.
-    pub budget: Budget,
-    /// An estimate of the memory that it took.
-    pub memory: MemoryEstimate,
 }
 
 /// One block of the decoder.
@@ -79,7 +82,7 @@ pub struct BlockTrace {
 }
 
 /// Wall-clock seconds.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct StageSeconds {
     /// Backbone and coarse branch.
     pub coarse: f64,
@@ -91,6 +94,19 @@ pub struct StageSeconds {
     pub decoder: f64,
     /// Gaussian head.
     pub head: f64,
+}
+
+impl StageSeconds {
+    /// All stages.
+    pub fn total(&self) -> f64 {
+        self.stages().iter().map(|(_, seconds)| seconds).sum()
+    }
+
+    /// Each stage by name, in order.
+    pub const fn stages(&self) -> [(&'static str, f64); 5] {
+        let Self { coarse, anchors, fine, decoder, head } = *self;
+        [("coarse", coarse), ("anchors", anchors), ("fine", fine), ("decoder", decoder), ("head", head)]
+    }
 }
 
 impl Network {
@@ -118,55 +134,51 @@ impl Network {
         &self.config
     }
 
-    /// Reconstructs scenes of one size and as many views. `call_seed` decides what random selection draws.
+    /// Where the parameters are, and with or without gradients.
+    pub fn device(&self) -> Device {
+        self.head.device()
+    }
+
+    /// Scenes of one size and as many views, in one batch. A scene's result does not depend on the others, to the bit.
+    ///
+    /// `call_seed` decides what random selection draws; every other selection ignores it.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where scenes differ in size or views, patches do not divide the pictures, thresholds
-    /// select different numbers of tokens in one batch, or the network gives NaN where it has to choose.
-    pub fn reconstruct(&self, scenes: &[Views], call_seed: u64, device: &Device) -> Result<Reconstruction, ModelError> {
-        let config = &self.config;
+    /// [`ModelError::Malformed`] where there is no scene, scenes differ in size or views, thresholds select different
+    /// numbers of tokens in one batch, or the network gives NaN where it has to choose; [`ModelError::Indivisible`] where
+    /// patches do not divide the pictures; [`ModelError::NonFinite`] for rays that f32 cannot hold.
+    pub fn forward(&self, scenes: &[Views], call_seed: u64) -> Result<Forward, ModelError> {
+        let (config, device) = (&self.config, &self.device());
         let first =
             scenes.first().ok_or_else(|| ModelError::malformed("model input", "scenes", "at least one", "none"))?;
         let (views, size) = (first.len(), first.size());
         if let Some(other) = scenes.iter().find(|other| (other.len(), other.size()) != (views, size)) {
+            let expected = format!("{views} views of {size} in each");
             let found = format!("{} views of {}", other.len(), other.size());
-            return Err(ModelError::malformed(
-                "model input",
-                "scenes",
-                format!("{views} views of {size} in each"),
-                found,
-            ));
+            return Err(ModelError::malformed("model input", "scenes", expected, found));
         }
         let (grid, fine_grid) = (config.coarse_grid(size)?, config.fine_grid(size)?);
         let mut seconds = StageSeconds::default();
         let smaller = |factor: usize| scenes.iter().map(|views| views.smaller(factor)).collect::<Vec<Views>>();
 
         let coarse_scenes = smaller(config.coarse.image_downscale);
-        let coarse = timed(&mut seconds.coarse, || {
+        let coarse = timed(&mut seconds.coarse, device, || {
             self.coarse.forward(&self.backbone, &coarse_scenes, config.coarse.patch_size, grid, device)
         })?;
-        let initial = timed(&mut seconds.anchors, || {
+        let initial = timed(&mut seconds.anchors, device, || {
             self.anchors.forward(config, &coarse_scenes, coarse.features.clone(), grid, device)
         })?;
-        let fine = timed(&mut seconds.fine, || {
+        let fine = timed(&mut seconds.fine, device, || {
             let own = self.fine.forward(&smaller(config.fine.image_downscale), config.fine.patch_size, device)?;
             let dim = config.transformer.dim;
             let per_view = coarse.features.clone().reshape([scenes.len() * views, grid.len(), dim]);
             let context = upsampled(per_view, grid, fine_grid, config.fine.upsampling, device);
             Ok::<_, ModelError>((own + context).reshape([scenes.len(), views * fine_grid.len(), dim]))
         })?;
-        let blocks = timed(&mut seconds.decoder, || self.decode(initial.clone(), &fine, call_seed, device))?;
+        let blocks = timed(&mut seconds.decoder, device, || self.decode(initial.clone(), &fine, call_seed, device))?;
         let last = blocks.last().map_or(&initial, |block| &block.tokens);
-        let gaussians = timed(&mut seconds.head, || self.gaussians(last));
-
-        let expanded: Vec<usize> = blocks
-            .iter()
-            .map(|block| block.expanded.as_ref().and_then(|expanded| expanded.selected.first()).map_or(0, Vec::len))
-            .collect();
-        let [_, initial_tokens, _] = initial.features.dims();
-        let budget = Budget::of_selections(config, initial_tokens, &expanded)?;
-        let memory = memory(config, views, size)?;
-        Ok(Reconstruction { gaussians, coarse, fine, initial, blocks, seconds, budget, memory })
+        let gaussians = timed(&mut seconds.head, device, || self.gaussians(last));
+        Ok(Forward { gaussians, coarse, fine, initial, blocks, seconds })
     }
 
     /// The Gaussians of tokens: those of the last block, or the intermediate ones of any other.
@@ -199,12 +211,19 @@ impl Network {
     }
 }
 
-fn timed<T>(seconds: &mut f64, work: impl FnOnce() -> T) -> T {
+/// The device's work is finished before the clock is read.
+fn timed<T>(seconds: &mut f64, device: &Device, work: impl FnOnce() -> T) -> T {
     let start = Instant::now();
     let result = work();
+    // A device that fails says so again to whoever reads the result.
+    device.sync().ok();
     *seconds += start.elapsed().as_secs_f64();
     result
 }
 
+#[cfg(test)]
+mod gradient_tests;
+#[cfg(test)]
+mod hard_inputs;
 #[cfg(test)]
 mod tests;

@@ -52,6 +52,17 @@ impl Path {
     fn is_transposed(&self) -> bool {
         self.is_within("Linear") && self.names.last().is_some_and(|name| name == "weight")
     }
+
+    /// The numbers of a tensor of the parameter's shape, laid out as in a file.
+    fn values<const D: usize>(&self, tensor: Tensor<D>) -> Vec<f32> {
+        let shape = tensor.dims();
+        let data = tensor.into_data_as::<f32>();
+        let values = data.as_slice::<f32>().unwrap_or_default();
+        match *shape.as_slice() {
+            [inputs, outputs] if self.is_transposed() => transposed(values, inputs, outputs),
+            _ => values.to_vec(),
+        }
+    }
 }
 
 impl Network {
@@ -95,13 +106,13 @@ pub(super) fn backbone_with_weights<M: Module>(module: M, weights: &StoredTensor
     load.fault.map_or(Ok(loaded), Err)
 }
 
-/// Names of parameters that a backward pass gave no gradient, in the order of [`parameters`].
+/// What a backward pass gave each parameter that it reached, under the names and in the shapes of [`parameters`].
 #[cfg(test)]
-pub(super) fn without_gradient(network: &Network, gradients: &burn::tensor::Gradients) -> Vec<String> {
+pub(super) fn gradients_by_name(network: &Network, gradients: &burn::tensor::Gradients) -> IndexMap<String, Vec<f32>> {
     struct Find<'a> {
         path: Path,
         gradients: &'a burn::tensor::Gradients,
-        found: Vec<String>,
+        found: IndexMap<String, Vec<f32>>,
     }
     impl ModuleVisitor for Find<'_> {
         fn enter_module(&mut self, name: &str, container_type: &str) {
@@ -113,15 +124,14 @@ pub(super) fn without_gradient(network: &Network, gradients: &burn::tensor::Grad
         }
 
         fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            if param.val().grad(self.gradients).is_none() {
-                self.found.push(self.path.name());
+            if let Some(gradient) = param.val().grad(self.gradients) {
+                self.found.insert(self.path.name(), self.path.values(gradient));
             }
         }
     }
-    let mut find = Find { path: Path::default(), gradients, found: Vec::new() };
+    let mut find = Find { path: Path::default(), gradients, found: IndexMap::new() };
     network.visit(&mut find);
-    let names = parameters(network.config()).into_iter().map(|parameter| parameter.name);
-    names.filter(|name| find.found.contains(name)).collect()
+    find.found
 }
 
 struct Load<'a> {
@@ -185,15 +195,7 @@ impl ModuleVisitor for Save {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        let tensor = param.val();
-        let shape = tensor.dims();
-        let data = tensor.into_data_as::<f32>();
-        let values = data.as_slice::<f32>().unwrap_or_default();
-        let values = match *shape.as_slice() {
-            [inputs, outputs] if self.path.is_transposed() => transposed(values, inputs, outputs),
-            _ => values.to_vec(),
-        };
-        self.found.insert(self.path.name(), values);
+        self.found.insert(self.path.name(), self.path.values(param.val()));
     }
 }
 

@@ -68,9 +68,14 @@ impl Fixture {
         Network::new(&self.config, device).unwrap().with_weights(&weights).unwrap()
     }
 
+    fn forward(&self, device: &Device) -> Forward {
+        let call_seed = self.stored.metadata["call_seed"].parse().unwrap();
+        self.network(device).forward(&[self.views()], call_seed).unwrap()
+    }
+
     fn reconstruct(&self, device: &Device) -> Reconstruction {
         let call_seed = self.stored.metadata["call_seed"].parse().unwrap();
-        self.network(device).reconstruct(&[self.views()], call_seed, device).unwrap()
+        self.network(device).reconstruct(&self.views(), call_seed).unwrap()
     }
 
     /// Compares where the fixture holds this tensor; says whether it does.
@@ -93,7 +98,7 @@ fn every_variant_makes_the_twins_gaussians() {
     let mut stages = 0;
     for path in fixtures("network") {
         let fixture = Fixture::read(&path);
-        let made = fixture.reconstruct(&device);
+        let made = fixture.forward(&device);
         for (name, ours) in [
             ("backbone", &made.coarse.backbone),
             ("coarse_tokens", &made.coarse.tokens),
@@ -126,7 +131,8 @@ fn every_variant_makes_the_twins_gaussians() {
             && fixture.compare("sh", &gaussians.sh);
         assert!(compared, "{path:?}");
         let scene = gaussians.scene(0).unwrap();
-        assert_eq!(scene.len(), made.budget.gaussians);
+        let Reconstruction { gaussians: plain, budget, .. } = fixture.reconstruct(&device);
+        assert_eq!((scene.len(), &scene), (budget.gaussians, &plain));
         assert!(gaussians.scene(1).is_err());
     }
     assert!(stages >= 27, "three fixtures hold every stage: {stages}");
@@ -149,8 +155,7 @@ fn dinov2_of_both_variants_is_the_authors() {
         list.retain(|parameter| !parameter.trained);
         let weights = generated(&list, seed);
         let dino =
-            super::names::backbone_with_weights(Dino::new(DinoArchitecture::new(size, registers), &device), &weights)
-                .unwrap();
+            names::backbone_with_weights(Dino::new(DinoArchitecture::new(size, registers), &device), &weights).unwrap();
         let picture_size = ImageSize::new(14 * rows, 14 * columns);
         let camera = Camera::pinhole(
             WorldFromCamera::new(DMat3::IDENTITY, DVec3::ZERO).unwrap().inverse(),
@@ -220,11 +225,11 @@ fn a_scene_does_not_depend_on_its_batch_nor_on_threads() {
     let views = fixture.views();
     let mut other = views.clone();
     other.pictures.reverse();
-    let alone = network.reconstruct(std::slice::from_ref(&views), 0, &device).unwrap();
-    let together = network.reconstruct(&[other, views.clone()], 0, &device).unwrap();
+    let alone = network.forward(std::slice::from_ref(&views), 0).unwrap();
+    let together = network.forward(&[other, views.clone()], 0).unwrap();
     assert_eq!(together.gaussians.scene(1).unwrap(), alone.gaussians.scene(0).unwrap());
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-    let single = pool.install(|| network.reconstruct(&[views], 0, &device).unwrap());
+    let single = pool.install(|| network.forward(&[views], 0).unwrap());
     assert_eq!(single.gaussians.scene(0).unwrap(), alone.gaussians.scene(0).unwrap());
 }
 
@@ -235,12 +240,14 @@ fn gradients_reach_every_parameter_but_the_frozen_and_the_detached() {
         let paths = fixtures("network");
         let fixture = Fixture::read(paths.iter().find(|path| path.file_stem().unwrap() == name).unwrap());
         let network = fixture.network(&device);
-        let made = network.reconstruct(&[fixture.views()], 0, &device).unwrap();
+        let made = network.forward(&[fixture.views()], 0).unwrap();
         let gaussians = &made.gaussians;
         let loss = gaussians.means.clone().square().mean() + gaussians.log_scales.clone().square().mean();
         let gradients = loss.backward();
-        let without = super::names::without_gradient(&network, &gradients);
-        let expected = parameters(&fixture.config).into_iter().map(|parameter| parameter.name);
+        let reached = names::gradients_by_name(&network, &gradients);
+        let names = || parameters(&fixture.config).into_iter().map(|parameter| parameter.name);
+        let without: Vec<String> = names().filter(|name| !reached.contains_key(name)).collect();
+        let expected = names();
         let scored = |name: &str| name.contains("expansion.score") && frozen != "nothing";
         let expected: Vec<String> = expected.filter(|name| name.contains(frozen) || scored(name)).collect();
         assert_eq!(without, expected, "{name}");
@@ -253,7 +260,7 @@ fn what_does_not_fit_is_refused() {
     let fixture = base();
     let network = fixture.network(&device);
     let views = fixture.views();
-    let refused = |scenes: &[Views]| network.reconstruct(scenes, 0, &device).unwrap_err().to_string();
+    let refused = |scenes: &[Views]| network.forward(scenes, 0).unwrap_err().to_string();
     assert!(refused(&[]).contains("at least one"));
     let small = views.resized(ImageSize::new(32, 32));
     assert!(refused(&[views.clone(), small]).contains("2 views of 32x48 in each"));

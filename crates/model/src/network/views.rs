@@ -15,8 +15,8 @@ const RGB: usize = 3;
 pub struct Views {
     size: ImageSize,
     /// View by view, row by row, red, green, blue in 0…1.
-    pictures: Vec<f32>,
-    cameras: Vec<Camera>,
+    pub(super) pictures: Vec<f32>,
+    pub(super) cameras: Vec<Camera>,
 }
 
 impl Views {
@@ -25,20 +25,18 @@ impl Views {
     /// `pictures` are view by view, row by row, red, green, blue, display-referred in 0…1.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where there is no view, lengths do not agree, or a value is not finite.
+    /// [`ModelError::Malformed`] where there is no view or lengths do not agree, [`ModelError::NonFinite`] where a value
+    /// of a picture is NaN or infinite.
     pub fn new(size: ImageSize, pictures: Vec<f32>, cameras: Vec<Camera>) -> Result<Self, ModelError> {
         let expected = cameras.len() * size.height * size.width * RGB;
         if cameras.is_empty() || pictures.len() != expected {
             let expected = format!("{expected} values for {} views of {size}, and at least one view", cameras.len());
             return Err(ModelError::malformed(WHAT, "pictures", expected, pictures.len()));
         }
-        match pictures.iter().position(|value| !value.is_finite()) {
-            None => Ok(Self { size, pictures, cameras }),
-            Some(at) => {
-                let view = at / (size.height * size.width * RGB);
-                Err(ModelError::malformed(WHAT, format!("picture {view}"), "finite values", "NaN or an infinity"))
-            }
+        for (view, picture) in pictures.chunks_exact((size.height * size.width * RGB).max(1)).enumerate() {
+            all_finite(picture, || format!("picture {view}"))?;
         }
+        Ok(Self { size, pictures, cameras })
     }
 
     /// How many.
@@ -114,9 +112,13 @@ impl Views {
 
     fn plucker_maps(&self) -> Result<Vec<f32>, ModelError> {
         let size = camera_size(self.size)?;
-        let maps: Result<Vec<Vec<f32>>, CameraError> =
-            self.cameras.par_iter().map(|camera| camera.plucker_map(size, PluckerLayout::MomentDirection)).collect();
-        Ok(maps.map_err(|error| camera_error(&error))?.concat())
+        let map = |(view, camera): (usize, &Camera)| {
+            let map = camera.plucker_map(size, PluckerLayout::MomentDirection).map_err(|error| camera_error(&error))?;
+            all_finite(&map, || format!("rays of camera {view}"))?;
+            Ok(map)
+        };
+        let maps: Result<Vec<Vec<f32>>, ModelError> = self.cameras.par_iter().enumerate().map(map).collect();
+        Ok(maps?.concat())
     }
 
     fn patches(&self, maps: &[f32], patch: usize, channels: usize, device: &Device) -> Tensor<3> {
@@ -129,6 +131,13 @@ impl Views {
 
     fn each(&self) -> impl Iterator<Item = &[f32]> {
         self.pictures.chunks_exact((self.size.height * self.size.width * RGB).max(1))
+    }
+}
+
+fn all_finite(values: &[f32], location: impl FnOnce() -> String) -> Result<(), ModelError> {
+    match values.iter().filter(|value| !value.is_finite()).count() {
+        0 => Ok(()),
+        count => Err(ModelError::NonFinite { location: location(), count }),
     }
 }
 
