@@ -47,6 +47,18 @@ pub enum SplatError {
         /// What was there.
         found: f64,
     },
+    /// Constants of a renderer that nothing can be rendered with.
+    #[error("constants: {field}: expected {least} to {most}, found {found}")]
+    Constants {
+        /// Which of [`crate::RendererConstants`], as files spell it.
+        field: &'static str,
+        /// The smallest that would do.
+        least: f64,
+        /// The largest that would do.
+        most: f64,
+        /// What was there.
+        found: f64,
+    },
     /// A word that names no effect.
     #[error("effects: expected auto, all, none or a list of {}, found {found:?}", known_effects())]
     Effect {

@@ -77,8 +77,10 @@ impl Exposure {
 /// What every backend calls: before anything, at the end of rendering, at the start of differentiating.
 impl RenderOptions {
     /// # Errors
-    /// [`SplatError::Options`] for a background or an exposure that is not finite or beyond [`LARGEST_CHANNEL`].
+    /// As [`crate::RendererConstants::check`], and [`SplatError::Options`] for a background or an exposure that is not
+    /// finite or beyond [`LARGEST_CHANNEL`].
     pub(crate) fn check(&self) -> Result<(), SplatError> {
+        self.constants.check()?;
         let exposure = self.exposure.iter().flat_map(|exposure| exposure.entries().map(|entry| ("exposure", entry)));
         let mut numbers = self.background.into_iter().map(|channel| ("background", channel)).chain(exposure);
         match numbers.find(|(_, number)| !(number.abs() <= LARGEST_CHANNEL)) {

@@ -28,7 +28,9 @@ pub mod sh;
 pub mod stress;
 mod view;
 
-pub use constants::{ClampedGradient, Extent, LARGEST_CHANNEL, PrincipalPoint, RendererConstants, ShAxes};
+pub use constants::{
+    ClampedGradient, Extent, LARGEST_CHANNEL, PrincipalPoint, RendererConstants, SMALLEST_MIN_ALPHA, ShAxes,
+};
 pub use error::SplatError;
 pub use exposure::Exposure;
 pub use gaussians::{

@@ -19,8 +19,18 @@ use project::{Outcome, Splat};
 /// Renders a view.
 ///
 /// # Errors
-/// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`].
+/// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`], [`SplatError::Constants`].
 pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Rendering<f64>, SplatError> {
+    options.check()?;
+    render_unchecked(gaussians, view, options)
+}
+
+/// As [`render`], whatever the options: f64 fades below [`crate::SMALLEST_MIN_ALPHA`], where differences need it.
+pub(crate) fn render_unchecked(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) -> Result<Rendering<f64>, SplatError> {
     let (splats, mut rendering) = prepare(gaussians, view, options)?;
     for (pixel, at) in composite::pixel_centres(view).enumerate() {
         composite::composite(&splats, at, options, pixel, &mut rendering);
@@ -53,6 +63,16 @@ pub fn project(
     view: &View,
     options: &RenderOptions,
 ) -> Result<Vec<Option<Projection>>, SplatError> {
+    options.check()?;
+    project_unchecked(gaussians, view, options)
+}
+
+/// As [`project`], whatever the options.
+pub(crate) fn project_unchecked(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) -> Result<Vec<Option<Projection>>, SplatError> {
     let optics = view.optics(&options.constants)?;
     let one = |position| match project::project(gaussians, position, &optics, view.size, options) {
         Outcome::Drawn(splat) => Some(Projection {
@@ -72,6 +92,17 @@ pub fn project(
 /// # Errors
 /// As [`render`], and [`SplatError::Length`] for an image of another size than the view's.
 pub fn backward(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+    images: &ImageGradients<f64>,
+) -> Result<Gradients<f64>, SplatError> {
+    options.check()?;
+    backward_unchecked(gaussians, view, options, images)
+}
+
+/// As [`backward`], whatever the options.
+pub(crate) fn backward_unchecked(
     gaussians: &Gaussians,
     view: &View,
     options: &RenderOptions,
@@ -106,7 +137,6 @@ fn prepare(
     view: &View,
     options: &RenderOptions,
 ) -> Result<(Vec<Splat>, Rendering<f64>), SplatError> {
-    options.check()?;
     let optics = view.optics(&options.constants)?;
     let mut rendering = Rendering::empty(view, options);
     let mut splats = Vec::new();
