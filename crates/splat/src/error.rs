@@ -96,6 +96,36 @@ pub enum SplatError {
         /// Allowed bytes.
         limit: u64,
     },
+    /// A change of the world that is none.
+    #[error("similarity: {what}: expected {expected}, found {found}")]
+    Similarity {
+        /// What of it.
+        what: &'static str,
+        /// What would be right.
+        expected: &'static str,
+        /// What was there.
+        found: f64,
+    },
+    /// More of something than its numbering has numbers.
+    #[error("rendering: {found} {what}, expected at most {most}")]
+    Count {
+        /// What is numbered.
+        what: &'static str,
+        /// Largest count.
+        most: u64,
+        /// What was there.
+        found: u64,
+    },
+    /// A derivative by an image that is no number to go on with.
+    #[error("{image}: expected finite numbers, found {found} at pixel {pixel}")]
+    NonFinite {
+        /// Which image.
+        image: &'static str,
+        /// Row by row.
+        pixel: usize,
+        /// What was there.
+        found: f64,
+    },
     /// The lens cannot be used.
     #[error(transparent)]
     Camera(#[from] atsplat_camera::CameraError),

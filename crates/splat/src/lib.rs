@@ -35,7 +35,7 @@ pub use error::SplatError;
 pub use exposure::Exposure;
 pub use gaussians::{
     Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
-    MAX_SH_DEGREE, Problem, Validation, ZERO_QUATERNION, sh_coefficients,
+    MAX_SH_DEGREE, Problem, Validation, sh_coefficients,
 };
 pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
 pub use renderer::{ReferenceRenderer, Renderer, Stage};
