@@ -32,8 +32,8 @@ pub struct RendererConstants {
     pub min_alpha: f64,
     /// A pixel is finished before the Gaussian that would take its transmittance to this or below; in [0, 1).
     pub min_transmittance: f64,
-    /// How far from the optical axis the projection's Jacobian still follows, in half widths of the picture
-    /// beyond its border: 0.3 in every published rasterizer; at least 0.
+    /// How far from the optical axis the projection's Jacobian still follows, in half widths of what the picture shows,
+    /// a lens included, beyond its border: 0.3 in every published rasterizer; at least 0.
     pub jacobian_margin: f64,
     /// Smallest factor by which anti-aliasing lowers an opacity; in [0, 1].
     pub min_compensation: f64,

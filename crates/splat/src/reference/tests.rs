@@ -243,3 +243,5 @@ fn a_pixel_stops_before_the_gaussian_that_would_finish_it() {
     Tolerance::absolute(1e-6).assert(rendering.alpha, [0.9999], "the third would leave 1e-5");
     assert_eq!(rendering.census.drawn, 3);
 }
+
+mod lenses;
