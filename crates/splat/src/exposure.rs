@@ -101,16 +101,19 @@ impl RenderOptions {
         }
     }
 
-    /// Derivatives by the composited picture, from those by the exposed one.
-    pub(crate) fn before_exposure<'a, T: Copy + Into<f64>>(
-        &self,
-        images: &'a ImageGradients<T>,
-        number: impl Fn(f64) -> T + Copy,
-    ) -> Cow<'a, ImageGradients<T>> {
-        let Some(exposure) = &self.exposure else { return Cow::Borrowed(images) };
-        let transposed = exposure.transposed();
-        let rgb = images.rgb.iter().map(|by_rgb| transposed.of(by_rgb.map(Into::into)).map(number)).collect();
+    /// Derivatives by the composited picture, from those by the exposed one, as f64.
+    pub(crate) fn before_exposure<'a>(&self, images: &'a ImageGradients<f64>) -> Cow<'a, ImageGradients<f64>> {
+        if self.exposure.is_none() {
+            return Cow::Borrowed(images);
+        }
+        let rgb = images.rgb.iter().map(|by_rgb| self.by_composited(*by_rgb)).collect();
         Cow::Owned(ImageGradients { rgb, ..images.clone() })
+    }
+
+    /// The same for one pixel.
+    pub(crate) fn by_composited<T: Into<f64>>(&self, by_exposed: [T; 3]) -> [f64; 3] {
+        let by_exposed = by_exposed.map(Into::into);
+        self.exposure.map_or(by_exposed, |exposure| exposure.transposed().of(by_exposed))
     }
 }
 

@@ -16,10 +16,14 @@ use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, Spla
 
 use project::{Outcome, Splat};
 
+/// Bytes that images may take.
+const LIMIT: u64 = 16 << 30;
+
 /// Renders a view.
 ///
 /// # Errors
-/// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`], [`SplatError::Constants`].
+/// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`], [`SplatError::Constants`];
+/// [`SplatError::Memory`] for images of more than 16 GiB.
 pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Rendering<f64>, SplatError> {
     options.check()?;
     render_unchecked(gaussians, view, options)
@@ -90,7 +94,8 @@ pub(crate) fn project_unchecked(
 /// Derivatives of a loss by everything that made the images, from its derivatives by the images.
 ///
 /// # Errors
-/// As [`render`], and [`SplatError::Length`] for an image of another size than the view's.
+/// As [`render`], and [`SplatError::Length`] for an image of another size than the view's, [`SplatError::NonFinite`] for
+/// derivatives that are not finite.
 pub fn backward(
     gaussians: &Gaussians,
     view: &View,
@@ -109,7 +114,7 @@ pub(crate) fn backward_unchecked(
     images: &ImageGradients<f64>,
 ) -> Result<Gradients<f64>, SplatError> {
     images.check(view)?;
-    let images = options.before_exposure(images, |value| value);
+    let images = options.before_exposure(images);
     let (splats, _) = prepare(gaussians, view, options)?;
     let mut gradients = Gradients::zero(gaussians);
     let mut of_splats = vec![SplatGradient::default(); splats.len()];
@@ -138,6 +143,10 @@ fn prepare(
     options: &RenderOptions,
 ) -> Result<(Vec<Splat>, Rendering<f64>), SplatError> {
     let optics = view.optics(&options.constants)?;
+    let (images, limit) = (Rendering::<f64>::bytes(view, options), LIMIT);
+    if images > limit {
+        return Err(SplatError::Memory { needed: images, limit });
+    }
     let mut rendering = Rendering::empty(view, options);
     let mut splats = Vec::new();
     for position in 0..gaussians.len() {
