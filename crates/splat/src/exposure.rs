@@ -77,8 +77,10 @@ impl Exposure {
 /// What every backend calls: before anything, at the end of rendering, at the start of differentiating.
 impl RenderOptions {
     /// # Errors
-    /// [`SplatError::Options`] for a background or an exposure that is not finite or beyond [`LARGEST_CHANNEL`].
+    /// As [`crate::RendererConstants::check`], and [`SplatError::Options`] for a background or an exposure that is not
+    /// finite or beyond [`LARGEST_CHANNEL`].
     pub(crate) fn check(&self) -> Result<(), SplatError> {
+        self.constants.check()?;
         let exposure = self.exposure.iter().flat_map(|exposure| exposure.entries().map(|entry| ("exposure", entry)));
         let mut numbers = self.background.into_iter().map(|channel| ("background", channel)).chain(exposure);
         match numbers.find(|(_, number)| !(number.abs() <= LARGEST_CHANNEL)) {
@@ -99,16 +101,19 @@ impl RenderOptions {
         }
     }
 
-    /// Derivatives by the composited picture, from those by the exposed one.
-    pub(crate) fn before_exposure<'a, T: Copy + Into<f64>>(
-        &self,
-        images: &'a ImageGradients<T>,
-        number: impl Fn(f64) -> T + Copy,
-    ) -> Cow<'a, ImageGradients<T>> {
-        let Some(exposure) = &self.exposure else { return Cow::Borrowed(images) };
-        let transposed = exposure.transposed();
-        let rgb = images.rgb.iter().map(|by_rgb| transposed.of(by_rgb.map(Into::into)).map(number)).collect();
+    /// Derivatives by the composited picture, from those by the exposed one, as f64.
+    pub(crate) fn before_exposure<'a>(&self, images: &'a ImageGradients<f64>) -> Cow<'a, ImageGradients<f64>> {
+        if self.exposure.is_none() {
+            return Cow::Borrowed(images);
+        }
+        let rgb = images.rgb.iter().map(|by_rgb| self.by_composited(*by_rgb)).collect();
         Cow::Owned(ImageGradients { rgb, ..images.clone() })
+    }
+
+    /// The same for one pixel.
+    pub(crate) fn by_composited<T: Into<f64>>(&self, by_exposed: [T; 3]) -> [f64; 3] {
+        let by_exposed = by_exposed.map(Into::into);
+        self.exposure.map_or(by_exposed, |exposure| exposure.transposed().of(by_exposed))
     }
 }
 

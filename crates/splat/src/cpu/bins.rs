@@ -98,6 +98,11 @@ pub(super) struct Entry {
     pub(super) splat: u32,
 }
 
+/// Bytes that one run's lists take, however short.
+pub(super) const fn start_bytes(tiling: Tiling) -> usize {
+    size_of::<Bins>() + size_of::<u32>() * (tiling.len() + 2)
+}
+
 /// The lists of one run of Gaussians.
 #[derive(Debug, Default)]
 pub(super) struct Bins {
@@ -134,8 +139,9 @@ impl Bins {
         }
         self.entries.clear();
         self.entries.resize(total as usize, Entry::default());
-        let numbers = u32::try_from(first).unwrap_or(u32::MAX)..;
-        for (((key, reach), splat), number) in self.reaches.iter().zip(splats).zip(numbers) {
+        for (((key, reach), splat), number) in self.reaches.iter().zip(splats).zip(first..) {
+            #[expect(clippy::cast_possible_truncation, reason = "renderers refuse more Gaussians than a u32 counts")]
+            let number = number as u32;
             tiling.each(*reach, splat, |tile| {
                 let Some(next) = self.starts.get_mut(tile + 1) else { return };
                 if let Some(slot) = self.entries.get_mut(*next as usize) {
@@ -144,6 +150,13 @@ impl Bins {
                 *next += 1;
             });
         }
+    }
+
+    /// Bytes of all buffers, used or not.
+    pub(super) fn held(&self) -> usize {
+        self.reaches.capacity() * size_of::<(u32, Reach)>()
+            + self.starts.capacity() * size_of::<u32>()
+            + self.entries.capacity() * size_of::<Entry>()
     }
 
     /// A tile's splats, in the order of the Gaussians.

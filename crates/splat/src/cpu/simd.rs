@@ -44,6 +44,15 @@ impl SimdLevel {
         levels
     }
 
+    /// This level, or [`Self::Portable`] where the processor lacks it: what [`Self::dispatch`] runs at.
+    pub(super) fn or_portable(self) -> Self {
+        #[cfg(test)]
+        if matches!(self, Self::Lanes4 | Self::Lanes16) {
+            return self;
+        }
+        if Self::available().contains(&self) { self } else { Self::Portable }
+    }
+
     /// Runs an operation at this level, or portably where the processor lacks it.
     pub(crate) fn dispatch<O: WithSimd>(self, operation: O) -> O::Output {
         match self {

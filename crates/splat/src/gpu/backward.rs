@@ -33,7 +33,6 @@ pub(super) fn record(
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     options.check()?;
     let optics = view.optics(&options.constants)?;
-    crate::cpu::check_size(view)?;
     let count = gaussians.len();
     // Sums 48, pose 32, records 96 of a Gaussian; two images more and what a pixel brings.
     let more = count.saturating_mul(176).saturating_add((view.pixels() as u64).saturating_mul(80));

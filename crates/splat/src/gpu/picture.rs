@@ -32,7 +32,6 @@ pub(super) fn record(
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     options.check()?;
     let optics = view.optics(&options.constants)?;
-    crate::cpu::check_size(view)?;
     let needed = bytes_needed(gaussians.len(), view, 0);
     check_memory(needed, limits.memory_limit)?;
     let channels = options.channels;
