@@ -15,6 +15,7 @@ mod gradients;
 mod images;
 mod memory;
 mod order;
+mod place;
 mod project;
 mod recording;
 mod scaled;

@@ -17,6 +17,12 @@ pub(super) struct Sorter {
     near: Vec<Splat>,
 }
 
+/// Bytes of a [`Sorter`] whose longest tile has so many splats.
+pub(super) fn bytes(longest: usize) -> usize {
+    let near = if longest < NEAR { longest } else { NEAR };
+    (2 * size_of::<Entry>() + size_of::<u32>()) * longest + size_of::<Splat>() * near
+}
+
 /// One tile's splats in the order in which they are composited.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sorted<'a> {
