@@ -28,7 +28,9 @@ fn check(gpu: &mut GpuRenderer, poisoned: &[(usize, f32)], mode: RasterMode) {
     if given_up > 0 {
         assert!(rendering.census.drawn.abs_diff(expected.census.drawn) <= given_up as u64, "{what}");
     } else {
-        assert_eq!(rendering.census, expected.census, "{what}");
+        assert_eq!(rendering.census.drawn, expected.census.drawn, "{what}");
+        // Of several reasons not to draw one Gaussian, any may be counted.
+        assert!(poisoned.len() > 1 || rendering.census == expected.census, "{what}: {:?}", rendering.census);
         let expected = expected.rgb.as_flattened();
         let size = expected.iter().fold(1.0f64, |most, value| most.maximum_of(value.abs()));
         let actual = rendering.rgb.iter().flatten().map(|value| f64::from(*value));

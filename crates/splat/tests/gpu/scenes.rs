@@ -111,7 +111,7 @@ pub(crate) fn needles(count: usize) -> Gaussians {
         *mean = [across, -across, 2.0 + 0.001 * (n % 997) as f32];
     }
     parts.quaternions.iter_mut().for_each(|quaternion| *quaternion = [cosine, 0.0, 0.0, sine]);
-    parts.log_scales.iter_mut().for_each(|logs| *logs = [3.0, -9.0, -9.0]);
+    parts.log_scales.iter_mut().for_each(|logs| *logs = [1.6, -4.0, -4.0]);
     parts.opacity_logits.iter_mut().for_each(|logit| *logit = -5.2);
     Gaussians::new(parts).unwrap()
 }
