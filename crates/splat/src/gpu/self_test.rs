@@ -32,7 +32,8 @@ pub(super) fn self_test(renderer: &mut GpuRenderer) -> Result<(), GpuError> {
         // NaN fails.
         if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
     };
-    let counts = [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.outside_picture]);
+    let counts =
+        [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_picture]);
     let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
     found("census", miscounted as f64, 0.0)?;
     for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
