@@ -184,9 +184,9 @@ fn giants(list: &[(f32, f32, f32)]) -> Gaussians {
 /// tolerance bounds what follows.
 #[test]
 fn cut_offs_are_crossed_by_what_runs_alone() {
-    let logit = |opacity: f64| (opacity / (1.0 - opacity)).ln() as f32;
+    let logit = |opacity: f32| (opacity / (1.0 - opacity)).ln();
     let faint: Vec<(f32, f32, f32)> =
-        (0..30).map(|n| (logit(1.0 / 255.0 * (1.0 + 1e-7 * f64::from(n))), 100.0, 1.0)).collect();
+        (0u8..30).map(|n| (logit(1.0 / 255.0 * (1.0 + 1e-7 * f32::from(n))), 100.0, 1.0)).collect();
     let half = [(logit(0.5 + 1e-7), 1.0, -1e3), (8.0, 1.0, 1e3)];
     let slight = Distortion::OpenCv { k1: -1e-9, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
     for (name, gaussians) in [("faint", giants(&faint)), ("half", giants(&half))] {
