@@ -65,6 +65,12 @@ pub enum SplatError {
         /// The word.
         found: String,
     },
+    /// A tolerance that no effect can keep.
+    #[error("effects: tolerance: expected a finite number of at least 0, found {found}")]
+    Tolerance {
+        /// What was there.
+        found: f64,
+    },
     /// A file of Gaussians that breaks its format.
     #[error("{path}: {location}: expected {expected}, found {found}")]
     Format {

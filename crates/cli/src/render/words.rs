@@ -49,7 +49,10 @@ pub(crate) fn size(text: &str) -> Result<ImageSize, String> {
 /// A number of frames.
 pub(crate) fn frames(text: &str) -> Result<usize, String> {
     let count = text.parse().ok().filter(|count| (1..=MOST_FRAMES).contains(count));
-    count.ok_or_else(|| format!("expected 1 to {MOST_FRAMES} frames, found {text:?}"))
+    count.ok_or_else(|| {
+        let hint = if text.parse::<f64>().is_ok() { "" } else { "; the scene's file comes before the cameras" };
+        format!("expected 1 to {MOST_FRAMES} frames, found {text:?}{hint}")
+    })
 }
 
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
@@ -125,6 +128,15 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
             bail!("{text}: {field}: expected a number of at least 0, found {value}");
         }
     }
+    let most = [
+        ("max-alpha", constants.max_alpha, 1.0),
+        ("min-alpha", constants.min_alpha, constants.max_alpha),
+        ("min-transmittance", constants.min_transmittance, 1.0 - f64::EPSILON),
+        ("min-compensation", constants.min_compensation, 1.0),
+    ];
+    if let Some((field, value, most)) = most.into_iter().find(|(_, value, most)| value > most) {
+        bail!("{text}: {field}: expected at most {most}, found {value}");
+    }
     let in_order = constants.near < constants.far;
     if !in_order {
         bail!("{text}: far: expected a number above near ({}), found {}", constants.near, constants.far);
@@ -181,10 +193,15 @@ mod tests {
             RendererConstants { near: f64::NAN, ..preset.clone() },
             RendererConstants { far: 0.001, ..preset.clone() },
             RendererConstants { min_alpha: 0.0, ..preset.clone() },
-            RendererConstants { blur: -1.0, ..preset },
+            RendererConstants { blur: -1.0, ..preset.clone() },
+            RendererConstants { max_alpha: 1.5, ..preset.clone() },
+            RendererConstants { min_alpha: 0.9999, ..preset.clone() },
+            RendererConstants { min_transmittance: 2.0, ..preset.clone() },
+            RendererConstants { min_compensation: 1.5, ..preset },
         ] {
             std::fs::write(&path, toml::to_string(&broken).unwrap()).unwrap();
-            assert!(constants(text).is_err(), "{broken:?}");
+            let told = constants(text).unwrap_err().to_string();
+            assert!(told.contains("mine.toml: ") && told.contains(", found "), "{told}");
         }
         assert!(constants("no/such.toml").is_err());
     }
