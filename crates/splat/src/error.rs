@@ -132,6 +132,14 @@ pub enum SplatError {
         /// What was there.
         found: f64,
     },
+    /// A scalar that cannot be composited.
+    #[error("scalars: Gaussian {position}: expected a number within ±{:e}, found {found}", crate::LARGEST_CHANNEL)]
+    Scalar {
+        /// Among all Gaussians.
+        position: usize,
+        /// What was there.
+        found: f32,
+    },
     /// The lens cannot be used.
     #[error(transparent)]
     Camera(#[from] atsplat_camera::CameraError),

@@ -38,14 +38,21 @@ impl View {
     }
 
     /// # Errors
+    /// [`SplatError::View`] for a picture without pixels, or with more a side than 16 bits count.
+    pub(crate) fn check_size(&self) -> Result<(), SplatError> {
+        const SIDES: std::ops::RangeInclusive<u32> = 1..=u16::MAX as u32;
+        if SIDES.contains(&self.size.width) && SIDES.contains(&self.size.height) {
+            return Ok(());
+        }
+        let expected = format!("from {} to {} pixels a side", SIDES.start(), SIDES.end());
+        Err(SplatError::View { what: "picture", expected, found: self.size.to_string() })
+    }
+
+    /// # Errors
     /// [`SplatError::View`] for a picture without pixels or with more than reaches can count, in 16 bits;
     /// [`SplatError::Camera`] for an unusable lens.
     pub(crate) fn optics(&self, constants: &RendererConstants) -> Result<Optics, SplatError> {
-        const SIDES: std::ops::RangeInclusive<u32> = 1..=u16::MAX as u32;
-        if !(SIDES.contains(&self.size.width) && SIDES.contains(&self.size.height)) {
-            let expected = format!("from {} to {} pixels a side", SIDES.start(), SIDES.end());
-            return Err(SplatError::View { what: "picture", expected, found: self.size.to_string() });
-        }
+        self.check_size()?;
         let size = DVec2::new(f64::from(self.size.width), f64::from(self.size.height));
         let k = self.camera.intrinsics.pixel_from_normalized(self.size);
         let focal = DVec2::new(k.fx, k.fy);

@@ -120,7 +120,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     words.check()?;
     words.views.spare(&words.out.join("render.json"))?;
     let exposures = Exposures::read(words.exposure.as_ref())?;
-    let Backend { mut renderer, note } = backend(words.backend, words.adapter.as_ref());
+    let Backend { mut renderer, note } = backend(words.backend, words.adapter.as_ref())?;
     let record_file = open_folder(&words.out)?;
     let preview_file = words.preview.open()?;
     let constants = words.look.constants()?;

@@ -5,7 +5,7 @@ use anyhow::Context as _;
 use atsplat_camera::ImageSize;
 use atsplat_numeric::Extremes as _;
 use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering};
+use atsplat_splat::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering};
 use clap::ValueEnum;
 use serde::Serialize;
 
@@ -28,18 +28,18 @@ pub(crate) enum RoundTripWord {
 }
 
 impl RoundTripWord {
-    const fn output(self) -> Output {
+    const fn output(self, antialiased: bool) -> Output {
         match self {
             Self::Ply => Output::Ply(Encoding::BinaryLittleEndian),
             Self::PlyAscii => Output::Ply(Encoding::Ascii),
             Self::PlyBigEndian => Output::Ply(Encoding::BinaryBigEndian),
-            Self::Spz2 => Output::Spz2,
-            Self::Spz3 => Output::Spz3,
+            Self::Spz2 => Output::Spz2 { antialiased },
+            Self::Spz3 => Output::Spz3 { antialiased },
         }
     }
 
     const fn is_lossless(self) -> bool {
-        matches!(self.output(), Output::Ply(_))
+        !matches!(self, Self::Spz2 | Self::Spz3)
     }
 }
 
@@ -97,11 +97,12 @@ fn measure(
     let folder = tempfile::tempdir_in(&temporary)
         .with_context(|| format!("making a folder for the round trip in {}", temporary.display()))?;
     let path = folder.path().join("gaussians");
-    files::write(&path, gaussians, RoundTripWord::Ply.output())?;
+    files::write(&path, gaussians, RoundTripWord::Ply.output(false))?;
     let ply_bytes = fs::metadata(&path)?.len();
     let mut trips = Vec::new();
     for format in formats {
-        trips.push(Trip::start(*format, gaussians, &path)?);
+        let antialiased = options.mode == RasterMode::Antialiased;
+        trips.push(Trip::start(*format, gaussians, antialiased, &path)?);
     }
     let progress = Progress::new("views of the round trip", shots.len());
     let mut views = 0;
@@ -122,8 +123,13 @@ fn measure(
 
 impl Trip {
     /// A format that has no place for what the Gaussians hold is told, not an end.
-    fn start(format: RoundTripWord, gaussians: &Gaussians, path: &std::path::Path) -> anyhow::Result<Self> {
-        let written = files::write(path, gaussians, format.output());
+    fn start(
+        format: RoundTripWord,
+        gaussians: &Gaussians,
+        antialiased: bool,
+        path: &std::path::Path,
+    ) -> anyhow::Result<Self> {
+        let written = files::write(path, gaussians, format.output(antialiased));
         let bytes = if written.is_ok() { fs::metadata(path)?.len() } else { 0 };
         let back = written.and_then(|()| files::read(path)).map(|(back, _)| back).map_err(|error| error.to_string());
         let (identical, squares, samples, worst_mse, largest) = (true, 0.0, 0.0, 0.0, 0.0);

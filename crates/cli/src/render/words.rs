@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use atsplat_camera::ImageSize;
 use atsplat_splat::RendererConstants;
 use glam::DVec3;
@@ -111,36 +111,7 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
     let doing = || format!("reading constants from {text}");
     let file = std::fs::read_to_string(text).with_context(doing)?;
     let constants: RendererConstants = toml::from_str(&file).with_context(doing)?;
-    let positive = [("near", constants.near), ("max-alpha", constants.max_alpha), ("min-alpha", constants.min_alpha)];
-    for (field, value) in positive {
-        if !(value > 0.0 && value.is_finite()) {
-            bail!("{text}: {field}: expected a number above 0, found {value}");
-        }
-    }
-    let others = [
-        ("blur", constants.blur),
-        ("min-transmittance", constants.min_transmittance),
-        ("jacobian-margin", constants.jacobian_margin),
-        ("min-compensation", constants.min_compensation),
-    ];
-    for (field, value) in others {
-        if !(value >= 0.0 && value.is_finite()) {
-            bail!("{text}: {field}: expected a number of at least 0, found {value}");
-        }
-    }
-    let most = [
-        ("max-alpha", constants.max_alpha, 1.0),
-        ("min-alpha", constants.min_alpha, constants.max_alpha),
-        ("min-transmittance", constants.min_transmittance, 1.0 - f64::EPSILON),
-        ("min-compensation", constants.min_compensation, 1.0),
-    ];
-    if let Some((field, value, most)) = most.into_iter().find(|(_, value, most)| value > most) {
-        bail!("{text}: {field}: expected at most {most}, found {value}");
-    }
-    let in_order = constants.near < constants.far;
-    if !in_order {
-        bail!("{text}: far: expected a number above near ({}), found {}", constants.near, constants.far);
-    }
+    constants.check().with_context(|| text.to_owned())?;
     Ok(constants)
 }
 

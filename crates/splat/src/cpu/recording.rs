@@ -12,6 +12,7 @@ use super::memory::{self, Room};
 use super::order::Sorter;
 use super::scaled::Scaled;
 use super::{CpuOptions, CpuRenderer, Paint, SimdLevel, TileSize, bins};
+use crate::constants::LARGEST_CHANNEL;
 use crate::renderer::saturated;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
@@ -82,6 +83,38 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     /// The images.
     pub const fn rendering(&self) -> &Rendering<f32> {
         &self.rendering
+    }
+
+    /// Composites other scalars, one for each Gaussian: the images of a recording of Gaussians that have these, bit for
+    /// bit, for the price of compositing alone. So any number of channels are drawn and differentiated one after the
+    /// other; derivatives by what channels share add up. The recording has to be of Gaussians with scalars, and the
+    /// scalar image one of its channels.
+    ///
+    /// # Errors
+    /// [`SplatError::Length`] for another number of scalars than of Gaussians, or where it is none that the recording
+    /// has a place for; [`SplatError::Scalar`] for one that no renderer draws.
+    pub fn composite_scalars(&mut self, scalars: &[f32]) -> Result<(), SplatError> {
+        let gaussians = self.gaussians.borrow();
+        let has_place = self.options.channels.scalar && gaussians.parts().scalars.is_some();
+        let expected = if has_place { gaussians.len() } else { 0 };
+        if scalars.len() != expected {
+            return Err(SplatError::Length { field: "scalars", expected, found: scalars.len() });
+        }
+        let beyond = |scalar: &f32| !(f64::from(scalar.abs()) <= LARGEST_CHANNEL);
+        if let Some((position, found)) = scalars.iter().enumerate().find(|(_, scalar)| beyond(scalar)) {
+            return Err(SplatError::Scalar { position, found: *found });
+        }
+        let Frame { splats, runs, .. } = &mut self.frame;
+        for (splats, run) in splats.chunks_mut(bins::RUN).zip(runs) {
+            for (splat, position) in splats.iter_mut().zip(&run.positions) {
+                splat.scalar = scalars.get(*position as usize).copied().unwrap_or_default();
+            }
+        }
+        let paint = Paint::new(&self.view, &self.options);
+        self.frame.composite(self.cpu.simd, &paint);
+        self.frame.write(&paint, &self.view, &mut self.rendering);
+        self.options.expose(&mut self.rendering, saturated);
+        Ok(())
     }
 
     /// Derivatives of a loss by everything that made the images, from its derivatives by the images.

@@ -35,11 +35,7 @@ const PIXEL_BYTES: u64 = 32;
 
 /// First row and rows of each strip.
 pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, SplatError> {
-    if view.pixels() == 0 {
-        let (expected, found) = ("at least one pixel".to_owned(), view.size.to_string());
-        return Err(SplatError::View { what: "picture", expected, found });
-    }
-    crate::cpu::check_size(view)?;
+    view.check_size()?;
     let row_of_tiles = PIXEL_BYTES * u64::from(TILE) * u64::from(view.size.width);
     let fitting = u32::try_from(context.binding_limit / row_of_tiles).unwrap_or(u32::MAX).min(u32::MAX / TILE);
     if fitting == 0 {
