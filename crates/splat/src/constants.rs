@@ -116,6 +116,8 @@ impl RendererConstants {
             far: f64::INFINITY,
             near_is_culled: true,
             max_alpha: 0.99,
+            // √0.000025, of the versions that anti-alias.
+            min_compensation: 0.005,
             extent: Extent::ThreeSigmaTiles,
             principal_point: PrincipalPoint::Centre,
             clamped_gradient: ClampedGradient::Inria,

@@ -115,7 +115,7 @@ fn one_picture_whatever_the_tiles_threads_and_instructions() {
     for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            for simd in SimdLevel::available().into_iter().filter(|level| *level != SimdLevel::Portable) {
+            for simd in SimdLevel::fusing() {
                 let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
                 let actual = pool.install(|| rendered(&gaussians, &view, &everything(), cpu));
                 assert!(actual == expected, "{tile:?}, {threads} threads, {simd:?}");
