@@ -119,7 +119,7 @@ impl Record {
         Self {
             whitener: splat.whitener,
             shift: splat.shift,
-            from_base: cell.from_base(splat),
+            from_base: cell.past_base(splat),
             opacity: splat.opacity,
             rgb: splat.rgb,
             depth: splat.depth,
@@ -132,7 +132,7 @@ impl Record {
 impl Cell {
     /// From the splat's base to the first pixel of the cell, whole pixels.
     #[inline(always)]
-    fn from_base(self, splat: &Splat) -> [f32; 2] {
+    fn past_base(self, splat: &Splat) -> [f32; 2] {
         // Pictures and bases are well within 2³¹.
         let from = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
         [from(self.left, splat.base[0]), from(self.top, splat.base[1])]
@@ -162,7 +162,7 @@ impl Group {
         for (row, value) in self.shift.iter_mut().zip(splat.shift) {
             row[lane] = value;
         }
-        for (row, value) in self.from_base.iter_mut().zip(cell.from_base(splat)) {
+        for (row, value) in self.from_base.iter_mut().zip(cell.past_base(splat)) {
             row[lane] = value;
         }
         self.cut[lane] = splat.cut;

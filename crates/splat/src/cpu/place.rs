@@ -98,6 +98,6 @@ impl Places {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within a picture's side")]
         let whole = |[first, past]: &[Row; 2]| [first[lane] as u16, past[lane] as u16];
         let (columns, rows) = (whole(columns), whole(rows));
-        ((columns[0] < columns[1]) & (rows[0] < rows[1])).then_some([columns, rows])
+        (columns[0] < columns[1] && rows[0] < rows[1]).then_some([columns, rows])
     }
 }

@@ -29,7 +29,7 @@ pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Re
     render_unchecked(gaussians, view, options)
 }
 
-/// As [`render`], whatever the options: f64 fades below [`crate::SMALLEST_MIN_ALPHA`], where differences need it.
+/// As [`render()`], whatever the options: f64 fades below [`crate::SMALLEST_MIN_ALPHA`], where differences need it.
 pub(crate) fn render_unchecked(
     gaussians: &Gaussians,
     view: &View,
@@ -71,7 +71,7 @@ pub fn project(
     project_unchecked(gaussians, view, options)
 }
 
-/// As [`project`], whatever the options.
+/// As [`project()`], whatever the options.
 pub(crate) fn project_unchecked(
     gaussians: &Gaussians,
     view: &View,
@@ -106,7 +106,7 @@ pub fn backward(
     backward_unchecked(gaussians, view, options, images)
 }
 
-/// As [`backward`], whatever the options.
+/// As [`backward()`], whatever the options.
 pub(crate) fn backward_unchecked(
     gaussians: &Gaussians,
     view: &View,
