@@ -1,6 +1,6 @@
 //! The `atsplat` command line: words into calls of the library crates.
 //!
-//! Exit codes: 0 done, 1 failed, 2 wrong words, 4 done with scenes skipped (`--strict` only).
+//! Exit codes: 0 done, 1 failed, 2 wrong words, 4 done with scenes or frames skipped (`--strict` only).
 
 mod adapters;
 mod data;
@@ -12,11 +12,13 @@ mod progress;
 mod protocol;
 mod render;
 mod stress;
+mod words;
 
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use clap::{Parser, Subcommand};
+use clap::error::ErrorKind;
+use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::exit::Exit;
 
@@ -84,6 +86,10 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         .num_threads(words.threads.into())
         .build_global()
         .context("starting worker threads")?;
+    if words.strict && matches!(words.command, Command::Adapters(_) | Command::Stress(_)) {
+        let told = "--strict: this command skips nothing";
+        return Err(Words::command().error(ErrorKind::ArgumentConflict, told).into());
+    }
     let complete = match &words.command {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,

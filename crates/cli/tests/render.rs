@@ -13,7 +13,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::exr::{self, Values};
 use atsplat_pixels::{DecodeLimits, Image, Rounding, decode};
 use atsplat_splat::cpu::CpuRenderer;
-use atsplat_splat::{Channels, RenderOptions, Renderer, RendererConstants, Rendering, View, files};
+use atsplat_splat::{Channels, Exposure, RenderOptions, Renderer, RendererConstants, Rendering, View, files};
 use serde_json::{Value, json};
 
 use common::{atsplat, succeed, write_trajectory};
@@ -335,11 +335,69 @@ fn wrong_words_are_told_before_anything_is_made() {
         &["--orbit", "--round-trip", "splat"],
         &["--orbit", "--effects", "fog"],
         &["--orbit", "--tolerance", "-1"],
+        &["--orbit", "--preview", "out/000000.png"],
+        &["--orbit", "--adapter", "0"],
+        &["--orbit", "--adapter", "0", "--backend", "reference"],
+        &["--orbit", "--formats", "exr,exr"],
+        &["--orbit", "--round-trip", "ply,spz3,ply"],
+        &["--orbit", "--formats", "exr", "--channels", "depth", "--effects", "none"],
+        &["--orbit", "--formats", "exr", "--channels", "depth,scalar", "--effects", "depth,lens"],
+        &["--orbit", "--exposure", "-1"],
+        &["--orbit", "--exposure", "bright"],
     ] {
         let outcome = atsplat(here, &[&start[..], more].concat());
         assert_eq!(outcome.code, 2, "{more:?}: {}", outcome.stderr);
         assert!(!here.join("out").exists(), "{more:?}");
     }
+    let swallowed = atsplat(here, &["render", "--out", "out", "--orbit", "scene.ply"]);
+    assert!(swallowed.code == 2 && swallowed.stderr.contains("comes before"), "{}", swallowed.stderr);
+    let help = succeed(here, &["render", "--help"]);
+    assert!(help.find("<SCENE>").unwrap() < help.find("--orbit").unwrap(), "{help}");
+}
+
+/// The record replaces nothing that it was made from.
+#[test]
+fn cameras_are_not_replaced_by_their_record() {
+    let folder = folder();
+    let here = folder.path();
+    succeed(here, &["render", "scene.ply", "--orbit", "2", "--size", "8x6", "--out", "out"]);
+    let before = contents(&here.join("out"));
+    for words in [["--cameras", "out/render.json"], ["--spline", "out/../out/render.json"]] {
+        let outcome =
+            atsplat(here, &[&["render", "scene.ply"], &words[..], &["--frames", "0", "--out", "out"]].concat());
+        assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+        assert!(outcome.stderr.contains("would replace the cameras"), "{}", outcome.stderr);
+        assert_eq!(contents(&here.join("out")), before);
+    }
+}
+
+#[test]
+fn pictures_of_nothing_are_told() {
+    let folder = folder();
+    let here = folder.path();
+    let view = |number: usize, z: f64| {
+        json!({ "number": number, "name": "v", "width": 8, "height": 6,
+                "camera-from-world": [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, z],
+                "intrinsics": { "fx": 0.8, "fy": 1.2, "cx": 0.5, "cy": 0.5 } })
+    };
+    fs::write(here.join("views"), json!({ "views": [view(0, 0.0), view(1, -100.0)] }).to_string()).unwrap();
+    let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "views", "--out", "out"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("no Gaussian is drawn in 1 of 2 frames"), "{}", outcome.stderr);
+}
+
+/// The pictures are made by then: their record says what went wrong behind them.
+#[test]
+fn a_failed_round_trip_loses_no_record() {
+    let folder = folder();
+    let here = folder.path();
+    let words = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--out", "out", "--round-trip", "ply"];
+    let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let outcome = command.args(words).current_dir(here).env("TMPDIR", here.join("nowhere")).output().unwrap();
+    let told = String::from_utf8(outcome.stderr).unwrap();
+    assert!(outcome.status.code() == Some(1) && told.contains("a folder for the round trip in"), "{told}");
+    let fault = record(&here.join("out"))["round-trip"]["fault"].as_str().unwrap().to_owned();
+    assert!(fault.contains("nowhere"), "{fault}");
 }
 
 #[test]
@@ -349,7 +407,18 @@ fn what_cannot_be_read_or_written_is_named() {
     fs::write(here.join("taken"), b"a file").unwrap();
     fs::write(here.join("notes.ply"), b"no Gaussians at all").unwrap();
     fs::write(here.join("broken.json"), br#"{"views": [{"number": 0}]}"#).unwrap();
-    let cases: [(&[&str], &str); 9] = [
+    fs::write(here.join("cut.json"), br#"[{"id": 0, "img_"#).unwrap();
+    fs::write(here.join("exposure.json"), br#"{"0": [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0]]}"#).unwrap();
+    let odd = RendererConstants { max_alpha: 1.5, ..RendererConstants::default() };
+    fs::write(here.join("odd.toml"), toml::to_string(&odd).unwrap()).unwrap();
+    let cases: [(&[&str], &str); 13] = [
+        (&["scene.ply", "--orbit", "--constants", "odd.toml", "--out", "out"], "odd.toml: max-alpha"),
+        (&["scene.ply", "--cameras", "cut.json", "--out", "out"], "cut.json: expected JSON"),
+        (
+            &["scene.ply", "--orbit", "2", "--exposure", "exposure.json", "--out", "out"],
+            "no exposure of the view \"1\"",
+        ),
+        (&["scene.ply", "--orbit", "2", "--exposure", "broken.json", "--out", "out"], "a 3×4 array"),
         (&["scene.ply", "--orbit", "--out", "taken"], "taken"),
         (&["scene.ply", "--orbit", "--out", "out", "--preview", "taken/preview.png"], "taken"),
         (&["notes.ply", "--orbit", "--out", "out"], "expected a PLY, SPZ or .splat file"),
@@ -386,28 +455,28 @@ fn the_reference_renders_what_the_processor_does() {
     }
 }
 
-/// On an adapter where there is one; else the processor takes over, and says so.
+/// On an adapter where there is one; else the processor takes over, and says so. One that was named has to be there.
 #[test]
 fn an_adapter_renders_or_the_processor_takes_over() {
     let folder = folder();
     let here = folder.path();
     let words = ["render", "scene.ply", "--orbit", "1", "--size", "24x18", "--formats", "exr"];
     succeed(here, &[&words[..], &["--out", "cpu"]].concat());
-    let more: [&[&str]; 2] = [&["--out", "gpu"], &["--out", "none", "--adapter", "no such adapter"]];
-    for more in more {
-        let outcome = atsplat(here, &[&words[..], &["--backend", "gpu"], more].concat());
-        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
-        let backend = record(&here.join(more[1]))["backend"].as_str().unwrap().to_owned();
-        assert_eq!(backend.starts_with("cpu"), outcome.stderr.contains("the processor renders"), "{backend}");
-        assert!(!backend.starts_with("gpu") || more[1] == "gpu", "{backend}");
-        let required = std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1") && more[1] == "gpu";
-        assert!(!required || backend.starts_with("gpu"), "{backend}: {}", outcome.stderr);
-        let picture =
-            |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
-        let wide = |image: &Image| image.samples().iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
-        let (ours, theirs) = (picture("cpu/000000.exr"), picture(&format!("{}/000000.exr", more[1])));
-        Tolerance::absolute(1.0 / 255.0).assert(wide(&theirs), wide(&ours), more[1]);
-    }
+    let named = ["--backend", "gpu", "--adapter", "no such adapter", "--out", "none"];
+    let outcome = atsplat(here, &[&words[..], &named].concat());
+    assert!(outcome.code == 1 && outcome.stderr.contains("no such adapter"), "{}", outcome.stderr);
+
+    let outcome = atsplat(here, &[&words[..], &["--backend", "gpu", "--out", "gpu"]].concat());
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let backend = record(&here.join("gpu"))["backend"].as_str().unwrap().to_owned();
+    let taken_over = outcome.stderr.lines().any(|line| line.contains("cpu, ") && line.contains(" renders: "));
+    assert_eq!(backend.starts_with("cpu"), taken_over, "{backend}: {}", outcome.stderr);
+    let required = std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1");
+    assert!(!required || backend.starts_with("gpu"), "{backend}: {}", outcome.stderr);
+    let picture = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
+    let wide = |image: &Image| image.samples().iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
+    let (ours, theirs) = (picture("cpu/000000.exr"), picture("gpu/000000.exr"));
+    Tolerance::absolute(1.0 / 255.0).assert(wide(&theirs), wide(&ours), "an adapter");
 }
 
 #[test]
@@ -431,6 +500,39 @@ fn effects_that_are_skipped_are_told_and_stay_within_the_tolerance() {
         };
         pictures.push((0..3).flat_map(read).map(f64::from).collect::<Vec<_>>());
     }
+    let words = ["render", "scene.ply", "--orbit", "1", "--size", "8x6", "--formats", "exr", "--effects", "none"];
+    let text = succeed(here, &[&words[..], &["--out", "plane"]].concat());
+    assert!(text.contains("depth: left out in 1 frame, its image is not written"), "{text}");
     Tolerance::absolute(0.01 + 1e-5).assert(pictures[1].clone(), pictures[0].clone(), "auto is all");
     assert!(Tolerance::absolute(0.5).check(pictures[2].clone(), pictures[0].clone()).is_err(), "none is black");
+}
+
+#[test]
+fn exposure_by_gain_by_name_and_from_a_record() {
+    let folder = folder();
+    let here = folder.path();
+    let array = [[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]];
+    fs::write(here.join("exposure.json"), json!({ "0": array, "1": array, "another": array }).to_string()).unwrap();
+    let words = ["render", "scene.ply", "--size", "24x18", "--formats", "exr", "--effects", "all"];
+    let exposures = [("gain", "1.5", Exposure::uniform(1.5)), ("listed", "exposure.json", Exposure::from_3dgs(array))];
+    for (out, word, exposure) in exposures {
+        let text =
+            succeed(here, &[&words[..], &["--orbit", "2", "--out", out, "--exposure", word, "--explain"]].concat());
+        assert!(text.contains("exposure         runs"), "{text}");
+        let again = format!("{out}-again");
+        succeed(here, &[&words[..], &["--cameras", &format!("{out}/render.json"), "--out", &again]].concat());
+        let options = RenderOptions {
+            channels: Channels { depth: true, ..Channels::default() },
+            exposure: Some(exposure),
+            ..RenderOptions::default()
+        };
+        for view in record(&here.join(out))["views"].as_array().unwrap() {
+            let name = view["files"][0].as_str().unwrap();
+            let file = fs::read(here.join(out).join(name)).unwrap();
+            let picture = exr::read_rgb(&file, &DecodeLimits::default()).unwrap().0;
+            let expected = rendered(&here.join("scene.ply"), view, &options);
+            assert_eq!(bits(picture.samples()), bits(expected.rgb.as_flattened()), "{word}");
+            assert_eq!(fs::read(here.join(&again).join(name)).unwrap(), file, "{word}: a record keeps its exposures");
+        }
+    }
 }

@@ -47,19 +47,34 @@ fn names_are_listed_and_wrong_ones_refused() {
     let outcome = atsplat(folder.path(), &["stress", "--case", "kittens"]);
     assert!(outcome.code == 2 && outcome.stderr.contains("--list"), "{}", outcome.stderr);
     let outcome = atsplat(folder.path(), &["stress", "--path", "abacus"]);
-    assert!(outcome.code == 1 && outcome.stderr.contains("reference; cpu, portable"), "{}", outcome.stderr);
+    assert!(outcome.code == 2 && outcome.stderr.contains("reference; cpu, portable"), "{}", outcome.stderr);
+    let words = ["stress", "--list", "--case", "needles", "--case", "needles"];
+    let outcome = atsplat(folder.path(), &words);
+    assert!(outcome.code == 2 && outcome.stderr.contains("needles is given twice"), "{}", outcome.stderr);
+    for words in [["stress", "--list", "--strict"], ["adapters", "--json", "--strict"]] {
+        let outcome = atsplat(folder.path(), &words);
+        assert!(outcome.code == 2 && outcome.stderr.contains("--strict"), "{}", outcome.stderr);
+    }
 }
 
 #[test]
 fn adapters_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let text = succeed(folder.path(), &["adapters"]);
-    assert!(
-        text.contains("passes its test") || text.contains("no graphics adapter") || text.contains("buffers of"),
-        "{text}"
-    );
     let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &["adapters", "--json"])).unwrap();
     let required = std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1");
     let adapters = report["adapters"].as_array().unwrap();
+    let lines: Vec<&str> = text.lines().collect();
+    if adapters.is_empty() {
+        assert_eq!(lines, ["no graphics adapter; the processor renders"]);
+    } else {
+        assert_eq!(lines.len(), 2 * adapters.len(), "{text}");
+    }
+    for (adapter, lines) in adapters.iter().zip(lines.chunks(2)) {
+        let start = format!("{}  {} (", adapter["number"], adapter["name"].as_str().unwrap());
+        assert!(lines[0].starts_with(&start) && lines[0].ends_with(" MiB"), "{text}");
+        let verdict = adapter["fault"].as_str().unwrap_or("passes its test: a picture and its derivative");
+        assert_eq!(lines[1].trim_start(), verdict, "{text}");
+    }
     assert!(!required || adapters.iter().any(|adapter| adapter["fault"].is_null()), "{report}");
 }

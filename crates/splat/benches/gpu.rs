@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use atsplat_camera::ImageSize;
 use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::gpu::{AdapterChoice, GpuOptions, GpuRenderer};
+use atsplat_splat::gpu::{AdapterChoice, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients};
 use atsplat_splat::{ImageGradients, RenderOptions, Renderer, Stage};
 use scene::scene;
 
@@ -41,6 +41,17 @@ fn main() {
         let images =
             ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
         let resident = gpu.upload(&gaussians).expect("memory");
+        let picture = gpu.render_resident(&resident, &view, &options).expect("a picture");
+        let rgb = gpu.read(&picture).expect("a picture").rgb;
+        let mean = [0, 1, 2].map(|channel| {
+            rgb.iter().filter_map(|rgb| rgb.get(channel)).map(|value| f64::from(*value)).sum::<f64>() / rgb.len() as f64
+        });
+        println!("{name} mean colour: {:.4} {:.4} {:.4}", mean[0], mean[1], mean[2]);
+        // A picture is as good a gradient as any.
+        let strips = picture.strips.iter();
+        let resident_images = GpuImageGradients {
+            strips: strips.map(|strip| GpuStripGradients { colours: strip.colours.clone(), extras: None }).collect(),
+        };
         let mut timed = |what: &str, work: &mut dyn FnMut(&mut GpuRenderer)| {
             if option("--only").is_some_and(|only| !what.contains(&only)) {
                 return;
@@ -59,7 +70,11 @@ fn main() {
             let stages = if what.contains("host") { gpu.stages() } else { Vec::new() };
             let stages: Vec<String> =
                 stages.iter().map(|Stage { name, secs }| format!("{name} {:.1}", 1e3 * secs)).collect();
-            println!("{name} {what}: least {least:.1} ms, median {median:.1} ms; {}", stages.join(", "));
+            let rate = 1e3 / median;
+            println!(
+                "{name} {what}: least {least:.1} ms, median {median:.1} ms, {rate:.1} a second; {}",
+                stages.join(", ")
+            );
         };
         timed("forward from the host", &mut |gpu| {
             gpu.render(&gaussians, &view, &options).expect("a picture");
@@ -67,6 +82,10 @@ fn main() {
         timed("forward on the device", &mut |gpu| {
             let rendering = gpu.render_resident(&resident, &view, &options).expect("a picture");
             gpu.read(&rendering).expect("a picture");
+        });
+        timed("backward on the device", &mut |gpu| {
+            gpu.backward_resident(&resident, &view, &options, &resident_images).expect("derivatives");
+            gpu.device().poll(wgpu::PollType::wait_indefinitely()).expect("a device");
         });
         timed("backward from the host", &mut |gpu| {
             gpu.backward(&gaussians, &view, &options, &images).expect("derivatives");

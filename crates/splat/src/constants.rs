@@ -1,8 +1,14 @@
 use serde::{Deserialize, Serialize};
 
+use crate::SplatError;
+
 /// Largest colour channel or scalar of a Gaussian that is drawn, in magnitude; one beyond it counts as invalid. Far
 /// from anything that means a colour, and far enough from f32's range that no sum or derivative overflows.
 pub const LARGEST_CHANNEL: f64 = 1e12;
+
+/// Smallest [`RendererConstants::min_alpha`]: exponentials in f32 stop at 2⁻²⁰, where whoever asked for less would see
+/// a Gaussian's falloff turn into a plateau.
+pub const SMALLEST_MIN_ALPHA: f64 = 1e-6;
 
 /// Every number and rule in which published rasterizers differ; a result is worth nothing without them.
 ///
@@ -12,24 +18,24 @@ pub const LARGEST_CHANNEL: f64 = 1e12;
 pub struct RendererConstants {
     /// Name of the preset that these are, or what the user calls them.
     pub name: String,
-    /// Gaussians are drawn from this depth on, in scene units.
+    /// Gaussians are drawn from this depth on, in scene units; at least 0.
     pub near: f64,
-    /// And up to this one.
+    /// And up to this one; at least `near`, infinity included.
     pub far: f64,
     /// Whether a centre at exactly `near` is culled (diff-gaussian-rasterization) or drawn (gsplat).
     pub near_is_culled: bool,
-    /// Variance added to both screen axes, in square pixels.
+    /// Variance added to both screen axes, in square pixels; at least 0.
     pub blur: f64,
-    /// Largest opacity that one Gaussian has at one pixel.
+    /// Largest opacity that one Gaussian has at one pixel; at most 1.
     pub max_alpha: f64,
-    /// Contributions below this opacity are skipped.
+    /// Contributions below this opacity are skipped; from [`SMALLEST_MIN_ALPHA`] to `max_alpha`.
     pub min_alpha: f64,
-    /// A pixel is finished before the Gaussian that would take its transmittance to this or below.
+    /// A pixel is finished before the Gaussian that would take its transmittance to this or below; in [0, 1).
     pub min_transmittance: f64,
-    /// How far from the optical axis the projection's Jacobian still follows, in half widths of the picture
-    /// beyond its border: 0.3 in every published rasterizer.
+    /// How far from the optical axis the projection's Jacobian still follows, in half widths of what the picture shows,
+    /// a lens included, beyond its border: 0.3 in every published rasterizer; at least 0.
     pub jacobian_margin: f64,
-    /// Smallest factor by which anti-aliasing lowers an opacity.
+    /// Smallest factor by which anti-aliasing lowers an opacity; in [0, 1].
     pub min_compensation: f64,
     /// Which pixels a Gaussian may reach.
     pub extent: Extent,
@@ -110,6 +116,8 @@ impl RendererConstants {
             far: f64::INFINITY,
             near_is_culled: true,
             max_alpha: 0.99,
+            // √0.000025, of the versions that anti-alias.
+            min_compensation: 0.005,
             extent: Extent::ThreeSigmaTiles,
             principal_point: PrincipalPoint::Centre,
             clamped_gradient: ClampedGradient::Inria,
@@ -122,6 +130,30 @@ impl RendererConstants {
             "pixelsplat-family" => Self { sh_axes: ShAxes::E3nn, ..inria },
             _ => return None,
         })
+    }
+
+    /// What every backend asks before anything else: numbers outside these ranges give pictures of nothing, divisions
+    /// by zero, or what differs from one backend to the next.
+    ///
+    /// # Errors
+    /// [`SplatError::Constants`] naming the first field that is outside its range.
+    pub fn check(&self) -> Result<(), SplatError> {
+        const LARGEST: f64 = f32::MAX as f64;
+        const BELOW_ONE: f64 = 1.0 - f64::EPSILON;
+        let ranges = [
+            ("near", self.near, 0.0, LARGEST),
+            ("far", self.far, self.near, f64::INFINITY),
+            ("blur", self.blur, 0.0, LARGEST),
+            ("max-alpha", self.max_alpha, SMALLEST_MIN_ALPHA, 1.0),
+            ("min-alpha", self.min_alpha, SMALLEST_MIN_ALPHA, self.max_alpha),
+            ("min-transmittance", self.min_transmittance, 0.0, BELOW_ONE),
+            ("jacobian-margin", self.jacobian_margin, 0.0, LARGEST),
+            ("min-compensation", self.min_compensation, 0.0, 1.0),
+        ];
+        match ranges.into_iter().find(|(_, found, least, most)| !(least..=most).contains(&found)) {
+            Some((field, found, least, most)) => Err(SplatError::Constants { field, least, most, found }),
+            None => Ok(()),
+        }
     }
 
     /// Whether a Gaussian whose centre has this depth is drawn; never for NaN, nor beyond [`LARGEST_CHANNEL`], since
@@ -158,5 +190,46 @@ mod tests {
         assert!(gsplat.keeps_depth(0.01) && !gsplat.keeps_depth(0.009_999));
         assert!(!inria.keeps_depth(0.2) && inria.keeps_depth(0.200_001));
         assert!(!gsplat.keeps_depth(f64::NAN) && !inria.keeps_depth(f64::NAN));
+    }
+
+    #[test]
+    fn every_preset_passes() {
+        for name in RendererConstants::PRESETS {
+            RendererConstants::named(name).unwrap().check().unwrap();
+        }
+        let ends = RendererConstants { near: 0.0, far: 0.0, max_alpha: 1.0, min_transmittance: 0.0, ..smallest() };
+        ends.check().unwrap();
+    }
+
+    fn smallest() -> RendererConstants {
+        let constants = RendererConstants::default();
+        RendererConstants { min_alpha: SMALLEST_MIN_ALPHA, blur: 0.0, jacobian_margin: 0.0, ..constants }
+    }
+
+    #[test]
+    fn every_field_outside_its_range_is_named() {
+        type Set = fn(&mut RendererConstants, f64);
+        const INFINITY: f64 = f64::INFINITY;
+        let fields: [(&str, Set, &[f64]); 8] = [
+            ("near", |constants, value| constants.near = value, &[-1e-9, INFINITY]),
+            ("far", |constants, value| constants.far = value, &[0.009, -INFINITY]),
+            ("blur", |constants, value| constants.blur = value, &[-0.1, INFINITY]),
+            ("max-alpha", |constants, value| constants.max_alpha = value, &[1.000_001, 0.0, -1.0]),
+            ("min-alpha", |constants, value| constants.min_alpha = value, &[0.0, -0.1, 9.9e-7, 0.9991]),
+            ("min-transmittance", |constants, value| constants.min_transmittance = value, &[-1e-4, 1.0]),
+            ("jacobian-margin", |constants, value| constants.jacobian_margin = value, &[-0.3, INFINITY]),
+            ("min-compensation", |constants, value| constants.min_compensation = value, &[-0.005, 1.1]),
+        ];
+        for (name, set, values) in fields {
+            for value in values.iter().copied().chain([f64::NAN]) {
+                let mut constants = RendererConstants::default();
+                set(&mut constants, value);
+                let outcome = constants.check();
+                assert!(
+                    matches!(outcome, Err(SplatError::Constants { field, .. }) if field == name),
+                    "{name} = {value}: {outcome:?}"
+                );
+            }
+        }
     }
 }

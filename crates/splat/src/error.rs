@@ -47,11 +47,29 @@ pub enum SplatError {
         /// What was there.
         found: f64,
     },
+    /// Constants of a renderer that nothing can be rendered with.
+    #[error("constants: {field}: expected {least} to {most}, found {found}")]
+    Constants {
+        /// Which of [`crate::RendererConstants`], as files spell it.
+        field: &'static str,
+        /// The smallest that would do.
+        least: f64,
+        /// The largest that would do.
+        most: f64,
+        /// What was there.
+        found: f64,
+    },
     /// A word that names no effect.
     #[error("effects: expected auto, all, none or a list of {}, found {found:?}", known_effects())]
     Effect {
         /// The word.
         found: String,
+    },
+    /// A tolerance that no effect can keep.
+    #[error("effects: tolerance: expected a finite number of at least 0, found {found}")]
+    Tolerance {
+        /// What was there.
+        found: f64,
     },
     /// A file of Gaussians that breaks its format.
     #[error("{path}: {location}: expected {expected}, found {found}")]
@@ -83,6 +101,44 @@ pub enum SplatError {
         needed: u64,
         /// Allowed bytes.
         limit: u64,
+    },
+    /// A change of the world that is none.
+    #[error("similarity: {what}: expected {expected}, found {found}")]
+    Similarity {
+        /// What of it.
+        what: &'static str,
+        /// What would be right.
+        expected: &'static str,
+        /// What was there.
+        found: f64,
+    },
+    /// More of something than its numbering has numbers.
+    #[error("rendering: {found} {what}, expected at most {most}")]
+    Count {
+        /// What is numbered.
+        what: &'static str,
+        /// Largest count.
+        most: u64,
+        /// What was there.
+        found: u64,
+    },
+    /// A derivative by an image that is no number to go on with.
+    #[error("{image}: expected finite numbers, found {found} at pixel {pixel}")]
+    NonFinite {
+        /// Which image.
+        image: &'static str,
+        /// Row by row.
+        pixel: usize,
+        /// What was there.
+        found: f64,
+    },
+    /// A scalar that cannot be composited.
+    #[error("scalars: Gaussian {position}: expected a number within ±{:e}, found {found}", crate::LARGEST_CHANNEL)]
+    Scalar {
+        /// Among all Gaussians.
+        position: usize,
+        /// What was there.
+        found: f32,
     },
     /// The lens cannot be used.
     #[error(transparent)]

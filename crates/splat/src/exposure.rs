@@ -27,6 +27,17 @@ impl Exposure {
         Self { matrix, offset: [a[3], b[3], c[3]] }
     }
 
+    /// The 3×4 array that [`Exposure::from_3dgs`] takes.
+    pub const fn to_3dgs(&self) -> [[f64; 4]; 3] {
+        let ([a, b, c], [red, green, blue]) = (self.matrix, self.offset);
+        [[a[0], b[0], c[0], red], [a[1], b[1], c[1], green], [a[2], b[2], c[2], blue]]
+    }
+
+    /// Every channel multiplied by `gain`.
+    pub const fn uniform(gain: f64) -> Self {
+        Self { matrix: [[gain, 0.0, 0.0], [0.0, gain, 0.0], [0.0, 0.0, gain]], offset: [0.0; 3] }
+    }
+
     /// A colour as this exposure shows it.
     pub fn of(&self, rgb: [f64; 3]) -> [f64; 3] {
         let mut seen = self.offset;
@@ -77,8 +88,10 @@ impl Exposure {
 /// What every backend calls: before anything, at the end of rendering, at the start of differentiating.
 impl RenderOptions {
     /// # Errors
-    /// [`SplatError::Options`] for a background or an exposure that is not finite or beyond [`LARGEST_CHANNEL`].
+    /// As [`crate::RendererConstants::check`], and [`SplatError::Options`] for a background or an exposure that is not
+    /// finite or beyond [`LARGEST_CHANNEL`].
     pub(crate) fn check(&self) -> Result<(), SplatError> {
+        self.constants.check()?;
         let exposure = self.exposure.iter().flat_map(|exposure| exposure.entries().map(|entry| ("exposure", entry)));
         let mut numbers = self.background.into_iter().map(|channel| ("background", channel)).chain(exposure);
         match numbers.find(|(_, number)| !(number.abs() <= LARGEST_CHANNEL)) {
@@ -99,16 +112,19 @@ impl RenderOptions {
         }
     }
 
-    /// Derivatives by the composited picture, from those by the exposed one.
-    pub(crate) fn before_exposure<'a, T: Copy + Into<f64>>(
-        &self,
-        images: &'a ImageGradients<T>,
-        number: impl Fn(f64) -> T + Copy,
-    ) -> Cow<'a, ImageGradients<T>> {
-        let Some(exposure) = &self.exposure else { return Cow::Borrowed(images) };
-        let transposed = exposure.transposed();
-        let rgb = images.rgb.iter().map(|by_rgb| transposed.of(by_rgb.map(Into::into)).map(number)).collect();
+    /// Derivatives by the composited picture, from those by the exposed one, as f64.
+    pub(crate) fn before_exposure<'a>(&self, images: &'a ImageGradients<f64>) -> Cow<'a, ImageGradients<f64>> {
+        if self.exposure.is_none() {
+            return Cow::Borrowed(images);
+        }
+        let rgb = images.rgb.iter().map(|by_rgb| self.by_composited(*by_rgb)).collect();
         Cow::Owned(ImageGradients { rgb, ..images.clone() })
+    }
+
+    /// The same for one pixel.
+    pub(crate) fn by_composited<T: Into<f64>>(&self, by_exposed: [T; 3]) -> [f64; 3] {
+        let by_exposed = by_exposed.map(Into::into);
+        self.exposure.map_or(by_exposed, |exposure| exposure.transposed().of(by_exposed))
     }
 }
 
@@ -120,10 +136,17 @@ mod tests {
     /// Computed with `np.matmul(rgb, e[:3, :3]) + e[:3, 3]`.
     #[test]
     fn the_array_of_3dgs() {
-        let exposure = Exposure::from_3dgs([[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]]);
+        let array = [[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]];
+        let exposure = Exposure::from_3dgs(array);
+        Tolerance::EXACT.assert(
+            exposure.to_3dgs().into_iter().flatten(),
+            array.into_iter().flatten(),
+            "there and back",
+        );
         let seen = exposure.of([0.5, 0.25, 0.75]);
         Tolerance::F64.assert(seen, [0.5725, 0.1925, 0.955], "exposed");
         Tolerance::F64.assert([exposure.gain()], [1.6], "row of blue");
+        Tolerance::EXACT.assert(Exposure::uniform(2.0).of([1.0, 0.5, 0.25]), [2.0, 1.0, 0.5], "twice as bright");
     }
 
     #[test]

@@ -28,12 +28,14 @@ pub mod sh;
 pub mod stress;
 mod view;
 
-pub use constants::{ClampedGradient, Extent, LARGEST_CHANNEL, PrincipalPoint, RendererConstants, ShAxes};
+pub use constants::{
+    ClampedGradient, Extent, LARGEST_CHANNEL, PrincipalPoint, RendererConstants, SMALLEST_MIN_ALPHA, ShAxes,
+};
 pub use error::SplatError;
 pub use exposure::Exposure;
 pub use gaussians::{
     Bounds, Cleaning, Field, Finding, GaussianParts, Gaussians, LOG_SCALE_LIMIT, LOGIT_LIMIT, LOGIT_OF_INFINITY,
-    MAX_SH_DEGREE, Problem, Validation, ZERO_QUATERNION, sh_coefficients,
+    MAX_SH_DEGREE, Problem, Validation, sh_coefficients,
 };
 pub use options::{Channels, GradientReach, RasterMode, RenderOptions};
 pub use renderer::{ReferenceRenderer, Renderer, Stage};

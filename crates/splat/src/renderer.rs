@@ -9,8 +9,8 @@ pub trait Renderer: Send {
     /// Renders a view.
     ///
     /// # Errors
-    /// [`SplatError::View`], [`SplatError::Camera`] and [`SplatError::Options`] for what cannot be rendered,
-    /// [`SplatError::Memory`] before more is allocated than is allowed; those of the backend.
+    /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`] and [`SplatError::Constants`] for what
+    /// cannot be rendered, [`SplatError::Memory`] before more is allocated than is allowed; those of the backend.
     fn render(
         &mut self,
         gaussians: &Gaussians,
@@ -22,7 +22,8 @@ pub trait Renderer: Send {
     /// rendering before it.
     ///
     /// # Errors
-    /// As [`Renderer::render`], and [`SplatError::Length`] for an image of another size than the view's.
+    /// As [`Renderer::render`], and [`SplatError::Length`] for an image of another size than the view's,
+    /// [`SplatError::NonFinite`] for a derivative that is not finite.
     fn backward(
         &mut self,
         gaussians: &Gaussians,

@@ -1,6 +1,8 @@
 use std::ops::AddAssign;
 
 use atsplat_camera::ImageSize;
+use atsplat_numeric::Extremes as _;
+use rayon::prelude::*;
 use serde::Serialize;
 
 use crate::reference::SplatGradient;
@@ -100,6 +102,30 @@ pub(crate) struct PixelGradient<T> {
     pub(crate) scalar: T,
 }
 
+impl<T> Rendering<T> {
+    /// Bytes of the images that the options ask for.
+    pub(crate) fn bytes(view: &View, options: &RenderOptions) -> u64 {
+        let channels = &options.channels;
+        let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
+        let pixels = u64::from(view.size.width) * u64::from(view.size.height);
+        pixels.saturating_mul(images * size_of::<T>() as u64)
+    }
+
+    /// No images yet.
+    pub(crate) const fn blank(view: &View) -> Self {
+        let census = Census { drawn: 0, invalid: 0, outside_depth: 0, faint: 0, outside_picture: 0 };
+        Self {
+            size: view.size,
+            rgb: Vec::new(),
+            alpha: Vec::new(),
+            depth: None,
+            scalar: None,
+            median_depth: None,
+            census,
+        }
+    }
+}
+
 impl<T: Copy + Default> Rendering<T> {
     /// Images of zeros, those that the options ask for.
     pub(crate) fn empty(view: &View, options: &RenderOptions) -> Self {
@@ -128,26 +154,22 @@ impl<T: Copy + Into<f64>> Rendering<T> {
 impl<T: Copy + Into<f64>> Gradients<T> {
     /// How many values are NaN or infinite.
     pub fn non_finite(&self) -> u64 {
-        self.lists().into_iter().map(|list| broken(list.iter())).sum()
+        self.fields().into_iter().map(|(_, list)| broken(list.iter())).sum()
     }
 
-    /// Every field's numbers, in the order in which the fields are declared.
-    pub(crate) fn fields(&self) -> [Vec<f64>; 10] {
-        self.lists().map(|list| list.iter().map(|value| (*value).into()).collect())
-    }
-
-    fn lists(&self) -> [&[T]; 10] {
+    /// Every field's name and numbers, in the order in which the fields are declared.
+    pub fn fields(&self) -> [(&'static str, &[T]); 10] {
         [
-            self.means.as_flattened(),
-            self.quaternions.as_flattened(),
-            self.log_scales.as_flattened(),
-            &self.opacity_logits,
-            self.sh.as_flattened(),
-            &self.scalars,
-            self.means_2d.as_flattened(),
-            self.conics.as_flattened(),
-            &self.background,
-            &self.pose,
+            ("means", self.means.as_flattened()),
+            ("quaternions", self.quaternions.as_flattened()),
+            ("log_scales", self.log_scales.as_flattened()),
+            ("opacity_logits", &self.opacity_logits),
+            ("sh", self.sh.as_flattened()),
+            ("scalars", &self.scalars),
+            ("means_2d", self.means_2d.as_flattened()),
+            ("conics", self.conics.as_flattened()),
+            ("background", &self.background),
+            ("pose", &self.pose),
         ]
     }
 }
@@ -185,24 +207,49 @@ impl<T: Copy> ImageGradients<T> {
     }
 }
 
-impl<T: Copy + Default> ImageGradients<T> {
+impl<T: Copy + Default + Into<f64> + Sync> ImageGradients<T> {
+    /// Returns the largest magnitude of all derivatives.
+    ///
     /// # Errors
-    /// [`SplatError::Length`] naming the first image that has not one value per pixel.
-    pub(crate) fn check(&self, view: &View) -> Result<(), SplatError> {
+    /// [`SplatError::Length`] naming the first image that has not one value per pixel, [`SplatError::NonFinite`] naming
+    /// the first that has a value that is NaN or infinite.
+    pub(crate) fn check(&self, view: &View) -> Result<f64, SplatError> {
         let expected = view.pixels();
-        let of = |image: &Option<Vec<T>>| image.as_ref().map_or(expected, Vec::len);
-        let lengths = [
-            ("rgb gradient", self.rgb.len()),
-            ("alpha gradient", of(&self.alpha)),
-            ("depth gradient", of(&self.depth)),
-            ("scalar gradient", of(&self.scalar)),
+        let images = [
+            ("rgb gradient", Some(self.rgb.as_flattened()), 3),
+            ("alpha gradient", self.alpha.as_deref(), 1),
+            ("depth gradient", self.depth.as_deref(), 1),
+            ("scalar gradient", self.scalar.as_deref(), 1),
         ];
-        match lengths.into_iter().find(|(_, found)| *found != expected) {
-            Some((field, found)) => Err(SplatError::Length { field, expected, found }),
-            None => Ok(()),
+        let images = || images.into_iter().filter_map(|(name, image, each)| Some((name, image?, each)));
+        if let Some((field, image, each)) = images().find(|(_, image, each)| image.len() != expected * each) {
+            return Err(SplatError::Length { field, expected, found: image.len() / each });
         }
+        let mut largest = 0.0;
+        for (name, image, each) in images() {
+            let most = largest_of(image);
+            if !most.is_finite() {
+                let broken =
+                    image.iter().map(|value| (*value).into()).enumerate().find(|(_, value)| !value.is_finite());
+                let (at, found) = broken.unwrap_or((0, most));
+                return Err(SplatError::NonFinite { image: name, pixel: at / each, found });
+            }
+            largest = most.maximum_of(largest);
+        }
+        Ok(largest)
     }
+}
 
+/// Largest magnitude; infinite or NaN where one value is.
+fn largest_of<T: Copy + Into<f64> + Sync>(values: &[T]) -> f64 {
+    const AT_ONCE: usize = 1 << 16;
+    // Of bits without their sign the order is that of magnitudes, and infinities and NaN come last.
+    let bits = |value: &T| (*value).into().abs().to_bits();
+    let most = |values: &[T]| values.iter().map(bits).fold(0, |most, bits| if bits > most { bits } else { most });
+    f64::from_bits(values.par_chunks(AT_ONCE).map(most).max().unwrap_or_default())
+}
+
+impl<T: Copy + Default> ImageGradients<T> {
     pub(crate) fn at(&self, pixel: usize) -> PixelGradient<T> {
         let of =
             |image: &Option<Vec<T>>| image.as_ref().and_then(|image| image.get(pixel).copied()).unwrap_or_default();

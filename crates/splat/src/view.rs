@@ -1,4 +1,5 @@
 use atsplat_camera::{Camera, ImageSize, Lens};
+use atsplat_numeric::Extremes as _;
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::SplatError;
@@ -9,7 +10,7 @@ use crate::constants::{PrincipalPoint, RendererConstants};
 pub struct View {
     /// Pose, intrinsics in units of the picture's size, lens.
     pub camera: Camera,
-    /// In pixels; at least one each way.
+    /// In pixels; from one to 65 535 each way.
     pub size: ImageSize,
 }
 
@@ -37,15 +38,21 @@ impl View {
     }
 
     /// # Errors
-    /// [`SplatError::View`] for a picture without pixels, [`SplatError::Camera`] for an unusable lens.
-    pub(crate) fn optics(&self, constants: &RendererConstants) -> Result<Optics, SplatError> {
-        if self.size.width == 0 || self.size.height == 0 {
-            return Err(SplatError::View {
-                what: "picture",
-                expected: "at least one pixel".to_owned(),
-                found: self.size.to_string(),
-            });
+    /// [`SplatError::View`] for a picture without pixels, or with more a side than 16 bits count.
+    pub(crate) fn check_size(&self) -> Result<(), SplatError> {
+        const SIDES: std::ops::RangeInclusive<u32> = 1..=u16::MAX as u32;
+        if SIDES.contains(&self.size.width) && SIDES.contains(&self.size.height) {
+            return Ok(());
         }
+        let expected = format!("from {} to {} pixels a side", SIDES.start(), SIDES.end());
+        Err(SplatError::View { what: "picture", expected, found: self.size.to_string() })
+    }
+
+    /// # Errors
+    /// [`SplatError::View`] for a picture without pixels or with more than reaches can count, in 16 bits;
+    /// [`SplatError::Camera`] for an unusable lens.
+    pub(crate) fn optics(&self, constants: &RendererConstants) -> Result<Optics, SplatError> {
+        self.check_size()?;
         let size = DVec2::new(f64::from(self.size.width), f64::from(self.size.height));
         let k = self.camera.intrinsics.pixel_from_normalized(self.size);
         let focal = DVec2::new(k.fx, k.fy);
@@ -53,11 +60,14 @@ impl View {
             PrincipalPoint::Full => DVec2::new(k.cx, k.cy),
             PrincipalPoint::Centre => size / 2.0,
         };
-        let margin = constants.jacobian_margin * 0.5 * size / focal;
         let lens = match self.camera.distortion {
             atsplat_camera::Distortion::None => None,
             bent => Some(bent.lens()?),
         };
+        let [low, high] = seen_slopes(lens.as_ref(), [-principal / focal, (size - principal) / focal]);
+        // Where the lens alone bounds slopes there is nothing to add to.
+        let margin =
+            if constants.jacobian_margin > 0.0 { constants.jacobian_margin * 0.5 * (high - low) } else { DVec2::ZERO };
         let pose = self.camera.camera_from_world;
         Ok(Optics {
             rotation: pose.rotation(),
@@ -66,7 +76,29 @@ impl View {
             focal,
             principal,
             lens,
-            jacobian_range: [-principal / focal - margin, (size - principal) / focal + margin],
+            jacobian_range: [low - margin, high + margin],
         })
     }
+}
+
+/// Range of the slopes that a picture shows, between corners given behind the lens.
+///
+/// A lens bends: its corners see further out than its sides, or less far. Where it sees no point of the plane, all
+/// slopes up to its own limit are in the picture.
+fn seen_slopes(lens: Option<&Lens>, [low, high]: [DVec2; 2]) -> [DVec2; 2] {
+    const STEPS: u32 = 32;
+    let Some(lens) = lens else { return [low, high] };
+    let limit = lens.angle_limit();
+    let limit = if limit < std::f64::consts::FRAC_PI_2 { limit.tan() } else { f64::INFINITY };
+    let along = (0..=STEPS).map(|step| low.lerp(high, f64::from(step) / f64::from(STEPS)));
+    let border = along.flat_map(|at| [(at.x, low.y), (at.x, high.y), (low.x, at.y), (high.x, at.y)]);
+    let nothing = [DVec2::INFINITY, DVec2::NEG_INFINITY];
+    border.fold(nothing, |[least, most], (x, y)| match lens.undistorted_from_distorted(DVec2::new(x, y)) {
+        Ok(slope) => [each(least, slope, f64::minimum_of), each(most, slope, f64::maximum_of)],
+        Err(_) => [DVec2::splat(-limit), DVec2::splat(limit)],
+    })
+}
+
+fn each(a: DVec2, b: DVec2, of_two: impl Fn(f64, f64) -> f64) -> DVec2 {
+    DVec2::new(of_two(a.x, b.x), of_two(a.y, b.y))
 }

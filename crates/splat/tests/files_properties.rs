@@ -62,6 +62,11 @@ fn there_and_back(gaussians: &Gaussians, output: Output) -> Gaussians {
     write(&path, gaussians, output).unwrap();
     let (back, import) = read(&path).unwrap();
     assert_eq!(import.validation.rejected, 0);
+    let told = match output {
+        Output::Ply(_) => None,
+        Output::Spz2 { antialiased } | Output::Spz3 { antialiased } => Some(antialiased),
+    };
+    assert_eq!(import.antialiased, told);
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing partial is left");
     back
 }
@@ -84,7 +89,7 @@ proptest! {
     }
 
     #[test]
-    fn spz_is_within_its_steps(gaussians in gaussians(small()), output in prop::sample::select(&[Output::Spz2, Output::Spz3][..])) {
+    fn spz_is_within_its_steps(gaussians in gaussians(small()), output in prop::sample::select(&[Output::Spz2 { antialiased: true }, Output::Spz3 { antialiased: false }, Output::Spz3 { antialiased: true }][..])) {
         let mut parts = gaussians.into_parts();
         (parts.filter_3d, parts.scalars) = (None, None);
         for quaternion in &mut parts.quaternions {
@@ -114,7 +119,7 @@ proptest! {
             }
         }
         // Version 2 infers w from three bytes: where it is near zero it is off by up to √(2 · √3 / 255) ≈ 0.12.
-        let bound = if output == Output::Spz2 { 1e-2 } else { 1e-5 };
+        let bound = if matches!(output, Output::Spz2 { .. }) { 1e-2 } else { 1e-5 };
         for (new, old) in new.quaternions.iter().zip(&old.quaternions) {
             let difference = rotation_difference(new, old);
             prop_assert!(difference < bound, "{old:?} → {new:?}: {difference:e}");
@@ -129,8 +134,8 @@ proptest! {
         for quaternion in &mut parts.quaternions {
             quaternion[0] += 1.0;
         }
-        let once = there_and_back(&Gaussians::new(parts).unwrap(), Output::Spz3);
-        let twice = there_and_back(&once, Output::Spz3);
+        let once = there_and_back(&Gaussians::new(parts).unwrap(), Output::Spz3 { antialiased: false });
+        let twice = there_and_back(&once, Output::Spz3 { antialiased: false });
         prop_assert_eq!(&once.parts().means, &twice.parts().means);
         prop_assert_eq!(&once.parts().log_scales, &twice.parts().log_scales);
         prop_assert_eq!(&once.parts().opacity_logits, &twice.parts().opacity_logits);
@@ -321,7 +326,7 @@ fn written_as_far_as_the_format_goes() {
     for encoding in ENCODINGS {
         assert_eq!(there_and_back(&one, Output::Ply(encoding)).parts().opacity_logits, [20.0]);
     }
-    let back = there_and_back(&one, Output::Spz3).into_parts();
+    let back = there_and_back(&one, Output::Spz3 { antialiased: false }).into_parts();
     assert_eq!(back.means, [[100_000.0, 0.0, -3.0]], "fewer fractional bits");
     assert_eq!(back.log_scales, [[-10.0, 0.0, 5.9375]]);
     assert_eq!(back.opacity_logits, [20.0]);
@@ -330,7 +335,9 @@ fn written_as_far_as_the_format_goes() {
     let refused = |change: &dyn Fn(&mut GaussianParts)| {
         let mut parts = parts.clone();
         change(&mut parts);
-        let error = write(&folder.path().join("f.spz"), &Gaussians::new(parts).unwrap(), Output::Spz2).unwrap_err();
+        let error =
+            write(&folder.path().join("f.spz"), &Gaussians::new(parts).unwrap(), Output::Spz2 { antialiased: false })
+                .unwrap_err();
         assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 0, "nothing is written");
         error.to_string()
     };

@@ -1,3 +1,4 @@
+use anyhow::Context;
 use atsplat_splat::cpu::{CpuOptions, CpuRenderer};
 use atsplat_splat::gpu::{AdapterChoice, Fallback, GpuOptions, with_fallback};
 use atsplat_splat::{ReferenceRenderer, Renderer};
@@ -20,18 +21,24 @@ pub(crate) struct Backend {
     pub(crate) note: Option<String>,
 }
 
-/// The renderer that a word stands for. The processor takes over from an adapter that fails.
-pub(crate) fn backend(word: BackendWord, adapter: Option<&AdapterChoice>) -> Backend {
+/// The renderer that a word stands for. Another adapter or the processor takes over from one that fails.
+///
+/// # Errors
+/// For an adapter that was asked for and does not exist.
+pub(crate) fn backend(word: BackendWord, adapter: Option<&AdapterChoice>) -> anyhow::Result<Backend> {
     let here = |renderer: Box<dyn Renderer>| Backend { renderer, note: None };
-    match word {
+    Ok(match word {
         BackendWord::Cpu => here(Box::<CpuRenderer>::default()),
         BackendWord::Reference => here(Box::new(ReferenceRenderer)),
         BackendWord::Gpu => {
             let choice = adapter.cloned().unwrap_or_default();
-            let Fallback { renderer, reason } = with_fallback(&choice, GpuOptions::default(), CpuOptions::default());
-            Backend { renderer, note: reason.map(|reason| format!("the processor renders: {reason}")) }
+            let Fallback { renderer, passed_over } =
+                with_fallback(&choice, GpuOptions::default(), CpuOptions::default()).context("--adapter")?;
+            let reasons: Vec<String> = passed_over.iter().map(ToString::to_string).collect();
+            let note = (!reasons.is_empty()).then(|| format!("{} renders: {}", renderer.name(), reasons.join("; ")));
+            Backend { renderer, note }
         }
-    }
+    })
 }
 
 /// Parses `--adapter`.

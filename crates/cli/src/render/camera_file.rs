@@ -8,8 +8,11 @@ use atsplat_camera::{
     Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
 };
 use atsplat_scene::{Picture, SceneSource as _, Warnings};
+use atsplat_splat::{Exposure, View};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
+
+use super::views::Shot;
 
 /// A camera of a file.
 #[derive(Clone, Debug)]
@@ -21,6 +24,7 @@ pub(crate) struct FileCamera {
     pub(crate) camera: Camera,
     /// In pixels, where the file or its picture tells.
     pub(crate) size: Option<ImageSize>,
+    pub(crate) exposure: Option<Exposure>,
 }
 
 /// A camera as `render.json` keeps it: with every bit.
@@ -36,6 +40,9 @@ pub(crate) struct CameraRecord {
     intrinsics: NormalizedIntrinsics,
     #[serde(default)]
     distortion: Distortion,
+    /// The 3×4 array that 3DGS trains.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    exposure: Option<[[f64; 4]; 3]>,
 }
 
 /// A camera as 3DGS' `camera_to_JSON` writes it (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
@@ -79,7 +86,7 @@ fn json(path: &Path) -> anyhow::Result<Option<Value>> {
     if !start.starts_with(b"[") && !start.starts_with(b"{") {
         return Ok(None);
     }
-    Ok(serde_json::from_slice(start).ok())
+    serde_json::from_slice(start).map(Some).with_context(|| format!("{}: expected JSON", in_file(path)))
 }
 
 fn each<T: for<'de> Deserialize<'de>>(
@@ -105,6 +112,7 @@ fn trained(at: usize, entry: TrainedCamera) -> anyhow::Result<FileCamera> {
         name: entry.img_name,
         camera: Camera::pinhole(pose.inverse(), intrinsics),
         size: Some(size),
+        exposure: None,
     })
 }
 
@@ -116,19 +124,21 @@ fn recorded(_: usize, entry: CameraRecord) -> anyhow::Result<FileCamera> {
         distortion: entry.distortion,
     };
     let size = ImageSize { width: entry.width, height: entry.height };
-    Ok(FileCamera { number: entry.number, name: entry.name, camera, size: Some(size) })
+    let exposure = entry.exposure.map(Exposure::from_3dgs);
+    Ok(FileCamera { number: entry.number, name: entry.name, camera, size: Some(size), exposure })
 }
 
 impl CameraRecord {
-    pub(crate) fn of(number: usize, name: &str, camera: &Camera, size: ImageSize) -> Self {
+    pub(crate) fn of(Shot { number, name, view: View { camera, size }, exposure }: &Shot) -> Self {
         Self {
-            number,
-            name: name.to_owned(),
+            number: *number,
+            name: name.clone(),
             width: size.width,
             height: size.height,
             camera_from_world: camera.camera_from_world.to_rows(),
             intrinsics: camera.intrinsics,
             distortion: camera.distortion,
+            exposure: exposure.map(|exposure| exposure.to_3dgs()),
         }
     }
 }
@@ -151,7 +161,7 @@ fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow
             Picture::Absent | Picture::Missing(_) => None,
         };
         let size = frame.stated_size.or_else(of_picture);
-        FileCamera { number, name: frame.name.clone(), camera: frame.camera, size }
+        FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
     });
     Ok(cameras.collect())
 }

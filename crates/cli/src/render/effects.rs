@@ -2,11 +2,12 @@ use std::fmt;
 
 use atsplat_numeric::Extremes as _;
 use atsplat_splat::effects::{Decision, EffectPlan, EffectSelection, Verdict};
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError, View};
+use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError};
 use clap::Args;
 use serde::Serialize;
 
 use super::frames::Frame;
+use super::views::Shot;
 use super::words;
 
 /// What rendering may skip.
@@ -15,9 +16,10 @@ pub(crate) struct EffectWords {
     /// Effects that run where they were asked for: auto (only those that can change a picture by more than
     /// --tolerance), all, none, or a list of names; --explain tells the names.
     #[arg(long, value_name = "LIST", default_value = "auto")]
-    effects: EffectSelection,
+    pub(super) effects: EffectSelection,
 
-    /// Largest change of any sample that `auto` may make, in units of display range.
+    /// Largest change of any sample of colour that `auto` may make, in units of display range; it changes no opacity,
+    /// depth or scalar.
     #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = words::not_negative)]
     tolerance: f64,
 
@@ -64,8 +66,9 @@ impl EffectWords {
 
 impl Look {
     /// Decides what a view calls for.
-    pub(crate) fn plan(&self, gaussians: &Gaussians, view: &View) -> Result<EffectPlan, SplatError> {
-        EffectPlan::for_scene(gaussians, view, &self.options, &self.effects, self.tolerance)
+    pub(crate) fn plan(&self, gaussians: &Gaussians, shot: &Shot) -> Result<EffectPlan, SplatError> {
+        let options = shot.exposed(&self.options);
+        EffectPlan::for_scene(gaussians, &shot.view, &options, &self.effects, self.tolerance)
     }
 
     /// Decides and renders.
@@ -73,9 +76,9 @@ impl Look {
         &self,
         renderer: &mut dyn Renderer,
         gaussians: &Gaussians,
-        view: &View,
+        shot: &Shot,
     ) -> Result<(Rendering<f32>, EffectPlan), SplatError> {
-        let plan = self.plan(gaussians, view)?;
+        let plan = self.plan(gaussians, shot)?;
         Ok((plan.render(renderer, gaussians)?, plan))
     }
 
@@ -115,16 +118,19 @@ impl fmt::Display for EffectRecord {
             if reduced + left_out == 0 {
                 continue;
             }
+            let is_plane = matches!(*effect, "depth" | "scalar" | "median-depth");
             let bound = match largest_bound {
                 Some(0.0) => "changes nothing".to_owned(),
                 Some(bound) => format!("changes no sample by more than {bound:.1e}"),
+                None if is_plane => "its image is not written".to_owned(),
                 None => "with no bound on what that changes".to_owned(),
             };
+            let frames = |count: usize| if count == 1 { "1 frame".to_owned() } else { format!("{count} frames") };
             write!(f, "{effect}: ")?;
             match (reduced, left_out) {
-                (0, _) => write!(f, "left out in {left_out} frames")?,
-                (_, 0) => write!(f, "reduced in {reduced} frames")?,
-                _ => write!(f, "left out in {left_out} and reduced in {reduced} frames")?,
+                (0, _) => write!(f, "left out in {}", frames(*left_out))?,
+                (_, 0) => write!(f, "reduced in {}", frames(*reduced))?,
+                _ => write!(f, "left out in {left_out} and reduced in {}", frames(*reduced))?,
             }
             writeln!(f, ", {bound}")?;
         }

@@ -99,7 +99,7 @@ fn rendered<'a>(
 ) -> Vec<Waiting<'a>> {
     let mut one = |shot: &'a Shot| {
         let start = Instant::now();
-        let outcome = look.render(renderer, gaussians, &shot.view);
+        let outcome = look.render(renderer, gaussians, shot);
         let mut timing = FrameTiming { render_secs: start.elapsed().as_secs_f64(), ..FrameTiming::default() };
         let mut decisions = Vec::new();
         let rendering = match outcome {
@@ -188,16 +188,30 @@ pub(crate) fn file_name(number: usize, extension: &str) -> String {
     format!("{number:06}.{extension}")
 }
 
+/// Whether a file may be called this by [`file_name`].
+pub(crate) fn is_frame_name(name: &str) -> bool {
+    match name.split_once('.') {
+        Some((number, "png" | "exr")) => number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit()),
+        _ => false,
+    }
+}
+
+/// What to tell of frames that show no Gaussian, though there are some.
+pub(crate) fn unseen(frames: &[Frame], gaussians: &Gaussians) -> Option<String> {
+    let rendered = frames.iter().filter_map(|frame| frame.census).collect::<Vec<_>>();
+    let empty = rendered.iter().filter(|census| census.drawn == 0).count();
+    (empty > 0 && !gaussians.is_empty()).then(|| {
+        let all = rendered.len();
+        format!("no Gaussian is drawn in {empty} of {all} frames: do the cameras belong to this scene, in its axes?")
+    })
+}
+
 /// How many pictures a folder holds that look like frames and are none of these: an earlier call's.
 pub(crate) fn strangers(folder: &Path, frames: &[Frame]) -> anyhow::Result<usize> {
     let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
-    let is_frame = |name: &str| match name.split_once('.') {
-        Some((number, "png" | "exr")) => number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit()),
-        _ => false,
-    };
     let entries = std::fs::read_dir(folder)?.collect::<std::io::Result<Vec<_>>>()?;
     let names = entries.iter().map(std::fs::DirEntry::file_name);
-    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame(name) && !is_ours(name))).count())
+    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame_name(name) && !is_ours(name))).count())
 }
 
 /// The folder, made and tried before long work starts.

@@ -37,7 +37,7 @@ pub(crate) struct LookWords {
 
     /// Planes beside colour and opacity in EXR files: depth, scalar, median-depth; depth by default.
     #[arg(long, value_name = "LIST", value_delimiter = ',')]
-    channels: Vec<ChannelWord>,
+    pub(super) channels: Vec<ChannelWord>,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -47,7 +47,7 @@ enum ModeWord {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum ChannelWord {
+pub(super) enum ChannelWord {
     Depth,
     Scalar,
     MedianDepth,
@@ -65,11 +65,6 @@ pub(crate) struct LookRecord {
 }
 
 impl LookWords {
-    /// Whether planes were asked for that only an EXR holds.
-    pub(crate) const fn names_channels(&self) -> bool {
-        !self.channels.is_empty()
-    }
-
     /// The constants, with what was overridden in their name.
     pub(crate) fn constants(&self) -> anyhow::Result<RendererConstants> {
         let mut constants = words::constants(&self.constants)?;

@@ -2,7 +2,9 @@
 
 mod backend;
 mod camera_file;
+mod check;
 mod effects;
+mod exposures;
 mod frames;
 mod framing;
 mod look;
@@ -23,17 +25,17 @@ use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
 use atsplat_splat::Census;
 use atsplat_splat::gpu::AdapterChoice;
-use clap::error::ErrorKind;
-use clap::{Args, Command, ValueEnum};
+use clap::{Args, ValueEnum};
 
 use crate::output::{complain, print_report, print_warnings};
 use backend::{Backend, BackendWord, adapter, backend};
 use effects::EffectWords;
-use frames::{Frame, FrameFiles, open_folder, shoot, strangers};
+use exposures::{ExposureWord, Exposures};
+use frames::{Frame, FrameFiles, open_folder, shoot, strangers, unseen};
 use look::{LookRecord, LookWords, ignored};
 use preview::PreviewWords;
 use report::{FrameCounts, Record, RenderFile, Report, ViewRecord};
-use round_trip::{RoundTripWord, measure};
+use round_trip::{RoundTripWord, RoundTrips};
 use scene_file::SceneWords;
 use timings::Timings;
 use views::{Plan, Shot, ViewWords};
@@ -41,7 +43,11 @@ use views::{Plan, Shot, ViewWords};
 /// Pairs of renderings that an effect's cost is the median of.
 const EXPLAINING_PAIRS: usize = 5;
 
+// The scene comes first: `--orbit` and `--spline` take a number where one follows.
 #[derive(Debug, Args)]
+#[command(
+    override_usage = "atsplat render <SCENE> --out <DIR> <--cameras <FILE> | --orbit [N] | --spline <FILE> [N]> [OPTIONS]"
+)]
 pub(crate) struct Words {
     #[command(flatten)]
     scene: SceneWords,
@@ -54,6 +60,11 @@ pub(crate) struct Words {
 
     #[command(flatten, next_help_heading = "Rendering")]
     effects: EffectWords,
+
+    /// What becomes of colour after compositing: a gain for every view, or a .json like 3DGS's `exposure.json`, with a
+    /// 3x4 array for each view's name; by default what a `render.json` says, else nothing.
+    #[arg(long, value_name = "GAIN|FILE", help_heading = "Rendering")]
+    exposure: Option<ExposureWord>,
 
     /// Who renders.
     #[arg(long, value_name = "NAME", default_value = "cpu", help_heading = "Rendering")]
@@ -82,7 +93,8 @@ pub(crate) struct Words {
     #[arg(long, help_heading = "Output")]
     timings: bool,
 
-    /// Export, import, render again and print what that cost in dB: ply, ply-ascii, ply-big-endian, spz2, spz3.
+    /// Export, import, render again and print what that cost in dB: ply, ply-ascii, ply-big-endian, spz2, spz3. Renders
+    /// every view once more, and once for each format.
     #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Output")]
     round_trip: Vec<RoundTripWord>,
 
@@ -106,7 +118,9 @@ enum RoundingWord {
 /// Renders; `true` where every frame is whole.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     words.check()?;
-    let Backend { mut renderer, note } = backend(words.backend, words.adapter.as_ref());
+    words.views.spare(&words.out.join("render.json"))?;
+    let exposures = Exposures::read(words.exposure.as_ref())?;
+    let Backend { mut renderer, note } = backend(words.backend, words.adapter.as_ref())?;
     let record_file = open_folder(&words.out)?;
     let preview_file = words.preview.open()?;
     let constants = words.look.constants()?;
@@ -115,7 +129,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
 
     let scene = words.scene.read()?;
     let look = words.effects.look(words.look.options(constants, &scene, words.writes(FormatWord::Exr))?);
-    let Plan { shots, path, notes } = words.views.plan(cameras, &scene.gaussians)?;
+    let Plan { mut shots, path, notes } = words.views.plan(cameras, &scene.gaussians)?;
+    exposures.expose(&mut shots)?;
     let (gaussians, mut notes) = (scene.gaussians, [scene.notes, notes].concat());
     notes.extend(note);
     notes.extend(ignored(&look.options.constants, &shots));
@@ -133,12 +148,11 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         preview.finish()?;
     }
     notes.extend(faults().map(|(number, fault)| format!("frame {number}: {fault}")));
-    let round_trip = if words.round_trip.is_empty() {
-        None
-    } else {
-        Some(measure(renderer.as_mut(), (&gaussians, &shots), &look.options, &words.round_trip)?)
-    };
-    let broken_promise = round_trip.as_ref().and_then(round_trip::RoundTrips::broken_promise);
+    notes.extend(unseen(&frames, &gaussians));
+    let formats = &words.round_trip;
+    let round_trip = (!formats.is_empty())
+        .then(|| RoundTrips::measure(renderer.as_mut(), (&gaussians, &shots), &look.options, formats));
+    let broken_promise = round_trip.as_ref().and_then(RoundTrips::broken_promise);
 
     let mut census = Census::default();
     frames.iter().filter_map(|frame| frame.census).for_each(|of_frame| census += of_frame);
@@ -161,9 +175,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     record_file.finish(format!("{text}\n").as_bytes())?;
     let timings = words.timings.then(|| Timings::of(scene.reading_secs, &frames));
     let explanation = match whole(&shots, &frames).filter(|_| words.effects.explain) {
-        Some(shot) => {
-            Some(look.plan(&gaussians, &shot.view)?.explain(renderer.as_mut(), &gaussians, EXPLAINING_PAIRS)?)
-        }
+        Some(shot) => Some(look.plan(&gaussians, shot)?.explain(renderer.as_mut(), &gaussians, EXPLAINING_PAIRS)?),
         None => None,
     };
     let preview = words.preview.preview.clone();
@@ -186,16 +198,6 @@ fn whole<'a>(shots: &'a [Shot], frames: &[Frame]) -> Option<&'a Shot> {
 }
 
 impl Words {
-    /// Words that do not fit together.
-    fn check(&self) -> Result<(), clap::Error> {
-        let wrong = |text: &str| Command::new("atsplat").error(ErrorKind::ValueValidation, text);
-        self.views.check().map_err(|text| wrong(&text))?;
-        if self.look.names_channels() && !self.writes(FormatWord::Exr) {
-            return Err(wrong("--channels are planes of EXR files: add --formats exr"));
-        }
-        Ok(())
-    }
-
     fn writes(&self, format: FormatWord) -> bool {
         self.formats.contains(&format)
     }

@@ -7,6 +7,7 @@ use atsplat_camera::ImageSize;
 use atsplat_pixels::{AnimatedPng, Filter, ImageU8, resize};
 use clap::Args;
 
+use super::frames::is_frame_name;
 use super::views::Shot;
 use crate::output::PendingFile;
 
@@ -17,7 +18,7 @@ pub(crate) struct PreviewWords {
     #[arg(long, value_name = "FILE", value_parser = animation_path)]
     pub(crate) preview: Option<PathBuf>,
 
-    /// Widest that the preview may be, in pixels.
+    /// Widest that the preview may be, in pixels; its height follows.
     #[arg(long, value_name = "PIXELS", default_value_t = 480, requires = "preview", value_parser = clap::value_parser!(u32).range(1..=4096))]
     preview_width: u32,
 
@@ -29,6 +30,9 @@ pub(crate) struct PreviewWords {
 fn animation_path(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension().and_then(std::ffi::OsStr::to_str) {
+        _ if path.file_name().and_then(std::ffi::OsStr::to_str).is_some_and(is_frame_name) => {
+            Err(format!("frames are called so: expected another name, found {text:?}"))
+        }
         Some("png" | "apng") => Ok(path),
         _ => Err(format!("a preview is an animated PNG, .png or .apng, found {text:?}")),
     }
@@ -77,14 +81,12 @@ impl Preview {
         self.size
     }
 
-    /// Appends a frame of its size; black for one that could not be rendered.
+    /// Appends a frame of its size; crossed out for one that could not be rendered.
     pub(crate) fn push(&mut self, frame: Option<&ImageU8>) -> anyhow::Result<()> {
         if let Some(frame) = frame {
             return Ok(self.animation.push(frame)?);
         }
-        let ImageSize { width, height } = self.size;
-        let black = ImageU8::new(width, height, vec![0; 3 * width as usize * height as usize])?;
-        Ok(self.animation.push(&black)?)
+        Ok(self.animation.push(&crossed_out(self.size)?)?)
     }
 
     /// Puts the file in its place.
@@ -92,6 +94,17 @@ impl Preview {
         self.animation.finish()?;
         self.file.persist()
     }
+}
+
+/// Red diagonals on black, which no scene shows by chance.
+fn crossed_out(ImageSize { width, height }: ImageSize) -> anyhow::Result<ImageU8> {
+    let pixel = |row: u32, column: u32| {
+        let along = u64::from(row) * u64::from(width) / u64::from(height);
+        let is_crossed = [along, u64::from(width - 1) - along].contains(&u64::from(column));
+        [if is_crossed { 255 } else { 0 }, 0, 0]
+    };
+    let pixels = (0..height).flat_map(|row| (0..width).flat_map(move |column| pixel(row, column)));
+    Ok(ImageU8::new(width, height, pixels.collect())?)
 }
 
 /// A frame in the preview's size.
@@ -120,5 +133,14 @@ mod tests {
     fn the_extension_tells_an_animation() {
         assert!(animation_path("a/b.apng").is_ok() && animation_path("b.png").is_ok());
         assert!(animation_path("b.gif").is_err() && animation_path("png").is_err());
+        assert!(animation_path("out/000000.png").is_err() && animation_path("out/000000.apng").is_ok());
+    }
+
+    #[test]
+    fn a_lost_frame_is_crossed_out() {
+        let lost = crossed_out(ImageSize { width: 3, height: 3 }).unwrap();
+        let red: Vec<u8> = lost.samples().iter().step_by(3).copied().collect();
+        assert_eq!(red, [255, 0, 255, 0, 255, 0, 255, 0, 255]);
+        assert!(crossed_out(ImageSize { width: 1, height: 7 }).is_ok());
     }
 }

@@ -70,7 +70,7 @@ pub(crate) struct ViewRecord {
 impl ViewRecord {
     pub(crate) fn of(shot: &Shot, frame: &Frame) -> Self {
         Self {
-            camera: CameraRecord::of(shot.number, &shot.name, &shot.view.camera, shot.view.size),
+            camera: CameraRecord::of(shot),
             files: frame.files.clone(),
             census: frame.census,
             fault: frame.fault.clone(),

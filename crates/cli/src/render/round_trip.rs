@@ -1,10 +1,11 @@
 use std::fmt;
 use std::fs;
 
+use anyhow::Context as _;
 use atsplat_camera::ImageSize;
 use atsplat_numeric::Extremes as _;
 use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering};
+use atsplat_splat::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering};
 use clap::ValueEnum;
 use serde::Serialize;
 
@@ -13,6 +14,7 @@ use crate::progress::Progress;
 
 /// What a PLY must come back with; it holds every bit, so that anything less is a fault of ours.
 const PLY_DB: f64 = 60.0;
+const CONVENTION: &str = "f32 RGB clipped to [0, 1]; squared differences averaged over all samples of all views";
 
 /// A format that Gaussians are exported to and imported from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
@@ -26,18 +28,18 @@ pub(crate) enum RoundTripWord {
 }
 
 impl RoundTripWord {
-    const fn output(self) -> Output {
+    const fn output(self, antialiased: bool) -> Output {
         match self {
             Self::Ply => Output::Ply(Encoding::BinaryLittleEndian),
             Self::PlyAscii => Output::Ply(Encoding::Ascii),
             Self::PlyBigEndian => Output::Ply(Encoding::BinaryBigEndian),
-            Self::Spz2 => Output::Spz2,
-            Self::Spz3 => Output::Spz3,
+            Self::Spz2 => Output::Spz2 { antialiased },
+            Self::Spz3 => Output::Spz3 { antialiased },
         }
     }
 
     const fn is_lossless(self) -> bool {
-        matches!(self.output(), Output::Ply(_))
+        !matches!(self, Self::Spz2 | Self::Spz3)
     }
 }
 
@@ -48,6 +50,9 @@ pub(crate) struct RoundTrips {
     /// What the figures are.
     convention: &'static str,
     views: usize,
+    /// Why nothing was measured.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    fault: Option<String>,
     rows: Vec<Row>,
 }
 
@@ -82,41 +87,49 @@ struct Trip {
     largest: f64,
 }
 
-/// Exports to each format, imports again, and renders the same views with every effect that was asked for.
-pub(crate) fn measure(
+fn measure(
     renderer: &mut dyn Renderer,
     (gaussians, shots): (&Gaussians, &[Shot]),
     options: &RenderOptions,
     formats: &[RoundTripWord],
 ) -> anyhow::Result<RoundTrips> {
-    let folder = tempfile::tempdir()?;
+    let temporary = std::env::temp_dir();
+    let folder = tempfile::tempdir_in(&temporary)
+        .with_context(|| format!("making a folder for the round trip in {}", temporary.display()))?;
     let path = folder.path().join("gaussians");
-    files::write(&path, gaussians, RoundTripWord::Ply.output())?;
+    files::write(&path, gaussians, RoundTripWord::Ply.output(false))?;
     let ply_bytes = fs::metadata(&path)?.len();
     let mut trips = Vec::new();
     for format in formats {
-        trips.push(Trip::start(*format, gaussians, &path)?);
+        let antialiased = options.mode == RasterMode::Antialiased;
+        trips.push(Trip::start(*format, gaussians, antialiased, &path)?);
     }
     let progress = Progress::new("views of the round trip", shots.len());
     let mut views = 0;
     for shot in shots {
         // A view that cannot be rendered is told with the frames.
-        if let Ok(before) = renderer.render(gaussians, &shot.view, options) {
+        let options = shot.exposed(options);
+        if let Ok(before) = renderer.render(gaussians, &shot.view, &options) {
             views += 1;
             for trip in &mut trips {
-                trip.compare(renderer, &before, shot, options);
+                trip.compare(renderer, &before, shot, &options);
             }
         }
         progress.step();
     }
-    let convention = "f32 RGB clipped to [0, 1]; squared differences averaged over all samples of all views";
-    Ok(RoundTrips { convention, views, rows: trips.into_iter().map(|trip| trip.row(ply_bytes)).collect() })
+    let rows = trips.into_iter().map(|trip| trip.row(ply_bytes)).collect();
+    Ok(RoundTrips { convention: CONVENTION, views, fault: None, rows })
 }
 
 impl Trip {
     /// A format that has no place for what the Gaussians hold is told, not an end.
-    fn start(format: RoundTripWord, gaussians: &Gaussians, path: &std::path::Path) -> anyhow::Result<Self> {
-        let written = files::write(path, gaussians, format.output());
+    fn start(
+        format: RoundTripWord,
+        gaussians: &Gaussians,
+        antialiased: bool,
+        path: &std::path::Path,
+    ) -> anyhow::Result<Self> {
+        let written = files::write(path, gaussians, format.output(antialiased));
         let bytes = if written.is_ok() { fs::metadata(path)?.len() } else { 0 };
         let back = written.and_then(|()| files::read(path)).map(|(back, _)| back).map_err(|error| error.to_string());
         let (identical, squares, samples, worst_mse, largest) = (true, 0.0, 0.0, 0.0, 0.0);
@@ -185,8 +198,25 @@ fn same_bits(before: &Rendering<f32>, after: &Rendering<f32>) -> bool {
 }
 
 impl RoundTrips {
-    /// Why this is a failure: a format that keeps every bit did not bring the pictures back.
+    /// Exports to each format, imports again, and renders the same views with every effect that was asked for. The
+    /// pictures are made by then: a failure is told with them.
+    pub(crate) fn measure(
+        renderer: &mut dyn Renderer,
+        scene: (&Gaussians, &[Shot]),
+        options: &RenderOptions,
+        formats: &[RoundTripWord],
+    ) -> Self {
+        measure(renderer, scene, options, formats).unwrap_or_else(|error| {
+            let fault = Some(format!("--round-trip: {error:#}"));
+            Self { convention: CONVENTION, views: 0, fault, rows: Vec::new() }
+        })
+    }
+
+    /// Why this is a failure: nothing was measured, or a format that keeps every bit did not bring the pictures back.
     pub(crate) fn broken_promise(&self) -> Option<String> {
+        if self.fault.is_some() {
+            return self.fault.clone();
+        }
         let broken = |row: &&Row| {
             let kept = row.identical || row.psnr_db.is_none_or(|psnr| psnr >= PLY_DB);
             row.format.is_lossless() && (row.fault.is_some() || !kept || row.largest_difference.is_nan())
@@ -202,6 +232,9 @@ fn name(format: RoundTripWord) -> String {
 
 impl fmt::Display for RoundTrips {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(fault) = &self.fault {
+            return writeln!(f, "\n{fault}");
+        }
         let head = ["bytes", "of PLY", "PSNR", "worst view", "largest"];
         let [bytes, of_ply, psnr, worst, largest] = head;
         writeln!(f, "\n{:>14} {bytes:>11} {of_ply:>7} {psnr:>10} {worst:>11} {largest:>10}", "round trip")?;

@@ -1,8 +1,9 @@
 use std::fmt;
 
+use indexmap::IndexSet;
 use serde::Serialize;
 
-use super::frames::Frame;
+use super::frames::{Frame, FrameTiming};
 
 /// Where the time went: per frame the median over all frames but the first, which warms caches and buffers up.
 #[derive(Debug, Serialize)]
@@ -30,10 +31,14 @@ impl Timings {
     /// Of the frames that were rendered.
     pub(crate) fn of(reading_secs: f64, frames: &[Frame]) -> Self {
         let whole: Vec<_> = frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing).collect();
-        let names = whole.first().map(|first| first.stages.iter().map(|stage| stage.name).collect::<Vec<_>>());
+        // By name: a renderer may have other stages from frame to frame.
+        let names: IndexSet<&'static str> =
+            whole.iter().flat_map(|frame| &frame.stages).map(|stage| stage.name).collect();
         let mut rows: Vec<Row> = Vec::new();
-        for (at, stage) in names.unwrap_or_default().into_iter().enumerate() {
-            rows.extend(Row::of(stage, whole.iter().filter_map(|frame| Some(frame.stages.get(at)?.secs))));
+        for name in names {
+            let of_frame =
+                |frame: &&FrameTiming| frame.stages.iter().find(|stage| stage.name == name).map(|stage| stage.secs);
+            rows.extend(Row::of(name, whole.iter().filter_map(of_frame)));
         }
         let render = Row::of("render", whole.iter().map(|frame| frame.render_secs));
         let frames_per_second = render.as_ref().and_then(|row| row.median_ms).map(|median| 1e3 / median);
@@ -85,7 +90,6 @@ impl fmt::Display for Timings {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::render::frames::FrameTiming;
     use atsplat_numeric::Tolerance;
     use atsplat_splat::{Census, Stage};
 
@@ -104,6 +108,16 @@ mod tests {
         let row = &timings.rows[0];
         let found = [row.first_ms, row.median_ms.unwrap(), row.mad_ms.unwrap(), timings.frames_per_second.unwrap()];
         Tolerance::relative(1e-12).assert(found, [100.0, 5.5, 1.0, 1e3 / 11.0], "medians");
+    }
+
+    #[test]
+    fn stages_go_by_their_names() {
+        let mut other = frame(7.0);
+        other.timing.stages.insert(0, Stage { name: "upload", secs: 1.0 });
+        let timings = Timings::of(0.5, &[frame(3.0), other, frame(7.0)]);
+        let names: Vec<&str> = timings.rows.iter().map(|row| row.stage).collect();
+        assert_eq!(names, ["sort", "upload", "render", "encode, write"]);
+        Tolerance::relative(1e-12).assert(timings.rows[0].median_ms, [7.0], "sort alone");
     }
 
     #[test]

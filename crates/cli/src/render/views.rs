@@ -1,10 +1,10 @@
 use std::f64::consts::PI;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
 use atsplat_scene::Warnings;
-use atsplat_splat::{Gaussians, View};
+use atsplat_splat::{Exposure, Gaussians, RenderOptions, View};
 use clap::{ArgGroup, Args, ValueEnum};
 use serde::Serialize;
 
@@ -96,6 +96,14 @@ pub(crate) struct Shot {
     pub(crate) number: usize,
     pub(crate) name: String,
     pub(crate) view: View,
+    pub(crate) exposure: Option<Exposure>,
+}
+
+impl Shot {
+    /// The same options with this picture's exposure.
+    pub(crate) fn exposed(&self, options: &RenderOptions) -> RenderOptions {
+        RenderOptions { exposure: self.exposure, ..options.clone() }
+    }
 }
 
 /// The pictures to take, and how their cameras were found.
@@ -142,10 +150,22 @@ impl ViewWords {
         words::frames(count).map_err(|error| format!("--spline: {error}"))
     }
 
+    fn file(&self) -> Option<PathBuf> {
+        self.cameras.clone().or_else(|| Some(PathBuf::from(self.spline.as_ref()?.first()?)))
+    }
+
+    /// Refuses to replace the cameras by their record, which may hold fewer.
+    pub(crate) fn spare(&self, record: &Path) -> anyhow::Result<()> {
+        let (file, record) = (self.file().and_then(|file| file.canonicalize().ok()), record.canonicalize().ok());
+        match file.filter(|file| Some(file) == record.as_ref()) {
+            Some(file) => bail!("--out would replace the cameras in {}: choose another folder", file.display()),
+            None => Ok(()),
+        }
+    }
+
     /// The cameras of FILE, read before the scene is.
     pub(crate) fn read(&self, warnings: &mut Warnings) -> anyhow::Result<Option<Vec<FileCamera>>> {
-        let file = self.cameras.clone().or_else(|| Some(PathBuf::from(self.spline.as_ref()?.first()?)));
-        let Some(file) = file else { return Ok(None) };
+        let Some(file) = self.file() else { return Ok(None) };
         let mut cameras = camera_file::read(&file, self.key.as_deref(), warnings)?;
         if let Some(selection) = &self.frames {
             let picked = selection.of(cameras.len())?;
@@ -168,13 +188,16 @@ impl ViewWords {
             return Ok(Plan { shots, path: PathRecord::Cameras { file: file.clone() }, notes });
         }
         let size = self.size_of(cameras.first(), &mut notes)?;
+        if cameras.iter().any(|key| key.exposure.is_some()) {
+            notes.push("a path between cameras takes none of their exposures: see --exposure".to_owned());
+        }
         let keys: Vec<Camera> = cameras.iter().map(|key| key.camera).collect();
         let count = self.spline_frames().map_err(anyhow::Error::msg)?;
         let spacing = match self.spacing {
             SpacingWord::Way => Spacing::ArcLength,
             SpacingWord::Time => Spacing::Time,
         };
-        let file = self.spline.as_ref().and_then(|words| words.first()).map(PathBuf::from).unwrap_or_default();
+        let file = self.file().unwrap_or_default();
         let path = PathRecord::Spline { file, keys: keys.len(), closed: self.closed, spacing };
         let spline = if self.closed { CameraSpline::closed(keys)? } else { CameraSpline::open(keys)? };
         let views = spline.resampled(count, spacing)?;
@@ -188,7 +211,8 @@ impl ViewWords {
             if let Some(other) = shots.iter().find(|shot| shot.number == camera.number) {
                 bail!("cameras {:?} and {:?} both have the number {}", other.name, camera.name, camera.number);
             }
-            shots.push(Shot { number: camera.number, name: camera.name, view: View { camera: camera.camera, size } });
+            let FileCamera { number, name, camera, exposure, .. } = camera;
+            shots.push(Shot { number, name, view: View { camera, size }, exposure });
         }
         Ok(shots)
     }
@@ -240,6 +264,7 @@ fn radians(degrees: f64) -> f64 {
 }
 
 fn numbered(cameras: Vec<Camera>, size: ImageSize) -> Vec<Shot> {
-    let shot = |(number, camera)| Shot { number, name: format!("{number}"), view: View { camera, size } };
+    let shot =
+        |(number, camera)| Shot { number, name: format!("{number}"), view: View { camera, size }, exposure: None };
     cameras.into_iter().enumerate().map(shot).collect()
 }

@@ -2,7 +2,7 @@
 
 use std::str::FromStr;
 
-use anyhow::{Context as _, bail};
+use anyhow::Context as _;
 use atsplat_camera::ImageSize;
 use atsplat_splat::RendererConstants;
 use glam::DVec3;
@@ -49,7 +49,10 @@ pub(crate) fn size(text: &str) -> Result<ImageSize, String> {
 /// A number of frames.
 pub(crate) fn frames(text: &str) -> Result<usize, String> {
     let count = text.parse().ok().filter(|count| (1..=MOST_FRAMES).contains(count));
-    count.ok_or_else(|| format!("expected 1 to {MOST_FRAMES} frames, found {text:?}"))
+    count.ok_or_else(|| {
+        let hint = if text.parse::<f64>().is_ok() { "" } else { "; the scene's file comes before the cameras" };
+        format!("expected 1 to {MOST_FRAMES} frames, found {text:?}{hint}")
+    })
 }
 
 pub(crate) fn finite(text: &str) -> Result<f64, String> {
@@ -108,27 +111,7 @@ pub(crate) fn constants(text: &str) -> anyhow::Result<RendererConstants> {
     let doing = || format!("reading constants from {text}");
     let file = std::fs::read_to_string(text).with_context(doing)?;
     let constants: RendererConstants = toml::from_str(&file).with_context(doing)?;
-    let positive = [("near", constants.near), ("max-alpha", constants.max_alpha), ("min-alpha", constants.min_alpha)];
-    for (field, value) in positive {
-        if !(value > 0.0 && value.is_finite()) {
-            bail!("{text}: {field}: expected a number above 0, found {value}");
-        }
-    }
-    let others = [
-        ("blur", constants.blur),
-        ("min-transmittance", constants.min_transmittance),
-        ("jacobian-margin", constants.jacobian_margin),
-        ("min-compensation", constants.min_compensation),
-    ];
-    for (field, value) in others {
-        if !(value >= 0.0 && value.is_finite()) {
-            bail!("{text}: {field}: expected a number of at least 0, found {value}");
-        }
-    }
-    let in_order = constants.near < constants.far;
-    if !in_order {
-        bail!("{text}: far: expected a number above near ({}), found {}", constants.near, constants.far);
-    }
+    constants.check().with_context(|| text.to_owned())?;
     Ok(constants)
 }
 
@@ -181,10 +164,15 @@ mod tests {
             RendererConstants { near: f64::NAN, ..preset.clone() },
             RendererConstants { far: 0.001, ..preset.clone() },
             RendererConstants { min_alpha: 0.0, ..preset.clone() },
-            RendererConstants { blur: -1.0, ..preset },
+            RendererConstants { blur: -1.0, ..preset.clone() },
+            RendererConstants { max_alpha: 1.5, ..preset.clone() },
+            RendererConstants { min_alpha: 0.9999, ..preset.clone() },
+            RendererConstants { min_transmittance: 2.0, ..preset.clone() },
+            RendererConstants { min_compensation: 1.5, ..preset },
         ] {
             std::fs::write(&path, toml::to_string(&broken).unwrap()).unwrap();
-            assert!(constants(text).is_err(), "{broken:?}");
+            let told = constants(text).unwrap_err().to_string();
+            assert!(told.contains("mine.toml: ") && told.contains(", found "), "{told}");
         }
         assert!(constants("no/such.toml").is_err());
     }

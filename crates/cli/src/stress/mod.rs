@@ -3,10 +3,12 @@
 mod report;
 mod splat;
 
-use clap::Args;
+use clap::error::ErrorKind;
+use clap::{Args, Command};
 
 use crate::output::{PendingFile, print_report, print_text};
 use crate::plot::{PlotFile, StressErrors, draw_stress_errors};
+use crate::words::once;
 use report::Report;
 
 #[derive(Debug, Args)]
@@ -28,13 +30,16 @@ pub(crate) struct Words {
     #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
-    /// Print JSON.
+    /// Print JSON; an error whose bound is null has none, and has to be finite.
     #[arg(long)]
     json: bool,
 }
 
 /// Whether everything passed.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    for (word, list) in [("--case", &words.case), ("--path", &words.path)] {
+        once(word, list).map_err(|text| Command::new("atsplat").error(ErrorKind::ValueValidation, text))?;
+    }
     if words.list {
         print_text(&splat::list(&words.case))?;
         return Ok(true);

@@ -29,9 +29,8 @@ impl fmt::Display for Report {
             let case = if row.case == before { "" } else { &row.case };
             before = &row.case;
             let of = |name: &str, share: fn(&MeasuredError) -> f64| {
-                row.error(name)
-                    .filter(|error| error.compared > 0)
-                    .map_or_else(|| "-".to_owned(), |error| figure(share(error)))
+                let Some(error) = row.error(name).filter(|error| error.compared > 0) else { return "-".to_owned() };
+                figure(share(error)) + if error.bound.is_finite() { "" } else { "*" }
             };
             writeln!(
                 f,
@@ -61,7 +60,11 @@ impl fmt::Display for Report {
              of derivatives as a share of the largest in their field.",
             self.failed,
             self.rows.len()
-        )
+        )?;
+        if self.rows.iter().flat_map(|row| &row.errors).any(|error| !error.bound.is_finite()) {
+            writeln!(f, "* has no bound: this case's derivatives take geometry in f64; here they have to be finite.")?;
+        }
+        Ok(())
     }
 }
 
@@ -95,7 +98,22 @@ mod tests {
             "{text}"
         );
         assert!(lines[1].ends_with("ok") && lines[2].ends_with("FAILED") && lines[3].ends_with("FAILED"), "{text}");
+        assert!(!text.contains('*'), "{text}");
         assert_eq!(lines[5], "needles, cpu, avx2: image NaN, at most 1.0e-5");
         assert_eq!(lines[7], "needles, gpu: census: off");
+    }
+
+    #[test]
+    fn an_error_without_a_bound_is_marked() {
+        let error = MeasuredError { name: "gradient", absolute: 3.0, relative: 3.0, bound: f64::INFINITY, compared: 9 };
+        let row = StressRow {
+            case: "needles".to_owned(),
+            path: "gpu".to_owned(),
+            errors: vec![error],
+            non_finite: 0,
+            findings: vec![],
+        };
+        let text = Report::of(vec![row]).to_string();
+        assert!(text.contains("3.0e0*") && text.contains("* has no bound"), "{text}");
     }
 }

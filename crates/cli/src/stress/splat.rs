@@ -1,8 +1,10 @@
-use anyhow::bail;
 use atsplat_numeric::StressRow;
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::{HardCase, catalogue};
 use atsplat_splat::stress::{self, Path};
+
+use clap::Command;
+use clap::error::ErrorKind;
 
 use crate::output::complain;
 use crate::progress::Progress;
@@ -28,7 +30,8 @@ pub(super) fn rows(cases: &[String], words: &[String]) -> anyhow::Result<Vec<Str
     }
     if let Some(word) = words.iter().find(|word| !is_here(&paths, word)) {
         let names: Vec<String> = paths.iter().map(|path| path.renderer.name()).collect();
-        bail!("--path {word}: this machine has {}", names.join("; "));
+        let told = format!("--path {word}: this machine has {}", names.join("; "));
+        return Err(Command::new("atsplat").error(ErrorKind::ValueValidation, told).into());
     }
     paths.retain(|path| words.is_empty() || words.iter().any(|word| path.renderer.name().contains(word)));
     let chosen = chosen(cases);

@@ -97,13 +97,15 @@ def main():
         folder = Path(folder)
         subprocess.run([executable, "--export", str(folder)], check=True)
         peers = {name: peer(folder, name, adapter) for name in CASES}
-        for render in peers.values():
+        # Both show the same scene only if these agree; ours follow below.
+        for name, render in peers.items():
             rgb, _ = render()
-            print("gausscam's mean colour:", rgb.reshape(-1, 3).mean(axis=0) / 255.0)
+            red, green, blue = rgb.reshape(-1, 3).mean(axis=0) / 255.0
+            print(f"gausscam {name} mean colour: {red:.4f} {green:.4f} {blue:.4f}")
         for _ in range(turns):
             for name, render in peers.items():
                 print(f"gausscam {name}: {timed(render)}", flush=True)
-            ours = [executable, "--adapter", adapter, "--rounds", str(ROUNDS), "--only", "device"]
+            ours = [executable, "--adapter", adapter, "--rounds", str(ROUNDS), "--only", "forward on the device"]
             subprocess.run(ours, check=True)
 
 

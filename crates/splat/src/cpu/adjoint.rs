@@ -167,7 +167,8 @@ impl ByGaussian {
         for (row, value) in self.quaternion.iter_mut().zip([w, x, y, z]) {
             value.store(row, vector);
         }
-        (-(e * (one - Wide::load(simd, &shapes.sigmoid, vector)))).store(&mut self.logit, vector);
+        let rest = Wide::load(simd, &shapes.odds, vector) * Wide::load(simd, &shapes.sigmoid, vector);
+        (-(e * rest)).store(&mut self.logit, vector);
 
         let columns = optics.rotation.transpose().to_cols_array_2d();
         let camera = [splat3(simd, columns[0]), splat3(simd, columns[1]), splat3(simd, columns[2])];

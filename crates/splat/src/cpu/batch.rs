@@ -3,6 +3,7 @@
 use pulp::Simd;
 
 use super::bins::Entry;
+use super::order::Sorted;
 use super::splat::Splat;
 
 /// Side of a block in pixels; what is kept of a block stays in registers while its splats pass.
@@ -39,15 +40,14 @@ pub(super) struct Record {
     pub(super) rgb: [f32; 3],
     pub(super) depth: f32,
     pub(super) scalar: f32,
-    /// Which of those that the batch was made from.
+    /// In the tile's unsorted list.
     pub(super) place: u32,
 }
 
 /// Splats, and for each block those that touch it.
 #[derive(Debug)]
 pub(super) struct Batch {
-    /// Copies.
-    near: [Splat; BATCH],
+    group: Group,
     records: [Record; 256],
     used: u8,
     lists: [[u8; 256]; BLOCKS],
@@ -57,7 +57,7 @@ pub(super) struct Batch {
 impl Default for Batch {
     fn default() -> Self {
         Self {
-            near: [Splat::default(); BATCH],
+            group: Group::default(),
             records: [Record::default(); 256],
             used: 0,
             lists: [[0; 256]; BLOCKS],
@@ -67,47 +67,23 @@ impl Default for Batch {
 }
 
 impl Batch {
-    /// Takes at most [`BATCH`] splats, in their order; `open` has a bit for each block that is not finished. Entries
-    /// are places in `list`, or among all splats where there is none.
+    /// Takes at most [`BATCH`] splats, in their order; `open` has a bit for each block that is not finished.
     #[inline(always)]
-    pub(super) fn fill<S: Simd>(
-        &mut self,
-        simd: S,
-        cell: Cell,
-        open: u64,
-        entries: &[Entry],
-        list: Option<&[u32]>,
-        splats: &[Splat],
-    ) {
+    pub(super) fn fill<S: Simd>(&mut self, simd: S, cell: Cell, open: u64, entries: &[Entry], sorted: Sorted<'_>) {
         self.used = 0;
         self.lengths = [0; BLOCKS];
-        // Loads that nothing else stands between wait for memory together, not one after the other.
-        for (near, entry) in self.near.iter_mut().zip(entries) {
-            let splat = match list {
-                None => entry.splat,
-                Some(list) => list.get(entry.splat as usize).copied().unwrap_or(u32::MAX),
-            };
-            *near = splats.get(splat as usize).copied().unwrap_or_default();
-        }
-        let count = if entries.len() < BATCH { entries.len() } else { BATCH };
-        for start in (0..count).step_by(GROUP) {
-            let first = self.used;
-            let mut group = Group::default();
-            let count = if count - start < GROUP { count - start } else { GROUP };
-            let near = self.near.iter().zip(entries).skip(start).take(count);
-            for ((lane, place), (splat, entry)) in (first..).enumerate().zip(near) {
-                // Kept behind those in use, until it is known which touch anything.
-                let record = record(cell, entry.splat, splat);
-                self.records[usize::from(place)] = record;
-                group.put(lane, cell, splat, &record);
+        let entries = entries.get(..BATCH).unwrap_or(entries);
+        for entries in entries.chunks(GROUP) {
+            for (lane, entry) in entries.iter().enumerate() {
+                self.group.put(lane, cell, sorted.at(entry.splat));
             }
-            group.shrink::<S>(simd, cell.across);
-            for (lane, place) in (first..).enumerate().take(count) {
-                let mut blocks = group.blocks(lane) & open;
+            self.group.shrink::<S>(simd, cell.across);
+            for (lane, entry) in entries.iter().enumerate() {
+                let mut blocks = self.group.blocks(lane) & open;
                 if blocks == 0 {
                     continue;
                 }
-                self.records[usize::from(self.used)] = self.records[usize::from(place)];
+                self.records[usize::from(self.used)] = Record::new(cell, entry.splat, sorted.at(entry.splat));
                 while blocks != 0 {
                     let block = blocks.trailing_zeros() as usize % BLOCKS;
                     let length = &mut self.lengths[block];
@@ -137,24 +113,34 @@ impl Batch {
     }
 }
 
-#[inline(always)]
-fn record(cell: Cell, place: u32, splat: &Splat) -> Record {
-    // Pictures and bases are well within 2³¹.
-    let from_base = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
-    Record {
-        whitener: splat.whitener,
-        shift: splat.shift,
-        from_base: [from_base(cell.left, splat.base[0]), from_base(cell.top, splat.base[1])],
-        opacity: splat.opacity,
-        rgb: splat.rgb,
-        depth: splat.depth,
-        scalar: splat.scalar,
-        place,
+impl Record {
+    #[inline(always)]
+    fn new(cell: Cell, place: u32, splat: &Splat) -> Self {
+        Self {
+            whitener: splat.whitener,
+            shift: splat.shift,
+            from_base: cell.past_base(splat),
+            opacity: splat.opacity,
+            rgb: splat.rgb,
+            depth: splat.depth,
+            scalar: splat.scalar,
+            place,
+        }
+    }
+}
+
+impl Cell {
+    /// From the splat's base to the first pixel of the cell, whole pixels.
+    #[inline(always)]
+    fn past_base(self, splat: &Splat) -> [f32; 2] {
+        // Pictures and bases are well within 2³¹.
+        let from = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
+        [from(self.left, splat.base[0]), from(self.top, splat.base[1])]
     }
 }
 
 /// What decides which blocks splats touch, a lane each.
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Group {
     whitener: [[f32; GROUP]; 3],
     shift: [[f32; GROUP]; 2],
@@ -168,15 +154,15 @@ struct Group {
 
 impl Group {
     #[inline(always)]
-    fn put(&mut self, lane: usize, cell: Cell, splat: &Splat, record: &Record) {
+    fn put(&mut self, lane: usize, cell: Cell, splat: &Splat) {
         let lane = lane % GROUP;
-        for (row, value) in self.whitener.iter_mut().zip(record.whitener) {
+        for (row, value) in self.whitener.iter_mut().zip(splat.whitener) {
             row[lane] = value;
         }
-        for (row, value) in self.shift.iter_mut().zip(record.shift) {
+        for (row, value) in self.shift.iter_mut().zip(splat.shift) {
             row[lane] = value;
         }
-        for (row, value) in self.from_base.iter_mut().zip(record.from_base) {
+        for (row, value) in self.from_base.iter_mut().zip(cell.past_base(splat)) {
             row[lane] = value;
         }
         self.cut[lane] = splat.cut;

@@ -31,8 +31,10 @@ impl Tiling {
     }
 
     fn of(self, splat: &Splat) -> Reach {
-        let side = u16::try_from(self.side).unwrap_or(u16::MAX);
-        splat.reach.map(|[from, past]| [from / side, past.div_ceil(side)])
+        // Sides are powers of two.
+        let log2 = self.side.trailing_zeros();
+        let past_of = |past: u16| if past == 0 { 0 } else { ((past - 1) >> log2) + 1 };
+        splat.reach.map(|[from, past]| [from >> log2, past_of(past)])
     }
 
     /// Calls `with` for each tile that a splat may reach: those of the rectangle, without the corners that the
@@ -98,6 +100,11 @@ pub(super) struct Entry {
     pub(super) splat: u32,
 }
 
+/// Bytes that one run's lists take, however short.
+pub(super) const fn start_bytes(tiling: Tiling) -> usize {
+    size_of::<Bins>() + size_of::<u32>() * (tiling.len() + 2)
+}
+
 /// The lists of one run of Gaussians.
 #[derive(Debug, Default)]
 pub(super) struct Bins {
@@ -110,23 +117,24 @@ pub(super) struct Bins {
 impl Bins {
     /// Counts what the lists will hold; returns the total.
     pub(super) fn count(&mut self, splats: &[Splat], tiling: Tiling) -> u64 {
-        self.reaches.clear();
-        self.reaches.extend(splats.iter().map(|splat| (depth_key(splat.depth), tiling.of(splat))));
+        let Self { reaches, starts, .. } = self;
+        reaches.clear();
+        reaches.extend(splats.iter().map(|splat| (depth_key(splat.depth), tiling.of(splat))));
+        starts.clear();
+        starts.resize(tiling.len() + 2, 0);
         let mut total = 0;
-        for ((_, reach), splat) in self.reaches.iter().zip(splats) {
-            tiling.each(*reach, splat, |_| total += 1);
+        // Two places ahead: filling moves each start to the end of its list, one place too early.
+        for ((_, reach), splat) in reaches.iter().zip(splats) {
+            tiling.each(*reach, splat, |tile| {
+                starts.get_mut(tile + 2).into_iter().for_each(|count| *count += 1);
+                total += 1;
+            });
         }
         total
     }
 
     /// Fills the lists with the counted splats, of which the first is `first` among all.
     pub(super) fn fill(&mut self, first: usize, splats: &[Splat], tiling: Tiling) {
-        self.starts.clear();
-        self.starts.resize(tiling.len() + 2, 0);
-        // Two places ahead: filling moves each start to the end of its list, one place too early.
-        for ((_, reach), splat) in self.reaches.iter().zip(splats) {
-            tiling.each(*reach, splat, |tile| self.starts.get_mut(tile + 2).into_iter().for_each(|count| *count += 1));
-        }
         let mut total = 0;
         for start in &mut self.starts {
             total += *start;
@@ -134,8 +142,9 @@ impl Bins {
         }
         self.entries.clear();
         self.entries.resize(total as usize, Entry::default());
-        let numbers = u32::try_from(first).unwrap_or(u32::MAX)..;
-        for (((key, reach), splat), number) in self.reaches.iter().zip(splats).zip(numbers) {
+        for (((key, reach), splat), number) in self.reaches.iter().zip(splats).zip(first..) {
+            #[expect(clippy::cast_possible_truncation, reason = "renderers refuse more Gaussians than a u32 counts")]
+            let number = number as u32;
             tiling.each(*reach, splat, |tile| {
                 let Some(next) = self.starts.get_mut(tile + 1) else { return };
                 if let Some(slot) = self.entries.get_mut(*next as usize) {
@@ -144,6 +153,13 @@ impl Bins {
                 *next += 1;
             });
         }
+    }
+
+    /// Bytes of all buffers, used or not.
+    pub(super) fn held(&self) -> usize {
+        self.reaches.capacity() * size_of::<(u32, Reach)>()
+            + self.starts.capacity() * size_of::<u32>()
+            + self.entries.capacity() * size_of::<Entry>()
     }
 
     /// A tile's splats, in the order of the Gaussians.

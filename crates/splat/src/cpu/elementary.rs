@@ -4,7 +4,7 @@
 use pulp::Simd;
 
 /// `2^(−x)` for `x ≥ 0`, to 2 units in the last place down to `2^−20`, where it stays: far from denormals,
-/// and no opacity that small is ever drawn.
+/// and no opacity that small is ever drawn, see [`crate::SMALLEST_MIN_ALPHA`].
 pub(super) struct Exp2<S: Simd> {
     rounder: S::f32s,
     coefficients: [S::f32s; 5],

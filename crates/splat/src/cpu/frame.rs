@@ -7,6 +7,7 @@ use super::bins::{Bins, Entry, RUN, Reach, Tiling};
 use super::composite::Composite;
 use super::differentiate::SUMS;
 use super::images::{self, Layout};
+use super::memory::{self, Room};
 use super::order::Sorter;
 use super::project::{Project, Run, Target};
 use super::splat::Splat;
@@ -15,7 +16,7 @@ use crate::view::Optics;
 use crate::{Census, Gaussians, RenderOptions, Rendering, SplatError, View};
 
 /// Bytes that a frame takes for each Gaussian, but for tile lists.
-pub(super) const BYTES_EACH: u64 = (size_of::<Splat>() + size_of::<Reach>() + 2 * size_of::<u32>()) as u64;
+pub(super) const BYTES_EACH: usize = size_of::<Splat>() + size_of::<Reach>() + 2 * size_of::<u32>();
 
 /// Everything about one view, from splats to pixels; its buffers are used again.
 #[derive(Debug)]
@@ -52,11 +53,28 @@ impl Frame {
         self.bins.resize_with(runs, Bins::default);
     }
 
-    /// Sorts splats into tiles: counts, and fills where what was counted fits. Returns the bytes of the lists.
+    /// Bytes of all buffers, used or not.
+    pub(super) fn held(&self) -> u64 {
+        let Self { splats, runs, bins, pixels, sums, .. } = self;
+        let own = splats.capacity() * size_of::<Splat>()
+            + pixels.capacity() * size_of::<f32>()
+            + sums.capacity() * size_of::<[f32; SUMS]>()
+            + runs.iter().map(|run| run.positions.capacity() * size_of::<u32>()).sum::<usize>()
+            + bins.iter().map(Bins::held).sum::<usize>();
+        own as u64
+    }
+
+    /// Splats in the longest of the tiles' lists.
+    pub(super) fn longest(&self) -> usize {
+        let length = |tile| self.bins.iter().map(|run| run.list(tile).len()).sum();
+        (0..self.tiling().len()).into_par_iter().map(length).max().unwrap_or_default()
+    }
+
+    /// Sorts splats into tiles: counts, and fills where what was counted fits.
     ///
     /// # Errors
-    /// [`SplatError::Memory`] before the lists are made.
-    pub(super) fn bin(&mut self, room: u64, limit: u64) -> Result<u64, SplatError> {
+    /// [`SplatError::Memory`] before the lists are made, or what they are sorted with; [`SplatError::Count`].
+    pub(super) fn bin(&mut self, room: &mut Room) -> Result<(), SplatError> {
         let tiling = self.tiling();
         let Self { splats, runs, bins, .. } = self;
         let counts: Vec<u64> = bins
@@ -66,15 +84,17 @@ impl Frame {
             .map(|((bins, splats), run)| bins.count(splats.get(..run.positions.len()).unwrap_or_default(), tiling))
             .collect();
         let lists = counts.iter().fold(0u64, |sum, count| sum.saturating_add(*count));
-        let ends = (bins.len() as u64).saturating_mul(4 * tiling.len() as u64);
-        let bytes = lists.saturating_mul(size_of::<Entry>() as u64).saturating_add(ends);
         let most = counts.iter().copied().max().unwrap_or_default();
-        if bytes > room || most > u64::from(u32::MAX) {
-            return Err(SplatError::Memory { needed: limit.saturating_sub(room).saturating_add(bytes), limit });
-        }
+        countable("tiles of 4096 Gaussians", most)?;
+        room.take(lists.saturating_mul(size_of::<Entry>() as u64))?;
         let runs = bins.par_iter_mut().zip(splats.par_chunks(RUN)).enumerate();
         runs.for_each(|(at, (bins, splats))| bins.fill(at * RUN, splats, tiling));
-        Ok(bytes)
+        // Rarely worth counting: all of the lists in one tile would do.
+        let most = usize::try_from(lists).unwrap_or(usize::MAX);
+        if memory::sorters(most) > room.left {
+            room.take(memory::sorters(self.longest()))?;
+        }
+        Ok(())
     }
 
     /// Composites every tile.
@@ -85,9 +105,9 @@ impl Frame {
         let scratch = || (Sorter::default(), Box::<Batch>::default());
         let tiles = pixels.par_chunks_mut(layout.per_tile()).enumerate();
         tiles.for_each_init(scratch, |(sorter, batch), (tile, pixels)| {
-            let order = sorter.by_depth(bins, tile);
+            let sorted = sorter.by_depth(bins, tile, splats);
             for (cell, pixels) in layout.cells(tile).zip(pixels.chunks_mut(layout.stride())) {
-                simd.dispatch(Composite { paint, order, list: None, splats, cell, batch, pixels });
+                simd.dispatch(Composite { paint, sorted, cell, batch, pixels });
             }
         });
     }
@@ -100,6 +120,15 @@ impl Frame {
         }
         images::write(self.layout, &self.pixels, paint, rendering);
     }
+}
+
+/// Positions and lists are numbered in 32 bits.
+///
+/// # Errors
+/// [`SplatError::Count`] for more.
+pub(super) fn countable(what: &'static str, found: u64) -> Result<(), SplatError> {
+    let most = u64::from(u32::MAX);
+    if found <= most { Ok(()) } else { Err(SplatError::Count { what, most, found }) }
 }
 
 /// Gives images the size that a view's have, none of them counted yet.

@@ -52,7 +52,7 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Carries the derivatives by one run's splats to its Gaussians; returns their share of those by the pose.
+/// Carries the derivatives by one run's splats to its Gaussians; returns each one's share of those by the pose.
 pub(super) struct Carry<'a> {
     pub(super) gaussians: &'a Gaussians,
     pub(super) options: &'a RenderOptions,
@@ -68,15 +68,15 @@ pub(super) struct Carry<'a> {
 }
 
 impl WithSimd for Carry<'_> {
-    type Output = [f64; 6];
+    type Output = Vec<[f64; 6]>;
 
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> [f64; 6] {
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<[f64; 6]> {
         let Self { gaussians, options, optics, first, past, positions, splats, totals, mut rows } = self;
         let parts = gaussians.parts();
         let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
         let (mut by_splat, mut by_gaussian) = (BySplat::default(), ByGaussian::default());
-        let mut pose = [0.0; 6];
+        let mut shares = Vec::with_capacity(positions.len());
         let mut drawn = positions.iter().zip(splats).zip(totals).peekable();
         for start in (first..past).step_by(SIDE_BY_SIDE) {
             let within = |position: u32| (position as usize) < start + SIDE_BY_SIDE;
@@ -110,12 +110,12 @@ impl WithSimd for Carry<'_> {
             by_gaussian.take(simd, &At { shapes: &shapes, screen: &screen, optics, options }, &by_splat);
             for lane in lanes.into_iter().take(count) {
                 rows.put_gaussian(start - first + lane, lane % SIDE_BY_SIDE, &by_gaussian);
-                for (sum, row) in pose.iter_mut().zip(by_gaussian.pose.as_flattened()) {
-                    *sum += row[lane % SIDE_BY_SIDE];
-                }
+                let [turn, shift] =
+                    by_gaussian.pose.each_ref().map(|rows| rows.each_ref().map(|row| row[lane % SIDE_BY_SIDE]));
+                shares.push([turn[0], turn[1], turn[2], shift[0], shift[1], shift[2]]);
             }
         }
-        pose
+        shares
     }
 }
 

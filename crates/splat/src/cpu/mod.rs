@@ -13,9 +13,12 @@ mod elementary;
 mod frame;
 mod gradients;
 mod images;
+mod memory;
 mod order;
+mod place;
 mod project;
 mod recording;
+mod scaled;
 mod shape;
 mod simd;
 mod splat;
@@ -26,6 +29,7 @@ use std::time::Instant;
 use bins::Tiling;
 use frame::Frame;
 use images::Layout;
+use memory::Room;
 
 use crate::renderer::saturated;
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
@@ -100,10 +104,11 @@ const TOGETHER: usize = 4;
 impl CpuRenderer {
     /// A renderer without buffers yet.
     pub fn new(options: CpuOptions) -> Self {
-        Self { options, ..Self::default() }
+        let simd = options.simd.or_portable();
+        Self { options: CpuOptions { simd, ..options }, ..Self::default() }
     }
 
-    /// The instruction set that it uses.
+    /// The instruction set that it uses: the one asked for, or [`SimdLevel::Portable`] where the processor lacks it.
     pub const fn simd(&self) -> SimdLevel {
         self.options.simd
     }
@@ -116,15 +121,16 @@ impl CpuRenderer {
     /// Renders a view on rayon's threads.
     ///
     /// # Errors
-    /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`]; [`SplatError::Memory`] before anything is
-    /// allocated that would not fit.
+    /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`], [`SplatError::Constants`];
+    /// [`SplatError::Count`] for more Gaussians than 32 bits number; [`SplatError::Memory`] before anything is allocated
+    /// that would not fit.
     pub fn render(
         &mut self,
         gaussians: &Gaussians,
         view: &View,
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError> {
-        let mut rendering = Rendering::empty(view, options);
+        let mut rendering = Rendering::blank(view);
         self.render_into(gaussians, view, options, &mut rendering)?;
         Ok(rendering)
     }
@@ -140,10 +146,9 @@ impl CpuRenderer {
         options: &RenderOptions,
         rendering: &mut Rendering<f32>,
     ) -> Result<(), SplatError> {
-        let spare = self.spare.pop().unwrap_or_default();
-        let outcome =
-            self.render_frames(gaussians, &[*view], options, self.options.tile, vec![spare], &mut [rendering]);
-        self.spare.extend(outcome?);
+        let tile = self.options.tile;
+        let frames = self.render_frames(gaussians, &[*view], options, tile, 0, &mut [rendering])?;
+        self.keep(frames);
         Ok(())
     }
 
@@ -159,54 +164,92 @@ impl CpuRenderer {
         options: &RenderOptions,
     ) -> Result<Vec<Rendering<f32>>, SplatError> {
         options.check()?;
+        frame::countable("Gaussians", gaussians.len() as u64)?;
         for view in views {
             view.optics(&options.constants)?;
-            check_size(view)?;
         }
-        let images = views.iter().fold(0u64, |sum, view| sum.saturating_add(image_bytes(view, options)));
-        let most = views.iter().map(|view| frame_bytes(gaussians, view, options, self.options.tile)).max();
+        let tile = self.options.tile;
+        let images = views.iter().fold(0u64, |sum, view| sum.saturating_add(Rendering::<f32>::bytes(view, options)));
+        let most = views.iter().map(|view| memory::frame(gaussians, view, options, tile)).max();
         let Some(frame) = most else { return Ok(Vec::new()) };
-        let room = self.room(images.saturating_add(frame))?;
-        let together = 1 + usize::try_from(room / frame).unwrap_or(usize::MAX);
-        let together = if together < TOGETHER { together } else { TOGETHER };
+        let mut room = Room::new(self.options.memory_limit);
+        room.take(images.saturating_add(frame))?;
+        let together = 1 + usize::try_from(room.left / frame).unwrap_or(usize::MAX);
+        let mut together = if together < TOGETHER { together } else { TOGETHER };
 
-        let mut renderings: Vec<_> = views.iter().map(|view| Rendering::empty(view, options)).collect();
+        let mut renderings: Vec<_> = views.iter().map(Rendering::blank).collect();
         let mut timings = Timings::default();
-        for (views, renderings) in views.chunks(together).zip(renderings.chunks_mut(together)) {
-            let mut frames = std::mem::take(&mut self.spare);
-            frames.resize_with(views.len(), Frame::default);
-            let mut renderings: Vec<_> = renderings.iter_mut().collect();
-            let tile = self.options.tile;
-            self.spare = self.render_frames(gaussians, views, options, tile, frames, &mut renderings)?;
+        let mut done = 0;
+        while done < views.len() {
+            let past = if done + together < views.len() { done + together } else { views.len() };
+            let (Some(now), Some(into)) = (views.get(done..past), renderings.get_mut(done..past)) else { break };
+            // The images of the other views are there as well.
+            let others =
+                now.iter().fold(images, |rest, view| rest.saturating_sub(Rendering::<f32>::bytes(view, options)));
+            let mut into: Vec<_> = into.iter_mut().collect();
+            match self.render_frames(gaussians, now, options, tile, others, &mut into) {
+                Ok(frames) => self.keep(frames),
+                Err(SplatError::Memory { .. }) if together > 1 => {
+                    together = 1;
+                    continue;
+                }
+                Err(error) => return Err(error),
+            }
             timings.project_secs += self.timings.project_secs;
             timings.bin_secs += self.timings.bin_secs;
             timings.raster_secs += self.timings.raster_secs;
             timings.write_secs += self.timings.write_secs;
+            done = past;
         }
         self.timings = timings;
         Ok(renderings)
     }
 
-    /// Renders as many views as there are frames, and returns those.
+    /// Renders views together, each with a frame, beside `others` bytes in use; returns the frames. What is left of
+    /// earlier jobs makes way where it would not fit.
     fn render_frames(
         &mut self,
         gaussians: &Gaussians,
         views: &[View],
         options: &RenderOptions,
         tile: TileSize,
-        mut frames: Vec<Frame>,
+        others: u64,
+        renderings: &mut [&mut Rendering<f32>],
+    ) -> Result<Vec<Frame>, SplatError> {
+        let kept = self.spare.len().saturating_sub(views.len());
+        let mut frames = self.spare.split_off(kept);
+        frames.resize_with(views.len(), Frame::default);
+        let held = frames.iter().chain(&self.spare).fold(others, |sum, frame| sum.saturating_add(frame.held()));
+        if held > others {
+            match self.fill_frames(gaussians, views, options, tile, (held, frames), renderings) {
+                Err(SplatError::Memory { .. }) => self.spare.clear(),
+                outcome => return outcome,
+            }
+        }
+        let frames = std::iter::repeat_with(Frame::default).take(views.len()).collect();
+        self.fill_frames(gaussians, views, options, tile, (others, frames), renderings)
+    }
+
+    /// Renders as many views as there are frames, beside so many bytes in use, and returns the frames.
+    fn fill_frames(
+        &mut self,
+        gaussians: &Gaussians,
+        views: &[View],
+        options: &RenderOptions,
+        tile: TileSize,
+        (held, mut frames): (u64, Vec<Frame>),
         renderings: &mut [&mut Rendering<f32>],
     ) -> Result<Vec<Frame>, SplatError> {
         options.check()?;
+        frame::countable("Gaussians", gaussians.len() as u64)?;
+        let mut room = Room::new(self.options.memory_limit);
+        room.take(held)?;
         let mut eyes = Vec::with_capacity(views.len());
-        let mut needed = 0u64;
         for view in views {
             eyes.push((*view, view.optics(&options.constants)?));
-            check_size(view)?;
-            needed = needed.saturating_add(image_bytes(view, options));
-            needed = needed.saturating_add(frame_bytes(gaussians, view, options, tile));
+            room.take(Rendering::<f32>::bytes(view, options))?;
+            room.take(memory::frame(gaussians, view, options, tile))?;
         }
-        let mut room = self.room(needed)?;
         let (simd, mut clock) = (self.options.simd, Clock::start());
         for (frame, view) in frames.iter_mut().zip(views) {
             frame.prepare(gaussians.len(), Layout::new(Tiling::new(view.size, tile.pixels()), kept_extra(options)));
@@ -215,7 +258,7 @@ impl CpuRenderer {
         self.timings = Timings { project_secs: clock.lap(), ..Timings::default() };
         for ((frame, view), rendering) in frames.iter_mut().zip(views).zip(renderings) {
             let paint = Paint::new(view, options);
-            room = room.saturating_sub(frame.bin(room, self.options.memory_limit)?);
+            frame.bin(&mut room)?;
             self.timings.bin_secs += clock.lap();
             frame.composite(simd, &paint);
             self.timings.raster_secs += clock.lap();
@@ -226,30 +269,16 @@ impl CpuRenderer {
         Ok(frames)
     }
 
-    /// Bytes that are left beside those needed.
-    fn room(&self, needed: u64) -> Result<u64, SplatError> {
-        let limit = self.options.memory_limit;
-        limit.checked_sub(needed).ok_or(SplatError::Memory { needed, limit })
+    /// Keeps the buffers of a job for the next, of no more frames than are ever used together.
+    fn keep(&mut self, frames: impl IntoIterator<Item = Frame>) {
+        self.spare.extend(frames);
+        self.spare.truncate(TOGETHER);
     }
 }
 
 /// Whether pixels have more than colour and alpha.
 const fn kept_extra(options: &RenderOptions) -> bool {
     options.channels.depth || options.channels.scalar || options.channels.median_depth
-}
-
-/// Bytes of a view's images.
-fn image_bytes(view: &View, options: &RenderOptions) -> u64 {
-    let channels = &options.channels;
-    let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
-    4 * images * view.pixels() as u64
-}
-
-/// Bytes of a view's [`Frame`], but for tile lists, which are checked when their length is known.
-fn frame_bytes(gaussians: &Gaussians, view: &View, options: &RenderOptions, tile: TileSize) -> u64 {
-    let layout = Layout::new(Tiling::new(view.size, tile.pixels()), kept_extra(options));
-    let pixels = (layout.per_tile() as u64).saturating_mul(4 * layout.tiling.len() as u64);
-    (gaussians.len() as u64).saturating_mul(frame::BYTES_EACH).saturating_add(pixels)
 }
 
 struct Clock(Instant);
@@ -266,16 +295,6 @@ impl Clock {
         self.0 = now;
         lap.as_secs_f64()
     }
-}
-
-/// Reaches are stored in 16 bits.
-pub(crate) fn check_size(view: &View) -> Result<(), SplatError> {
-    const LARGEST: u32 = u16::MAX as u32;
-    if view.size.width <= LARGEST && view.size.height <= LARGEST {
-        return Ok(());
-    }
-    let expected = format!("at most {LARGEST} pixels a side");
-    Err(SplatError::View { what: "picture", expected, found: view.size.to_string() })
 }
 
 /// What all pixels share.

@@ -3,13 +3,13 @@
 use pulp::{Simd, WithSimd};
 
 use super::colour::Basis;
-use super::elementary::log2;
 use super::narrowed;
+use super::place::Places;
 use super::shape::Shapes;
-use super::splat::{HALF_LOG2_E, Splat, base, shift};
-use super::wide::{Row, Row32, SIDE_BY_SIDE, Wide, combine, cross, dot, load2, load3, splat3, store2, store3};
+use super::splat::{HALF_LOG2_E, Splat};
+use super::wide::{Row, SIDE_BY_SIDE, Wide, combine, cross, dot, load2, load3, splat3, store2, store3};
 use crate::constants::{Extent, LARGEST_CHANNEL};
-use crate::reach::{FARTHEST, reach};
+use crate::reach::reach;
 use crate::view::Optics;
 use crate::{Census, Gaussians, RasterMode, RenderOptions, View};
 use glam::DVec2;
@@ -49,6 +49,7 @@ impl WithSimd for Project<'_, '_> {
         let Self { gaussians, options, first, past, targets } = self;
         let parts = gaussians.parts();
         let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
+        let mut places = Places::default();
         for target in &mut *targets {
             target.run.positions.clear();
             target.run.census = Census::default();
@@ -58,7 +59,8 @@ impl WithSimd for Project<'_, '_> {
             for target in &mut *targets {
                 screen.project(simd, &shapes, target.optics, options);
                 basis.look(simd, &shapes, target.optics, options.constants.sh_axes);
-                screen.deliver(gaussians, options, &shapes, &basis, target);
+                places.find(simd, &screen, target.view, &options.constants);
+                screen.deliver(gaussians, options, &shapes, &places, &basis, target);
             }
         }
     }
@@ -78,10 +80,9 @@ pub(super) struct Screen {
     /// Covariance `xx, xy, yy` without the blur, and its determinant without and with it.
     pub(super) sharp: [Row; 3],
     pub(super) determinants: [Row; 2],
-    whitener: [Row; 3],
+    pub(super) whitener: [Row; 3],
     /// After everything.
     pub(super) opacity: Row,
-    cut: Row32,
 }
 
 impl Default for Screen {
@@ -97,7 +98,6 @@ impl Default for Screen {
             determinants: [ZERO; 2],
             whitener: [ZERO; 3],
             opacity: ZERO,
-            cut: [0.0; SIDE_BY_SIDE],
         }
     }
 }
@@ -111,14 +111,6 @@ impl Screen {
         self.bend(optics);
         for at in 0..SIDE_BY_SIDE / S::F64_LANES {
             self.spread(simd, shapes, optics, options, at);
-        }
-        let mut ratios = [0.0f32; SIDE_BY_SIDE];
-        let per = options.constants.min_alpha.recip();
-        for (ratio, opacity) in ratios.iter_mut().zip(&self.opacity) {
-            *ratio = narrowed(opacity * per);
-        }
-        for (cut, ratio) in S::as_mut_simd_f32s(&mut self.cut).0.iter_mut().zip(S::as_simd_f32s(&ratios).0) {
-            *cut = log2(simd, *ratio);
         }
     }
 
@@ -217,7 +209,7 @@ impl Screen {
 
     /// Why a Gaussian is not drawn, or the pixels that it may reach.
     #[inline(always)]
-    pub(super) fn fate(&self, shapes: &Shapes, view: &View, options: &RenderOptions, lane: usize) -> Fate {
+    fn fate(&self, shapes: &Shapes, places: &Places, view: &View, options: &RenderOptions, lane: usize) -> Fate {
         let constants = &options.constants;
         let lane = lane % SIDE_BY_SIDE;
         if !shapes.usable[lane] {
@@ -240,31 +232,11 @@ impl Screen {
         }
         let (xx, yy) = (self.sharp[0][lane] + constants.blur, self.sharp[2][lane] + constants.blur);
         let reach = match constants.extent {
-            Extent::Exact => self.rectangle(centre, [xx, yy], view, lane),
+            Extent::Exact => places.range(self, lane),
             Extent::ThreeSigmaTiles => reach(centre, [xx, self.sharp[1][lane], yy], opacity, view.size, constants)
                 .map(|reach| reach.map(|range| range.map(|pixel| u16::try_from(pixel).unwrap_or(u16::MAX)))),
         };
-        reach.map_or(Fate::OutsidePicture, |reach| Fate::Drawn { centre, reach })
-    }
-
-    /// The pixels in the box around the ellipse on which opacity falls to `min_alpha`.
-    #[inline(always)]
-    fn rectangle(&self, centre: DVec2, variances: [f64; 2], view: &View, lane: usize) -> Option<[[u16; 2]; 2]> {
-        // Wider than the cut-off by far more than what rounding may move it.
-        const SPARE: f64 = 0.01;
-        if !(centre.abs().max_element() <= FARTHEST) {
-            return None;
-        }
-        let cut = (2.0 * std::f64::consts::LN_2 * f64::from(self.cut[lane])).clamp(0.0, f64::MAX);
-        let span = |centre: f64, variance: f64, length: u32| {
-            let half = (variance * cut).sqrt() * (1.0 + SPARE) + SPARE;
-            let length = f64::from(length);
-            let from = (centre - half - 0.5).ceil().clamp(0.0, length);
-            let past = ((centre + half - 0.5).floor() + 1.0).clamp(0.0, length);
-            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "within a picture's side")]
-            (from < past).then_some([from as i32 as u16, past as i32 as u16])
-        };
-        Some([span(centre.x, variances[0], view.size.width)?, span(centre.y, variances[1], view.size.height)?])
+        reach.map_or(Fate::OutsidePicture, |reach| Fate::Drawn { reach })
     }
 
     #[inline(always)]
@@ -273,6 +245,7 @@ impl Screen {
         gaussians: &Gaussians,
         options: &RenderOptions,
         shapes: &Shapes,
+        places: &Places,
         basis: &Basis,
         target: &mut Target<'_>,
     ) {
@@ -281,8 +254,8 @@ impl Screen {
         for lane in 0..shapes.count {
             let position = shapes.first + lane;
             let lane = lane % SIDE_BY_SIDE;
-            let (centre, reach) = match self.fate(shapes, target.view, options, lane) {
-                Fate::Drawn { centre, reach } => (centre, reach),
+            let reach = match self.fate(shapes, places, target.view, options, lane) {
+                Fate::Drawn { reach } => reach,
                 Fate::Invalid => {
                     census.invalid += 1;
                     continue;
@@ -306,19 +279,17 @@ impl Screen {
                 census.invalid += 1;
                 continue;
             };
-            let whitener = self.whitener.each_ref().map(|row| row[lane]);
-            let base = base(centre);
             if let Some(slot) = target.splats.get_mut(positions.len()) {
                 *slot = Splat {
-                    whitener: whitener.map(narrowed),
-                    shift: shift(whitener, base, centre),
-                    base,
+                    whitener: [0, 1, 2].map(|row: usize| narrowed(self.whitener[row][lane])),
+                    shift: [0, 1].map(|axis: usize| narrowed(places.shift[axis][lane])),
+                    base: [0, 1].map(|axis: usize| whole(places.base[axis][lane])),
                     opacity: narrowed(self.opacity[lane]),
                     rgb,
                     depth: narrowed(self.depth[lane]),
                     scalar,
                     // More than the logarithm's error, and than what rounding moves of the ellipse.
-                    cut: self.cut[lane] * 1.001 + 0.001,
+                    cut: places.cut[lane] * 1.001 + 0.001,
                     reach,
                 };
             }
@@ -328,9 +299,15 @@ impl Screen {
     }
 }
 
+#[expect(clippy::cast_possible_truncation, reason = "within f32's whole numbers")]
+#[inline(always)]
+const fn whole(value: f64) -> i32 {
+    value as i32
+}
+
 /// What becomes of a Gaussian.
 pub(super) enum Fate {
-    Drawn { centre: DVec2, reach: [[u16; 2]; 2] },
+    Drawn { reach: [[u16; 2]; 2] },
     Invalid,
     OutsideDepth,
     Faint,

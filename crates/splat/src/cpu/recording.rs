@@ -8,8 +8,11 @@ use super::differentiate::{CellGradient, Differentiate, SUMS};
 use super::frame::Frame;
 use super::gradients::{Carry, Rows, Totals};
 use super::images::Layout;
+use super::memory::{self, Room};
 use super::order::Sorter;
+use super::scaled::Scaled;
 use super::{CpuOptions, CpuRenderer, Paint, SimdLevel, TileSize, bins};
+use crate::constants::LARGEST_CHANNEL;
 use crate::renderer::saturated;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
@@ -38,11 +41,10 @@ impl CpuRenderer {
         view: &View,
         options: &RenderOptions,
     ) -> Result<Recording<G>, SplatError> {
-        let mut rendering = Rendering::empty(view, options);
-        let spare = vec![self.spare.pop().unwrap_or_default()];
+        let mut rendering = Rendering::blank(view);
         // One cell a tile, whatever the tiles for rendering are: sums over a tile have one order.
         let tile = TileSize::Pixels32;
-        let frames = self.render_frames(gaussians.borrow(), &[*view], options, tile, spare, &mut [&mut rendering])?;
+        let frames = self.render_frames(gaussians.borrow(), &[*view], options, tile, 0, &mut [&mut rendering])?;
         let frame = frames.into_iter().next().unwrap_or_default();
         let (view, options, cpu) = (*view, options.clone(), self.options);
         Ok(Recording { gaussians, view, options, cpu, rendering, frame })
@@ -50,7 +52,7 @@ impl CpuRenderer {
 
     /// Takes the buffers of a recording that is done with; returns its Gaussians and images.
     pub fn reuse<G>(&mut self, recording: Recording<G>) -> (G, Rendering<f32>) {
-        self.spare.push(recording.frame);
+        self.keep([recording.frame]);
         (recording.gaussians, recording.rendering)
     }
 
@@ -58,7 +60,8 @@ impl CpuRenderer {
     /// whoever has a [`Recording`] asks that.
     ///
     /// # Errors
-    /// As [`CpuRenderer::render`], and [`SplatError::Length`] for an image of another size than the view's.
+    /// As [`CpuRenderer::render`], and [`SplatError::Length`] for an image of another size than the view's,
+    /// [`SplatError::NonFinite`] for derivatives that are not finite.
     pub fn backward(
         &mut self,
         gaussians: &Gaussians,
@@ -66,6 +69,8 @@ impl CpuRenderer {
         options: &RenderOptions,
         images: &ImageGradients<f32>,
     ) -> Result<Gradients<f32>, SplatError> {
+        options.check()?;
+        view.optics(&options.constants)?;
         images.check(view)?;
         let mut recording = self.record(gaussians, view, options)?;
         let gradients = recording.backward(images);
@@ -80,31 +85,64 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         &self.rendering
     }
 
+    /// Composites other scalars, one for each Gaussian: the images of a recording of Gaussians that have these, bit for
+    /// bit, for the price of compositing alone. So any number of channels are drawn and differentiated one after the
+    /// other; derivatives by what channels share add up. The recording has to be of Gaussians with scalars, and the
+    /// scalar image one of its channels.
+    ///
+    /// # Errors
+    /// [`SplatError::Length`] for another number of scalars than of Gaussians, or where it is none that the recording
+    /// has a place for; [`SplatError::Scalar`] for one that no renderer draws.
+    pub fn composite_scalars(&mut self, scalars: &[f32]) -> Result<(), SplatError> {
+        let gaussians = self.gaussians.borrow();
+        let has_place = self.options.channels.scalar && gaussians.parts().scalars.is_some();
+        let expected = if has_place { gaussians.len() } else { 0 };
+        if scalars.len() != expected {
+            return Err(SplatError::Length { field: "scalars", expected, found: scalars.len() });
+        }
+        let beyond = |scalar: &f32| !(f64::from(scalar.abs()) <= LARGEST_CHANNEL);
+        if let Some((position, found)) = scalars.iter().enumerate().find(|(_, scalar)| beyond(scalar)) {
+            return Err(SplatError::Scalar { position, found: *found });
+        }
+        let Frame { splats, runs, .. } = &mut self.frame;
+        for (splats, run) in splats.chunks_mut(bins::RUN).zip(runs) {
+            for (splat, position) in splats.iter_mut().zip(&run.positions) {
+                splat.scalar = scalars.get(*position as usize).copied().unwrap_or_default();
+            }
+        }
+        let paint = Paint::new(&self.view, &self.options);
+        self.frame.composite(self.cpu.simd, &paint);
+        self.frame.write(&paint, &self.view, &mut self.rendering);
+        self.options.expose(&mut self.rendering, saturated);
+        Ok(())
+    }
+
     /// Derivatives of a loss by everything that made the images, from its derivatives by the images.
     ///
     /// Sums have a fixed order: pixels of a block, blocks of a cell of 32×32 pixels, cells row by row. The result
     /// is the same for any number of threads and every instruction set that fuses multiplication with addition.
     ///
     /// # Errors
-    /// [`SplatError::Length`] for an image of another size than the view's, [`SplatError::Memory`].
+    /// [`SplatError::Length`] for an image of another size than the view's, [`SplatError::NonFinite`] for derivatives
+    /// that are not finite, [`SplatError::Memory`] where there is no room for the derivatives beside what was recorded.
     pub fn backward(&mut self, images: &ImageGradients<f32>) -> Result<Gradients<f32>, SplatError> {
-        images.check(&self.view)?;
-        let images = &*self.options.before_exposure(images, saturated);
+        let largest = images.check(&self.view)?;
         let gaussians = self.gaussians.borrow();
         let optics = self.view.optics(&self.options.constants)?;
         let frame = &mut self.frame;
         let tiling = frame.tiling();
         let starts = starts(&frame.bins, tiling.len());
         let total = starts.last().copied().unwrap_or_default();
-        // On the screen there are five numbers for each Gaussian beside its own.
-        let own = gaussians.size_in_bytes().saturating_add(20 * gaussians.len() as u64);
-        let needed = (total as u64).saturating_mul(size_of::<[f32; SUMS]>() as u64).saturating_add(own);
-        let CpuOptions { simd, memory_limit: limit, .. } = self.cpu;
-        if needed > limit {
-            return Err(SplatError::Memory { needed, limit });
-        }
+        let CpuOptions { simd, memory_limit, .. } = self.cpu;
+        let sums = std::mem::take(&mut frame.sums);
+        let mut room = Room::new(memory_limit);
+        room.take(Rendering::<f32>::bytes(&self.view, &self.options))?;
+        room.take(frame.held())?;
+        room.take(memory::backward(gaussians, frame, total, Scaled::bytes(images)))?;
+        let Scaled { images, unit } = Scaled::of(images, largest, &self.options);
+        let images = &*images;
         let mut gradients = Gradients::zero(gaussians);
-        let mut sums = std::mem::take(&mut frame.sums);
+        let mut sums = sums;
         sums.resize(total, [0.0; SUMS]);
         let paint = Paint {
             options: &self.options,
@@ -113,13 +151,13 @@ impl<G: Borrow<Gaussians>> Recording<G> {
             extra: images.depth.is_some() || images.scalar.is_some(),
         };
         let background = over_tiles(frame, simd, &paint, images, &starts, &mut sums);
-        gradients.background = background.map(saturated);
+        gradients.background = background.map(|sum| saturated(sum * unit));
 
         let Frame { splats, runs, bins, .. } = &*frame;
         let coefficients = crate::sh_coefficients(gaussians.sh_degree());
         let places = places(bins, &starts, tiling.len());
         let rows = Rows::of(&mut gradients, bins::RUN, coefficients);
-        let poses: Vec<[f64; 6]> = rows
+        let shares: Vec<Vec<[f64; 6]>> = rows
             .into_par_iter()
             .zip(runs)
             .zip(bins)
@@ -139,6 +177,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
                         }
                     }
                 }
+                totals.as_flattened_mut().iter_mut().for_each(|total| *total *= unit);
                 simd.dispatch(Carry {
                     gaussians,
                     options: &self.options,
@@ -152,8 +191,9 @@ impl<G: Borrow<Gaussians>> Recording<G> {
                 })
             })
             .collect();
+        // One after the other, as if only those that matter were there: runs may end anywhere.
         let mut pose = [0.0; 6];
-        for share in poses {
+        for share in shares.into_iter().flatten() {
             for (sum, value) in pose.iter_mut().zip(share) {
                 *sum += value;
             }
@@ -217,22 +257,19 @@ fn over_tiles(
         .enumerate()
         .map_init(Scratch::default, |scratch, (tile, (sums, pixels))| {
             sums.fill([0.0; SUMS]);
-            let Scratch { sorter, list, batch, gradient, again } = scratch;
+            let Scratch { sorter, batch, gradient, again } = scratch;
             let Some(cell) = layout.cells(tile).next() else { return [0.0; 3] };
-            list.clear();
-            let order = sorter.places_by_depth(&frame.bins, tile, list);
+            let sorted = sorter.by_depth(&frame.bins, tile, &frame.splats);
             // Images that the loss asks for, but the recording has not.
             let (pixels, extra) = if paint.extra && !layout.extra {
                 again.resize(whole.per_tile(), 0.0);
-                let (list, splats) = (Some(list.as_slice()), frame.splats.as_slice());
-                simd.dispatch(Composite { paint, order, list, splats, cell, batch, pixels: again });
+                simd.dispatch(Composite { paint, sorted, cell, batch, pixels: again });
                 (again.as_slice(), true)
             } else {
                 (pixels, layout.extra)
             };
             let background = gradient.fill(pixels, extra, cell, paint, images);
-            let splats = frame.splats.as_slice();
-            simd.dispatch(Differentiate { paint, order, list, splats, cell, batch, gradient, sums });
+            simd.dispatch(Differentiate { paint, sorted, cell, batch, gradient, sums });
             background
         })
         .collect();
@@ -249,7 +286,6 @@ fn over_tiles(
 #[derive(Default)]
 struct Scratch {
     sorter: Sorter,
-    list: Vec<u32>,
     batch: Box<Batch>,
     gradient: CellGradient,
     again: Vec<f32>,

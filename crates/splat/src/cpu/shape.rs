@@ -22,8 +22,9 @@ pub(super) struct Shapes {
     pub(super) quaternion: [Row; 4],
     /// Standard deviations, after the 3D filter.
     pub(super) scales: [Row; 3],
-    /// After the sigmoid.
+    /// After the sigmoid, and `e^(−logit)`: of opacities that f64 rounds to 1, what is left is `odds · sigmoid`.
     pub(super) sigmoid: Row,
+    pub(super) odds: Row,
     /// Share of the variances that the 3D filter left to the Gaussian.
     pub(super) own_share: [Row; 3],
 }
@@ -42,6 +43,7 @@ impl Default for Shapes {
             quaternion: [ZERO; 4],
             scales: [ZERO; 3],
             sigmoid: ZERO,
+            odds: ZERO,
             own_share: [[1.0; SIDE_BY_SIDE]; 3],
         }
     }
@@ -102,8 +104,10 @@ impl Shapes {
                 *slot = f64::from(*scale);
             }
         }
-        for ((sigmoid, opacity), odds) in self.sigmoid.iter_mut().zip(&mut self.opacity).zip(odds) {
-            *sigmoid = 1.0 / (1.0 + f64::from(*odds));
+        let opacities = self.sigmoid.iter_mut().zip(&mut self.opacity);
+        for ((sigmoid, opacity), (kept, odds)) in opacities.zip(self.odds.iter_mut().zip(odds)) {
+            *kept = f64::from(*odds);
+            *sigmoid = 1.0 / (1.0 + *kept);
             *opacity = *sigmoid;
         }
     }

@@ -23,6 +23,12 @@ pub enum SimdLevel {
     /// 16 lanes, as portable as [`Self::Portable`].
     #[cfg(test)]
     Lanes16,
+    /// 4 lanes that fuse.
+    #[cfg(all(test, target_arch = "x86_64"))]
+    Fused4,
+    /// 16 lanes that fuse.
+    #[cfg(all(test, target_arch = "x86_64"))]
+    Fused16,
 }
 
 impl SimdLevel {
@@ -42,6 +48,27 @@ impl SimdLevel {
         #[cfg(target_arch = "aarch64")]
         levels.extend(pulp::aarch64::Neon::try_new().map(|_| Self::Neon));
         levels
+    }
+
+    /// Levels that fuse, those of other lanes than processors of this kind have among them.
+    #[cfg(test)]
+    pub(super) fn fusing() -> Vec<Self> {
+        let mut levels = Self::available();
+        levels.retain(|level| *level != Self::Portable);
+        #[cfg(target_arch = "x86_64")]
+        if !levels.is_empty() {
+            levels.extend([Self::Fused4, Self::Fused16]);
+        }
+        levels
+    }
+
+    /// This level, or [`Self::Portable`] where the processor lacks it: what [`Self::dispatch`] runs at.
+    pub(super) fn or_portable(self) -> Self {
+        #[cfg(test)]
+        if matches!(self, Self::Lanes4 | Self::Lanes16) || Self::fusing().contains(&self) {
+            return self;
+        }
+        if Self::available().contains(&self) { self } else { Self::Portable }
     }
 
     /// Runs an operation at this level, or portably where the processor lacks it.
@@ -70,6 +97,18 @@ impl SimdLevel {
             Self::Lanes4 => return Simd::vectorize(pulp::Scalar128b, operation),
             #[cfg(test)]
             Self::Lanes16 => return Simd::vectorize(pulp::Scalar512b, operation),
+            #[cfg(all(test, target_arch = "x86_64"))]
+            Self::Fused4 => {
+                if let Some(simd) = pulp::x86::V3::try_new() {
+                    return Simd::vectorize(pulp::x86::V3_128b(simd), operation);
+                }
+            }
+            #[cfg(all(test, target_arch = "x86_64"))]
+            Self::Fused16 => {
+                if let Some(simd) = pulp::x86::V3::try_new() {
+                    return Simd::vectorize(pulp::x86::V3_512b(simd), operation);
+                }
+            }
         }
         Simd::vectorize(Scalar256b, operation)
     }
@@ -83,6 +122,10 @@ impl Display for SimdLevel {
             Self::Lanes4 => "4 lanes",
             #[cfg(test)]
             Self::Lanes16 => "16 lanes",
+            #[cfg(all(test, target_arch = "x86_64"))]
+            Self::Fused4 => "4 fused lanes",
+            #[cfg(all(test, target_arch = "x86_64"))]
+            Self::Fused16 => "16 fused lanes",
             #[cfg(target_arch = "x86_64")]
             Self::Avx2 => "avx2",
             #[cfg(target_arch = "x86_64")]

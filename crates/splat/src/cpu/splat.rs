@@ -1,12 +1,8 @@
-use glam::DVec2;
-
-use super::narrowed;
-
 /// One Gaussian as the picture sees it, in one line of the cache.
 ///
 /// Pixels are counted from `base`, a pixel near the centre: the differences are whole numbers, which f32 holds
 /// exactly, so that a pixel's value does not depend on the tile that it is composited in.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 #[repr(align(64))]
 pub(super) struct Splat {
     /// `√(½ log₂e)` times the Cholesky factor `(l₁₁, l₁₂, l₂₂)` of the inverse screen covariance: the exponent to
@@ -25,22 +21,26 @@ pub(super) struct Splat {
     pub(super) reach: [[u16; 2]; 2],
 }
 
+impl Splat {
+    /// Reaches no pixel.
+    pub(super) const NONE: Self = Self {
+        whitener: [0.0; 3],
+        shift: [0.0; 2],
+        base: [0; 2],
+        opacity: 0.0,
+        rgb: [0.0; 3],
+        depth: 0.0,
+        scalar: 0.0,
+        cut: 0.0,
+        reach: [[0; 2]; 2],
+    };
+}
+
+impl Default for Splat {
+    fn default() -> Self {
+        Self::NONE
+    }
+}
+
 /// `√(½ log₂e)`.
 pub(super) const HALF_LOG2_E: f64 = 0.849_321_800_288_019;
-
-/// The pixel that a centre lies in, or one within f32's whole numbers of every picture.
-#[inline(always)]
-pub(super) fn base(centre: DVec2) -> [i32; 2] {
-    const FAR: f64 = (1 << 22) as f64;
-    #[expect(clippy::cast_possible_truncation, reason = "clamped")]
-    let nearest = |value: f64| value.floor().clamp(-FAR, FAR) as i32;
-    [nearest(centre.x), nearest(centre.y)]
-}
-
-/// [`Splat::shift`]: the centre of the base, less the splat's own, whitened.
-#[inline(always)]
-pub(super) fn shift([across, shear, down]: [f64; 3], base: [i32; 2], centre: DVec2) -> [f32; 2] {
-    let x = f64::from(base[0]) + 0.5 - centre.x;
-    let y = f64::from(base[1]) + 0.5 - centre.y;
-    [narrowed(across * x + shear * y), narrowed(down * y)]
-}

@@ -58,6 +58,15 @@ impl<S: Simd> Wide<S> {
         Self { lanes: self.simd.sqrt_f64s(self.lanes), ..self }
     }
 
+    /// The largest whole number that is not above, of numbers within 2⁵¹ of zero.
+    #[inline(always)]
+    pub(super) fn floor(self) -> Self {
+        // Adding it leaves the nearest whole number.
+        let rounder = self.of(6_755_399_441_055_744.0);
+        let nearest = (self + rounder) - rounder;
+        (nearest - self.of(1.0)).where_above(nearest, self, nearest)
+    }
+
     #[inline(always)]
     pub(super) fn clamp(self, low: Self, high: Self) -> Self {
         let above = self.simd.max_f64s(self.lanes, low.lanes);

@@ -18,22 +18,15 @@ impl Effect for Antialiasing {
         request.options.mode = RasterMode::Classic;
     }
 
-    fn judge(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Judgement {
+    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
         if request.options.constants.blur == 0.0 {
             return Judgement::leaves_out(self, request, 0.0, "nothing is blurred, so nothing is compensated");
         }
         let mut reduced = request.clone();
         self.leave_out(&mut reduced);
-        match geometry::change(gaussians, request, &reduced, budget) {
-            Ok(bound) => {
-                let reason = if bound == 0.0 {
-                    "it changes no Gaussian that is drawn".to_owned()
-                } else {
-                    format!("Gaussians are so large that no pixel changes by more than {bound:.1e}")
-                };
-                Judgement { reduced: Some(reduced), bound: Some(bound), reason }
-            }
-            Err(objection) => Judgement::runs(objection),
+        match geometry::objection(gaussians, request, &reduced) {
+            None => Judgement::leaves_out(self, request, 0.0, "it changes no Gaussian that is drawn"),
+            Some(objection) => Judgement::runs(objection),
         }
     }
 }

@@ -130,7 +130,7 @@ impl Display for Explanation {
         writeln!(
             f,
             "\n{}: {:.2} ms for everything asked for, {:.2} ms for what the plan left of it, {:.3} ms to decide \
-             (medians of {} pairs; tolerance {:.1e} of display range)",
+             (medians of {} pairs; tolerance {:.1e} of display range, in colour alone)",
             self.renderer, self.asked_ms, self.reduced_ms, self.plan_ms, self.pairs, self.tolerance
         )
     }

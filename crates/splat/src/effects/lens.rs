@@ -22,7 +22,7 @@ impl Effect for LensEffect {
         request.view.camera.distortion = Distortion::None;
     }
 
-    fn judge(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Judgement {
+    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
         let straight = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
         if request.view.camera.distortion == straight {
             return Judgement::leaves_out(self, request, 0.0, "its coefficients are zero");
@@ -31,17 +31,14 @@ impl Effect for LensEffect {
             return Judgement::runs("it cannot be used, which rendering tells");
         };
         let moved = farthest_move(&lens, &request.view);
-        if !(moved <= geometry::ROUNDING) {
-            return Judgement::runs(format!("it moves the picture's border by {moved:.2} pixels"));
+        if moved != 0.0 {
+            return Judgement::runs(format!("it moves the picture's border by {moved:.2e} pixels"));
         }
         let mut reduced = request.clone();
         self.leave_out(&mut reduced);
-        match geometry::change(gaussians, request, &reduced, budget) {
-            Ok(bound) => {
-                let reason = format!("it changes no pixel by more than {bound:.1e}");
-                Judgement { reduced: Some(reduced), bound: Some(bound), reason }
-            }
-            Err(objection) => Judgement::runs(objection),
+        match geometry::objection(gaussians, request, &reduced) {
+            None => Judgement::leaves_out(self, request, 0.0, "it moves no Gaussian that is drawn"),
+            Some(objection) => Judgement::runs(objection),
         }
     }
 }

@@ -2,7 +2,8 @@
 //!
 //! A plan is the request with less in it, so that every backend renders it as it is, and what is skipped costs
 //! nothing there. Bounds are proved from the data in exact arithmetic; the rounding of f32 comes on top, as between
-//! any two backends.
+//! any two backends. Only colour ever changes: shapes, places and opacities stay, and with them opacity, depth and
+//! scalar images and everything that a cut-off decides.
 //!
 //! **For pictures, not for training.** A request with less in it has other derivatives: harmonics that are all zero
 //! have a gradient, and the plan's options would give none. Differentiate what was asked for, never the plan.
@@ -56,8 +57,8 @@ pub trait Effect: Debug + Send + Sync {
 pub struct Judgement {
     /// The request with as little of the effect as does; `None` where all of it has to run.
     pub reduced: Option<Request>,
-    /// Largest change that this makes of any sample of any image; `None` where none was proved. For colour and alpha
-    /// in units of display range, for other images as a share of the largest value that any Gaussian gives them.
+    /// Largest change that this makes of any sample of any image, in units of display range; `None` where none was
+    /// proved, and never infinite.
     pub bound: Option<f64>,
     /// In words.
     pub reason: String,

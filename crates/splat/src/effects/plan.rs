@@ -51,12 +51,12 @@ impl EffectPlan {
     /// Decides for a scene.
     ///
     /// Under [`EffectSelection::Auto`] the changes that are made in order to save time add up to at most `tolerance`
-    /// in every sample of every image, in units of display range for colour and alpha, as a share of the largest
-    /// value that any Gaussian gives it for other images. Under the others bounds are told, not kept.
+    /// in every sample of colour, in units of display range, and no other image changes. Under the other selections
+    /// bounds are told, not kept.
     ///
     /// # Errors
-    /// [`SplatError::Options`] for a tolerance that is negative or NaN, and for options that cannot be rendered;
-    /// [`SplatError::View`] and [`SplatError::Camera`] for such a view.
+    /// [`SplatError::Tolerance`] for one that is negative or not finite, [`SplatError::Options`] for options that cannot
+    /// be rendered, [`SplatError::View`] and [`SplatError::Camera`] for such a view.
     pub fn for_scene(
         gaussians: &Gaussians,
         view: &View,
@@ -65,8 +65,8 @@ impl EffectPlan {
         tolerance: f64,
     ) -> Result<Self, SplatError> {
         let start = Instant::now();
-        if !(tolerance >= 0.0) {
-            return Err(SplatError::Options { what: "tolerance", found: tolerance });
+        if !(tolerance >= 0.0 && tolerance.is_finite()) {
+            return Err(SplatError::Tolerance { found: tolerance });
         }
         options.check()?;
         view.optics(&options.constants)?;
@@ -139,16 +139,14 @@ impl Planning<'_> {
         if !effect.is_asked_for(self.gaussians, &self.reduced) {
             return decision(Verdict::NotAsked, Some(0.0), "not asked for".to_owned());
         }
-        let is_chosen = match self.selection {
-            EffectSelection::Auto => return self.judge(effect),
-            EffectSelection::All => true,
-            EffectSelection::Nothing => false,
-            EffectSelection::Only(names) => names.contains(&effect.name()),
-        };
-        if is_chosen {
+        if *self.selection == EffectSelection::Auto {
+            return self.judge(effect);
+        }
+        if self.selection.allows(effect.name()) {
             return decision(Verdict::Runs, None, format!("chosen by `{}`", self.selection));
         }
-        let Judgement { bound, reason, .. } = effect.judge(self.gaussians, &self.reduced, f64::INFINITY);
+        // Whatever is finite is told as a bound.
+        let Judgement { bound, reason, .. } = effect.judge(self.gaussians, &self.reduced, f64::MAX);
         effect.leave_out(&mut self.reduced);
         let reason = match bound {
             Some(_) => format!("left out by `{}`; {reason}", self.selection),

@@ -18,6 +18,17 @@ pub enum EffectSelection {
     Only(Vec<&'static str>),
 }
 
+impl EffectSelection {
+    /// Whether an effect of this name may run where it is asked for.
+    pub fn allows(&self, effect: &str) -> bool {
+        match self {
+            Self::Auto | Self::All => true,
+            Self::Nothing => false,
+            Self::Only(names) => names.contains(&effect),
+        }
+    }
+}
+
 impl FromStr for EffectSelection {
     type Err = SplatError;
 
@@ -56,6 +67,8 @@ mod tests {
             assert_eq!(words.parse::<EffectSelection>().unwrap().to_string(), words);
         }
         assert_eq!("lens, scalar".parse::<EffectSelection>().unwrap(), EffectSelection::Only(vec!["lens", "scalar"]));
+        let list: EffectSelection = "depth,lens".parse().unwrap();
+        assert!(list.allows("lens") && !list.allows("scalar") && !EffectSelection::Nothing.allows("lens"));
         for wrong in ["", "Auto", "lens,,scalar", "blur"] {
             let error = wrong.parse::<EffectSelection>().unwrap_err().to_string();
             assert!(error.contains("auto, all, none") && error.contains("median-depth"), "{error}");

@@ -59,9 +59,15 @@ pub enum Output {
     Ply(Encoding),
     /// SPZ 2: quantised, quaternions in 3 bytes. Centres to 2⁻¹² scene units, log-scales to 1/16 within
     /// [−10, 5.9375], coefficients to 1/16 (degree 1) or 1/8 within [−1, 1).
-    Spz2,
+    Spz2 {
+        /// Whether the Gaussians were trained with, and are to be drawn with, [`crate::RasterMode::Antialiased`].
+        antialiased: bool,
+    },
     /// SPZ 3: as 2, but quaternions in 4 bytes.
-    Spz3,
+    Spz3 {
+        /// As of SPZ 2.
+        antialiased: bool,
+    },
 }
 
 /// What reading a file came across.
@@ -135,10 +141,12 @@ pub fn write(path: &Path, gaussians: &Gaussians, output: Output) -> Result<(), S
     let parts = gaussians.parts();
     match output {
         Output::Ply(encoding) => disk::write(path, |out| ply::write(parts, encoding, out)),
-        Output::Spz2 | Output::Spz3 => {
-            let version = if output == Output::Spz2 { 2 } else { 3 };
-            let payload = spz::encode(parts, version).map_err(|fault| fault.in_file(path))?;
-            disk::write(path, |out| spz::compress(&payload, out))
-        }
+        Output::Spz2 { antialiased } => write_spz(path, parts, 2, antialiased),
+        Output::Spz3 { antialiased } => write_spz(path, parts, 3, antialiased),
     }
+}
+
+fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool) -> Result<(), SplatError> {
+    let payload = spz::encode(parts, version, antialiased).map_err(|fault| fault.in_file(path))?;
+    disk::write(path, |out| spz::compress(&payload, out))
 }

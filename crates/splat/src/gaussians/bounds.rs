@@ -1,7 +1,7 @@
 use atsplat_numeric::Extremes;
 use glam::{DMat3, DQuat, DVec3};
 
-use super::Gaussians;
+use super::{Gaussians, LOG_SCALE_LIMIT};
 
 /// An axis-aligned box in scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -49,14 +49,18 @@ impl Gaussians {
     }
 
     /// The box around the ellipsoids at `sigmas` standard deviations, with Mip-Splatting's filter where there
-    /// is one; `None` where none is finite.
+    /// is one; `None` where there are none. Left out is what renderers call invalid: beside what is not finite,
+    /// log-scales beyond [`LOG_SCALE_LIMIT`] and opacity logits that are NaN.
     ///
     /// An ellipsoid of covariance Σ reaches `sigmas · √Σᵢᵢ` along axis i.
     pub fn bounds_of_ellipsoids(&self, sigmas: f64) -> Option<Bounds> {
         let parts = self.parts();
         let filters = parts.filter_3d.iter().flatten().copied().chain(std::iter::repeat(0.0));
-        let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(filters);
-        Bounds::around(parts.means.iter().zip(shapes).map(|(mean, ((quaternion, log_scales), filter))| {
+        let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(&parts.opacity_logits).zip(filters);
+        Bounds::around(parts.means.iter().zip(shapes).map(|(mean, (((quaternion, log_scales), logit), filter))| {
+            if logit.is_nan() || !log_scales.iter().all(|log| *log <= LOG_SCALE_LIMIT) {
+                return (wide(mean), DVec3::NAN);
+            }
             let axes = rotation(quaternion)
                 * DMat3::from_diagonal(DVec3::from_array(wide(log_scales).to_array().map(f64::exp)));
             let filter = f64::from(filter);
@@ -124,5 +128,15 @@ mod tests {
         let filtered = Gaussians::new(parts).unwrap().bounds_of_ellipsoids(1.0).unwrap();
         let expected = [5.0f64.sqrt(), 2.0f64.sqrt(), 10.0f64.sqrt()];
         Tolerance::absolute(1e-6).assert(filtered.max.to_array(), expected, "filtered");
+    }
+
+    #[test]
+    fn what_is_never_drawn_takes_no_room() {
+        let mut parts = gaussians(vec![[0.0; 3]; 4], [1.0, 0.0, 0.0, 0.0], [0.0; 3]).into_parts();
+        parts.log_scales[1] = [100.0, 0.0, 0.0];
+        parts.opacity_logits[2] = f32::NAN;
+        parts.quaternions[3] = [0.0; 4];
+        let bounds = Gaussians::new(parts).unwrap().bounds_of_ellipsoids(2.0).unwrap();
+        assert_eq!((bounds.left_out, bounds.max), (3, DVec3::splat(2.0)));
     }
 }

@@ -3,9 +3,9 @@
 use serde::Serialize;
 
 use super::validate::{each_problem, squared_norm};
-use super::{Field, GaussianParts, Gaussians, LOG_SCALE_LIMIT, Problem, Validation, ZERO_QUATERNION};
+use super::{Field, GaussianParts, Gaussians, LOG_SCALE_LIMIT, Problem, Validation};
 
-/// What an infinite opacity logit becomes: within 2.1e-9 of opacity 0 or 1, and exactly 1 in f32.
+/// What an infinite opacity logit becomes: exactly opacity 1 in f32, or 2.1e-9.
 pub const LOGIT_OF_INFINITY: f32 = 20.0;
 
 /// What becomes of Gaussians that have a [`Problem`].
@@ -116,7 +116,7 @@ fn mend(parts: &mut GaussianParts, position: usize, field: Field) {
 #[expect(clippy::cast_possible_truncation, reason = "parts of a unit quaternion are rounded to f32")]
 fn unit(quaternion: &[f32; 4]) -> [f32; 4] {
     let norm = squared_norm(quaternion);
-    if norm < ZERO_QUATERNION {
+    if norm == 0.0 {
         return [1.0, 0.0, 0.0, 0.0];
     }
     quaternion.map(|part| (f64::from(part) / norm.sqrt()) as f32)
@@ -194,5 +194,16 @@ mod tests {
         assert_eq!(validation.count(Field::Quaternions, Problem::OutOfRange), 1);
         let (left, _) = odd.cleaned(Cleaning::Repair);
         assert_eq!(left.parts().quaternions, [[0.0, 0.0, -1.0, 0.0]]);
+    }
+
+    /// Renderers draw every quaternion but zero, so that none is a problem or turned into another.
+    #[test]
+    fn short_quaternions_have_a_direction() {
+        let mut parts = six().select(&[0, 0]).unwrap().into_parts();
+        parts.quaternions = vec![[9e-7, 0.0, 0.0, -1e-7], [0.0, 1e-45, 0.0, 0.0]];
+        let short = Gaussians::new(parts).unwrap();
+        assert!(short.validate().is_clean());
+        assert_eq!(short.cleaned(Cleaning::Repair).0, short);
+        assert_eq!(short.cleaned(Cleaning::Reject).0, short);
     }
 }

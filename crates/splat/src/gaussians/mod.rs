@@ -7,7 +7,7 @@ mod validate;
 
 pub use bounds::Bounds;
 pub use clean::{Cleaning, LOGIT_OF_INFINITY};
-pub use validate::{Field, Finding, LOG_SCALE_LIMIT, LOGIT_LIMIT, Problem, Validation, ZERO_QUATERNION};
+pub use validate::{Field, Finding, LOG_SCALE_LIMIT, LOGIT_LIMIT, Problem, Validation};
 
 use crate::SplatError;
 

@@ -1,14 +1,38 @@
 use atsplat_camera::{Similarity, WorldFromCamera};
+use atsplat_numeric::{Extremes as _, Tolerance};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::sh_rotation::ShRotation;
 use super::{Gaussians, sh_coefficients};
+use crate::SplatError;
+
+/// Rotations come from files with as few as six decimals.
+const ROTATION: Tolerance = Tolerance::absolute(1e-4);
 
 impl Gaussians {
     /// The same Gaussians in a changed world: centres moved, turned and scaled, shapes, filters and spherical
     /// harmonics along with them. Computed in f64, stored as f32.
-    #[must_use]
-    pub fn transformed(&self, change: &Similarity) -> Self {
+    ///
+    /// # Errors
+    /// [`SplatError::Similarity`] for a scale that is not positive and finite, or a rotation that is none.
+    pub fn transformed(&self, change: &Similarity) -> Result<Self, SplatError> {
+        let refused = |what, expected, found| Err(SplatError::Similarity { what, expected, found });
+        if !(change.scale > 0.0 && change.scale.is_finite()) {
+            return refused("scale", "a positive number", change.scale);
+        }
+        let off = (change.rotation * change.rotation.transpose() - DMat3::IDENTITY).to_cols_array();
+        let off = off.into_iter().map(f64::abs).fold(0.0, f64::maximum_of);
+        if !(off <= ROTATION.absolute) {
+            return refused("rotation's distance from an orthonormal matrix", "almost 0", off);
+        }
+        let determinant = change.rotation.determinant();
+        if !(determinant > 0.0) {
+            return refused("rotation's determinant", "1", determinant);
+        }
+        Ok(self.changed(change))
+    }
+
+    fn changed(&self, change: &Similarity) -> Self {
         let mut parts = self.parts().clone();
         for mean in &mut parts.means {
             *mean = narrow(change.new_from_old(DVec3::from_array(mean.map(f64::from))).to_array());
@@ -38,7 +62,7 @@ impl Gaussians {
     #[must_use]
     pub fn moved_by(&self, new_from_old: &WorldFromCamera) -> Self {
         let origin = new_from_old.inverse().translation();
-        self.transformed(&Similarity { rotation: new_from_old.rotation(), origin, scale: 1.0 })
+        self.changed(&Similarity { rotation: new_from_old.rotation(), origin, scale: 1.0 })
     }
 }
 
@@ -52,7 +76,6 @@ mod tests {
     use super::*;
     use crate::GaussianParts;
     use crate::sh::basis;
-    use atsplat_numeric::Tolerance;
 
     fn one() -> Gaussians {
         Gaussians::new(GaussianParts {
@@ -90,7 +113,7 @@ mod tests {
     #[test]
     fn every_part_follows() {
         let (old, change) = (one(), change());
-        let new = old.transformed(&change);
+        let new = old.transformed(&change).unwrap();
         let expected = change.new_from_old(DVec3::new(1.0, -2.0, 0.5));
         Tolerance::F32_ROUND_TRIP.assert(new.parts().means[0].map(f64::from), expected.to_array(), "mean");
         let r = change.rotation;
@@ -119,6 +142,18 @@ mod tests {
 
     #[test]
     fn the_change_that_changes_nothing_is_exact() {
-        assert_eq!(one().transformed(&Similarity::IDENTITY), one());
+        assert_eq!(one().transformed(&Similarity::IDENTITY).unwrap(), one());
+    }
+
+    #[test]
+    fn what_is_no_similarity_is_refused() {
+        for scale in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let outcome = one().transformed(&Similarity { scale, ..change() });
+            assert!(matches!(outcome, Err(SplatError::Similarity { what: "scale", .. })), "{scale}");
+        }
+        let mirror = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
+        for rotation in [mirror, 2.0 * DMat3::IDENTITY, DMat3::NAN] {
+            assert!(one().transformed(&Similarity { rotation, ..change() }).is_err(), "{rotation}");
+        }
     }
 }

@@ -7,8 +7,6 @@ use serde::Serialize;
 
 use super::{GaussianParts, Gaussians, sh_coefficients};
 
-/// Squared norm below which a quaternion has no direction left to normalise.
-pub const ZERO_QUATERNION: f64 = 1e-12;
 /// Beyond this magnitude of a log-scale the variance `exp(2 s)` leaves f32's normal numbers.
 pub const LOG_SCALE_LIMIT: f32 = 43.5;
 /// Beyond this magnitude of an opacity logit its exponential leaves f32.
@@ -42,7 +40,7 @@ pub enum Problem {
     NotANumber,
     /// An infinity.
     Infinite,
-    /// A quaternion of squared norm below [`ZERO_QUATERNION`].
+    /// A quaternion of zeros: every other has a direction, which renderers normalise in f64.
     ZeroNorm,
     /// A log-scale beyond ±[`LOG_SCALE_LIMIT`], a logit beyond ±[`LOGIT_LIMIT`], a quaternion whose squared norm
     /// is no f32, a negative filter.
@@ -150,11 +148,8 @@ fn problem(values: &[f32], is_out_of_range: impl FnMut(&f32) -> bool) -> Option<
 
 fn quaternion_problem(quaternion: &[f32; 4]) -> Option<Problem> {
     let norm = squared_norm(quaternion);
-    let unusable = if norm < ZERO_QUATERNION {
-        Some(Problem::ZeroNorm)
-    } else {
-        (norm > f64::from(f32::MAX)).then_some(Problem::OutOfRange)
-    };
+    let unusable =
+        if norm == 0.0 { Some(Problem::ZeroNorm) } else { (norm > f64::from(f32::MAX)).then_some(Problem::OutOfRange) };
     non_finite(quaternion).or(unusable)
 }
 

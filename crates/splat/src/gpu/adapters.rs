@@ -9,7 +9,8 @@ pub enum AdapterChoice {
     /// else virtual, else software, Vulkan, Metal and DX12 before GL.
     #[default]
     Automatic,
-    /// Position in the list of [`adapters`].
+    /// Position in the list of [`adapters`]. From 100 on also a number in its name, as 630 or 4090, where the list is
+    /// shorter.
     Index(usize),
     /// Part of its name or of its backend's, in any case, as `radeon`, `gl` or `llvmpipe`.
     Name(String),
@@ -17,6 +18,9 @@ pub enum AdapterChoice {
 
 /// Overrides [`AdapterChoice::Automatic`]: a position in the list of [`adapters`] or part of a name.
 pub const ADAPTER_VARIABLE: &str = "ATSPLAT_ADAPTER";
+
+/// Smaller numbers stand for positions alone.
+const MODEL_NUMBERS: usize = 100;
 
 /// What kind of processor an adapter is, best first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -86,6 +90,10 @@ impl AdapterDescription {
     fn answers_to(&self, name: &str) -> bool {
         self.to_string().to_lowercase().contains(&name.to_lowercase())
     }
+
+    fn has_number(&self, number: usize) -> bool {
+        self.name.split(|c: char| !c.is_ascii_digit()).any(|digits| digits == number.to_string())
+    }
 }
 
 impl Display for AdapterDescription {
@@ -111,35 +119,65 @@ fn found() -> Vec<(wgpu::Adapter, AdapterDescription)> {
         .collect()
 }
 
+/// An adapter, and what is known of it.
+pub(super) type Candidate = (wgpu::Adapter, AdapterDescription);
+
 /// The adapter that a choice means.
-pub(super) fn choose(choice: &AdapterChoice) -> Result<(wgpu::Adapter, AdapterDescription), GpuError> {
+pub(super) fn choose(choice: &AdapterChoice) -> Result<Candidate, GpuError> {
+    let Candidates { adapters, none } = candidates(choice);
+    adapters.into_iter().next().ok_or(none)
+}
+
+/// Adapters that a choice may mean.
+#[derive(Debug)]
+pub(super) struct Candidates {
+    /// Best first.
+    pub(super) adapters: Vec<Candidate>,
+    /// What there is to say where there are none.
+    pub(super) none: GpuError,
+}
+
+pub(super) fn candidates(choice: &AdapterChoice) -> Candidates {
     let found = found();
     let names = || found.iter().map(|(_, description)| description.to_string()).collect::<Vec<_>>().join(", ");
     let listed = if found.is_empty() { "none".to_owned() } else { names() };
-    let choice = match (choice, std::env::var(ADAPTER_VARIABLE)) {
-        (AdapterChoice::Automatic, Ok(wanted)) if !wanted.is_empty() => {
-            wanted.parse().map_or_else(|_| AdapterChoice::Name(wanted.clone()), AdapterChoice::Index)
-        }
-        _ => choice.clone(),
-    };
-    let at = position(&choice, &found.iter().map(|(_, description)| description.clone()).collect::<Vec<_>>());
+    let choice = named(choice);
+    let order = positions(&choice, &found.iter().map(|(_, description)| description.clone()).collect::<Vec<_>>());
     let expected = match &choice {
         AdapterChoice::Automatic => "any".to_owned(),
         AdapterChoice::Index(index) => format!("number {index}"),
         AdapterChoice::Name(name) => format!("one named '{name}'"),
     };
-    at.and_then(|at| found.into_iter().nth(at)).ok_or(GpuError::NoAdapter { expected, found: listed })
+    let adapters = order.into_iter().filter_map(|at| found.get(at).cloned()).collect();
+    Candidates { adapters, none: GpuError::NoAdapter { expected, found: listed } }
 }
 
-fn position(choice: &AdapterChoice, found: &[AdapterDescription]) -> Option<usize> {
-    let best = |wanted: &dyn Fn(&AdapterDescription) -> bool| {
-        let fitting = found.iter().enumerate().filter(|(_, description)| wanted(description));
-        fitting.min_by_key(|(at, description)| (description.rank(), *at)).map(|(at, _)| at)
+/// The choice, or what the environment says instead of [`AdapterChoice::Automatic`].
+pub(super) fn named(choice: &AdapterChoice) -> AdapterChoice {
+    match (choice, std::env::var(ADAPTER_VARIABLE)) {
+        (AdapterChoice::Automatic, Ok(wanted)) if !wanted.is_empty() => {
+            wanted.parse().map_or_else(|_| AdapterChoice::Name(wanted.clone()), AdapterChoice::Index)
+        }
+        _ => choice.clone(),
+    }
+}
+
+/// Positions of the adapters that a choice may mean, best first.
+fn positions(choice: &AdapterChoice, found: &[AdapterDescription]) -> Vec<usize> {
+    let best_first = |wanted: &dyn Fn(&AdapterDescription) -> bool| {
+        let mut fitting: Vec<usize> =
+            found.iter().enumerate().filter(|(_, description)| wanted(description)).map(|(at, _)| at).collect();
+        fitting.sort_by_key(|at| found.get(*at).map(AdapterDescription::rank));
+        fitting
     };
     match choice {
-        AdapterChoice::Automatic => best(&|_| true),
-        AdapterChoice::Index(index) => (*index < found.len()).then_some(*index),
-        AdapterChoice::Name(name) => best(&|description| description.answers_to(name)),
+        AdapterChoice::Automatic => best_first(&|_| true),
+        AdapterChoice::Index(index) if *index < found.len() => vec![*index],
+        AdapterChoice::Index(index) if *index >= MODEL_NUMBERS => {
+            best_first(&|description| description.has_number(*index))
+        }
+        AdapterChoice::Index(_) => Vec::new(),
+        AdapterChoice::Name(name) => best_first(&|description| description.answers_to(name)),
     }
 }
 
@@ -169,12 +207,27 @@ mod tests {
             one("Radeon", "Vulkan", AdapterKind::Discrete),
             one("UHD 630", "Vulkan", AdapterKind::Integrated),
         ];
-        assert_eq!(position(&AdapterChoice::Automatic, &found), Some(2));
-        assert_eq!(position(&AdapterChoice::Name("radeon".to_owned()), &found), Some(2));
-        assert_eq!(position(&AdapterChoice::Name("(gl)".to_owned()), &found), Some(1));
-        assert_eq!(position(&AdapterChoice::Name("uhd".to_owned()), &found), Some(3));
-        assert_eq!(position(&AdapterChoice::Name("apple".to_owned()), &found), None);
-        assert_eq!(position(&AdapterChoice::Index(4), &found), None);
-        assert_eq!(position(&AdapterChoice::Automatic, &[]), None);
+        let position = |choice: &AdapterChoice| positions(choice, &found).first().copied();
+        assert_eq!(position(&AdapterChoice::Automatic), Some(2));
+        assert_eq!(position(&AdapterChoice::Name("radeon".to_owned())), Some(2));
+        assert_eq!(position(&AdapterChoice::Name("(gl)".to_owned())), Some(1));
+        assert_eq!(position(&AdapterChoice::Name("uhd".to_owned())), Some(3));
+        assert_eq!(position(&AdapterChoice::Name("apple".to_owned())), None);
+        assert_eq!(position(&AdapterChoice::Index(4)), None);
+        assert_eq!(positions(&AdapterChoice::Automatic, &[]), [0; 0]);
+        // The same card through another driver, then the next best.
+        assert_eq!(positions(&AdapterChoice::Automatic, &found), [2, 1, 3, 0]);
+    }
+
+    #[test]
+    fn model_numbers_are_names() {
+        let found = [
+            one("llvmpipe (LLVM 15.0.6, 256 bits)", "Vulkan", AdapterKind::Software),
+            one("NVIDIA GeForce RTX 4090", "Vulkan", AdapterKind::Discrete),
+            one("UHD 630", "Vulkan", AdapterKind::Integrated),
+        ];
+        for (number, expected) in [(0, Some(0)), (4090, Some(1)), (630, Some(2)), (409, None), (15, None), (3, None)] {
+            assert_eq!(positions(&AdapterChoice::Index(number), &found).first().copied(), expected, "{number}");
+        }
     }
 }

@@ -1,5 +1,6 @@
 //! Recording the derivative of a picture. It renders once more, as nothing is kept from a rendering before.
 
+use super::context::Context;
 use super::forward::{self, Lists, Scene, TILE};
 use super::gaussians::GpuPart;
 use super::gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
@@ -33,20 +34,20 @@ pub(super) fn record(
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     options.check()?;
     let optics = view.optics(&options.constants)?;
-    crate::cpu::check_size(view)?;
     let count = gaussians.len();
-    // Sums 48, pose 32, records 96 of a Gaussian; two images more and what a pixel brings.
-    let more = count.saturating_mul(176).saturating_add((view.pixels() as u64).saturating_mul(80));
-    let needed = bytes_needed(count, view, more);
+    // Sums 48, pose 32, records 96 of a Gaussian, and derivatives by all its numbers and by 5 on the screen; two images
+    // more and what a pixel brings.
+    let own = gaussians.size_in_bytes().saturating_add(count.saturating_mul(176 + 20));
+    let needed =
+        bytes_needed(gaussians, view).saturating_add(own).saturating_add((view.pixels() as u64).saturating_mul(80));
     check_memory(needed, limits.memory_limit)?;
+    gaussians.check(context)?;
     let strips = images::strips(context, view)?;
-    check_images(&strips, view, images)?;
-    let with_extras = images.strips.iter().any(|strip| strip.extras.is_some());
+    check_images(context, &strips, view, images)?;
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, true)
         .with_flag(flag::SLOTS, true)
-        .with_flag(flag::WAS_EXPOSED, options.exposure.is_some())
-        .with_flag(flag::EXTRA_GRADIENTS, with_extras);
+        .with_flag(flag::WAS_EXPOSED, options.exposure.is_some());
 
     let scene = forward::project(recorder, pool, gaussians, &block, options)?;
     let rows = u64::from(view.size.height);
@@ -84,7 +85,7 @@ pub(super) fn record(
     for (at, (vectors, count)) in [(&pose[0], count), (&pose[1], count), (&sums.rows, rows)].into_iter().enumerate() {
         reduce(recorder, pool, vectors, count, (&result, 16 * at as u64))?;
     }
-    Ok(GpuGradients { parts, pose_and_background: result })
+    Ok(GpuGradients { sh_degree: gaussians.sh_degree, parts, pose_and_background: result })
 }
 
 /// One window: pixels, what they bring to the derivative, sums over each tile's pixels, sums over tiles.
@@ -115,7 +116,11 @@ fn differentiate(
     let block = block.with_flag(flag::EXTRA_GRADIENTS, images.extras.is_some());
     let buffers = [&images.colours, extra_gradients, &colours, &extras, &seeds, &by_background];
     recorder.dispatch(Kernel::Seed, block.bytes(), &buffers, pixels.div_ceil(64))?;
-    recorder.dispatch(Kernel::Rows, block.bytes(), &[&by_background, &sums.rows], u64::from(rows).div_ceil(64))?;
+    for first in (0..width).step_by(context.columns_at_once as usize) {
+        let mut block = block;
+        block.part = [first, context.columns_at_once, 0, 0];
+        recorder.dispatch(Kernel::Rows, block.bytes(), &[&by_background, &sums.rows], u64::from(rows).div_ceil(64))?;
+    }
     if lists.pairs == 0 {
         return Ok(());
     }
@@ -216,19 +221,24 @@ fn reduce(
     }
 }
 
-fn check_images(strips: &[[u32; 2]], view: &crate::View, images: &GpuImageGradients) -> Result<(), SplatError> {
+fn check_images(
+    context: &Context,
+    strips: &[[u32; 2]],
+    view: &crate::View,
+    images: &GpuImageGradients,
+) -> Result<(), SplatError> {
     let wrong = |expected: usize, found: usize| SplatError::Length { field: "strips of gradients", expected, found };
     if images.strips.len() != strips.len() {
         return Err(wrong(strips.len(), images.strips.len()));
     }
     for ([_, rows], strip) in strips.iter().zip(&images.strips) {
         let expected = 4 * *rows as usize * view.size.width as usize;
-        let sizes = [Some(&strip.colours), strip.extras.as_ref()];
-        for found in sizes.into_iter().flatten().map(|buffer| usize::try_from(buffer.size() / 4).unwrap_or(usize::MAX))
-        {
+        for buffer in std::iter::once(&strip.colours).chain(strip.extras.as_ref()) {
+            let found = usize::try_from(buffer.size() / 4).unwrap_or(usize::MAX);
             if found < expected {
                 return Err(SplatError::Length { field: "numbers of a strip of gradients", expected, found });
             }
+            context.check_binding("gradients of a strip", buffer, 4 * expected as u64)?;
         }
     }
     debug_assert!(strips.iter().all(|[first, _]| first % TILE == 0));

@@ -15,19 +15,30 @@ pub(super) struct Context {
     /// Workgroups along a dimension of a dispatch.
     pub(super) groups_limit: u32,
     pub(super) timestamps: bool,
+    /// Bytes that buffers kept in a pool may take.
+    pub(super) memory_limit: u64,
     /// Rows of four pixels that a thread composites, 1 or 4.
     pub(super) thread_rows: u32,
     /// Entries of a tile's list that one dispatch passes over.
     pub(super) entries_at_once: u32,
     /// Tiles of one window.
     pub(super) tiles_at_once: u64,
+    /// Columns of pixels that one dispatch sums up.
+    pub(super) columns_at_once: u32,
+    /// Why the device is no more.
     lost: Arc<Mutex<Option<String>>>,
+    /// The first fault of a command that is not ours, until it was reported.
+    foreign: Arc<Mutex<Option<String>>>,
 }
 
 /// Buffers that the largest kernel sees.
 const STORAGE_BUFFERS: u32 = 8;
 /// Bytes that a workgroup of the largest kernel shares.
 const SHARED_BYTES: u32 = 13 << 10;
+/// Turns of all loops for one entry of a tile's list. Differentiating takes most where 16 threads have 16 pixels each
+/// and the driver unrolls nothing: 11 to clear sums, one for each thread that passes over it at another time, 4 rows of
+/// pixels, 11 to store sums, 12 to add those of all threads; some 40 at the worst.
+pub(super) const TURNS_OF_AN_ENTRY: u32 = 64;
 
 impl Context {
     /// Opens an adapter with all that it has.
@@ -53,9 +64,10 @@ impl Context {
             *lost.lock().unwrap_or_else(PoisonError::into_inner) = Some(format!("lost ({reason:?}): {message}"));
         });
         // Error scopes take what this crate causes; wgpu's own handler would panic on the rest.
-        let uncaught = Arc::clone(&context.lost);
+        let foreign = Arc::clone(&context.foreign);
         context.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            *uncaught.lock().unwrap_or_else(PoisonError::into_inner) = Some(error.to_string());
+            let mut first = foreign.lock().unwrap_or_else(PoisonError::into_inner);
+            first.get_or_insert_with(|| error.to_string());
         }));
         Ok(context)
     }
@@ -94,20 +106,22 @@ impl Context {
             binding_limit,
             groups_limit,
             timestamps,
+            memory_limit: options.memory_limit,
             thread_rows,
             entries_at_once: options.entries_limit.max(1),
             tiles_at_once: u64::MAX,
+            columns_at_once: u32::MAX,
             lost: Arc::default(),
+            foreign: Arc::default(),
         })
     }
 
-    /// Cuts what kernels loop over to what the driver allows. Differentiating takes most: for each entry of a list
-    /// one turn for every thread beside it that passes over it at another time, and one for each sum.
+    /// Cuts what kernels loop over to what the driver allows, or to what does not keep a device so long that the
+    /// system takes it for dead.
     pub(super) fn allow_turns(&mut self, turns: u32) {
-        if turns < u32::MAX {
-            self.entries_at_once = self.entries_at_once.min(turns / 32).max(1);
-            self.tiles_at_once = u64::from(turns / 2).max(1);
-        }
+        self.entries_at_once = self.entries_at_once.min(turns / TURNS_OF_AN_ENTRY).max(1);
+        self.tiles_at_once = u64::from(turns / 2).max(1);
+        self.columns_at_once = (turns / 2).max(1);
     }
 
     /// Does something with the device and reports what the driver thinks of it.
@@ -116,13 +130,9 @@ impl Context {
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
         let validation = self.device.push_error_scope(wgpu::ErrorFilter::Validation);
         let result = work();
-        let found = [validation.pop(), internal.pop(), memory.pop()].into_iter().rev();
-        let mut fault = None;
-        for future in found {
-            fault = pollster::block_on(future).or(fault);
-        }
+        let [validation, internal, memory] = [pop(validation), pop(internal), pop(memory)];
         let adapter = self.name.clone();
-        if let Some(error) = fault {
+        if let Some(error) = gravest(memory, internal, validation) {
             let reason = error.to_string();
             return Err(match error {
                 wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { adapter, reason },
@@ -133,13 +143,34 @@ impl Context {
         if let Some(reason) = self.lost.lock().unwrap_or_else(PoisonError::into_inner).clone() {
             return Err(GpuError::Device { adapter, reason }.into());
         }
+        // A fault of this call is reported first.
+        if result.is_ok()
+            && let Some(reason) = self.foreign.lock().unwrap_or_else(PoisonError::into_inner).take()
+        {
+            let reason = format!("a command from outside this renderer: {reason}");
+            return Err(GpuError::Refused { adapter, reason }.into());
+        }
         result
+    }
+
+    /// Whether kernels can see so many bytes of a buffer of somebody else.
+    pub(super) fn check_binding(&self, what: &'static str, buffer: &wgpu::Buffer, bytes: u64) -> Result<(), GpuError> {
+        let adapter = self.name.clone();
+        if bytes > self.binding_limit {
+            return Err(GpuError::TooLarge { adapter, what, unit: "bytes", needed: bytes, limit: self.binding_limit });
+        }
+        if !buffer.usage().contains(wgpu::BufferUsages::STORAGE) {
+            let reason = format!("buffer of {what}: expected usage STORAGE, found {:?}", buffer.usage());
+            return Err(GpuError::Refused { adapter, reason });
+        }
+        Ok(())
     }
 
     pub(super) fn buffer(&self, label: &'static str, bytes: u64) -> Result<wgpu::Buffer, GpuError> {
         if bytes > self.binding_limit {
             let adapter = self.name.clone();
-            return Err(GpuError::TooLarge { adapter, what: label, needed: bytes, limit: self.binding_limit });
+            let limit = self.binding_limit;
+            return Err(GpuError::TooLarge { adapter, what: label, unit: "bytes", needed: bytes, limit });
         }
         Ok(self.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some(label),
@@ -148,46 +179,31 @@ impl Context {
             mapped_at_creation: false,
         }))
     }
+}
 
-    /// Waits for the device and reads the first bytes of buffers.
-    pub(super) fn read(&self, wanted: &[(&wgpu::Buffer, u64)]) -> Result<Vec<Vec<u8>>, GpuError> {
-        let fault = |reason: String| GpuError::Device { adapter: self.name.clone(), reason };
-        let total: u64 = wanted.iter().map(|(_, bytes)| bytes).sum();
-        if total == 0 {
-            return Ok(wanted.iter().map(|_| Vec::new()).collect());
-        }
-        let staging = self.device.create_buffer(&wgpu::BufferDescriptor {
-            label: Some("staging"),
-            size: total,
-            usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::COPY_DST,
-            mapped_at_creation: false,
-        });
-        let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let mut at = 0;
-        for (buffer, bytes) in wanted {
-            if *bytes > 0 {
-                encoder.copy_buffer_to_buffer(buffer, 0, &staging, at, *bytes);
-            }
-            at += bytes;
-        }
-        self.queue.submit([encoder.finish()]);
-        let (sender, receiver) = std::sync::mpsc::channel();
-        staging.map_async(wgpu::MapMode::Read, .., move |outcome| {
-            // Nobody listens any more where waiting failed.
-            sender.send(outcome).ok();
-        });
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| fault(error.to_string()))?;
-        let outcome = receiver.try_recv().map_err(|error| fault(format!("no answer when mapping: {error}")))?;
-        outcome.map_err(|error| fault(error.to_string()))?;
-        let view = staging.get_mapped_range(..).map_err(|error| fault(error.to_string()))?;
-        let mut rest: &[u8] = &view;
-        let mut read = Vec::new();
-        for (_, bytes) in wanted {
-            let length = usize::try_from(*bytes).map_err(|error| fault(error.to_string()))?;
-            let (own, after) = rest.split_at_checked(length).unwrap_or((rest, &[]));
-            read.push(own.to_vec());
-            rest = after;
-        }
-        Ok(read)
+fn pop(scope: wgpu::ErrorScopeGuard) -> Option<wgpu::Error> {
+    pollster::block_on(scope.pop())
+}
+
+/// What the other faults follow from: a buffer for which there was no memory is invalid wherever it is used.
+fn gravest(
+    memory: Option<wgpu::Error>,
+    internal: Option<wgpu::Error>,
+    validation: Option<wgpu::Error>,
+) -> Option<wgpu::Error> {
+    memory.or(internal).or(validation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn want_of_memory_is_not_taken_for_what_follows_from_it() {
+        let memory = || wgpu::Error::OutOfMemory { source: "none left".into() };
+        let validation = || wgpu::Error::Validation { source: "buffer".into(), description: "is invalid".to_owned() };
+        assert!(matches!(gravest(Some(memory()), None, Some(validation())), Some(wgpu::Error::OutOfMemory { .. })));
+        assert!(matches!(gravest(None, None, Some(validation())), Some(wgpu::Error::Validation { .. })));
+        assert!(gravest(None, None, None).is_none());
     }
 }

@@ -48,15 +48,17 @@ pub enum GpuError {
         reason: String,
     },
     /// More than the adapter can bind at once, however it is cut.
-    #[error("{adapter}: {what} take {needed} bytes, the adapter binds at most {limit}")]
+    #[error("{adapter}: {what} take {needed} {unit}, at most {limit} are possible")]
     TooLarge {
         /// Name of the adapter.
         adapter: String,
         /// What is too large.
         what: &'static str,
-        /// Bytes needed.
+        /// What is counted, as `bytes`.
+        unit: &'static str,
+        /// Of these, needed.
         needed: u64,
-        /// Bytes allowed.
+        /// Allowed.
         limit: u64,
     },
     /// The adapter computes wrong numbers.

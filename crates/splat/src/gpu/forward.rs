@@ -179,6 +179,7 @@ pub(super) fn for_windows(
             let halves = window.halves().ok_or_else(|| GpuError::TooLarge {
                 adapter: context.name.clone(),
                 what: "Gaussians of one tile",
+                unit: "places in its list",
                 needed: pairs,
                 limit: capacity,
             })?;
@@ -186,7 +187,7 @@ pub(super) fn for_windows(
             continue;
         }
         block.window[0] = census[7];
-        let lists = list(recorder, pool, scene, &block, window)?;
+        let lists = list(recorder, pool, scene, &block, window, census[0])?;
         with(recorder, pool, &lists)?;
     }
     let [drawn, invalid, outside_depth, faint, outside_picture, ..] = census.map(u64::from);
@@ -200,6 +201,7 @@ fn list(
     scene: &Scene,
     block: &ViewBlock,
     window: Window,
+    drawn: u32,
 ) -> Result<Lists, GpuError> {
     let (context, count) = (recorder.context(), u64::from(block.window[0]));
     let ranges = pool.get(context, "ranges", 0, 8 * window.tiles())?;
@@ -221,7 +223,8 @@ fn list(
         recorder.dispatch(Kernel::Ranges, block.bytes(), &buffers, count.div_ceil(64))?;
     }
     let entries_at_once = context.entries_at_once;
-    let longest = if count > u64::from(entries_at_once) {
+    // No list is longer than either; only then is it worth waiting for the device.
+    let longest = if drawn > entries_at_once && count > u64::from(entries_at_once) {
         recorder.submit();
         longest(context, &ranges, window)?
     } else {

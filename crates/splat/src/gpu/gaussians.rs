@@ -33,8 +33,31 @@ pub struct GpuPart {
     pub filter_3d: Option<wgpu::Buffer>,
 }
 
+/// Some numbers of each Gaussian.
+struct Field<'a> {
+    name: &'static str,
+    buffer: &'a wgpu::Buffer,
+    each: u64,
+}
+
+impl GpuPart {
+    fn fields(&self, sh_degree: u8) -> impl Iterator<Item = Field<'_>> {
+        let fields = [
+            ("means", Some(&self.means), 3),
+            ("quaternions", Some(&self.quaternions), 4),
+            ("log_scales", Some(&self.log_scales), 3),
+            ("opacity_logits", Some(&self.opacity_logits), 1),
+            ("sh", Some(&self.sh), 3 * sh_coefficients(sh_degree) as u64),
+            ("scalars", self.scalars.as_ref(), 1),
+            ("filter_3d", self.filter_3d.as_ref(), 1),
+        ];
+        fields.into_iter().filter_map(|(name, buffer, each)| Some(Field { name, buffer: buffer?, each }))
+    }
+}
+
 impl GpuGaussians {
-    /// Takes buffers that are in the device's memory already.
+    /// Takes buffers that are in the device's memory already. Those of another device are refused when they are rendered,
+    /// as [`GpuError::Refused`]; of a device of another `wgpu::Instance`, wgpu panics.
     ///
     /// # Errors
     /// [`SplatError::ShDegree`], and [`SplatError::Length`] for a buffer that is too short.
@@ -43,21 +66,11 @@ impl GpuGaussians {
             return Err(SplatError::ShDegree { found: sh_degree });
         }
         for part in &parts {
-            let fields = [
-                ("means", Some(&part.means), 3),
-                ("quaternions", Some(&part.quaternions), 4),
-                ("log_scales", Some(&part.log_scales), 3),
-                ("opacity_logits", Some(&part.opacity_logits), 1),
-                ("sh", Some(&part.sh), 3 * sh_coefficients(sh_degree)),
-                ("scalars", part.scalars.as_ref(), 1),
-                ("filter_3d", part.filter_3d.as_ref(), 1),
-            ];
-            for (field, buffer, each) in fields {
-                let found = buffer.map(|buffer| usize::try_from(buffer.size() / 4).unwrap_or(usize::MAX));
-                let expected = each * part.count as usize;
-                match found {
-                    Some(found) if found < expected => return Err(SplatError::Length { field, expected, found }),
-                    _ => {}
+            for Field { name, buffer, each } in part.fields(sh_degree) {
+                let found = usize::try_from(buffer.size() / 4).unwrap_or(usize::MAX);
+                let expected = usize::try_from(each * u64::from(part.count)).unwrap_or(usize::MAX);
+                if found < expected {
+                    return Err(SplatError::Length { field: name, expected, found });
                 }
             }
         }
@@ -77,6 +90,24 @@ impl GpuGaussians {
     /// Degree of the spherical harmonics.
     pub const fn sh_degree(&self) -> u8 {
         self.sh_degree
+    }
+
+    /// Bytes of all numbers.
+    pub(super) fn size_in_bytes(&self) -> u64 {
+        let bytes = |part: &GpuPart| -> u64 {
+            part.fields(self.sh_degree).map(|field| 4 * field.each * u64::from(part.count)).sum()
+        };
+        self.parts.iter().map(bytes).sum()
+    }
+
+    /// Whether kernels can see these buffers, which may be others' than ours.
+    pub(super) fn check(&self, context: &Context) -> Result<(), GpuError> {
+        for part in &self.parts {
+            for Field { name, buffer, each } in part.fields(self.sh_degree) {
+                context.check_binding(name, buffer, 4 * each * u64::from(part.count))?;
+            }
+        }
+        Ok(())
     }
 
     /// The buffers.

@@ -1,7 +1,7 @@
 use super::GpuError;
 use super::context::Context;
 use super::kernels::Pool;
-use crate::{Gaussians, Gradients, ImageGradients, View};
+use crate::{Gaussians, Gradients, ImageGradients, SplatError, View, sh_coefficients};
 
 /// Derivatives of a loss by the images of a [`super::GpuRendering`], strip by strip as [`super::GpuRenderer::strips`]
 /// cuts them.
@@ -23,6 +23,8 @@ pub struct GpuStripGradients {
 /// Derivatives of a loss by everything that made the images, in the device's memory.
 #[derive(Clone, Debug)]
 pub struct GpuGradients {
+    /// Degree of the spherical harmonics.
+    pub sh_degree: u8,
     /// As the parts of [`super::GpuGaussians`].
     pub parts: Vec<GpuGradientPart>,
     /// Twelve f32: by the camera's rotation, 0, by its translation, 0, by the background, 0. See
@@ -86,9 +88,10 @@ impl GpuImageGradients {
 
 impl GpuGradients {
     /// Copies the derivatives to the host.
-    pub(super) fn read(&self, context: &Context, gaussians: &Gaussians) -> Result<Gradients<f32>, GpuError> {
+    pub(super) fn read(&self, context: &Context, gaussians: &Gaussians) -> Result<Gradients<f32>, SplatError> {
+        self.check(gaussians)?;
         let mut gradients = Gradients::zero(gaussians);
-        let stored = gradients.sh.len().checked_div(gradients.means.len()).unwrap_or_default() as u64;
+        let stored = sh_coefficients(self.sh_degree) as u64;
         let mut first = 0;
         for part in &self.parts {
             let count = part.count as usize;
@@ -130,5 +133,24 @@ impl GpuGradients {
             gradients.background = [red, green, blue];
         }
         Ok(gradients)
+    }
+    /// Whether these are derivatives by such Gaussians.
+    fn check(&self, gaussians: &Gaussians) -> Result<(), SplatError> {
+        let of = gaussians.parts();
+        let counts = |parts: &mut dyn Iterator<Item = &GpuGradientPart>| parts.map(|part| part.count as usize).sum();
+        let scalars = of.scalars.as_ref().map_or(0, Vec::len);
+        let lengths: [(_, usize, usize); 3] = [
+            ("derivatives by Gaussians", gaussians.len(), counts(&mut self.parts.iter())),
+            ("derivatives by scalars", scalars, counts(&mut self.parts.iter().filter(|part| part.scalars.is_some()))),
+            (
+                "derivatives by harmonics, each",
+                sh_coefficients(of.sh_degree),
+                if gaussians.is_empty() { sh_coefficients(of.sh_degree) } else { sh_coefficients(self.sh_degree) },
+            ),
+        ];
+        match lengths.into_iter().find(|(_, expected, found)| expected != found) {
+            Some((field, expected, found)) => Err(SplatError::Length { field, expected, found }),
+            None => Ok(()),
+        }
     }
 }

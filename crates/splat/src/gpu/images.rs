@@ -3,7 +3,7 @@ use atsplat_camera::ImageSize;
 use super::GpuError;
 use super::context::Context;
 use super::forward::{TILE, Window};
-use crate::{Census, Channels, Rendering, View};
+use crate::{Census, Channels, Rendering, SplatError, View};
 
 /// Images in the device's memory, cut into strips of rows that the adapter can bind.
 #[derive(Clone, Debug)]
@@ -34,13 +34,15 @@ pub struct GpuStrip {
 const PIXEL_BYTES: u64 = 32;
 
 /// First row and rows of each strip.
-pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, GpuError> {
+pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, SplatError> {
+    view.check_size()?;
     let row_of_tiles = PIXEL_BYTES * u64::from(TILE) * u64::from(view.size.width);
     let fitting = u32::try_from(context.binding_limit / row_of_tiles).unwrap_or(u32::MAX).min(u32::MAX / TILE);
     if fitting == 0 {
         let adapter = context.name.clone();
         let limit = context.binding_limit;
-        return Err(GpuError::TooLarge { adapter, what: "pixels of one row of tiles", needed: row_of_tiles, limit });
+        let what = "pixels of one row of tiles";
+        return Err(GpuError::TooLarge { adapter, what, unit: "bytes", needed: row_of_tiles, limit }.into());
     }
     let rows = fitting * TILE;
     let strip = |first: u32| [first, rows.min(view.size.height - first)];

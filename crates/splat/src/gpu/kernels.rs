@@ -89,9 +89,25 @@ impl Pipelines {
 
 /// Buffers that are kept from one picture to the next, by what they hold and of which part.
 #[derive(Debug, Default)]
-pub(super) struct Pool(BTreeMap<(&'static str, usize), wgpu::Buffer>);
+pub(super) struct Pool {
+    buffers: BTreeMap<(&'static str, usize), Pooled>,
+    /// Pictures begun so far.
+    pictures: u64,
+}
+
+#[derive(Debug)]
+struct Pooled {
+    buffer: wgpu::Buffer,
+    /// The last picture that it was used for.
+    picture: u64,
+}
 
 impl Pool {
+    /// What was used before may be freed from now on.
+    pub(super) const fn begin_picture(&mut self) {
+        self.pictures += 1;
+    }
+
     /// A buffer of at least this many bytes; what it held is lost where it was too small.
     pub(super) fn get(
         &mut self,
@@ -100,21 +116,32 @@ impl Pool {
         part: usize,
         bytes: u64,
     ) -> Result<wgpu::Buffer, GpuError> {
-        if let Some(buffer) = self.0.get(&(name, part))
-            && buffer.size() >= bytes
+        let picture = self.pictures;
+        if let Some(kept) = self.buffers.get_mut(&(name, part))
+            && kept.buffer.size() >= bytes
         {
-            return Ok(buffer.clone());
+            kept.picture = picture;
+            return Ok(kept.buffer.clone());
         }
+        self.buffers.remove(&(name, part));
         // A quarter more, so that scenes of about one size share it.
         let roomy = (bytes + bytes / 4).min(context.binding_limit);
-        self.0.remove(&(name, part));
-        let buffer = context.buffer(name, if roomy < bytes { bytes } else { roomy })?;
-        self.0.insert((name, part), buffer.clone());
+        if self.bytes().saturating_add(roomy) > context.memory_limit {
+            self.buffers.retain(|_, kept| kept.picture == picture);
+        }
+        let has_room = self.bytes().saturating_add(roomy) <= context.memory_limit;
+        let buffer = context.buffer(name, if has_room && roomy > bytes { roomy } else { bytes })?;
+        self.buffers.insert((name, part), Pooled { buffer: buffer.clone(), picture });
         Ok(buffer)
+    }
+
+    /// Bytes of all that is kept.
+    pub(super) fn bytes(&self) -> u64 {
+        self.buffers.values().map(|kept| kept.buffer.size()).sum()
     }
 
     /// Frees everything.
     pub(super) fn clear(&mut self) {
-        self.0.clear();
+        self.buffers.clear();
     }
 }

@@ -8,7 +8,7 @@ use super::kernels::{Kernel, Pool};
 use super::record::Recorder;
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
-use crate::{RenderOptions, SplatError, View};
+use crate::{Gaussians, RenderOptions, SplatError, View};
 
 /// What is rendered.
 #[derive(Clone, Copy)]
@@ -32,9 +32,9 @@ pub(super) fn record(
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     options.check()?;
     let optics = view.optics(&options.constants)?;
-    crate::cpu::check_size(view)?;
-    let needed = bytes_needed(gaussians.len(), view, 0);
+    let needed = bytes_needed(gaussians, view);
     check_memory(needed, limits.memory_limit)?;
+    gaussians.check(context)?;
     let channels = options.channels;
     let with_extras = channels.depth || channels.scalar || channels.median_depth;
     let block = ViewBlock::new(view, &optics, options)
@@ -91,10 +91,20 @@ pub(super) fn composite(
     Ok(())
 }
 
-/// Bytes on the device for Gaussians and pixels, tile lists apart.
-pub(super) fn bytes_needed(gaussians: u64, view: &View, uploaded: u64) -> u64 {
+/// Bytes on the device for Gaussians, their splats and pixels, tile lists apart.
+pub(super) fn bytes_needed(gaussians: &GpuGaussians, view: &View) -> u64 {
+    bytes_of_splats(gaussians.len(), view).saturating_add(gaussians.size_in_bytes())
+}
+
+fn bytes_of_splats(count: u64, view: &View) -> u64 {
     // Splats 56, keys and values twice 16, offsets 4, digits 2.
-    uploaded.saturating_add(gaussians.saturating_mul(78)).saturating_add((view.pixels() as u64).saturating_mul(32))
+    count.saturating_mul(78).saturating_add((view.pixels() as u64).saturating_mul(32))
+}
+
+/// Refuses what cannot be rendered within a limit before it is copied to the device.
+pub(super) fn check_before_upload(gaussians: &Gaussians, view: &View, limit: u64) -> Result<(), SplatError> {
+    let splats = bytes_of_splats(gaussians.len() as u64, view);
+    check_memory(splats.saturating_add(gaussians.size_in_bytes()), limit)
 }
 
 /// Pairs of tiles and Gaussians that fit, of so many bytes altogether and in their widest buffer.

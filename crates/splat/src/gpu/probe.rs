@@ -1,14 +1,17 @@
 //! Software Vulkan ends all loops of a kernel together after some ten thousand turns, and says nothing.
 
 use super::GpuError;
-use super::context::Context;
+use super::context::{Context, TURNS_OF_AN_ENTRY};
 use super::kernels::{Kernel, Pipelines};
 use super::record::Recorder;
 
-/// More turns than any kernel takes whose lists were not cut.
-const WANTED: u32 = 1 << 18;
+/// Turns that loops take at most, also where drivers do not count them: a tile's list is passed over 2^16 entries at a
+/// time, which keeps no device busy for the two seconds after which Windows resets it.
+const WANTED: u32 = TURNS_OF_AN_ENTRY << 16;
+/// With fewer, cutting lists would cost more than rendering.
+const LEAST: u32 = TURNS_OF_AN_ENTRY << 6;
 
-/// Turns that loops may take together, `u32::MAX` where the driver does not count.
+/// Turns that loops may take together.
 pub(super) fn turns(context: &Context, pipelines: &mut Pipelines) -> Result<u32, GpuError> {
     context.guarded(|| {
         let mut recorder = Recorder::new(context, pipelines);
@@ -17,8 +20,37 @@ pub(super) fn turns(context: &Context, pipelines: &mut Pipelines) -> Result<u32,
         recorder.submit();
         let read = context.read(&[(&result, 8)])?.concat();
         let words: Vec<u32> = read.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
-        let state = (0..WANTED).fold(1u32, |state, _| state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
-        let made = words.first().copied().unwrap_or_default();
-        Ok(if words == [WANTED, state] { u32::MAX } else { made.min(WANTED) })
+        usable(&words).map_err(|found| GpuError::Unfit {
+            adapter: context.name.clone(),
+            what: "turns of a loop",
+            expected: format!("at least {LEAST}"),
+            found,
+        })
     })
+}
+
+/// What the probe's turns and what they led to allow, or what is wrong with them.
+fn usable(words: &[u32]) -> Result<u32, String> {
+    let [made, state] = *words else { return Err("no answer".to_owned()) };
+    if !(LEAST..=WANTED).contains(&made) {
+        return Err(made.to_string());
+    }
+    let expected = (0..made).fold(1u32, |state, _| state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+    if state == expected { Ok(made) } else { Err(format!("{made} with a wrong result")) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_probe_that_failed_allows_nothing() {
+        let after = |turns: u32| (0..turns).fold(1u32, |s, _| s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+        assert_eq!(usable(&[WANTED, after(WANTED)]), Ok(WANTED));
+        assert_eq!(usable(&[65_535, after(65_535)]), Ok(65_535));
+        for failed in [&[0, 0][..], &[LEAST - 1, after(LEAST - 1)], &[65_535, 0], &[WANTED + 1, after(WANTED + 1)], &[]]
+        {
+            assert!(usable(failed).is_err(), "{failed:?}");
+        }
+    }
 }

@@ -6,8 +6,8 @@ use super::kernels::{Kernel, Pipelines};
 const UNIFORM_BYTES: usize = 64 << 10;
 /// What every adapter accepts as the offset of a block.
 const UNIFORM_STEP: usize = 256;
-/// Stages that are timed.
-const MOST_STAGES: u32 = 32;
+/// Runs of stages that are timed: two marks each, as many as wgpu has in one set.
+const MOST_RUNS: u32 = 2048;
 
 /// Commands on their way to the device: dispatches within named stages.
 #[derive(Debug)]
@@ -19,7 +19,11 @@ pub(super) struct Recorder<'a> {
     uniforms: Vec<u8>,
     uniform_buffer: wgpu::Buffer,
     clock: Option<wgpu::QuerySet>,
-    stages: Vec<&'static str>,
+    stage: Option<&'static str>,
+    /// The stage of each run that is timed.
+    timed: Vec<&'static str>,
+    /// Whether a run was not timed.
+    is_incomplete: bool,
 }
 
 impl<'a> Recorder<'a> {
@@ -28,7 +32,7 @@ impl<'a> Recorder<'a> {
             context.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: None,
                 ty: wgpu::QueryType::Timestamp,
-                count: 2 * MOST_STAGES,
+                count: 2 * MOST_RUNS,
             })
         });
         Self {
@@ -39,7 +43,9 @@ impl<'a> Recorder<'a> {
             uniforms: Vec::new(),
             uniform_buffer: uniform_buffer(context),
             clock,
-            stages: Vec::new(),
+            stage: None,
+            timed: Vec::new(),
+            is_incomplete: false,
         }
     }
 
@@ -50,18 +56,29 @@ impl<'a> Recorder<'a> {
     /// What follows belongs to a stage of this name.
     pub(super) fn stage(&mut self, name: &'static str) {
         self.pass = None;
-        let at = u32::try_from(self.stages.len()).unwrap_or(MOST_STAGES);
-        let timestamp_writes =
-            self.clock.as_ref().filter(|_| at < MOST_STAGES).map(|query_set| wgpu::ComputePassTimestampWrites {
-                query_set,
-                beginning_of_pass_write_index: Some(2 * at),
-                end_of_pass_write_index: Some(2 * at + 1),
-            });
-        let descriptor = wgpu::ComputePassDescriptor { label: Some(name), timestamp_writes };
-        if descriptor.timestamp_writes.is_some() {
-            self.stages.push(name);
-        }
-        self.pass = Some(self.encoder.begin_compute_pass(&descriptor).forget_lifetime());
+        self.stage = Some(name);
+    }
+
+    /// The pass that is under way, or a new one: a stage is cut by what is not a dispatch.
+    fn pass(&mut self) -> &mut wgpu::ComputePass<'static> {
+        let Self { encoder, stage, clock, timed, is_incomplete, .. } = self;
+        self.pass.get_or_insert_with(|| {
+            let at = u32::try_from(timed.len()).unwrap_or(MOST_RUNS);
+            let clock = clock.as_ref().filter(|_| at < MOST_RUNS);
+            match (&clock, *stage) {
+                (Some(_), Some(name)) => timed.push(name),
+                _ => *is_incomplete = true,
+            }
+            let timestamp_writes =
+                clock.filter(|_| stage.is_some()).map(|query_set| wgpu::ComputePassTimestampWrites {
+                    query_set,
+                    beginning_of_pass_write_index: Some(2 * at),
+                    end_of_pass_write_index: Some(2 * at + 1),
+                });
+            encoder
+                .begin_compute_pass(&wgpu::ComputePassDescriptor { label: *stage, timestamp_writes })
+                .forget_lifetime()
+        })
     }
 
     /// One kernel over so many groups: its uniform block, then its buffers from binding 1 on.
@@ -83,7 +100,7 @@ impl<'a> Recorder<'a> {
             offset: offset as u64,
             size: wgpu::BufferSize::new(uniform.len() as u64),
         });
-        let storage = buffers.iter().map(|buffer| buffer.as_entire_binding());
+        let storage = buffers.iter().map(|buffer| self.bound(buffer));
         let entries: Vec<_> = (0..)
             .zip(std::iter::once(block).chain(storage))
             .map(|(binding, resource)| wgpu::BindGroupEntry { binding, resource })
@@ -94,9 +111,7 @@ impl<'a> Recorder<'a> {
             entries: &entries,
         });
         let [across, down] = grid(groups, self.context)?;
-        let encoder = &mut self.encoder;
-        let begin = || encoder.begin_compute_pass(&wgpu::ComputePassDescriptor::default()).forget_lifetime();
-        let pass = self.pass.get_or_insert_with(begin);
+        let pass = self.pass();
         pass.set_pipeline(&pipeline);
         pass.set_bind_group(0, &bind_group, &[]);
         pass.dispatch_workgroups(across, down, 1);
@@ -124,14 +139,14 @@ impl<'a> Recorder<'a> {
         self.context.queue.submit([encoder.finish()]);
     }
 
-    /// Submits, and says how long each stage took, where the device can tell. Waits for it.
+    /// Submits, and says how long each run of a stage took, where the device can tell of all of them. Waits for it.
     pub(super) fn finish(mut self) -> Result<Vec<(&'static str, f64)>, GpuError> {
         self.pass = None;
-        let (Some(clock), false) = (self.clock.take(), self.stages.is_empty()) else {
+        let (Some(clock), false) = (self.clock.take(), self.timed.is_empty() || self.is_incomplete) else {
             self.submit();
             return Ok(Vec::new());
         };
-        let marks = u32::try_from(2 * self.stages.len()).unwrap_or(2 * MOST_STAGES);
+        let marks = u32::try_from(2 * self.timed.len()).unwrap_or(2 * MOST_RUNS);
         let bytes = 8 * u64::from(marks);
         let resolved = self.context.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("timestamps"),
@@ -145,7 +160,13 @@ impl<'a> Recorder<'a> {
         let period = f64::from(self.context.queue.get_timestamp_period()) * 1e-9;
         let ticks: Vec<u64> = read.concat().as_chunks().0.iter().map(|word| u64::from_le_bytes(*word)).collect();
         let lengths = ticks.as_chunks::<2>().0.iter().map(|[from, to]| to.saturating_sub(*from) as f64 * period);
-        Ok(self.stages.iter().copied().zip(lengths).collect())
+        Ok(self.timed.iter().copied().zip(lengths).collect())
+    }
+
+    /// All that can be bound of a buffer; those of others may be longer, or end within a word.
+    fn bound<'b>(&self, buffer: &'b wgpu::Buffer) -> wgpu::BindingResource<'b> {
+        let size = buffer.size().min(self.context.binding_limit.max(256)) & !3;
+        wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size: wgpu::BufferSize::new(size) })
     }
 
     /// Where a uniform block lies; a submission is cut where they no longer fit one buffer.
@@ -182,7 +203,8 @@ fn grid(groups: u64, context: &Context) -> Result<[u32; 2], GpuError> {
         (Ok(across), Ok(down)) if u64::from(down) <= limit => Ok([across, down]),
         _ => Err(GpuError::TooLarge {
             adapter: context.name.clone(),
-            what: "workgroups of one dispatch",
+            what: "threads of one dispatch",
+            unit: "workgroups",
             needed: groups,
             limit: limit * limit,
         }),

@@ -28,6 +28,7 @@ pub fn jumps(
     options: &RenderOptions,
     relative: f64,
 ) -> Result<Vec<Jump>, SplatError> {
+    options.check()?;
     // Those that are just too faint belong to it.
     let min_alpha = options.constants.min_alpha * (1.0 - relative);
     let constants = RendererConstants { min_alpha, ..options.constants.clone() };

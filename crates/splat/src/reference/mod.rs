@@ -16,11 +16,25 @@ use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, Spla
 
 use project::{Outcome, Splat};
 
+/// Bytes that images may take.
+const LIMIT: u64 = 16 << 30;
+
 /// Renders a view.
 ///
 /// # Errors
-/// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`].
+/// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`], [`SplatError::Constants`];
+/// [`SplatError::Memory`] for images of more than 16 GiB.
 pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Result<Rendering<f64>, SplatError> {
+    options.check()?;
+    render_unchecked(gaussians, view, options)
+}
+
+/// As [`render()`], whatever the options: f64 fades below [`crate::SMALLEST_MIN_ALPHA`], where differences need it.
+pub(crate) fn render_unchecked(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) -> Result<Rendering<f64>, SplatError> {
     let (splats, mut rendering) = prepare(gaussians, view, options)?;
     for (pixel, at) in composite::pixel_centres(view).enumerate() {
         composite::composite(&splats, at, options, pixel, &mut rendering);
@@ -53,6 +67,16 @@ pub fn project(
     view: &View,
     options: &RenderOptions,
 ) -> Result<Vec<Option<Projection>>, SplatError> {
+    options.check()?;
+    project_unchecked(gaussians, view, options)
+}
+
+/// As [`project()`], whatever the options.
+pub(crate) fn project_unchecked(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) -> Result<Vec<Option<Projection>>, SplatError> {
     let optics = view.optics(&options.constants)?;
     let one = |position| match project::project(gaussians, position, &optics, view.size, options) {
         Outcome::Drawn(splat) => Some(Projection {
@@ -70,15 +94,27 @@ pub fn project(
 /// Derivatives of a loss by everything that made the images, from its derivatives by the images.
 ///
 /// # Errors
-/// As [`render`], and [`SplatError::Length`] for an image of another size than the view's.
+/// As [`render`], and [`SplatError::Length`] for an image of another size than the view's, [`SplatError::NonFinite`] for
+/// derivatives that are not finite.
 pub fn backward(
     gaussians: &Gaussians,
     view: &View,
     options: &RenderOptions,
     images: &ImageGradients<f64>,
 ) -> Result<Gradients<f64>, SplatError> {
+    options.check()?;
+    backward_unchecked(gaussians, view, options, images)
+}
+
+/// As [`backward()`], whatever the options.
+pub(crate) fn backward_unchecked(
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+    images: &ImageGradients<f64>,
+) -> Result<Gradients<f64>, SplatError> {
     images.check(view)?;
-    let images = options.before_exposure(images, |value| value);
+    let images = options.before_exposure(images);
     let (splats, _) = prepare(gaussians, view, options)?;
     let mut gradients = Gradients::zero(gaussians);
     let mut of_splats = vec![SplatGradient::default(); splats.len()];
@@ -106,8 +142,11 @@ fn prepare(
     view: &View,
     options: &RenderOptions,
 ) -> Result<(Vec<Splat>, Rendering<f64>), SplatError> {
-    options.check()?;
     let optics = view.optics(&options.constants)?;
+    let (images, limit) = (Rendering::<f64>::bytes(view, options), LIMIT);
+    if images > limit {
+        return Err(SplatError::Memory { needed: images, limit });
+    }
     let mut rendering = Rendering::empty(view, options);
     let mut splats = Vec::new();
     for position in 0..gaussians.len() {

@@ -40,6 +40,8 @@ pub(crate) struct Parts {
     pub(crate) own_share: DVec3,
     /// Opacity after the sigmoid, before everything else.
     pub(crate) sigmoid: f64,
+    /// What it leaves to 1, which f64 would round away.
+    pub(crate) rest: f64,
     /// What the 3D filter multiplied it with.
     pub(crate) filter: f64,
     /// What anti-aliasing multiplied it with.
@@ -80,7 +82,7 @@ pub(crate) fn project(
     options: &RenderOptions,
 ) -> Outcome {
     let constants = &options.constants;
-    let Some(Shape { mean, rotation, scales, own_share, sigmoid, filter }) = shape(gaussians, position) else {
+    let Some(Shape { mean, rotation, scales, own_share, sigmoid, rest, filter }) = shape(gaussians, position) else {
         return Outcome::Invalid;
     };
     let in_camera = optics.rotation * mean + optics.translation;
@@ -152,6 +154,7 @@ pub(crate) fn project(
         scales,
         own_share,
         sigmoid,
+        rest,
         filter,
         compensation,
         slope,
@@ -181,6 +184,7 @@ struct Shape {
     scales: DVec3,
     own_share: DVec3,
     sigmoid: f64,
+    rest: f64,
     filter: f64,
 }
 
@@ -213,6 +217,7 @@ fn shape(gaussians: &Gaussians, position: usize) -> Option<Shape> {
         scales: if filter_3d == 0.0 { scales } else { DVec3::from_array(total.to_array().map(f64::sqrt)) },
         own_share,
         sigmoid: 1.0 / (1.0 + (-logit).exp()),
+        rest: 1.0 / (1.0 + logit.exp()),
         filter: (own_share.x * own_share.y * own_share.z).sqrt(),
     })
 }

@@ -76,7 +76,7 @@ impl Own {
 /// `opacity = sigmoid · filter · compensation`.
 fn through_opacity(options: &RenderOptions, splat: &Splat, of_splat: &SplatGradient, own: &mut Own) {
     let parts = &splat.parts;
-    own.logit = of_splat.opacity * parts.filter * parts.compensation * parts.sigmoid * (1.0 - parts.sigmoid);
+    own.logit = of_splat.opacity * parts.filter * parts.compensation * parts.sigmoid * parts.rest;
     // filter² = Π s²/(s² + f²), whose logarithm grows by 2(1 − share) with each log s.
     let by_log_filter = of_splat.opacity * splat.opacity;
     own.log_scales = by_log_filter * (DVec3::ONE - parts.own_share);
@@ -164,13 +164,19 @@ fn through_projection(
 }
 
 /// How the lens's own Jacobian changes with the slope, by central differences: its second derivatives have no
-/// closed form here, and in f64 the differences are good to 1e-9.
+/// closed form here, and in f64 the differences are good to 1e-9. At the rim of what the lens sees they are to one side.
 pub(crate) fn through_lens(lens: &Lens, slope: DVec2, focal: DVec2, by_rows: [DVec2; 2]) -> DVec2 {
     const STEP: f64 = 1e-5;
     let along = |unit: DVec2| {
-        let sides = [STEP, -STEP].map(|step| lens.jacobian(slope + unit * step));
-        let [Ok(ahead), Ok(behind)] = sides else { return 0.0 };
-        let change = DMat2::from_diagonal(focal) * (ahead - behind) * (0.5 / STEP);
+        let at = |step: f64| lens.jacobian(slope + unit * step).ok().map(|jacobian| (step, jacobian));
+        let (Some((to, ahead)), Some((from, behind))) = (at(STEP).or_else(|| at(0.0)), at(-STEP).or_else(|| at(0.0)))
+        else {
+            return 0.0;
+        };
+        if to <= from {
+            return 0.0;
+        }
+        let change = DMat2::from_diagonal(focal) * (ahead - behind) * (to - from).recip();
         let rows = change.transpose();
         rows.x_axis.dot(by_rows[0]) + rows.y_axis.dot(by_rows[1])
     };

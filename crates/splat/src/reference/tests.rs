@@ -66,7 +66,7 @@ fn image_gradients(view: &View) -> ImageGradients<f64> {
 }
 
 fn loss(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> f64 {
-    let rendering = render(gaussians, view, options).unwrap();
+    let rendering = render_unchecked(gaussians, view, options).unwrap();
     let images = image_gradients(view);
     let dot = |a: &[f64], b: &Option<Vec<f64>>| a.iter().zip(b.iter().flatten()).map(|(a, b)| a * b).sum::<f64>();
     let rgb: f64 = rendering.rgb.iter().zip(&images.rgb).flat_map(|(a, b)| a.iter().zip(b)).map(|(a, b)| a * b).sum();
@@ -136,7 +136,7 @@ const fn exact_f32(step: f64) -> f32 {
 
 /// Every analytic derivative against extrapolated central differences.
 fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
-    let gradients = backward(gaussians, view, options, &image_gradients(view)).unwrap();
+    let gradients = backward_unchecked(gaussians, view, options, &image_gradients(view)).unwrap();
     let scale = gradients.means.iter().flatten().fold(0.0f64, |most, g| most.maximum_of(g.abs()));
     for (name, slot, at, axis, analytic) in parameters(gaussians, &gradients) {
         let moved = |step: f64| {
@@ -208,10 +208,10 @@ fn a_stopped_scalar_pulls_at_nothing_but_itself() {
     let all = image_gradients(&view);
     let without = ImageGradients { scalar: None, ..all.clone() };
     let stopped = RenderOptions { gradients: GradientReach { scalar_stops: true, directions_stop: false }, ..smooth() };
-    let with_stop = backward(&gaussians, &view, &stopped, &all).unwrap();
-    let never_asked = backward(&gaussians, &view, &smooth(), &without).unwrap();
+    let with_stop = backward_unchecked(&gaussians, &view, &stopped, &all).unwrap();
+    let never_asked = backward_unchecked(&gaussians, &view, &smooth(), &without).unwrap();
     assert_eq!(Gradients { scalars: never_asked.scalars.clone(), ..with_stop.clone() }, never_asked);
-    let free = backward(&gaussians, &view, &smooth(), &all).unwrap();
+    let free = backward_unchecked(&gaussians, &view, &smooth(), &all).unwrap();
     assert_eq!(with_stop.scalars, free.scalars);
 }
 
@@ -243,3 +243,5 @@ fn a_pixel_stops_before_the_gaussian_that_would_finish_it() {
     Tolerance::absolute(1e-6).assert(rendering.alpha, [0.9999], "the third would leave 1e-5");
     assert_eq!(rendering.census.drawn, 3);
 }
+
+mod lenses;

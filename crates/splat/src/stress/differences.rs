@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use super::gradients::{of_loss, share, sizes};
 use super::parameter::{Parameter, moved};
-use crate::constants::Extent;
+use crate::constants::{Extent, SMALLEST_MIN_ALPHA};
 use crate::hard_cases::HardCase;
 use crate::{
     ClampedGradient, Gaussians, ImageGradients, RenderOptions, Renderer, RendererConstants, Rendering, SplatError,
@@ -20,8 +20,8 @@ use crate::{
 
 /// Below which even the reference goes.
 const FADED: f64 = 1e-12;
-/// As far as f32 paths go: some cut their exponential off at 2⁻²⁰.
-const FADED_IN_F32: f64 = 1e-6;
+/// As far as f32 paths go.
+const FADED_IN_F32: f64 = SMALLEST_MIN_ALPHA;
 
 /// Differences by some parameters.
 #[derive(Debug)]
@@ -45,7 +45,7 @@ impl Differences {
         let scene = Scene { case, options: &options, images: &images.map(f64::from) };
         let analytic = |min_alpha| {
             let options = smooth(&case.options, min_alpha);
-            reference::backward(&case.gaussians, &case.view, &options, scene.images)
+            reference::backward_unchecked(&case.gaussians, &case.view, &options, scene.images)
         };
         let (whole, cut) = (analytic(FADED)?, analytic(FADED_IN_F32)?);
         let sizes = sizes(&whole);
@@ -100,7 +100,7 @@ impl Scene<'_> {
     fn parameters(&self) -> Result<Vec<(Parameter, f64)>, SplatError> {
         const SMALL: f64 = 1.0 / 256.0;
         let HardCase { gaussians, view, .. } = self.case;
-        let projections = reference::project(gaussians, view, self.options)?;
+        let projections = reference::project_unchecked(gaussians, view, self.options)?;
         let drawn: Vec<(usize, f64)> = projections
             .iter()
             .enumerate()
@@ -188,7 +188,8 @@ impl Scene<'_> {
     }
 
     fn loss(&self, gaussians: &Gaussians, view: &View) -> Option<Loss> {
-        let Rendering { rgb, alpha, depth, scalar, .. } = reference::render(gaussians, view, self.options).ok()?;
+        let Rendering { rgb, alpha, depth, scalar, .. } =
+            reference::render_unchecked(gaussians, view, self.options).ok()?;
         let by = self.images;
         let mut loss = Loss::default();
         loss.add(rgb.as_flattened(), by.rgb.as_flattened());

@@ -22,9 +22,10 @@ pub(super) fn of_loss(view: &View, jumps: &[Jump]) -> ImageGradients<f32> {
 /// The largest error of all fields, each as a share of its largest value.
 pub(super) fn error(actual: &Gradients<f32>, expected: &Gradients<f64>, bound: f64) -> MeasuredError {
     let mut error = MeasuredError { name: "gradient", absolute: 0.0, relative: 0.0, bound, compared: 0 };
-    for ((actual, expected), size) in actual.fields().into_iter().zip(expected.fields()).zip(sizes(expected)) {
-        for (actual, expected) in actual.iter().zip(&expected) {
-            let apart = (actual - expected).abs();
+    let pairs = actual.fields().into_iter().zip(expected.fields());
+    for (((_, actual), (_, expected)), size) in pairs.zip(sizes(expected)) {
+        for (actual, expected) in actual.iter().zip(expected) {
+            let apart = (f64::from(*actual) - expected).abs();
             error.absolute = error.absolute.maximum_of(apart);
             error.relative = error.relative.maximum_of(share(apart, size));
             error.compared += 1;
@@ -38,7 +39,7 @@ pub(super) fn error(actual: &Gradients<f32>, expected: &Gradients<f64>, bound: f
 pub(super) fn sizes(gradients: &Gradients<f64>) -> [f64; 10] {
     const ALIKE: std::ops::RangeInclusive<usize> = 2..=5;
     let largest =
-        gradients.fields().map(|field| field.iter().fold(0.0, |most: f64, value| most.maximum_of(value.abs())));
+        gradients.fields().map(|(_, field)| field.iter().fold(0.0, |most: f64, value| most.maximum_of(value.abs())));
     let of_alike = largest.iter().skip(*ALIKE.start()).take(ALIKE.count()).copied().fold(0.0, f64::maximum_of);
     let mut sizes = largest;
     for field in ALIKE {

@@ -5,7 +5,7 @@ mod gradients;
 mod images;
 mod parameter;
 
-use atsplat_numeric::StressRow;
+use atsplat_numeric::{MeasuredError, StressRow};
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
 use crate::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
@@ -66,6 +66,11 @@ pub fn rows(case: &HardCase, paths: &mut [Path]) -> Result<Vec<StressRow>, Splat
     Ok(rows)
 }
 
+/// Errors that are none because nothing was compared: right where nothing is drawn, and nowhere else.
+fn uncompared(errors: &[MeasuredError]) -> impl Iterator<Item = String> {
+    errors.iter().filter(|error| error.compared == 0).map(|error| format!("{}: nothing was compared", error.name))
+}
+
 /// What a hard case has to give.
 #[derive(Debug)]
 struct Expected<'a> {
@@ -124,11 +129,26 @@ impl<'a> Expected<'a> {
         row.errors.push(images::error(self.case, &rendering, &self.rendering, &self.jumps, self.bounds.image)?);
         row.errors.push(gradients::error(&derivatives, &self.gradients, self.bounds.gradient));
         row.errors.push(self.differences.error(self.case, path, self.bounds.gradient)?);
+        if self.rendering.census.drawn > 0 {
+            row.findings.extend(uncompared(&row.errors));
+        }
         if let Some(census) = census
             && rendering.census != *census
         {
             row.findings.push(format!("census: expected {census:?}, found {:?}", rendering.census));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_not_compared_is_found() {
+        let error = |name, compared| MeasuredError { name, absolute: 0.0, relative: 0.0, bound: 1.0, compared };
+        let found: Vec<String> = uncompared(&[error("image", 9), error("differences", 0)]).collect();
+        assert_eq!(found, ["differences: nothing was compared"]);
     }
 }

@@ -1,11 +1,11 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{
-    Channels, Gaussians, RasterMode, RenderOptions, Renderer, RendererConstants, SplatError, View, reference,
+    Channels, Extent, Gaussians, RasterMode, RenderOptions, Renderer, RendererConstants, SplatError, View, reference,
 };
 use glam::DVec3;
 
-use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, view};
+use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, narrow, ripples, view};
 
 #[test]
 fn every_preset_and_mode() {
@@ -133,6 +133,28 @@ fn needles_discs_giants_and_coincident_ones() {
     let gaussians = Gaussians::new(parts).unwrap();
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
     assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, "coincident");
+}
+
+/// Without blur, Gaussians may be as narrow as numbers allow: points, sheets seen edge-on.
+#[test]
+fn nothing_blurs_the_narrowest() {
+    let Some(mut gpu) = gpu() else { return };
+    let view = view(80, 60);
+    let shapes = [[-24.0, -24.0, -24.0], [-30.0, -31.0, -29.0], [-40.0, -40.0, -40.0], [-3.0, -12.0, -14.0]];
+    for extent in [Extent::Exact, Extent::ThreeSigmaTiles] {
+        for shape in shapes {
+            let mut parts = cloud(300, 0, 29).into_parts();
+            parts.log_scales.iter_mut().for_each(|logs| *logs = shape);
+            let gaussians = Gaussians::new(parts).unwrap();
+            let constants = RendererConstants { blur: 0.0, extent, ..RendererConstants::default() };
+            let options = RenderOptions { constants, ..everything() };
+            let expected = reference::render(&gaussians, &view, &options).unwrap();
+            let actual = gpu.render(&gaussians, &view, &options).unwrap();
+            assert_bound(&actual, &expected, &format!("{shape:?} {extent:?}"));
+            let gradients = gpu.backward(&gaussians, &view, &options, &narrow(&ripples(&view))).unwrap();
+            assert_eq!(gradients.non_finite(), 0, "{shape:?} {extent:?}");
+        }
+    }
 }
 
 #[test]

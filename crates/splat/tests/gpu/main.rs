@@ -8,8 +8,10 @@
 mod backward;
 #[path = "../common/poison.rs"]
 mod common;
+mod devices;
 mod forward;
 mod limits;
+mod lists;
 mod poison;
 mod resident;
 mod scenes;

@@ -1,7 +1,9 @@
-use atsplat_splat::gpu::{GpuGaussians, GpuImageGradients, GpuOptions, GpuRenderer, GpuStripGradients};
-use atsplat_splat::{Renderer, SplatError};
+use atsplat_splat::gpu::{
+    GpuError, GpuGaussians, GpuImageGradients, GpuOptions, GpuPart, GpuRenderer, GpuStripGradients,
+};
+use atsplat_splat::{Gaussians, ImageGradients, Renderer, SplatError};
 
-use crate::scenes::{cloud, everything, gpu, narrow, ripples, view};
+use crate::scenes::{cloud, everything, filtered, gpu, guest_device, narrow, open, ripples, view};
 
 /// Gaussians, pictures and gradients that stay on the device are those that pass through the host.
 #[test]
@@ -23,7 +25,7 @@ fn nothing_changes_on_the_way() {
     };
     // A picture is as good a gradient as any: here of half its own sum of squares.
     let gradients = gpu.backward_resident(&resident, &view, &everything(), &strips).unwrap();
-    let own = atsplat_splat::ImageGradients {
+    let own = ImageGradients {
         rgb: through_host.rgb,
         alpha: Some(through_host.alpha),
         depth: through_host.depth,
@@ -58,4 +60,182 @@ fn stages_are_timed() {
     let stages = gpu.stages();
     assert!(!stages.is_empty() && stages.iter().all(|stage| stage.secs >= 0.0 && stage.secs < 60.0), "{stages:?}");
     assert!(gpu.name().starts_with("gpu, ") && gpu.name().contains(gpu.adapter()));
+}
+
+/// Some of a picture's strips come with derivatives by depth and scalar.
+#[test]
+fn parts_and_strips_are_one_whole() {
+    let small = GpuOptions { binding_limit: 128 << 10, ..GpuOptions::default() };
+    let (Some(mut gpu), Some(mut cut)) = (gpu(), open(small)) else { return };
+    let (gaussians, view) = (cloud(2000, 3, 19), view(97, 71));
+    let resident = cut.upload(&gaussians).unwrap();
+    let rendering = cut.render_resident(&resident, &view, &everything()).unwrap();
+    assert!(resident.parts().len() > 2 && rendering.strips.len() > 2);
+    let picture = gpu.render(&gaussians, &view, &everything()).unwrap();
+    assert!(cut.read(&rendering).unwrap() == picture);
+
+    let has_extras = |strip: usize| strip % 2 == 1;
+    let strips = rendering.strips.iter().enumerate().map(|(n, strip)| GpuStripGradients {
+        colours: strip.colours.clone(),
+        extras: strip.extras.clone().filter(|_| has_extras(n)),
+    });
+    let strips = GpuImageGradients { strips: strips.collect() };
+    let gradients = cut.backward_resident(&resident, &view, &everything(), &strips).unwrap();
+    let mut own =
+        ImageGradients { rgb: picture.rgb, alpha: Some(picture.alpha), depth: picture.depth, scalar: picture.scalar };
+    for (n, strip) in rendering.strips.iter().enumerate().filter(|(n, _)| !has_extras(*n)) {
+        let [from, past] = [strip.first_row, strip.first_row + strip.rows].map(|row| (row * view.size.width) as usize);
+        for values in own.depth.iter_mut().chain(&mut own.scalar) {
+            values[from..past].fill(0.0);
+        }
+        assert!(n % 2 == 0);
+    }
+    let expected = gpu.backward(&gaussians, &view, &everything(), &own).unwrap();
+    assert!(cut.read_gradients(&gradients, &gaussians).unwrap() == expected);
+}
+
+#[test]
+fn gradients_are_read_for_the_gaussians_they_are_of() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (cloud(100, 1, 19), view(30, 20));
+    let resident = gpu.upload(&gaussians).unwrap();
+    let strips = constant(&gpu, 30 * 20, wgpu::BufferUsages::STORAGE);
+    let gradients = gpu.backward_resident(&resident, &view, &everything(), &strips).unwrap();
+    let mut without_scalars = gaussians.parts().clone();
+    without_scalars.scalars = None;
+    let others = [cloud(101, 1, 19), cloud(99, 1, 19), cloud(100, 2, 19), Gaussians::new(without_scalars).unwrap()];
+    for other in &others {
+        let outcome = gpu.read_gradients(&gradients, other);
+        assert!(matches!(outcome, Err(SplatError::Length { .. })), "{outcome:?}");
+    }
+    gpu.read_gradients(&gradients, &gaussians).unwrap();
+}
+
+/// One strip of zeros.
+fn constant(gpu: &GpuRenderer, pixels: u64, usage: wgpu::BufferUsages) -> GpuImageGradients {
+    let descriptor = wgpu::BufferDescriptor { label: None, size: 16 * pixels, usage, mapped_at_creation: false };
+    let colours = gpu.device().create_buffer(&descriptor);
+    GpuImageGradients { strips: vec![GpuStripGradients { colours, extras: None }] }
+}
+
+#[test]
+fn gradients_of_another_shape_are_typed_errors() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (cloud(100, 1, 19), view(30, 20));
+    let resident = gpu.upload(&gaussians).unwrap();
+    let backward = |images: &GpuImageGradients, gpu: &mut GpuRenderer| {
+        gpu.backward_resident(&resident, &view, &everything(), images).map(|_| ())
+    };
+    let storage = wgpu::BufferUsages::STORAGE;
+    let short = constant(&gpu, 30 * 20 - 1, storage);
+    let mut short_extras = constant(&gpu, 30 * 20, storage);
+    short_extras.strips[0].extras = Some(short.strips[0].colours.clone());
+    let mut too_many = constant(&gpu, 30 * 20, storage);
+    too_many.strips.push(too_many.strips[0].clone());
+    for wrong in [short, short_extras, too_many, GpuImageGradients { strips: Vec::new() }] {
+        let outcome = backward(&wrong, &mut gpu);
+        assert!(matches!(outcome, Err(SplatError::Length { .. })), "{outcome:?}");
+    }
+    let unseen = constant(&gpu, 30 * 20, wgpu::BufferUsages::COPY_DST);
+    let outcome = backward(&unseen, &mut gpu);
+    assert!(
+        matches!(&outcome, Err(SplatError::Gpu(GpuError::Refused { reason, .. })) if reason.contains("STORAGE, found")),
+        "{outcome:?}"
+    );
+    let right = constant(&gpu, 30 * 20, storage);
+    backward(&right, &mut gpu).unwrap();
+}
+
+/// Buffers that are longer than a kernel may see and end within a word; of another device; that no kernel may see.
+#[test]
+fn buffers_of_others_are_taken_or_refused_in_words() {
+    let lower = |limits: &mut wgpu::Limits| limits.max_storage_buffer_binding_size = 128 << 10;
+    let (Some(mut gpu), Some((device, queue))) = (gpu(), guest_device(lower)) else { return };
+    let (gaussians, view) = (cloud(300, 1, 19), view(30, 20));
+    let mut guest = GpuRenderer::with_device(device.clone(), queue.clone(), GpuOptions::default()).unwrap();
+    let (other_device, other_queue) = guest_device(lower).unwrap();
+    let mut stranger = GpuRenderer::with_device(other_device, other_queue, GpuOptions::default()).unwrap();
+    let put = |values: &[f32], size: u64, usage: wgpu::BufferUsages| {
+        let usage = usage | wgpu::BufferUsages::COPY_DST;
+        let buffer =
+            device.create_buffer(&wgpu::BufferDescriptor { label: None, size, usage, mapped_at_creation: false });
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        queue.write_buffer(&buffer, 0, &bytes);
+        buffer
+    };
+    let part = |size: u64, usage| {
+        let of = gaussians.parts();
+        GpuPart {
+            count: 300,
+            means: put(of.means.as_flattened(), size, usage),
+            quaternions: put(of.quaternions.as_flattened(), size, usage),
+            log_scales: put(of.log_scales.as_flattened(), size, usage),
+            opacity_logits: put(&of.opacity_logits, size, usage),
+            sh: put(of.sh.as_flattened(), size, usage),
+            scalars: of.scalars.as_ref().map(|scalars| put(scalars, size, usage)),
+            filter_3d: None,
+        }
+    };
+    let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
+    for size in [(512 << 10) + 2, 14_402] {
+        let long = GpuGaussians::from_parts(vec![part(size, wgpu::BufferUsages::STORAGE)], 1).unwrap();
+        let rendering = guest.render_resident(&long, &view, &everything()).unwrap();
+        assert!(guest.read(&rendering).unwrap() == expected, "{size}");
+        let outcome = stranger.render_resident(&long, &view, &everything());
+        assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::Refused { .. }))), "{outcome:?}");
+    }
+    let unseen = GpuGaussians::from_parts(vec![part(14_400, wgpu::BufferUsages::COPY_SRC)], 1).unwrap();
+    let outcome = guest.render_resident(&unseen, &view, &everything());
+    assert!(
+        matches!(&outcome, Err(SplatError::Gpu(GpuError::Refused { reason, .. })) if reason.contains("STORAGE, found")),
+        "{outcome:?}"
+    );
+    let mut many = part(512 << 10, wgpu::BufferUsages::STORAGE);
+    many.count = 12_000;
+    let many = GpuGaussians::from_parts(vec![many], 0).unwrap();
+    let outcome = guest.render_resident(&many, &view, &everything());
+    assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::TooLarge { .. }))), "{outcome:?}");
+}
+
+/// A part without scalars or filters is as one whose are 0.
+#[test]
+fn some_parts_have_scalars_and_some_have_filters() {
+    let Some(mut gpu) = gpu() else { return };
+    let (first, second) = (filtered(&cloud(200, 1, 5)), cloud(150, 1, 6));
+    let view = view(30, 20);
+    let [mut bare, mut one] = [first.parts().clone(), first.parts().clone()];
+    bare.scalars = None;
+    let parts = [bare, second.parts().clone()].map(|parts| gpu.upload(&Gaussians::new(parts).unwrap()).unwrap());
+    let both = GpuGaussians::from_parts(parts.iter().flat_map(|parts| parts.parts().to_vec()).collect(), 1).unwrap();
+    let rendering = gpu.render_resident(&both, &view, &everything()).unwrap();
+
+    let zeros = |count: usize| vec![0.0; count];
+    let other = second.parts().clone();
+    one.means.extend(other.means);
+    one.quaternions.extend(other.quaternions);
+    one.log_scales.extend(other.log_scales);
+    one.opacity_logits.extend(other.opacity_logits);
+    one.sh.extend(other.sh);
+    one.scalars = Some([zeros(200), other.scalars.unwrap()].concat());
+    one.filter_3d = Some([one.filter_3d.unwrap(), zeros(150)].concat());
+    let one = Gaussians::new(one).unwrap();
+    assert!(gpu.read(&rendering).unwrap() == gpu.render(&one, &view, &everything()).unwrap());
+    let images = constant(&gpu, 30 * 20, wgpu::BufferUsages::STORAGE);
+    let gradients = gpu.backward_resident(&both, &view, &everything(), &images).unwrap();
+    assert!(gradients.parts[0].scalars.is_none() && gradients.parts[1].scalars.is_some());
+}
+
+/// What lies on the device counts.
+#[test]
+fn resident_gaussians_count_towards_the_limit() {
+    let Some(mut gpu) = gpu() else { return };
+    let (gaussians, view) = (cloud(2000, 4, 19), view(30, 20));
+    let resident = gpu.upload(&gaussians).unwrap();
+    let limited = |limit: u64| {
+        let options = GpuOptions { memory_limit: limit, ..GpuOptions::default() };
+        GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), options).unwrap()
+    };
+    let outcome = limited(600_000).render_resident(&resident, &view, &everything());
+    assert!(matches!(outcome, Err(SplatError::Memory { .. })), "{outcome:?}");
+    limited(1_600_000).render_resident(&resident, &view, &everything()).unwrap();
 }

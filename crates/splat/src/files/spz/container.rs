@@ -47,6 +47,11 @@ impl Container {
     /// Versions 1 to 3. `ratio` is how far the stream may expand the file.
     fn in_one_stream(mut stream: impl Read, length: u64, ratio: u64) -> Result<Self, Fault> {
         let header = Header::parse(&take(&mut stream, "SPZ header", Header::OLD_SIZE as u64)?)?;
+        if header.version >= 4 {
+            // Its header is longer, and its streams are compressed themselves.
+            let found = format!("version {}", header.version);
+            return Err(Fault::new("SPZ header", "version 1 to 3 within gzip", found));
+        }
         let needed: u64 = header.sizes().iter().sum();
         if needed > length.saturating_mul(ratio) {
             let expected = format!("a file that can hold {} Gaussians of {needed} bytes", header.count);
@@ -142,4 +147,28 @@ pub(in super::super) fn compress(payload: &[u8], out: &mut impl Write) -> io::Re
     let mut encoder = GzEncoder::new(out, Compression::default());
     encoder.write_all(payload)?;
     encoder.finish().map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// With bytes enough to be taken for centres and the rest.
+    #[test]
+    fn version_4_within_gzip_is_refused() {
+        let header = Header {
+            version: 4,
+            count: 2,
+            sh_degree: 0,
+            fractional_bits: 12,
+            antialiased: false,
+            has_extensions: false,
+        };
+        let mut payload = header.to_bytes().to_vec();
+        payload.extend([7; 200]);
+        let mut file = Vec::new();
+        compress(&payload, &mut file).unwrap();
+        let fault = Container::open(&file).err().unwrap();
+        assert!(format!("{fault:?}").contains("version 1 to 3 within gzip"), "{fault:?}");
+    }
 }

@@ -15,7 +15,7 @@ const STEPS: (i32, i32) = (1 << 3, 1 << 4);
 /// The payload of a file of version 2 or 3, not yet compressed.
 ///
 /// A scene that reaches further than ±2047 gets fewer fractional bits.
-pub(in super::super) fn encode(parts: &GaussianParts, version: u32) -> Result<Vec<u8>, Fault> {
+pub(in super::super) fn encode(parts: &GaussianParts, version: u32, antialiased: bool) -> Result<Vec<u8>, Fault> {
     check(parts)?;
     let mut parts = parts.clone();
     // Signs are their own inverse.
@@ -26,7 +26,7 @@ pub(in super::super) fn encode(parts: &GaussianParts, version: u32) -> Result<Ve
             .map_err(|_too_large| Fault::new("Gaussians", "fewer than 2³²", parts.means.len().to_string()))?,
         sh_degree: parts.sh_degree,
         fractional_bits: fractional_bits(&parts)?,
-        antialiased: false,
+        antialiased,
         has_extensions: false,
     };
     let mut payload = header.to_bytes().to_vec();

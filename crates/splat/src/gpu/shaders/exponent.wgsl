@@ -38,8 +38,9 @@ fn exp_within_range(x: f32) -> f32 {
     return e.mantissa * power_of_two(e.exponent);
 }
 
-// One step of Heron's rule from the driver's root.
+// One step of Heron's rule from the driver's root. That of infinity is finite: 1.7e19.
 fn root(x: f32) -> f32 {
-    let guess = sqrt(x);
-    return select(0.5 * (guess + x / guess), 0.0, !(x > 1e-37));
+    let finite = min(x, 3e38);
+    let guess = sqrt(finite);
+    return select(0.5 * (guess + finite / guess), 0.0, !(x > 1e-37));
 }

@@ -220,7 +220,7 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     g.yy = vv + blurring;
     g.xy = dot(g.rows[0], g.rows[1]);
     g.determinant = g.sharp + blurring * (uu + vv) + blurring * blurring;
-    if !(g.determinant > 1e-37) || !is_finite(g.determinant) {
+    if !(min(g.determinant, g.yy) > 1e-37) || !is_finite(g.determinant) {
         return g;
     }
     g.compensation = 1.0;

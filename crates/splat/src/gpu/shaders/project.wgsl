@@ -47,7 +47,9 @@ fn main(
     let scale = HALF_LOG2_E * power_of_two(-g.exponent);
     let across = root(g.yy);
     let leg = scale / (across * root(g.determinant));
-    shapes[place] = vec4(g.yy * leg, -g.xy * leg, scale / across, g.opacity);
+    // Without blur a Gaussian may be narrower than f32 can whiten; this is as good as a point.
+    let whitener = clamp(vec3(g.yy * leg, -g.xy * leg, scale / across), vec3(-1e30), vec3(1e30));
+    shapes[place] = vec4(whitener, g.opacity);
     let base = vec2(clamp(floor(g.centre_x.x), 0.0, 65535.0), clamp(floor(g.centre_y.x), 0.0, 65535.0));
     let offset = vec2(((base.x + 0.5) - g.centre_x.x) - g.centre_x.y, ((base.y + 0.5) - g.centre_y.x) - g.centre_y.y);
     places[place] = vec4(
@@ -69,7 +71,8 @@ fn reach_of(g: Geometry) -> vec2<u32> {
         // 0.1 square pixels, in the units that the covariance is kept in.
         let least = 0.1 * power_of_two(-2 * g.exponent) * power_of_two(-2 * g.exponent);
         let longest = middle + root(max(gap, least));
-        let radius = ceil(3.0 * root(longest) * widen);
+        // So narrow a Gaussian, which only is without blur, has no f32 of `least`, whose root's root is all that counts.
+        let radius = select(ceil(3.0 * root(longest) * widen), 2.0, g.exponent < -24);
         first = trunc((centre - 0.5 - radius) / 16.0) * 16.0;
         past = trunc((centre - 0.5 + radius + 15.0) / 16.0) * 16.0;
     } else {

@@ -12,8 +12,14 @@ fn main(
     if row * view.picture.x >= view.window.x {
         return;
     }
+    // Columns that are passed over now, as entries of tile lists are.
+    let first = view.part.x;
+    let past = first + min(view.part.y, view.picture.x - first);
     var sum = vec4(0.0);
-    for (var column = 0u; column < view.picture.x; column++) {
+    if first > 0u {
+        sum = rows[view.window.z + row];
+    }
+    for (var column = first; column < past; column++) {
         sum += by_background[row * view.picture.x + column];
     }
     rows[view.window.z + row] = sum;

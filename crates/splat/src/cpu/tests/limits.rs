@@ -1,0 +1,136 @@
+//! What is refused, before it is allocated.
+
+use super::*;
+
+/// Of all memory that there is, and of what fits into 16 bits.
+#[test]
+fn pictures_that_no_memory_holds() {
+    let gaussians = cloud(3, 0, 1);
+    let images = ImageGradients { rgb: vec![[1.0f32; 3]; 4], alpha: None, depth: None, scalar: None };
+    for side in [u32::MAX, 100_000] {
+        let view = view(side, side);
+        let options = everything();
+        let mut renderer = CpuRenderer::default();
+        assert!(matches!(renderer.render(&gaussians, &view, &options), Err(SplatError::View { .. })));
+        assert!(matches!(renderer.render_many(&gaussians, &[view; 2], &options), Err(SplatError::View { .. })));
+        assert!(matches!(renderer.record(&gaussians, &view, &options), Err(SplatError::View { .. })));
+        assert!(matches!(renderer.backward(&gaussians, &view, &options, &images), Err(SplatError::View { .. })));
+        assert!(matches!(reference::render(&gaussians, &view, &options), Err(SplatError::View { .. })));
+    }
+    let view = view(65_535, 65_535);
+    let options = everything();
+    assert!(matches!(CpuRenderer::default().render(&gaussians, &view, &options), Err(SplatError::Memory { .. })));
+    assert!(matches!(CpuRenderer::default().record(&gaussians, &view, &options), Err(SplatError::Memory { .. })));
+    assert!(matches!(reference::render(&gaussians, &view, &options), Err(SplatError::Memory { .. })));
+}
+
+#[test]
+fn constants_are_checked_by_every_backend() {
+    let (gaussians, view) = (cloud(3, 0, 1), view(20, 10));
+    let constants = RendererConstants { min_alpha: 0.0, ..RendererConstants::default() };
+    let options = RenderOptions { constants, ..everything() };
+    let images = narrow(&image_gradients(&view));
+    let refused = |outcome: Result<(), SplatError>| {
+        assert!(matches!(outcome, Err(SplatError::Constants { field: "min-alpha", .. })), "{outcome:?}");
+    };
+    let mut renderer = CpuRenderer::default();
+    refused(renderer.render(&gaussians, &view, &options).map(drop));
+    refused(renderer.render_many(&gaussians, &[view], &options).map(drop));
+    refused(renderer.record(&gaussians, &view, &options).map(drop));
+    refused(renderer.backward(&gaussians, &view, &options, &images).map(drop));
+    refused(reference::render(&gaussians, &view, &options).map(drop));
+    refused(reference::project(&gaussians, &view, &options).map(drop));
+    refused(reference::backward(&gaussians, &view, &options, &image_gradients(&view)).map(drop));
+    refused(reference::jumps(&gaussians, &view, &options, 0.0).map(drop));
+}
+
+#[test]
+fn positions_and_lists_have_32_bits() {
+    assert!(frame::countable("Gaussians", u64::from(u32::MAX)).is_ok());
+    let outcome = frame::countable("Gaussians", 1 << 32);
+    assert!(matches!(outcome, Err(SplatError::Count { what: "Gaussians", found: 0x1_0000_0000, .. })));
+}
+
+/// Gaussians of which each covers the picture.
+fn sheets(count: usize) -> Gaussians {
+    let mut parts = cloud(count, 0, 54).into_parts();
+    parts.log_scales.fill([5.0; 3]);
+    parts.opacity_logits.fill(4.0);
+    Gaussians::new(parts).unwrap()
+}
+
+fn limited(memory_limit: u64) -> CpuRenderer {
+    CpuRenderer::new(CpuOptions { memory_limit, ..CpuOptions::default() })
+}
+
+/// The smallest limit under which an operation succeeds, to a 64th.
+fn least_limit(succeeds: impl Fn(u64) -> bool) -> u64 {
+    let (mut fails, mut fits) = (0u64, 1 << 30);
+    assert!(succeeds(fits));
+    while fits - fails > fits / 64 {
+        let middle = fails.midpoint(fits);
+        *(if succeeds(middle) { &mut fits } else { &mut fails }) = middle;
+    }
+    fits
+}
+
+/// What fits one by one is rendered, if not together.
+#[test]
+fn many_views_need_no_more_than_their_images_and_one() {
+    let (gaussians, view) = (sheets(3000), view(256, 256));
+    let options = RenderOptions::default();
+    let one = least_limit(|limit| limited(limit).render(&gaussians, &view, &options).is_ok());
+    let views = [view; 4];
+    let images = 4 * Rendering::<f32>::bytes(&view, &options);
+    let together = limited(one + images).render_many(&gaussians, &views, &options).unwrap();
+    let alone = limited(one).render(&gaussians, &view, &options).unwrap();
+    assert!(together.iter().all(|rendering| *rendering == alone));
+}
+
+/// The derivative counts what the recording holds, and buffers of an earlier job make way or count.
+#[test]
+fn all_that_is_held_counts() {
+    let (gaussians, view) = (sheets(2000), view(256, 256));
+    let options = RenderOptions::default();
+    let images = ImageGradients { rgb: vec![[1.0; 3]; view.pixels()], alpha: None, depth: None, scalar: None };
+    let limit = least_limit(|limit| limited(limit).backward(&gaussians, &view, &options, &images).is_ok());
+    let mut renderer = CpuRenderer::default();
+    let mut recording = renderer.record(&gaussians, &view, &options).unwrap();
+    recording.backward(&images).unwrap();
+    renderer.reuse(recording);
+    let frames: u64 = renderer.spare.iter().map(Frame::held).sum();
+    let held = frames + Rendering::<f32>::bytes(&view, &options) + gaussians.size_in_bytes();
+    assert!(limit >= held, "{limit} bytes allowed, {held} in use");
+
+    // Buffers of a large job, under a limit that the small one alone stays below.
+    let small = least_limit(|limit| limited(limit).render(&cloud(10, 0, 1), &view, &options).is_ok());
+    assert!(frames > small);
+    renderer.options.memory_limit = small;
+    renderer.render(&cloud(10, 0, 1), &view, &options).unwrap();
+    let held: u64 = renderer.spare.iter().map(Frame::held).sum();
+    assert!(held <= small, "{held} bytes held, {small} allowed");
+}
+
+#[test]
+fn no_more_frames_are_kept_than_are_used_together() {
+    let (gaussians, view) = (cloud(10, 0, 1), view(16, 16));
+    let mut renderer = CpuRenderer::default();
+    let recordings: Vec<_> =
+        (0..9).map(|_| renderer.record(&gaussians, &view, &RenderOptions::default()).unwrap()).collect();
+    for recording in recordings {
+        renderer.reuse(recording);
+    }
+    assert_eq!(renderer.spare.len(), TOGETHER);
+}
+
+/// Under its own name, or that of what runs instead.
+#[test]
+fn a_renderer_says_what_it_uses() {
+    let levels = SimdLevel::available();
+    #[cfg(target_arch = "x86_64")]
+    for simd in [SimdLevel::Avx2, SimdLevel::Avx512] {
+        let used = CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() }).simd();
+        assert_eq!(used, if levels.contains(&simd) { simd } else { SimdLevel::Portable });
+    }
+    assert_eq!(CpuRenderer::default().simd(), *levels.last().unwrap());
+}

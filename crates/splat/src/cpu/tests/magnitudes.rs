@@ -1,0 +1,95 @@
+//! Derivatives by images of any size.
+
+use super::*;
+use crate::Exposure;
+use atsplat_numeric::{Extremes as _, Tolerance};
+use proptest::prelude::*;
+
+fn times(images: &ImageGradients<f32>, factor: f32) -> ImageGradients<f32> {
+    images.map(|value| value * factor)
+}
+
+/// Numbers that have an f32 and lie far from its ends: what was cut off there may differ.
+fn assert_scaled(scaled: &Gradients<f32>, plain: &Gradients<f32>, factor: f64) {
+    for ((name, scaled), (_, plain)) in scaled.fields().into_iter().zip(plain.fields()) {
+        for (scaled, plain) in scaled.iter().zip(plain) {
+            let expected = f64::from(*plain) * factor;
+            if expected.abs() > 1e-32 && expected.abs() < 1e34 {
+                Tolerance::EXACT.assert([f64::from(*scaled)], [expected], name);
+            }
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(24))]
+
+    /// A power of two of the derivatives by images is one of all others, bit for bit.
+    #[test]
+    fn powers_of_two_come_through(exponent in -100i32..126) {
+        let (gaussians, view) = (cloud(200, 1, 91), view(33, 21));
+        let images = narrow(&image_gradients(&view));
+        let factor = f64::from(exponent).exp2();
+        let plain = CpuRenderer::default().backward(&gaussians, &view, &everything(), &images).unwrap();
+        let scaled = times(&images, narrowed(factor));
+        let scaled = CpuRenderer::default().backward(&gaussians, &view, &everything(), &scaled).unwrap();
+        prop_assert_eq!(scaled.non_finite(), 0);
+        assert_scaled(&scaled, &plain, factor);
+    }
+
+    #[test]
+    fn nothing_overflows(magnitude in prop_oneof![Just(3e38f32), Just(2e38), Just(1e-38), 1e-30f32..3e38], bright: bool, gain: bool) {
+        let mut parts = cloud(60, 1, 92).into_parts();
+        if bright {
+            parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| value * 1e11));
+        }
+        let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(33, 21));
+        let exposure = Exposure { matrix: [[1e12; 3]; 3], offset: [0.0; 3] };
+        let options = RenderOptions { exposure: gain.then_some(exposure), ..everything() };
+        let images = ImageGradients {
+            rgb: vec![[magnitude, -magnitude, magnitude]; view.pixels()],
+            alpha: Some(vec![magnitude; view.pixels()]),
+            depth: Some(vec![-magnitude; view.pixels()]),
+            scalar: Some(vec![magnitude; view.pixels()]),
+        };
+        let gradients = CpuRenderer::default().backward(&gaussians, &view, &options, &images).unwrap();
+        prop_assert_eq!(gradients.non_finite(), 0);
+        let most = gradients.means.as_flattened().iter().fold(0.0f32, |most, value| most.maximum_of(value.abs()));
+        prop_assert!(most > 0.0);
+    }
+}
+
+#[test]
+fn what_is_not_finite_is_refused_by_name() {
+    let (gaussians, view) = (cloud(20, 0, 93), view(9, 7));
+    for (pixel, value) in [(0, f32::NAN), (13, f32::INFINITY), (62, f32::NEG_INFINITY)] {
+        let mut images = narrow(&image_gradients(&view));
+        images.rgb[pixel][2] = value;
+        let outcome = CpuRenderer::default().backward(&gaussians, &view, &everything(), &images);
+        let found =
+            matches!(outcome, Err(SplatError::NonFinite { image: "rgb gradient", pixel: at, .. }) if at == pixel);
+        assert!(found, "{outcome:?}");
+        let wide = images.map(f64::from);
+        let outcome = reference::backward(&gaussians, &view, &everything(), &wide);
+        assert!(matches!(outcome, Err(SplatError::NonFinite { .. })));
+    }
+    let mut images = narrow(&image_gradients(&view));
+    images.depth.iter_mut().flatten().for_each(|value| *value = f32::INFINITY);
+    let outcome = CpuRenderer::default().backward(&gaussians, &view, &everything(), &images);
+    assert!(matches!(outcome, Err(SplatError::NonFinite { image: "depth gradient", pixel: 0, .. })), "{outcome:?}");
+}
+
+/// An opacity that f64 rounds to 1 still has a derivative by its logit, where clamps let it pass.
+#[test]
+fn saturated_opacities_have_a_slope() {
+    let mut parts = cloud(1, 0, 94).into_parts();
+    parts.means = vec![[0.0, 0.0, 3.0]];
+    parts.opacity_logits = vec![40.0];
+    let (gaussians, view) = (Gaussians::new(parts).unwrap(), view(33, 21));
+    let options = RenderOptions { constants: RendererConstants::named("inria").unwrap(), ..everything() };
+    let images = image_gradients(&view);
+    let expected = reference::backward(&gaussians, &view, &options, &images).unwrap().opacity_logits[0];
+    let actual = CpuRenderer::default().backward(&gaussians, &view, &options, &narrow(&images)).unwrap();
+    assert!(expected.abs() > 1e-20);
+    Tolerance::relative(1e-3).assert([f64::from(actual.opacity_logits[0])], [expected], "logit");
+}
