@@ -3,7 +3,6 @@
 use pulp::Simd;
 
 use super::bins::Entry;
-use super::order::Sorted;
 use super::splat::Splat;
 
 /// Side of a block in pixels; what is kept of a block stays in registers while its splats pass.
@@ -40,14 +39,15 @@ pub(super) struct Record {
     pub(super) rgb: [f32; 3],
     pub(super) depth: f32,
     pub(super) scalar: f32,
-    /// In the tile's unsorted list.
+    /// Which of those that the batch was made from.
     pub(super) place: u32,
 }
 
 /// Splats, and for each block those that touch it.
 #[derive(Debug)]
 pub(super) struct Batch {
-    group: Group,
+    /// Copies.
+    near: [Splat; BATCH],
     records: [Record; 256],
     used: u8,
     lists: [[u8; 256]; BLOCKS],
@@ -57,7 +57,7 @@ pub(super) struct Batch {
 impl Default for Batch {
     fn default() -> Self {
         Self {
-            group: Group::default(),
+            near: [Splat::default(); BATCH],
             records: [Record::default(); 256],
             used: 0,
             lists: [[0; 256]; BLOCKS],
@@ -67,23 +67,47 @@ impl Default for Batch {
 }
 
 impl Batch {
-    /// Takes at most [`BATCH`] splats, in their order; `open` has a bit for each block that is not finished.
+    /// Takes at most [`BATCH`] splats, in their order; `open` has a bit for each block that is not finished. Entries
+    /// are places in `list`, or among all splats where there is none.
     #[inline(always)]
-    pub(super) fn fill<S: Simd>(&mut self, simd: S, cell: Cell, open: u64, entries: &[Entry], sorted: Sorted<'_>) {
+    pub(super) fn fill<S: Simd>(
+        &mut self,
+        simd: S,
+        cell: Cell,
+        open: u64,
+        entries: &[Entry],
+        list: Option<&[u32]>,
+        splats: &[Splat],
+    ) {
         self.used = 0;
         self.lengths = [0; BLOCKS];
-        let entries = entries.get(..BATCH).unwrap_or(entries);
-        for entries in entries.chunks(GROUP) {
-            for (lane, entry) in entries.iter().enumerate() {
-                self.group.put(lane, cell, sorted.at(entry.splat));
+        // Loads that nothing else stands between wait for memory together, not one after the other.
+        for (near, entry) in self.near.iter_mut().zip(entries) {
+            let splat = match list {
+                None => entry.splat,
+                Some(list) => list.get(entry.splat as usize).copied().unwrap_or(u32::MAX),
+            };
+            *near = splats.get(splat as usize).copied().unwrap_or_default();
+        }
+        let count = if entries.len() < BATCH { entries.len() } else { BATCH };
+        for start in (0..count).step_by(GROUP) {
+            let first = self.used;
+            let mut group = Group::default();
+            let count = if count - start < GROUP { count - start } else { GROUP };
+            let near = self.near.iter().zip(entries).skip(start).take(count);
+            for ((lane, place), (splat, entry)) in (first..).enumerate().zip(near) {
+                // Kept behind those in use, until it is known which touch anything.
+                let record = record(cell, entry.splat, splat);
+                self.records[usize::from(place)] = record;
+                group.put(lane, cell, splat, &record);
             }
-            self.group.shrink::<S>(simd, cell.across);
-            for (lane, entry) in entries.iter().enumerate() {
-                let mut blocks = self.group.blocks(lane) & open;
+            group.shrink::<S>(simd, cell.across);
+            for (lane, place) in (first..).enumerate().take(count) {
+                let mut blocks = group.blocks(lane) & open;
                 if blocks == 0 {
                     continue;
                 }
-                self.records[usize::from(self.used)] = Record::new(cell, entry.splat, sorted.at(entry.splat));
+                self.records[usize::from(self.used)] = self.records[usize::from(place)];
                 while blocks != 0 {
                     let block = blocks.trailing_zeros() as usize % BLOCKS;
                     let length = &mut self.lengths[block];
@@ -113,34 +137,24 @@ impl Batch {
     }
 }
 
-impl Record {
-    #[inline(always)]
-    fn new(cell: Cell, place: u32, splat: &Splat) -> Self {
-        Self {
-            whitener: splat.whitener,
-            shift: splat.shift,
-            from_base: cell.past_base(splat),
-            opacity: splat.opacity,
-            rgb: splat.rgb,
-            depth: splat.depth,
-            scalar: splat.scalar,
-            place,
-        }
-    }
-}
-
-impl Cell {
-    /// From the splat's base to the first pixel of the cell, whole pixels.
-    #[inline(always)]
-    fn past_base(self, splat: &Splat) -> [f32; 2] {
-        // Pictures and bases are well within 2³¹.
-        let from = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
-        [from(self.left, splat.base[0]), from(self.top, splat.base[1])]
+#[inline(always)]
+fn record(cell: Cell, place: u32, splat: &Splat) -> Record {
+    // Pictures and bases are well within 2³¹.
+    let from_base = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
+    Record {
+        whitener: splat.whitener,
+        shift: splat.shift,
+        from_base: [from_base(cell.left, splat.base[0]), from_base(cell.top, splat.base[1])],
+        opacity: splat.opacity,
+        rgb: splat.rgb,
+        depth: splat.depth,
+        scalar: splat.scalar,
+        place,
     }
 }
 
 /// What decides which blocks splats touch, a lane each.
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Group {
     whitener: [[f32; GROUP]; 3],
     shift: [[f32; GROUP]; 2],
@@ -154,15 +168,15 @@ struct Group {
 
 impl Group {
     #[inline(always)]
-    fn put(&mut self, lane: usize, cell: Cell, splat: &Splat) {
+    fn put(&mut self, lane: usize, cell: Cell, splat: &Splat, record: &Record) {
         let lane = lane % GROUP;
-        for (row, value) in self.whitener.iter_mut().zip(splat.whitener) {
+        for (row, value) in self.whitener.iter_mut().zip(record.whitener) {
             row[lane] = value;
         }
-        for (row, value) in self.shift.iter_mut().zip(splat.shift) {
+        for (row, value) in self.shift.iter_mut().zip(record.shift) {
             row[lane] = value;
         }
-        for (row, value) in self.from_base.iter_mut().zip(cell.past_base(splat)) {
+        for (row, value) in self.from_base.iter_mut().zip(record.from_base) {
             row[lane] = value;
         }
         self.cut[lane] = splat.cut;

@@ -4,8 +4,9 @@ use pulp::{Simd, WithSimd};
 
 use super::Paint;
 use super::batch::{BATCH, BLOCK, BLOCKS, Batch, Cell, LANES, Record};
+use super::bins::Entry;
 use super::elementary::Exp2;
-use super::order::Sorted;
+use super::splat::Splat;
 use crate::RendererConstants;
 
 /// What is kept of a pixel: transmittance, red, green, blue; and where asked for, depth, scalar, median depth.
@@ -21,7 +22,10 @@ pub(super) const MOST_VECTORS: usize = 4;
 /// Composites one cell into `pixels`: block by block, of each what [`kept`] names, 16 pixels of one at a time.
 pub(super) struct Composite<'a> {
     pub(super) paint: &'a Paint<'a>,
-    pub(super) sorted: Sorted<'a>,
+    /// Places in `list`, or among all splats where there is none.
+    pub(super) order: &'a [Entry],
+    pub(super) list: Option<&'a [u32]>,
+    pub(super) splats: &'a [Splat],
     pub(super) cell: Cell,
     pub(super) batch: &'a mut Batch,
     pub(super) pixels: &'a mut [f32],
@@ -43,13 +47,13 @@ impl WithSimd for Composite<'_> {
 
 #[inline(always)]
 fn composite<S: Simd, const EXTRA: bool, const KEPT: usize>(simd: S, task: Composite<'_>) {
-    let Composite { paint, sorted, cell, batch, pixels } = task;
+    let Composite { paint, order, list, splats, cell, batch, pixels } = task;
     let grid = Grid::<S>::new(simd);
     let limits = Limits::<S>::new(simd, &paint.options.constants);
     let exp2 = Exp2::new(simd);
     let mut open = clear(pixels, KEPT, cell, paint);
-    for entries in sorted.order.chunks(BATCH) {
-        batch.fill(simd, cell, open, entries, sorted);
+    for entries in order.chunks(BATCH) {
+        batch.fill(simd, cell, open, entries, list, splats);
         for (block, pixels) in pixels.chunks_exact_mut(KEPT * LANES).enumerate().take(BLOCKS) {
             let list = batch.list(block);
             if list.is_empty() {

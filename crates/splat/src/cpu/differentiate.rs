@@ -4,9 +4,10 @@ use pulp::{Simd, WithSimd};
 
 use super::Paint;
 use super::batch::{BLOCK, Batch, Cell, LANES, Record};
+use super::bins::Entry;
 use super::composite::{Ellipse, Grid, Limits, MOST_VECTORS, Passed, kept, only, vectors};
 use super::elementary::Exp2;
-use super::order::Sorted;
+use super::splat::Splat;
 use crate::ImageGradients;
 use crate::constants::ClampedGradient;
 
@@ -91,10 +92,12 @@ impl CellGradient {
     }
 }
 
-/// Differentiates one cell; `sums` has one entry for each splat of the tile, in the order of its unsorted list.
+/// Differentiates one cell; `order` holds places in `list`, and `sums` has one entry per entry of `list`.
 pub(super) struct Differentiate<'a> {
     pub(super) paint: &'a Paint<'a>,
-    pub(super) sorted: Sorted<'a>,
+    pub(super) order: &'a [Entry],
+    pub(super) list: &'a [u32],
+    pub(super) splats: &'a [Splat],
     pub(super) cell: Cell,
     pub(super) batch: &'a mut Batch,
     pub(super) gradient: &'a mut CellGradient,
@@ -116,7 +119,7 @@ impl WithSimd for Differentiate<'_> {
 
 #[inline(always)]
 fn differentiate<S: Simd, const EXTRA: bool>(simd: S, task: Differentiate<'_>) {
-    let Differentiate { paint, sorted, cell, batch, gradient, sums } = task;
+    let Differentiate { paint, order, list, splats, cell, batch, gradient, sums } = task;
     let CellGradient { values, sums: lanes } = gradient;
     let slope = Slope::<S> {
         grid: Grid::new(simd),
@@ -127,8 +130,8 @@ fn differentiate<S: Simd, const EXTRA: bool>(simd: S, task: Differentiate<'_>) {
     };
     let blocks = cell.across * cell.across;
     let mut open = if blocks == 64 { u64::MAX } else { (1 << blocks) - 1 };
-    for entries in sorted.order.chunks(TOGETHER) {
-        batch.fill(simd, cell, open, entries, sorted);
+    for entries in order.chunks(TOGETHER) {
+        batch.fill(simd, cell, open, entries, Some(list), splats);
         let used = batch.records().len();
         for lanes in lanes.iter_mut().take(used) {
             *lanes = [[0.0; SUM_LANES]; SUMS];

@@ -105,9 +105,9 @@ impl Frame {
         let scratch = || (Sorter::default(), Box::<Batch>::default());
         let tiles = pixels.par_chunks_mut(layout.per_tile()).enumerate();
         tiles.for_each_init(scratch, |(sorter, batch), (tile, pixels)| {
-            let sorted = sorter.by_depth(bins, tile, splats);
+            let order = sorter.by_depth(bins, tile);
             for (cell, pixels) in layout.cells(tile).zip(pixels.chunks_mut(layout.stride())) {
-                simd.dispatch(Composite { paint, sorted, cell, batch, pixels });
+                simd.dispatch(Composite { paint, order, list: None, splats, cell, batch, pixels });
             }
         });
     }

@@ -1,10 +1,10 @@
 //! What a job takes, estimated before it is allocated.
 
-use super::bins::{self, RUN, Tiling};
+use super::bins::{self, Entry, RUN, Tiling};
 use super::differentiate::SUMS;
 use super::frame::Frame;
 use super::images::Layout;
-use super::{TileSize, kept_extra, order};
+use super::{TileSize, kept_extra};
 use crate::{Gaussians, RenderOptions, SplatError, View};
 
 /// What may still be allocated of a limit.
@@ -41,7 +41,8 @@ pub(super) fn frame(gaussians: &Gaussians, view: &View, options: &RenderOptions,
 
 /// Bytes that all threads together sort tiles with, of which the longest has so many splats.
 pub(super) fn sorters(longest: usize) -> u64 {
-    times(order::bytes(longest), rayon::current_num_threads())
+    // Entries twice, and the list that their places are in.
+    times((2 * size_of::<Entry>() + size_of::<u32>()) * longest, rayon::current_num_threads())
 }
 
 /// Bytes of the derivative, beside what was recorded: those of every Gaussian and splat, sums over tiles, and where

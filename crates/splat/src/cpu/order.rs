@@ -1,11 +1,7 @@
 use super::bins::{Bins, Entry};
-use super::splat::Splat;
 
 const DIGIT_BITS: u32 = 8;
 const DIGITS: usize = 1 << DIGIT_BITS;
-
-/// Splats of a tile that are copied together: 256 KiB, so that they stay in a core's second cache.
-const NEAR: usize = 4096;
 
 /// Sorts a tile's splats by depth, nearest first, and those of one depth by their position: what a stable sort of
 /// f32 keys gives, as in every published rasterizer.
@@ -13,66 +9,33 @@ const NEAR: usize = 4096;
 pub(super) struct Sorter {
     entries: Vec<Entry>,
     spare: Vec<Entry>,
-    list: Vec<u32>,
-    near: Vec<Splat>,
-}
-
-/// Bytes of a [`Sorter`] whose longest tile has so many splats.
-pub(super) fn bytes(longest: usize) -> usize {
-    let near = if longest < NEAR { longest } else { NEAR };
-    (2 * size_of::<Entry>() + size_of::<u32>()) * longest + size_of::<Splat>() * near
-}
-
-/// One tile's splats in the order in which they are composited.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Sorted<'a> {
-    /// Places in the tile's unsorted list, in which splats stand in the order of the Gaussians.
-    pub(super) order: &'a [Entry],
-    splats: Splats<'a>,
-}
-
-#[derive(Clone, Copy, Debug)]
-enum Splats<'a> {
-    /// Those of the list.
-    Near(&'a [Splat]),
-    /// Places of the list's among all.
-    Far(&'a [u32], &'a [Splat]),
-}
-
-impl Sorted<'_> {
-    /// The splat at a place of the unsorted list.
-    #[inline(always)]
-    pub(super) fn at(&self, place: u32) -> &Splat {
-        match self.splats {
-            Splats::Near(splats) => splats.get(place as usize),
-            Splats::Far(list, splats) => list.get(place as usize).and_then(|splat| splats.get(*splat as usize)),
-        }
-        .unwrap_or(&Splat::NONE)
-    }
 }
 
 impl Sorter {
     /// A tile's splats in the order they are composited.
-    ///
-    /// Splats are copied in the order they are stored in, which memory delivers ahead of time, and not in the order
-    /// of their depths, in which each would be waited for.
-    pub(super) fn by_depth<'a>(&'a mut self, bins: &[Bins], tile: usize, splats: &'a [Splat]) -> Sorted<'a> {
-        self.entries.clear();
-        self.list.clear();
-        self.near.clear();
-        for run in bins {
-            let list = run.list(tile);
-            self.list.extend(list.iter().map(|entry| entry.splat));
-            let places = (self.entries.len()..).zip(list);
-            #[expect(clippy::cast_possible_truncation, reason = "a tile lists fewer than 2³² splats")]
-            self.entries.extend(places.map(|(place, entry)| Entry { key: entry.key, splat: place as u32 }));
+    pub(super) fn by_depth(&mut self, bins: &[Bins], tile: usize) -> &[Entry] {
+        self.gather(bins, tile);
+        self.sort();
+        &self.entries
+    }
+
+    /// As [`Sorter::by_depth`], with the places of the splats in the tile's unsorted list instead of themselves;
+    /// the unsorted list is appended to `splats`.
+    pub(super) fn places_by_depth(&mut self, bins: &[Bins], tile: usize, splats: &mut Vec<u32>) -> &[Entry] {
+        self.gather(bins, tile);
+        for (entry, place) in self.entries.iter_mut().zip(0..) {
+            splats.push(entry.splat);
+            entry.splat = place;
         }
         self.sort();
-        if self.list.len() > NEAR {
-            return Sorted { order: &self.entries, splats: Splats::Far(&self.list, splats) };
+        &self.entries
+    }
+
+    fn gather(&mut self, bins: &[Bins], tile: usize) {
+        self.entries.clear();
+        for run in bins {
+            self.entries.extend_from_slice(run.list(tile));
         }
-        self.near.extend(self.list.iter().map(|splat| splats.get(*splat as usize).copied().unwrap_or_default()));
-        Sorted { order: &self.entries, splats: Splats::Near(&self.near) }
     }
 
     /// A stable counting sort by each digit on which keys differ.
@@ -135,12 +98,11 @@ mod tests {
             }).collect();
             let mut expected: Vec<u32> = (0..).take(depths.len()).collect();
             expected.sort_by_key(|at| depth_key(depths[*at as usize]));
-            let mut sorter = Sorter::default();
-            let sorted = sorter.by_depth(&bins, 0, &splats);
-            let order: Vec<u32> = sorted.order.iter().map(|entry| entry.splat).collect();
+            let order: Vec<u32> = Sorter::default().by_depth(&bins, 0).iter().map(|entry| entry.splat).collect();
             prop_assert_eq!(&order, &expected);
-            let found: Vec<f32> = sorted.order.iter().map(|entry| sorted.at(entry.splat).depth).collect();
-            prop_assert!(found.is_sorted());
+            let mut unsorted = Vec::new();
+            let places: Vec<u32> = Sorter::default().places_by_depth(&bins, 0, &mut unsorted).iter().map(|entry| unsorted[entry.splat as usize]).collect();
+            prop_assert_eq!(&places, &expected);
         }
     }
 }

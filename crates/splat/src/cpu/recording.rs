@@ -257,19 +257,22 @@ fn over_tiles(
         .enumerate()
         .map_init(Scratch::default, |scratch, (tile, (sums, pixels))| {
             sums.fill([0.0; SUMS]);
-            let Scratch { sorter, batch, gradient, again } = scratch;
+            let Scratch { sorter, list, batch, gradient, again } = scratch;
             let Some(cell) = layout.cells(tile).next() else { return [0.0; 3] };
-            let sorted = sorter.by_depth(&frame.bins, tile, &frame.splats);
+            list.clear();
+            let order = sorter.places_by_depth(&frame.bins, tile, list);
             // Images that the loss asks for, but the recording has not.
             let (pixels, extra) = if paint.extra && !layout.extra {
                 again.resize(whole.per_tile(), 0.0);
-                simd.dispatch(Composite { paint, sorted, cell, batch, pixels: again });
+                let (list, splats) = (Some(list.as_slice()), frame.splats.as_slice());
+                simd.dispatch(Composite { paint, order, list, splats, cell, batch, pixels: again });
                 (again.as_slice(), true)
             } else {
                 (pixels, layout.extra)
             };
             let background = gradient.fill(pixels, extra, cell, paint, images);
-            simd.dispatch(Differentiate { paint, sorted, cell, batch, gradient, sums });
+            let splats = frame.splats.as_slice();
+            simd.dispatch(Differentiate { paint, order, list, splats, cell, batch, gradient, sums });
             background
         })
         .collect();
@@ -286,6 +289,7 @@ fn over_tiles(
 #[derive(Default)]
 struct Scratch {
     sorter: Sorter,
+    list: Vec<u32>,
     batch: Box<Batch>,
     gradient: CellGradient,
     again: Vec<f32>,

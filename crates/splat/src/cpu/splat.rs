@@ -2,7 +2,7 @@
 ///
 /// Pixels are counted from `base`, a pixel near the centre: the differences are whole numbers, which f32 holds
 /// exactly, so that a pixel's value does not depend on the tile that it is composited in.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
 pub(super) struct Splat {
     /// `√(½ log₂e)` times the Cholesky factor `(l₁₁, l₁₂, l₂₂)` of the inverse screen covariance: the exponent to
@@ -19,27 +19,6 @@ pub(super) struct Splat {
     pub(super) cut: f32,
     /// First and one past the last column, then row, that it may reach.
     pub(super) reach: [[u16; 2]; 2],
-}
-
-impl Splat {
-    /// Reaches no pixel.
-    pub(super) const NONE: Self = Self {
-        whitener: [0.0; 3],
-        shift: [0.0; 2],
-        base: [0; 2],
-        opacity: 0.0,
-        rgb: [0.0; 3],
-        depth: 0.0,
-        scalar: 0.0,
-        cut: 0.0,
-        reach: [[0; 2]; 2],
-    };
-}
-
-impl Default for Splat {
-    fn default() -> Self {
-        Self::NONE
-    }
 }
 
 /// `√(½ log₂e)`.
