@@ -68,7 +68,7 @@ pub struct ImageGradients<T> {
 }
 
 /// Derivatives of a loss by everything that made the images.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gradients<T> {
     /// By means.
     pub means: Vec<[T; 3]>,
@@ -263,6 +263,19 @@ impl<T: Copy + Default> ImageGradients<T> {
 }
 
 impl<T: Copy + Default> Gradients<T> {
+    /// Gives every array the length that derivatives by these Gaussians have; numbers are unspecified.
+    pub(crate) fn fit(&mut self, gaussians: &Gaussians) {
+        let (zero, count, parts) = (T::default(), gaussians.len(), gaussians.parts());
+        self.means.resize(count, [zero; 3]);
+        self.quaternions.resize(count, [zero; 4]);
+        self.log_scales.resize(count, [zero; 3]);
+        self.opacity_logits.resize(count, zero);
+        self.sh.resize(parts.sh.len(), [zero; 3]);
+        self.scalars.resize(if parts.scalars.is_some() { count } else { 0 }, zero);
+        self.means_2d.resize(count, [zero; 2]);
+        self.conics.resize(count, [zero; 3]);
+    }
+
     /// Zero by everything.
     pub(crate) fn zero(gaussians: &Gaussians) -> Self {
         let (zero, count, parts) = (T::default(), gaussians.len(), gaussians.parts());

@@ -50,6 +50,19 @@ impl<'a> Rows<'a> {
         })
         .collect()
     }
+
+    /// Zero by everything: what is not drawn has no derivative.
+    pub(super) fn clear(&mut self) {
+        let Self { means, quaternions, log_scales, opacity_logits, sh, scalars, means_2d, conics } = self;
+        means.as_flattened_mut().fill(0.0);
+        quaternions.as_flattened_mut().fill(0.0);
+        log_scales.as_flattened_mut().fill(0.0);
+        opacity_logits.fill(0.0);
+        sh.as_flattened_mut().fill(0.0);
+        scalars.fill(0.0);
+        means_2d.as_flattened_mut().fill(0.0);
+        conics.as_flattened_mut().fill(0.0);
+    }
 }
 
 /// Carries the derivatives by one run's splats to its Gaussians; returns each one's share of those by the pose.

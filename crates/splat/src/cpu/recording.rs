@@ -126,6 +126,20 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     /// [`SplatError::Length`] for an image of another size than the view's, [`SplatError::NonFinite`] for derivatives
     /// that are not finite, [`SplatError::Memory`] where there is no room for the derivatives beside what was recorded.
     pub fn backward(&mut self, images: &ImageGradients<f32>) -> Result<Gradients<f32>, SplatError> {
+        let mut gradients = Gradients::zero(self.gaussians.borrow());
+        self.backward_into(images, &mut gradients)?;
+        Ok(gradients)
+    }
+
+    /// As [`Recording::backward`], into derivatives whose memory is used again, whatever they were.
+    ///
+    /// # Errors
+    /// As [`Recording::backward`]; the derivatives are unspecified then.
+    pub fn backward_into(
+        &mut self,
+        images: &ImageGradients<f32>,
+        gradients: &mut Gradients<f32>,
+    ) -> Result<(), SplatError> {
         let largest = images.check(&self.view)?;
         let gaussians = self.gaussians.borrow();
         let optics = self.view.optics(&self.options.constants)?;
@@ -141,7 +155,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         room.take(memory::backward(gaussians, frame, total, Scaled::bytes(images)))?;
         let Scaled { images, unit } = Scaled::of(images, largest, &self.options);
         let images = &*images;
-        let mut gradients = Gradients::zero(gaussians);
+        gradients.fit(gaussians);
         let mut sums = sums;
         sums.resize(total, [0.0; SUMS]);
         let paint = Paint {
@@ -156,13 +170,14 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         let Frame { splats, runs, bins, .. } = &*frame;
         let coefficients = crate::sh_coefficients(gaussians.sh_degree());
         let places = places(bins, &starts, tiling.len());
-        let rows = Rows::of(&mut gradients, bins::RUN, coefficients);
+        let rows = Rows::of(gradients, bins::RUN, coefficients);
         let shares: Vec<Vec<[f64; 6]>> = rows
             .into_par_iter()
             .zip(runs)
             .zip(bins)
             .enumerate()
-            .map_init(Vec::new, |totals: &mut Vec<Totals>, (at, ((rows, run), bins))| {
+            .map_init(Vec::new, |totals: &mut Vec<Totals>, (at, ((mut rows, run), bins))| {
+                rows.clear();
                 let first = at * bins::RUN;
                 let past = if first + bins::RUN < gaussians.len() { first + bins::RUN } else { gaussians.len() };
                 totals.clear();
@@ -200,7 +215,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         }
         gradients.pose = pose.map(saturated);
         self.frame.sums = sums;
-        Ok(gradients)
+        Ok(())
     }
 }
 
