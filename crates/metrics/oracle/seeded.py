@@ -1,6 +1,10 @@
 """Numbers that Python and Rust make alike from a seed (`src/learned/tests.rs`): SplitMix64's finaliser of a place."""
 
+from pathlib import Path
+
 import numpy as np
+
+PICTURES = Path(__file__).resolve().parents[2] / "pixels/tests/fixtures/pictures"
 
 
 def uniform(seed: int, count: int, bound: float) -> np.ndarray:

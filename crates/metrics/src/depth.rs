@@ -105,7 +105,9 @@ pub fn depth_error(
     }
     let scale = match scale {
         DepthScale::Metric => 1.0,
-        DepthScale::Median => median(compared.iter().map(|[_, truth]| *truth)) / median(compared.iter().map(|[d, _]| *d)),
+        DepthScale::Median => {
+            median(compared.iter().map(|[_, truth]| *truth)) / median(compared.iter().map(|[d, _]| *d))
+        }
     };
     Ok(summarise(&compared, missing, scale))
 }
@@ -119,7 +121,10 @@ fn summarise(compared: &[[f64; 2]], missing: u64, scale: f64) -> DepthError {
         let terms = [error.abs() / truth, error * error / truth, error * error, logarithm * logarithm];
         sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
         let ratio = if depth > *truth { depth / truth } else { truth / depth };
-        within.iter_mut().zip([1.25, 1.25 * 1.25, 1.25 * 1.25 * 1.25]).for_each(|(n, limit)| *n += u64::from(ratio < limit));
+        within
+            .iter_mut()
+            .zip([1.25, 1.25 * 1.25, 1.25 * 1.25 * 1.25])
+            .for_each(|(n, limit)| *n += u64::from(ratio < limit));
     }
     let count = compared.len() as f64;
     let [abs_rel, sq_rel, squares, logarithms] = sums.map(|sum| sum / count);
@@ -141,7 +146,11 @@ fn median(values: impl Iterator<Item = f64>) -> f64 {
     sorted.sort_by(f64::total_cmp);
     let middle = sorted.len() / 2;
     let upper = sorted.get(middle).copied().unwrap_or(f64::NAN);
-    if sorted.len() % 2 == 1 { upper } else { sorted.get(middle.wrapping_sub(1)).map_or(upper, |lower| (lower + upper) / 2.0) }
+    if sorted.len() % 2 == 1 {
+        upper
+    } else {
+        sorted.get(middle.wrapping_sub(1)).map_or(upper, |lower| (lower + upper) / 2.0)
+    }
 }
 
 #[cfg(test)]
@@ -149,7 +158,12 @@ mod tests {
     use super::*;
     use atsplat_numeric::Tolerance;
 
-    fn errors(render: &[f32], truth: &[f32], mask: Option<&Mask>, scale: DepthScale) -> Result<DepthError, MetricError> {
+    fn errors(
+        render: &[f32],
+        truth: &[f32],
+        mask: Option<&Mask>,
+        scale: DepthScale,
+    ) -> Result<DepthError, MetricError> {
         let map = |depths| DepthMap::new(2, 2, depths).unwrap();
         depth_error(&map(render), &map(truth), mask, DepthRange { near: 0.5, far: 10.0 }, scale)
     }

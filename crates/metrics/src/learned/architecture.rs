@@ -21,7 +21,15 @@ pub enum Network {
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Step {
     /// With its tensors' name, less `.weight` and `.bias`.
-    Convolution { name: String, channels_in: usize, channels_out: usize, kernel: usize, stride: usize, padding: usize, relu: bool },
+    Convolution {
+        name: String,
+        channels_in: usize,
+        channels_out: usize,
+        kernel: usize,
+        stride: usize,
+        padding: usize,
+        relu: bool,
+    },
     /// Negative numbers become zero.
     Relu,
     /// The largest of a square.
@@ -68,7 +76,10 @@ impl Network {
     /// From the scaled picture to the last tap.
     pub(super) fn steps(self) -> Vec<Step> {
         match self {
-            Self::LpipsVgg => vgg(|convolution| format!("features.{}", VGG_PLACES[convolution]), &[Step::Largest { kernel: 2, stride: 2 }]),
+            Self::LpipsVgg => vgg(
+                |convolution| format!("features.{}", VGG_PLACES[convolution]),
+                &[Step::Largest { kernel: 2, stride: 2 }],
+            ),
             Self::StLpipsVgg => vgg(st_vgg_name, &[Step::Largest { kernel: 2, stride: 1 }, Step::Blurred]),
             Self::LpipsAlex => alex(),
             Self::StLpipsAlex => st_alex(),
@@ -157,6 +168,11 @@ fn st_alex() -> Vec<Step> {
     ]
 }
 
-fn layer(name: String, [channels_in, channels_out]: [usize; 2], [kernel, stride, padding]: [usize; 3], relu: bool) -> Step {
+fn layer(
+    name: String,
+    [channels_in, channels_out]: [usize; 2],
+    [kernel, stride, padding]: [usize; 3],
+    relu: bool,
+) -> Step {
     Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu }
 }

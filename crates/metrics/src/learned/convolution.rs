@@ -65,11 +65,7 @@ impl Convolution {
     fn band(&self, padded: &Activations, first: usize, out: &mut [f32], relu: bool) {
         let columns = (padded.width - self.kernel) / self.stride + 1;
         let rows = out.len() / (columns * self.channels_out);
-        let (calls, places) = if self.stride == 1 {
-            (1, (rows - 1) * padded.width + columns)
-        } else {
-            (rows, columns)
-        };
+        let (calls, places) = if self.stride == 1 { (1, (rows - 1) * padded.width + columns) } else { (rows, columns) };
         let mut sums = vec![0.0; places * self.channels_out];
         for call in 0..calls {
             for (place, sum) in sums.chunks_exact_mut(self.channels_out).enumerate() {

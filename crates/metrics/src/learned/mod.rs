@@ -23,3 +23,5 @@ pub use weights::{LoadError, WeightsAbsent, WeightsFolders};
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+pub(crate) use tests::uniform;

@@ -197,7 +197,12 @@ impl Perceptual {
     ///
     /// # Errors
     /// As those.
-    pub fn compare_features(&self, render: &Features, truth: &Features, mask: Option<&Mask>) -> Result<f64, MetricError> {
+    pub fn compare_features(
+        &self,
+        render: &Features,
+        truth: &Features,
+        mask: Option<&Mask>,
+    ) -> Result<f64, MetricError> {
         match mask {
             Some(mask) => self.masked_distance(render, truth, mask),
             None => self.distance(render, truth),
@@ -276,7 +281,8 @@ fn shares(mask: &Mask, columns: usize, rows: usize) -> Vec<f64> {
 }
 
 fn numbers(network: Network, weights: &StoredTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>, LoadError> {
-    let unfit = |expected: String, found: String| LoadError::Unfit { network, tensor: name.to_owned(), expected, found };
+    let unfit =
+        |expected: String, found: String| LoadError::Unfit { network, tensor: name.to_owned(), expected, found };
     let wanted = || format!("shape {shape:?}");
     let tensor = weights.tensors.get(name).ok_or_else(|| unfit(wanted(), "none of this name".to_owned()))?;
     if tensor.shape() != shape {

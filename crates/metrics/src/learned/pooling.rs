@@ -83,13 +83,14 @@ mod tests {
     }
 
     #[test]
-    fn blurring_keeps_constants_and_symmetric_means() {
+    fn blurring_keeps_constants_and_mirrors_edges() {
         let flat = Activations { height: 4, width: 3, channels: 2, values: vec![0.75; 24] };
-        let blurred = super::blurred(&flat);
-        assert_eq!([blurred.height, blurred.width], [3, 3]);
-        assert_values(&blurred, &[0.75; 18]);
-        // A ramp is its own mean inside, and its mirror's at the edges.
-        let columns = super::blurred(&ramp(1 + REFLECTED, 8));
-        assert_eq!(columns.width, 5);
+        let halved = blurred(&flat);
+        assert_eq!([halved.height, halved.width], [3, 3]);
+        assert_values(&halved, &[0.75; 18]);
+        // Columns of 0 to 7 in a row: each place's mean is its own column, mirrored outside.
+        let columns = Activations { values: [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0].repeat(3), ..ramp(3, 8) };
+        let mirrored = [1.0, 1.0, 3.0, 5.0, 6.5];
+        assert_values(&blurred(&columns), &mirrored.repeat(3));
     }
 }

@@ -1,5 +1,5 @@
 /// Uniform numbers in (−bound, bound) from a seed and their place: SplitMix64's finaliser, as `oracle/seeded.py`.
-pub(super) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
+pub(crate) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
     #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
     let number = |place: u64| {
         let mut z = (seed.wrapping_add(place.wrapping_add(1))).wrapping_mul(0x9e37_79b9_7f4a_7c15);

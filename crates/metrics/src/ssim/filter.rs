@@ -19,12 +19,7 @@ pub(super) fn moments<S: Simd>(_simd: S, x: &[f32], y: &[f32], mut out: [&mut [f
 
 /// `Σ taps[k] · rows[k]`, for taps that are the same from both ends, in the order centre, outermost pair, inwards.
 #[inline(always)]
-pub(super) fn weigh<S: Simd, const TAPS: usize>(
-    simd: S,
-    taps: &[f64; TAPS],
-    rows: [&[f64]; TAPS],
-    out: &mut [f64],
-) {
+pub(super) fn weigh<S: Simd, const TAPS: usize>(simd: S, taps: &[f64; TAPS], rows: [&[f64]; TAPS], out: &mut [f64]) {
     let length = out.len();
     let mut vectors: [&[S::f64s]; TAPS] = [&[]; TAPS];
     let mut rests: [&[f64]; TAPS] = [&[]; TAPS];

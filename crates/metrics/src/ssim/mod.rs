@@ -33,6 +33,8 @@ pub enum Border {
     Inside,
     /// Every pixel has a window, and the picture is black outside.
     Zeros,
+    /// Every pixel has a window, and the picture is mirrored at its outermost pixels, which are not repeated.
+    Reflected,
 }
 
 /// What variances and covariances are divided by.
@@ -56,16 +58,28 @@ impl Ssim {
     /// `ssim` of graphdeco-inria/gaussian-splatting (`utils/loss_utils.py`): zeros around the picture.
     pub const INRIA: Self =
         Self { window: Window::Gaussian11, border: Border::Zeros, covariance: Covariance::Population };
-    /// `torchmetrics.StructuralSimilarityIndexMeasure(data_range=1)`, pytorch-msssim, and Google's JAX code since
-    /// mip-NeRF: windows inside the picture. Their clamps of negative variances act only on rounding errors.
+    /// pytorch-msssim, and Google's JAX code since mip-NeRF: windows inside the picture. Clamps of negative variances
+    /// act only on rounding errors.
     pub const VALID: Self =
         Self { window: Window::Gaussian11, border: Border::Inside, covariance: Covariance::Population };
+    /// `torchmetrics.StructuralSimilarityIndexMeasure(data_range=1)` as of 1.9, which counts the mirrored border.
+    pub const TORCHMETRICS: Self =
+        Self { window: Window::Gaussian11, border: Border::Reflected, covariance: Covariance::Population };
 
     /// Smallest width and height that has a value.
     pub const fn smallest_side(&self) -> u32 {
         match self.border {
             Border::Inside => 2 * self.window.radius() + 1,
             Border::Zeros => 1,
+            Border::Reflected => self.window.radius() + 1,
+        }
+    }
+
+    /// Pixels at each edge that no window is centred on.
+    const fn margin(&self) -> u32 {
+        match self.border {
+            Border::Inside => self.window.radius(),
+            Border::Zeros | Border::Reflected => 0,
         }
     }
 }
@@ -74,10 +88,15 @@ impl Ssim {
 ///
 /// With a mask: [`Border::Inside`] averages the windows that lie wholly in the mask, [`Border::Zeros`] those whose
 /// centre does, of pictures that are black outside it. Either way a rectangle gives the number of its crop.
+/// [`Border::Reflected`] averages the windows whose centre lies in the mask and sees the pictures beyond it.
 ///
 /// # Errors
-/// [`MetricError::TooSmall`], and [`MetricError::NothingInMask`] where no window fits.
+/// [`MetricError::TooSmall`], [`MetricError::NothingInMask`] where no window fits, and for [`Border::Reflected`]
+/// [`MetricError::NonFinite`] where the pictures are not finite outside the mask.
 pub fn ssim(pair: &Pair<'_>, values: Values, convention: &Ssim) -> Result<f64, MetricError> {
+    if convention.border == Border::Reflected {
+        Pair::new(pair.render(), pair.truth())?;
+    }
     let windows = Windows::of(pair, convention)?;
     let rows = similarity::rows(&windows.pictures(pair, values), pair.size(), convention, |row, similarity| {
         windows.sum_of_row(row, similarity)
@@ -100,7 +119,7 @@ pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: &Ssim) -> Result<Ma
         similarity.as_chunks::<3>().0.iter().map(|[r, g, b]| (r + g + b) / 3.0).collect::<Vec<f64>>()
     });
     let values = rows.concat().into_iter().map(|value| value.maximum_of(-1.0).minimum_of(1.0)).collect();
-    let margin = convention.smallest_side() / 2;
+    let margin = convention.margin();
     Ok(Map { picture: pair.size(), left: margin, top: margin, width: windows.columns, values })
 }
 
@@ -120,8 +139,8 @@ impl Windows {
         if width < smallest || height < smallest {
             return Err(MetricError::TooSmall { measure: "SSIM", smallest, size: [width, height] });
         }
-        let [columns, rows] = [width, height].map(|side| (side - (smallest - 1)) as usize);
-        let included = pair.mask().map(|mask| mask.windows_inside(smallest as usize / 2));
+        let [columns, rows] = [width, height].map(|side| (side - 2 * convention.margin()) as usize);
+        let included = pair.mask().map(|mask| mask.windows_inside(convention.margin() as usize));
         let count = included.as_ref().map_or(columns * rows, |inside| inside.iter().filter(|inside| **inside).count());
         if count == 0 {
             return Err(MetricError::NothingInMask { expected: "at least one whole window" });
@@ -135,7 +154,10 @@ impl Windows {
         if let (Border::Zeros, Some(mask)) = (self.border, pair.mask()) {
             for picture in &mut pictures {
                 let pixels = picture.to_mut().as_chunks_mut::<3>().0.iter_mut();
-                pixels.zip(mask.included()).filter(|(_, included)| !**included).for_each(|(pixel, _)| *pixel = [0.0; 3]);
+                pixels
+                    .zip(mask.included())
+                    .filter(|(_, included)| !**included)
+                    .for_each(|(pixel, _)| *pixel = [0.0; 3]);
             }
         }
         pictures

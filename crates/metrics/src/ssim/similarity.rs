@@ -32,7 +32,7 @@ pub(super) fn rows_at<T: Send>(
 ) -> Vec<T> {
     let [width, height] = size.map(|side| side as usize);
     let radius = convention.window.radius() as usize;
-    let padding = if convention.border == Border::Zeros { radius } else { 0 };
+    let padding = if convention.border == Border::Inside { 0 } else { radius };
     let constants = Constants {
         c1: 0.01 * 0.01,
         c2: 0.03 * 0.03,
@@ -42,7 +42,7 @@ pub(super) fn rows_at<T: Send>(
         },
     };
     let [x, y] = [&*pictures[0], &*pictures[1]];
-    let shape = Shape { width, height, padding, radius };
+    let shape = Shape { width, height, padding, radius, border: convention.border };
     let bands: Vec<usize> = (0..shape.rows()).step_by(BAND).collect();
     let made = bands.into_par_iter().map(|first| {
         let last = shape.rows().min(first + BAND);
@@ -64,6 +64,7 @@ struct Shape {
     height: usize,
     padding: usize,
     radius: usize,
+    border: Border,
 }
 
 impl Shape {
@@ -136,12 +137,26 @@ impl<F, const TAPS: usize> Band<'_, F, TAPS> {
         let padded = self.shape.padded();
         let mut places = terms.chunks_exact_mut(TAPS * padded).map(|ring| &mut ring[row % TAPS * padded..][..padded]);
         let mut slots = [(); MOMENTS].map(|()| places.next().unwrap_or_default());
-        if row < padding || row >= padding + height {
+        let inside = row >= padding && row < padding + height;
+        if self.shape.border == Border::Zeros && !inside {
             return slots.iter_mut().for_each(|slot| slot.fill(0.0));
         }
-        let samples = (row - padding) * width * CHANNELS..(row - padding + 1) * width * CHANNELS;
+        let row = mirrored(row, padding, height) * width * CHANNELS;
+        let samples = row..row + width * CHANNELS;
         let inner = padding * CHANNELS..(padding + width) * CHANNELS;
-        let slots = slots.each_mut().map(|slot| &mut slot[inner.clone()]);
-        filter::moments(simd, &self.x[samples.clone()], &self.y[samples], slots);
+        let parts = slots.each_mut().map(|slot| &mut slot[inner.clone()]);
+        filter::moments(simd, &self.x[samples.clone()], &self.y[samples], parts);
+        if self.shape.border == Border::Reflected {
+            for column in (0..padding).chain(padding + width..2 * padding + width) {
+                let from = (padding + mirrored(column, padding, width)) * CHANNELS;
+                slots.iter_mut().for_each(|slot| slot.copy_within(from..from + CHANNELS, column * CHANNELS));
+            }
+        }
     }
+}
+
+/// The pixel at a place of a padded side, mirrored at the outermost pixels.
+const fn mirrored(place: usize, padding: usize, side: usize) -> usize {
+    let from_edge = place.abs_diff(padding);
+    if place < padding || from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
 }
