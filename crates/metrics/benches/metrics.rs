@@ -26,7 +26,7 @@ fn metrics(criterion: &mut Criterion) {
             [("ssim", Ssim::SKIMAGE_GAUSSIAN), ("ssim-inria", Ssim::INRIA), ("ssim-uniform-7x7", Ssim::SKIMAGE_UNIFORM)]
         {
             group.bench_function(name, |bencher| {
-                bencher.iter(|| one.install(|| ssim(black_box(&pair), Values::AsRendered, &convention).ok()));
+                bencher.iter(|| one.install(|| ssim(black_box(&pair), Values::AsRendered, convention).ok()));
             });
         }
         group.finish();

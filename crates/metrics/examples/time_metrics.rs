@@ -37,8 +37,8 @@ fn main() -> Result<(), Box<dyn Error>> {
         println!("{name} {least} {median} {}", value.unwrap_or(f64::NAN));
     };
     time("psnr", &|| psnr(&pair, Values::Clipped));
-    time("ssim", &|| ssim(&pair, Values::AsRendered, &Ssim::SKIMAGE_GAUSSIAN).into());
-    time("ssim-inria", &|| ssim(&pair, Values::AsRendered, &Ssim::INRIA).into());
-    time("ssim-uniform-7x7", &|| ssim(&pair, Values::AsRendered, &Ssim::SKIMAGE_UNIFORM).into());
+    time("ssim", &|| ssim(&pair, Values::AsRendered, Ssim::SKIMAGE_GAUSSIAN).into());
+    time("ssim-inria", &|| ssim(&pair, Values::AsRendered, Ssim::INRIA).into());
+    time("ssim-uniform-7x7", &|| ssim(&pair, Values::AsRendered, Ssim::SKIMAGE_UNIFORM).into());
     Ok(())
 }

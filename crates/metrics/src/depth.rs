@@ -45,7 +45,7 @@ pub enum DepthScale {
     /// Nothing: poses of known scale.
     Metric,
     /// Multiplied by median(truth) / median(render) of the picture, as for methods whose scale is free
-    /// (Zhou et al. 2017, SfMLearner `kitti_eval/eval_depth.py`).
+    /// (Zhou et al. 2017, `SfMLearner`'s `kitti_eval/eval_depth.py`).
     Median,
 }
 
@@ -91,7 +91,7 @@ pub fn depth_error(
     let mut compared = Vec::new();
     for (pixel, (render, truth)) in render.depths.iter().zip(truth.depths).enumerate() {
         let included = mask.is_none_or(|mask| mask.included().get(pixel) == Some(&true));
-        if !included || !(*truth >= range.near && *truth <= range.far && *truth > 0.0 && truth.is_finite()) {
+        if !included || !has_depth(*truth, range) {
             continue;
         }
         if *render > 0.0 && render.is_finite() {
@@ -110,6 +110,11 @@ pub fn depth_error(
         }
     };
     Ok(summarise(&compared, missing, scale))
+}
+
+/// Whether a true depth is one and lies in the range; NaN does not.
+fn has_depth(truth: f32, range: DepthRange) -> bool {
+    truth > 0.0 && truth.is_finite() && truth >= range.near && truth <= range.far
 }
 
 fn summarise(compared: &[[f64; 2]], missing: u64, scale: f64) -> DepthError {

@@ -122,7 +122,7 @@ impl Suite {
     fn one(&self, definition: &Definition, pair: &Pair<'_>) -> Score {
         match definition.measure {
             Measure::Psnr { values } => psnr(pair, values),
-            Measure::Ssim { values, ssim: convention } => ssim(pair, values, &convention).into(),
+            Measure::Ssim { values, ssim: convention } => ssim(pair, values, convention).into(),
             Measure::L1 { values } => Score::Value(l1(pair, values)),
             Measure::Perceptual { values, network } => match self.networks.get(network) {
                 Ok(perceptual) => self.perceptual(perceptual, pair, values).into(),

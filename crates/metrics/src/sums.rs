@@ -1,5 +1,7 @@
 //! Sums over samples in one order, whatever the number of threads and the width of vectors.
 
+#![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
+
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 

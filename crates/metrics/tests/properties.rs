@@ -32,7 +32,7 @@ fn all(pair: &Pair<'_>, values: Values) -> Vec<f64> {
 
 fn numbers(pair: &Pair<'_>, values: Values, conventions: &[Ssim]) -> Vec<f64> {
     let mut numbers = vec![mean_squared_error(pair, values), l1(pair, values)];
-    numbers.extend(conventions.iter().map(|convention| ssim(pair, values, convention).unwrap()));
+    numbers.extend(conventions.iter().map(|convention| ssim(pair, values, *convention).unwrap()));
     numbers
 }
 
@@ -81,8 +81,8 @@ proptest! {
         let pair = Pair::new(&a, &b).unwrap();
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
         for convention in CONVENTIONS {
-            let map = ssim_map(&pair, Values::AsRendered, &convention).unwrap();
-            let expected = ssim(&pair, Values::AsRendered, &convention).ok();
+            let map = ssim_map(&pair, Values::AsRendered, convention).unwrap();
+            let expected = ssim(&pair, Values::AsRendered, convention).ok();
             prop_assert!(Tolerance::F64.check([mean(map.values())], expected).is_ok());
             prop_assert_eq!(map.origin(), if convention.border == Border::Inside { [convention.window.radius(); 2] } else { [0; 2] });
             let picture = map.to_image(Ramp::Viridis, -1.0, 1.0).unwrap();
@@ -126,7 +126,7 @@ fn identical_pictures_are_said_to_be_so() {
         assert!(pair.is_identical());
         for values in VALUES {
             assert_eq!(psnr(&pair, values), Score::Identical, "{values:?}");
-            let ones = CONVENTIONS.map(|convention| ssim(&pair, values, &convention).unwrap());
+            let ones = CONVENTIONS.map(|convention| ssim(&pair, values, convention).unwrap());
             Tolerance::EXACT.assert(ones, [1.0; 5], "similarity to itself");
         }
     }
@@ -159,17 +159,17 @@ fn what_cannot_be_compared_is_a_typed_error() {
         (&one, Ssim::TORCHMETRICS, Some(6)),
     ] {
         let pair = Pair::new(picture, picture).unwrap();
-        let found = match ssim(&pair, Values::Clipped, &convention) {
+        let found = match ssim(&pair, Values::Clipped, convention) {
             Err(MetricError::TooSmall { smallest, .. }) => Some(smallest),
             Err(_) => Some(0),
             Ok(_) => None,
         };
         assert_eq!(found, smallest, "{convention:?}");
-        assert_eq!(ssim_map(&pair, Values::Clipped, &convention).is_err(), smallest.is_some());
+        assert_eq!(ssim_map(&pair, Values::Clipped, convention).is_err(), smallest.is_some());
     }
     let hole = rectangle([30, 30], [0, 0, 30, 10]);
     let large = of(30, 30);
-    let outcome = ssim(&Pair::masked(&large, &large, &hole).unwrap(), Values::Clipped, &Ssim::VALID);
+    let outcome = ssim(&Pair::masked(&large, &large, &hole).unwrap(), Values::Clipped, Ssim::VALID);
     assert_eq!(outcome, Err(MetricError::NothingInMask { expected: "at least one whole window" }));
 }
 

@@ -9,11 +9,11 @@ use super::pooling;
 pub enum Network {
     /// LPIPS v0.1 on VGG16: `lpips.LPIPS(net="vgg")`, what papers on novel views report.
     LpipsVgg,
-    /// LPIPS v0.1 on AlexNet: `lpips.LPIPS(net="alex")`, what its authors advise for comparing pictures.
+    /// LPIPS v0.1 on `AlexNet`: `lpips.LPIPS(net="alex")`, what its authors advise for comparing pictures.
     LpipsAlex,
-    /// ST-LPIPS vST0.0 on AlexNet: `stlpips_pytorch.LPIPS(net="alex", variant="shift_tolerant")`.
+    /// ST-LPIPS `vST0.0` on `AlexNet`: `stlpips_pytorch.LPIPS(net="alex", variant="shift_tolerant")`.
     StLpipsAlex,
-    /// ST-LPIPS vST0.0 on VGG16: `stlpips_pytorch.LPIPS(net="vgg", variant="shift_tolerant")`.
+    /// ST-LPIPS `vST0.0` on VGG16: `stlpips_pytorch.LPIPS(net="vgg", variant="shift_tolerant")`.
     StLpipsVgg,
 }
 
@@ -63,7 +63,7 @@ impl Network {
     }
 
     /// Names of the five heads' tensors, each of shape (1, channels, 1, 1).
-    pub(super) fn heads(self) -> [String; 5] {
+    pub(super) fn heads() -> [String; 5] {
         std::array::from_fn(|tap| format!("lin{tap}.model.1.weight"))
     }
 

@@ -85,7 +85,9 @@ impl Convolution {
             }
         }
         if relu {
-            out.iter_mut().for_each(|value| *value = if *value > 0.0 { *value } else { 0.0 });
+            for value in out {
+                *value = if *value > 0.0 { *value } else { 0.0 };
+            }
         }
     }
 }

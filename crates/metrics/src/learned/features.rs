@@ -23,7 +23,9 @@ pub(super) fn normalised(mut map: Activations) -> Activations {
     map.values.par_chunks_mut(row.max(1)).for_each(|row| {
         for pixel in row.chunks_exact_mut(channels) {
             let norm = sum_of_squares(pixel).sqrt() + 1e-10;
-            pixel.iter_mut().for_each(|value| *value /= norm);
+            for value in pixel {
+                *value /= norm;
+            }
         }
     });
     map

@@ -102,7 +102,7 @@ impl Perceptual {
         };
         let layers = network.steps().into_iter().map(layer).collect::<Result<_, LoadError>>()?;
         let mut head_weights: [Vec<f32>; 5] = Default::default();
-        for ((slot, name), channels) in head_weights.iter_mut().zip(network.heads()).zip(network.channels()) {
+        for ((slot, name), channels) in head_weights.iter_mut().zip(Network::heads()).zip(network.channels()) {
             *slot = numbers(network, heads, &name, &[1, channels, 1, 1])?;
         }
         Ok(Self { network, layers, heads: head_weights, hashes })

@@ -1,4 +1,4 @@
-/// Uniform numbers in (−bound, bound) from a seed and their place: SplitMix64's finaliser, as `oracle/seeded.py`.
+/// Uniform numbers in (−bound, bound) from a seed and their place: `SplitMix64`'s finaliser, as `oracle/seeded.py`.
 pub(crate) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
     #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
     let number = |place: u64| {

@@ -1,6 +1,8 @@
 //! The three loops that SSIM is made of, on vectors. None of them fuses a multiplication with an addition, so that every
 //! instruction set gives the same bits.
 
+#![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
+
 use pulp::Simd;
 
 /// Sums that a pixel's similarity needs: of x, of y, of x² + y², of x y.

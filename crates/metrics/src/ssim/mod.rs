@@ -67,7 +67,7 @@ impl Ssim {
         Self { window: Window::Gaussian11, border: Border::Reflected, covariance: Covariance::Population };
 
     /// Smallest width and height that has a value.
-    pub const fn smallest_side(&self) -> u32 {
+    pub const fn smallest_side(self) -> u32 {
         match self.border {
             Border::Inside => 2 * self.window.radius() + 1,
             Border::Zeros => 1,
@@ -76,7 +76,7 @@ impl Ssim {
     }
 
     /// Pixels at each edge that no window is centred on.
-    const fn margin(&self) -> u32 {
+    const fn margin(self) -> u32 {
         match self.border {
             Border::Inside => self.window.radius(),
             Border::Zeros | Border::Reflected => 0,
@@ -93,7 +93,7 @@ impl Ssim {
 /// # Errors
 /// [`MetricError::TooSmall`], [`MetricError::NothingInMask`] where no window fits, and for [`Border::Reflected`]
 /// [`MetricError::NonFinite`] where the pictures are not finite outside the mask.
-pub fn ssim(pair: &Pair<'_>, values: Values, convention: &Ssim) -> Result<f64, MetricError> {
+pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, MetricError> {
     if convention.border == Border::Reflected {
         Pair::new(pair.render(), pair.truth())?;
     }
@@ -111,7 +111,7 @@ pub fn ssim(pair: &Pair<'_>, values: Values, convention: &Ssim) -> Result<f64, M
 ///
 /// # Errors
 /// [`MetricError::TooSmall`]; [`MetricError::NonFinite`] where a masked pair is not finite outside its mask.
-pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: &Ssim) -> Result<Map, MetricError> {
+pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Map, MetricError> {
     let whole = Pair::new(pair.render(), pair.truth())?;
     let pair = if convention.border == Border::Zeros { pair } else { &whole };
     let windows = Windows::of(&whole, convention)?;
@@ -133,7 +133,7 @@ struct Windows {
 }
 
 impl Windows {
-    fn of(pair: &Pair<'_>, convention: &Ssim) -> Result<Self, MetricError> {
+    fn of(pair: &Pair<'_>, convention: Ssim) -> Result<Self, MetricError> {
         let [width, height] = pair.size();
         let smallest = convention.smallest_side();
         if width < smallest || height < smallest {

@@ -1,5 +1,7 @@
 //! Similarities row by row. Pictures stay interleaved: a neighbour to the right is three samples on.
 
+#![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
+
 use std::borrow::Cow;
 
 use pulp::{Arch, Simd, WithSimd};
@@ -16,7 +18,7 @@ const CHANNELS: usize = 3;
 pub(super) fn rows<T: Send>(
     pictures: &[Cow<'_, [f32]>; 2],
     size: [u32; 2],
-    convention: &Ssim,
+    convention: Ssim,
     finish: impl Fn(usize, &[f64]) -> T + Sync,
 ) -> Vec<T> {
     rows_at(Arch::new(), pictures, size, convention, finish)
@@ -27,7 +29,7 @@ pub(super) fn rows_at<T: Send>(
     arch: Arch,
     pictures: &[Cow<'_, [f32]>; 2],
     size: [u32; 2],
-    convention: &Ssim,
+    convention: Ssim,
     finish: impl Fn(usize, &[f64]) -> T + Sync,
 ) -> Vec<T> {
     let [width, height] = size.map(|side| side as usize);
@@ -139,7 +141,10 @@ impl<F, const TAPS: usize> Band<'_, F, TAPS> {
         let mut slots = [(); MOMENTS].map(|()| places.next().unwrap_or_default());
         let inside = row >= padding && row < padding + height;
         if self.shape.border == Border::Zeros && !inside {
-            return slots.iter_mut().for_each(|slot| slot.fill(0.0));
+            for slot in slots {
+                slot.fill(0.0);
+            }
+            return;
         }
         let row = mirrored(row, padding, height) * width * CHANNELS;
         let samples = row..row + width * CHANNELS;
@@ -149,7 +154,9 @@ impl<F, const TAPS: usize> Band<'_, F, TAPS> {
         if self.shape.border == Border::Reflected {
             for column in (0..padding).chain(padding + width..2 * padding + width) {
                 let from = (padding + mirrored(column, padding, width)) * CHANNELS;
-                slots.iter_mut().for_each(|slot| slot.copy_within(from..from + CHANNELS, column * CHANNELS));
+                for slot in &mut slots {
+                    slot.copy_within(from..from + CHANNELS, column * CHANNELS);
+                }
             }
         }
     }

@@ -18,7 +18,7 @@ fn portable_instructions_give_the_same_bits() {
     let pair = Pair::new(&a, &b).unwrap();
     for convention in [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::TORCHMETRICS] {
         let of = |arch| {
-            rows_at(arch, &pair.rows(Values::AsRendered), pair.size(), &convention, |_, row| row.to_vec()).concat()
+            rows_at(arch, &pair.rows(Values::AsRendered), pair.size(), convention, |_, row| row.to_vec()).concat()
         };
         Tolerance::EXACT.assert(of(Arch::Scalar), of(Arch::new()), "similarities");
     }
@@ -35,6 +35,6 @@ fn the_definition_at_one_window() {
         |v: &[f64], mv: f64, w: &[f64], mw: f64| v.iter().zip(w).map(|(v, w)| (v - mv) * (w - mw)).sum::<f64>() / 48.0;
     let (vx, vy, cross) = (product(&x, mx, &x, mx), product(&y, my, &y, my), product(&x, mx, &y, my));
     let expected = (2.0 * mx * my + 1e-4) * (2.0 * cross + 9e-4) / ((mx * mx + my * my + 1e-4) * (vx + vy + 9e-4));
-    let found = ssim(&Pair::new(&a, &b).unwrap(), Values::AsRendered, &Ssim::SKIMAGE_UNIFORM).ok();
+    let found = ssim(&Pair::new(&a, &b).unwrap(), Values::AsRendered, Ssim::SKIMAGE_UNIFORM).ok();
     Tolerance::F64.assert(found, [expected], "similarity");
 }
