@@ -1,0 +1,285 @@
+use atsplat_pixels::Rounding;
+use serde::Serialize;
+
+use crate::learned::Network;
+use crate::{Ssim, Values};
+
+/// A metric as a table shows it: what it is called, which way is better, and exactly what was computed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Definition {
+    /// Name in files and on command lines; never changes its meaning.
+    pub id: &'static str,
+    /// Name in tables.
+    pub name: &'static str,
+    /// Which way is better.
+    pub direction: Direction,
+    /// Unit; empty for plain numbers.
+    pub unit: &'static str,
+    /// What is computed.
+    pub measure: Measure,
+    /// The convention in words, and who follows it.
+    pub convention: &'static str,
+    /// Where it is defined.
+    pub link: &'static str,
+}
+
+/// Which way is better.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Direction {
+    /// More is better.
+    Higher,
+    /// Less is better.
+    Lower,
+}
+
+/// What is computed, with everything that decides the number.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case", tag = "kind")]
+pub enum Measure {
+    /// [`psnr`](crate::psnr()).
+    Psnr {
+        /// What is done to samples before.
+        values: Values,
+    },
+    /// [`ssim`](crate::ssim()).
+    Ssim {
+        /// What is done to samples before.
+        values: Values,
+        /// Window, border, covariance.
+        ssim: Ssim,
+    },
+    /// [`l1`](crate::l1()).
+    L1 {
+        /// What is done to samples before.
+        values: Values,
+    },
+    /// [`Perceptual`](crate::learned::Perceptual).
+    Perceptual {
+        /// What is done to samples before.
+        values: Values,
+        /// Network and version of its weights.
+        network: Network,
+    },
+}
+
+const FLOAT: Values = Values::AsRendered;
+const CLIPPED: Values = Values::Clipped;
+const TRUNCATED: Values = Values::EightBit(Rounding::Truncate);
+const ROUNDED: Values = Values::EightBit(Rounding::Nearest);
+
+const PIXELSPLAT: &str = "https://github.com/dcharatan/pixelsplat/blob/32b1b66/src/evaluation/metrics.py";
+const INRIA: &str = "https://github.com/graphdeco-inria/gaussian-splatting/blob/main/utils/loss_utils.py";
+const LPIPS: &str = "https://github.com/richzhang/PerceptualSimilarity";
+const ST_LPIPS: &str = "https://github.com/abhijay9/ShiftTolerant-LPIPS";
+
+const DEFINITIONS: &[Definition] = &[
+    psnr(
+        "psnr",
+        "PSNR",
+        CLIPPED,
+        "both pictures clipped to [0, 1], no rounding, one mean over pixels and channels: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
+        PIXELSPLAT,
+    ),
+    psnr(
+        "psnr-unclipped",
+        "PSNR (unclipped)",
+        FLOAT,
+        "values as rendered: gaussian-splatting, which scores what it has clipped or read from PNG before",
+        "https://github.com/graphdeco-inria/gaussian-splatting/blob/main/utils/image_utils.py",
+    ),
+    psnr(
+        "psnr-8bit-truncated",
+        "PSNR (8 bit, truncated)",
+        TRUNCATED,
+        "through PNG files that floor(255 v): pixelSplat's and NoPoSplat's offline evaluation",
+        "https://github.com/dcharatan/pixelsplat/blob/32b1b66/src/misc/image_io.py",
+    ),
+    psnr(
+        "psnr-8bit-rounded",
+        "PSNR (8 bit, rounded)",
+        ROUNDED,
+        "through PNG files that floor(255 v + 0.5): torchvision's save_image, gaussian-splatting's metrics.py",
+        "https://github.com/pytorch/vision/blob/main/torchvision/utils.py",
+    ),
+    ssim(
+        "ssim",
+        "SSIM",
+        FLOAT,
+        Ssim::SKIMAGE_GAUSSIAN,
+        "skimage, Gaussian 11×11 of σ 1.5, covariance of the sample, windows inside the picture, values not clipped: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
+        PIXELSPLAT,
+    ),
+    ssim(
+        "ssim-clipped",
+        "SSIM (clipped)",
+        CLIPPED,
+        Ssim::SKIMAGE_GAUSSIAN,
+        "as ssim, of pictures clipped to [0, 1]",
+        PIXELSPLAT,
+    ),
+    ssim(
+        "ssim-8bit-truncated",
+        "SSIM (8 bit, truncated)",
+        TRUNCATED,
+        Ssim::SKIMAGE_GAUSSIAN,
+        "as ssim, through PNG files that floor(255 v): pixelSplat's and NoPoSplat's offline evaluation",
+        PIXELSPLAT,
+    ),
+    ssim(
+        "ssim-8bit-rounded",
+        "SSIM (8 bit, rounded)",
+        ROUNDED,
+        Ssim::SKIMAGE_GAUSSIAN,
+        "as ssim, through PNG files that floor(255 v + 0.5)",
+        PIXELSPLAT,
+    ),
+    ssim(
+        "ssim-inria",
+        "SSIM (Inria)",
+        CLIPPED,
+        Ssim::INRIA,
+        "Gaussian 11×11 of σ 1.5, covariance of the population, zeros around the picture, every pixel counts: gaussian-splatting and its descendants, clipped as they clip",
+        INRIA,
+    ),
+    ssim(
+        "ssim-valid",
+        "SSIM (valid)",
+        CLIPPED,
+        Ssim::VALID,
+        "Gaussian 11×11 of σ 1.5, covariance of the population, windows inside the picture: pytorch-msssim, the JAX code of mip-NeRF and its descendants",
+        "https://github.com/VainF/pytorch-msssim",
+    ),
+    ssim(
+        "ssim-torchmetrics",
+        "SSIM (torchmetrics)",
+        CLIPPED,
+        Ssim::TORCHMETRICS,
+        "Gaussian 11×11 of σ 1.5, covariance of the population, mirrored border, every pixel counts: torchmetrics 1.9 with data_range (0, 1), whose border is not cropped",
+        "https://lightning.ai/docs/torchmetrics/stable/image/structural_similarity.html",
+    ),
+    ssim(
+        "ssim-uniform-7x7",
+        "SSIM (7×7)",
+        CLIPPED,
+        Ssim::SKIMAGE_UNIFORM,
+        "skimage's defaults, flat 7×7, covariance of the sample, windows inside the picture, clipped: Long-LRM",
+        "https://scikit-image.org/docs/stable/api/skimage.metrics.html#skimage.metrics.structural_similarity",
+    ),
+    lpips(
+        "lpips",
+        "LPIPS",
+        FLOAT,
+        Network::LpipsVgg,
+        "VGG16, v0.1, values in [0, 1] scaled by the metric itself (normalize=True), not clipped: pixelSplat, MVSplat, DepthSplat, NoPoSplat, iLRM, TokenGS",
+        LPIPS,
+    ),
+    lpips(
+        "lpips-clipped",
+        "LPIPS (clipped)",
+        CLIPPED,
+        Network::LpipsVgg,
+        "as lpips, of pictures clipped to [0, 1]: Long-LRM",
+        LPIPS,
+    ),
+    lpips(
+        "lpips-8bit-truncated",
+        "LPIPS (8 bit, truncated)",
+        TRUNCATED,
+        Network::LpipsVgg,
+        "as lpips, through PNG files that floor(255 v)",
+        LPIPS,
+    ),
+    lpips(
+        "lpips-alex",
+        "LPIPS (Alex)",
+        FLOAT,
+        Network::LpipsAlex,
+        "AlexNet, v0.1, values in [0, 1] scaled by the metric itself, not clipped; never beside VGG's numbers",
+        LPIPS,
+    ),
+    lpips(
+        "st-lpips",
+        "ST-LPIPS (Alex)",
+        FLOAT,
+        Network::StLpipsAlex,
+        "shift-tolerant LPIPS on AlexNet, vST0.0, normalize=True, not clipped; another metric than LPIPS",
+        ST_LPIPS,
+    ),
+    lpips(
+        "st-lpips-vgg",
+        "ST-LPIPS (VGG)",
+        FLOAT,
+        Network::StLpipsVgg,
+        "shift-tolerant LPIPS on VGG16, vST0.0, normalize=True, not clipped; another metric than LPIPS",
+        ST_LPIPS,
+    ),
+    Definition {
+        id: "l1",
+        name: "L1",
+        direction: Direction::Lower,
+        unit: "",
+        measure: Measure::L1 { values: CLIPPED },
+        convention: "mean absolute difference over pixels and channels, both pictures clipped to [0, 1]",
+        link: "https://github.com/nerfbaselines/nerfbaselines/blob/main/nerfbaselines/metrics.json",
+    },
+];
+
+/// Every metric of two pictures, the field's usual ones first in their groups. Depth errors are
+/// [`DepthError`](crate::DepthError)'s fields.
+pub const fn definitions() -> &'static [Definition] {
+    DEFINITIONS
+}
+
+/// The metric of this name.
+pub fn definition(id: &str) -> Option<&'static Definition> {
+    DEFINITIONS.iter().find(|definition| definition.id == id)
+}
+
+type Text = &'static str;
+
+const fn psnr(id: Text, name: Text, values: Values, convention: Text, link: Text) -> Definition {
+    Definition {
+        id,
+        name,
+        direction: Direction::Higher,
+        unit: "dB",
+        measure: Measure::Psnr { values },
+        convention,
+        link,
+    }
+}
+
+const fn ssim(id: Text, name: Text, values: Values, ssim: Ssim, convention: Text, link: Text) -> Definition {
+    Definition {
+        id,
+        name,
+        direction: Direction::Higher,
+        unit: "",
+        measure: Measure::Ssim { values, ssim },
+        convention,
+        link,
+    }
+}
+
+const fn lpips(id: Text, name: Text, values: Values, network: Network, convention: Text, link: Text) -> Definition {
+    let measure = Measure::Perceptual { values, network };
+    Definition { id, name, direction: Direction::Lower, unit: "", measure, convention, link }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_unique_and_links_are_links() {
+        for (at, definition) in DEFINITIONS.iter().enumerate() {
+            let twin = DEFINITIONS[at + 1..].iter().find(|d| d.id == definition.id || d.measure == definition.measure);
+            assert_eq!(twin, None, "{} has a twin", definition.id);
+            assert!(definition.link.starts_with("https://") && !definition.convention.is_empty(), "{}", definition.id);
+            assert_eq!(super::definition(definition.id), Some(definition));
+        }
+        assert_eq!(definition("ssim2"), None);
+    }
+}

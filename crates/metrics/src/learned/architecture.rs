@@ -1,0 +1,178 @@
+use serde::{Deserialize, Serialize};
+
+use super::convolution::Convolution;
+use super::pooling;
+
+/// A learned metric's network, with the version of its weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Network {
+    /// LPIPS v0.1 on VGG16: `lpips.LPIPS(net="vgg")`, what papers on novel views report.
+    LpipsVgg,
+    /// LPIPS v0.1 on `AlexNet`: `lpips.LPIPS(net="alex")`, what its authors advise for comparing pictures.
+    LpipsAlex,
+    /// ST-LPIPS `vST0.0` on `AlexNet`: `stlpips_pytorch.LPIPS(net="alex", variant="shift_tolerant")`.
+    StLpipsAlex,
+    /// ST-LPIPS `vST0.0` on VGG16: `stlpips_pytorch.LPIPS(net="vgg", variant="shift_tolerant")`.
+    StLpipsVgg,
+}
+
+/// One step of a network.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) enum Step {
+    /// With its tensors' name, less `.weight` and `.bias`.
+    Convolution {
+        name: String,
+        channels_in: usize,
+        channels_out: usize,
+        kernel: usize,
+        stride: usize,
+        padding: usize,
+        relu: bool,
+    },
+    /// Negative numbers become zero.
+    Relu,
+    /// The largest of a square.
+    Largest { kernel: usize, stride: usize },
+    /// Anti-aliased halving.
+    Blurred,
+    /// Features are taken here.
+    Tap,
+}
+
+impl Network {
+    /// All of them.
+    pub const ALL: [Self; 4] = [Self::LpipsVgg, Self::LpipsAlex, Self::StLpipsAlex, Self::StLpipsVgg];
+
+    /// Name in messages.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::LpipsVgg => "LPIPS (VGG)",
+            Self::LpipsAlex => "LPIPS (Alex)",
+            Self::StLpipsAlex => "ST-LPIPS (Alex)",
+            Self::StLpipsVgg => "ST-LPIPS (VGG)",
+        }
+    }
+
+    /// Channels of the five features.
+    pub const fn channels(self) -> [usize; 5] {
+        match self {
+            Self::LpipsVgg | Self::StLpipsVgg => [64, 128, 256, 512, 512],
+            Self::LpipsAlex | Self::StLpipsAlex => [64, 192, 384, 256, 256],
+        }
+    }
+
+    /// Names of the five heads' tensors, each of shape (1, channels, 1, 1).
+    pub(super) fn heads() -> [String; 5] {
+        std::array::from_fn(|tap| format!("lin{tap}.model.1.weight"))
+    }
+
+    /// Smallest width and height of pictures that every step has room for.
+    pub fn smallest_side(self) -> u32 {
+        let steps = self.steps();
+        (1..=512u32).find(|side| fits(&steps, *side as usize)).unwrap_or(u32::MAX)
+    }
+
+    /// From the scaled picture to the last tap.
+    pub(super) fn steps(self) -> Vec<Step> {
+        match self {
+            Self::LpipsVgg => vgg(
+                |convolution| format!("features.{}", VGG_PLACES[convolution]),
+                &[Step::Largest { kernel: 2, stride: 2 }],
+            ),
+            Self::StLpipsVgg => vgg(st_vgg_name, &[Step::Largest { kernel: 2, stride: 1 }, Step::Blurred]),
+            Self::LpipsAlex => alex(),
+            Self::StLpipsAlex => st_alex(),
+        }
+    }
+}
+
+fn fits(steps: &[Step], side: usize) -> bool {
+    let after = steps.iter().try_fold(side, |side, step| match *step {
+        Step::Convolution { kernel, stride, padding, .. } => Convolution::side(kernel, stride, padding, side),
+        Step::Largest { kernel, stride } => Convolution::side(kernel, stride, 0, side),
+        Step::Blurred => pooling::blurred_side(side),
+        Step::Relu | Step::Tap => Some(side),
+    });
+    after.is_some_and(|side| side > 0)
+}
+
+/// Convolutions in each of VGG16's five blocks.
+const VGG_BLOCKS: [usize; 5] = [2, 2, 3, 3, 3];
+/// Places of the convolutions in torchvision's `vgg16().features`.
+const VGG_PLACES: [usize; 13] = [0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28];
+
+/// In ST-LPIPS a blur stands before each block but the first, and names carry the block.
+fn st_vgg_name(convolution: usize) -> String {
+    let (mut block, mut first) = (0, 0);
+    while convolution >= first + VGG_BLOCKS[block] {
+        first += VGG_BLOCKS[block];
+        block += 1;
+    }
+    format!("net.slice{}.{}", block + 1, VGG_PLACES[convolution] + block)
+}
+
+fn vgg(name: impl Fn(usize) -> String, between: &[Step]) -> Vec<Step> {
+    let mut steps = Vec::new();
+    let (mut channels_in, mut convolution) = (3, 0);
+    for (block, channels_out) in Network::LpipsVgg.channels().into_iter().enumerate() {
+        if block > 0 {
+            steps.extend_from_slice(between);
+        }
+        for _ in 0..VGG_BLOCKS[block] {
+            steps.push(layer(name(convolution), [channels_in, channels_out], [3, 1, 1], true));
+            (channels_in, convolution) = (channels_out, convolution + 1);
+        }
+        steps.push(Step::Tap);
+    }
+    steps
+}
+
+fn alex() -> Vec<Step> {
+    let pool = || Step::Largest { kernel: 3, stride: 2 };
+    vec![
+        layer("features.0".to_owned(), [3, 64], [11, 4, 2], true),
+        Step::Tap,
+        pool(),
+        layer("features.3".to_owned(), [64, 192], [5, 1, 2], true),
+        Step::Tap,
+        pool(),
+        layer("features.6".to_owned(), [192, 384], [3, 1, 1], true),
+        Step::Tap,
+        layer("features.8".to_owned(), [384, 256], [3, 1, 1], true),
+        Step::Tap,
+        layer("features.10".to_owned(), [256, 256], [3, 1, 1], true),
+        Step::Tap,
+    ]
+}
+
+fn st_alex() -> Vec<Step> {
+    let pool = || Step::Largest { kernel: 3, stride: 1 };
+    vec![
+        layer("net.slice1.0".to_owned(), [3, 64], [11, 1, 2], false),
+        Step::Blurred,
+        Step::Relu,
+        Step::Tap,
+        pool(),
+        Step::Blurred,
+        layer("net.slice2.5".to_owned(), [64, 192], [5, 1, 2], true),
+        Step::Tap,
+        pool(),
+        Step::Blurred,
+        layer("net.slice3.9".to_owned(), [192, 384], [3, 1, 1], true),
+        Step::Tap,
+        layer("net.slice4.11".to_owned(), [384, 256], [3, 1, 1], true),
+        Step::Tap,
+        layer("net.slice5.13".to_owned(), [256, 256], [3, 1, 1], true),
+        Step::Tap,
+    ]
+}
+
+fn layer(
+    name: String,
+    [channels_in, channels_out]: [usize; 2],
+    [kernel, stride, padding]: [usize; 3],
+    relu: bool,
+) -> Step {
+    Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu }
+}

@@ -1,0 +1,63 @@
+use rayon::prelude::*;
+
+use super::tensor::Activations;
+
+/// What a network sees in a picture: five maps, normalised over the channels of each pixel.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Features {
+    /// Width and height of the picture.
+    pub(super) picture: [u32; 2],
+    pub(super) maps: Vec<Activations>,
+}
+
+impl Features {
+    /// Bytes of all maps.
+    pub fn bytes(&self) -> usize {
+        self.maps.iter().map(|map| map.values.len() * size_of::<f32>()).sum()
+    }
+}
+
+/// Divides a pixel's channels by their Euclidean norm plus 1e-10 (lpips `normalize_tensor`).
+pub(super) fn normalised(mut map: Activations) -> Activations {
+    let (channels, row) = (map.channels, map.row());
+    map.values.par_chunks_mut(row.max(1)).for_each(|row| {
+        for pixel in row.chunks_exact_mut(channels) {
+            let norm = sum_of_squares(pixel).sqrt() + 1e-10;
+            for value in pixel {
+                *value /= norm;
+            }
+        }
+    });
+    map
+}
+
+/// `Σ weights · (a − b)²` of every pixel, row-major.
+pub(super) fn distances(a: &Activations, b: &Activations, weights: &[f32]) -> Vec<f64> {
+    let pixels = a.values.par_chunks_exact(a.channels).zip(b.values.par_chunks_exact(a.channels));
+    pixels.with_min_len(256).map(|(a, b)| weighted(a, b, weights)).collect()
+}
+
+const LANES: usize = 16;
+
+fn sum_of_squares(values: &[f32]) -> f32 {
+    let (chunks, rest) = values.as_chunks::<LANES>();
+    let mut lanes = [0.0f32; LANES];
+    for chunk in chunks {
+        for (lane, value) in lanes.iter_mut().zip(chunk) {
+            *lane += value * value;
+        }
+    }
+    lanes.iter().sum::<f32>() + rest.iter().map(|value| value * value).sum::<f32>()
+}
+
+fn weighted(a: &[f32], b: &[f32], weights: &[f32]) -> f64 {
+    let (a, b, weights) = (a.as_chunks::<LANES>().0, b.as_chunks::<LANES>().0, weights.as_chunks::<LANES>().0);
+    let mut lanes = [0.0f32; LANES];
+    for ((a, b), weights) in a.iter().zip(b).zip(weights) {
+        for lane in 0..LANES {
+            let difference = a[lane] - b[lane];
+            lanes[lane] += weights[lane] * (difference * difference);
+        }
+    }
+    lanes.iter().map(|lane| f64::from(*lane)).sum()
+}

@@ -1,0 +1,296 @@
+use std::path::Path;
+
+use atsplat_model::weights::{StoredTensors, TensorFile};
+use atsplat_pixels::Image;
+use serde::Serialize;
+
+use super::architecture::Step;
+use super::convolution::Convolution;
+use super::features::{Features, distances, normalised};
+use super::tensor::Activations;
+use super::{LoadError, Network, WeightsAbsent, WeightsFolders, heads, pooling};
+use crate::{Map, Mask, MetricError, NonFinite, Pair, Values};
+
+/// A learned metric with its weights, ready to compare pictures.
+#[derive(Clone, Debug)]
+pub struct Perceptual {
+    network: Network,
+    layers: Vec<Layer>,
+    /// One weight per channel of each tap.
+    heads: [Vec<f32>; 5],
+    hashes: WeightsHashes,
+}
+
+/// Which weights a number was made with.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct WeightsHashes {
+    /// sha256 of the network's file, in hexadecimal.
+    pub network: String,
+    /// sha256 of the heads' file; that of the tensors where the heads are those that the crate carries.
+    pub heads: String,
+    /// Whether the network's file is the published one, by its sha256; `None` where no hash is published.
+    pub is_published: Option<bool>,
+}
+
+#[derive(Clone, Debug)]
+enum Layer {
+    Convolution(Convolution, bool),
+    Other(Step),
+}
+
+impl Perceptual {
+    /// Finds the network's file by its published name, and takes the heads that the crate carries.
+    ///
+    /// # Errors
+    /// [`LoadError::Absent`], and as [`Perceptual::from_files`].
+    pub fn find(network: Network, folders: &WeightsFolders) -> Result<Self, LoadError> {
+        let path = folders.find(network).map_err(LoadError::Absent)?;
+        Self::from_files(network, &path, None)
+    }
+
+    /// Reads a network's weights, of `torch.save` or safetensors: torchvision's state dict for LPIPS, the package's
+    /// file for ST-LPIPS. Heads are read from a file of the lpips package where one is named.
+    ///
+    /// # Errors
+    /// [`LoadError::Absent`] where a file is not there; [`LoadError::File`], [`LoadError::Unfit`].
+    pub fn from_files(network: Network, weights: &Path, heads: Option<&Path>) -> Result<Self, LoadError> {
+        for path in [Some(weights), heads].into_iter().flatten() {
+            if !path.is_file() {
+                return Err(LoadError::Absent(WeightsAbsent::new(network, vec![path.to_owned()])));
+            }
+        }
+        let file = TensorFile::open(weights)?;
+        let (head_tensors, heads_hash) = match heads {
+            Some(path) => {
+                let heads = TensorFile::open(path)?;
+                (heads.stored, heads.sha256)
+            }
+            None => match heads::carried(network) {
+                Some(carried) => {
+                    let carried = carried?;
+                    let digest = carried.digest();
+                    (carried, digest)
+                }
+                None => (file.stored.clone(), file.sha256.clone()),
+            },
+        };
+        let is_published = network.sha256_prefix().map(|prefix| file.sha256.starts_with(prefix));
+        let hashes = WeightsHashes { network: file.sha256, heads: heads_hash, is_published };
+        Self::from_tensors(network, &file.stored, &head_tensors, hashes)
+    }
+
+    /// From tensors that were read already.
+    ///
+    /// # Errors
+    /// [`LoadError::Unfit`] for a tensor that is missing, of another shape, or not finite.
+    pub fn from_tensors(
+        network: Network,
+        weights: &StoredTensors,
+        heads: &StoredTensors,
+        hashes: WeightsHashes,
+    ) -> Result<Self, LoadError> {
+        let layer = |step| match step {
+            Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu } => {
+                let tensor = |part: &str, shape: &[usize]| numbers(network, weights, &format!("{name}.{part}"), shape);
+                let weight = tensor("weight", &[channels_out, channels_in, kernel, kernel])?;
+                let bias = tensor("bias", &[channels_out])?;
+                let shape = [channels_out, channels_in, kernel];
+                Ok(Layer::Convolution(Convolution::new(shape, stride, padding, &weight, bias), relu))
+            }
+            other => Ok(Layer::Other(other)),
+        };
+        let layers = network.steps().into_iter().map(layer).collect::<Result<_, LoadError>>()?;
+        let mut head_weights: [Vec<f32>; 5] = Default::default();
+        for ((slot, name), channels) in head_weights.iter_mut().zip(Network::heads()).zip(network.channels()) {
+            *slot = numbers(network, heads, &name, &[1, channels, 1, 1])?;
+        }
+        Ok(Self { network, layers, heads: head_weights, hashes })
+    }
+
+    /// Which network.
+    pub const fn network(&self) -> Network {
+        self.network
+    }
+
+    /// Which weights.
+    pub const fn hashes(&self) -> &WeightsHashes {
+        &self.hashes
+    }
+
+    /// What the network sees in a picture of values in [0, 1]; values outside are taken as they are. Features of a
+    /// ground truth serve every render of it.
+    ///
+    /// # Errors
+    /// [`MetricError::TooSmall`], [`MetricError::NonFinite`].
+    pub fn features(&self, picture: &Image) -> Result<Features, MetricError> {
+        let size = [picture.width(), picture.height()];
+        let smallest = self.network.smallest_side();
+        if size.iter().any(|side| *side < smallest) {
+            return Err(MetricError::TooSmall { measure: self.network.name(), smallest, size });
+        }
+        let non_finite = NonFinite::count(picture.samples(), &[], size[0] as usize, |_| true);
+        if non_finite.total() > 0 {
+            return Err(MetricError::NonFinite(non_finite));
+        }
+        let mut maps = Vec::new();
+        let mut at = scaled(picture);
+        for layer in &self.layers {
+            at = match layer {
+                Layer::Convolution(convolution, relu) => convolution.apply(&at, *relu),
+                Layer::Other(Step::Largest { kernel, stride }) => pooling::largest(&at, *kernel, *stride),
+                Layer::Other(Step::Blurred) => pooling::blurred(&at),
+                Layer::Other(Step::Tap) => {
+                    maps.push(normalised(at.clone()));
+                    continue;
+                }
+                Layer::Other(_) => {
+                    at.values.iter_mut().for_each(|value| *value = if *value > 0.0 { *value } else { 0.0 });
+                    continue;
+                }
+            };
+        }
+        Ok(Features { picture: size, maps })
+    }
+
+    /// The distance of two pictures by their features: 0 for the same, larger for less alike.
+    ///
+    /// # Errors
+    /// [`MetricError::SizeMismatch`].
+    pub fn distance(&self, render: &Features, truth: &Features) -> Result<f64, MetricError> {
+        let maps = self.distance_maps(render, truth)?;
+        Ok(maps.iter().map(|map| map.iter().sum::<f64>() / map.len() as f64).sum())
+    }
+
+    /// The distance within a mask: each map's mean is weighted by the share of each feature's cell that the mask
+    /// covers. A full mask gives [`Perceptual::distance`]; features near the mask's edge have seen beyond it, so a
+    /// rectangle does not give the number of its crop.
+    ///
+    /// # Errors
+    /// [`MetricError::SizeMismatch`], [`MetricError::NothingInMask`].
+    pub fn masked_distance(&self, render: &Features, truth: &Features, mask: &Mask) -> Result<f64, MetricError> {
+        if mask.size() != render.picture {
+            return Err(MetricError::SizeMismatch { what: "mask", expected: render.picture, found: mask.size() });
+        }
+        if mask.count() == 0 {
+            return Err(MetricError::NothingInMask { expected: "at least one pixel" });
+        }
+        let maps = self.distance_maps(render, truth)?;
+        let weighted = maps.iter().zip(&render.maps).map(|(map, grid)| {
+            let shares = shares(mask, grid.width, grid.height);
+            map.iter().zip(&shares).map(|(distance, share)| distance * share).sum::<f64>() / shares.iter().sum::<f64>()
+        });
+        Ok(weighted.sum())
+    }
+
+    /// The distance of a pair.
+    ///
+    /// # Errors
+    /// As [`Perceptual::features`], [`Perceptual::distance`] and [`Perceptual::masked_distance`]; with a mask, the
+    /// pictures must be finite outside it too.
+    pub fn compare(&self, pair: &Pair<'_>, values: Values) -> Result<f64, MetricError> {
+        let (render, truth) = self.features_of(pair, values)?;
+        self.compare_features(&render, &truth, pair.mask())
+    }
+
+    /// [`Perceptual::distance`], or [`Perceptual::masked_distance`] where there is a mask.
+    ///
+    /// # Errors
+    /// As those.
+    pub fn compare_features(
+        &self,
+        render: &Features,
+        truth: &Features,
+        mask: Option<&Mask>,
+    ) -> Result<f64, MetricError> {
+        match mask {
+            Some(mask) => self.masked_distance(render, truth, mask),
+            None => self.distance(render, truth),
+        }
+    }
+
+    /// Where a pair is unlike: the sum of the five distance maps, each cell at all pixels that it covers.
+    ///
+    /// # Errors
+    /// As [`Perceptual::compare`].
+    pub fn map(&self, pair: &Pair<'_>, values: Values) -> Result<Map, MetricError> {
+        let (render, truth) = self.features_of(pair, values)?;
+        let maps = self.distance_maps(&render, &truth)?;
+        let [width, height] = pair.size().map(|side| side as usize);
+        let mut sum = vec![0.0; width * height];
+        for (map, grid) in maps.iter().zip(&render.maps) {
+            for (pixel, value) in sum.iter_mut().enumerate() {
+                let (x, y) = (pixel % width * grid.width / width, pixel / width * grid.height / height);
+                *value += map[y * grid.width + x];
+            }
+        }
+        Ok(Map { picture: pair.size(), left: 0, top: 0, width, values: sum })
+    }
+
+    fn features_of(&self, pair: &Pair<'_>, values: Values) -> Result<(Features, Features), MetricError> {
+        let features = |picture: &Image| match values {
+            Values::AsRendered => self.features(picture),
+            _ => self.features(&values.picture(picture)),
+        };
+        let (render, truth) = rayon::join(|| features(pair.render()), || features(pair.truth()));
+        Ok((render?, truth?))
+    }
+
+    fn distance_maps(&self, render: &Features, truth: &Features) -> Result<Vec<Vec<f64>>, MetricError> {
+        if truth.picture != render.picture {
+            let (expected, found) = (render.picture, truth.picture);
+            return Err(MetricError::SizeMismatch { what: "truth", expected, found });
+        }
+        let maps = render.maps.iter().zip(&truth.maps).zip(&self.heads);
+        Ok(maps.map(|((render, truth), head)| distances(render, truth, head)).collect())
+    }
+}
+
+/// `(2 v − 1 − shift) / scale` of each channel (lpips `ScalingLayer`, `normalize=True`).
+fn scaled(picture: &Image) -> Activations {
+    const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
+    const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
+    let pixels = picture.samples().as_chunks::<3>().0.iter();
+    let values = pixels.flat_map(|pixel| {
+        std::array::from_fn::<f32, 3, _>(|channel| (2.0 * pixel[channel] - 1.0 - SHIFT[channel]) / SCALE[channel])
+    });
+    let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
+    Activations { height, width, channels: 3, values: values.collect() }
+}
+
+/// Share of each cell of a grid over the mask's picture that the mask covers, row-major.
+fn shares(mask: &Mask, columns: usize, rows: usize) -> Vec<f64> {
+    let [width, height] = mask.size().map(|side| side as usize);
+    // How much of a pixel's side lies in a cell; both are counted in (side · cells)ths of the picture.
+    let overlap = |pixel: usize, side: usize, cell: usize, cells: usize| {
+        let (start, end) = ((pixel * cells).max(cell * side), ((pixel + 1) * cells).min((cell + 1) * side));
+        end.saturating_sub(start)
+    };
+    let cover = |cell: usize, side: usize, cells: usize| cell * side / cells..((cell + 1) * side).div_ceil(cells);
+    let mut shares = Vec::with_capacity(columns * rows);
+    for (row, column) in (0..rows).flat_map(|row| (0..columns).map(move |column| (row, column))) {
+        let mut covered = 0;
+        for y in cover(row, height, rows) {
+            let across = cover(column, width, columns).filter(|x| mask.included()[y * width + x]);
+            let across: usize = across.map(|x| overlap(x, width, column, columns)).sum();
+            covered += across * overlap(y, height, row, rows);
+        }
+        shares.push(covered as f64 / (width * height) as f64);
+    }
+    shares
+}
+
+fn numbers(network: Network, weights: &StoredTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>, LoadError> {
+    let unfit =
+        |expected: String, found: String| LoadError::Unfit { network, tensor: name.to_owned(), expected, found };
+    let wanted = || format!("shape {shape:?}");
+    let tensor = weights.tensors.get(name).ok_or_else(|| unfit(wanted(), "none of this name".to_owned()))?;
+    if tensor.shape() != shape {
+        return Err(unfit(wanted(), format!("shape {:?}", tensor.shape())));
+    }
+    let values = tensor.to_f32()?;
+    match values.iter().filter(|value| !value.is_finite()).count() {
+        0 => Ok(values),
+        count => Err(unfit("finite numbers".to_owned(), format!("{count} that are NaN or infinite"))),
+    }
+}

@@ -1,0 +1,96 @@
+use rayon::prelude::*;
+
+use super::tensor::Activations;
+
+/// The largest of each square of `kernel` pixels, channel by channel; squares lie wholly inside.
+pub(super) fn largest(input: &Activations, kernel: usize, stride: usize) -> Activations {
+    let side = |side: usize| side.checked_sub(kernel).map_or(0, |room| room / stride + 1);
+    let mut output = Activations::zeros(side(input.height), side(input.width), input.channels);
+    let channels = input.channels;
+    output.values.par_chunks_mut(output.width.max(1) * channels).enumerate().for_each(|(y, row)| {
+        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+            pixel.fill(f32::NEG_INFINITY);
+            for (ky, kx) in (0..kernel).flat_map(|ky| (0..kernel).map(move |kx| (ky, kx))) {
+                let at = ((y * stride + ky) * input.width + x * stride + kx) * channels;
+                for (slot, value) in pixel.iter_mut().zip(&input.values[at..at + channels]) {
+                    *slot = if *value > *slot { *value } else { *slot };
+                }
+            }
+        }
+    });
+    output
+}
+
+/// Reflected pixels around the picture before it is blurred.
+const REFLECTED: usize = 2;
+
+/// Side of a blurred picture; `None` where there is not enough to reflect.
+pub(super) fn blurred_side(side: usize) -> Option<usize> {
+    (side > REFLECTED).then(|| (side + 2 * REFLECTED - 3) / 2 + 1)
+}
+
+/// Weighted by (1 2 1)⊗(1 2 1) / 16, every second pixel kept, two reflected pixels around: the anti-aliased
+/// downsampling of Zhang 2019 in the form that ST-LPIPS trained with.
+pub(super) fn blurred(input: &Activations) -> Activations {
+    let side = |side: usize| blurred_side(side).unwrap_or(0);
+    let mut output = Activations::zeros(side(input.height), side(input.width), input.channels);
+    let channels = input.channels;
+    output.values.par_chunks_mut(output.width.max(1) * channels).enumerate().for_each(|(y, row)| {
+        for (x, pixel) in row.chunks_exact_mut(channels).enumerate() {
+            for (ky, kx) in (0..3).flat_map(|ky| (0..3).map(move |kx| (ky, kx))) {
+                let weight = [1.0, 2.0, 1.0][ky] * [1.0, 2.0, 1.0][kx] / 16.0;
+                let at = reflected(2 * y + ky, input.height) * input.width + reflected(2 * x + kx, input.width);
+                for (slot, value) in pixel.iter_mut().zip(&input.values[at * channels..(at + 1) * channels]) {
+                    *slot += weight * value;
+                }
+            }
+        }
+    });
+    output
+}
+
+/// The pixel at a place of the padded picture, without repeating the edge.
+fn reflected(place: usize, side: usize) -> usize {
+    let from_edge = place.abs_diff(REFLECTED);
+    if from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    fn ramp(height: usize, width: usize) -> Activations {
+        let values = (0u16..).map(f32::from).take(height * width).collect();
+        Activations { height, width, channels: 1, values }
+    }
+
+    fn assert_values(found: &Activations, expected: &[f64]) {
+        Tolerance::EXACT.assert(found.values.iter().copied().map(f64::from), expected.iter().copied(), "pooled");
+    }
+
+    #[test]
+    fn the_largest_of_squares_that_fit() {
+        assert_values(&largest(&ramp(5, 5), 2, 2), &[6.0, 8.0, 16.0, 18.0]);
+        assert_values(&largest(&ramp(3, 4), 3, 1), &[10.0, 11.0]);
+        assert!(largest(&ramp(2, 2), 3, 1).values.is_empty());
+    }
+
+    #[test]
+    fn reflections_do_not_repeat_the_edge() {
+        let places: Vec<usize> = (0..8).map(|place| reflected(place, 4)).collect();
+        assert_eq!(places, [2, 1, 0, 1, 2, 3, 2, 1]);
+    }
+
+    #[test]
+    fn blurring_keeps_constants_and_mirrors_edges() {
+        let flat = Activations { height: 4, width: 3, channels: 2, values: vec![0.75; 24] };
+        let halved = blurred(&flat);
+        assert_eq!([halved.height, halved.width], [3, 3]);
+        assert_values(&halved, &[0.75; 18]);
+        // Columns of 0 to 7 in a row: each place's mean is its own column, mirrored outside.
+        let columns = Activations { values: [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0].repeat(3), ..ramp(3, 8) };
+        let mirrored = [1.0, 1.0, 3.0, 5.0, 6.5];
+        assert_values(&blurred(&columns), &mirrored.repeat(3));
+    }
+}

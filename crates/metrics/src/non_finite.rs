@@ -1,0 +1,57 @@
+use std::fmt;
+
+use serde::Serialize;
+
+/// How many samples of a pair of pictures are NaN or infinite. Counted before anything is computed, because a
+/// comparison such as `f32::max` would swallow them.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct NonFinite {
+    /// Samples of the render.
+    pub render: u64,
+    /// Samples of the ground truth.
+    pub truth: u64,
+    /// Column, row and channel of the first one, rows first; of either picture.
+    pub first: Option<[u32; 3]>,
+}
+
+impl NonFinite {
+    /// Counts in interleaved RGB rows of `width` pixels, where `included` says yes to a pixel's place in the picture.
+    pub(crate) fn count(render: &[f32], truth: &[f32], width: usize, included: impl Fn(usize) -> bool) -> Self {
+        // Nearly every picture is finite, and that takes one pass without branches.
+        if all_finite(render) && all_finite(truth) {
+            return Self::default();
+        }
+        let mut counted = Self::default();
+        for sample in (0..render.len().max(truth.len())).filter(|sample| included(sample / 3)) {
+            let broken = |samples: &[f32]| samples.get(sample).is_some_and(|value| !value.is_finite());
+            counted.render += u64::from(broken(render));
+            counted.truth += u64::from(broken(truth));
+            if counted.first.is_none() && counted.total() > 0 {
+                let place = [sample / 3 % width, sample / 3 / width, sample % 3];
+                counted.first = Some(place.map(|part| u32::try_from(part).unwrap_or(u32::MAX)));
+            }
+        }
+        counted
+    }
+
+    /// Of both pictures.
+    pub const fn total(&self) -> u64 {
+        self.render + self.truth
+    }
+}
+
+fn all_finite(samples: &[f32]) -> bool {
+    const EXPONENT: u32 = 0x7f80_0000;
+    samples.iter().fold(0, |broken, sample| broken | u32::from(sample.to_bits() & EXPONENT == EXPONENT)) == 0
+}
+
+impl fmt::Display for NonFinite {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} in the render and {} in the truth that are NaN or infinite", self.render, self.truth)?;
+        match self.first {
+            Some([column, row, channel]) => write!(f, ", first at column {column}, row {row}, channel {channel}"),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,95 @@
+use std::borrow::Cow;
+
+use atsplat_pixels::Image;
+
+use crate::{Mask, MetricError, NonFinite, Values};
+
+/// A render and its ground truth: of one size, at least one pixel, and finite wherever they are compared.
+#[derive(Clone, Copy, Debug)]
+pub struct Pair<'a> {
+    render: &'a Image,
+    truth: &'a Image,
+    mask: Option<&'a Mask>,
+}
+
+impl<'a> Pair<'a> {
+    /// Both pictures, all of their pixels.
+    ///
+    /// # Errors
+    /// [`MetricError::SizeMismatch`], [`MetricError::Empty`], [`MetricError::NonFinite`] with the count.
+    pub fn new(render: &'a Image, truth: &'a Image) -> Result<Self, MetricError> {
+        Self { render, truth, mask: None }.checked()
+    }
+
+    /// The pixels in a mask. Samples outside it may be anything, NaN included.
+    ///
+    /// # Errors
+    /// As [`Pair::new`], of the pixels in the mask, and [`MetricError::NothingInMask`].
+    pub fn masked(render: &'a Image, truth: &'a Image, mask: &'a Mask) -> Result<Self, MetricError> {
+        Self { render, truth, mask: Some(mask) }.checked()
+    }
+
+    fn checked(self) -> Result<Self, MetricError> {
+        let (expected, truth) = (self.size(), [self.truth.width(), self.truth.height()]);
+        let found = self.mask.map_or(expected, Mask::size);
+        for (what, found) in [("truth", truth), ("mask", found)] {
+            if found != expected {
+                return Err(MetricError::SizeMismatch { what, expected, found });
+            }
+        }
+        if expected.contains(&0) {
+            return Err(MetricError::Empty { size: expected });
+        }
+        if self.mask.is_some_and(|mask| mask.count() == 0) {
+            return Err(MetricError::NothingInMask { expected: "at least one pixel" });
+        }
+        let non_finite = self.non_finite();
+        if non_finite.total() > 0 { Err(MetricError::NonFinite(non_finite)) } else { Ok(self) }
+    }
+
+    fn non_finite(&self) -> NonFinite {
+        let included = |pixel: usize| self.mask.is_none_or(|mask| mask.included().get(pixel) == Some(&true));
+        NonFinite::count(self.render.samples(), self.truth.samples(), self.render.width() as usize, included)
+    }
+
+    /// Width and height.
+    pub const fn size(&self) -> [u32; 2] {
+        [self.render.width(), self.render.height()]
+    }
+
+    /// The render.
+    pub const fn render(&self) -> &'a Image {
+        self.render
+    }
+
+    /// The ground truth.
+    pub const fn truth(&self) -> &'a Image {
+        self.truth
+    }
+
+    /// The mask, if there is one.
+    pub const fn mask(&self) -> Option<&'a Mask> {
+        self.mask
+    }
+
+    /// Whether every compared sample is the same number in both pictures, before any clipping or rounding.
+    pub fn is_identical(&self) -> bool {
+        let [render, truth] = self.compared(Values::AsRendered);
+        render == truth
+    }
+
+    /// Samples of both pictures in whole rows, wherever the mask is.
+    pub(crate) fn rows(&self, values: Values) -> [Cow<'a, [f32]>; 2] {
+        [values.of(self.render.samples()), values.of(self.truth.samples())]
+    }
+
+    /// Samples of both pictures that are compared, side by side: a crop and the mask of its rectangle give the same.
+    pub(crate) fn compared(&self, values: Values) -> [Cow<'a, [f32]>; 2] {
+        let Some(mask) = self.mask else { return self.rows(values) };
+        [self.render, self.truth].map(|picture| {
+            let pixels = picture.samples().as_chunks::<3>().0.iter().zip(mask.included());
+            let inside: Vec<f32> = pixels.filter(|(_, included)| **included).flat_map(|(pixel, _)| *pixel).collect();
+            Cow::Owned(values.of(&inside).into_owned())
+        })
+    }
+}

@@ -1,0 +1,175 @@
+//! Structural similarity (Wang et al. 2004) as the field's programs compute it: they differ in the window, in what
+//! happens at the border, and in which covariance is taken.
+
+mod filter;
+mod similarity;
+mod window;
+
+use std::borrow::Cow;
+
+use atsplat_numeric::Extremes;
+use serde::{Deserialize, Serialize};
+
+use crate::{Map, MetricError, Pair, Values, sums};
+pub use window::Window;
+
+/// A convention of SSIM. Constants are those of all programs for a data range of 1: C1 = 0.01², C2 = 0.03².
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Ssim {
+    /// Weights of a neighbourhood.
+    pub window: Window,
+    /// Which windows there are.
+    pub border: Border,
+    /// What variances and covariances are divided by.
+    pub covariance: Covariance,
+}
+
+/// What happens where a window reaches outside the picture.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Border {
+    /// Only windows that lie wholly inside count.
+    Inside,
+    /// Every pixel has a window, and the picture is black outside.
+    Zeros,
+    /// Every pixel has a window, and the picture is mirrored at its outermost pixels, which are not repeated.
+    Reflected,
+}
+
+/// What variances and covariances are divided by.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Covariance {
+    /// Of the sample: `n / (n − 1)` times the population's, n being the window's number of pixels (121 or 49).
+    Sample,
+    /// Of the population.
+    Population,
+}
+
+impl Ssim {
+    /// `skimage.metrics.structural_similarity(win_size=11, gaussian_weights=True, data_range=1)`, which pixelSplat
+    /// (`src/evaluation/metrics.py`), MVSplat, DepthSplat, NoPoSplat and iLRM call.
+    pub const SKIMAGE_GAUSSIAN: Self =
+        Self { window: Window::Gaussian11, border: Border::Inside, covariance: Covariance::Sample };
+    /// `skimage.metrics.structural_similarity(data_range=1)`, a flat 7×7 window, which Long-LRM calls (`model/loss.py`).
+    pub const SKIMAGE_UNIFORM: Self =
+        Self { window: Window::Uniform7, border: Border::Inside, covariance: Covariance::Sample };
+    /// `ssim` of graphdeco-inria/gaussian-splatting (`utils/loss_utils.py`): zeros around the picture.
+    pub const INRIA: Self =
+        Self { window: Window::Gaussian11, border: Border::Zeros, covariance: Covariance::Population };
+    /// pytorch-msssim, and Google's JAX code since mip-NeRF: windows inside the picture. Clamps of negative variances
+    /// act only on rounding errors.
+    pub const VALID: Self =
+        Self { window: Window::Gaussian11, border: Border::Inside, covariance: Covariance::Population };
+    /// `torchmetrics.StructuralSimilarityIndexMeasure(data_range=1)` as of 1.9, which counts the mirrored border.
+    pub const TORCHMETRICS: Self =
+        Self { window: Window::Gaussian11, border: Border::Reflected, covariance: Covariance::Population };
+
+    /// Smallest width and height that has a value.
+    pub const fn smallest_side(self) -> u32 {
+        match self.border {
+            Border::Inside => 2 * self.window.radius() + 1,
+            Border::Zeros => 1,
+            Border::Reflected => self.window.radius() + 1,
+        }
+    }
+
+    /// Pixels at each edge that no window is centred on.
+    const fn margin(self) -> u32 {
+        match self.border {
+            Border::Inside => self.window.radius(),
+            Border::Zeros | Border::Reflected => 0,
+        }
+    }
+}
+
+/// Mean structural similarity over windows and the three channels, in [−1, 1]; 1 where the pictures are the same.
+///
+/// With a mask: [`Border::Inside`] averages the windows that lie wholly in the mask, [`Border::Zeros`] those whose
+/// centre does, of pictures that are black outside it. Either way a rectangle gives the number of its crop.
+/// [`Border::Reflected`] averages the windows whose centre lies in the mask and sees the pictures beyond it.
+///
+/// # Errors
+/// [`MetricError::TooSmall`], [`MetricError::NothingInMask`] where no window fits, and for [`Border::Reflected`]
+/// [`MetricError::NonFinite`] where the pictures are not finite outside the mask.
+pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, MetricError> {
+    if convention.border == Border::Reflected {
+        Pair::new(pair.render(), pair.truth())?;
+    }
+    let windows = Windows::of(pair, convention)?;
+    let rows = similarity::rows(&windows.pictures(pair, values), pair.size(), convention, |row, similarity| {
+        windows.sum_of_row(row, similarity)
+    });
+    Ok(rows.iter().sum::<f64>() / (3.0 * windows.count as f64))
+}
+
+/// Structural similarity at every window's centre, mean of the three channels; NaN-free, in [−1, 1].
+///
+/// The map covers the centres that the convention has: smaller than the pictures for [`Border::Inside`]. A mask only
+/// decides what is black outside it under [`Border::Zeros`]; centres outside it are in the map too.
+///
+/// # Errors
+/// [`MetricError::TooSmall`]; [`MetricError::NonFinite`] where a masked pair is not finite outside its mask.
+pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Map, MetricError> {
+    let whole = Pair::new(pair.render(), pair.truth())?;
+    let pair = if convention.border == Border::Zeros { pair } else { &whole };
+    let windows = Windows::of(&whole, convention)?;
+    let rows = similarity::rows(&windows.pictures(pair, values), pair.size(), convention, |_, similarity| {
+        similarity.as_chunks::<3>().0.iter().map(|[r, g, b]| (r + g + b) / 3.0).collect::<Vec<f64>>()
+    });
+    let values = rows.concat().into_iter().map(|value| value.maximum_of(-1.0).minimum_of(1.0)).collect();
+    let margin = convention.margin();
+    Ok(Map { picture: pair.size(), left: margin, top: margin, width: windows.columns, values })
+}
+
+/// Which windows are averaged.
+struct Windows {
+    columns: usize,
+    count: usize,
+    border: Border,
+    /// By row of centres; `None` for all.
+    included: Option<Vec<bool>>,
+}
+
+impl Windows {
+    fn of(pair: &Pair<'_>, convention: Ssim) -> Result<Self, MetricError> {
+        let [width, height] = pair.size();
+        let smallest = convention.smallest_side();
+        if width < smallest || height < smallest {
+            return Err(MetricError::TooSmall { measure: "SSIM", smallest, size: [width, height] });
+        }
+        let [columns, rows] = [width, height].map(|side| (side - 2 * convention.margin()) as usize);
+        let included = pair.mask().map(|mask| mask.windows_inside(convention.margin() as usize));
+        let count = included.as_ref().map_or(columns * rows, |inside| inside.iter().filter(|inside| **inside).count());
+        if count == 0 {
+            return Err(MetricError::NothingInMask { expected: "at least one whole window" });
+        }
+        Ok(Self { columns, count, border: convention.border, included })
+    }
+
+    /// Samples as the windows see them.
+    fn pictures<'a>(&self, pair: &Pair<'a>, values: Values) -> [Cow<'a, [f32]>; 2] {
+        let mut pictures = pair.rows(values);
+        if let (Border::Zeros, Some(mask)) = (self.border, pair.mask()) {
+            for picture in &mut pictures {
+                let pixels = picture.to_mut().as_chunks_mut::<3>().0.iter_mut();
+                pixels
+                    .zip(mask.included())
+                    .filter(|(_, included)| !**included)
+                    .for_each(|(pixel, _)| *pixel = [0.0; 3]);
+            }
+        }
+        pictures
+    }
+
+    fn sum_of_row(&self, row: usize, similarity: &[f64]) -> f64 {
+        let Some(included) = &self.included else { return sums::sum(similarity) };
+        let included = included.iter().skip(row * self.columns);
+        let inside = similarity.as_chunks::<3>().0.iter().zip(included).filter(|(_, inside)| **inside);
+        sums::sum(&inside.flat_map(|(pixel, _)| *pixel).collect::<Vec<f64>>())
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,169 @@
+//! Similarities row by row. Pictures stay interleaved: a neighbour to the right is three samples on.
+
+#![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
+
+use std::borrow::Cow;
+
+use pulp::{Arch, Simd, WithSimd};
+use rayon::prelude::*;
+
+use super::filter::{self, Constants, MOMENTS};
+use super::{Border, Covariance, Ssim, Window, window};
+
+/// Rows of windows that one task makes; their number changes no bit.
+const BAND: usize = 32;
+const CHANNELS: usize = 3;
+
+/// What `finish` makes of every row of windows: it gets the row's number and three similarities per window.
+pub(super) fn rows<T: Send>(
+    pictures: &[Cow<'_, [f32]>; 2],
+    size: [u32; 2],
+    convention: Ssim,
+    finish: impl Fn(usize, &[f64]) -> T + Sync,
+) -> Vec<T> {
+    rows_at(Arch::new(), pictures, size, convention, finish)
+}
+
+/// [`rows`] on chosen instructions.
+pub(super) fn rows_at<T: Send>(
+    arch: Arch,
+    pictures: &[Cow<'_, [f32]>; 2],
+    size: [u32; 2],
+    convention: Ssim,
+    finish: impl Fn(usize, &[f64]) -> T + Sync,
+) -> Vec<T> {
+    let [width, height] = size.map(|side| side as usize);
+    let radius = convention.window.radius() as usize;
+    let padding = if convention.border == Border::Inside { 0 } else { radius };
+    let constants = Constants {
+        c1: 0.01 * 0.01,
+        c2: 0.03 * 0.03,
+        covariance: match convention.covariance {
+            Covariance::Sample => f64::from(convention.window.pixels()) / f64::from(convention.window.pixels() - 1),
+            Covariance::Population => 1.0,
+        },
+    };
+    let [x, y] = [&*pictures[0], &*pictures[1]];
+    let shape = Shape { width, height, padding, radius, border: convention.border };
+    let bands: Vec<usize> = (0..shape.rows()).step_by(BAND).collect();
+    let made = bands.into_par_iter().map(|first| {
+        let last = shape.rows().min(first + BAND);
+        match convention.window {
+            Window::Gaussian11 => {
+                arch.dispatch(Band { x, y, shape, taps: &window::gaussian(), constants, first, last, finish: &finish })
+            }
+            Window::Uniform7 => {
+                arch.dispatch(Band { x, y, shape, taps: &window::uniform(), constants, first, last, finish: &finish })
+            }
+        }
+    });
+    made.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Shape {
+    width: usize,
+    height: usize,
+    padding: usize,
+    radius: usize,
+    border: Border,
+}
+
+impl Shape {
+    /// Rows of windows.
+    const fn rows(&self) -> usize {
+        self.height + 2 * self.padding - 2 * self.radius
+    }
+
+    /// Samples of a padded row of the pictures.
+    const fn padded(&self) -> usize {
+        (self.width + 2 * self.padding) * CHANNELS
+    }
+}
+
+struct Band<'a, F, const TAPS: usize> {
+    x: &'a [f32],
+    y: &'a [f32],
+    shape: Shape,
+    taps: &'a [f64; TAPS],
+    constants: Constants,
+    first: usize,
+    last: usize,
+    finish: &'a F,
+}
+
+impl<T, F: Fn(usize, &[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, TAPS> {
+    type Output = Vec<T>;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vec<T> {
+        let Self { shape, taps, .. } = self;
+        let padded = shape.padded();
+        let windows = padded - 2 * shape.radius * CHANNELS;
+        // The last rows' terms of each sum: row `r` of the padded picture stands at `r` modulo the number of taps.
+        let mut terms = vec![0.0; MOMENTS * TAPS * padded];
+        let mut columns = vec![0.0; padded];
+        let mut sums = vec![0.0; MOMENTS * windows];
+        let mut similarities = vec![0.0; windows];
+        let mut made = Vec::with_capacity(self.last - self.first);
+        for row in self.first..self.first + TAPS - 1 {
+            self.read(simd, row, &mut terms);
+        }
+        for row in self.first..self.last {
+            self.read(simd, row + TAPS - 1, &mut terms);
+            for (terms, sums) in terms.chunks_exact(TAPS * padded).zip(sums.chunks_exact_mut(windows)) {
+                let mut rows: [&[f64]; TAPS] = [&[]; TAPS];
+                for (tap, slot) in rows.iter_mut().enumerate() {
+                    *slot = &terms[(row + tap) % TAPS * padded..][..padded];
+                }
+                filter::weigh(simd, taps, rows, &mut columns);
+                for (tap, slot) in rows.iter_mut().enumerate() {
+                    *slot = &columns[tap * CHANNELS..][..windows];
+                }
+                filter::weigh(simd, taps, rows, sums);
+            }
+            let mut parts = sums.chunks_exact(windows);
+            let parts = [(); MOMENTS].map(|()| parts.next().unwrap_or_default());
+            filter::similarity(simd, parts, self.constants, &mut similarities);
+            made.push((self.finish)(row, &similarities));
+        }
+        made
+    }
+}
+
+impl<F, const TAPS: usize> Band<'_, F, TAPS> {
+    /// A row of the padded picture into its place.
+    #[inline(always)]
+    fn read<S: Simd>(&self, simd: S, row: usize, terms: &mut [f64]) {
+        let Shape { width, height, padding, .. } = self.shape;
+        let padded = self.shape.padded();
+        let mut places = terms.chunks_exact_mut(TAPS * padded).map(|ring| &mut ring[row % TAPS * padded..][..padded]);
+        let mut slots = [(); MOMENTS].map(|()| places.next().unwrap_or_default());
+        let inside = row >= padding && row < padding + height;
+        if self.shape.border == Border::Zeros && !inside {
+            for slot in slots {
+                slot.fill(0.0);
+            }
+            return;
+        }
+        let row = mirrored(row, padding, height) * width * CHANNELS;
+        let samples = row..row + width * CHANNELS;
+        let inner = padding * CHANNELS..(padding + width) * CHANNELS;
+        let parts = slots.each_mut().map(|slot| &mut slot[inner.clone()]);
+        filter::moments(simd, &self.x[samples.clone()], &self.y[samples], parts);
+        if self.shape.border == Border::Reflected {
+            for column in (0..padding).chain(padding + width..2 * padding + width) {
+                let from = (padding + mirrored(column, padding, width)) * CHANNELS;
+                for slot in &mut slots {
+                    slot.copy_within(from..from + CHANNELS, column * CHANNELS);
+                }
+            }
+        }
+    }
+}
+
+/// The pixel at a place of a padded side, mirrored at the outermost pixels.
+const fn mirrored(place: usize, padding: usize, side: usize) -> usize {
+    let from_edge = place.abs_diff(padding);
+    if place < padding || from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
+}

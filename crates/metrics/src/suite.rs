@@ -1,0 +1,142 @@
+use std::sync::Arc;
+
+use atsplat_pixels::Image;
+use serde::Serialize;
+
+use crate::learned::{FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders};
+use crate::{Definition, Mask, Measure, MetricError, NonFinite, NotComputed, Pair, Score, Values, l1, psnr, ssim};
+
+/// Learned metrics that could be loaded, and why the others could not.
+#[derive(Clone, Debug, Default)]
+pub struct Networks {
+    loaded: Vec<Arc<Perceptual>>,
+    absent: Vec<WeightsAbsent>,
+}
+
+impl Networks {
+    /// Loads what a list of metrics needs. Weights that are not there are remembered as absent.
+    ///
+    /// # Errors
+    /// [`LoadError::File`] and [`LoadError::Unfit`]: a file that is there and broken is no absence.
+    pub fn for_definitions(definitions: &[&Definition], folders: &WeightsFolders) -> Result<Self, LoadError> {
+        let mut networks = Self::default();
+        for definition in definitions {
+            if let Measure::Perceptual { network, .. } = definition.measure {
+                networks.load(network, folders)?;
+            }
+        }
+        Ok(networks)
+    }
+
+    /// Adds a network that was loaded elsewhere, in the place of one of its kind.
+    pub fn add(&mut self, perceptual: Arc<Perceptual>) {
+        self.loaded.retain(|loaded| loaded.network() != perceptual.network());
+        self.absent.retain(|absent| absent.network != perceptual.network());
+        self.loaded.push(perceptual);
+    }
+
+    /// A loaded network.
+    ///
+    /// # Errors
+    /// [`WeightsAbsent`] with the folders that were searched.
+    pub fn get(&self, network: Network) -> Result<&Arc<Perceptual>, WeightsAbsent> {
+        let absent = || self.absent.iter().find(|absent| absent.network == network).cloned();
+        let loaded = self.loaded.iter().find(|loaded| loaded.network() == network);
+        loaded.ok_or_else(|| absent().unwrap_or_else(|| WeightsAbsent::new(network, Vec::new())))
+    }
+
+    /// Those whose weights were not found.
+    pub fn absent(&self) -> &[WeightsAbsent] {
+        &self.absent
+    }
+
+    fn load(&mut self, network: Network, folders: &WeightsFolders) -> Result<(), LoadError> {
+        let known = self.loaded.iter().map(|loaded| loaded.network()).chain(self.absent.iter().map(|a| a.network));
+        if known.into_iter().any(|known| known == network) {
+            return Ok(());
+        }
+        match Perceptual::find(network, folders) {
+            Ok(perceptual) => self.loaded.push(Arc::new(perceptual)),
+            Err(LoadError::Absent(absent)) => self.absent.push(absent),
+            Err(error) => return Err(error),
+        }
+        Ok(())
+    }
+}
+
+/// Metrics that are computed together.
+#[derive(Clone, Debug)]
+pub struct Suite {
+    definitions: Vec<&'static Definition>,
+    networks: Networks,
+    cache: Arc<FeatureCache>,
+}
+
+/// All metrics of one pair.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Scored {
+    /// Samples that are NaN or infinite; where there are any, no score is computed.
+    pub non_finite: NonFinite,
+    /// Whether the pictures are the same to the bit.
+    pub identical: bool,
+    /// By the order of the suite's definitions.
+    pub scores: Vec<(&'static str, Score)>,
+}
+
+impl Suite {
+    /// Metrics, the networks that some of them need, and a bound on the bytes of ground-truth features kept.
+    pub fn new(definitions: Vec<&'static Definition>, networks: Networks, most_feature_bytes: usize) -> Self {
+        Self { definitions, networks, cache: Arc::new(FeatureCache::new(most_feature_bytes)) }
+    }
+
+    /// What is computed, in order.
+    pub fn definitions(&self) -> &[&'static Definition] {
+        &self.definitions
+    }
+
+    /// The networks.
+    pub const fn networks(&self) -> &Networks {
+        &self.networks
+    }
+
+    /// Every metric of a pair. What cannot be computed is a [`Score::NotComputed`] that says why.
+    pub fn score(&self, render: &Image, truth: &Image, mask: Option<&Mask>) -> Scored {
+        let pair = match mask {
+            Some(mask) => Pair::masked(render, truth, mask),
+            None => Pair::new(render, truth),
+        };
+        let non_finite = match &pair {
+            Err(MetricError::NonFinite(counted)) => *counted,
+            _ => NonFinite::default(),
+        };
+        let identical = pair.as_ref().is_ok_and(Pair::is_identical);
+        let score = |definition: &Definition| match &pair {
+            Ok(pair) => self.one(definition, pair),
+            Err(error) => Score::NotComputed(error.clone().into()),
+        };
+        let scores = self.definitions.iter().map(|definition| (definition.id, score(definition))).collect();
+        Scored { non_finite, identical, scores }
+    }
+
+    fn one(&self, definition: &Definition, pair: &Pair<'_>) -> Score {
+        match definition.measure {
+            Measure::Psnr { values } => psnr(pair, values),
+            Measure::Ssim { values, ssim: convention } => ssim(pair, values, convention).into(),
+            Measure::L1 { values } => Score::Value(l1(pair, values)),
+            Measure::Perceptual { values, network } => match self.networks.get(network) {
+                Ok(perceptual) => self.perceptual(perceptual, pair, values).into(),
+                Err(absent) => Score::NotComputed(NotComputed::WeightsAbsent(absent)),
+            },
+        }
+    }
+
+    fn perceptual(&self, perceptual: &Perceptual, pair: &Pair<'_>, values: Values) -> Result<f64, MetricError> {
+        let of = |picture: &Image| values.picture(picture);
+        let (render, truth) = rayon::join(
+            || perceptual.features(&of(pair.render())),
+            || self.cache.features(perceptual, &of(pair.truth())),
+        );
+        perceptual.compare_features(&render?, &*truth?, pair.mask())
+    }
+}

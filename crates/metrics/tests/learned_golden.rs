@@ -1,0 +1,245 @@
+//! LPIPS and ST-LPIPS against their packages (`oracle/make_learned_golden.py`), with seeded networks; with published
+//! weights where they are found.
+
+#![expect(clippy::unwrap_used, reason = "a fixture that does not parse fails the test")]
+
+mod common;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use atsplat_metrics::learned::{FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders};
+use atsplat_metrics::{Mask, MetricError, Networks, NotComputed, Pair, Score, Suite, Values, definition, definitions};
+use atsplat_model::weights::{StoredTensor, StoredTensors};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{DecodeLimits, Image, decode};
+use common::{on_threads, seeded, uniform};
+
+/// Of values of about 0.01, by f32 networks that add in other orders.
+const SEEDED: Tolerance = Tolerance::absolute(1e-7);
+const PUBLISHED: Tolerance = Tolerance::absolute(1e-5);
+
+/// Names and shapes of a network's convolutions, in order: channels out, channels in, kernel.
+fn convolutions(network: Network) -> Vec<(String, [usize; 3])> {
+    let names: &[&str] = match network {
+        Network::LpipsVgg => &["0", "2", "5", "7", "10", "12", "14", "17", "19", "21", "24", "26", "28"],
+        Network::LpipsAlex => &["0", "3", "6", "8", "10"],
+        Network::StLpipsAlex => &["1.0", "2.5", "3.9", "4.11", "5.13"],
+        Network::StLpipsVgg => {
+            &["1.0", "1.2", "2.6", "2.8", "3.12", "3.14", "3.16", "4.20", "4.22", "4.24", "5.28", "5.30", "5.32"]
+        }
+    };
+    let shapes: &[[usize; 3]] = if names.len() == 5 {
+        &[[64, 3, 11], [192, 64, 5], [384, 192, 3], [256, 384, 3], [256, 256, 3]]
+    } else {
+        &[
+            [64, 3, 3],
+            [64, 64, 3],
+            [128, 64, 3],
+            [128, 128, 3],
+            [256, 128, 3],
+            [256, 256, 3],
+            [256, 256, 3],
+            [512, 256, 3],
+            [512, 512, 3],
+            [512, 512, 3],
+            [512, 512, 3],
+            [512, 512, 3],
+            [512, 512, 3],
+        ]
+    };
+    let prefix = if matches!(network, Network::LpipsVgg | Network::LpipsAlex) { "features." } else { "net.slice" };
+    names.iter().map(|name| format!("{prefix}{name}")).zip(shapes.iter().copied()).collect()
+}
+
+fn weights(network: Network) -> StoredTensors {
+    let mut stored = StoredTensors::default();
+    let mut add = |name: String, shape: Vec<usize>, values: &[f32]| {
+        stored.tensors.insert(name, StoredTensor::from_f32(shape, values).unwrap());
+    };
+    for (place, (name, [channels_out, channels_in, kernel])) in convolutions(network).into_iter().enumerate() {
+        let fan_in = channels_in * kernel * kernel;
+        let weight = uniform(2 * place as u64, channels_out * fan_in, (6.0 / fan_in as f64).sqrt());
+        add(format!("{name}.weight"), vec![channels_out, channels_in, kernel, kernel], &weight);
+        add(format!("{name}.bias"), vec![channels_out], &uniform(2 * place as u64 + 1, channels_out, 0.1));
+    }
+    for (place, channels) in network.channels().into_iter().enumerate() {
+        let head: Vec<f32> = uniform(1000 + place as u64, channels, 1.0).into_iter().map(f32::abs).collect();
+        if matches!(network, Network::StLpipsAlex | Network::StLpipsVgg) {
+            add(format!("lin{place}.model.1.weight"), vec![1, channels, 1, 1], &head);
+        }
+    }
+    stored
+}
+
+/// Through a file, as a user's weights come.
+fn perceptual(network: Network) -> Perceptual {
+    let folder = tempfile::tempdir().unwrap();
+    weights(network).write(&folder.path().join(network.file())).unwrap();
+    Perceptual::find(network, &WeightsFolders::new(vec![folder.path().to_owned()])).unwrap()
+}
+
+#[test]
+fn the_numbers_of_the_packages() {
+    let golden = common::fixture("learned_golden.json");
+    for (name, network) in [
+        ("lpips-vgg", Network::LpipsVgg),
+        ("lpips-alex", Network::LpipsAlex),
+        ("st-lpips-alex", Network::StLpipsAlex),
+        ("st-lpips-vgg", Network::StLpipsVgg),
+    ] {
+        let perceptual = perceptual(network);
+        let cases: Vec<_> = golden.as_array().unwrap().iter().filter(|case| case["network"] == name).collect();
+        assert_eq!(cases.len(), 2, "cases of {name}");
+        for case in cases {
+            let truth = common::truth(case);
+            let render = common::render(&truth, case["seed"].as_u64().unwrap());
+            let found = perceptual.compare(&Pair::new(&render, &truth).unwrap(), Values::AsRendered).ok();
+            SEEDED.assert(found, case["value_f64"].as_f64(), &format!("{name} of {}", case["picture"]));
+        }
+    }
+}
+
+#[test]
+fn threads_masks_caches_and_identical_pictures() {
+    let perceptual = perceptual(Network::LpipsAlex);
+    let (a, b) = (seeded(71, 64, 1), seeded(71, 64, 2));
+    let pair = Pair::new(&a, &b).unwrap();
+    let of = |threads| on_threads(threads, || perceptual.compare(&pair, Values::Clipped).unwrap());
+    let value = of(1);
+    Tolerance::EXACT.assert([of(2), of(5)], [value; 2], "any threads");
+    let full = Mask::new(71, 64, vec![true; 71 * 64]).unwrap();
+    let masked = perceptual.compare(&Pair::masked(&a, &b, &full).unwrap(), Values::Clipped).ok();
+    Tolerance::F64.assert(masked, [value], "a full mask");
+    Tolerance::EXACT.assert(perceptual.compare(&Pair::new(&a, &a).unwrap(), Values::Clipped).ok(), [0.0], "itself");
+    let swapped = perceptual.compare(&Pair::new(&b, &a).unwrap(), Values::Clipped).ok();
+    Tolerance::EXACT.assert(swapped, [value], "symmetric");
+
+    let cache = FeatureCache::new(perceptual.features(&a).unwrap().bytes() * 2);
+    let first = cache.features(&perceptual, &a).unwrap();
+    assert!(Arc::ptr_eq(&first, &cache.features(&perceptual, &a).unwrap()), "kept");
+    for picture in [&b, &seeded(71, 64, 3)] {
+        cache.features(&perceptual, picture).unwrap();
+    }
+    assert_eq!(cache.len(), 2, "the oldest went");
+    assert_eq!(*first, *cache.features(&perceptual, &a).unwrap(), "computed again");
+}
+
+#[test]
+fn hostile_pictures_and_weights_are_typed_errors() {
+    let perceptual = perceptual(Network::LpipsAlex);
+    let smallest = Network::LpipsAlex.smallest_side();
+    assert!(perceptual.features(&seeded(smallest, smallest, 1)).is_ok());
+    let outcome = perceptual.features(&seeded(smallest, smallest - 1, 1));
+    assert!(matches!(outcome, Err(MetricError::TooSmall { .. })), "{outcome:?}");
+    let broken = Image::new(64, 64, vec![f32::NAN; 64 * 64 * 3]).unwrap();
+    assert!(matches!(perceptual.features(&broken), Err(MetricError::NonFinite(_))));
+    let (a, b) = (seeded(64, 64, 1), seeded(64, 65, 1));
+    let features = [&a, &b].map(|picture| perceptual.features(picture).unwrap());
+    assert!(matches!(perceptual.distance(&features[0], &features[1]), Err(MetricError::SizeMismatch { .. })));
+
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("alexnet-owt-7be5be79.pth");
+    let from = |path: &Path| Perceptual::from_files(Network::LpipsAlex, path, None);
+    assert!(matches!(from(&path), Err(LoadError::Absent(_))));
+    std::fs::write(&path, b"not weights").unwrap();
+    assert!(matches!(from(&path), Err(LoadError::File(_))));
+    let write = |stored: &StoredTensors| stored.write(&path).unwrap();
+    let mut stored = weights(Network::LpipsAlex);
+    stored.tensors.insert("features.3.bias".to_owned(), StoredTensor::from_f32(vec![192], &[f32::NAN; 192]).unwrap());
+    write(&stored);
+    assert!(from(&path).unwrap_err().to_string().contains("192 that are NaN"));
+    stored.tensors.insert("features.3.bias".to_owned(), StoredTensor::from_f32(vec![1], &[0.0]).unwrap());
+    write(&stored);
+    assert!(from(&path).unwrap_err().to_string().contains("features.3.bias: expected shape [192]"));
+    stored.tensors.shift_remove("features.3.bias");
+    write(&stored);
+    assert!(matches!(from(&path), Err(LoadError::Unfit { .. })));
+    assert_eq!(perceptual.hashes().is_published, Some(false), "seeded weights are not the published ones");
+}
+
+#[test]
+fn a_suite_scores_what_it_can_and_says_what_it_cannot() {
+    let wanted: Vec<_> = definitions().iter().collect();
+    let nowhere = WeightsFolders::new(vec!["/nonexistent".into()]);
+    let mut networks = Networks::for_definitions(&wanted, &nowhere).unwrap();
+    assert_eq!(networks.absent().len(), 4);
+    networks.add(Arc::new(perceptual(Network::StLpipsAlex)));
+    let suite = Suite::new(wanted, networks, 1 << 24);
+    let (a, b) = (seeded(40, 40, 1), seeded(40, 40, 2));
+    let scored = suite.score(&a, &b, None);
+    for (id, score) in &scored.scores {
+        let absent = matches!(score, Score::NotComputed(NotComputed::WeightsAbsent(WeightsAbsent { .. })));
+        let expected = id.contains("lpips") && *id != "st-lpips";
+        assert_eq!(absent, expected, "{id}: {score:?}");
+        assert_eq!(score.value().is_some(), !expected, "{id}: {score:?}");
+    }
+    let json = serde_json::to_string(&scored).unwrap();
+    assert!(json.contains("not computed: weights absent: LPIPS (VGG) needs vgg16-397923af.pth"), "{json}");
+    let same = suite.score(&a, &a, None);
+    assert!(same.identical);
+    assert_eq!(same.scores[0], (definition("psnr").unwrap().id, Score::Identical));
+    let mut samples = b.samples().to_vec();
+    samples[7] = f32::NAN;
+    let broken = suite.score(&Image::new(40, 40, samples).unwrap(), &a, None);
+    assert_eq!((broken.non_finite.render, broken.non_finite.first), (1, Some([2, 0, 1])));
+    assert!(broken.scores.iter().all(|(_, score)| matches!(score, Score::NotComputed(NotComputed::Pictures(_)))));
+}
+
+fn read(path: &Path) -> Image {
+    Image::from_u8(&decode(&std::fs::read(path).unwrap(), &DecodeLimits::default()).unwrap())
+}
+
+#[test]
+fn golden_values_of_published_st_lpips() {
+    let test = "golden_values_of_published_st_lpips";
+    let Some(data) = common::shared_data(test).map(|data| data.join("lpips")) else { return };
+    let golden: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(data.join("GOLDEN.json")).unwrap()).unwrap();
+    let folders = WeightsFolders::new(vec![data.join("st_lpips")]).then(WeightsFolders::torch_hub());
+    for (key, network) in [("st_lpips_vST0.0_alex", Network::StLpipsAlex), ("st_lpips_vST0.0_vgg", Network::StLpipsVgg)]
+    {
+        match Perceptual::find(network, &folders) {
+            Ok(perceptual) => {
+                let truth = read(&data.join(golden[key]["a"].as_str().unwrap()));
+                for (name, value) in golden[key]["b_to_value"].as_object().unwrap() {
+                    let render = read(&data.join(name));
+                    let found = perceptual.compare(&Pair::new(&render, &truth).unwrap(), Values::AsRendered).ok();
+                    PUBLISHED.assert(found, value.as_f64(), name);
+                }
+            }
+            Err(LoadError::Absent(absent)) => common::skip(test, &absent.to_string()),
+            Err(error) => panic!("{error}"),
+        }
+    }
+}
+
+#[test]
+fn golden_value_of_published_lpips() {
+    let test = "golden_value_of_published_lpips";
+    let Some(data) = common::shared_data(test).map(|data| data.join("lpips")) else { return };
+    match Perceptual::find(Network::LpipsVgg, &WeightsFolders::torch_hub()) {
+        Ok(perceptual) => {
+            let [a, b] = ["apple.png", "pear.png"].map(|name| read(&data.join("brush_golden").join(name)));
+            let found = perceptual.compare(&Pair::new(&a, &b).unwrap(), Values::AsRendered).ok();
+            Tolerance::absolute(1e-4).assert(found, [0.657_101_988_792_419_4], "apple and pear");
+        }
+        Err(LoadError::Absent(absent)) => common::skip(test, &absent.to_string()),
+        Err(error) => panic!("{error}"),
+    }
+}
+
+#[test]
+fn heads_from_the_packages_own_file_are_those_carried() {
+    let test = "heads_from_the_packages_own_file_are_those_carried";
+    let Some(data) = common::shared_data(test).map(|data| data.join("lpips/linear_heads/v0.1")) else { return };
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("alex.safetensors");
+    weights(Network::LpipsAlex).write(&path).unwrap();
+    let (a, b) = (seeded(64, 64, 1), seeded(64, 64, 2));
+    let of = |heads: Option<&Path>| {
+        let perceptual = Perceptual::from_files(Network::LpipsAlex, &path, heads).unwrap();
+        perceptual.compare(&Pair::new(&a, &b).unwrap(), Values::Clipped).unwrap()
+    };
+    Tolerance::EXACT.assert([of(Some(&data.join("alex.pth")))], [of(None)], "heads of the package");
+}

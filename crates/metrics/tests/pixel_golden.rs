@@ -1,0 +1,51 @@
+//! PSNR, L1 and SSIM against skimage, torchmetrics, pytorch-msssim and Inria's formula (`oracle/make_pixel_golden.py`).
+
+mod common;
+
+use atsplat_metrics::{Pair, Ssim, Values, l1, psnr, ssim};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::Rounding;
+
+const PSNR: Tolerance = Tolerance::absolute(1e-9);
+const SSIM: Tolerance = Tolerance::absolute(1e-9);
+/// torchmetrics divides by a logarithm in f32.
+const PSNR_TORCHMETRICS: Tolerance = Tolerance::absolute(1e-5);
+/// skimage's own rounding errors on f32 pictures, which papers pass.
+const SSIM_SKIMAGE_F32: Tolerance = Tolerance::absolute(5e-6);
+
+#[test]
+fn the_numbers_of_other_programs() {
+    let golden = common::fixture("pixel_golden.json");
+    let cases = golden.as_array().unwrap();
+    assert_eq!(cases.len(), 5, "cases of the fixture");
+    for (seed, case) in cases.iter().enumerate() {
+        let truth = common::truth(case);
+        let render = common::render(&truth, seed as u64);
+        let pair = Pair::new(&render, &truth).unwrap();
+        let name = case["picture"].as_str().unwrap();
+        for (key, values) in [
+            ("as-rendered", Values::AsRendered),
+            ("clipped", Values::Clipped),
+            ("truncated", Values::EightBit(Rounding::Truncate)),
+            ("rounded", Values::EightBit(Rounding::Nearest)),
+        ] {
+            let expected = |metric: &str| [case["values"][key][metric].as_f64().unwrap()];
+            let what = |metric: &str| format!("{metric} of {name}, {key}");
+            let found = psnr(&pair, values).value();
+            PSNR.assert(found, expected("psnr"), &what("psnr"));
+            PSNR_TORCHMETRICS.assert(found, expected("psnr_torchmetrics"), &what("psnr, torchmetrics"));
+            PSNR.assert([l1(&pair, values)], expected("l1"), &what("l1"));
+            for (metric, convention, tolerance) in [
+                ("ssim_skimage_gaussian", Ssim::SKIMAGE_GAUSSIAN, SSIM),
+                ("ssim_skimage_uniform", Ssim::SKIMAGE_UNIFORM, SSIM),
+                ("ssim_inria", Ssim::INRIA, SSIM),
+                ("ssim_torchmetrics", Ssim::TORCHMETRICS, SSIM),
+                ("ssim_pytorch_msssim", Ssim::VALID, SSIM),
+            ] {
+                tolerance.assert(ssim(&pair, values, convention).ok(), expected(metric), &what(metric));
+            }
+        }
+        let found = ssim(&pair, Values::AsRendered, Ssim::SKIMAGE_GAUSSIAN).ok();
+        SSIM_SKIMAGE_F32.assert(found, case["ssim_skimage_f32"].as_f64(), &format!("f32 ssim of {name}"));
+    }
+}

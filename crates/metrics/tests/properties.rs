@@ -1,0 +1,184 @@
+//! What holds for any pair of pictures: bounds, symmetry, masks that are crops, the same bits on any threads.
+
+#![expect(clippy::unwrap_used, reason = "pictures of the tests are whole")]
+
+mod common;
+
+use atsplat_metrics::ssim::Border;
+use atsplat_metrics::{
+    Mask, MetricError, NonFinite, Pair, Ramp, Score, Ssim, Values, absolute_error_map, l1, mean_squared_error, psnr,
+    ssim, ssim_map,
+};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{Image, Rounding};
+use common::{cut, on_threads, seeded};
+use proptest::prelude::*;
+
+const CONVENTIONS: [Ssim; 5] =
+    [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::VALID, Ssim::TORCHMETRICS];
+/// A mask of these is a crop of the pictures.
+const CROPPING: [Ssim; 4] = [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::VALID];
+const VALUES: [Values; 4] =
+    [Values::AsRendered, Values::Clipped, Values::EightBit(Rounding::Truncate), Values::EightBit(Rounding::Nearest)];
+
+fn rectangle([width, height]: [u32; 2], [left, top, w, h]: [u32; 4]) -> Mask {
+    let inside = |x, y| (left..left + w).contains(&x) && (top..top + h).contains(&y);
+    Mask::new(width, height, (0..height).flat_map(|y| (0..width).map(move |x| inside(x, y))).collect()).unwrap()
+}
+
+fn all(pair: &Pair<'_>, values: Values) -> Vec<f64> {
+    numbers(pair, values, &CONVENTIONS)
+}
+
+fn numbers(pair: &Pair<'_>, values: Values, conventions: &[Ssim]) -> Vec<f64> {
+    let mut numbers = vec![mean_squared_error(pair, values), l1(pair, values)];
+    numbers.extend(conventions.iter().map(|convention| ssim(pair, values, *convention).unwrap()));
+    numbers
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(48))]
+
+    #[test]
+    fn within_bounds_symmetric_and_the_same_on_any_threads(
+        width in 11u32..60, height in 11u32..90, seeds: (u64, u64), values in prop::sample::select(VALUES.to_vec()),
+    ) {
+        let (a, b) = (seeded(width, height, seeds.0), seeded(width, height, seeds.1));
+        let pair = Pair::new(&a, &b).unwrap();
+        let found = on_threads(1, || all(&pair, values));
+        prop_assert!(found[..2].iter().all(|error| (0.0..=1.0).contains(error)), "{found:?}");
+        prop_assert!(found[2..].iter().all(|similarity| (-1.0..=1.0).contains(similarity)), "{found:?}");
+        let swapped = on_threads(3, || all(&Pair::new(&b, &a).unwrap(), values));
+        prop_assert!(Tolerance::EXACT.check(swapped, found).is_ok());
+    }
+
+    #[test]
+    fn a_rectangular_mask_is_a_crop_whatever_lies_outside(
+        left in 0u32..9, top in 0u32..9, size in (11u32..30, 11u32..30), right in 0u32..9, bottom in 0u32..9,
+        seed: u64, values in prop::sample::select(VALUES.to_vec()),
+    ) {
+        let whole = [left + size.0 + right, top + size.1 + bottom];
+        let window = [left, top, size.0, size.1];
+        let mask = rectangle(whole, window);
+        let mut samples = seeded(whole[0], whole[1], seed).into_samples();
+        for (pixel, included) in samples.chunks_mut(3).zip(mask.included()) {
+            if !included {
+                pixel.copy_from_slice(&[f32::NAN, f32::INFINITY, -3.0]);
+            }
+        }
+        let render = Image::new(whole[0], whole[1], samples).unwrap();
+        let truth = seeded(whole[0], whole[1], seed ^ 7);
+        let found = numbers(&Pair::masked(&render, &truth, &mask).unwrap(), values, &CROPPING);
+        let (small_render, small_truth) = (cut(&render, window), cut(&truth, window));
+        let expected = numbers(&Pair::new(&small_render, &small_truth).unwrap(), values, &CROPPING);
+        let outcome = Tolerance::F64.check(found.iter().copied(), expected);
+        prop_assert!(outcome.is_ok(), "{outcome:?} {found:?}");
+    }
+
+    #[test]
+    fn maps_average_to_the_number(width in 11u32..40, height in 11u32..40, seed: u64) {
+        let (a, b) = (seeded(width, height, seed), seeded(width, height, seed ^ 1));
+        let pair = Pair::new(&a, &b).unwrap();
+        let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
+        for convention in CONVENTIONS {
+            let map = ssim_map(&pair, Values::AsRendered, convention).unwrap();
+            let expected = ssim(&pair, Values::AsRendered, convention).ok();
+            prop_assert!(Tolerance::F64.check([mean(map.values())], expected).is_ok());
+            prop_assert_eq!(map.origin(), if convention.border == Border::Inside { [convention.window.radius(); 2] } else { [0; 2] });
+            let picture = map.to_image(Ramp::Viridis, -1.0, 1.0).unwrap();
+            prop_assert_eq!([picture.width(), picture.height()], [width, height]);
+        }
+        let map = absolute_error_map(&pair, Values::AsRendered);
+        prop_assert!(Tolerance::F64.check([mean(map.values())], [l1(&pair, Values::AsRendered)]).is_ok());
+    }
+
+    #[test]
+    fn every_broken_sample_is_counted(
+        width in 1u32..20, height in 1u32..20, at in prop::collection::btree_set(0usize..1200, 1..9), seed: u64,
+    ) {
+        let clean = seeded(width, height, seed);
+        let count = clean.samples().len();
+        let broken: Vec<usize> = at.into_iter().filter(|at| *at < count).collect();
+        prop_assume!(!broken.is_empty());
+        let mut samples = clean.samples().to_vec();
+        for (turn, at) in broken.iter().enumerate() {
+            samples[*at] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY][turn % 3];
+        }
+        let damaged = Image::new(width, height, samples).unwrap();
+        let first = u32::try_from(broken[0]).unwrap();
+        let place = Some([first / 3 % width, first / 3 / width, first % 3]);
+        let number = broken.len() as u64;
+        let counted = |outcome: Result<Pair<'_>, MetricError>| match outcome {
+            Err(MetricError::NonFinite(counted)) => Some(counted),
+            _ => None,
+        };
+        prop_assert_eq!(counted(Pair::new(&damaged, &clean)), Some(NonFinite { render: number, truth: 0, first: place }));
+        prop_assert_eq!(counted(Pair::new(&clean, &damaged)), Some(NonFinite { render: 0, truth: number, first: place }));
+    }
+}
+
+#[test]
+fn identical_pictures_are_said_to_be_so() {
+    for picture in
+        [seeded(20, 13, 5), Image::new(20, 13, vec![0.25; 780]).unwrap(), Image::new(20, 13, vec![0.0; 780]).unwrap()]
+    {
+        let pair = Pair::new(&picture, &picture).unwrap();
+        assert!(pair.is_identical());
+        for values in VALUES {
+            assert_eq!(psnr(&pair, values), Score::Identical, "{values:?}");
+            let ones = CONVENTIONS.map(|convention| ssim(&pair, values, convention).unwrap());
+            Tolerance::EXACT.assert(ones, [1.0; 5], "similarity to itself");
+        }
+    }
+    let (a, b) = (Image::new(1, 1, vec![0.5; 3]).unwrap(), Image::new(1, 1, vec![0.5001; 3]).unwrap());
+    let pair = Pair::new(&a, &b).unwrap();
+    assert!(!pair.is_identical(), "though 8 bits hide the difference");
+    assert_eq!(psnr(&pair, Values::EightBit(Rounding::Truncate)), Score::Identical);
+    assert!(psnr(&pair, Values::Clipped).value().is_some());
+}
+
+#[test]
+fn what_cannot_be_compared_is_a_typed_error() {
+    let of = |width, height| seeded(width, height, 1);
+    let (one, ten, wide) = (of(1, 1), of(10, 10), of(12, 6));
+    assert!(matches!(Pair::new(&ten, &wide), Err(MetricError::SizeMismatch { what: "truth", .. })));
+    let error = Pair::new(&wide, &of(6, 12)).unwrap_err();
+    assert_eq!(error.to_string(), "truth: expected 12×6 pixels as the render has, found 6×12");
+    let empty = Image::new(0, 5, vec![]).unwrap();
+    assert!(matches!(Pair::new(&empty, &empty), Err(MetricError::Empty { size: [0, 5] })));
+    let nothing = Mask::new(10, 10, vec![false; 100]).unwrap();
+    assert!(matches!(Pair::masked(&ten, &ten, &nothing), Err(MetricError::NothingInMask { .. })));
+    assert!(matches!(Pair::masked(&one, &one, &nothing), Err(MetricError::SizeMismatch { what: "mask", .. })));
+    for (picture, convention, smallest) in [
+        (&ten, Ssim::SKIMAGE_GAUSSIAN, Some(11)),
+        (&one, Ssim::VALID, Some(11)),
+        (&wide, Ssim::SKIMAGE_UNIFORM, Some(7)),
+        (&ten, Ssim::SKIMAGE_UNIFORM, None),
+        (&one, Ssim::INRIA, None),
+        (&ten, Ssim::TORCHMETRICS, None),
+        (&one, Ssim::TORCHMETRICS, Some(6)),
+    ] {
+        let pair = Pair::new(picture, picture).unwrap();
+        let found = match ssim(&pair, Values::Clipped, convention) {
+            Err(MetricError::TooSmall { smallest, .. }) => Some(smallest),
+            Err(_) => Some(0),
+            Ok(_) => None,
+        };
+        assert_eq!(found, smallest, "{convention:?}");
+        assert_eq!(ssim_map(&pair, Values::Clipped, convention).is_err(), smallest.is_some());
+    }
+    let hole = rectangle([30, 30], [0, 0, 30, 10]);
+    let large = of(30, 30);
+    let outcome = ssim(&Pair::masked(&large, &large, &hole).unwrap(), Values::Clipped, Ssim::VALID);
+    assert_eq!(outcome, Err(MetricError::NothingInMask { expected: "at least one whole window" }));
+}
+
+#[test]
+fn noise_of_known_size_gives_the_ratio_that_it_must() {
+    let truth = Image::new(256, 256, vec![0.5; 256 * 256 * 3]).unwrap();
+    let noise = common::uniform(3, truth.samples().len(), 0.1);
+    let render = Image::new(256, 256, noise.iter().map(|noise| 0.5 + noise).collect()).unwrap();
+    let found = psnr(&Pair::new(&render, &truth).unwrap(), Values::Clipped).value();
+    // Variance of a uniform number of half-width b: b² / 3.
+    Tolerance::absolute(0.01).assert(found, [-10.0 * (0.01f64 / 3.0).log10()], "PSNR");
+}
