@@ -22,12 +22,12 @@ pub mod opencv;
 pub mod preprocess;
 pub mod re10k;
 mod scene;
-mod shared_bytes;
 #[cfg(all(test, feature = "columns"))]
 mod test_source;
 pub mod torch;
 mod warnings;
 
+pub use atsplat_pickle::SharedBytes;
 pub use colmap::{ColmapOptions, ColmapScenes};
 pub use dataset::{SceneSource, load_scenes};
 pub use error::SceneError;
@@ -36,5 +36,4 @@ pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};
 pub use scene::{Frame, Picture, PictureFolder, Scene};
-pub use shared_bytes::SharedBytes;
 pub use warnings::{Warning, WarningKind, Warnings};

@@ -1,7 +1,8 @@
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
-use super::error::shortened;
+use atsplat_pickle::shortened;
+
 use super::{ChunkScene, TorchError, Value};
 use crate::{Scene, SceneError, SharedBytes, WarningKind, Warnings};
 

@@ -1,8 +1,8 @@
 use std::path::Path;
 
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_pickle::shortened;
 
-use super::error::shortened;
 use super::{Dict, TorchError, Value};
 use crate::files::read_file;
 use crate::{Frame, Picture, Scene, SceneError, SharedBytes, WarningKind, Warnings};

@@ -1,0 +1,160 @@
+//! How many tokens and Gaussians a configuration makes, and how much memory that takes, before anything runs:
+//! the paper's "Total Gaussian Budgets" by formula.
+
+use crate::ModelError;
+use crate::config::{AnchorDesign, BackboneConfig, BlockExpansion, DinoArchitecture, ImageSize, ModelConfig};
+use crate::parameters::{Parameter, parameters};
+
+/// Tokens through the decoder.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Budget {
+    /// `N_init`: tokens that enter the first block.
+    pub initial_tokens: usize,
+    /// Tokens that each block expands.
+    pub expanded: Vec<usize>,
+    /// Tokens that leave each block.
+    pub tokens: Vec<usize>,
+    /// `N_final`.
+    pub final_tokens: usize,
+    /// `G = K · N_final`.
+    pub gaussians: usize,
+}
+
+/// The least and the most that a configuration may come to; equal where all blocks expand a fixed ratio.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct BudgetRange {
+    /// If no token exceeds any threshold.
+    pub least: Budget,
+    /// If all do.
+    pub most: Budget,
+}
+
+impl BudgetRange {
+    /// The budget, where it does not depend on the scene.
+    pub fn fixed(&self) -> Option<&Budget> {
+        (self.least == self.most).then_some(&self.least)
+    }
+}
+
+impl Budget {
+    /// What a configuration comes to when its blocks expand these many tokens.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where there are not as many numbers as blocks, or more tokens than there are.
+    pub fn of_selections(config: &ModelConfig, initial_tokens: usize, expanded: &[usize]) -> Result<Self, ModelError> {
+        if expanded.len() != config.decoder.blocks.len() {
+            let expected = format!("{} selections, one for each block", config.decoder.blocks.len());
+            return Err(ModelError::malformed("budget", "selections", expected, expanded.len()));
+        }
+        let mut count = initial_tokens;
+        let mut tokens = Vec::with_capacity(expanded.len());
+        for (block, &chosen) in expanded.iter().enumerate() {
+            let left = count.checked_sub(chosen).ok_or_else(|| {
+                ModelError::malformed("budget", format!("block {block}"), format!("at most {count} tokens"), chosen)
+            })?;
+            count = left.saturating_add(chosen.saturating_mul(config.expansion.children));
+            tokens.push(count);
+        }
+        let gaussians = count.saturating_mul(config.head.gaussians_per_token);
+        Ok(Self { initial_tokens, expanded: expanded.to_vec(), tokens, final_tokens: count, gaussians })
+    }
+}
+
+/// Tokens that enter the decoder.
+///
+/// # Errors
+/// [`ModelError::Malformed`] where patches do not divide the picture.
+pub fn initial_tokens(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<usize, ModelError> {
+    let patches = config.coarse_grid(picture)?.len().saturating_mul(views);
+    Ok(match config.anchors.design {
+        AnchorDesign::LearnableTokens { tokens } => tokens,
+        AnchorDesign::PatchDepth {} | AnchorDesign::RayDepth {} | AnchorDesign::DirectXyz {} => patches,
+    })
+}
+
+/// Tokens and Gaussians for so many views of this size.
+///
+/// # Errors
+/// [`ModelError::Malformed`] where patches do not divide the picture.
+pub fn budget(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<BudgetRange, ModelError> {
+    let initial = initial_tokens(config, views, picture)?;
+    config.fine_grid(picture)?;
+    let with = |thresholds_exceeded: bool| {
+        let mut count = initial;
+        let expanded: Vec<usize> = config
+            .decoder
+            .blocks
+            .iter()
+            .map(|block| {
+                let chosen = match block.active_expansion() {
+                    Some(BlockExpansion::Ratio(ratio)) => ratio.of(count, config.expansion.ratio_rounding),
+                    Some(BlockExpansion::Threshold(_)) if thresholds_exceeded => count,
+                    Some(BlockExpansion::Threshold(_)) | None => 0,
+                };
+                count = (count - chosen).saturating_add(chosen.saturating_mul(config.expansion.children));
+                chosen
+            })
+            .collect();
+        Budget::of_selections(config, initial, &expanded)
+    };
+    Ok(BudgetRange { least: with(false)?, most: with(true)? })
+}
+
+/// An estimate of memory while a scene is reconstructed in f32, without gradients.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MemoryEstimate {
+    /// Weights in bytes.
+    pub weight_bytes: u64,
+    /// Largest set of values alive at one time, in bytes.
+    pub activation_bytes: u64,
+}
+
+impl MemoryEstimate {
+    /// Both.
+    pub const fn peak_bytes(self) -> u64 {
+        self.weight_bytes.saturating_add(self.activation_bytes)
+    }
+}
+
+/// Estimates the peak memory of inference from what each stage keeps alive. Attention is fused and holds no
+/// matrix of tokens by tokens; a layer of n tokens and d channels holds its input, the normalised input, and
+/// queries, keys, values and the result, or the hidden channels of its feed-forward module.
+///
+/// # Errors
+/// As [`budget`].
+pub fn memory(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<MemoryEstimate, ModelError> {
+    const BYTES: u64 = size_of::<f32>() as u64;
+    let product = |factors: &[usize]| factors.iter().fold(1u64, |all, &factor| all.saturating_mul(factor as u64));
+    let dim = config.transformer.dim;
+    let layer = 2 + config.transformer.mlp_ratio.max(4);
+    let (coarse_grid, fine_grid) = (config.coarse_grid(picture)?, config.fine_grid(picture)?);
+    let coarse = product(&[views, coarse_grid.len(), dim]);
+    let fine = product(&[views, fine_grid.len(), dim]);
+    let tokens = budget(config, views, picture)?.most;
+    let pictures = product(&[views, picture.height, picture.width, 3]);
+
+    let backbone = match config.backbone {
+        BackboneConfig::DinoV2 { size, registers } => {
+            let dino = DinoArchitecture::new(size, registers);
+            let sequence = coarse_grid.len() + 1 + dino.registers;
+            product(&[views, sequence, dino.dim, 2 + DinoArchitecture::MLP_RATIO])
+        }
+        BackboneConfig::Patch { .. } => coarse.saturating_mul(layer as u64),
+    };
+    let encoder = coarse.saturating_mul(layer as u64);
+    // The fine patches' Plücker rays are twice the size of the pictures.
+    let fine_branch = (coarse + 2 * pictures).saturating_add(fine.saturating_mul(layer as u64));
+    let widest = tokens.tokens.iter().copied().max().unwrap_or_default();
+    // Keys and values of the fine features beside the features themselves and their normalised copy.
+    let decoder = fine.saturating_mul(4).saturating_add(product(&[widest, dim, layer]));
+    let outputs = config.head.channels(config.anchors.design.centre_channels());
+    let head = product(&[tokens.final_tokens, dim, 3]).saturating_add(product(&[tokens.gaussians, outputs, 2]));
+    let most = [backbone, encoder, fine_branch, decoder, head].into_iter().max().unwrap_or_default();
+
+    let weights: u64 = parameters(config).iter().map(Parameter::elements).map(|count| count as u64).sum();
+    let activation_bytes = most.saturating_add(pictures).saturating_mul(BYTES);
+    Ok(MemoryEstimate { weight_bytes: weights.saturating_mul(BYTES), activation_bytes })
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,165 @@
+use super::*;
+
+fn all() -> Vec<ModelConfig> {
+    ModelConfig::names().map(|name| ModelConfig::named(name).unwrap()).collect()
+}
+
+/// `paper-re10k` with one piece of text replaced.
+fn changed(from: &str, to: &str) -> Result<ModelConfig, ModelError> {
+    let text = ModelConfig::text_of("paper-re10k").unwrap();
+    assert!(text.contains(from), "{from:?} is there to be changed");
+    ModelConfig::from_toml(&text.replacen(from, to, 1))
+}
+
+#[test]
+fn every_configuration_is_named_as_its_file_and_says_what_it_infers() {
+    for (name, config) in ModelConfig::names().zip(all()) {
+        assert_eq!(config.name, name);
+        assert!(!config.inferred.is_empty() && !config.title.is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn the_papers_own_numbers() {
+    let config = ModelConfig::named("paper-re10k").unwrap();
+    assert_eq!((config.transformer.dim, config.transformer.heads(), config.transformer.hidden_dim()), (768, 12, 3072));
+    assert_eq!((config.coarse.layers, config.fine.layers), (12, 2));
+    let layers: Vec<usize> = config.decoder.blocks.iter().map(|block| block.layers).collect();
+    assert_eq!(layers, [1, 1, 2, 2]);
+    assert_eq!(config.fine_to_coarse_ratio(), 2);
+    let high_resolution = ModelConfig::named("paper-dl3dv-hr").unwrap();
+    assert_eq!(high_resolution.fine_to_coarse_ratio(), 4);
+    assert_eq!(high_resolution.coarse_grid(high_resolution.resolution).unwrap(), Grid { rows: 16, columns: 30 });
+    assert_eq!(high_resolution.fine_grid(high_resolution.resolution).unwrap(), Grid { rows: 64, columns: 120 });
+}
+
+#[test]
+fn small_models_keep_the_papers_geometry() {
+    let paper = ModelConfig::named("paper-re10k").unwrap();
+    for name in ["mini", "nano"] {
+        let small = ModelConfig::named(name).unwrap();
+        assert_eq!((small.coarse.patch_size, small.fine.patch_size), (16, 8));
+        assert_eq!((&small.decoder, &small.expansion), (&paper.decoder, &paper.expansion), "{name}");
+        assert_eq!((&small.head, &small.anchors), (&paper.head, &paper.anchors), "{name}");
+    }
+}
+
+#[test]
+fn toml_round_trip_keeps_value_and_hash() {
+    for config in all() {
+        let again = ModelConfig::from_toml(&config.to_toml().unwrap()).unwrap();
+        assert_eq!(again, config);
+        assert_eq!(again.hash().unwrap(), config.hash().unwrap());
+    }
+}
+
+#[test]
+fn hashes_ignore_prose_and_nothing_else() {
+    let config = ModelConfig::named("nano").unwrap();
+    let mut reworded = config.clone();
+    reworded.name.push('x');
+    reworded.inferred.clear();
+    assert_eq!(reworded.hash().unwrap(), config.hash().unwrap());
+    let mut other = config.clone();
+    other.head.sh_degree = 1;
+    assert_ne!(other.hash().unwrap(), config.hash().unwrap());
+    assert_ne!(config.with_expansion_in_first(0).hash().unwrap(), config.hash().unwrap());
+}
+
+#[test]
+fn every_variant_is_a_matter_of_configuration() {
+    for (from, to) in [
+        ("design = { kind = \"patch-depth\" }", "design = { kind = \"patch-depth\" }"),
+        ("size = \"base\"", "size = \"small\""),
+        ("size = \"base\"", "size = \"large\""),
+        ("registers = false", "registers = true"),
+        ("kind = \"uncertainty\"", "kind = \"random\", seed = 7"),
+        ("kind = \"uncertainty\"", "kind = \"farthest-point\""),
+        ("kind = \"uncertainty\"", "kind = \"straight-through\""),
+        ("expansion = { ratio = 0.5 }", "expansion = { threshold = 0.05 }"),
+        ("expansion = { ratio = 0.5 }\n", ""),
+        ("expansion = { ratio = 0.5 }", "expand = false\nexpansion = { ratio = 0.5 }"),
+        ("kind = \"log-sigmoid\", near = 0.1, far = 500.0, shift = 0.0", "kind = \"exp\", shift = 1.0"),
+        ("kind = \"log-sigmoid\"", "kind = \"sigmoid\""),
+        ("kind = \"log-sigmoid\"", "kind = \"inverse-sigmoid\""),
+        ("kind = \"linear\"", "kind = \"inverse-log\""),
+        ("kind = \"exp-clamped\", shift = -6.9, max = -1.2", "kind = \"softplus\", shift = 0.0, gain = 0.01"),
+        ("\"normalize\"", "\"normalize-from-identity\""),
+        ("kind = \"rms\", eps = 1e-5", "kind = \"none\""),
+        ("kind = \"point-net\", neighbours = 16", "kind = \"none\""),
+        ("upsampling = \"bilinear\"", "upsampling = \"nearest\""),
+        ("gaussians-per-token = 16", "gaussians-per-token = 64"),
+        ("sh-degree = 0", "sh-degree = 4"),
+    ] {
+        changed(from, to).unwrap_or_else(|error| panic!("{to}: {error}"));
+    }
+    let without_place = |design: &str| {
+        let text = ModelConfig::text_of("paper-re10k").unwrap();
+        let text = text.replace("kind = \"patch-depth\"", design);
+        ModelConfig::from_toml(&text.replace("kind = \"point-net\", neighbours = 16", "kind = \"none\""))
+    };
+    for design in ["kind = \"ray-depth\"", "kind = \"learnable-tokens\", tokens = 512", "kind = \"direct-xyz\""] {
+        without_place(design).unwrap_or_else(|error| panic!("{design}: {error}"));
+    }
+}
+
+#[test]
+fn contradictions_name_their_field() {
+    for (from, to, expected) in [
+        ("name = \"paper-re10k\"", "name = \"Paper\"", "field name: expected lower-case"),
+        ("head-dim = 64", "head-dim = 63", "field transformer.head-dim: expected a divisor of transformer.dim"),
+        ("head-dim = 64", "head-dim = 0", "field transformer.head-dim: expected 1 to 768, found 0"),
+        ("norm-eps = 1e-5", "norm-eps = nan", "field transformer.norm-eps: expected a positive number"),
+        (
+            "resolution = [256, 256]",
+            "resolution = [256, 250]",
+            "coarse branch, picture size: expected height and width",
+        ),
+        ("patch-size = 8", "patch-size = 3", "field fine: expected patches that divide the coarse branch's"),
+        ("kind = \"patch-depth\"", "kind = \"direct-xyz\"", "field anchors.context: expected none"),
+        ("near = 0.1", "near = 600.0", "field anchors.depth: expected near < far, found 600 and 500"),
+        ("near = 0.1", "near = 0.0", "field anchors.depth.near: expected a positive number"),
+        ("children = 2", "children = 0", "field expansion.children: expected 1 to 64, found 0"),
+        ("gaussians-per-token = 16", "gaussians-per-token = 0", "field head.gaussians-per-token"),
+        ("sh-degree = 0", "sh-degree = 5", "field head.sh-degree: expected 0 to 4, found 5"),
+        ("gain = 1.0", "gain = inf", "field head.offset.gain"),
+        ("shift = -2.0", "shift = nan", "field head.opacity.shift"),
+    ] {
+        let error = changed(from, to).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let text =
+        ModelConfig::text_of("paper-re10k").unwrap().replace("kind = \"uncertainty\"", "kind = \"random\", seed = 1");
+    let error = ModelConfig::from_toml(&text.replacen("ratio = 0.5", "threshold = 0.1", 1)).unwrap_err().to_string();
+    assert!(error.contains("field decoder.blocks[1].expansion: expected a ratio"), "{error}");
+    let text =
+        ModelConfig::text_of("paper-re10k").unwrap().replace("kind = \"uncertainty\"", "kind = \"farthest-point\"");
+    let text = text.replace("kind = \"patch-depth\"", "kind = \"direct-xyz\"");
+    let error = ModelConfig::from_toml(&text.replace("kind = \"point-net\", neighbours = 16", "kind = \"none\""));
+    assert!(error.unwrap_err().to_string().contains("field expansion.selection"));
+}
+
+#[test]
+fn text_that_is_no_configuration_names_line_and_column() {
+    for (from, to, expected) in [
+        ("dim = 768", "dim = \"wide\"", "expected usize"),
+        ("dim = 768", "dimension = 768", "unknown field `dimension`"),
+        ("kind = \"dino-v2\"", "kind = \"dino-v3\"", "unknown variant `dino-v3`"),
+        ("registers = false", "registers = false\nlayer = 3", "unknown field `layer`"),
+        ("ratio = 0.5", "ratio = 1.5", "a ratio from 0 to 1"),
+        ("ratio = 0.5", "ratio = 0.5, threshold = 1.0", "line "),
+        ("kind = \"patch-depth\"", "kind = \"patch-depth\", tokens = 3", "unknown field `tokens`"),
+        ("[backbone]", "[backbone", "line "),
+    ] {
+        let error = changed(from, to).unwrap_err().to_string();
+        assert!(error.starts_with("model configuration: line ") && error.contains(expected), "{error}");
+    }
+}
+
+#[test]
+fn names_and_paths_are_told_apart() {
+    let error = ModelConfig::resolve("paper").unwrap_err().to_string();
+    assert!(error.contains("paper-re10k") && error.contains("\"paper\""), "{error}");
+    let error = ModelConfig::resolve("no/such.toml").unwrap_err().to_string();
+    assert!(error.starts_with("reading a model configuration: ") && error.ends_with("(no/such.toml)"), "{error}");
+}

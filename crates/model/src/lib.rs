@@ -1,0 +1,41 @@
+//! ATSplat (paper: "Compact Feed-forward 3D Gaussian Splatting with Adaptive Token Expansion"): a trial's
+//! context views into Gaussians. Configuration with every variant of the paper, its token and Gaussian
+//! budgets, the network on burn's tensors, weights in and out.
+//!
+//! Knows nothing of datasets' files, nor of metrics.
+
+pub mod budget;
+pub mod config;
+mod error;
+pub mod farthest_point;
+mod hash;
+pub mod neighbours;
+#[cfg(feature = "network")]
+pub mod network;
+pub mod parameters;
+pub mod selection;
+pub mod weights;
+
+pub use config::{ImageSize, ModelConfig};
+pub use error::ModelError;
+
+/// Lower-case hexadecimal, as `sha256sum` prints.
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    use std::fmt::Write;
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        // Writing into a String does not fail.
+        write!(text, "{byte:02x}").ok();
+        text
+    })
+}
+
+/// A TOML error with the line and column, counted from 1, that its byte span begins at.
+pub(crate) fn toml_error(what: &'static str, expected_whole: &str, text: &str, error: &toml::de::Error) -> ModelError {
+    let start = error.span().map_or(0, |span| span.start);
+    let before = text.get(..start).unwrap_or_default();
+    let line = before.bytes().filter(|byte| *byte == b'\n').count() + 1;
+    let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
+    let message = error.message();
+    let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, expected_whole));
+    ModelError::malformed(what, format!("line {line} column {column}"), expected, found)
+}

@@ -1,0 +1,252 @@
+//! Nearest neighbours of anchors: exact, and the same for any number of threads.
+
+use rayon::prelude::*;
+
+use crate::ModelError;
+
+/// Points of a leaf are compared one by one.
+const LEAF: usize = 12;
+
+/// The nearest points of each point.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Neighbours {
+    /// Neighbours of a point: as many as were asked for, or all points where there are fewer.
+    pub per_point: usize,
+    /// All neighbours of the first point, nearest first, before those of the second.
+    pub indices: Vec<u32>,
+}
+
+impl Neighbours {
+    /// The neighbours of a point, nearest first.
+    pub fn of(&self, point: usize) -> &[u32] {
+        self.indices.chunks_exact(self.per_point.max(1)).nth(point).unwrap_or_default()
+    }
+}
+
+/// The `count` nearest points of every point, itself among them; of equally near ones, the lower index.
+///
+/// Distances are sums of squares in f64 of f32 coordinates: differences of f32 are exact there, and every
+/// machine orders them alike. A k-d tree makes it O(N log N); coincident points do not slow it down.
+///
+/// # Errors
+/// [`ModelError::Malformed`] where a coordinate is not finite, or there are more than 2³² points.
+pub fn nearest_neighbours(points: &[[f32; 3]], count: usize) -> Result<Neighbours, ModelError> {
+    check_finite(points)?;
+    if u32::try_from(points.len()).is_err() {
+        return Err(ModelError::malformed("anchors", "count", "at most 4294967295", points.len()));
+    }
+    let per_point = count.min(points.len());
+    if per_point == 0 {
+        return Ok(Neighbours { per_point, indices: Vec::new() });
+    }
+    let tree = Tree::build(points);
+    let mut indices = vec![0u32; per_point * points.len()];
+    indices.par_chunks_mut(per_point).zip(points).for_each_with(Vec::new(), |nearest, (row, &point)| {
+        nearest.clear();
+        let mut search = Search { tree: &tree, point: point.map(f64::from), count: per_point, nearest };
+        search.descend(0, tree.points.len(), 0);
+        for (to, found) in row.iter_mut().zip(nearest.iter()) {
+            *to = found.index;
+        }
+    });
+    Ok(Neighbours { per_point, indices })
+}
+
+/// `(dx² + dy²) + dz²` in f64.
+pub(crate) fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let [dx, dy, dz] = [0, 1, 2].map(|axis| f64::from(a[axis]) - f64::from(b[axis]));
+    (dx * dx + dy * dy) + dz * dz
+}
+
+pub(crate) fn check_finite(points: &[[f32; 3]]) -> Result<(), ModelError> {
+    match points.iter().position(|point| !point.iter().all(|coordinate| coordinate.is_finite())) {
+        None => Ok(()),
+        Some(anchor) => {
+            let found = format!("{:?}", points.get(anchor).unwrap_or(&[f32::NAN; 3]));
+            Err(ModelError::malformed("anchors", format!("anchor {anchor}"), "finite coordinates", found))
+        }
+    }
+}
+
+/// A balanced k-d tree without pointers: the middle of a range of `points` divides it, inner ranges are kept in
+/// the order of a walk from the left.
+struct Tree {
+    points: Vec<([f32; 3], u32)>,
+    /// Of every inner range, in preorder.
+    splits: Vec<Split>,
+}
+
+struct Split {
+    axis: usize,
+    at: f32,
+    /// Splits of the left half: those of the right one follow.
+    left_splits: usize,
+    /// Lowest index in either half, to prune among equally near points.
+    lowest: [u32; 2],
+}
+
+impl Tree {
+    fn build(points: &[[f32; 3]]) -> Self {
+        let numbered = points.iter().copied().zip(0u32..);
+        let mut tree = Self { points: numbered.collect(), splits: Vec::new() };
+        let mut points = std::mem::take(&mut tree.points);
+        tree.divide(&mut points);
+        tree.points = points;
+        tree
+    }
+
+    /// Orders a range and gives its lowest index.
+    fn divide(&mut self, range: &mut [([f32; 3], u32)]) -> u32 {
+        if range.len() <= LEAF {
+            range.sort_unstable_by_key(|&(_, index)| index);
+            return range.first().map_or(u32::MAX, |&(_, index)| index);
+        }
+        let axis = widest_axis(range);
+        let middle = range.len() / 2;
+        let (_, &mut (point, _), _) =
+            range.select_nth_unstable_by(middle, |(a, i), (b, j)| a[axis].total_cmp(&b[axis]).then(i.cmp(j)));
+        let own = self.splits.len();
+        self.splits.push(Split { axis, at: point[axis], left_splits: 0, lowest: [0; 2] });
+        let (left, right) = range.split_at_mut(middle);
+        let lowest_left = self.divide(left);
+        let left_splits = self.splits.len() - own - 1;
+        let lowest = [lowest_left, self.divide(right)];
+        if let Some(split) = self.splits.get_mut(own) {
+            (split.left_splits, split.lowest) = (left_splits, lowest);
+        }
+        lowest[0].min(lowest[1])
+    }
+}
+
+fn widest_axis(range: &[([f32; 3], u32)]) -> usize {
+    let extent = |axis: usize| {
+        let bounds = range.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |[low, high], (point, _)| {
+            let x = point[axis];
+            [if x < low { x } else { low }, if x > high { x } else { high }]
+        });
+        f64::from(bounds[1]) - f64::from(bounds[0])
+    };
+    let extents = [0, 1, 2].map(extent);
+    (1..3).fold(0, |widest, axis| if extents[axis] > extents[widest] { axis } else { widest })
+}
+
+#[derive(Clone, Copy)]
+struct Found {
+    distance: f64,
+    index: u32,
+}
+
+impl Found {
+    fn is_before(self, other: Self) -> bool {
+        self.distance < other.distance || (self.distance <= other.distance && self.index < other.index)
+    }
+}
+
+struct Search<'a> {
+    tree: &'a Tree,
+    point: [f64; 3],
+    count: usize,
+    /// In order, at most `count`.
+    nearest: &'a mut Vec<Found>,
+}
+
+impl Search<'_> {
+    /// Searches a range whose first split is `split`.
+    fn descend(&mut self, start: usize, end: usize, split: usize) {
+        if end - start <= LEAF {
+            for &(point, index) in self.tree.points.get(start..end).unwrap_or_default() {
+                let [dx, dy, dz] = [0, 1, 2].map(|axis| self.point[axis] - f64::from(point[axis]));
+                self.offer(Found { distance: (dx * dx + dy * dy) + dz * dz, index });
+            }
+            return;
+        }
+        let Some(&Split { axis, at, left_splits, lowest }) = self.tree.splits.get(split) else { return };
+        let middle = start + (end - start) / 2;
+        let beyond = self.point[axis] - f64::from(at);
+        let halves = [(start, middle, split + 1), (middle, end, split + 1 + left_splits)];
+        let near = usize::from(beyond > 0.0);
+        let (from, to, next) = halves[near];
+        self.descend(from, to, next);
+        let far = 1 - near;
+        // Rounding is monotone, so no point beyond the plane computes as nearer than the plane.
+        if self.may_enter(Found { distance: beyond * beyond, index: lowest[far] }) {
+            let (from, to, next) = halves[far];
+            self.descend(from, to, next);
+        }
+    }
+
+    fn may_enter(&self, found: Found) -> bool {
+        self.nearest.len() < self.count || self.nearest.last().is_none_or(|last| found.is_before(*last))
+    }
+
+    fn offer(&mut self, found: Found) {
+        if self.may_enter(found) {
+            self.nearest.truncate(self.count - 1);
+            let place = self.nearest.partition_point(|other| other.is_before(found));
+            self.nearest.insert(place, found);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn by_brute_force(points: &[[f32; 3]], count: usize) -> Vec<u32> {
+        let row = |&point: &[f32; 3]| {
+            let mut order: Vec<(f64, u32)> =
+                points.iter().zip(0..).map(|(&other, index)| (squared_distance(point, other), index)).collect();
+            order.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+            order.truncate(count);
+            order.into_iter().map(|(_, index)| index)
+        };
+        points.iter().flat_map(row).collect()
+    }
+
+    fn on_a_grid() -> impl Strategy<Value = Vec<[f32; 3]>> {
+        prop::collection::vec(prop::array::uniform3((-2i8..3).prop_map(f32::from)), 0..150)
+    }
+
+    fn anywhere() -> impl Strategy<Value = Vec<[f32; 3]>> {
+        prop::collection::vec(prop::array::uniform3(prop_oneof![-1e3f32..1e3, -1e-3f32..1e-3]), 0..150)
+    }
+
+    proptest! {
+        #[test]
+        fn as_by_brute_force(points in prop_oneof![on_a_grid(), anywhere()], count in 0usize..20) {
+            let found = nearest_neighbours(&points, count).unwrap();
+            prop_assert_eq!(found.per_point, count.min(points.len()));
+            prop_assert_eq!(found.indices, by_brute_force(&points, count));
+        }
+    }
+
+    #[test]
+    fn thousands_of_coincident_points_are_no_trap() {
+        let points = vec![[0.5; 3]; 20_000];
+        let found = nearest_neighbours(&points, 16).unwrap();
+        assert!((0..points.len()).all(|point| found.of(point).iter().copied().eq(0..16)));
+    }
+
+    #[test]
+    fn threads_change_nothing() {
+        let stream = crate::hash::Stream::of(&[3]);
+        #[expect(clippy::cast_possible_truncation, reason = "f32 coordinates")]
+        let points: Vec<[f32; 3]> =
+            (0..3000u64).map(|point| [0, 1, 2].map(|axis| stream.signed_unit(3 * point + axis) as f32)).collect();
+        let with = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| nearest_neighbours(&points, 16).unwrap())
+        };
+        assert_eq!(with(1), with(7));
+        assert_eq!(with(1).indices, by_brute_force(&points, 16));
+    }
+
+    #[test]
+    fn what_is_not_finite_is_named() {
+        let error = nearest_neighbours(&[[0.0; 3], [0.0, f32::INFINITY, 0.0]], 1).unwrap_err().to_string();
+        assert!(error.contains("anchor 1") && error.contains("inf"), "{error}");
+        let far = [[f32::MAX; 3], [-f32::MAX; 3], [0.0; 3]];
+        assert_eq!(nearest_neighbours(&far, 3).unwrap().of(0), [0, 2, 1]);
+    }
+}

@@ -1,0 +1,113 @@
+use atsplat_nn::layers::{Block, Linear};
+use burn::Tensor;
+use burn::module::Module;
+use burn::tensor::Device;
+
+use super::Views;
+use super::dinov2::Dino;
+use super::layers::Maker;
+use crate::ModelError;
+use crate::config::{BackboneConfig, DinoArchitecture, Grid, ModelConfig};
+
+/// What turns each view into coarse patch features by itself; one of the two is there.
+#[derive(Module, Debug)]
+pub(super) struct Backbone {
+    dino: Option<Dino>,
+    patch: Option<PatchBackbone>,
+}
+
+/// A linear layer over patches, and per-view layers.
+#[derive(Module, Debug)]
+struct PatchBackbone {
+    embed: Linear,
+    layers: Vec<Block>,
+}
+
+impl Backbone {
+    pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
+        let patch = config.coarse.patch_size.pow(2);
+        match config.backbone {
+            BackboneConfig::DinoV2 { size, registers } => Self {
+                dino: Some(Dino::new(DinoArchitecture::new(size, registers), make.device).no_grad()),
+                patch: None,
+            },
+            BackboneConfig::Patch { layers } => {
+                let embed = make.linear(patch * 9, make.transformer.dim);
+                Self { dino: None, patch: Some(PatchBackbone { embed, layers: make.blocks(layers) }) }
+            }
+        }
+    }
+
+    /// `[views, patches, channels]`.
+    fn forward(&self, views: &Views, patch_size: usize, grid: Grid, device: &Device) -> Result<Tensor<3>, ModelError> {
+        match (&self.dino, &self.patch) {
+            (Some(dino), _) => Ok(dino.forward(views, grid, device)),
+            (None, Some(patch)) => {
+                let x = patch.embed.forward(views.colours_and_plucker(patch_size, device)?);
+                Ok(patch.layers.iter().fold(x, |x, layer| layer.forward(x, None)))
+            }
+            (None, None) => Err(ModelError::malformed("network", "backbone", "one", "none")),
+        }
+    }
+}
+
+/// The branch that finds anchors.
+#[derive(Module, Debug)]
+pub(super) struct Coarse {
+    patch: Linear,
+    fuse: Linear,
+    plucker: Linear,
+    layers: Vec<Block>,
+}
+
+/// What the coarse branch saw on the way; `[scenes, views · patches, channels]`.
+#[derive(Clone, Debug)]
+pub struct CoarseStages {
+    /// The backbone's features.
+    pub backbone: Tensor<3>,
+    /// Mixed with raw patches, Plücker embedding added.
+    pub tokens: Tensor<3>,
+    /// After attention across views.
+    pub features: Tensor<3>,
+}
+
+impl Coarse {
+    pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
+        let (patch, dim) = (config.coarse.patch_size.pow(2), make.transformer.dim);
+        Self {
+            patch: make.linear(patch * 3, dim),
+            fuse: make.linear(config.backbone.dim(dim) + dim, dim),
+            plucker: make.linear(patch * 6, dim),
+            layers: make.blocks(config.coarse.layers),
+        }
+    }
+
+    /// `scenes` are of one size and as many views.
+    pub(super) fn forward(
+        &self,
+        backbone: &Backbone,
+        scenes: &[Views],
+        patch_size: usize,
+        grid: Grid,
+        device: &Device,
+    ) -> Result<CoarseStages, ModelError> {
+        let (mut features, mut tokens) = (Vec::new(), Vec::new());
+        for views in scenes {
+            let own = backbone.forward(views, patch_size, grid, device)?;
+            let raw = self.patch.forward(views.colours(patch_size, device));
+            let mixed = self.fuse.forward(Tensor::cat(vec![own.clone(), raw], 2));
+            let placed = mixed + self.plucker.forward(views.plucker(patch_size, device)?);
+            features.push(flattened(own));
+            tokens.push(flattened(placed));
+        }
+        let (backbone, tokens) = (Tensor::cat(features, 0), Tensor::cat(tokens, 0));
+        let features = self.layers.iter().fold(tokens.clone(), |x, layer| layer.forward(x, None));
+        Ok(CoarseStages { backbone, tokens, features })
+    }
+}
+
+/// `[views, patches, channels]` to `[1, views · patches, channels]`.
+pub(super) fn flattened(x: Tensor<3>) -> Tensor<3> {
+    let [views, patches, channels] = x.dims();
+    x.reshape([1, views * patches, channels])
+}

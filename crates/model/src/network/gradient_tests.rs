@@ -1,0 +1,185 @@
+//! Through the splatter to every parameter, and against central differences.
+
+use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
+use atsplat_numeric::Tolerance;
+use atsplat_splat::{Channels, GradientReach, RenderOptions, RendererConstants, View};
+use glam::{DMat3, DVec3};
+use indexmap::IndexMap;
+
+use super::*;
+use crate::ImageSize;
+use crate::hash::Stream;
+use crate::parameters::parameters;
+use crate::weights::{StoredTensor, StoredTensors, generated};
+
+const SIZE: ImageSize = ImageSize::new(64, 64);
+/// f32 through twenty layers, and a loss whose second derivative a difference sees.
+const DIFFERENCES: Tolerance = Tolerance { absolute: 0.0, relative: 0.02 };
+
+fn camera(x: f64) -> Camera {
+    let pose = WorldFromCamera::new(DMat3::from_rotation_y(-0.2 * x), DVec3::new(x, 0.0, 0.0)).unwrap();
+    Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap())
+}
+
+fn noise(name: &str, count: usize) -> Vec<f32> {
+    let stream = Stream::named(5, name);
+    #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
+    (0..count as u64).map(|at| (0.5 + 0.5 * stream.signed_unit(at)) as f32).collect()
+}
+
+/// `nano` whose Gaussians are large and opaque enough to be seen.
+fn config() -> ModelConfig {
+    let text = ModelConfig::text_of("nano").unwrap();
+    let text = text
+        .replace("shift = -6.9, max = -1.2", "shift = -2.0, max = -0.5")
+        .replace("shift = -2.0 }\n", "shift = 0.0 }\n");
+    ModelConfig::from_toml(&text).unwrap()
+}
+
+/// What training minimises, on one scene: the final pictures' error; and of the blocks before, the error of their pictures
+/// and of the uncertainty that they predict.
+struct Losses {
+    pictures: Tensor<1>,
+    uncertainty: Tensor<1>,
+    selected: Vec<Vec<usize>>,
+}
+
+fn losses(network: &Network) -> Losses {
+    let cameras = vec![camera(0.0), camera(0.5)];
+    let views = Views::new(SIZE, noise("pictures", 2 * 64 * 64 * 3), cameras).unwrap();
+    let forward = network.forward(&[views], 0).unwrap();
+    let size = atsplat_camera::ImageSize { width: 32, height: 32 };
+    let targets = [View { camera: camera(0.2), size }, View { camera: camera(0.4), size }];
+    let device = network.device();
+    let truth = Tensor::<1>::from_floats(noise("targets", 2 * 32 * 32 * 3).as_slice(), &device).reshape([2, 32, 32, 3]);
+    // Without cut-offs, so that there is a derivative everywhere.
+    let constants = RendererConstants { min_alpha: 0.0, min_transmittance: 0.0, ..RendererConstants::default() };
+    let options = RenderOptions { constants, ..RenderOptions::default() };
+    let with_scalars = RenderOptions {
+        channels: Channels { scalar: true, ..Channels::default() },
+        gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+        ..options.clone()
+    };
+
+    let error = |rgb: Tensor<4>| (rgb - truth.clone()).square();
+    let last = forward.gaussians.render(0, &targets, &options, None).unwrap();
+    let mut pictures = error(last.rgb).mean();
+    let mut uncertainty = Tensor::<1>::zeros([1], &device);
+    let mut selected = Vec::new();
+    for pair in forward.blocks.windows(2) {
+        let [before, block] = pair else { continue };
+        let expanded = block.expanded.as_ref().unwrap();
+        let scores = expanded.scores.clone().unwrap().unsqueeze_dim::<3>(2).repeat_dim(2, 16).reshape([-1]);
+        let images = network.gaussians(&before.tokens).render(0, &targets, &with_scalars, Some(scores)).unwrap();
+        let map = error(images.rgb.clone()).mean_dim(3).squeeze_dim::<3>(3).detach();
+        uncertainty = uncertainty + (images.scalar.unwrap() - map).abs().mean();
+        pictures = pictures + error(images.rgb).mean() * 0.5;
+        selected.push(expanded.selected[0].clone());
+    }
+    Losses { pictures, uncertainty, selected }
+}
+
+fn network(config: &ModelConfig, weights: &StoredTensors, device: &Device) -> Network {
+    Network::new(config, device).unwrap().with_weights(weights).unwrap()
+}
+
+#[test]
+fn every_parameter_learns_through_the_splatter() {
+    let config = config();
+    let weights = generated(&parameters(&config), 3);
+    let network = network(&config, &weights, &Device::flex().autodiff());
+    let Losses { pictures, uncertainty, .. } = losses(&network);
+    let reached = names::gradients_by_name(&network, &(pictures + uncertainty * 0.1).backward());
+    for parameter in parameters(&config) {
+        let gradient = reached.get(&parameter.name).unwrap_or_else(|| panic!("{} has no gradient", parameter.name));
+        assert_eq!(gradient.len(), parameter.elements(), "{}", parameter.name);
+        assert!(gradient.iter().all(|number| number.is_finite()), "{}", parameter.name);
+        let moved = gradient.iter().filter(|number| **number != 0.0).count();
+        assert!(moved > 0, "{} has a gradient of zeros", parameter.name);
+    }
+}
+
+#[test]
+fn the_uncertainty_loss_moves_nothing_but_the_scores() {
+    let config = config();
+    let weights = generated(&parameters(&config), 3);
+    let network = network(&config, &weights, &Device::flex().autodiff());
+    let reached = names::gradients_by_name(&network, &losses(&network).uncertainty.backward());
+    for (name, gradient) in reached {
+        let moved = gradient.iter().any(|number| *number != 0.0);
+        assert_eq!(moved, name.contains("expansion.score"), "{name}");
+    }
+}
+
+#[test]
+fn gradients_are_what_differences_say() {
+    let config = config();
+    let weights = generated(&parameters(&config), 3);
+    let tracked = network(&config, &weights, &Device::flex().autodiff());
+    let start = losses(&tracked);
+    let by_pictures = names::gradients_by_name(&tracked, &start.pictures.backward());
+    let by_uncertainty = names::gradients_by_name(&tracked, &start.uncertainty.backward());
+    for name in [
+        "backbone.embed.weight",
+        "coarse.plucker.weight",
+        "coarse.layers.0.attn.qkv.weight",
+        "coarse.layers.3.mlp.fc1.weight",
+        "anchors.depth.mlp.fc2.weight",
+        "anchors.context.fc1.weight",
+        "fine.patch.weight",
+        "fine.layers.0.norm1.weight",
+        "decoder.blocks.0.layers.0.cross.q_norm.weight",
+        "decoder.blocks.2.expansion.children.weight",
+        "decoder.blocks.3.layers.1.cross.kv.weight",
+        "head.norm.weight",
+        "head.mlp.fc2.weight",
+    ] {
+        check(&config, &weights, name, &by_pictures, &start.selected, |losses| losses.pictures);
+    }
+    for block in 1..4 {
+        let name = format!("decoder.blocks.{block}.expansion.score.mlp.fc1.weight");
+        check(&config, &weights, &name, &by_uncertainty, &start.selected, |losses| losses.uncertainty);
+    }
+}
+
+/// Along the gradient and noise in equal parts; the step halves until it changes no selection.
+fn check(
+    config: &ModelConfig,
+    weights: &StoredTensors,
+    name: &str,
+    gradients: &IndexMap<String, Vec<f32>>,
+    selected: &[Vec<usize>],
+    loss: fn(Losses) -> Tensor<1>,
+) {
+    let gradient: Vec<f64> = gradients[name].iter().copied().map(f64::from).collect();
+    let noise = Stream::named(1, name);
+    let noise: Vec<f64> = (0..gradient.len() as u64).map(|at| noise.signed_unit(at)).collect();
+    let (long, wide) = (length(&gradient), length(&noise));
+    let direction: Vec<f64> = gradient.iter().zip(&noise).map(|(g, n)| g / long + n / wide).collect();
+    let expected: f64 = gradient.iter().zip(&direction).map(|(g, d)| g * d).sum();
+
+    let values = weights.tensors[name].to_f32().unwrap();
+    let size = length(&values.iter().copied().map(f64::from).collect::<Vec<f64>>());
+    let at = |step: f64| {
+        let mut moved = weights.clone();
+        #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
+        let values: Vec<f32> =
+            values.iter().zip(&direction).map(|(value, d)| (f64::from(*value) + step * d) as f32).collect();
+        let shape = moved.tensors[name].shape().to_vec();
+        moved.tensors[name] = StoredTensor::from_f32(shape, &values).unwrap();
+        let losses = losses(&network(config, &moved, &Device::flex()));
+        (losses.selected == selected).then(|| f64::from(loss(losses).into_scalar::<f32>()))
+    };
+    let mut step = 0.01 * size;
+    for _ in 0..12 {
+        if let (Some(after), Some(before)) = (at(step), at(-step)) {
+            return DIFFERENCES.assert([(after - before) / (2.0 * step)], [expected], name);
+        }
+        step /= 2.0;
+    }
+    panic!("{name}: every step changes a selection");
+}
+
+fn length(vector: &[f64]) -> f64 {
+    vector.iter().map(|number| number * number).sum::<f64>().sqrt()
+}

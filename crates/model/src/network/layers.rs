@@ -1,0 +1,97 @@
+use atsplat_nn::NormKind;
+use atsplat_nn::layers::{
+    AttentionConfig, Block, BlockConfig, CrossAttention, Linear, LinearConfig, Mlp, MlpConfig, Norm, NormConfig,
+};
+use burn::Tensor;
+use burn::module::Module;
+use burn::tensor::Device;
+
+use crate::config::{QueryKeyNorm, TransformerConfig};
+
+/// Makes the layers that a configuration asks for.
+#[derive(Clone, Copy)]
+pub(super) struct Maker<'a> {
+    pub(super) transformer: &'a TransformerConfig,
+    pub(super) device: &'a Device,
+}
+
+impl Maker<'_> {
+    pub(super) fn linear(self, inputs: usize, outputs: usize) -> Linear {
+        LinearConfig::new(inputs, outputs).with_bias(self.transformer.linear_bias).init(self.device)
+    }
+
+    pub(super) fn norm(self) -> Norm {
+        let config = NormConfig::new(self.transformer.dim).with_bias(self.transformer.norm_bias);
+        config.with_epsilon(self.transformer.norm_eps).init(self.device)
+    }
+
+    fn attention(self) -> AttentionConfig {
+        let bias = self.transformer.linear_bias;
+        let config = AttentionConfig::new(self.transformer.dim, self.transformer.heads()).with_qkv_bias(bias);
+        match self.transformer.query_key_norm {
+            QueryKeyNorm::Rms { eps } => {
+                config.with_proj_bias(bias).with_qk_norm(Some(NormKind::Rms)).with_qk_norm_epsilon(eps)
+            }
+            QueryKeyNorm::None {} => config.with_proj_bias(bias),
+        }
+    }
+
+    pub(super) fn block(self) -> Block {
+        let config = BlockConfig::new(self.attention(), self.transformer.hidden_dim());
+        let config = config.with_mlp_bias(self.transformer.linear_bias).with_norm_bias(self.transformer.norm_bias);
+        config.with_norm_epsilon(self.transformer.norm_eps).init(self.device)
+    }
+
+    pub(super) fn blocks(self, count: usize) -> Vec<Block> {
+        (0..count).map(|_| self.block()).collect()
+    }
+
+    pub(super) fn head(self, outputs: usize) -> Head {
+        let dim = self.transformer.dim;
+        let mlp = MlpConfig::new(dim, dim, outputs).with_bias(self.transformer.linear_bias);
+        Head { norm: self.norm(), mlp: mlp.init(self.device) }
+    }
+
+    pub(super) fn decoder_layer(self) -> DecoderLayer {
+        DecoderLayer {
+            cross_norm: self.norm(),
+            context_norm: self.norm(),
+            cross: self.attention().init_cross(self.transformer.dim, self.device),
+            block: self.block(),
+        }
+    }
+}
+
+/// Layer norm and a 2-layer MLP.
+#[derive(Module, Debug)]
+pub(super) struct Head {
+    norm: Norm,
+    mlp: Mlp,
+}
+
+impl Head {
+    /// Where its parameters are, and with or without gradients.
+    pub(super) fn device(&self) -> Device {
+        self.norm.gamma.val().device()
+    }
+
+    pub(super) fn forward(&self, x: Tensor<3>) -> Tensor<3> {
+        self.mlp.forward(self.norm.forward(x))
+    }
+}
+
+/// Cross-attention to the fine features, then self-attention and feed-forward.
+#[derive(Module, Debug)]
+pub(super) struct DecoderLayer {
+    cross_norm: Norm,
+    context_norm: Norm,
+    cross: CrossAttention,
+    block: Block,
+}
+
+impl DecoderLayer {
+    pub(super) fn forward(&self, x: Tensor<3>, context: Tensor<3>) -> Tensor<3> {
+        let seen = self.cross.forward(self.cross_norm.forward(x.clone()), self.context_norm.forward(context), None);
+        self.block.forward(x + seen, None)
+    }
+}

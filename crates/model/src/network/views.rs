@@ -1,0 +1,153 @@
+use atsplat_camera::{Camera, CameraError, DirectionScale, PluckerLayout, Ray};
+use burn::Tensor;
+use burn::tensor::{Device, TensorData};
+use rayon::prelude::*;
+
+use super::resize::resized;
+use crate::config::Grid;
+use crate::{ImageSize, ModelError};
+
+const WHAT: &str = "model input";
+const RGB: usize = 3;
+
+/// The posed context pictures of one scene.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Views {
+    size: ImageSize,
+    /// View by view, row by row, red, green, blue in 0…1.
+    pub(super) pictures: Vec<f32>,
+    pub(super) cameras: Vec<Camera>,
+}
+
+impl Views {
+    /// Pictures of one size, in the frame that the network was trained in: poses are normalised before.
+    ///
+    /// `pictures` are view by view, row by row, red, green, blue, display-referred in 0…1.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where there is no view or lengths do not agree, [`ModelError::NonFinite`] where a value
+    /// of a picture is NaN or infinite.
+    pub fn new(size: ImageSize, pictures: Vec<f32>, cameras: Vec<Camera>) -> Result<Self, ModelError> {
+        let expected = cameras.len() * size.height * size.width * RGB;
+        if cameras.is_empty() || pictures.len() != expected {
+            let expected = format!("{expected} values for {} views of {size}, and at least one view", cameras.len());
+            return Err(ModelError::malformed(WHAT, "pictures", expected, pictures.len()));
+        }
+        for (view, picture) in pictures.chunks_exact((size.height * size.width * RGB).max(1)).enumerate() {
+            all_finite(picture, || format!("picture {view}"))?;
+        }
+        Ok(Self { size, pictures, cameras })
+    }
+
+    /// How many.
+    pub const fn len(&self) -> usize {
+        self.cameras.len()
+    }
+
+    /// Whether there are none; never.
+    pub const fn is_empty(&self) -> bool {
+        self.cameras.is_empty()
+    }
+
+    /// Size of every picture.
+    pub const fn size(&self) -> ImageSize {
+        self.size
+    }
+
+    /// The same views, smaller by a whole factor.
+    pub(super) fn smaller(&self, factor: usize) -> Self {
+        self.resized(ImageSize::new(self.size.height / factor.max(1), self.size.width / factor.max(1)))
+    }
+
+    /// The same views in another size.
+    pub(super) fn resized(&self, size: ImageSize) -> Self {
+        let pictures = self.each().flat_map(|picture| resized(picture, self.size, size, RGB)).collect();
+        Self { size, pictures, cameras: self.cameras.clone() }
+    }
+
+    /// Colours of every patch as `2 rgb − 1`: `[views, patches, patch² · 3]`, a patch row by row.
+    pub(super) fn colours(&self, patch: usize, device: &Device) -> Tensor<3> {
+        let maps: Vec<f32> = self.pictures.iter().map(|value| 2.0 * value - 1.0).collect();
+        self.patches(&maps, patch, RGB, device)
+    }
+
+    /// Moment and direction of the ray of every pixel of every patch: `[views, patches, patch² · 6]`.
+    pub(super) fn plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
+        let maps = self.plucker_maps()?;
+        Ok(self.patches(&maps, patch, PluckerLayout::MomentDirection.channels(), device))
+    }
+
+    /// Colours, then moment and direction, of every pixel of every patch: `[views, patches, patch² · 9]`.
+    pub(super) fn colours_and_plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
+        let plucker = self.plucker_maps()?;
+        let pixels = self.pictures.chunks_exact(RGB).zip(plucker.chunks_exact(6));
+        let maps: Vec<f32> = pixels
+            .flat_map(|(rgb, ray)| rgb.iter().map(|value| 2.0 * value - 1.0).chain(ray.iter().copied()))
+            .collect();
+        Ok(self.patches(&maps, patch, RGB + 6, device))
+    }
+
+    /// Colours of every patch after `(rgb − mean) / deviation`, a patch channel by channel, as a convolution's kernel
+    /// has them: `[views, patches, 3 · patch²]`.
+    pub(super) fn standardised(&self, patch: usize, mean: [f32; 3], deviation: [f32; 3], device: &Device) -> Tensor<3> {
+        let pixel = |rgb: &[f32]| {
+            let channels =
+                rgb.iter().zip(mean).zip(deviation).map(|((value, mean), deviation)| (value - mean) / deviation);
+            channels.collect::<Vec<f32>>()
+        };
+        let maps: Vec<f32> = self.pictures.chunks_exact(RGB).flat_map(pixel).collect();
+        let patches = self.patches(&maps, patch, RGB, device);
+        let [views, count, _] = patches.dims();
+        let by_channel = patches.reshape([views * count, patch * patch, RGB]).swap_dims(1, 2);
+        by_channel.reshape([views, count, RGB * patch * patch])
+    }
+
+    /// Rays through the centres of a grid of equal cells, view by view, row by row.
+    pub(super) fn rays(&self, grid: Grid) -> Result<Vec<Ray>, ModelError> {
+        let size = camera_size(ImageSize::new(grid.rows, grid.columns))?;
+        let rays = self.cameras.iter().map(|camera| camera.pixel_rays(size, DirectionScale::UnitLength));
+        let rays: Result<Vec<Vec<Ray>>, CameraError> = rays.collect();
+        Ok(rays.map_err(|error| camera_error(&error))?.concat())
+    }
+
+    fn plucker_maps(&self) -> Result<Vec<f32>, ModelError> {
+        let size = camera_size(self.size)?;
+        let map = |(view, camera): (usize, &Camera)| {
+            let map = camera.plucker_map(size, PluckerLayout::MomentDirection).map_err(|error| camera_error(&error))?;
+            all_finite(&map, || format!("rays of camera {view}"))?;
+            Ok(map)
+        };
+        let maps: Result<Vec<Vec<f32>>, ModelError> = self.cameras.par_iter().enumerate().map(map).collect();
+        Ok(maps?.concat())
+    }
+
+    fn patches(&self, maps: &[f32], patch: usize, channels: usize, device: &Device) -> Tensor<3> {
+        let ImageSize { height, width } = self.size;
+        let (rows, columns) = (height / patch, width / patch);
+        let maps = Tensor::<1>::from_data(TensorData::new(maps.to_vec(), [maps.len()]), device);
+        let maps = maps.reshape([self.len() * rows, patch, columns, patch * channels]).swap_dims(1, 2);
+        maps.reshape([self.len(), rows * columns, patch * patch * channels])
+    }
+
+    fn each(&self) -> impl Iterator<Item = &[f32]> {
+        self.pictures.chunks_exact((self.size.height * self.size.width * RGB).max(1))
+    }
+}
+
+fn all_finite(values: &[f32], location: impl FnOnce() -> String) -> Result<(), ModelError> {
+    match values.iter().filter(|value| !value.is_finite()).count() {
+        0 => Ok(()),
+        count => Err(ModelError::NonFinite { location: location(), count }),
+    }
+}
+
+fn camera_size(size: ImageSize) -> Result<atsplat_camera::ImageSize, ModelError> {
+    match (u32::try_from(size.width), u32::try_from(size.height)) {
+        (Ok(width), Ok(height)) => Ok(atsplat_camera::ImageSize { width, height }),
+        _ => Err(ModelError::malformed(WHAT, "picture size", "at most 4294967295 pixels a side", size)),
+    }
+}
+
+fn camera_error(error: &CameraError) -> ModelError {
+    ModelError::malformed(WHAT, "camera", "a ray through every pixel", error)
+}

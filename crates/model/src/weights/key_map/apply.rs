@@ -1,0 +1,148 @@
+use indexmap::IndexMap;
+
+use super::{KeyMap, Rule};
+use crate::ModelError;
+use crate::parameters::Parameter;
+use crate::weights::{ImportReport, Matched, Mismatched, StoredTensor, StoredTensors};
+
+/// What a file has for one parameter.
+#[derive(Default)]
+struct Candidate {
+    sources: Vec<String>,
+    /// By part; a whole tensor is part 0 of 1.
+    parts: Vec<Option<StoredTensor>>,
+    /// Why the parts are none.
+    fault: Option<String>,
+}
+
+impl KeyMap {
+    /// Finds the network's parameters in a file, and says what became of everything. Tensors keep the file's
+    /// element type; those that are no floating-point numbers, or hold NaN or infinities, are mismatches.
+    pub fn apply(&self, stored: &StoredTensors, expected: &[Parameter]) -> (StoredTensors, ImportReport) {
+        let mut report = ImportReport { key_map: self.name.clone(), ..ImportReport::default() };
+        let mut candidates: IndexMap<&str, Candidate> =
+            expected.iter().map(|parameter| (parameter.name.as_str(), Candidate::default())).collect();
+        for (full_name, tensor) in &stored.tensors {
+            let name = self.without_roots(full_name);
+            if self.ignore.iter().any(|pattern| pattern.captures(name).is_some()) {
+                report.ignored.push(full_name.clone());
+            } else if !self.offer(full_name, name, tensor, &mut candidates) {
+                report.left_over(full_name, tensor);
+            }
+        }
+        let mut found = StoredTensors::default();
+        for parameter in expected {
+            let Some(candidate) = candidates.swap_remove(parameter.name.as_str()) else { continue };
+            let name = parameter.name.clone();
+            if candidate.sources.is_empty() {
+                report.missing.push((name, parameter.shape.clone()));
+                continue;
+            }
+            let sources = candidate.sources.clone();
+            match candidate.tensor(parameter) {
+                Ok(tensor) => {
+                    report.matched.push(Matched { parameter: name.clone(), sources });
+                    found.tensors.insert(name, tensor);
+                }
+                Err(why) => {
+                    let expected = format!("{:?}", parameter.shape);
+                    report.mismatched.push(Mismatched { parameter: name, sources, expected, found: why });
+                }
+            }
+        }
+        (found, report)
+    }
+
+    /// [`Self::apply`], where nothing may be missing or of another shape.
+    ///
+    /// # Errors
+    /// [`ModelError::Unfit`] with the report.
+    pub fn import(
+        &self,
+        stored: &StoredTensors,
+        expected: &[Parameter],
+    ) -> Result<(StoredTensors, ImportReport), ModelError> {
+        let (found, report) = self.apply(stored, expected);
+        if report.is_complete() { Ok((found, report)) } else { Err(ModelError::Unfit(Box::new(report))) }
+    }
+
+    fn without_roots<'n>(&self, name: &'n str) -> &'n str {
+        self.roots.iter().fold(name, |name, root| name.strip_prefix(root.as_str()).unwrap_or(name))
+    }
+
+    /// Whether a tensor is of use.
+    fn offer(
+        &self,
+        full_name: &str,
+        name: &str,
+        tensor: &StoredTensor,
+        candidates: &mut IndexMap<&str, Candidate>,
+    ) -> bool {
+        if self.rules.is_empty() {
+            return candidates
+                .get_mut(name)
+                .map(|candidate| candidate.add(full_name, (0, 1), Ok(tensor.clone())))
+                .is_some();
+        }
+        let first = self.rules.iter().find_map(|rule| rule.from.captures(name).map(|captures| (rule, captures)));
+        let Some((rule, captures)) = first else { return false };
+        let mut used = false;
+        for (position, target) in rule.targets.iter().enumerate() {
+            if let Some(candidate) = candidates.get_mut(target.filled(&captures).as_str()) {
+                candidate.add(full_name, rule.part.unwrap_or((0, 1)), rule.tensor(tensor, position));
+                used = true;
+            }
+        }
+        used
+    }
+}
+
+impl Rule {
+    /// What the target at `position` gets.
+    fn tensor(&self, tensor: &StoredTensor, position: usize) -> Result<StoredTensor, ModelError> {
+        let tensor = if self.transpose { tensor.transposed()? } else { tensor.clone() };
+        match self.targets.len() {
+            1 => Ok(tensor),
+            count => tensor.part(position, count),
+        }
+    }
+}
+
+impl Candidate {
+    fn add(&mut self, source: &str, (part, count): (usize, usize), tensor: Result<StoredTensor, ModelError>) {
+        self.sources.push(source.to_owned());
+        if self.parts.is_empty() {
+            self.parts.resize(count, None);
+        }
+        let parts = self.parts.len();
+        match (self.parts.get_mut(part).filter(|_| parts == count), tensor) {
+            (_, Err(error)) => self.fault = Some(error.to_string()),
+            (Some(slot @ None), Ok(tensor)) => *slot = Some(tensor),
+            (Some(Some(_)), Ok(_)) => self.fault = Some("two tensors".to_owned()),
+            (None, Ok(_)) => self.fault = Some(format!("part {part} of {count}, and parts of {parts}")),
+        }
+    }
+
+    fn tensor(self, parameter: &Parameter) -> Result<StoredTensor, String> {
+        if let Some(fault) = self.fault {
+            return Err(fault);
+        }
+        let count = self.parts.len();
+        let parts: Vec<&StoredTensor> = self.parts.iter().flatten().collect();
+        if parts.len() < count {
+            return Err(format!("{} of {count} parts", parts.len()));
+        }
+        let tensor = match parts.as_slice() {
+            [whole] => (*whole).clone(),
+            parts => StoredTensor::joined(parts).map_err(|error| error.to_string())?,
+        };
+        if tensor.shape() != parameter.shape {
+            return Err(format!("{:?}", tensor.shape()));
+        }
+        let values = tensor.to_f32().map_err(|error| error.to_string())?;
+        match values.iter().filter(|value| !value.is_finite()).count() {
+            0 => Ok(tensor),
+            unusable => Err(format!("{unusable} numbers that are not finite as f32")),
+        }
+    }
+}

@@ -1,0 +1,66 @@
+use indexmap::IndexMap;
+
+use super::{KeyMap, Rule, WHAT};
+use crate::ModelError;
+use crate::weights::{StoredTensor, StoredTensors};
+
+impl KeyMap {
+    /// The rules read backwards: our tensors under the names and in the shapes of the other side, without roots.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] for a tensor that no rule makes, or of which the rules make only some parts.
+    pub fn export(&self, weights: &StoredTensors) -> Result<StoredTensors, ModelError> {
+        let mut exported: IndexMap<String, StoredTensor> = IndexMap::new();
+        for (name, tensor) in &weights.tensors {
+            if self.rules.is_empty() {
+                exported.insert(name.clone(), tensor.clone());
+                continue;
+            }
+            let mut parts_made = 0;
+            let mut parts_needed = 1;
+            for rule in &self.rules {
+                let Some((position, captures)) = rule.target_of(name) else { continue };
+                let source = rule.from.filled(&captures);
+                let is_first = self.rules.iter().find(|other| other.from.captures(&source).is_some());
+                if !is_first.is_some_and(|first| std::ptr::eq(first, rule)) || exported.contains_key(&source) {
+                    // Importing this name would take another rule, or a split that was put together already.
+                    parts_made += usize::from(position > 0 && exported.contains_key(&source));
+                    continue;
+                }
+                let (part, count) = rule.part.unwrap_or((0, 1));
+                let whole = rule.joined(weights, &captures)?;
+                let tensor = if count > 1 { tensor.part(part, count)? } else { whole };
+                let tensor = if rule.transpose { tensor.transposed()? } else { tensor };
+                exported.insert(source, tensor);
+                parts_made += 1;
+                parts_needed = count;
+                if parts_made == parts_needed {
+                    break;
+                }
+            }
+            if parts_made < parts_needed {
+                let expected = format!("a rule for each of {parts_needed} parts");
+                return Err(ModelError::malformed(WHAT, format!("parameter {name}"), expected, parts_made));
+            }
+        }
+        Ok(StoredTensors { tensors: exported, metadata: weights.metadata.clone() })
+    }
+}
+
+impl Rule {
+    fn target_of<'n>(&self, name: &'n str) -> Option<(usize, Vec<&'n str>)> {
+        let mut targets = self.targets.iter().enumerate();
+        targets.find_map(|(position, target)| target.captures(name).map(|captures| (position, captures)))
+    }
+
+    /// All targets of a rule, one after the other.
+    fn joined(&self, weights: &StoredTensors, captures: &[&str]) -> Result<StoredTensor, ModelError> {
+        let names: Vec<String> = self.targets.iter().map(|target| target.filled(captures)).collect();
+        let parts: Option<Vec<&StoredTensor>> = names.iter().map(|name| weights.tensors.get(name)).collect();
+        match parts.as_deref() {
+            Some([whole]) => Ok((*whole).clone()),
+            Some(parts) => StoredTensor::joined(parts),
+            None => Err(ModelError::malformed(WHAT, "split", format!("all of {}", names.join(", ")), "some")),
+        }
+    }
+}

@@ -1,0 +1,157 @@
+//! Key maps: which names of somebody else's file are which of ours, as a TOML file.
+//!
+//! ```toml
+//! name = "example"
+//! roots = ["state_dict.", "model."]        # prefixes that are taken off where a name has them, in order
+//! ignore = ["mask_token"]                  # names that are known and not needed
+//!
+//! [[rules]]                                # the first rule whose pattern matches decides
+//! from = "layer.*.attention.query.*"       # `*`: one or more characters without a dot; `**`: any
+//! to = "blocks.{1}.attn.qkv.{2}"           # `{1}`: what the first wildcard matched
+//! part = [0, 3]                            # becomes part 0 of 3, joined along the first dimension
+//!
+//! [[rules]]
+//! from = "head.qkv.weight"
+//! split = ["head.query.weight", "head.key.weight", "head.value.weight"]
+//!
+//! [[rules]]
+//! from = "proj.kernel"
+//! to = "proj.weight"
+//! transpose = true                         # `[inputs, outputs]` becomes `[outputs, inputs]`
+//! ```
+//!
+//! Every rule can be read backwards, which is how weights are exported.
+
+mod apply;
+mod builtin;
+mod export;
+mod pattern;
+
+use std::path::Path;
+
+use serde::Deserialize;
+
+use crate::ModelError;
+use pattern::Pattern;
+
+const WHAT: &str = "key map";
+
+/// How a file's names become ours.
+#[derive(Clone, Debug)]
+pub struct KeyMap {
+    /// What the map is called in reports.
+    pub name: String,
+    roots: Vec<String>,
+    ignore: Vec<Pattern>,
+    rules: Vec<Rule>,
+}
+
+#[derive(Clone, Debug)]
+struct Rule {
+    from: Pattern,
+    targets: Vec<Pattern>,
+    /// Which part of how many the source is, where several sources are joined.
+    part: Option<(usize, usize)>,
+    transpose: bool,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Text {
+    name: String,
+    #[serde(default)]
+    roots: Vec<String>,
+    #[serde(default)]
+    ignore: Vec<String>,
+    #[serde(default)]
+    rules: Vec<RuleText>,
+}
+
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct RuleText {
+    from: String,
+    to: Option<String>,
+    split: Option<Vec<String>>,
+    part: Option<(usize, usize)>,
+    #[serde(default)]
+    transpose: bool,
+}
+
+impl KeyMap {
+    /// Names of the built-in maps.
+    pub fn names() -> impl Iterator<Item = &'static str> {
+        builtin::TEXTS.iter().map(|(name, _)| *name)
+    }
+
+    /// A built-in map, or the one in a TOML file: whatever ends in `.toml` is a path.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] for a name that is neither, and as [`Self::from_toml`].
+    pub fn resolve(name_or_path: &str) -> Result<Self, ModelError> {
+        let path = Path::new(name_or_path);
+        if path.extension().is_some_and(|extension| extension == "toml") {
+            let text = std::fs::read_to_string(path).map_err(ModelError::io("reading a key map", path))?;
+            return Self::from_toml(&text).map_err(|error| error.in_file(path));
+        }
+        let found = builtin::TEXTS.iter().find(|(known, _)| *known == name_or_path);
+        let (_, text) = found.ok_or_else(|| {
+            let known: Vec<&str> = Self::names().collect();
+            let expected = format!("one of {}, or a path that ends in .toml", known.join(", "));
+            ModelError::malformed(WHAT, "name", expected, format!("{name_or_path:?}"))
+        })?;
+        Self::from_toml(text)
+    }
+
+    /// The map that changes no name.
+    pub fn identity() -> Self {
+        Self { name: "identity".to_owned(), roots: Vec::new(), ignore: Vec::new(), rules: Vec::new() }
+    }
+
+    /// Reads a map from TOML text.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] with line and column for text that is no key map, with the rule for patterns
+    /// that make no sense.
+    pub fn from_toml(text: &str) -> Result<Self, ModelError> {
+        let text: Text = toml::from_str(text).map_err(|error| crate::toml_error(WHAT, WHAT, text, &error))?;
+        let ignore = text.ignore.iter().enumerate().map(|(position, pattern)| {
+            Pattern::source(pattern)
+                .map_err(|found| ModelError::malformed(WHAT, format!("ignore[{position}]"), "a pattern", found))
+        });
+        let rules = text.rules.iter().enumerate().map(|(position, rule)| {
+            Rule::new(rule).map_err(|found| {
+                ModelError::malformed(WHAT, format!("rules[{position}]"), "a rule that can be read both ways", found)
+            })
+        });
+        Ok(Self {
+            ignore: ignore.collect::<Result<_, _>>()?,
+            rules: rules.collect::<Result<_, _>>()?,
+            name: text.name,
+            roots: text.roots,
+        })
+    }
+}
+
+impl Rule {
+    fn new(text: &RuleText) -> Result<Self, String> {
+        let from = Pattern::source(&text.from)?;
+        let targets = match (&text.to, &text.split) {
+            (Some(to), None) => std::slice::from_ref(to),
+            (None, Some(split)) if split.len() > 1 => split.as_slice(),
+            (None, Some(_)) => return Err("a split into fewer than two".to_owned()),
+            _ => return Err("neither or both of `to` and `split`".to_owned()),
+        };
+        if let Some((part, count)) = text.part
+            && (part >= count || text.split.is_some())
+        {
+            let beside = if text.split.is_some() { " beside a split" } else { "" };
+            return Err(format!("part {part} of {count}{beside}"));
+        }
+        let targets = targets.iter().map(|target| Pattern::target(target, &from)).collect::<Result<_, _>>()?;
+        Ok(Self { from, targets, part: text.part, transpose: text.transpose })
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,175 @@
+use super::*;
+use crate::config::{BackboneConfig, DinoSize, ModelConfig};
+use crate::parameters::{Parameter, parameters};
+use crate::weights::{StoredTensor, StoredTensors, generated};
+
+fn dino(size: DinoSize, registers: bool) -> Vec<Parameter> {
+    let mut config = ModelConfig::named("paper-re10k").unwrap();
+    config.backbone = BackboneConfig::DinoV2 { size, registers };
+    let all = parameters(&config).into_iter();
+    all.filter(|parameter| !parameter.trained).collect()
+}
+
+fn stored(tensors: &[(&str, &[usize])]) -> StoredTensors {
+    let tensor = |shape: &[usize]| {
+        let values: Vec<f32> = (0u16..).map(f32::from).take(shape.iter().product()).collect();
+        StoredTensor::from_f32(shape.to_vec(), &values).unwrap()
+    };
+    StoredTensors {
+        tensors: tensors.iter().map(|(name, shape)| ((*name).to_owned(), tensor(shape))).collect(),
+        ..Default::default()
+    }
+}
+
+fn parameter(name: &str, shape: &[usize]) -> Parameter {
+    Parameter { name: name.to_owned(), shape: shape.to_vec(), trained: true }
+}
+
+#[test]
+fn dinov2_survives_a_journey_through_both_naming_schemes() {
+    for (size, registers) in [(DinoSize::Tiny, false), (DinoSize::Tiny, true), (DinoSize::Small, true)] {
+        let expected = dino(size, registers);
+        let ours = generated(&expected, 5);
+        for map in ["dinov2-official", "dinov2-hugging-face"] {
+            let map = KeyMap::resolve(map).unwrap();
+            let foreign = map.export(&ours).unwrap();
+            let (again, report) = map.import(&foreign, &expected).unwrap();
+            assert_eq!(again.digest(), ours.digest(), "{report}");
+            assert!(report.left_over.is_empty() && report.ignored.is_empty(), "{report}");
+        }
+    }
+}
+
+#[test]
+fn hugging_face_queries_keys_and_values_are_joined() {
+    let expected = dino(DinoSize::Tiny, true);
+    let foreign = KeyMap::resolve("dinov2-hugging-face").unwrap().export(&generated(&expected, 1)).unwrap();
+    let shape = |name: &str| foreign.tensors.get(name).map(|tensor| tensor.shape().to_vec());
+    assert_eq!(shape("encoder.layer.1.attention.attention.key.weight"), Some(vec![32, 32]));
+    assert_eq!(shape("encoder.layer.0.attention.attention.value.bias"), Some(vec![32]));
+    assert_eq!(shape("embeddings.register_tokens"), Some(vec![1, 4, 32]));
+    assert!(foreign.tensors.keys().all(|name| !name.contains("qkv")));
+    let mut shuffled = foreign.clone();
+    shuffled.tensors.reverse();
+    let import = |stored: &StoredTensors| {
+        KeyMap::resolve("dinov2-hugging-face").unwrap().import(stored, &expected).unwrap().0.digest()
+    };
+    assert_eq!(import(&shuffled), import(&foreign), "the file's order does not matter");
+}
+
+#[test]
+fn the_report_says_what_is_missing_left_over_and_of_another_shape() {
+    let map = KeyMap::from_toml(
+        r#"
+        name = "test"
+        roots = ["state_dict.", "module."]
+        ignore = ["unneeded.**"]
+        [[rules]]
+        from = "**"
+        to = "{1}"
+        "#,
+    )
+    .unwrap();
+    let file = stored(&[("state_dict.module.a", &[2, 3]), ("module.b", &[4]), ("c", &[1]), ("unneeded.x.y", &[1])]);
+    let expected = [parameter("a", &[2, 3]), parameter("b", &[2, 2]), parameter("d", &[7])];
+    let (found, report) = map.apply(&file, &expected);
+    assert_eq!(found.tensors.keys().collect::<Vec<_>>(), ["a"]);
+    assert_eq!(report.missing, [("d".to_owned(), vec![7])]);
+    assert_eq!(report.left_over, [("c".to_owned(), "float32 [1]".to_owned())]);
+    assert_eq!(report.ignored, ["unneeded.x.y"]);
+    let error = map.import(&file, &expected).unwrap_err().to_string();
+    for part in ["b: expected [2, 2], found [4] (module.b)", "missing: d [7]", "left over: c float32 [1]"] {
+        assert!(error.contains(part), "{error}");
+    }
+}
+
+#[test]
+fn transposed_and_split_tensors_go_both_ways() {
+    let map = KeyMap::from_toml(
+        r#"
+        name = "test"
+        [[rules]]
+        from = "*.kernel"
+        to = "{1}.weight"
+        transpose = true
+        [[rules]]
+        from = "*.kv"
+        split = ["{1}.key", "{1}.value"]
+        "#,
+    )
+    .unwrap();
+    let file = stored(&[("fc.kernel", &[2, 3]), ("attn.kv", &[4, 2])]);
+    let expected = [parameter("fc.weight", &[3, 2]), parameter("attn.key", &[2, 2]), parameter("attn.value", &[2, 2])];
+    let (ours, report) = map.import(&file, &expected).unwrap();
+    assert!(report.left_over.is_empty());
+    assert_eq!(ours.tensors["fc.weight"].to_f32().unwrap()[1].to_bits(), 3f32.to_bits());
+    assert_eq!(ours.tensors["attn.value"].to_f32().unwrap()[0].to_bits(), 4f32.to_bits());
+    assert_eq!(map.export(&ours).unwrap().digest(), file.digest());
+    let mut halved = ours.clone();
+    halved.tensors.swap_remove("attn.value");
+    assert!(map.export(&halved).is_err(), "half of a split cannot be exported");
+    let unknown = stored(&[("other", &[1])]);
+    assert!(map.export(&unknown).unwrap_err().to_string().contains("parameter other"));
+}
+
+#[test]
+fn what_does_not_add_up_is_a_mismatch_and_not_a_guess() {
+    let map = KeyMap::from_toml(
+        r#"
+        name = "test"
+        [[rules]]
+        from = "q"
+        to = "qk"
+        part = [0, 2]
+        [[rules]]
+        from = "k"
+        to = "qk"
+        part = [1, 2]
+        [[rules]]
+        from = "third"
+        to = "qk"
+        part = [2, 3]
+        [[rules]]
+        from = "again*"
+        to = "once{1}"
+        "#,
+    )
+    .unwrap();
+    let fault = |tensors: &[(&str, &[usize])], name: &str, shape: &[usize]| {
+        let (found, report) = map.apply(&stored(tensors), &[parameter(name, shape)]);
+        assert!(found.tensors.is_empty());
+        report.mismatched.first().map(|mismatch| mismatch.found.clone()).unwrap_or_default()
+    };
+    assert_eq!(fault(&[("q", &[1, 2])], "qk", &[2, 2]), "1 of 2 parts");
+    assert!(fault(&[("q", &[1, 2]), ("k", &[1, 3])], "qk", &[2, 2]).contains("parts of one type and width"));
+    assert_eq!(fault(&[("q", &[1, 2]), ("third", &[1, 2])], "qk", &[2, 2]), "part 2 of 3, and parts of 2");
+    let mut twice = stored(&[("again1", &[1])]);
+    twice.tensors.insert("x.again1".to_owned(), twice.tensors["again1"].clone());
+    let rooted = KeyMap { roots: vec!["x.".to_owned()], ..map.clone() };
+    assert_eq!(rooted.apply(&twice, &[parameter("once1", &[1])]).1.mismatched[0].found, "two tensors");
+    let mut infinite = StoredTensors::default();
+    infinite.tensors.insert("again1".to_owned(), StoredTensor::from_f32(vec![2], &[f32::NAN, 1.0]).unwrap());
+    let (_, report) = map.apply(&infinite, &[parameter("once1", &[2])]);
+    assert_eq!(report.mismatched[0].found, "1 numbers that are not finite as f32");
+}
+
+#[test]
+fn broken_maps_name_their_place() {
+    for (text, expected) in [
+        ("name = 3", "key map: line 1 column 8"),
+        ("name = \"x\"\nrule = []", "line 2 column 1: expected"),
+        (
+            "name = \"x\"\n[[rules]]\nfrom = \"a\"",
+            "rules[0]: expected a rule that can be read both ways, found neither",
+        ),
+        ("name = \"x\"\n[[rules]]\nfrom = \"a*\"\nto = \"b\"", "{1} does not stand exactly once"),
+        ("name = \"x\"\n[[rules]]\nfrom = \"a\"\nto = \"b\"\npart = [3, 3]", "part 3 of 3"),
+        ("name = \"x\"\n[[rules]]\nfrom = \"a\"\nsplit = [\"b\"]", "a split into fewer than two"),
+        ("name = \"x\"\nignore = [\"\"]", "ignore[0]"),
+    ] {
+        let error = KeyMap::from_toml(text).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let error = KeyMap::resolve("dinov3").unwrap_err().to_string();
+    assert!(error.contains("dinov2-hugging-face"), "{error}");
+}

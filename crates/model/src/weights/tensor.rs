@@ -1,0 +1,221 @@
+use std::fmt;
+
+use atsplat_pickle::{DType, SharedBytes};
+use half::{bf16, f16};
+
+use crate::ModelError;
+
+const WHAT: &str = "weights";
+
+/// A row-major array as a file holds it: a part of the file's map, or bytes of its own.
+#[derive(Clone)]
+pub struct StoredTensor {
+    dtype: DType,
+    shape: Vec<usize>,
+    bytes: SharedBytes,
+}
+
+impl StoredTensor {
+    /// Little-endian bytes of these many elements.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where the number of bytes is not that of the shape.
+    pub fn new(dtype: DType, shape: Vec<usize>, bytes: SharedBytes) -> Result<Self, ModelError> {
+        let elements = shape.iter().try_fold(1usize, |count, &size| count.checked_mul(size));
+        let length = elements.and_then(|count| count.checked_mul(dtype.bytes()));
+        if length != Some(bytes.len()) {
+            let expected = format!("{} bytes of {dtype} in shape {shape:?}", length.unwrap_or(usize::MAX));
+            return Err(ModelError::malformed(WHAT, "tensor", expected, format!("{} bytes", bytes.len())));
+        }
+        Ok(Self { dtype, shape, bytes })
+    }
+
+    /// f32 numbers in row-major order.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where their number is not that of the shape.
+    pub fn from_f32(shape: Vec<usize>, values: &[f32]) -> Result<Self, ModelError> {
+        let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
+        Self::new(DType::F32, shape, SharedBytes::new(bytes))
+    }
+
+    /// What an element is.
+    pub fn dtype(&self) -> DType {
+        self.dtype
+    }
+
+    /// Elements along each dimension; empty for a scalar.
+    pub fn shape(&self) -> &[usize] {
+        &self.shape
+    }
+
+    /// Row-major little-endian bytes.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The numbers in row-major order, rounded to f32 where the file holds f64.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] for integers, which no parameter is.
+    pub fn to_f32(&self) -> Result<Vec<f32>, ModelError> {
+        let bytes = &*self.bytes;
+        #[expect(clippy::cast_possible_truncation, reason = "weights are f32 here, and f64 ones are rounded")]
+        let values = match self.dtype {
+            DType::F16 => each(bytes, |b| f16::from_le_bytes(b).to_f32()),
+            DType::Bf16 => each(bytes, |b| bf16::from_le_bytes(b).to_f32()),
+            DType::F32 => each(bytes, f32::from_le_bytes),
+            DType::F64 => each(bytes, |b| f64::from_le_bytes(b) as f32),
+            other => return Err(ModelError::malformed(WHAT, "tensor", "floating-point elements", other)),
+        };
+        Ok(values)
+    }
+
+    /// The same numbers as f16, rounded to nearest even.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] for integers, and where a finite number overflows.
+    pub fn to_half(&self) -> Result<Self, ModelError> {
+        let values = self.to_f32()?;
+        if let Some(value) = values.iter().find(|value| value.is_finite() && !f16::from_f32(**value).is_finite()) {
+            return Err(ModelError::malformed(WHAT, "tensor", "numbers that f16 can hold, up to 65504", value));
+        }
+        let bytes: Vec<u8> = values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
+        Self::new(DType::F16, self.shape.clone(), SharedBytes::new(bytes))
+    }
+
+    /// The matrix with rows and columns exchanged.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] for anything but a matrix.
+    pub fn transposed(&self) -> Result<Self, ModelError> {
+        let [rows, columns] = *self.shape.as_slice() else {
+            return Err(ModelError::malformed(
+                WHAT,
+                "tensor to transpose",
+                "two dimensions",
+                format!("{:?}", self.shape),
+            ));
+        };
+        let size = self.dtype.bytes();
+        let mut bytes = Vec::with_capacity(self.bytes.len());
+        for column in 0..columns {
+            for row in 0..rows {
+                let start = (row * columns + column) * size;
+                bytes.extend_from_slice(self.bytes.get(start..start + size).unwrap_or_default());
+            }
+        }
+        Self::new(self.dtype, vec![columns, rows], SharedBytes::new(bytes))
+    }
+
+    /// One of `count` equal parts along the first dimension; its bytes are not copied.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where the first dimension has no such parts.
+    pub fn part(&self, part: usize, count: usize) -> Result<Self, ModelError> {
+        let first = self.shape.first().copied().unwrap_or_default();
+        let length = self.bytes.len().checked_div(count).unwrap_or_default();
+        let bytes = self.bytes.slice(part.saturating_mul(length)..part.saturating_add(1).saturating_mul(length));
+        match bytes {
+            Some(bytes) if part < count && !self.shape.is_empty() && first.is_multiple_of(count) => {
+                let mut shape = self.shape.clone();
+                shape.iter_mut().take(1).for_each(|size| *size /= count);
+                Self::new(self.dtype, shape, bytes)
+            }
+            _ => {
+                let expected = format!("{count} equal parts along the first dimension");
+                Err(ModelError::malformed(WHAT, "tensor to split", expected, format!("{:?}", self.shape)))
+            }
+        }
+    }
+
+    /// Parts one after the other along the first dimension.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where their element types or other dimensions differ, or there are none.
+    pub fn joined(parts: &[&Self]) -> Result<Self, ModelError> {
+        let alike =
+            |a: &Self, b: &Self| a.dtype == b.dtype && !a.shape.is_empty() && a.shape.get(1..) == b.shape.get(1..);
+        let same = parts.first().is_some_and(|first| parts.iter().all(|part| alike(part, first)));
+        let (true, Some(first)) = (same, parts.first()) else {
+            let found: Vec<String> = parts.iter().map(ToString::to_string).collect();
+            return Err(ModelError::malformed(
+                WHAT,
+                "tensors to join",
+                "parts of one type and width",
+                found.join(", "),
+            ));
+        };
+        let mut shape = first.shape.clone();
+        let rows = parts.iter().filter_map(|part| part.shape.first()).sum();
+        shape.iter_mut().take(1).for_each(|size| *size = rows);
+        let bytes: Vec<u8> = parts.iter().flat_map(|part| part.bytes.iter().copied()).collect();
+        Self::new(first.dtype, shape, SharedBytes::new(bytes))
+    }
+}
+
+impl fmt::Display for StoredTensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} {:?}", self.dtype, self.shape)
+    }
+}
+
+impl fmt::Debug for StoredTensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        fmt::Display::fmt(self, f)
+    }
+}
+
+fn each<const N: usize>(bytes: &[u8], read: impl Fn([u8; N]) -> f32) -> Vec<f32> {
+    bytes.as_chunks::<N>().0.iter().map(|element| read(*element)).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    fn counted(shape: &[usize]) -> StoredTensor {
+        let values: Vec<f32> = (0u16..).map(f32::from).take(shape.iter().product()).collect();
+        StoredTensor::from_f32(shape.to_vec(), &values).unwrap()
+    }
+
+    fn assert_values(tensor: &StoredTensor, expected: &[f64]) {
+        Tolerance::EXACT.assert(
+            tensor.to_f32().unwrap().into_iter().map(f64::from),
+            expected.iter().copied(),
+            "values",
+        );
+    }
+
+    #[test]
+    fn transposing_splitting_and_joining() {
+        assert_values(&counted(&[2, 3]).transposed().unwrap(), &[0.0, 3.0, 1.0, 4.0, 2.0, 5.0]);
+        assert!(counted(&[6]).transposed().is_err());
+        let whole = counted(&[4, 2]);
+        let (first, second) = (whole.part(0, 2).unwrap(), whole.part(1, 2).unwrap());
+        assert_eq!(second.shape(), [2, 2]);
+        assert_values(&second, &[4.0, 5.0, 6.0, 7.0]);
+        assert_eq!(StoredTensor::joined(&[&first, &second]).unwrap().bytes(), whole.bytes());
+        for (part, count) in [(0, 3), (2, 2), (0, 0)] {
+            assert!(whole.part(part, count).is_err(), "{part} of {count}");
+        }
+        assert!(StoredTensor::from_f32(vec![], &[1.0]).unwrap().part(0, 1).is_err(), "a scalar has no parts");
+        assert!(StoredTensor::joined(&[]).is_err());
+        assert!(StoredTensor::joined(&[&counted(&[2, 2]), &counted(&[2, 3])]).is_err());
+        assert!(StoredTensor::joined(&[&first, &second.to_half().unwrap()]).is_err());
+    }
+
+    #[test]
+    fn numbers_of_every_width() {
+        let tensor = |dtype, bytes: &[u8]| StoredTensor::new(dtype, vec![1], SharedBytes::new(bytes.to_vec()));
+        assert_values(&tensor(DType::F16, &[0x00, 0xc0]).unwrap(), &[-2.0]);
+        assert_values(&tensor(DType::Bf16, &[0x20, 0xc1]).unwrap(), &[-10.0]);
+        assert_values(&tensor(DType::F64, &0.5f64.to_le_bytes()).unwrap(), &[0.5]);
+        assert!(tensor(DType::I64, &[0; 8]).unwrap().to_f32().is_err());
+        assert!(tensor(DType::F32, &[0; 5]).is_err(), "five bytes are no f32");
+        assert!(StoredTensor::new(DType::U8, vec![usize::MAX, 2], SharedBytes::new(vec![])).is_err());
+        assert!(StoredTensor::from_f32(vec![1], &[1e6]).unwrap().to_half().is_err(), "f16 ends at 65504");
+        assert_values(&StoredTensor::from_f32(vec![1], &[65504.0]).unwrap().to_half().unwrap(), &[65504.0]);
+    }
+}

@@ -1,0 +1,183 @@
+//! Files that come back as they went out, and files that mean harm.
+
+use std::collections::BTreeMap;
+
+use atsplat_pickle::SharedBytes;
+use proptest::prelude::*;
+
+use super::*;
+use crate::ModelError;
+use crate::config::ModelConfig;
+use crate::parameters::parameters;
+
+fn shared(bytes: impl Into<Vec<u8>>) -> SharedBytes {
+    SharedBytes::new(bytes.into())
+}
+
+/// A file with this header and these many bytes of data.
+fn file(header: &str, data: usize) -> Vec<u8> {
+    [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &vec![0; data]].concat()
+}
+
+fn nano() -> ModelWeights {
+    let config = ModelConfig::named("nano").unwrap();
+    let stored = generated(&parameters(&config), 3);
+    let provenance = BTreeMap::from([("data".to_owned(), "none: a hash".to_owned())]);
+    ModelWeights::new(config, provenance, &stored).unwrap()
+}
+
+#[test]
+fn weights_come_back_as_they_were_written() {
+    let folder = tempfile::tempdir().unwrap();
+    let (path, again) = (folder.path().join("nano.safetensors"), folder.path().join("again.safetensors"));
+    let weights = nano();
+    weights.write(&path, Precision::Single).unwrap();
+    let read = ModelWeights::read(&path).unwrap();
+    assert_eq!((&read.config, &read.provenance), (&weights.config, &weights.provenance));
+    assert_eq!(read.tensors.digest(), weights.tensors.digest());
+    read.write(&again, Precision::Single).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&again).unwrap(), "the same bytes");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing partial is left");
+}
+
+#[test]
+fn the_reference_implementation_reads_what_we_write() {
+    let stored = nano().to_stored(Precision::Half).unwrap();
+    let bytes = stored.to_safetensors().unwrap();
+    let theirs = ::safetensors::SafeTensors::deserialize(&bytes).unwrap();
+    assert_eq!(theirs.len(), stored.tensors.len());
+    for (name, view) in theirs.iter() {
+        let ours = &stored.tensors[name];
+        assert_eq!((view.shape(), view.data()), (ours.shape(), ours.bytes()), "{name}");
+    }
+    let (_, metadata) = ::safetensors::SafeTensors::read_metadata(&bytes).unwrap();
+    assert_eq!(metadata.metadata().as_ref().unwrap()["atsplat.format"], "1");
+    let rewritten = ::safetensors::serialize(theirs.iter(), None).unwrap();
+    assert_eq!(StoredTensors::parse(shared(rewritten)).unwrap().digest(), stored.digest(), "and we what it writes");
+}
+
+#[test]
+fn any_changed_byte_is_noticed() {
+    let stored = nano().to_stored(Precision::Half).unwrap();
+    let bytes = stored.to_safetensors().unwrap();
+    let header = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();
+    for at in [header, usize::midpoint(header, bytes.len()), bytes.len() - 1] {
+        let mut changed = bytes.clone();
+        changed[at] ^= 1;
+        let stored = StoredTensors::parse(shared(changed)).unwrap();
+        let error = ModelWeights::from_stored(&stored).unwrap_err().to_string();
+        assert!(error.contains("sha256"), "{error}");
+    }
+    for len in [0, 7, 8, 9, header - 1, header, header + 1, bytes.len() - 1] {
+        assert!(StoredTensors::parse(shared(&bytes[..len])).is_err(), "{len} bytes");
+    }
+    assert!(StoredTensors::parse(shared([&bytes[..], b"x"].concat())).is_err(), "a byte too many");
+}
+
+#[test]
+fn files_without_our_metadata_are_not_taken_for_ours() {
+    let mut stored = nano().to_stored(Precision::Single).unwrap();
+    for (key, value, expected) in [
+        ("atsplat.format", None, "imported by a key map"),
+        ("atsplat.format", Some("2"), "expected 1, found 2"),
+        ("atsplat.configuration", Some("name = 1"), "model configuration: line 1"),
+        ("atsplat.tensors-sha256", None, "expected a sha256"),
+    ] {
+        let mut other = stored.clone();
+        other.metadata.remove(key);
+        other.metadata.extend(value.map(|value| (key.to_owned(), value.to_owned())));
+        let error = ModelWeights::from_stored(&other).unwrap_err().to_string();
+        assert!(error.contains(expected), "{error}");
+    }
+    let name = stored.tensors.keys().next().unwrap().clone();
+    stored.tensors.swap_remove(&name);
+    stored.metadata.insert("atsplat.tensors-sha256".to_owned(), stored.digest());
+    let error = ModelWeights::from_stored(&stored).unwrap_err();
+    assert!(matches!(&error, ModelError::Unfit(report) if report.missing[0].0 == name), "{error}");
+}
+
+#[test]
+fn absent_and_wrong_backbones_say_where_the_right_one_is() {
+    let config = ModelConfig::named("paper-re10k").unwrap();
+    let error = read_backbone("no/such.pth".as_ref(), &config, None).unwrap_err().to_string();
+    for part in ["dinov2_vitb14_pretrain.pth", "https://dl.fbaipublicfiles.com", "facebook/dinov2-base", "no/such.pth"]
+    {
+        assert!(error.contains(part), "{error}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("nano.safetensors");
+    nano().write(&path, Precision::Half).unwrap();
+    let error = read_backbone(&path, &config, None).unwrap_err().to_string();
+    assert!(error.contains("174 missing") && error.contains("nano.safetensors"), "{error}");
+    let error = read_backbone(&path, &config, Some("00ff")).unwrap_err().to_string();
+    assert!(error.contains("expected sha256 00ff, found "), "{error}");
+}
+
+#[test]
+fn headers_that_lie() {
+    let entry = |dtype: &str, shape: &str, offsets: &str| {
+        format!(r#"{{"a":{{"dtype":"{dtype}","shape":{shape},"data_offsets":{offsets}}}}}"#)
+    };
+    for (header, data, expected) in [
+        (entry("F32", "[2]", "[0,8]"), 8, ""),
+        (entry("F32", "[2]", "[0,8]"), 9, "expected 8 bytes of data, found 9"),
+        (entry("F32", "[3]", "[0,8]"), 8, "12 bytes of float32"),
+        (entry("F64", "[2]", "[0,8]"), 8, "16 bytes of float64"),
+        (entry("F32", "[2]", "[0,16]"), 8, "data within 8 bytes"),
+        (entry("F32", "[2]", "[4,12]"), 12, "begins at 0"),
+        (entry("F32", "[2]", "[8,0]"), 8, "begins at 0"),
+        (entry("F32", "[0]", "[0,18446744073709551615]"), 8, "data within 8 bytes"),
+        (entry("U8", "[18446744073709551615,2]", "[0,8]"), 8, "a whole tensor"),
+        (entry("Q4", "[2]", "[0,8]"), 8, "found Q4"),
+        (entry("F32", "[-2]", "[0,8]"), 8, "line 1"),
+        (entry("F32", "[2.0]", "[0,8]"), 8, "line 1"),
+        (r#"{"a":{"dtype":"F32"}}"#.to_owned(), 0, "missing field `shape`"),
+        (r#"{"__metadata__":{"a":1}}"#.to_owned(), 0, "line 1"),
+        (r#"{"__metadata__":{},"__metadata__":{}}"#.to_owned(), 0, "duplicate field"),
+        (r#"{"a":{"dtype":"U8","shape":[1],"data_offsets":[0,1]},"a":{"dtype":"U8","shape":[1],"data_offsets":[1,2]}}"#.to_owned(), 2, "two tensors"),
+        (format!("{}{}", "{\"a\":".repeat(500), "}".repeat(500)), 0, "line 1"),
+        ("{".to_owned(), 0, "line 1"),
+    ] {
+        let outcome = StoredTensors::parse(shared(file(&header, data)));
+        match outcome {
+            Ok(_) => assert_eq!(expected, "", "{header}"),
+            Err(error) => {
+                let error = error.to_string();
+                assert!(!expected.is_empty() && error.contains(expected), "{error}");
+            }
+        }
+    }
+    for length in [u64::MAX, u64::MAX - 7, 1 << 40] {
+        let bytes = [&length.to_le_bytes()[..], b"{}"].concat();
+        assert!(StoredTensors::parse(shared(bytes)).is_err(), "{length}");
+    }
+    assert!(StoredTensors::parse(shared(*b"\x02\0\0\0\0\0\0\0{}")).is_ok(), "an empty file of tensors is one");
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_are_tensors_or_an_error(bytes in prop::collection::vec(any::<u8>(), 0..200)) {
+        StoredTensors::parse(shared(bytes.clone())).ok();
+        let text = String::from_utf8_lossy(&bytes).into_owned();
+        StoredTensors::parse(shared(file(&format!("{{{text}}}"), 3))).ok();
+    }
+
+    #[test]
+    fn a_damaged_file_is_tensors_or_an_error(at in 0usize..400, byte in any::<u8>(), cut in 0usize..400) {
+        let tensors = [("a", vec![2usize, 3]), ("b.c", vec![4])];
+        let mut stored = StoredTensors::default();
+        for (name, shape) in tensors {
+            let values = vec![1.5; shape.iter().product()];
+            stored.tensors.insert(name.to_owned(), StoredTensor::from_f32(shape, &values).unwrap());
+        }
+        stored.metadata.insert("key".to_owned(), "value".to_owned());
+        let mut bytes = stored.to_safetensors().unwrap();
+        prop_assert_eq!(StoredTensors::parse(shared(bytes.clone())).unwrap().digest(), stored.digest());
+        if let Some(slot) = bytes.get_mut(at) {
+            *slot = byte;
+        }
+        StoredTensors::parse(shared(bytes.clone())).ok();
+        bytes.truncate(cut);
+        StoredTensors::parse(shared(bytes)).ok();
+    }
+}

@@ -1,0 +1,160 @@
+//! What an operation asks of a backend.
+
+use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
+use burn::backend::{Backend, ExtensionType, backend_extension};
+
+use crate::generic;
+use crate::kernels::gather::Sizes as GatherSizes;
+use crate::kernels::norm::Segments;
+
+/// Sizes of an attention.
+pub(crate) use crate::kernels::attention::Sizes as AttentionSizes;
+
+/// Packed queries, keys and values: heads side by side in a token, `width = heads · head_width` elements.
+#[derive(Clone, Debug, ExtensionType)]
+pub(crate) enum AttentionInputs<B: Backend> {
+    /// `[batch, tokens, 3·width]`: a token's queries, its keys, its values.
+    Together(FloatTensor<B>),
+    /// `[batch, queries, width]`, and `[batch, keys, 2·width]`: a token's keys, its values.
+    Apart { queries: FloatTensor<B>, keys_values: FloatTensor<B> },
+}
+
+/// A parameter that may be left out.
+#[derive(Clone, Debug, ExtensionType)]
+pub(crate) enum Parameter<B: Backend> {
+    Given(FloatTensor<B>),
+    Absent,
+}
+
+/// Keys to ignore, `[batch, keys]`.
+#[derive(Clone, Debug, ExtensionType)]
+pub(crate) enum KeyMask<B: Backend> {
+    Ignored(BoolTensor<B>),
+    Absent,
+}
+
+impl<B: Backend> KeyMask<B> {
+    pub(crate) fn into_option(self) -> Option<BoolTensor<B>> {
+        match self {
+            Self::Ignored(mask) => Some(mask),
+            Self::Absent => None,
+        }
+    }
+}
+
+/// The operations, differentiable on `Autodiff`.
+#[backend_extension(Flex, Autodiff)]
+pub(crate) trait FusedOps: Backend {
+    fn fused_linear(
+        x: FloatTensor<Self>,
+        weight: FloatTensor<Self>,
+        #[extension_type] bias: Parameter<Self>,
+    ) -> FloatTensor<Self>;
+
+    fn fused_gelu(x: FloatTensor<Self>) -> FloatTensor<Self>;
+
+    fn fused_norm(
+        x: FloatTensor<Self>,
+        gamma: FloatTensor<Self>,
+        #[extension_type] beta: Parameter<Self>,
+        segments: Segments,
+    ) -> FloatTensor<Self>;
+
+    fn fused_attention(
+        #[extension_type] inputs: AttentionInputs<Self>,
+        #[extension_type] mask: KeyMask<Self>,
+        sizes: AttentionSizes,
+    ) -> FloatTensor<Self>;
+
+    fn gather_rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self>;
+
+    fn gather_max(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self>;
+}
+
+/// Each operation's forward and backward pass. The bodies here are the generic fall-back.
+pub(crate) trait Kernels: Backend {
+    fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
+        generic::rows::linear::<Self>(x, weight, bias)
+    }
+
+    fn affine_input_gradient(grad: FloatTensor<Self>, weight: FloatTensor<Self>) -> FloatTensor<Self> {
+        generic::rows::linear_input_gradient::<Self>(grad, weight)
+    }
+
+    fn affine_weight_gradient(x: FloatTensor<Self>, grad: FloatTensor<Self>) -> FloatTensor<Self> {
+        generic::rows::linear_weight_gradient::<Self>(x, grad)
+    }
+
+    fn affine_bias_gradient(grad: FloatTensor<Self>) -> FloatTensor<Self> {
+        generic::rows::linear_bias_gradient::<Self>(grad)
+    }
+
+    fn gelu_erf(x: FloatTensor<Self>) -> FloatTensor<Self> {
+        generic::rows::gelu::<Self>(x)
+    }
+
+    fn gelu_erf_backward(x: FloatTensor<Self>, grad: FloatTensor<Self>) -> FloatTensor<Self> {
+        generic::rows::gelu_backward::<Self>(x, grad)
+    }
+
+    /// Rows are flat: `[rows, width]`.
+    fn norm(
+        x: FloatTensor<Self>,
+        gamma: FloatTensor<Self>,
+        beta: Option<FloatTensor<Self>>,
+        segments: Segments,
+    ) -> FloatTensor<Self> {
+        generic::rows::norm::<Self>(x, gamma, beta, segments)
+    }
+
+    /// The gradients of `x`, `gamma` and `beta`.
+    fn norm_backward(
+        x: FloatTensor<Self>,
+        gamma: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        segments: Segments,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>, FloatTensor<Self>) {
+        generic::rows::norm_backward::<Self>(x, gamma, grad, segments)
+    }
+
+    /// The result, and the logarithms of the rows' sums of exponentials, `[batch, queries, heads]`.
+    fn attend(
+        inputs: AttentionInputs<Self>,
+        mask: Option<BoolTensor<Self>>,
+        sizes: AttentionSizes,
+    ) -> (FloatTensor<Self>, FloatTensor<Self>) {
+        generic::attention::forward::<Self>(inputs, mask.as_ref(), sizes)
+    }
+
+    fn attend_backward(
+        inputs: AttentionInputs<Self>,
+        mask: Option<BoolTensor<Self>>,
+        out: FloatTensor<Self>,
+        log_sums: FloatTensor<Self>,
+        grad: FloatTensor<Self>,
+        sizes: AttentionSizes,
+    ) -> AttentionInputs<Self> {
+        generic::attention::backward::<Self>(inputs, mask.as_ref(), out, log_sums, grad, sizes)
+    }
+
+    fn rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
+        generic::gather::rows::<Self>(x, indices, sizes)
+    }
+
+    fn rows_backward(grad: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
+        generic::gather::rows_backward::<Self>(grad, indices, sizes)
+    }
+
+    /// The largest, and the rows that it came from.
+    fn max_rows(
+        x: FloatTensor<Self>,
+        indices: IntTensor<Self>,
+        sizes: GatherSizes,
+    ) -> (FloatTensor<Self>, IntTensor<Self>) {
+        generic::gather::max::<Self>(x, indices, sizes)
+    }
+
+    fn max_rows_backward(grad: FloatTensor<Self>, winners: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
+        generic::gather::max_backward::<Self>(grad, winners, sizes)
+    }
+}

@@ -1,0 +1,260 @@
+use pulp::{Simd, WithSimd};
+use rayon::prelude::*;
+
+use super::matrix::{Matrix, Output, Threads, Write, multiply};
+use super::simd::{self, Exp};
+
+/// Queries that are worked on together; they lie side by side in the lanes of vectors.
+pub(super) const QUERIES: usize = 64;
+/// The most keys that are worked on together.
+const KEYS: usize = 256;
+/// The number of queries in a tile is rounded up to this.
+const LANES: usize = 16;
+
+/// Sizes of an attention.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sizes {
+    pub(crate) batch: usize,
+    pub(crate) queries: usize,
+    pub(crate) keys: usize,
+    pub(crate) heads: usize,
+    pub(crate) head_width: usize,
+}
+
+impl Sizes {
+    /// Elements of a token, all heads together.
+    pub(crate) const fn width(&self) -> usize {
+        self.heads * self.head_width
+    }
+
+    /// Logits are dot products times this.
+    pub(crate) fn scale(&self) -> f64 {
+        1.0 / (self.head_width as f64).sqrt()
+    }
+
+    /// [`Self::scale`] in the kernels' precision.
+    #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
+    pub(super) fn narrow_scale(&self) -> f32 {
+        self.scale() as f32
+    }
+
+    /// Keys in a tile. The number of keys alone decides, so that the sums' order does not depend on the queries.
+    pub(super) fn key_tile(&self) -> usize {
+        self.keys.div_ceil(self.keys.div_ceil(KEYS).max(1)).max(1)
+    }
+}
+
+/// Queries, keys or values inside a packed tensor.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Tokens<'a> {
+    pub(crate) data: &'a [f32],
+    /// Tokens of a sample.
+    pub(crate) count: usize,
+    /// Elements from one token to the next.
+    pub(crate) stride: usize,
+    /// Elements of a token before the first head's.
+    pub(crate) offset: usize,
+}
+
+impl<'a> Tokens<'a> {
+    /// One head's part of some tokens of a sample.
+    pub(super) fn tile(&self, sample: usize, head: usize, first: usize, count: usize, sizes: &Sizes) -> Matrix<'a> {
+        Matrix::new(self.from(sample, head, first, sizes), count, sizes.head_width, self.stride)
+    }
+
+    pub(super) fn from(&self, sample: usize, head: usize, first: usize, sizes: &Sizes) -> &'a [f32] {
+        let start = (sample * self.count + first) * self.stride + self.offset + head * sizes.head_width;
+        self.data.get(start..).unwrap_or_default()
+    }
+
+    /// Writes a tile with tokens in columns, times `scale`, zeros where there are no tokens.
+    pub(super) fn transpose_into(&self, out: &mut [f32], at: Tile, scale: f32, sizes: &Sizes) {
+        let source = self.from(at.sample, at.head, at.first, sizes);
+        out.fill(0.0);
+        for token in 0..at.count {
+            let row = &source[token * self.stride..][..sizes.head_width];
+            for (column, &value) in out.chunks_exact_mut(at.lanes()).zip(row) {
+                column[token] = value * scale;
+            }
+        }
+    }
+}
+
+/// Queries of one head of a sample.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Tile {
+    pub(super) sample: usize,
+    pub(super) head: usize,
+    pub(super) first: usize,
+    pub(super) count: usize,
+}
+
+impl Tile {
+    pub(super) const fn lanes(&self) -> usize {
+        self.count.next_multiple_of(LANES)
+    }
+}
+
+/// What attention reads.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Inputs<'a> {
+    pub(crate) queries: Tokens<'a>,
+    pub(crate) keys: Tokens<'a>,
+    pub(crate) values: Tokens<'a>,
+    /// `batch × keys`, not 0 where a key is to be ignored.
+    pub(crate) ignored: Option<&'a [u8]>,
+    pub(crate) sizes: Sizes,
+}
+
+impl Inputs<'_> {
+    /// The logits of a tile, keys in rows and queries in columns; −∞ at ignored keys.
+    pub(super) fn logits(&self, out: &mut [f32], queries: &[f32], at: Tile, first_key: usize, keys: usize) {
+        let lanes = at.lanes();
+        multiply(
+            Output::new(out, keys, lanes, lanes),
+            self.keys.tile(at.sample, at.head, first_key, keys, &self.sizes),
+            Matrix::new(queries, self.sizes.head_width, lanes, lanes),
+            Write::Set,
+            Threads::One,
+        );
+        if let Some(ignored) = self.ignored {
+            let ignored = &ignored[at.sample * self.sizes.keys + first_key..][..keys];
+            for (row, &ignored) in out.chunks_exact_mut(lanes).zip(ignored) {
+                if ignored != 0 {
+                    row.fill(f32::NEG_INFINITY);
+                }
+            }
+        }
+    }
+}
+
+/// `softmax(scale · q kᵀ) v` per head, and the logarithm of each row's sum of exponentials, by token and head:
+/// +∞ for a query that no key is left for, whose result is 0.
+pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
+    let sizes = inputs.sizes;
+    let (queries, width, heads) = (sizes.queries, sizes.width(), sizes.heads);
+    let mut out = vec![0.0; sizes.batch * queries * width];
+    let mut log_sums = vec![f32::INFINITY; sizes.batch * queries * heads];
+    if out.is_empty() || sizes.keys == 0 {
+        return (out, log_sums);
+    }
+    let samples = out.par_chunks_mut(queries * width).zip(log_sums.par_chunks_mut(queries * heads));
+    samples.enumerate().for_each(|(sample, (out, log_sums))| {
+        let tiles = out.par_chunks_mut(QUERIES * width).zip(log_sums.par_chunks_mut(QUERIES * heads));
+        tiles.enumerate().for_each_init(
+            || Scratch::new(&sizes),
+            |scratch, (tile, (out, log_sums))| {
+                for head in 0..heads {
+                    let at = Tile { sample, head, first: tile * QUERIES, count: out.len() / width };
+                    attend(inputs, at, scratch);
+                    scratch.write(out, log_sums, at, &sizes);
+                }
+            },
+        );
+    });
+    (out, log_sums)
+}
+
+/// One tile of queries; a column of each belongs to one query.
+struct Scratch {
+    queries: Vec<f32>,
+    weights: Vec<f32>,
+    sums: Vec<f32>,
+    largest: Vec<f32>,
+    total: Vec<f32>,
+}
+
+impl Scratch {
+    fn new(sizes: &Sizes) -> Self {
+        Self {
+            queries: vec![0.0; sizes.head_width * QUERIES],
+            weights: vec![0.0; sizes.key_tile() * QUERIES],
+            sums: vec![0.0; sizes.head_width * QUERIES],
+            largest: vec![0.0; QUERIES],
+            total: vec![0.0; QUERIES],
+        }
+    }
+
+    fn write(&self, out: &mut [f32], log_sums: &mut [f32], at: Tile, sizes: &Sizes) {
+        let (width, lanes) = (sizes.width(), at.lanes());
+        for query in 0..at.count {
+            let (total, largest) = (self.total[query], self.largest[query]);
+            let nothing = total == 0.0;
+            let factor = 1.0 / total;
+            let row = &mut out[query * width + at.head * sizes.head_width..][..sizes.head_width];
+            for (slot, column) in row.iter_mut().zip(self.sums.chunks_exact(lanes)) {
+                *slot = if nothing { 0.0 } else { column[query] * factor };
+            }
+            log_sums[query * sizes.heads + at.head] = if nothing { f32::INFINITY } else { largest + total.ln() };
+        }
+    }
+}
+
+fn attend(inputs: &Inputs<'_>, at: Tile, scratch: &mut Scratch) {
+    let sizes = &inputs.sizes;
+    let lanes = at.lanes();
+    let Scratch { queries, weights, sums, largest, total } = scratch;
+    let queries = &mut queries[..sizes.head_width * lanes];
+    let sums = &mut sums[..sizes.head_width * lanes];
+    let (largest, total) = (&mut largest[..lanes], &mut total[..lanes]);
+    inputs.queries.transpose_into(queries, at, sizes.narrow_scale(), sizes);
+    largest.fill(f32::NEG_INFINITY);
+    total.fill(0.0);
+    let tile = sizes.key_tile();
+    for first_key in (0..sizes.keys).step_by(tile) {
+        let keys = tile.min(sizes.keys - first_key);
+        let weights = &mut weights[..keys * lanes];
+        inputs.logits(weights, queries, at, first_key, keys);
+        simd::run(Softmax { weights, sums, largest, total });
+        multiply(
+            Output::new(sums, sizes.head_width, lanes, lanes),
+            inputs.values.tile(at.sample, at.head, first_key, keys, sizes).transposed(),
+            Matrix::new(weights, keys, lanes, lanes),
+            if first_key == 0 { Write::Set } else { Write::Add },
+            Threads::One,
+        );
+    }
+}
+
+/// Turns logits into weights relative to the largest logit so far, and rescales what was summed up before.
+struct Softmax<'a> {
+    weights: &'a mut [f32],
+    sums: &'a mut [f32],
+    largest: &'a mut [f32],
+    total: &'a mut [f32],
+}
+
+impl WithSimd for Softmax<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let exp = Exp::new(simd);
+        let (zero, none) = (simd.splat_f32s(0.0), simd.splat_f32s(f32::NEG_INFINITY));
+        let (weights, _) = S::as_mut_simd_f32s(self.weights);
+        let (sums, _) = S::as_mut_simd_f32s(self.sums);
+        let (largest, _) = S::as_mut_simd_f32s(self.largest);
+        let (total, _) = S::as_mut_simd_f32s(self.total);
+        let vectors = largest.len();
+        for (at, (largest, total)) in largest.iter_mut().zip(total).enumerate() {
+            let before = *largest;
+            let mut now = before;
+            for row in weights.chunks_exact(vectors) {
+                // NaN is not kept here: it survives in the exponentials.
+                now = simd.select_f32s(simd.greater_than_f32s(row[at], now), row[at], now);
+            }
+            let reference = simd.select_f32s(simd.equal_f32s(now, none), zero, now);
+            let mut added = zero;
+            for row in weights.chunks_exact_mut(vectors) {
+                row[at] = exp.of(simd, simd.sub_f32s(row[at], reference));
+                added = simd.add_f32s(added, row[at]);
+            }
+            let factor = exp.of(simd, simd.sub_f32s(before, reference));
+            *total = simd.mul_add_e_f32s(*total, factor, added);
+            *largest = now;
+            for row in sums.chunks_exact_mut(vectors) {
+                row[at] = simd.mul_f32s(row[at], factor);
+            }
+        }
+    }
+}

@@ -1,0 +1,213 @@
+use gemm::Parallelism;
+use pulp::{Simd, WithSimd};
+
+use super::simd;
+
+/// Products longer than this are summed in equal parts of at most this many terms.
+///
+/// `gemm` chooses parts from the caches' sizes and the number of columns; with parts this short it never splits them.
+const LONGEST_SUM: usize = 512;
+
+/// A matrix inside a slice.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Matrix<'a> {
+    data: &'a [f32],
+    rows: usize,
+    columns: usize,
+    strides: [usize; 2],
+}
+
+impl<'a> Matrix<'a> {
+    /// `rows × columns` from the first element on, rows `row_stride` elements apart.
+    pub(crate) fn new(data: &'a [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
+        check(data.len(), rows, columns, row_stride);
+        Self { data, rows, columns, strides: [row_stride, 1] }
+    }
+
+    /// Rows turned into columns.
+    pub(crate) const fn transposed(self) -> Self {
+        let Self { data, rows, columns, strides: [row, column] } = self;
+        Self { data, rows: columns, columns: rows, strides: [column, row] }
+    }
+
+    fn columns_from(self, first: usize, count: usize) -> Self {
+        let data = self.data.get(first * self.strides[1]..).unwrap_or_default();
+        Self { data, columns: count, ..self }
+    }
+
+    fn rows_from(self, first: usize, count: usize) -> Self {
+        self.transposed().columns_from(first, count).transposed()
+    }
+}
+
+/// A row-major matrix to write to.
+#[derive(Debug)]
+pub(crate) struct Output<'a> {
+    data: &'a mut [f32],
+    rows: usize,
+    columns: usize,
+    row_stride: usize,
+}
+
+impl<'a> Output<'a> {
+    /// `rows × columns` from the first element on, rows `row_stride` elements apart.
+    pub(crate) fn new(data: &'a mut [f32], rows: usize, columns: usize, row_stride: usize) -> Self {
+        check(data.len(), rows, columns, row_stride);
+        assert!(row_stride >= columns, "rows of {columns} elements overlap when {row_stride} apart");
+        Self { data, rows, columns, row_stride }
+    }
+}
+
+fn check(length: usize, rows: usize, columns: usize, row_stride: usize) {
+    let needed = if rows == 0 || columns == 0 { 0 } else { (rows - 1) * row_stride + columns };
+    assert!(needed <= length, "a matrix of {rows}×{columns}, rows {row_stride} apart, in {length} elements");
+}
+
+/// What happens to the elements that a product is written to.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Write {
+    /// They are replaced.
+    Set,
+    /// They are added to.
+    Add,
+}
+
+/// Who computes a product.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Threads {
+    /// The calling thread, because its caller is parallel already.
+    One,
+    /// All of rayon's current pool.
+    All,
+}
+
+/// `left · right` into `out`.
+///
+/// Each element is a chain of fused multiply-adds over the terms in their order, in parts of at most [`LONGEST_SUM`]:
+/// its bits depend on its row of `left`, its column of `right` and nothing else, neither on threads nor on how many
+/// other rows and columns there are.
+///
+/// # Panics
+/// When the shapes do not fit together.
+pub(crate) fn multiply(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
+    assert_eq!(left.columns, right.rows, "inner sizes of a product");
+    assert_eq!([out.rows, out.columns], [left.rows, right.columns], "outer sizes of a product");
+    let terms = left.columns;
+    if terms == 0 {
+        if write == Write::Set {
+            for row in out.data.chunks_mut(out.row_stride.max(1)).take(out.rows) {
+                row.iter_mut().take(out.columns).for_each(|slot| *slot = 0.0);
+            }
+        }
+        return;
+    }
+    let part = terms.div_ceil(terms.div_ceil(LONGEST_SUM));
+    for first in (0..terms).step_by(part) {
+        let count = part.min(terms - first);
+        let add = write == Write::Add || first > 0;
+        let (left, right) = (left.columns_from(first, count), right.rows_from(first, count));
+        if ordered_by_gemm(&out, left, right) {
+            call_gemm(&mut out, left, right, add, threads);
+        } else {
+            multiply_thin(&mut out, left, right, add);
+        }
+    }
+}
+
+/// Whether `gemm` sums in the order that [`multiply`] promises. It has other kernels for vectors, for sums of one or
+/// two terms, and for few elements with terms side by side in memory.
+fn ordered_by_gemm(out: &Output<'_>, left: Matrix<'_>, right: Matrix<'_>) -> bool {
+    let few = out.rows * out.columns <= 256 && left.strides[1] == 1 && right.strides[0] == 1;
+    out.rows > 1 && out.columns > 1 && left.columns > 2 && !few
+}
+
+#[expect(unsafe_code, reason = "the matrix product of a library that takes pointers")]
+fn call_gemm(out: &mut Output<'_>, left: Matrix<'_>, right: Matrix<'_>, add: bool, threads: Threads) {
+    let stride = usize::cast_signed;
+    let parallelism = match threads {
+        Threads::One => Parallelism::None,
+        Threads::All => Parallelism::Rayon(0),
+    };
+    // SAFETY: the constructors of `Matrix` and `Output` checked that every element lies inside its slice, and parts of a
+    // matrix lie inside it; the mutable borrow of `out` keeps its elements apart from the others'.
+    unsafe {
+        gemm::gemm::<f32>(
+            out.rows,
+            out.columns,
+            left.columns,
+            out.data.as_mut_ptr(),
+            1,
+            stride(out.row_stride),
+            add,
+            left.data.as_ptr(),
+            stride(left.strides[1]),
+            stride(left.strides[0]),
+            right.data.as_ptr(),
+            stride(right.strides[1]),
+            stride(right.strides[0]),
+            1.0,
+            1.0,
+            false,
+            false,
+            false,
+            parallelism,
+        );
+    }
+}
+
+/// The same chains of operations as `gemm`'s main kernel, for the shapes that it treats otherwise.
+fn multiply_thin(out: &mut Output<'_>, left: Matrix<'_>, right: Matrix<'_>, add: bool) {
+    let terms = left.columns;
+    let mut column = vec![0.0; terms];
+    let mut row = vec![0.0; terms];
+    let by_row = out.rows <= out.columns;
+    let (outer, inner) = if by_row { (left, right) } else { (right.transposed(), left.transposed()) };
+    // Lanes run along the longer side.
+    let mut lanes = vec![0.0; inner.columns];
+    for at in 0..outer.rows {
+        for (term, slot) in row.iter_mut().enumerate() {
+            *slot = outer.data[at * outer.strides[0] + term * outer.strides[1]];
+        }
+        if inner.strides[1] == 1 {
+            simd::run(Chains { lanes: &mut lanes, weights: &row, rows: inner.data, row_stride: inner.strides[0] });
+        } else {
+            for (place, lane) in lanes.iter_mut().enumerate() {
+                for (term, slot) in column.iter_mut().enumerate() {
+                    *slot = inner.data[place * inner.strides[1] + term * inner.strides[0]];
+                }
+                simd::run(Chains { lanes: std::slice::from_mut(lane), weights: &row, rows: &column, row_stride: 1 });
+            }
+        }
+        for (place, &value) in lanes.iter().enumerate() {
+            let [r, c] = if by_row { [at, place] } else { [place, at] };
+            let slot = &mut out.data[r * out.row_stride + c];
+            *slot = if add { *slot + value } else { value };
+        }
+    }
+}
+
+/// One chain of multiply-adds per lane: `lanes[i] = Σ weights[t]·rows[t][i]`.
+struct Chains<'a> {
+    lanes: &'a mut [f32],
+    weights: &'a [f32],
+    rows: &'a [f32],
+    row_stride: usize,
+}
+
+impl WithSimd for Chains<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        self.lanes.fill(0.0);
+        for (term, &weight) in self.weights.iter().enumerate() {
+            let weight = simd.splat_f32s(weight);
+            let row = &self.rows[term * self.row_stride..][..self.lanes.len()];
+            let add = {
+                #[inline(always)]
+                |sum, [value]: [S::f32s; 1]| simd.mul_add_e_f32s(weight, value, sum)
+            };
+            simd::map(simd, self.lanes, [row], add);
+        }
+    }
+}

@@ -1,0 +1,13 @@
+//! The operations on burn's tensors.
+
+mod attention;
+mod gather;
+mod nearest;
+mod rows;
+mod top_k;
+
+pub use attention::{cross_attention, self_attention};
+pub use gather::{gather_max, gather_rows, max_over_neighbours};
+pub use nearest::nearest_neighbours;
+pub use rows::{gelu, layer_norm, linear, normalize_heads, rms_norm};
+pub use top_k::{Selection, top_k};

@@ -1,0 +1,117 @@
+use burn::Tensor;
+use burn::tensor::{Device, Int, TensorData};
+use proptest::prelude::*;
+use rayon::ThreadPoolBuilder;
+
+use super::{bits, random};
+use crate::layers::{AttentionConfig, Block, BlockConfig};
+use crate::{NormKind, ops};
+
+fn in_pool<R: Send>(threads: usize, work: impl FnOnce() -> R + Send) -> R {
+    ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
+}
+
+fn block(width: usize, heads: usize, device: &Device) -> Block {
+    device.seed(7);
+    let attention = AttentionConfig::new(width, heads).with_qk_norm(Some(NormKind::Rms));
+    BlockConfig::new(attention, 4 * width).with_layer_scale(Some(0.5)).init(device)
+}
+
+/// The output and every gradient of a block, as bits.
+fn trained(block: &Block, x: &Tensor<3>) -> Vec<Vec<u32>> {
+    let x = x.clone().require_grad();
+    let out = block.forward(x.clone(), None);
+    let gradients = (out.clone() * out.clone()).sum().backward();
+    let matrix = |weight: &burn::module::Param<Tensor<2>>| bits(weight.val().grad(&gradients).unwrap());
+    let vector = |weight: &burn::module::Param<Tensor<1>>| bits(weight.val().grad(&gradients).unwrap());
+    vec![
+        bits(out),
+        bits(x.grad(&gradients).unwrap()),
+        matrix(&block.attn.qkv.weight),
+        matrix(&block.mlp.fc1.weight),
+        matrix(&block.mlp.fc2.weight),
+        vector(block.mlp.fc1.bias.as_ref().unwrap()),
+        vector(&block.norm1.gamma),
+        vector(block.norm2.beta.as_ref().unwrap()),
+        vector(&block.attn.q_norm.as_ref().unwrap().gamma),
+    ]
+}
+
+#[test]
+fn threads_do_not_change_bits() {
+    let device = Device::flex().autodiff();
+    let block = block(48, 3, &device);
+    let x = Tensor::from_inner(random([3, 130, 48], 5));
+    let alone = in_pool(1, || trained(&block, &x));
+    for threads in [2, 3, 7] {
+        assert_eq!(alone, in_pool(threads, || trained(&block, &x)), "{threads} threads");
+    }
+}
+
+#[test]
+fn a_sample_does_not_depend_on_its_batch() {
+    let device = Device::flex();
+    let block = block(48, 3, &device);
+    for tokens in [1, 2, 17, 130] {
+        let x = random::<3>([5, tokens, 48], 11);
+        let together = bits(block.forward(x.clone(), None));
+        for sample in 0..5 {
+            let alone = bits(block.forward(x.clone().narrow(0, sample, 1), None));
+            assert_eq!(
+                alone,
+                together[sample * tokens * 48..(sample + 1) * tokens * 48],
+                "sample {sample} of {tokens}"
+            );
+        }
+    }
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
+
+    #[test]
+    fn rows_of_a_linear_layer_stand_alone(
+        rows in 1usize..40, inputs in 1usize..700, outputs in 1usize..40, first in 0usize..40, seed in 0u64..1000
+    ) {
+        let first = first % rows;
+        let (x, weight) = (random::<2>([rows, inputs], seed), random::<2>([inputs, outputs], seed + 1));
+        let bias = random::<1>([outputs], seed + 2);
+        let all = bits(ops::linear(x.clone(), weight.clone(), Some(bias.clone())));
+        let some = bits(ops::linear(x.narrow(0, first, rows - first), weight, Some(bias)));
+        prop_assert_eq!(&all[first * outputs..], &some[..]);
+    }
+
+    #[test]
+    fn queries_stand_alone(
+        queries in 1usize..150, keys in 1usize..300, heads in 1usize..4, head_width in 1usize..20, first in 0usize..150
+    ) {
+        let (width, first) = (heads * head_width, first % queries);
+        let (q, kv) = (random::<3>([1, queries, width], 1), random::<3>([1, keys, 2 * width], 2));
+        let all = bits(ops::cross_attention(q.clone(), kv.clone(), heads, None));
+        let some = bits(ops::cross_attention(q.slice([0..1, first..queries]), kv, heads, None));
+        prop_assert_eq!(&all[first * width..], &some[..]);
+    }
+
+    #[test]
+    fn elements_do_not_depend_on_their_place(count in 1usize..70, first in 0usize..70) {
+        let first = first % count;
+        let x = random::<1>([count], 3) * 5.0;
+        prop_assert_eq!(&bits(ops::gelu(x.clone()))[first..], &bits(ops::gelu(x.narrow(0, first, count - first)))[..]);
+    }
+}
+
+#[test]
+fn gradients_of_gathered_rows_do_not_depend_on_threads() {
+    let rows: Vec<i64> = (0..4 * 300).map(|pick| pick * 7 % 11).collect();
+    let device = Device::flex().autodiff();
+    let numbers = Tensor::<3, Int>::from_data(TensorData::new(rows, [4, 100, 3]), &device);
+    let gradient = |threads| {
+        let x = Tensor::<3>::from_inner(random([4, 11, 9], 1)).require_grad();
+        in_pool(threads, || {
+            let out = ops::gather_max(x.clone(), numbers.clone());
+            let again = ops::gather_rows(x.clone(), numbers.clone().reshape([4, 300]));
+            bits(x.grad(&((out.clone() * out).sum() + again.exp().sum()).backward()).unwrap())
+        })
+    };
+    assert_eq!(gradient(1), gradient(3));
+}

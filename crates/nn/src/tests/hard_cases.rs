@@ -1,0 +1,198 @@
+use atsplat_numeric::Tolerance;
+use burn::Tensor;
+use burn::tensor::{Bool, DType, Device, TensorData};
+
+use super::{random, tensor, values};
+use crate::ops;
+
+fn of(values: &[f64]) -> Tensor<1> {
+    tensor(values, [values.len()], DType::F32, &Device::flex())
+}
+
+/// Queries of two elements that give the logits `a·x + b·y`, one head.
+fn attended(queries: &[f64], keys_values: &[f64]) -> Vec<f64> {
+    let device = Device::flex();
+    let queries = tensor(queries, [1, queries.len() / 2, 2], DType::F32, &device);
+    let keys_values = tensor(keys_values, [1, keys_values.len() / 4, 4], DType::F32, &device);
+    values(ops::cross_attention(queries, keys_values, 1, None))
+}
+
+#[test]
+fn logits_of_minus_infinity_weigh_nothing() {
+    let out = attended(&[1.0, 0.0], &[f64::NEG_INFINITY, 0.0, 5.0, 6.0, 1.0, 0.0, 7.0, 8.0]);
+    Tolerance::EXACT.assert(out, [7.0, 8.0], "the other key's values");
+}
+
+#[test]
+fn a_query_with_nothing_but_minus_infinity_gives_zero() {
+    let out = attended(&[1.0, 0.0], &[f64::NEG_INFINITY, 0.0, 5.0, 6.0]);
+    Tolerance::EXACT.assert(out, [0.0, 0.0], "no key left");
+}
+
+#[test]
+fn broken_logits_break_their_query_alone() {
+    // The second query's logit with the infinite key is NaN, the first one's +∞, the third one's −∞.
+    let keys_values = [f64::INFINITY, 0.0, 5.0, 6.0, 0.0, 1.0, 7.0, 8.0];
+    let out = attended(&[1.0, 0.0, 0.0, 1.0, -1.0, 0.0, f64::NAN, 0.0], &keys_values);
+    assert!(out[..4].iter().all(|value| value.is_nan()), "+∞ and NaN: {out:?}");
+    Tolerance::EXACT.assert(out[4..6].to_vec(), [7.0, 8.0], "−∞");
+    assert!(out[6..].iter().all(|value| value.is_nan()), "a NaN in the query: {out:?}");
+}
+
+#[test]
+fn large_logits_do_not_overflow() {
+    let out = attended(&[1e4, 0.0], &[1e4, 0.0, 5.0, 6.0, -1e4, 0.0, 7.0, 8.0]);
+    Tolerance::EXACT.assert(out, [5.0, 6.0], "the larger logit's values");
+}
+
+#[test]
+fn samples_without_any_key_give_zero_and_no_gradient() {
+    for dtype in [DType::F32, DType::F64] {
+        let device = Device::flex().autodiff();
+        let packed = tensor(&super::uniform(2 * 5 * 24, 4), [2, 5, 24], dtype, &device).require_grad();
+        let ignored: Vec<bool> = (0..10).map(|key| key < 5).collect();
+        let ignored = Tensor::<2, Bool>::from_data(TensorData::new(ignored, [2, 5]), &device);
+        let out = ops::self_attention(packed.clone(), 2, Some(ignored));
+        let gradients = (out.clone() * out.clone()).sum().backward();
+        let (out, gradient) = (values(out), values(packed.grad(&gradients).unwrap()));
+        Tolerance::EXACT.assert(out[..40].to_vec(), [0.0; 40], "result");
+        Tolerance::EXACT.assert(gradient[..120].to_vec(), [0.0; 120], "gradient");
+        assert!(out[40..].iter().any(|&value| value != 0.0) && gradient[120..].iter().any(|&value| value != 0.0));
+    }
+}
+
+#[test]
+fn a_broken_sample_leaves_the_others_alone() {
+    let x = random::<3>([3, 6, 24], 8);
+    let mut broken = values(x.clone());
+    broken[6 * 24 + 3] = f64::NAN;
+    let broken = tensor(&broken, [3, 6, 24], DType::F32, &Device::flex());
+    let (whole, partly) = (ops::self_attention(x, 2, None), ops::self_attention(broken, 2, None));
+    let (whole, partly) = (super::bits(whole), super::bits(partly));
+    assert_eq!(whole[..48], partly[..48]);
+    assert_eq!(whole[96..], partly[96..]);
+    assert!(partly[48..96].iter().any(|&bits| f32::from_bits(bits).is_nan()));
+}
+
+#[test]
+fn no_keys_and_no_queries() {
+    let (none, some) = (random::<3>([2, 0, 8], 1), random::<3>([2, 3, 8], 1));
+    let no_keys = ops::cross_attention(some.clone(), random([2, 0, 16], 1), 2, None);
+    Tolerance::EXACT.assert(values(no_keys), [0.0; 48], "no keys");
+    assert_eq!(ops::cross_attention(none, random([2, 3, 16], 1), 2, None).dims(), [2, 0, 8]);
+    assert_eq!(ops::linear(random::<2>([0, 4], 1), random([4, 3], 1), None).dims(), [0, 3]);
+    assert_eq!(ops::gelu(random::<2>([0, 4], 1)).dims(), [0, 4]);
+    assert_eq!(ops::layer_norm(random::<2>([0, 4], 1), random([4], 1), None, 1e-5).dims(), [0, 4]);
+}
+
+#[test]
+fn gelu_keeps_its_relative_error_in_the_tails() {
+    // x·Φ(x), from Python's mpmath with 30 digits.
+    let expected = [
+        (-12.0, -2.131_778_534_493_21e-32),
+        (-8.0, -4.976_768_459_417_43e-15),
+        (-3.0, -0.004_049_694_094_890_28),
+        (-1.0, -0.158_655_253_931_457),
+        (-1e-3, -4.996_010_577_860_89e-4),
+        (0.0, 0.0),
+        (0.5, 0.345_731_230_637_007),
+        (2.0, 1.954_499_736_103_64),
+        (7.0, 6.999_999_999_991_04),
+    ];
+    let out = values(ops::gelu(of(&expected.map(|(x, _)| x))));
+    Tolerance::relative(3e-6).assert(out, expected.map(|(_, y)| y), "GELU");
+}
+
+#[test]
+fn gelu_of_what_is_not_finite() {
+    let x = Tensor::from_inner(of(&[f64::NEG_INFINITY, f64::INFINITY, f64::NAN, 3e38, -3e38])).require_grad();
+    let out = ops::gelu(x.clone());
+    let gradient = values(x.grad(&out.clone().sum().backward()).unwrap());
+    let out = values(out);
+    Tolerance::relative(1e-6).assert([out[0], out[1], out[3], out[4]], [0.0, f64::INFINITY, 3e38, 0.0], "value");
+    Tolerance::EXACT.assert([gradient[0], gradient[1], gradient[3], gradient[4]], [0.0, 1.0, 1.0, 0.0], "slope");
+    assert!(out[2].is_nan() && gradient[2].is_nan(), "NaN stays");
+}
+
+#[test]
+fn exponentials_are_as_good_as_the_standard_librarys() {
+    // Two keys whose values tell the weights: softmax of (0, x).
+    for step in 0..400 {
+        let x = -f64::from(step) * 0.2;
+        let out = attended(&[2.0f64.sqrt(), 0.0], &[0.0, 0.0, 0.0, 0.0, x, 0.0, 1.0, 0.0]);
+        let exact = x.exp() / (1.0 + x.exp());
+        Tolerance { absolute: 1e-37, relative: 4e-7 + 2e-7 * x.abs() }.assert([out[0]], [exact], &format!("at {x}"));
+    }
+}
+
+#[test]
+fn constant_rows_normalise_to_beta() {
+    let (gamma, beta) = (random::<1>([8], 1), random::<1>([8], 2));
+    let rows = Tensor::<2>::full([3, 8], 1e4, &Device::flex());
+    let out = ops::layer_norm(rows, gamma, Some(beta.clone()), 1e-5);
+    Tolerance::absolute(1e-6).assert(values(out), values(beta).repeat(3), "layer norm");
+}
+
+#[test]
+fn nan_wins_the_largest_and_the_first_of_equals_the_gradient() {
+    let x = of(&[1.0, f64::NAN, 2.0, 4.0, 2.0, 5.0]).reshape([1, 1, 3, 2]);
+    let x = Tensor::<4>::from_inner(x).require_grad();
+    let out = ops::max_over_neighbours(x.clone());
+    let gradient = values(x.grad(&out.clone().sum().backward()).unwrap());
+    let out = values(out);
+    assert!(out[1].is_nan());
+    Tolerance::EXACT.assert([out[0]], [2.0], "value");
+    Tolerance::EXACT.assert(gradient, [0.0, 1.0, 1.0, 0.0, 0.0, 0.0], "gradient");
+}
+
+#[test]
+#[should_panic(expected = "index 4 of a row, of which there are 4")]
+fn a_row_that_does_not_exist_is_refused() {
+    let rows = Tensor::from_data([[4i64]], &Device::flex());
+    ops::gather_rows(random([1, 4, 2], 1), rows);
+}
+
+#[test]
+fn top_k_orders_ties_infinities_and_nan() {
+    let scores = of(&[1.0, f64::NAN, 3.0, f64::NEG_INFINITY, 3.0, f64::INFINITY, f64::NAN, 0.0, -0.0, 1.0]);
+    let chosen = |k| {
+        let selection = ops::top_k(scores.clone().reshape([1, 10]), k);
+        let read = |numbers: Tensor<2, burn::tensor::Int>| numbers.into_data_as::<i64>().try_to_vec::<i64>().unwrap();
+        (read(selection.chosen), read(selection.rest))
+    };
+    assert_eq!(chosen(10).0, [5, 2, 4, 0, 9, 7, 8, 3, 1, 6]);
+    assert_eq!(chosen(3), (vec![5, 2, 4], vec![0, 1, 3, 6, 7, 8, 9]));
+    assert_eq!(chosen(0), (vec![], (0..10).collect()));
+}
+
+#[test]
+fn nearest_neighbours_order_ties_and_broken_points() {
+    let points = [0.0, 0.0, 1.0, 0.0, -1.0, 0.0, f64::NAN, 0.0, 0.0, 0.0, f64::INFINITY, 0.0];
+    let points = of(&points).reshape([1, 6, 2]);
+    let nearest = ops::nearest_neighbours(points.clone().slice([0..1, 0..1]), points, 6);
+    assert_eq!(nearest.into_data_as::<i64>().try_to_vec::<i64>().unwrap(), [0, 4, 1, 2, 3, 5]);
+}
+
+#[test]
+fn nearest_neighbours_agree_with_sorting_all_distances() {
+    let points = random::<3>([2, 90, 3], 6);
+    let coordinates = values(points.clone());
+    let found = ops::nearest_neighbours(points.clone(), points, 7).into_data_as::<i64>().try_to_vec::<i64>().unwrap();
+    for (query, found) in found.chunks(7).enumerate() {
+        let at = |point: usize| &coordinates[(query / 90 * 90 + point) * 3..][..3];
+        let distance =
+            |point: usize| -> f64 { at(point).iter().zip(at(query % 90)).map(|(a, b)| (a - b).powi(2)).sum() };
+        let mut order: Vec<usize> = (0..90).collect();
+        order.sort_by(|&a, &b| distance(a).total_cmp(&distance(b)));
+        assert_eq!(found.iter().map(|&point| usize::try_from(point).unwrap()).collect::<Vec<_>>(), order[..7]);
+    }
+}
+
+#[test]
+fn burns_softmax_is_what_attention_computes() {
+    let [q, k, v] = [1, 2, 3].map(|seed| random::<3>([2, 33, 24], seed));
+    let packed = Tensor::cat(vec![q.clone(), k.clone(), v.clone()], 2);
+    let ours = values(ops::self_attention(packed, 3, None));
+    let theirs = values(super::cases::decomposed([q, k, v], 3, None));
+    Tolerance::absolute(1e-6).assert(ours, theirs, "attention");
+}

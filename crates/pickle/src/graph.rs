@@ -1,0 +1,273 @@
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+use indexmap::IndexMap;
+
+use crate::container::Container;
+use crate::globals::Global;
+use crate::shortened;
+use crate::tensor::{DType, Storage};
+use crate::value::{Dict, Key};
+use crate::{MAX_DEPTH, Tensor, TorchError, Value};
+
+/// PyTorch's own limit.
+const MAX_DIMENSIONS: usize = 64;
+
+/// Position of a node in [`Graph`]: an opcode makes one node at most, and a pickle is shorter than 4 GiB.
+pub(crate) type NodeId = u32;
+
+/// What a pickle built. Objects refer to each other by position, as they do in Python: a list can be
+/// filled after others hold it, can be held twice, can hold itself. Dropping it recurses nowhere.
+pub(crate) struct Graph<'a> {
+    pub(crate) nodes: Vec<Node>,
+    /// What text and bytes are ranges of.
+    pub(crate) source: &'a [u8],
+}
+
+pub(crate) enum Node {
+    None,
+    Bool(bool),
+    Int(i64),
+    Float(f64),
+    Str(Range<u32>),
+    Bytes(Range<u32>),
+    List(Vec<NodeId>),
+    Tuple(Box<[NodeId]>),
+    Dict(Vec<(NodeId, NodeId)>),
+    Global(Global),
+    Storage(StorageRef),
+    Tensor(Box<TensorRef>),
+}
+
+/// `('storage', class, key, location, numel)`.
+#[derive(Clone, Copy)]
+pub(crate) struct StorageRef {
+    pub(crate) dtype: DType,
+    pub(crate) key: NodeId,
+    /// In elements.
+    pub(crate) len: u64,
+}
+
+/// Arguments of `_rebuild_tensor` and `_rebuild_tensor_v2`. The tuples stay where they are, because many tensors may share them.
+pub(crate) struct TensorRef {
+    pub(crate) storage: StorageRef,
+    pub(crate) offset: u64,
+    pub(crate) shape: NodeId,
+    pub(crate) strides: NodeId,
+}
+
+impl Node {
+    pub(crate) fn kind(&self) -> &'static str {
+        match self {
+            Self::None => "None",
+            Self::Bool(_) => "a bool",
+            Self::Int(_) => "an integer",
+            Self::Float(_) => "a float",
+            Self::Str(_) => "text",
+            Self::Bytes(_) => "bytes",
+            Self::List(_) => "a list",
+            Self::Tuple(_) => "a tuple",
+            Self::Dict(_) => "a dict",
+            Self::Global(_) => "a class or function",
+            Self::Storage(_) => "a storage",
+            Self::Tensor(_) => "a tensor",
+        }
+    }
+}
+
+impl<'a> Graph<'a> {
+    pub(crate) fn node(&self, id: NodeId) -> &Node {
+        self.nodes.get(id as usize).unwrap_or(&Node::None)
+    }
+
+    pub(crate) fn text(&self, id: NodeId) -> Option<&'a str> {
+        match self.node(id) {
+            Node::Str(range) => std::str::from_utf8(self.slice(range)).ok(),
+            _ => None,
+        }
+    }
+
+    fn slice(&self, range: &Range<u32>) -> &'a [u8] {
+        self.source.get(range.start as usize..range.end as usize).unwrap_or_default()
+    }
+
+    /// Element type and count of every storage that the pickle names.
+    pub(crate) fn storages(&self) -> Result<HashMap<&'a str, (DType, u64)>, TorchError> {
+        let mut storages = HashMap::new();
+        for node in &self.nodes {
+            let Node::Storage(StorageRef { dtype, key, len }) = *node else { continue };
+            let key = self.text(key).unwrap_or_default();
+            let earlier = storages.insert(key, (dtype, len));
+            if earlier.is_some_and(|earlier| earlier != (dtype, len)) {
+                let location = format!("legacy storage {:?}", shortened(key));
+                return Err(TorchError::malformed(location, "one type and length", "several"));
+            }
+        }
+        Ok(storages)
+    }
+
+    /// The tree below `root`, each object made once and shared wherever the pickle shares it.
+    ///
+    /// # Errors
+    /// Where an object holds itself, nesting exceeds [`MAX_DEPTH`], or a tensor does not fit its storage.
+    pub(crate) fn into_value(self, root: NodeId, container: &Arc<Container>) -> Result<Value, TorchError> {
+        let mut tree = Tree {
+            states: (0..self.nodes.len()).map(|_| State::New).collect(),
+            graph: self,
+            dimensions: HashMap::new(),
+            container,
+        };
+        let mut pending = vec![root];
+        while let Some(&id) = pending.last() {
+            match tree.state(id) {
+                State::Done(..) => {
+                    pending.pop();
+                }
+                State::New => tree.open(id, &mut pending)?,
+                State::Open => tree.close(id)?,
+            }
+        }
+        tree.done(root).map(|(value, _)| value)
+    }
+}
+
+enum State {
+    New,
+    /// Its parts are being made: meeting it again now means that it holds itself.
+    Open,
+    /// Made, and how deep it nests.
+    Done(Value, usize),
+}
+
+struct Tree<'a, 'c> {
+    graph: Graph<'a>,
+    states: Vec<State>,
+    /// Shapes and strides, by the tuple they came from.
+    dimensions: HashMap<NodeId, Arc<[u64]>>,
+    container: &'c Arc<Container>,
+}
+
+impl Tree<'_, '_> {
+    fn state(&self, id: NodeId) -> &State {
+        self.states.get(id as usize).unwrap_or(&State::New)
+    }
+
+    fn set(&mut self, id: NodeId, state: State) {
+        if let Some(slot) = self.states.get_mut(id as usize) {
+            *slot = state;
+        }
+    }
+
+    fn done(&self, id: NodeId) -> Result<(Value, usize), TorchError> {
+        match self.state(id) {
+            State::Done(value, depth) => Ok((value.clone(), *depth)),
+            State::New | State::Open => Err(TorchError::malformed("pickle", "a finished object", "an unfinished one")),
+        }
+    }
+
+    fn open(&mut self, id: NodeId, pending: &mut Vec<NodeId>) -> Result<(), TorchError> {
+        self.set(id, State::Open);
+        let before = pending.len();
+        match self.graph.node(id) {
+            Node::List(items) => pending.extend(items),
+            Node::Tuple(items) => pending.extend(items.iter()),
+            Node::Dict(entries) => pending.extend(entries.iter().flat_map(|&(key, value)| [key, value])),
+            _ => {}
+        }
+        let parts = pending.get(before..).unwrap_or_default();
+        if parts.iter().any(|&part| matches!(self.state(part), State::Open)) {
+            return Err(TorchError::unsupported("pickle", "an object that holds itself"));
+        }
+        Ok(())
+    }
+
+    fn close(&mut self, id: NodeId) -> Result<(), TorchError> {
+        let mut depth = 0;
+        let value = match self.graph.node(id) {
+            Node::None => Value::None,
+            Node::Bool(value) => Value::Bool(*value),
+            Node::Int(value) => Value::Int(*value),
+            Node::Float(value) => Value::Float(*value),
+            Node::Str(_) => Value::Str(self.graph.text(id).unwrap_or_default().into()),
+            Node::Bytes(range) => Value::Bytes(self.graph.slice(range).into()),
+            Node::List(items) => Value::List(self.items(items, &mut depth)?),
+            Node::Tuple(items) => Value::Tuple(self.items(items, &mut depth)?),
+            Node::Dict(entries) => Value::Dict(Arc::new(self.dict(entries, &mut depth)?)),
+            Node::Tensor(parts) => {
+                let (storage, offset) = (self.storage(parts.storage)?, parts.offset);
+                let (shape, strides) = (parts.shape, parts.strides);
+                let (shape, strides) = (self.dimensions(shape)?, self.dimensions(strides)?);
+                Value::Tensor(Arc::new(Tensor::new(storage, offset, shape, strides)?))
+            }
+            node @ (Node::Global(_) | Node::Storage(_)) => {
+                return Err(TorchError::malformed("pickle", "data", format!("{} on its own", node.kind())));
+            }
+        };
+        if depth > MAX_DEPTH {
+            return Err(TorchError::unsupported("pickle", format!("nesting deeper than {MAX_DEPTH}")));
+        }
+        self.set(id, State::Done(value, depth));
+        Ok(())
+    }
+
+    fn items(&self, items: &[NodeId], depth: &mut usize) -> Result<Arc<[Value]>, TorchError> {
+        items.iter().map(|&item| self.part(item, depth)).collect()
+    }
+
+    fn dict(&self, entries: &[(NodeId, NodeId)], depth: &mut usize) -> Result<Dict, TorchError> {
+        let mut dict = IndexMap::with_capacity(entries.len());
+        for &(key, value) in entries {
+            let key = match self.part(key, depth)? {
+                Value::Str(text) => Key::Str(text),
+                Value::Int(number) => Key::Int(number),
+                other => return Err(TorchError::malformed("dict key", "text or an integer", other.to_string())),
+            };
+            dict.insert(key, self.part(value, depth)?);
+        }
+        Ok(Dict { entries: dict })
+    }
+
+    fn part(&self, id: NodeId, depth: &mut usize) -> Result<Value, TorchError> {
+        let (value, below) = self.done(id)?;
+        *depth = (*depth).max(below + 1);
+        Ok(value)
+    }
+
+    fn storage(&self, reference: StorageRef) -> Result<Storage, TorchError> {
+        let StorageRef { dtype, key, len } = reference;
+        let key = self.graph.text(key).unwrap_or_default();
+        let location = || format!("storage {:?}", shortened(key));
+        let held = self
+            .container
+            .len(key)
+            .ok_or_else(|| TorchError::malformed(location(), "its bytes in the file", "none"))?;
+        if len.checked_mul(dtype.bytes() as u64) != Some(held) {
+            let expected = format!("{len} elements of {dtype}");
+            return Err(TorchError::malformed(location(), expected, format!("{held} bytes")));
+        }
+        Ok(Storage { container: Arc::clone(self.container), key: key.into(), dtype, len })
+    }
+
+    fn dimensions(&mut self, id: NodeId) -> Result<Arc<[u64]>, TorchError> {
+        if let Some(dimensions) = self.dimensions.get(&id) {
+            return Ok(Arc::clone(dimensions));
+        }
+        let expected = || format!("a tuple of at most {MAX_DIMENSIONS} counts");
+        let items = match self.graph.node(id) {
+            Node::Tuple(items) if items.len() <= MAX_DIMENSIONS => items,
+            Node::Tuple(items) => {
+                return Err(TorchError::malformed("tensor shape", expected(), items.len().to_string()));
+            }
+            other => return Err(TorchError::malformed("tensor shape", expected(), other.kind())),
+        };
+        let count = |&item: &NodeId| match self.graph.node(item) {
+            Node::Int(value) => u64::try_from(*value)
+                .map_err(|source| TorchError::malformed("tensor shape", "counts", format!("{value} ({source})"))),
+            other => Err(TorchError::malformed("tensor shape", "counts", other.kind())),
+        };
+        let dimensions: Arc<[u64]> = items.iter().map(count).collect::<Result<_, _>>()?;
+        self.dimensions.insert(id, Arc::clone(&dimensions));
+        Ok(dimensions)
+    }
+}
