@@ -1,6 +1,9 @@
 use std::path::{Path, PathBuf};
 
-use atsplat_scene::{ColmapOptions, Dataset, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings};
+use anyhow::bail;
+use atsplat_scene::{
+    ColmapOptions, Dataset, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, SceneSource as _, Warnings,
+};
 use clap::Args;
 
 /// Which dataset, and where its pictures are.
@@ -54,5 +57,18 @@ impl PictureWords {
             colmap: ColmapOptions { pictures, images_root: self.frames.clone() },
         };
         Ok(atsplat_scene::open_with(path, &options, warnings)?)
+    }
+}
+
+/// The scene that is meant, where a dataset may hold several.
+pub(crate) fn key_of<'a>(dataset: &'a Dataset, asked: Option<&'a str>) -> anyhow::Result<&'a str> {
+    match (asked, dataset.keys()) {
+        (Some(key), _) => Ok(key),
+        (None, [only]) => Ok(only),
+        (None, keys) => {
+            let some: Vec<&str> = keys.iter().take(5).map(String::as_str).collect();
+            let (path, count) = (dataset.path.display(), keys.len());
+            bail!("{path} holds {count} scenes ({} …): say which with --key", some.join(", "))
+        }
     }
 }

@@ -3,15 +3,21 @@
 //! Exit codes: 0 done, 1 failed, 2 wrong words, 4 done with scenes or frames skipped (`--strict` only).
 
 mod adapters;
+mod budget;
 mod data;
 mod dataset_words;
 mod exit;
+mod memory;
+mod model_words;
 mod output;
 mod plot;
 mod progress;
 mod protocol;
+mod reconstruct;
 mod render;
+mod selection;
 mod stress;
+mod weights;
 mod words;
 
 use std::process::ExitCode;
@@ -46,8 +52,15 @@ enum Command {
     /// List, lint, build and derive evaluation protocols.
     #[command(subcommand)]
     Protocol(protocol::Command),
+    /// Reconstruct Gaussians from posed photos.
+    Reconstruct(Box<reconstruct::Words>),
     /// Render Gaussians along a path into PNG, EXR and an animation.
     Render(Box<render::Words>),
+    /// Print how many tokens and Gaussians each of the paper's settings makes, beside its published figures.
+    Budget(budget::Words),
+    /// Import, export, inspect and verify weights.
+    #[command(subcommand)]
+    Weights(weights::Command),
     /// List graphics adapters, and test each.
     Adapters(adapters::Words),
     /// Put every renderer through the hard cases; exits with 1 where one fails.
@@ -81,12 +94,16 @@ fn told_once(error: &anyhow::Error) -> String {
     text
 }
 
+const fn tested(passed: bool) -> Exit {
+    if passed { Exit::Done } else { Exit::Failed }
+}
+
 fn run(words: &Words) -> anyhow::Result<Exit> {
     rayon::ThreadPoolBuilder::new()
         .num_threads(words.threads.into())
         .build_global()
         .context("starting worker threads")?;
-    if words.strict && matches!(words.command, Command::Adapters(_) | Command::Stress(_)) {
+    if words.strict && !matches!(words.command, Command::Data(_) | Command::Protocol(_) | Command::Render(_)) {
         let told = "--strict: this command skips nothing";
         return Err(Words::command().error(ErrorKind::ArgumentConflict, told).into());
     }
@@ -94,8 +111,11 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
         Command::Render(words) => render::run(words)?,
+        Command::Reconstruct(words) => reconstruct::run(words)?,
+        Command::Weights(command) => weights::run(command)?,
         Command::Adapters(words) => adapters::run(words)?,
-        Command::Stress(words) => return Ok(if stress::run(words)? { Exit::Done } else { Exit::Failed }),
+        Command::Budget(words) => return Ok(tested(budget::run(words)?)),
+        Command::Stress(words) => return Ok(tested(stress::run(words)?)),
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })
 }

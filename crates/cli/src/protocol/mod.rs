@@ -5,7 +5,7 @@ mod extrapolate;
 mod lint;
 mod list;
 mod overlap;
-mod parse;
+pub(crate) mod parse;
 mod show;
 
 use clap::Subcommand;

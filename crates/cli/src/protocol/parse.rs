@@ -7,7 +7,7 @@ use atsplat_protocol::overlap::OverlapEstimator;
 use atsplat_protocol::{BinRule, IndexBuilder, OverlapBins, Preset, ProtocolError};
 
 /// A preset's name, or the path of one. A path is read when the work begins: a broken file is no wrong word.
-pub(super) fn preset(text: &str) -> Result<String, ProtocolError> {
+pub(crate) fn preset(text: &str) -> Result<String, ProtocolError> {
     name_or_path(text, Preset::resolve)
 }
 

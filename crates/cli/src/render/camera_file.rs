@@ -13,6 +13,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::views::Shot;
+use crate::dataset_words::key_of;
 
 /// A camera of a file.
 #[derive(Clone, Debug)]
@@ -145,14 +146,7 @@ impl CameraRecord {
 
 fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow::Result<Vec<FileCamera>> {
     let dataset = atsplat_scene::open(path, warnings)?;
-    let key = match (key, dataset.keys()) {
-        (Some(key), _) => key,
-        (None, [only]) => only,
-        (None, keys) => {
-            let some: Vec<&str> = keys.iter().take(5).map(String::as_str).collect();
-            bail!("{} holds {} scenes ({} …): say which with --key", path.display(), keys.len(), some.join(", "))
-        }
-    };
+    let key = key_of(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // A picture that cannot be read only leaves the size open.

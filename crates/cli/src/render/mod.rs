@@ -1,22 +1,21 @@
 //! `atsplat render`: Gaussians along a path of cameras, into pictures.
 
 mod backend;
-mod camera_file;
+pub(crate) mod camera_file;
 mod check;
 mod effects;
 mod exposures;
-mod frames;
+pub(crate) mod frames;
 mod framing;
 mod look;
-mod picture;
+pub(crate) mod picture;
 mod preview;
 mod report;
 mod round_trip;
 mod scene_file;
-mod selection;
 mod timings;
 mod views;
-mod words;
+pub(crate) mod words;
 
 use std::path::PathBuf;
 

@@ -10,8 +10,8 @@ use serde::Serialize;
 
 use super::camera_file::{self, FileCamera};
 use super::framing;
-use super::selection::Selection;
 use super::words::{self, Axis};
+use crate::selection::Selection;
 
 /// Size of pictures of an orbit.
 const ORBIT_SIZE: ImageSize = ImageSize { width: 960, height: 540 };
@@ -168,7 +168,7 @@ impl ViewWords {
         let Some(file) = self.file() else { return Ok(None) };
         let mut cameras = camera_file::read(&file, self.key.as_deref(), warnings)?;
         if let Some(selection) = &self.frames {
-            let picked = selection.of(cameras.len())?;
+            let picked = selection.of("--frames", cameras.len())?;
             cameras = picked.into_iter().filter_map(|position| cameras.get(position).cloned()).collect();
         }
         if self.no_distortion {

@@ -1,9 +1,11 @@
+//! Positions in a list, as words of the command line.
+
 use std::collections::BTreeSet;
 use std::str::FromStr;
 
 use anyhow::{Context as _, bail};
 
-/// Positions in a list of cameras, in the order given: `0,29,100..200:10`.
+/// Positions in a list, in the order given: `0,29,100..200:10`.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(crate) struct Selection(Vec<Part>);
 
@@ -46,19 +48,19 @@ impl Part {
 }
 
 impl Selection {
-    /// The selected positions of a list of `count`.
-    pub(crate) fn of(&self, count: usize) -> anyhow::Result<Vec<usize>> {
+    /// The selected positions of a list of `count`; `word` is what asked for them.
+    pub(crate) fn of(&self, word: &str, count: usize) -> anyhow::Result<Vec<usize>> {
         let mut picked = Vec::new();
         let mut known = BTreeSet::new();
         for part in &self.0 {
             let past = part.past.unwrap_or(count);
             if part.first >= count || past > count {
                 let found = if part.first >= count { part.first } else { past - 1 };
-                bail!("--frames: position {found}, but there are {count} cameras, counted from 0");
+                bail!("{word}: position {found}, but there are {count} frames, counted from 0");
             }
             for position in (part.first..past).step_by(part.step) {
                 if !known.insert(position) {
-                    bail!("--frames: position {position} is selected twice");
+                    bail!("{word}: position {position} is selected twice");
                 }
                 picked.push(position);
             }
@@ -72,7 +74,7 @@ mod tests {
     use super::*;
 
     fn of(text: &str, count: usize) -> anyhow::Result<Vec<usize>> {
-        text.parse::<Selection>()?.of(count)
+        text.parse::<Selection>()?.of("--frames", count)
     }
 
     #[test]

@@ -1,0 +1,103 @@
+use anyhow::{Context as _, bail};
+use atsplat_model::ImageSize;
+use atsplat_model::budget::Budget;
+use serde::Serialize;
+
+/// The paper's figures (`eval/published/README.md`).
+const TABLE: &str = include_str!("../../../../eval/published/budget.csv");
+
+/// A row of the paper's.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Published {
+    pub(super) dataset: &'static str,
+    pub(super) model: &'static str,
+    pub(super) views: usize,
+    pub(super) size: ImageSize,
+    pub(super) initial_tokens: Option<usize>,
+    pub(super) final_tokens: Option<usize>,
+    pub(super) gaussians: Count,
+}
+
+/// A number as it is printed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) enum Count {
+    /// To the unit.
+    Exact(usize),
+    /// Thousands, the rest cut off.
+    Thousands(usize),
+}
+
+impl Count {
+    fn agrees(self, found: usize) -> bool {
+        match self {
+            Self::Exact(count) => count == found,
+            Self::Thousands(thousands) => thousands == found / 1000,
+        }
+    }
+}
+
+impl std::fmt::Display for Count {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Exact(count) => write!(f, "{count}"),
+            Self::Thousands(thousands) => write!(f, "{thousands}K"),
+        }
+    }
+}
+
+impl Published {
+    /// Whether every figure that is printed is this budget's.
+    pub(super) fn agrees(&self, found: &Budget) -> bool {
+        self.initial_tokens.is_none_or(|count| count == found.initial_tokens)
+            && self.final_tokens.is_none_or(|count| count == found.final_tokens)
+            && self.gaussians.agrees(found.gaussians)
+    }
+}
+
+/// All rows, in the order of the file.
+pub(super) fn table() -> anyhow::Result<Vec<Published>> {
+    let rows = TABLE.lines().skip(1).enumerate();
+    rows.map(|(at, line)| row(line).with_context(|| format!("eval/published/budget.csv, line {}", at + 2))).collect()
+}
+
+fn row(line: &'static str) -> anyhow::Result<Published> {
+    let fields: Vec<&'static str> = line.split(',').collect();
+    let [dataset, model, height, width, views, initial, last, gaussians] = *fields.as_slice() else {
+        bail!("expected 8 fields, found {}", fields.len());
+    };
+    let count = |text: &str| text.parse::<usize>().with_context(|| format!("expected a number, found {text:?}"));
+    let maybe = |text: &str| if text.is_empty() { Ok(None) } else { count(text).map(Some) };
+    Ok(Published {
+        dataset,
+        model,
+        views: count(views)?,
+        size: ImageSize::new(count(height)?, count(width)?),
+        initial_tokens: maybe(initial)?,
+        final_tokens: maybe(last)?,
+        gaussians: match gaussians.strip_suffix('K') {
+            Some(thousands) => Count::Thousands(count(thousands)?),
+            None => Count::Exact(count(gaussians)?),
+        },
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_committed_table_is_read_and_broken_rows_are_not() {
+        assert_eq!(table().unwrap().len(), 6);
+        for broken in ["", "RE10K,a,1,2,3,4,5", "RE10K,a,1,2,3,4,5,6,7", "RE10K,a,x,2,3,4,5,6", "RE10K,a,1,2,3,4,5,K"] {
+            assert!(row(broken).is_err(), "{broken:?}");
+        }
+    }
+
+    #[test]
+    fn thousands_are_cut_off_and_not_rounded() {
+        assert!(Count::Thousands(52).agrees(52_928) && !Count::Thousands(53).agrees(52_928));
+        assert!(Count::Exact(52_928).agrees(52_928) && !Count::Exact(52_912).agrees(52_928));
+    }
+}

@@ -1,0 +1,202 @@
+use std::fmt;
+
+use atsplat_model::ImageSize;
+use atsplat_model::budget::{Budget, BudgetRange, MemoryEstimate};
+use atsplat_model::network::StageSeconds;
+use serde::Serialize;
+
+use super::measure::Measured;
+use super::published::Published;
+use crate::memory::for_people;
+
+/// The table.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Report {
+    pub(super) rows: Vec<Row>,
+    /// Whether the configurations are other ones than their names say.
+    pub(super) changed: bool,
+}
+
+/// A configuration, its input, and what that comes to.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Row {
+    dataset: Option<&'static str>,
+    model: String,
+    views: usize,
+    /// Height and width in pixels.
+    size: ImageSize,
+    /// If no token exceeds a threshold; the same as `most` where ratios are fixed.
+    least: Tokens,
+    most: Tokens,
+    published: Option<Published>,
+    verdict: Verdict,
+    weight_bytes: u64,
+    activation_bytes: u64,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    run: Option<Run>,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Tokens {
+    initial: usize,
+    blocks: Vec<usize>,
+    r#final: usize,
+    gaussians: usize,
+}
+
+/// The formula against the paper.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+enum Verdict {
+    Equal,
+    Differs,
+    NotPublished,
+}
+
+/// The network against the formula.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Run {
+    tokens: Tokens,
+    /// Whether the counts are the formula's, or within its range.
+    keeps_to_formula: bool,
+    seconds: StageSeconds,
+    total_secs: f64,
+    making_secs: f64,
+    peak_bytes: Option<u64>,
+}
+
+impl From<&Budget> for Tokens {
+    fn from(budget: &Budget) -> Self {
+        Self {
+            initial: budget.initial_tokens,
+            blocks: budget.tokens.clone(),
+            r#final: budget.final_tokens,
+            gaussians: budget.gaussians,
+        }
+    }
+}
+
+impl Row {
+    pub(super) fn new(
+        (dataset, model): (Option<&'static str>, String),
+        (views, size): (usize, ImageSize),
+        (range, memory): (&BudgetRange, MemoryEstimate),
+        published: Option<Published>,
+        measured: Option<Measured>,
+    ) -> Self {
+        let (least, most) = (Tokens::from(&range.least), Tokens::from(&range.most));
+        let verdict = match (&published, range.fixed()) {
+            (None, _) => Verdict::NotPublished,
+            (Some(row), Some(budget)) if row.agrees(budget) => Verdict::Equal,
+            (Some(_), _) => Verdict::Differs,
+        };
+        let run = measured.map(|measured| {
+            let Measured { budget, seconds, making_secs, peak_bytes } = measured;
+            let tokens = Tokens::from(&budget);
+            let keeps_to_formula = tokens.is_between(&least, &most);
+            Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), making_secs, peak_bytes }
+        });
+        let MemoryEstimate { weight_bytes, activation_bytes } = memory;
+        Self { dataset, model, views, size, least, most, published, verdict, weight_bytes, activation_bytes, run }
+    }
+}
+
+impl Tokens {
+    fn is_between(&self, least: &Self, most: &Self) -> bool {
+        let within = |low: usize, found: usize, high: usize| (low..=high).contains(&found);
+        self.blocks.len() == least.blocks.len()
+            && within(least.initial, self.initial, most.initial)
+            && within(least.gaussians, self.gaussians, most.gaussians)
+            && self
+                .blocks
+                .iter()
+                .zip(&least.blocks)
+                .zip(&most.blocks)
+                .all(|((&found, &low), &high)| within(low, found, high))
+    }
+}
+
+impl Report {
+    /// Whether the formula is the paper's and every network kept to it.
+    pub(super) fn is_right(&self) -> bool {
+        let right =
+            |row: &Row| row.verdict != Verdict::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula);
+        self.rows.iter().all(right)
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(
+            f,
+            "{:<7} {:<16} {:>9} {:>5}  {:>12}  {:>15}  {:>15}  {:<8}  {:>9}",
+            "dataset", "model", "pictures", "views", "tokens", "Gaussians", "published", "verdict", "memory"
+        )?;
+        for row in &self.rows {
+            row.fmt(f)?;
+        }
+        if self.changed {
+            writeln!(f, "changed by --thresholds, --ratios or --expand-first: of these networks nothing is published")?;
+        }
+        if self.rows.iter().any(|row| row.run.is_some()) {
+            writeln!(f, "\nrun with fresh weights")?;
+            writeln!(
+                f,
+                "{:<16} {:>9} {:>5}  {:>12}  {:>9}  {:<9}  {:>8}  {:>9}  seconds of each stage",
+                "model", "pictures", "views", "tokens", "Gaussians", "formula", "seconds", "peak"
+            )?;
+            for row in &self.rows {
+                row.ran(f)?;
+            }
+        }
+        writeln!(f, "\npictures are height x width, as papers write them; memory is estimated by formula")
+    }
+}
+
+impl Row {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { dataset, model, views, least, most, published, verdict, .. } = self;
+        let range = |least: usize, most: usize| {
+            if least == most { most.to_string() } else { format!("{least} to {most}") }
+        };
+        let tokens = format!("{} > {}", most.initial, range(least.r#final, most.r#final));
+        let gaussians = range(least.gaussians, most.gaussians);
+        let told = published.as_ref().map_or_else(
+            || "-".to_owned(),
+            |row| match row.final_tokens {
+                Some(tokens) => format!("{tokens}, {}", row.gaussians),
+                None => row.gaussians.to_string(),
+            },
+        );
+        let verdict = match verdict {
+            Verdict::Equal => "equal",
+            Verdict::Differs => "DIFFERS",
+            Verdict::NotPublished => "-",
+        };
+        let (dataset, size) = (dataset.unwrap_or("-"), self.size.to_string());
+        let memory = for_people(self.weight_bytes + self.activation_bytes);
+        writeln!(
+            f,
+            "{dataset:<7} {model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>15}  {told:>15}  {verdict:<8}  {memory:>9}"
+        )
+    }
+
+    fn ran(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Some(run) = &self.run else { return Ok(()) };
+        let tokens = format!("{} > {}", run.tokens.initial, run.tokens.r#final);
+        let formula = if run.keeps_to_formula { "kept" } else { "NOT KEPT" };
+        let peak = run.peak_bytes.map_or_else(|| "-".to_owned(), for_people);
+        let stages: Vec<String> =
+            run.seconds.stages().iter().map(|(stage, seconds)| format!("{stage} {seconds:.2}")).collect();
+        let (model, size, views) = (&self.model, self.size.to_string(), self.views);
+        let (gaussians, seconds, stages) = (run.tokens.gaussians, run.total_secs, stages.join(", "));
+        writeln!(
+            f,
+            "{model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>9}  {formula:<9}  {seconds:>8.2}  {peak:>9}  {stages}"
+        )
+    }
+}

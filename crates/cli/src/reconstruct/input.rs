@@ -1,0 +1,188 @@
+//! Which photos: a dataset, the views to reconstruct from, what happens to pictures and poses before the network.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context as _, bail};
+use atsplat_camera::{Camera, Distortion, ImageSize as CameraSize, PrincipalPointRule};
+use atsplat_model::network::Views;
+use atsplat_model::{ImageSize, ModelConfig};
+use atsplat_pixels::{DecodeLimits, ImageU8};
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, TrialRecipe, Trials};
+use atsplat_protocol::{EvaluationIndex, Filters, IndexEntry, MeanCameraScale, NearFar, PoseNormalisation, Preset};
+use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
+use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
+use clap::Args;
+use indexmap::IndexMap;
+use rayon::prelude::*;
+
+use super::report::{InputRecord, ViewRecord};
+use super::{model_size, rendered};
+use crate::dataset_words::{PictureWords, key_of};
+use crate::protocol::parse;
+use crate::render::words;
+use crate::selection::Selection;
+
+pub(super) const NO_DISTORTION: Distortion = Distortion::None;
+
+/// iLRM's planes in the normalised world, which the presets infer for ATSplat too.
+const NEAR_FAR: NearFar = NearFar { near: 0.01, far: 500.0 };
+
+#[derive(Debug, Args)]
+pub(super) struct InputWords {
+    /// Posed photos: RE10K trajectories with frames, `.torch` chunks, a `transforms.json`, a COLMAP model, a folder of
+    /// them, or the `render.json` that `atsplat render` wrote beside its pictures.
+    data: PathBuf,
+
+    /// Photos to reconstruct from, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all.
+    #[arg(long, value_name = "SEL", required = true)]
+    views: Selection,
+
+    /// Views to render too, in the same count; of their photos only the size is read.
+    #[arg(long, value_name = "SEL")]
+    targets: Option<Selection>,
+
+    /// Which scene of DATA, where it holds several.
+    #[arg(long, value_name = "KEY")]
+    key: Option<String>,
+
+    #[command(flatten)]
+    pictures: PictureWords,
+
+    /// Crop, resize and normalise as this protocol says: a name of `atsplat protocol list`, or a path that ends in .toml.
+    /// By default photos are scaled and cropped to the model's size with the principal point where the crop puts it, and
+    /// poses are normalised to the mean camera with Long-LRM's scale.
+    #[arg(long, value_name = "PRESET", value_parser = parse::preset, conflicts_with = "size")]
+    protocol: Option<String>,
+
+    /// Size of the pictures that the network gets; by default the model's own.
+    #[arg(long, value_name = "WxH", value_parser = words::size)]
+    size: Option<CameraSize>,
+
+    /// Take cameras for pinholes, whatever DATA says of their lenses, as the papers do.
+    #[arg(long)]
+    no_distortion: bool,
+}
+
+/// The photos of one scene, prepared.
+#[derive(Debug)]
+pub(super) struct Input {
+    pub(super) trial: Trial,
+    names: IndexMap<usize, String>,
+}
+
+impl InputWords {
+    pub(super) const fn has_targets(&self) -> bool {
+        self.targets.is_some()
+    }
+
+    /// Finds the scene and prepares cameras; no picture is decoded.
+    pub(super) fn read(&self, config: &ModelConfig, warnings: &mut Warnings) -> anyhow::Result<Input> {
+        let mut scene = self.scene(warnings)?;
+        if self.no_distortion {
+            scene.frames.iter_mut().for_each(|frame| frame.camera.distortion = NO_DISTORTION);
+        }
+        let count = scene.frames.len();
+        let context = self.views.of("--views", count)?;
+        let target = self.targets.as_ref().map(|targets| targets.of("--targets", count)).transpose()?;
+        let entry = IndexEntry { context, target: target.unwrap_or_default(), overlap: None };
+        let asked = entry.context.iter().chain(&entry.target);
+        let name = |&frame: &usize| Some((frame, scene.frames.get(frame)?.name.clone()));
+        let names = asked.filter_map(name).collect();
+        let index = EvaluationIndex { scenes: IndexMap::from([(scene.key.clone(), vec![entry])]) };
+        let source = Arc::new(OneScene { keys: vec![scene.key.clone()], scene });
+        let nothing_ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+        let trial = Trials::new(source, &index, self.recipe(config)?, nothing_ahead).next();
+        let (trial, _) = trial.context("no view")?.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
+        Ok(Input { trial, names })
+    }
+
+    fn scene(&self, warnings: &mut Warnings) -> anyhow::Result<Scene> {
+        if let Some(scene) = rendered::open(&self.data)? {
+            return Ok(scene);
+        }
+        let dataset = self.pictures.open(&self.data, warnings)?;
+        Ok(dataset.load(key_of(&dataset, self.key.as_deref())?, warnings)?)
+    }
+
+    /// A protocol's, or what suits any photos.
+    fn recipe(&self, config: &ModelConfig) -> anyhow::Result<TrialRecipe> {
+        if let Some(name) = &self.protocol {
+            return Ok(TrialRecipe::of(&Preset::resolve(name)?, "ATSplat"));
+        }
+        let (width, height) = match self.size {
+            Some(size) => (size.width, size.height),
+            None => (u32::try_from(config.resolution.width)?, u32::try_from(config.resolution.height)?),
+        };
+        Ok(TrialRecipe {
+            preprocessing: Preprocessing {
+                principal_point: PrincipalPointRule::Corrected,
+                ..Preprocessing::of([RescaleAndCrop::new(height, width).into()])
+            },
+            pose_normalisation: PoseNormalisation::mean_camera(MeanCameraScale::LongLrm),
+            near_far: NEAR_FAR,
+            filters: Filters::default(),
+            decode_limits: DecodeLimits::default(),
+            allow_absent_pictures: false,
+        })
+    }
+}
+
+impl Input {
+    /// The size of every picture.
+    pub(super) fn size(&self) -> anyhow::Result<ImageSize> {
+        let sizes = self.trial.context().iter().map(|view| (view.frame, view.size));
+        let (first, size) = sizes.clone().next().context("no view")?;
+        if let Some((frame, other)) = sizes.clone().find(|(_, other)| *other != size) {
+            bail!("expected pictures of one size, found {size} of frame {first} and {other} of frame {frame}");
+        }
+        Ok(model_size(size))
+    }
+
+    /// Pictures and cameras as the network takes them.
+    pub(super) fn views(&self, size: ImageSize) -> anyhow::Result<Views> {
+        let decoded: Result<Vec<Arc<ImageU8>>, _> =
+            self.trial.context().par_iter().map(atsplat_protocol::trial::ContextView::picture).collect();
+        let decoded = decoded?;
+        let pictures = decoded.iter().flat_map(|picture| picture.samples()).map(|&sample| f32::from(sample) / 255.0);
+        let cameras: Vec<Camera> = self.trial.context().iter().map(|view| view.camera).collect();
+        Ok(Views::new(size, pictures.collect(), cameras)?)
+    }
+
+    /// What the dataset calls a frame.
+    pub(super) fn name(&self, frame: usize) -> String {
+        self.names.get(&frame).cloned().unwrap_or_default()
+    }
+
+    pub(super) fn record(&self, words: &InputWords) -> InputRecord {
+        let trial = &self.trial;
+        let view = |frame: usize| ViewRecord { frame, name: self.name(frame) };
+        InputRecord {
+            data: words.data.clone(),
+            scene: trial.scene().to_owned(),
+            views: trial.context().iter().map(|context| view(context.frame)).collect(),
+            targets: trial.targets().iter().map(|target| view(target.frame)).collect(),
+            trial: trial.hash(),
+            protocol: words.protocol.clone(),
+            preprocessing: trial.preprocessing().to_string(),
+            normalisation: trial.normalisation().into(),
+            near_far: trial.near_far(),
+        }
+    }
+}
+
+/// A dataset of the scene that was loaded already.
+struct OneScene {
+    keys: Vec<String>,
+    scene: Scene,
+}
+
+impl SceneSource for OneScene {
+    fn keys(&self) -> &[String] {
+        &self.keys
+    }
+
+    fn load(&self, _key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        Ok(self.scene.clone())
+    }
+}

@@ -1,0 +1,228 @@
+//! Which network, with which weights.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use anyhow::bail;
+use atsplat_model::ModelConfig;
+use atsplat_model::config::BackboneConfig;
+use atsplat_model::network::{Device, Network};
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone};
+use atsplat_protocol::Sha256Digest;
+use clap::Args;
+use serde::Serialize;
+
+use crate::model_words::{ChangeWords, model};
+use crate::weights::file;
+
+/// What `random:SEED` runs where no model is named.
+const SMALLEST: &str = "nano";
+
+#[derive(Debug, Args)]
+pub(super) struct NetworkWords {
+    /// A weights file of this toolkit (`atsplat weights import` makes one), or `random:SEED`: an untrained network, to try
+    /// the way and its cost without weights.
+    #[arg(long, value_name = "FILE|random:SEED", required = true)]
+    weights: WeightsWord,
+
+    /// sha256 that the weights file must have.
+    #[arg(long, value_name = "HEX")]
+    sha256: Option<Sha256Digest>,
+
+    /// Configuration: paper-re10k, paper-dl3dv, paper-dl3dv-224, paper-dl3dv-hr, mini, nano, or a path that ends in .toml;
+    /// by default the one in the weights file, or nano for random weights.
+    #[arg(long, value_name = "NAME|FILE", value_parser = model)]
+    model: Option<String>,
+
+    /// DINOv2 weights for the frozen backbone of an untrained network.
+    #[arg(long, value_name = "FILE")]
+    backbone: Option<PathBuf>,
+
+    /// sha256 that the backbone's file must have.
+    #[arg(long, value_name = "HEX", requires = "backbone")]
+    backbone_sha256: Option<Sha256Digest>,
+
+    #[command(flatten)]
+    changes: ChangeWords,
+
+    /// What random selection of tokens draws with.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    pub(super) seed: u64,
+}
+
+#[derive(Clone, Debug, PartialEq, Eq)]
+enum WeightsWord {
+    File(PathBuf),
+    Untrained(u64),
+}
+
+impl FromStr for WeightsWord {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text.strip_prefix("random") {
+            Some("") => Err("expected random:SEED, as random:1".to_owned()),
+            Some(rest) if rest.starts_with(':') => {
+                let seed = rest.trim_start_matches(':').parse();
+                seed.map(Self::Untrained).map_err(|_| format!("expected a whole number after random:, found {rest:?}"))
+            }
+            _ => Ok(Self::File(PathBuf::from(text))),
+        }
+    }
+}
+
+/// A configuration, and where its weights are: known before anything heavy is read.
+pub(super) struct Source<'a> {
+    words: &'a NetworkWords,
+    pub(super) config: ModelConfig,
+    /// What the file says that it was written for.
+    file: Option<(TensorFile, ModelConfig)>,
+}
+
+/// The configuration that ran.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct ModelRecord {
+    name: String,
+    /// Of all that can change a Gaussian.
+    hash: String,
+    /// What the weights file was written for, where something else ran.
+    written_for: Option<WrittenFor>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct WrittenFor {
+    name: String,
+    hash: String,
+}
+
+/// Where every number of the network came from.
+#[derive(Debug, Serialize)]
+#[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
+pub(super) enum WeightsRecord {
+    File { file: PathBuf, sha256: String, provenance: BTreeMap<String, String> },
+    Untrained { seed: u64, told: &'static str, backbone: Option<BackboneRecord> },
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct BackboneRecord {
+    file: PathBuf,
+    sha256: String,
+    /// What the file is, if its hash is known.
+    known: Option<&'static str>,
+}
+
+impl WeightsRecord {
+    const TOLD: &str = "random weights, nothing was learned; the Gaussians show the way and its cost, not a scene";
+
+    /// What must be said of an untrained network wherever its output is named.
+    pub(super) const fn untrained(&self) -> Option<&'static str> {
+        match self {
+            Self::File { .. } => None,
+            Self::Untrained { told, .. } => Some(told),
+        }
+    }
+}
+
+impl NetworkWords {
+    pub(super) fn check(&self) -> Result<(), String> {
+        let is_file = matches!(self.weights, WeightsWord::File(_));
+        if is_file && self.backbone.is_some() {
+            return Err("--backbone is for random weights: a weights file holds its backbone".to_owned());
+        }
+        if !is_file && self.sha256.is_some() {
+            return Err("--sha256 is that of a weights file, and random weights have none".to_owned());
+        }
+        Ok(())
+    }
+
+    /// Reads the configuration and, of a file, what it says of itself.
+    pub(super) fn source(&self) -> anyhow::Result<Source<'_>> {
+        let asked = self.model.as_deref().map(ModelConfig::resolve).transpose()?;
+        let (base, file) = match &self.weights {
+            WeightsWord::Untrained(_) => (asked.map_or_else(|| ModelConfig::named(SMALLEST), Ok)?, None),
+            WeightsWord::File(path) => {
+                let advised = asked.clone().map_or_else(|| ModelConfig::named("paper-re10k"), Ok)?;
+                let file = file::open(path, || file::advice(&advised, self.sha256.as_ref()))?;
+                file::check_sha256(path, &file, self.sha256.as_ref())?;
+                let own = file::config(path, &file)?;
+                (asked.unwrap_or_else(|| own.clone()), Some((file, own)))
+            }
+        };
+        if self.backbone.is_some() && !matches!(base.backbone, BackboneConfig::DinoV2 { .. }) {
+            bail!("--backbone: the model {} has no DINOv2 backbone", base.name);
+        }
+        Ok(Source { words: self, config: self.changes.applied(&base)?, file })
+    }
+}
+
+impl Source<'_> {
+    /// The network with its weights, whole or not at all.
+    pub(super) fn load(&self, device: &Device) -> anyhow::Result<(Network, WeightsRecord)> {
+        let network = Network::new(&self.config, device)?;
+        match (&self.words.weights, &self.file) {
+            (WeightsWord::File(path), Some((file, _))) => {
+                let weights = ModelWeights::from_stored(&file.stored).map_err(|error| file::in_file(path, error))?;
+                // Other configurations may run on the same parameters; they have to be the very same ones.
+                let weights = ModelWeights::new(self.config.clone(), weights.provenance, &weights.tensors)
+                    .map_err(|error| file::in_file(path, error))?;
+                let record = WeightsRecord::File {
+                    file: path.clone(),
+                    sha256: file.sha256.clone(),
+                    provenance: weights.provenance,
+                };
+                Ok((network.with_weights(&weights.tensors)?, record))
+            }
+            (WeightsWord::File(path), None) => bail!("{} was not read", path.display()),
+            (WeightsWord::Untrained(seed), _) => {
+                let mut tensors = generated(&parameters(&self.config), *seed);
+                let mut record = None;
+                if let Some(path) = &self.words.backbone {
+                    let asked = self.words.backbone_sha256.map(|hash| hash.to_string());
+                    let backbone = read_backbone(path, &self.config, asked.as_deref())?;
+                    tensors.tensors.extend(backbone.tensors.tensors);
+                    let known = backbone.known.map(|known| known.what);
+                    record = Some(BackboneRecord { file: path.clone(), sha256: backbone.sha256, known });
+                }
+                let told = WeightsRecord::TOLD;
+                let record = WeightsRecord::Untrained { seed: *seed, told, backbone: record };
+                Ok((network.with_weights(&tensors)?, record))
+            }
+        }
+    }
+
+    pub(super) fn record(&self) -> anyhow::Result<ModelRecord> {
+        let hash = self.config.hash()?;
+        let written_for = match &self.file {
+            Some((_, own)) => Some(WrittenFor { name: own.name.clone(), hash: own.hash()? }),
+            None => None,
+        };
+        let written_for = written_for.filter(|own| own.hash != hash);
+        Ok(ModelRecord { name: self.config.name.clone(), hash, written_for })
+    }
+}
+
+impl ModelRecord {
+    pub(super) fn name(&self) -> &str {
+        &self.name
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn weights_are_a_file_or_a_seed() {
+        assert_eq!("random:7".parse(), Ok(WeightsWord::Untrained(7)));
+        assert_eq!("a.safetensors".parse(), Ok(WeightsWord::File("a.safetensors".into())));
+        assert_eq!("randomly/a".parse(), Ok(WeightsWord::File("randomly/a".into())));
+        for broken in ["random", "random:", "random:x", "random:-1", "random:1.5"] {
+            assert!(broken.parse::<WeightsWord>().is_err(), "{broken:?}");
+        }
+    }
+}

@@ -1,0 +1,95 @@
+//! The file of Gaussians.
+
+use std::path::{Path, PathBuf};
+
+use atsplat_camera::Similarity;
+use atsplat_splat::Gaussians;
+use atsplat_splat::files::{self, Encoding, Output};
+use glam::DVec3;
+use serde::Serialize;
+
+use super::FrameWord;
+
+/// What a file's name asks for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum SceneFormat {
+    Ply,
+    Spz,
+}
+
+/// What was written.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct OutputRecord {
+    pub(super) file: PathBuf,
+    format: Output,
+    /// Whose axes and unit of length.
+    pub(super) frame: FrameWord,
+    pub(super) gaussians: usize,
+    pub(super) sh_degree: u8,
+}
+
+impl SceneFormat {
+    pub(super) fn of_path(path: &Path) -> Result<Self, String> {
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("ply") => Ok(Self::Ply),
+            Some("spz") => Ok(Self::Spz),
+            _ => Err(format!("expected a file that ends in .ply or .spz, found {}", path.display())),
+        }
+    }
+}
+
+/// Parses `--out`.
+pub(super) fn path(text: &str) -> Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    SceneFormat::of_path(&path)?;
+    Ok(path)
+}
+
+/// `scene.ply.json`: what belongs to whom is seen in a listing, and no dataset's file is called so.
+pub(super) fn record_path(out: &Path) -> PathBuf {
+    let mut name = out.as_os_str().to_owned();
+    name.push(".json");
+    PathBuf::from(name)
+}
+
+/// Writes Gaussians in the network's frame, or wherever they were moved.
+pub(super) fn write(path: &Path, gaussians: &Gaussians, format: SceneFormat) -> anyhow::Result<OutputRecord> {
+    let format = match format {
+        SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
+        SceneFormat::Spz => Output::Spz3 { antialiased: false },
+    };
+    files::write(path, gaussians, format)?;
+    Ok(OutputRecord {
+        file: path.to_owned(),
+        format,
+        frame: FrameWord::Network,
+        gaussians: gaussians.len(),
+        sh_degree: gaussians.sh_degree(),
+    })
+}
+
+/// The way back: `old = Rᵀ · new / scale + origin`.
+pub(super) fn inverse(change: &Similarity) -> Similarity {
+    Similarity {
+        rotation: change.rotation.inverse(),
+        origin: change.new_from_old(DVec3::ZERO),
+        scale: change.scale.recip(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+    use glam::DMat3;
+
+    #[test]
+    fn the_inverse_undoes() {
+        let rotation = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(-0.3);
+        let change = Similarity { rotation, origin: DVec3::new(1.0, -2.0, 3.0), scale: 0.4 };
+        let point = DVec3::new(-0.3, 5.0, 2.0);
+        let back = inverse(&change).new_from_old(change.new_from_old(point));
+        Tolerance::F64.assert(back.to_array(), point.to_array(), "there and back");
+    }
+}

@@ -1,0 +1,31 @@
+//! What `atsplat render` wrote, as a scene: its cameras from `render.json`, its pictures from beside it.
+
+use std::path::Path;
+
+use atsplat_scene::{Frame, Picture, Scene, Warnings};
+
+use crate::render::camera_file::{self, FileCamera};
+use crate::render::frames::file_name;
+
+/// The scene; `None` for anything but a `render.json` or a folder with one and no other dataset's files.
+pub(super) fn open(path: &Path) -> anyhow::Result<Option<Scene>> {
+    const RECORD: &str = "render.json";
+    let file = if path.is_dir() { path.join(RECORD) } else { path.to_owned() };
+    if !file.is_file() || file.file_name().is_none_or(|name| name != RECORD) {
+        return Ok(None);
+    }
+    let folder = file.parent().unwrap_or(Path::new("."));
+    let cameras = camera_file::read(&file, None, &mut Warnings::new())?;
+    let frame = |FileCamera { number, name, camera, size, .. }: FileCamera| {
+        let picture = folder.join(file_name(number, "png"));
+        Frame {
+            name,
+            timestamp_micros: None,
+            camera,
+            stated_size: size,
+            picture: if picture.is_file() { Picture::File(picture) } else { Picture::Missing(picture) },
+        }
+    };
+    let frames = cameras.into_iter().map(frame).collect();
+    Ok(Some(Scene { key: "render".to_owned(), url: None, frames }))
+}

@@ -1,0 +1,69 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use atsplat_model::weights::{KeyMap, ModelWeights};
+use clap::Args;
+use serde::Serialize;
+
+use super::file;
+use super::import::key_map;
+use crate::output::{PendingFile, print_report};
+
+#[derive(Debug, Args)]
+pub(crate) struct Words {
+    /// A weights file of this toolkit.
+    file: PathBuf,
+
+    /// The map that `weights import` would read the result with; it is read backwards.
+    #[arg(long, value_name = "NAME|FILE", value_parser = key_map)]
+    key_map: String,
+
+    /// Only tensors whose names in FILE begin so, as `backbone.`.
+    #[arg(long, value_name = "PREFIX", default_value = "")]
+    only: String,
+
+    /// Safetensors file to write.
+    #[arg(long, short, value_name = "FILE")]
+    out: PathBuf,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report {
+    file: PathBuf,
+    key_map: String,
+    parameters: usize,
+    tensors: usize,
+    out: PathBuf,
+}
+
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let map = KeyMap::resolve(&words.key_map)?;
+    let out = PendingFile::open(&words.out)?;
+    let source = file::open(&words.file, || "a weights file of this toolkit".to_owned())?;
+    let in_file = |error| file::in_file(&words.file, error);
+    let mut weights = ModelWeights::from_stored(&source.stored).map_err(in_file)?;
+    weights.tensors.tensors.retain(|name, _| name.starts_with(&words.only));
+    let exported = map.export(&weights.tensors)?;
+    out.finish(&exported.to_safetensors()?)?;
+    let report = Report {
+        file: words.file.clone(),
+        key_map: words.key_map.clone(),
+        parameters: weights.tensors.tensors.len(),
+        tensors: exported.tensors.len(),
+        out: words.out.clone(),
+    };
+    print_report(&report, words.json)?;
+    Ok(true)
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { key_map, parameters, tensors, out, .. } = self;
+        writeln!(f, "{parameters} parameters into {tensors} tensors by key map {key_map}, in {}", out.display())
+    }
+}

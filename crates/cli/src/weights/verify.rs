@@ -1,0 +1,131 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use anyhow::bail;
+use atsplat_model::ModelConfig;
+use atsplat_model::config::BackboneConfig;
+use atsplat_model::weights::{KnownFile, ModelWeights, read_backbone};
+use atsplat_protocol::Sha256Digest;
+use clap::Args;
+use serde::Serialize;
+
+use super::backbone::Backbone;
+use super::file;
+use crate::model_words::model;
+use crate::output::print_report;
+
+#[derive(Debug, Args)]
+pub(crate) struct Words {
+    /// A weights file of this toolkit, or DINOv2's.
+    file: PathBuf,
+
+    /// sha256 that the file must have.
+    #[arg(long, value_name = "HEX")]
+    sha256: Option<Sha256Digest>,
+
+    /// Configuration that the weights must fit: a name, or a path that ends in .toml. DINOv2's weights must be those of its
+    /// backbone.
+    #[arg(long, value_name = "NAME|FILE", value_parser = model)]
+    model: Option<String>,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report {
+    file: PathBuf,
+    sha256: String,
+    /// Whether that was asked for, or is the hash of a published file.
+    sha256_expected: bool,
+    /// What is whole.
+    what: String,
+    /// Parameters that were found, finite and of their shape.
+    parameters: usize,
+    fits: Option<String>,
+}
+
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let config = words.model.as_deref().map(ModelConfig::resolve).transpose()?;
+    let wanted = config.clone();
+    let file = file::open(&words.file, || match &wanted {
+        Some(config) => file::advice(config, words.sha256.as_ref()),
+        None => "a file of weights".to_owned(),
+    })?;
+    file::check_sha256(&words.file, &file, words.sha256.as_ref())?;
+    let (what, parameters) = if file.stored.metadata.contains_key(file::FORMAT_KEY) {
+        own(words, &file, config.as_ref())?
+    } else {
+        backbone(words, &file, config.as_ref())?
+    };
+    let known = KnownFile::with_sha256(&file.sha256);
+    let report = Report {
+        file: words.file.clone(),
+        sha256_expected: words.sha256.is_some() || known.is_some(),
+        sha256: file.sha256,
+        what: known.map_or(what.clone(), |known| format!("{what}; {}", known.what)),
+        parameters,
+        fits: config.map(|config| config.name),
+    };
+    print_report(&report, words.json)?;
+    Ok(true)
+}
+
+/// The toolkit's own: every tensor is there, of its shape, finite, and what was hashed when the file was written.
+fn own(
+    words: &Words,
+    file: &atsplat_model::weights::TensorFile,
+    config: Option<&ModelConfig>,
+) -> anyhow::Result<(String, usize)> {
+    let in_file = |error| file::in_file(&words.file, error);
+    let weights = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
+    if let Some(config) = config {
+        ModelWeights::new(config.clone(), weights.provenance, &weights.tensors).map_err(in_file)?;
+    }
+    Ok((format!("weights of the model {}", weights.config.name), weights.tensors.tensors.len()))
+}
+
+/// Somebody else's: a whole backbone, of the model's where one was asked for.
+fn backbone(
+    words: &Words,
+    file: &atsplat_model::weights::TensorFile,
+    config: Option<&ModelConfig>,
+) -> anyhow::Result<(String, usize)> {
+    let parameters = match config {
+        Some(config) if matches!(config.backbone, BackboneConfig::DinoV2 { .. }) => {
+            Some(read_backbone(&words.file, config, None)?.report.matched.len())
+        }
+        Some(config) => bail!(
+            "weights: expected a file of this toolkit, since the model {} has no DINOv2 backbone, found one without its \
+             metadata ({})",
+            config.name,
+            words.file.display()
+        ),
+        None => None,
+    };
+    let Some(backbone) = Backbone::in_file(&file.stored)? else {
+        bail!(
+            "weights: expected a file of this toolkit or a whole DINOv2, found {} tensors of neither; `atsplat weights \
+             inspect --tensors` lists them ({})",
+            file.stored.tensors.len(),
+            words.file.display()
+        )
+    };
+    let found = file.stored.tensors.len().saturating_sub(backbone.left_over);
+    Ok((backbone.to_string(), parameters.unwrap_or(found)))
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let expected =
+            if self.sha256_expected { "as expected" } else { "not compared: none is known, and none was given" };
+        writeln!(f, "{}\nsha256 {}, {expected}", self.file.display(), self.sha256)?;
+        writeln!(f, "whole: {}; {} parameters, finite and of their shape", self.what, self.parameters)?;
+        match &self.fits {
+            Some(model) => writeln!(f, "fits the model {model}"),
+            None => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,99 @@
+//! `atsplat budget`: the paper's table by formula, and the network that keeps to it.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::path::Path;
+
+use serde_json::{Value, json};
+
+use common::{atsplat, succeed};
+
+fn rows(words: &[&str]) -> Vec<Value> {
+    let text = succeed(Path::new("."), &[&["budget", "--json"], words].concat());
+    serde_json::from_str::<Value>(&text).unwrap()["rows"].as_array().unwrap().clone()
+}
+
+#[test]
+fn every_published_row_is_what_the_formula_gives() {
+    let found: Vec<Value> = rows(&[])
+        .iter()
+        .map(|row| {
+            json!([
+                row["model"],
+                row["views"],
+                row["size"],
+                row["most"]["initial"],
+                row["most"]["final"],
+                row["most"]["gaussians"],
+                row["verdict"]
+            ])
+        })
+        .collect();
+    let expected = json!([
+        ["paper-re10k", 2, [256, 256], 512, 1440, 23_040, "equal"],
+        ["paper-dl3dv", 2, [256, 448], 896, 2520, 40_320, "equal"],
+        ["paper-dl3dv", 4, [256, 448], 1792, 5040, 80_640, "equal"],
+        ["paper-dl3dv", 6, [256, 448], 2688, 7560, 120_960, "equal"],
+        ["paper-dl3dv-224", 6, [224, 224], 1176, 3308, 52_928, "equal"],
+        ["paper-dl3dv-hr", 12, [512, 960], 5760, 19_440, 311_040, "equal"],
+    ]);
+    assert_eq!(json!(found), expected);
+    let text = succeed(Path::new("."), &["budget"]);
+    assert_eq!(text.lines().filter(|line| line.contains("equal")).count(), 6, "{text}");
+    assert!(text.contains("52K") && text.contains("GiB"), "{text}");
+}
+
+#[test]
+fn other_settings_are_not_compared_with_what_is_published() {
+    let row = |words: &[&str]| rows(words).remove(0);
+    let published = row(&["--model", "paper-dl3dv", "--views", "4", "--size", "448x256"]);
+    assert_eq!((&published["verdict"], &published["published"]["final-tokens"]), (&json!("equal"), &json!(5040)));
+    for words in [
+        &["--model", "paper-dl3dv", "--views", "3"][..],
+        &["--model", "nano"],
+        &["--model", "paper-re10k", "--ratios", "0.5,0.5,0.5"],
+    ] {
+        let row = row(words);
+        assert_eq!((&row["verdict"], &row["published"]), (&json!("not-published"), &Value::Null), "{words:?}");
+    }
+    let dynamic = row(&["--model", "paper-re10k", "--thresholds", "0.1,0.1,0.4"]);
+    assert_eq!((&dynamic["least"]["gaussians"], &dynamic["most"]["gaussians"]), (&json!(8192), &json!(65_536)));
+    assert!(rows(&["--thresholds", "1,1,1"]).iter().all(|row| row["published"].is_null()));
+}
+
+#[test]
+fn the_network_keeps_to_the_formula() {
+    for (words, gaussians) in [
+        (&["--model", "nano", "--views", "3", "--size", "64x48"][..], 1632),
+        (&["--model", "nano", "--views", "1", "--size", "48x32", "--thresholds", "0,0,0"], 768),
+        (&["--model", "nano", "--views", "1", "--size", "48x32", "--expand-first", "0"], 96),
+    ] {
+        let row = rows(&[&["--run"], words].concat()).remove(0);
+        assert_eq!(row["run"]["tokens"], row["most"], "{row}");
+        assert_eq!(
+            (&row["run"]["tokens"]["gaussians"], &row["run"]["keeps-to-formula"]),
+            (&json!(gaussians), &json!(true))
+        );
+        assert!(row["run"]["total-secs"].as_f64().unwrap() > 0.0);
+    }
+    let text = succeed(Path::new("."), &["budget", "--model", "nano", "--views", "1", "--size", "32x32", "--run"]);
+    assert!(text.contains("kept") && text.contains("seconds of each stage"), "{text}");
+}
+
+#[test]
+fn what_has_no_budget() {
+    for (words, code, told) in [
+        (&["--model", "nano", "--size", "40x32"][..], 1, "divides"),
+        (&["--model", "gone.toml"], 1, "gone.toml"),
+        (&["--model", "nano", "--thresholds", "1"], 1, "3 thresholds"),
+        (&["--model", "none"], 2, "paper-re10k"),
+        (&["--views", "2"], 2, "--model"),
+        (&["--model", "nano", "--views", "0"], 2, "views"),
+        (&["--model", "nano", "--thresholds", "1,1,1", "--ratios", "1,1,1"], 2, "--ratios"),
+    ] {
+        let outcome = atsplat(Path::new("."), &[&["budget"], words].concat());
+        assert!(outcome.code == code && outcome.stderr.contains(told), "{words:?}: {}", outcome.stderr);
+    }
+}
