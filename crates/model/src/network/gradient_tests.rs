@@ -184,7 +184,7 @@ fn check(
 fn settled(slopes: &[f64]) -> Option<f64> {
     let apart = |pair: &&[f64]| (pair[1] - pair[0]).abs();
     let best = slopes.windows(2).min_by(|a, b| apart(a).total_cmp(&apart(b)))?;
-    Some((best[0] + best[1]) / 2.0)
+    Some(f64::midpoint(best[0], best[1]))
 }
 
 fn length(vector: &[f64]) -> f64 {
