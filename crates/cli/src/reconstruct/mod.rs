@@ -20,7 +20,7 @@ use crate::memory;
 use crate::output::{PendingFile, complain, print_report, print_warnings};
 use input::InputWords;
 use network::NetworkWords;
-use output::{OutputRecord, SceneFormat};
+use output::SceneFormat;
 use renders::RenderWords;
 use report::{Clock, Record, Report, TokenRecord};
 
@@ -86,12 +86,12 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     clock.extend(made.seconds.stages());
 
     let normalisation = input.trial.normalisation();
-    let gaussians = clock.time("writing", || match words.frame {
-        FrameWord::Network => output::write(&words.out, &made.gaussians, format),
-        FrameWord::Scene => {
-            let moved = made.gaussians.transformed(&output::inverse(&normalisation.new_from_old))?;
-            output::write(&words.out, &moved, format)
-        }
+    let output = clock.time("writing", || {
+        let in_scene = match words.frame {
+            FrameWord::Network => None,
+            FrameWord::Scene => Some(made.gaussians.transformed(&output::inverse(&normalisation.new_from_old))?),
+        };
+        output::write(&words.out, in_scene.as_ref().unwrap_or(&made.gaussians), format, words.frame)
     })?;
     let renders = clock.time("renders", || words.renders.render(&made.gaussians, &input))?;
     let record = Record {
@@ -101,7 +101,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         weights,
         seed: words.network.seed,
         tokens: TokenRecord::of(&made),
-        output: OutputRecord { frame: words.frame, ..gaussians },
+        output,
         renders,
         warnings: notes(&made, &input),
     };

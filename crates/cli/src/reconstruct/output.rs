@@ -53,8 +53,13 @@ pub(super) fn record_path(out: &Path) -> PathBuf {
     PathBuf::from(name)
 }
 
-/// Writes Gaussians in the network's frame, or wherever they were moved.
-pub(super) fn write(path: &Path, gaussians: &Gaussians, format: SceneFormat) -> anyhow::Result<OutputRecord> {
+/// Writes Gaussians, which are in this frame.
+pub(super) fn write(
+    path: &Path,
+    gaussians: &Gaussians,
+    format: SceneFormat,
+    frame: FrameWord,
+) -> anyhow::Result<OutputRecord> {
     let format = match format {
         SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),
         SceneFormat::Spz => Output::Spz3 { antialiased: false },
@@ -63,7 +68,7 @@ pub(super) fn write(path: &Path, gaussians: &Gaussians, format: SceneFormat) -> 
     Ok(OutputRecord {
         file: path.to_owned(),
         format,
-        frame: FrameWord::Network,
+        frame,
         gaussians: gaussians.len(),
         sh_degree: gaussians.sh_degree(),
     })

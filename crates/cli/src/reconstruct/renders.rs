@@ -73,7 +73,7 @@ impl RenderWords {
         options.constants.name = format!("{} with near {} and far {}", self.constants, near_far.near, near_far.far);
         let mut files = Vec::new();
         for view in trial.context() {
-            files.push(write(folder, "inputs", view.frame, &encode_png(&view.picture()?)?)?);
+            files.push(write(folder, "inputs", view.frame, &encode_png(view.picture()?.as_ref())?)?);
         }
         let context = trial.context().iter().map(|view| ("context", view.frame, view.camera, view.size));
         let targets = trial.targets().iter().map(|view| ("targets", view.frame, view.camera, view.size));
