@@ -61,7 +61,7 @@ fn untrained<'a>(tiny: &'a str, more: &[&'a str]) -> Vec<&'a str> {
     reconstruct(&[&["--weights", "random:3", "--model", tiny], more].concat())
 }
 
-fn gaussians(path: PathBuf) -> Gaussians {
+fn gaussians(path: &Path) -> Gaussians {
     files::read(&path).unwrap().0
 }
 
@@ -95,7 +95,7 @@ fn the_file_holds_what_the_library_makes() {
     let tiny = tiny();
     let text = succeed(here, &untrained(tiny.to_str().unwrap(), &["--frame", "network", "--explain"]));
     let made = by_hand(here, &[0, 2, 5]);
-    assert_eq!(gaussians(here.join("scene.ply")), made.gaussians);
+    assert_eq!(gaussians(&here.join("scene.ply")), made.gaussians);
     let record = record(here);
     assert_eq!(record["tokens"]["gaussians"], made.budget.gaussians);
     let left: Vec<u64> =
@@ -178,7 +178,8 @@ fn spz_is_written_by_extension_and_views_keep_their_order() {
     let frames: Vec<&Value> = report["input"]["views"].as_array().unwrap().iter().map(|view| &view["frame"]).collect();
     assert_eq!(frames, [&json!(5), &json!(0), &json!(2)]);
     assert!(report["seconds"]["decoder"].is_number() && report["memory"]["weight-bytes"].is_number());
-    assert_eq!(gaussians(here.join("a.spz")).len(), report["output"]["gaussians"].as_u64().unwrap() as usize);
+    let told = report["output"]["gaussians"].as_u64().unwrap();
+    assert_eq!(gaussians(&here.join("a.spz")).len() as u64, told);
 }
 
 /// Weights that travelled through a file make the same Gaussians; other configurations run on them.
@@ -194,7 +195,7 @@ fn weights_from_a_file() {
     let file = ["--weights", "weights.safetensors"];
     let text = succeed(here, &reconstruct(&[&file[..], &["--frame", "network"]].concat()));
     assert!(!text.contains("UNTRAINED"), "{text}");
-    assert_eq!(gaussians(here.join("scene.ply")), by_hand(here, &[0, 2, 5]).gaussians);
+    assert_eq!(gaussians(&here.join("scene.ply")), by_hand(here, &[0, 2, 5]).gaussians);
     assert_eq!(record(here)["weights"]["provenance"], json!({ "data": "none" }));
     assert_eq!(record(here)["model"]["written-for"], Value::Null);
 
@@ -344,7 +345,7 @@ fn real_photos() {
         let report: Value = serde_json::from_str(&outcome.stdout).unwrap();
         assert_eq!((&report["tokens"]["final"], &report["tokens"]["gaussians"]), (&json!(1440), &json!(23_040)));
         assert_eq!(outcome.stderr.contains("lens distortion"), data.ends_with("fox"), "{}", outcome.stderr);
-        let scene = gaussians(here.join("scene.ply"));
+        let scene = gaussians(&here.join("scene.ply"));
         assert_eq!(scene.len(), 23_040);
         // The mean camera is among the cameras: a network's near plane away from nothing.
         let scale = report["input"]["normalisation"]["scale"].as_f64().unwrap();
