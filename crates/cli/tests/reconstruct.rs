@@ -2,6 +2,7 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[expect(dead_code, reason = "photos are posed by nerfstudio's files")]
 mod common;
 
 use std::collections::BTreeMap;
@@ -62,7 +63,7 @@ fn untrained<'a>(tiny: &'a str, more: &[&'a str]) -> Vec<&'a str> {
 }
 
 fn gaussians(path: &Path) -> Gaussians {
-    files::read(&path).unwrap().0
+    files::read(path).unwrap().0
 }
 
 fn record(folder: &Path) -> Value {

@@ -66,7 +66,9 @@ impl FromStr for WeightsWord {
             Some("") => Err("expected random:SEED, as random:1".to_owned()),
             Some(rest) if rest.starts_with(':') => {
                 let seed = rest.trim_start_matches(':').parse();
-                seed.map(Self::Untrained).map_err(|_| format!("expected a whole number after random:, found {rest:?}"))
+                seed.map(Self::Untrained).map_err(|_not_whole: std::num::ParseIntError| {
+                    format!("expected a whole number after random:, found {rest:?}")
+                })
             }
             _ => Ok(Self::File(PathBuf::from(text))),
         }

@@ -155,6 +155,7 @@ impl Clock {
 /// Bytes.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
+#[expect(clippy::struct_field_names, reason = "JSON has no other place for the unit")]
 pub(super) struct MemoryRecord {
     weight_bytes: u64,
     activation_bytes: u64,

@@ -40,7 +40,8 @@ pub(crate) fn advice(config: &ModelConfig, sha256: Option<&Sha256Digest>) -> Str
          checkpoint of PyTorch"
     );
     if let BackboneConfig::DinoV2 { .. } = config.backbone {
-        text.push_str(&format!("; its frozen backbone is {}", KnownFile::advice(&config.backbone)));
+        text.push_str("; its frozen backbone is ");
+        text.push_str(&KnownFile::advice(&config.backbone));
     }
     text.push_str("; `random:SEED` in place of a file runs the network untrained");
     text

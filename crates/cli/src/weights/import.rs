@@ -156,7 +156,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         let weights = ModelWeights::new(config, provenance, &tensors)?;
         let bytes = words.precision.stored(&weights).context("--precision")?.to_safetensors()?;
         out.finish(&bytes)?;
-        report.out = words.out.clone();
+        report.out.clone_from(&words.out);
     }
     print_report(&report, words.json)?;
     Ok(true)
