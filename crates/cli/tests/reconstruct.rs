@@ -45,8 +45,12 @@ fn capture() -> tempfile::TempDir {
             fs::write(folder.path().join(&name), encode_png(&picture).unwrap()).unwrap();
         }
         let (sin, cos) = (0.1 * f64::from(at)).sin_cos();
-        let pose =
-            [[cos, 0.0, sin, 7.0 + 4.0 * sin], [0.0, 1.0, 0.0, 1.5], [-sin, 0.0, cos, 4.0 * cos], [0.0, 0.0, 0.0, 1.0]];
+        let pose = [
+            [cos, 0.0, sin, 7.0 + 12.0 * sin],
+            [0.0, 1.0, 0.0, 1.5],
+            [-sin, 0.0, cos, 12.0 * cos],
+            [0.0, 0.0, 0.0, 1.0],
+        ];
         frames.push(json!({ "file_path": name, "transform_matrix": pose }));
     }
     let capture = json!({ "w": 48, "h": 32, "fl_x": 44.0, "fl_y": 44.0, "cx": 24.0, "cy": 16.0, "frames": frames });
@@ -210,7 +214,7 @@ fn weights_from_a_file() {
         assert_eq!(record(here)["tokens"]["final"], count, "{more:?}");
         assert_eq!(record(here)["model"]["written-for"]["name"], "tiny");
     }
-    let other = atsplat(here, &reconstruct(&[&file[..], &["--model", "nano"]].concat()));
+    let other = atsplat(here, &reconstruct(&[&file[..], &["--model", "nano", "--size", "48x32"]].concat()));
     assert!(other.code == 1 && other.stderr.contains("expected ["), "{}", other.stderr);
     let hash = "0".repeat(64);
     let other = atsplat(here, &reconstruct(&[&file[..], &["--sha256", &hash]].concat()));

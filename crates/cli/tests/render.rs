@@ -412,7 +412,7 @@ fn what_cannot_be_read_or_written_is_named() {
     let odd = RendererConstants { max_alpha: 1.5, ..RendererConstants::default() };
     fs::write(here.join("odd.toml"), toml::to_string(&odd).unwrap()).unwrap();
     let cases: [(&[&str], &str); 13] = [
-        (&["scene.ply", "--orbit", "--constants", "odd.toml", "--out", "out"], "odd.toml: max-alpha"),
+        (&["scene.ply", "--orbit", "--constants", "odd.toml", "--out", "out"], "odd.toml: constants: max-alpha"),
         (&["scene.ply", "--cameras", "cut.json", "--out", "out"], "cut.json: expected JSON"),
         (
             &["scene.ply", "--orbit", "2", "--exposure", "exposure.json", "--out", "out"],
@@ -426,7 +426,7 @@ fn what_cannot_be_read_or_written_is_named() {
         (&["scene.ply", "--cameras", "notes.ply", "--out", "out"], "notes.ply"),
         (&["scene.ply", "--cameras", "broken.json", "--out", "out"], "camera 0"),
         (&["scene.ply", "--cameras", "path.txt", "--out", "out"], "--size"),
-        (&["scene.ply", "--cameras", "path.txt", "--frames", "12", "--out", "out"], "12 cameras"),
+        (&["scene.ply", "--cameras", "path.txt", "--frames", "12", "--out", "out"], "12 frames"),
         (&["scene.ply", "--orbit", "--near", "5", "--far", "4", "--out", "out"], "near plane"),
     ];
     for (words, told) in cases {

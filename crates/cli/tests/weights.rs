@@ -238,6 +238,11 @@ fn a_backbone_is_recognised_and_joined() {
     assert!(inspected["known"]["what"].as_str().unwrap().contains("saliency"), "{inspected}");
     let text = succeed(here, &["weights", "verify", dino, "--model", "small.toml"]);
     assert!(text.contains("as expected") && text.contains("fits the model tiny"), "{text}");
+    let frozen = parameters(&config).len() - trained.len();
+    for model in [&[][..], &["--model", "small.toml"]] {
+        let verified = json_of(&succeed(here, &[&["weights", "verify", dino, "--json"], model].concat()));
+        assert_eq!(verified["parameters"], frozen);
+    }
     let wrong = atsplat(here, &["weights", "verify", dino, "--model", "paper-re10k"]);
     assert!(wrong.code == 1 && wrong.stderr.contains("expected [768"), "{}", wrong.stderr);
 

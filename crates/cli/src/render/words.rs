@@ -171,7 +171,7 @@ mod tests {
             RendererConstants { min_compensation: 1.5, ..preset },
         ] {
             std::fs::write(&path, toml::to_string(&broken).unwrap()).unwrap();
-            let told = constants(text).unwrap_err().to_string();
+            let told = format!("{:#}", constants(text).unwrap_err());
             assert!(told.contains("mine.toml: ") && told.contains(", found "), "{told}");
         }
         assert!(constants("no/such.toml").is_err());

@@ -13,8 +13,10 @@ pub(super) struct Backbone {
     size: DinoSize,
     registers: bool,
     key_map: String,
+    /// Parameters of the network that the file gives.
+    pub(super) parameters: usize,
     /// Tensors of the file that are no part of it.
-    pub(super) left_over: usize,
+    left_over: usize,
 }
 
 impl Backbone {
@@ -30,8 +32,8 @@ impl Backbone {
                         parameters(&config).into_iter().filter(|parameter| !parameter.trained).collect();
                     let (_, report) = map.apply(stored, &frozen);
                     if report.is_complete() {
-                        let (key_map, left_over) = (key_map.to_owned(), report.left_over.len());
-                        return Ok(Some(Self { size, registers, key_map, left_over }));
+                        let (parameters, left_over) = (report.matched.len(), report.left_over.len());
+                        return Ok(Some(Self { size, registers, key_map: key_map.to_owned(), parameters, left_over }));
                     }
                 }
             }

@@ -93,9 +93,9 @@ fn backbone(
     file: &atsplat_model::weights::TensorFile,
     config: Option<&ModelConfig>,
 ) -> anyhow::Result<(String, usize)> {
-    let parameters = match config {
+    match config {
         Some(config) if matches!(config.backbone, BackboneConfig::DinoV2 { .. }) => {
-            Some(read_backbone(&words.file, config, None)?.report.matched.len())
+            read_backbone(&words.file, config, None)?;
         }
         Some(config) => bail!(
             "weights: expected a file of this toolkit, since the model {} has no DINOv2 backbone, found one without its \
@@ -103,8 +103,8 @@ fn backbone(
             config.name,
             words.file.display()
         ),
-        None => None,
-    };
+        None => {}
+    }
     let Some(backbone) = Backbone::in_file(&file.stored)? else {
         bail!(
             "weights: expected a file of this toolkit or a whole DINOv2, found {} tensors of neither; `atsplat weights \
@@ -113,8 +113,7 @@ fn backbone(
             words.file.display()
         )
     };
-    let found = file.stored.tensors.len().saturating_sub(backbone.left_over);
-    Ok((backbone.to_string(), parameters.unwrap_or(found)))
+    Ok((backbone.to_string(), backbone.parameters))
 }
 
 impl fmt::Display for Report {
