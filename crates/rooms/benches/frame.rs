@@ -1,6 +1,8 @@
 //! A 256×256 frame with 4 samples a pixel on two threads: the picture with the effects that its scene calls for,
 //! the picture without any, the geometry alone, and the building of a scene.
 
+#![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
+
 use std::hint::black_box;
 
 use atsplat_rooms::{EffectChoice, Request, SceneKind, SceneSeed, Simulation, Split};

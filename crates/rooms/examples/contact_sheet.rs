@@ -2,6 +2,8 @@
 //!
 //! `cargo run --release -p atsplat-rooms --example contact_sheet -- rooms train 0 8 sheet.png [side]`
 
+#![expect(clippy::print_stdout, reason = "an example tells what it shows")]
+
 use anyhow::{Context, bail};
 use atsplat_camera::ImageSize;
 use atsplat_pixels::{Image, Rounding, encode_png};

@@ -5,7 +5,7 @@ use crate::rng::sphere_point;
 /// Something that gives light, apart from the sky. A lamp's own body is an object like others.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Lamp {
-    /// A rectangle with these half sides that shines to the side of `half_u × half_v`: a ceiling panel, or a window.
+    /// A rectangle with these half sides that shines to the side of `half_u × half_v`.
     Panel { centre: DVec3, half_u: DVec3, half_v: DVec3, radiance: Vec3 },
     /// A ball that is part of a fitting.
     Bulb { centre: DVec3, radius: f64, radiance: Vec3 },
@@ -47,7 +47,13 @@ impl Lamp {
             Self::Panel { centre, half_u, half_v, .. } => {
                 centre + half_u * (2.0 * dice.x - 1.0) + half_v * (2.0 * dice.y - 1.0)
             }
-            Self::Bulb { centre, radius, .. } => centre + sphere_point(dice) * radius,
+            Self::Bulb { centre, radius, .. } => {
+                // The side that can be seen: a disc across the way.
+                let (right, up) = (centre - point).normalize_or(DVec3::Z).any_orthonormal_pair();
+                let (sin, cos) = (std::f64::consts::TAU * dice.y).sin_cos();
+                let nearer = (point - centre).normalize_or(DVec3::Z) * radius;
+                centre + nearer + (right * cos + up * sin) * (radius * dice.x.sqrt())
+            }
             Self::Sun { direction, radius, .. } => {
                 return (direction + sphere_point(dice) * radius).normalize() * 1e3;
             }

@@ -13,8 +13,6 @@ pub(crate) struct World {
     pub materials: Vec<Material>,
     pub lamps: Vec<Lamp>,
     pub sky: Sky,
-    /// Whether the sky lights what sees it; indoors the windows do that as panels.
-    pub open_air: bool,
     /// Light that comes from everywhere, where nothing better is known.
     pub ambient: Vec3,
     /// Corners of the space in which a camera may stand.
@@ -136,13 +134,9 @@ impl Builder {
         self.origin + self.turn * local
     }
 
-    pub(crate) fn direction_to_world(&self, local: DVec3) -> DVec3 {
-        self.turn * local
-    }
-
-    pub(crate) fn finish(self, sky: Sky, open_air: bool, ambient: Vec3, space: [DVec3; 2]) -> World {
+    pub(crate) fn finish(self, sky: Sky, ambient: Vec3, space: [DVec3; 2]) -> World {
         let bvh = Bvh::new(&self.objects);
         let Self { objects, materials, lamps, .. } = self;
-        World { objects, materials, lamps, sky, open_air, ambient, space, bvh }
+        World { objects, materials, lamps, sky, ambient, space, bvh }
     }
 }

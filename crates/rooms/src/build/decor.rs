@@ -6,7 +6,6 @@ use super::plants::rod;
 use super::shell::Opening;
 use super::{glossy, matt};
 use crate::form::Form;
-use crate::lamp::Lamp;
 use crate::material::{Palette, Pattern};
 use crate::rng::Rng;
 use crate::world::Builder;
@@ -39,8 +38,8 @@ pub(super) fn picture(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
     }
 }
 
-/// The frame, bars, sill and perhaps blinds or curtains of a window; its light comes in through a panel.
-pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f64, daylight: Vec3) {
+/// The frame, bars, sill and perhaps blinds or curtains of a window.
+pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f64) {
     let white = matt(rng, Pattern::Plain(Vec3::splat(0.7)));
     let white = b.material(white);
     let ([left, right], [low, high]) = (opening.along, opening.height);
@@ -84,10 +83,6 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
             (DVec3::new(left - 0.4, thick + 0.08, high + 0.14), DVec3::new(right + 0.4, thick + 0.08, high + 0.14));
         rod(b, from, to, 0.012, white);
     }
-    let half_u = b.direction_to_world(DVec3::Z) * (height * 0.5);
-    let half_v = b.direction_to_world(DVec3::X) * (width * 0.5);
-    let centre = b.to_world(middle - DVec3::Y * (0.5 * thick));
-    b.lamps.push(Lamp::Panel { centre, half_u, half_v, radiance: daylight });
 }
 
 /// A railing of thin balusters between two points on the floor.

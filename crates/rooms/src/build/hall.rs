@@ -37,7 +37,7 @@ pub(super) fn build(seed: u64) -> World {
     }
     walls(&mut b, rng, [long, wide, height], bays);
     columns(&mut b, rng, [long, wide, height], bays);
-    for _ in 0..rng.count(5, 10) {
+    for _ in 0..rng.count(9, 16) {
         let (x, y) = (rng.within(0.1, 0.9) * long, rng.within(0.15, 0.85) * wide);
         b.thing(DVec3::new(x, y, 0.0), rng.within(0.0, 6.0));
         let pieces = [Piece::Pot, Piece::Boxes, Piece::Sofa, Piece::Bookshelf, Piece::Desk];
@@ -61,7 +61,7 @@ pub(super) fn build(seed: u64) -> World {
         }
     }
     let space = [DVec3::ZERO, DVec3::new(long, wide, height)];
-    b.finish(sky(rng, 4.0), false, Vec3::splat(0.4), space)
+    b.finish(sky(rng, 8.0), Vec3::splat(0.4), space)
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a hall has few bays")]
@@ -69,7 +69,7 @@ fn bays(long: f64) -> u32 {
     (long / 3.2).clamp(3.0, 9.0) as u32
 }
 
-/// Long walls with a window in each bay; the light of one wall's windows counts as one panel.
+/// Long walls with a window in each bay.
 fn walls(b: &mut Builder, rng: &mut Rng, [long, wide, height]: [f64; 3], bays: u32) {
     use std::f64::consts::{FRAC_PI_2, PI};
     let material = wall_material(rng);
@@ -102,12 +102,7 @@ fn walls(b: &mut Builder, rng: &mut Rng, [long, wide, height]: [f64; 3], bays: u
                 b.block(DVec3::new(left, 0.13, z - 0.015), DVec3::new(right, 0.17, z + 0.015), bars);
             }
         }
-        if windows {
-            let centre = b.to_world(DVec3::new(length / 2.0, 0.02, (sill + height - 0.8) / 2.0));
-            let half_u = DVec3::Z * ((height - 0.8 - sill) / 2.0);
-            let half_v = b.direction_to_world(DVec3::X) * (length / 2.0);
-            b.lamps.push(Lamp::Panel { centre, half_u, half_v, radiance: Vec3::new(0.85, 0.95, 1.1) * 4.0 });
-        } else {
+        if !windows {
             for _ in 0..rng.count(1, 4) {
                 b.thing(origin, yaw);
                 let place = DVec3::new(rng.within(1.0, length - 1.0), 0.3, rng.within(1.4, 2.2));

@@ -51,23 +51,23 @@ pub(super) fn build(seed: u64) -> World {
         let from = rng.within(from + 0.4, to - 0.4 - wide);
         [from, from + wide]
     });
-    let daylight = Vec3::new(0.85, 0.95, 1.1) * as_f32(rng.within(2.0, 5.0));
     let shared = rng.chance(0.6).then(|| wall_material(rng));
     let one_floor = floor_material(rng);
     for (number, room) in rooms.iter().enumerate() {
         let floor = if rng.chance(0.6) { one_floor } else { floor_material(rng) };
         let walls = shared.unwrap_or_else(|| wall_material(rng));
-        furnish(b, rng, room, number, door, [walls, floor], daylight);
+        furnish(b, rng, room, number, door, [walls, floor]);
     }
     if rng.chance(0.35) {
         let direction = DVec3::new(rng.within(-1.0, 1.0), -rng.within(0.3, 1.0), rng.within(0.4, 0.9)).normalize();
-        b.lamps.push(Lamp::Sun { direction, radius: 0.006, irradiance: Vec3::new(1.0, 0.9, 0.75) * 14.0 });
+        b.lamps.push(Lamp::Sun { direction, radius: 0.006, irradiance: Vec3::new(1.0, 0.9, 0.75) * 18.0 });
     }
     let low = rooms.iter().fold(DVec2::INFINITY, |low, room| low.min(room.low)).extend(0.0);
     let high = rooms.iter().fold(DVec2::NEG_INFINITY, |high, room| high.max(room.high)).extend(height);
     let ambient = Vec3::splat(as_f32(rng.within(0.35, 0.55)));
     let built = std::mem::replace(b, Builder::new());
-    built.finish(sky(rng, 3.0), false, ambient, [low, high])
+    let daylight = as_f32(rng.within(3.0, 8.0));
+    built.finish(sky(rng, daylight), ambient, [low, high])
 }
 
 fn furnish(
@@ -77,7 +77,6 @@ fn furnish(
     number: usize,
     door: Option<[f64; 2]>,
     [walls, floor]: [Material; 2],
-    daylight: Vec3,
 ) {
     let Room { low, high, height } = *room;
     let floor = b.material(floor);
@@ -100,7 +99,7 @@ fn furnish(
     }
     let mut taken: Vec<(DVec2, f64)> = Vec::new();
     for side in sides(rng, room, number, door) {
-        build_side(b, rng, room, &side, walls, daylight, &mut taken);
+        build_side(b, rng, room, &side, walls, &mut taken);
     }
     middle(b, rng, room, &mut taken);
     ceiling_lamp(b, rng, room);
@@ -145,7 +144,6 @@ fn build_side(
     room: &Room,
     side: &Side,
     walls: Material,
-    daylight: Vec3,
     taken: &mut Vec<(DVec2, f64)>,
 ) {
     let bold = rng.chance(0.15).then(|| wall_material(rng));
@@ -172,7 +170,7 @@ fn build_side(
             let place = (b.to_world(DVec3::new(f64::midpoint(left, right), THICK, 0.0)).truncate(), 0.9);
             taken.push(place);
         } else {
-            window(b, rng, *opening, THICK, daylight);
+            window(b, rng, *opening, THICK);
         }
     }
     let mut x = rng.within(0.3, 0.8);
@@ -188,7 +186,7 @@ fn build_side(
         let place = b.to_world(DVec3::new(middle, THICK + deep / 2.0, 0.0)).truncate();
         let radius = 0.5 * (wide.maximum_of(deep));
         let free = taken.iter().all(|(other, far)| other.distance(place) > radius + far + 0.05);
-        if free && middle + wide / 2.0 < side.length - 0.1 && rng.chance(0.7) {
+        if free && middle + wide / 2.0 < side.length - 0.1 && rng.chance(0.85) {
             let origin = b.to_world(DVec3::new(middle, THICK + 0.03, 0.0));
             b.thing(origin, side.yaw);
             piece.build(b, rng);
@@ -199,7 +197,7 @@ fn build_side(
                 let up = rng.within(1.5, 1.75);
                 picture(b, rng, DVec3::new(middle, THICK, up));
             }
-        } else if solid(x) && solid(x + 0.6) && solid(x - 0.6) && rng.chance(0.5) {
+        } else if solid(x) && solid(x + 0.6) && solid(x - 0.6) && rng.chance(0.7) {
             b.thing(side.origin, side.yaw);
             let up = rng.within(1.4, 1.7);
             picture(b, rng, DVec3::new(x.clamp(0.7, side.length - 0.7), THICK, up));

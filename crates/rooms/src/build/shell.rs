@@ -61,7 +61,7 @@ pub(super) fn floor_material(rng: &mut Rng) -> Material {
     let [stone, shade] = rng.stone();
     let [a, b] = rng.pair();
     match rng.count(0, 5) {
-        0..=1 => glossy(rng, Pattern::Planks { a: light, b: dark, width: 0.14, length: 1.4 }, 0.05),
+        0..=1 => glossy(rng, Pattern::Planks { a: light, b: dark, width: 0.14, length: 1.4 }, 0.03),
         2 => {
             let tiles = Pattern::Tiles {
                 a: stone,
@@ -71,10 +71,10 @@ pub(super) fn floor_material(rng: &mut Rng) -> Material {
                 gap: 0.008,
                 shift: 0.0,
             };
-            glossy(rng, tiles, 0.06)
+            glossy(rng, tiles, 0.035)
         }
         3 => matt(rng, Pattern::Grain { a: a * 0.8, b: b * 0.5, feature: 0.02, octaves: 3 }),
-        4 => glossy(rng, Pattern::Checks { a: stone, b: shade * 0.3, period: 0.8 }, 0.06),
+        4 => glossy(rng, Pattern::Checks { a: stone, b: shade * 0.3, period: 0.8 }, 0.03),
         _ => matt(rng, Pattern::Grain { a: stone, b: shade * 0.7, feature: 0.15, octaves: 6 }),
     }
 }

@@ -22,16 +22,16 @@ pub(super) fn build(seed: u64) -> World {
     for side in 0..4 {
         facade(&mut b, rng, half, height, side);
     }
-    for _ in 0..rng.count(2, 5) {
+    for _ in 0..rng.count(3, 7) {
         let (x, y) = (rng.within(-0.75, 0.75) * half.x, rng.within(-0.75, 0.75) * half.y);
         b.thing(DVec3::new(x, y, 0.0), rng.within(0.0, 6.0));
         let height = rng.within(2.6, 5.5);
         tree(&mut b, rng, height);
     }
-    for _ in 0..rng.count(4, 8) {
+    for _ in 0..rng.count(12, 22) {
         let (x, y) = (rng.within(-0.8, 0.8) * half.x, rng.within(-0.8, 0.8) * half.y);
         b.thing(DVec3::new(x, y, 0.0), rng.within(0.0, 6.0));
-        match rng.count(0, 4) {
+        match rng.count(0, 8) {
             0 => bench(&mut b, rng),
             1 => fountain(&mut b, rng),
             2 => {
@@ -39,7 +39,11 @@ pub(super) fn build(seed: u64) -> World {
                 railing(&mut b, rng, DVec3::X * -1.5, DVec3::X * end);
             }
             3 => sculpture(&mut b, rng),
-            _ => Piece::Boxes.build(&mut b, rng),
+            4 => Piece::Boxes.build(&mut b, rng),
+            5 => lamp_post(&mut b, rng),
+            6 => Piece::Table.build(&mut b, rng),
+            7 => board(&mut b, rng),
+            _ => hedge(&mut b, rng),
         }
     }
     if rng.chance(0.65) {
@@ -47,7 +51,7 @@ pub(super) fn build(seed: u64) -> World {
         b.lamps.push(Lamp::Sun { direction, radius: 0.005, irradiance: Vec3::new(1.0, 0.92, 0.8) * 6.0 });
     }
     let space = [(-half).with_z(0.0), half.with_z(4.0)];
-    b.finish(sky(rng, 1.0), true, Vec3::new(0.5, 0.55, 0.62), space)
+    b.finish(sky(rng, 1.0), Vec3::new(0.5, 0.55, 0.62), space)
 }
 
 fn ground(b: &mut Builder, rng: &mut Rng, half: DVec3) {
@@ -142,6 +146,45 @@ fn bench(b: &mut Builder, rng: &mut Rng) {
     for x in [-0.7, 0.7] {
         b.block(DVec3::new(x - 0.03, 0.02, 0.0), DVec3::new(x + 0.03, 0.46, 0.43), slats);
     }
+}
+
+fn hedge(b: &mut Builder, rng: &mut Rng) {
+    let [a, dark] = rng.leaves();
+    let leaves = matt(rng, Pattern::Grain { a, b: dark * 0.3, feature: 0.04, octaves: 4 });
+    let leaves = b.material(leaves);
+    let half = DVec3::new(rng.within(0.6, 2.0), rng.within(0.2, 0.4), rng.within(0.3, 0.7));
+    b.put(Form::Box(half), DVec3::Z * half.z, leaves);
+    for _ in 0..60 {
+        let place = DVec3::new(rng.within(-1.0, 1.0) * half.x, rng.sign() * half.y, rng.unit() * 2.0 * half.z);
+        let turn = glam::DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 3.0));
+        b.put_turned(Form::Leaf(glam::DVec2::new(0.08, 0.05)), place, turn, leaves);
+    }
+}
+
+fn lamp_post(b: &mut Builder, rng: &mut Rng) {
+    let iron = glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.08);
+    let iron = b.material(iron);
+    let globe = glossy(rng, Pattern::Plain(Vec3::splat(0.8)), 0.04);
+    let globe = b.material(globe);
+    let height = rng.within(2.6, 3.6);
+    rod(b, DVec3::ZERO, DVec3::Z * height, 0.04, iron);
+    b.put(Form::Cylinder { radius: 0.1, half_height: 0.15 }, DVec3::Z * 0.15, iron);
+    b.put(Form::Ball(0.18), DVec3::Z * (height + 0.15), globe);
+}
+
+/// A notice on two posts.
+fn board(b: &mut Builder, rng: &mut Rng) {
+    let [light, dark] = rng.wood();
+    let post = matt(rng, Pattern::Planks { a: light, b: dark, width: 0.2, length: 3.0 });
+    let post = b.material(post);
+    let [ink, paper] = rng.pair();
+    let half = Vec2::new(0.6, 0.4);
+    let notice = matt(rng, Pattern::Text { ink: ink * 0.2, paper, half, line: 0.09 });
+    let notice = b.material(notice);
+    for x in [-0.55, 0.55] {
+        rod(b, DVec3::new(x, 0.0, 0.0), DVec3::new(x, 0.0, 1.7), 0.035, post);
+    }
+    b.put(Form::Box(DVec3::new(0.6, 0.02, 0.4)), DVec3::Z * 1.25, notice);
 }
 
 fn fountain(b: &mut Builder, rng: &mut Rng) {

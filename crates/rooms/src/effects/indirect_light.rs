@@ -1,4 +1,4 @@
-//! Two bounces of light, kept on a grid of points: at each, what arrives from six sides (an "ambient cube").
+//! Light of the sky and two bounces, kept on a grid of points: at each, what arrives from six sides (an "ambient cube").
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
@@ -20,7 +20,7 @@ pub(super) struct IndirectLight {
 }
 
 /// Rays from each point of the grid.
-const RAYS: u32 = 96;
+const RAYS: u32 = 192;
 /// Distance of the grid's points at best, in metres, and points at most on a side.
 const STEP: f64 = 0.6;
 const LARGEST: usize = 22;
@@ -78,7 +78,7 @@ impl IndirectLight {
 
     fn arriving(&self, world: &World, origin: DVec3, direction: DVec3) -> Vec3 {
         let Some(surface) = world.trace(origin, direction) else {
-            return if world.open_air { world.sky.radiance(direction, 0.1) } else { Vec3::ZERO };
+            return world.sky.radiance(direction, 0.1);
         };
         let Some(material) = world.material(&surface) else { return Vec3::ZERO };
         let lamps = world.lamps.iter().map(|lamp| {

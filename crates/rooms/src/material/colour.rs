@@ -69,8 +69,9 @@ impl Palette for Rng {
     }
 
     fn leaves(&mut self) -> [Vec3; 2] {
-        let hue = self.within(0.2, 0.36);
-        [from_hsv(hue, 0.65, self.within(0.35, 0.65)), from_hsv(hue + 0.04, 0.7, self.within(0.2, 0.35))]
+        let hue = self.within(0.17, 0.32);
+        let (saturation, value) = (self.within(0.3, 0.55), self.within(0.4, 0.6));
+        [from_hsv(hue, saturation, value), from_hsv(hue + 0.03, saturation, value * self.within(0.45, 0.6))]
     }
 
     fn seed(&mut self) -> u32 {

@@ -5,6 +5,8 @@ mod place;
 mod statistics;
 mod walk;
 
+use std::collections::BTreeSet;
+
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics, WorldFromCamera};
 use glam::{DMat3, DVec2, DVec3};
 
@@ -81,6 +83,10 @@ fn shots(poses: &[WorldFromCamera], intrinsics: NormalizedIntrinsics, micros: f6
     poses.iter().zip(next).enumerate().map(shot).collect()
 }
 
+/// Rays that look for things to see, and how many different ones are enough.
+const RAYS: u32 = 48;
+const THINGS: usize = 5;
+
 /// Nearest that a camera comes to anything, in metres.
 const CLEARANCE: f64 = 0.3;
 
@@ -90,16 +96,19 @@ fn is_free(world: &World, place: DVec3) -> bool {
     place.cmpgt(low).all() && place.cmplt(high).all() && world.clearance(place) > CLEARANCE
 }
 
-/// Whether a view shows something other than a wall close by: the median of a bundle of rays goes far enough.
+/// Whether a view shows more than a wall: of a bundle of rays the median goes far enough, and they meet some things.
 fn is_worth_seeing(world: &World, from: DVec3, forward: DVec3, far: f64) -> bool {
-    let mut reached: Vec<f64> = (0..24u32)
-        .map(|ray| {
+    let mut things = BTreeSet::new();
+    let mut reached: Vec<f64> = (0..RAYS)
+        .filter_map(|ray| {
             let n = f64::from(ray) + 0.5;
-            let aside = sphere_point(DVec2::new(n / 24.0, (n * 0.618_033_988_749_895).fract()));
+            let aside = sphere_point(DVec2::new(n / f64::from(RAYS), (n * 0.618_033_988_749_895).fract()));
             let way = (forward + aside * 0.45).normalize_or(forward);
-            world.trace(from, way).map_or(f64::INFINITY, |surface| surface.distance)
+            let met = world.trace(from, way)?;
+            things.insert(met.instance);
+            Some(met.distance)
         })
         .collect();
     reached.sort_by(f64::total_cmp);
-    reached.get(12).is_some_and(|median| *median > far)
+    things.len() >= THINGS && reached.get(reached.len() / 2).is_some_and(|median| *median > far)
 }
