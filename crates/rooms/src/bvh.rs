@@ -66,10 +66,7 @@ impl Bvh {
     /// Visits runs of objects, near boxes first; `visit` may shorten the ray, and ends the walk by `true`.
     fn walk(&self, ray: RaySegment, mut visit: impl FnMut(&[u32], &mut f64) -> bool) -> bool {
         let origin = ray.origin.as_vec3a();
-        // A direction of zero would give 0 · ∞ on a box's own plane.
-        let safe = |d: f64| if d.abs() < 1e-12 { 1e-12f64.copysign(d) } else { d };
-        let d = ray.direction;
-        let inverse = DVec3::new(safe(d.x), safe(d.y), safe(d.z)).as_vec3a().recip();
+        let inverse = ray.inverse.as_vec3a();
         let enters = |node: &Node, farthest: f32| {
             let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
             let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
@@ -180,26 +177,26 @@ mod tests {
     fn the_tree_finds_what_trying_every_object_finds() {
         let mut rng = Rng::new(5);
         let objects: Vec<Object> = (0..300)
-            .map(|at| Object {
-                form: match at % 4 {
+            .map(|at| {
+                let form = match at % 4 {
                     0 => Form::Box(DVec3::new(rng.within(0.01, 1.0), 0.3, 0.002)),
                     1 => Form::Ball(rng.within(0.01, 0.5)),
                     2 => Form::Cylinder { radius: 0.01, half_height: 1.0 },
                     _ => Form::Leaf(glam::DVec2::new(0.2, 0.1)),
-                },
-                world_from_local: DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 3.0)),
-                centre: rng.direction() * rng.within(0.0, 6.0),
-                material: 0,
-                instance: 1,
+                };
+                let angle = if at % 3 == 0 { std::f64::consts::FRAC_PI_2 } else { rng.within(0.0, 3.0) };
+                let axis = if at % 3 == 0 { DVec3::Z } else { rng.direction() };
+                let turn = DMat3::from_axis_angle(axis, angle);
+                Object::new(form, turn, rng.direction() * rng.within(0.0, 6.0), 0, 1)
             })
             .collect();
         let bvh = Bvh::new(&objects);
         let mut hits = 0;
         for at in 0..4000 {
             // Every other ray runs along an axis, where boxes divide by zero.
+            let aim = rng.direction() * 3.0;
             let direction = if at % 2 == 0 { rng.direction() } else { DVec3::Y * rng.sign() };
-            let ray =
-                RaySegment { origin: rng.direction() * 5.0, direction, nearest: 1e-6, farthest: rng.within(1.0, 20.0) };
+            let ray = RaySegment::new(aim - direction * 5.0, direction, 1e-6, rng.within(1.0, 20.0));
             let all = objects.iter().enumerate().filter_map(|(index, object)| Some((object.hit(&ray)?, index)));
             let expected = all.min_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
             assert_eq!(bvh.closest(&objects, &ray), expected, "ray {at}");
@@ -207,10 +204,6 @@ mod tests {
             hits += usize::from(expected.is_some());
         }
         assert!((500..3900).contains(&hits), "{hits} hits prove little");
-        assert!(
-            Bvh::new(&[])
-                .closest(&[], &RaySegment { origin: DVec3::ZERO, direction: DVec3::X, nearest: 0.0, farthest: 1.0 })
-                .is_none()
-        );
+        assert!(Bvh::new(&[]).closest(&[], &RaySegment::new(DVec3::ZERO, DVec3::X, 0.0, 1.0)).is_none());
     }
 }

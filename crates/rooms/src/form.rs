@@ -19,6 +19,8 @@ pub(crate) struct Object {
     pub form: Form,
     pub world_from_local: DMat3,
     pub centre: DVec3,
+    /// Half sides along the world's axes of a box that lies along them.
+    aligned: Option<DVec3>,
     /// Index into the world's materials.
     pub material: usize,
     /// Which thing of the scene it is part of; from 1.
@@ -30,10 +32,21 @@ pub(crate) struct Object {
 pub(crate) struct RaySegment {
     pub origin: DVec3,
     pub direction: DVec3,
+    /// One over `direction`, large where that is zero.
+    pub inverse: DVec3,
     /// Hits nearer than this are not counted.
     pub nearest: f64,
     /// Hits farther than this are not counted.
     pub farthest: f64,
+}
+
+impl RaySegment {
+    pub(crate) fn new(origin: DVec3, direction: DVec3, nearest: f64, farthest: f64) -> Self {
+        // Zero would give 0 · ∞ on a box's own plane.
+        let safe = |d: f64| 1.0 / if d.abs() < 1e-15 { 1e-15f64.copysign(d) } else { d };
+        let inverse = DVec3::new(safe(direction.x), safe(direction.y), safe(direction.z));
+        Self { origin, direction, inverse, nearest, farthest }
+    }
 }
 
 /// Where a ray meets an object's surface.
@@ -48,19 +61,29 @@ pub(crate) struct Touch {
 }
 
 impl Object {
+    /// A form somewhere. Quarter turns are made exact.
+    pub(crate) fn new(form: Form, world_from_local: DMat3, centre: DVec3, material: usize, instance: u32) -> Self {
+        let rounded = DMat3::from_cols_array(&world_from_local.to_cols_array().map(f64::round));
+        let quarter = world_from_local.abs_diff_eq(rounded, 1e-12);
+        let world_from_local = if quarter { rounded } else { world_from_local };
+        let aligned = match form {
+            Form::Box(half) if quarter => Some((rounded * half).abs()),
+            _ => None,
+        };
+        Self { form, world_from_local, centre, aligned, material, instance }
+    }
+
     /// The smallest `t` at which the ray meets the surface within its limits.
     pub(crate) fn hit(&self, ray: &RaySegment) -> Option<f64> {
+        let within = |t: f64| (t > ray.nearest && t < ray.farthest).then_some(t);
+        if let Some(half) = self.aligned {
+            return slabs(self.centre - ray.origin, half, ray.inverse, within);
+        }
         let local_from_world = self.world_from_local.transpose();
         let o = local_from_world * (ray.origin - self.centre);
         let d = local_from_world * ray.direction;
-        let within = |t: f64| (t > ray.nearest && t < ray.farthest).then_some(t);
         match self.form {
-            Form::Box(half) => {
-                let inverse = d.recip();
-                let (a, b) = ((-half - o) * inverse, (half - o) * inverse);
-                let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
-                if enter > leave { None } else { within(enter).or_else(|| within(leave)) }
-            }
+            Form::Box(half) => slabs(-o, half, RaySegment::new(o, d, 0.0, 0.0).inverse, within),
             Form::Ball(radius) => {
                 let (a, b, c) = (d.length_squared(), o.dot(d), o.length_squared() - radius * radius);
                 let root = (b * b - a * c).sqrt();
@@ -134,6 +157,13 @@ impl Object {
     }
 }
 
+/// A box of these half sides whose middle lies `to_middle` from the ray's origin.
+fn slabs(to_middle: DVec3, half: DVec3, inverse: DVec3, within: impl Fn(f64) -> Option<f64>) -> Option<f64> {
+    let (middle, reach) = (to_middle * inverse, half * inverse.abs());
+    let (enter, leave) = ((middle - reach).max_element(), (middle + reach).min_element());
+    if enter > leave { None } else { within(enter).or_else(|| within(leave)) }
+}
+
 fn cylinder(o: DVec3, d: DVec3, radius: f64, half: f64, within: impl Fn(f64) -> Option<f64>) -> Option<f64> {
     let (os, ds) = (o.truncate(), d.truncate());
     let (a, b, c) = (ds.length_squared(), os.dot(ds), os.length_squared() - radius * radius);
@@ -185,10 +215,10 @@ mod tests {
         ) {
             let centre = DVec3::new(0.3, -1.0, 2.0);
             let world_from_local = DMat3::from_axis_angle(unit(turn), angle);
-            let object = Object { form, world_from_local, centre, material: 0, instance: 1 };
+            let object = Object::new(form, world_from_local, centre, 0, 1);
             let origin = centre + unit(from) * 5.0;
             let direction = (centre + DVec3::from(aim) - origin).normalize();
-            let found = object.hit(&RaySegment { origin, direction, nearest: 0.0, farthest: 50.0 });
+            let found = object.hit(&RaySegment::new(origin, direction, 0.0, 50.0));
             let mut walked = 0.0;
             let mut least = f64::INFINITY;
             for _ in 0..2000 {

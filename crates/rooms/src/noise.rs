@@ -64,7 +64,7 @@ mod tests {
 
     #[test]
     fn noise_is_bounded_continuous_and_fades() {
-        let mut last = value_noise(Vec3::ZERO, 7);
+        let mut last = value_noise(Vec3::new(0.0, 3.3, -1.7), 7);
         for step in 1..2000u16 {
             let p = Vec3::new(0.0137 * f32::from(step), 3.3, -1.7);
             let value = value_noise(p, 7);

@@ -51,7 +51,7 @@ pub(crate) const LEAVE: f64 = 1e-5;
 impl World {
     /// The nearest surface along a unit direction.
     pub(crate) fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Surface> {
-        let ray = RaySegment { origin, direction, nearest: LEAVE, farthest: f64::INFINITY };
+        let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
         let (distance, object) = self.bvh.closest(&self.objects, &ray)?;
         let held = self.objects.get(object)?;
         let point = origin + direction * distance;
@@ -64,7 +64,7 @@ impl World {
     /// Whether anything stands between a point and `point + way`.
     pub(crate) fn blocked(&self, point: DVec3, way: DVec3) -> bool {
         let nearest = LEAVE / way.length();
-        self.bvh.blocked(&self.objects, &RaySegment { origin: point, direction: way, nearest, farthest: 1.0 })
+        self.bvh.blocked(&self.objects, &RaySegment::new(point, way, nearest, 1.0))
     }
 
     /// Distance to the nearest surface; not positive inside a solid.
@@ -122,7 +122,7 @@ impl Builder {
     /// A form at a place in the thing's frame, turned within it.
     pub(crate) fn put_turned(&mut self, form: Form, centre: DVec3, turn: DMat3, material: usize) {
         let (world_from_local, centre) = (self.turn * turn, self.to_world(centre));
-        self.objects.push(Object { form, world_from_local, centre, material, instance: self.instance });
+        self.objects.push(Object::new(form, world_from_local, centre, material, self.instance));
     }
 
     /// A box between two corners of the thing's frame.

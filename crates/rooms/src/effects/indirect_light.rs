@@ -20,10 +20,10 @@ pub(super) struct IndirectLight {
 }
 
 /// Rays from each point of the grid.
-const RAYS: u32 = 192;
+const RAYS: u32 = 128;
 /// Distance of the grid's points at best, in metres, and points at most on a side.
 const STEP: f64 = 0.6;
-const LARGEST: usize = 22;
+const LARGEST: usize = 14;
 
 pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
     let share = case.conditions.bounce;
