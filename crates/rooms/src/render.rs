@@ -195,7 +195,7 @@ fn lit(
     dice: Option<Dice>,
 ) -> Vec3 {
     let ambient = effects.ambient(world, surface.point, surface.normal);
-    let enough = ambient.max_element() * 0.004;
+    let enough = ambient.max_element() * 0.01;
     let mut arriving = ambient;
     for lamp in &world.lamps {
         let reached = lamp.reaches(surface.point, surface.normal);

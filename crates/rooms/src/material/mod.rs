@@ -143,7 +143,7 @@ mod tests {
                             colour.cmpge(Vec3::ZERO).all() && colour.cmple(Vec3::ONE).all(),
                             "{pattern:?}: {colour}"
                         );
-                        f64::from(colour.y)
+                        f64::from(colour.x)
                     })
                     .collect();
                 let mean = samples.iter().sum::<f64>() / 2000.0;
