@@ -173,7 +173,8 @@ fn seen(world: &World, effects: &Effects, origin: DVec3, direction: DVec3, sprea
     if !effects.mirrors || material.mirror <= 0.0 {
         return matt;
     }
-    let fresnel = material.mirror + (1.0 - material.mirror) * as_f32(1.0 - facing).powi(5) * material.mirror.sqrt();
+    let fresnel = material.mirror
+        + (1.0 - material.mirror) * as_f32(1.0 - facing).powi(5) * (3.0 * material.mirror).clamp(0.0, 1.0);
     let bounced = direction + surface.normal * (2.0 * facing);
     let mirrored = world.trace(surface.leave(), bounced).map_or_else(
         || world.sky.radiance(bounced, as_f32(spread)),
