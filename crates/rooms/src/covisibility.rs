@@ -1,0 +1,64 @@
+use glam::{DVec2, DVec3};
+use rayon::prelude::*;
+
+use crate::render::Rays;
+use crate::{RoomsError, Simulation};
+
+/// Which share of two pictures shows the same surfaces, by tracing.
+///
+/// Of the pixels of one picture whose centre shows a surface, those count whose surface point lies inside the other
+/// picture and is seen from there: nothing stands between. Neither depth maps nor tolerances on depth take part.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Covisibility {
+    /// Share of the first picture's surface pixels that the second sees too, in [0, 1]; 0 where it shows only sky.
+    pub first_in_second: f64,
+    /// The other way round.
+    pub second_in_first: f64,
+}
+
+impl Covisibility {
+    /// The smaller of both directions: the overlap of the two pictures.
+    pub fn overlap(&self) -> f64 {
+        if self.second_in_first < self.first_in_second { self.second_in_first } else { self.first_in_second }
+    }
+}
+
+impl Simulation {
+    /// True co-visibility of two frames.
+    ///
+    /// # Errors
+    /// As [`Simulation::geometry`].
+    pub fn covisibility(&self, first: usize, second: usize) -> Result<Covisibility, RoomsError> {
+        Ok(Covisibility {
+            first_in_second: self.seen_too(first, second)?,
+            second_in_first: self.seen_too(second, first)?,
+        })
+    }
+
+    fn seen_too(&self, from: usize, into: usize) -> Result<f64, RoomsError> {
+        let (camera, other) = (self.camera(from)?, self.camera(into)?.projector()?);
+        let (pose, eye) =
+            (camera.camera_from_world.inverse(), self.shot(into)?.camera.camera_from_world.inverse().centre());
+        let size = self.request().size;
+        let rays = Rays::new(self.shot(from)?, camera.distortion, size)?;
+        let count = |row: u32| {
+            let (mut surfaces, mut seen) = (0u64, 0u64);
+            for column in 0..size.width {
+                let plane: DVec2 = rays.centre(column, row)?;
+                let direction = pose.transform_vector(plane.extend(1.0)).normalize();
+                let Some(surface) = self.world.trace(pose.centre(), direction) else { continue };
+                surfaces += 1;
+                // A point that the lens cannot map or that lies behind is not in the picture.
+                let inside = other.project(surface.point).is_ok_and(|projected| projected.is_inside());
+                let way: DVec3 = eye - surface.point;
+                let faces = surface.normal.dot(way) > 0.0;
+                let start = surface.leave();
+                seen += u64::from(inside && faces && !self.world.blocked(start, eye - start));
+            }
+            Ok((surfaces, seen))
+        };
+        let rows = (0..size.height).into_par_iter().map(count).collect::<Result<Vec<_>, RoomsError>>()?;
+        let (surfaces, seen) = rows.iter().fold((0, 0), |(a, b), (surfaces, seen)| (a + surfaces, b + seen));
+        Ok(if surfaces == 0 { 0.0 } else { seen as f64 / surfaces as f64 })
+    }
+}

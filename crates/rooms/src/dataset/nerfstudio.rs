@@ -1,0 +1,55 @@
+use std::path::Path;
+
+use atsplat_camera::{Camera, Distortion, ImageSize};
+use atsplat_scene::Scene;
+use serde_json::{Value, json};
+
+use super::PictureCoding;
+use super::files::{encoded, make_folder, write_file};
+use crate::RoomsError;
+
+/// Pictures are numbered from 1, as DL3DV's are.
+pub(super) fn stem(position: usize) -> String {
+    format!("frame_{:05}", position + 1)
+}
+
+/// `<key>/nerfstudio/transforms.json` and `images/` beside it. Poses are camera-to-world with OpenGL axes.
+pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureCoding, size: ImageSize) -> Result<(), RoomsError> {
+    let folder = folder.join(&scene.key).join("nerfstudio");
+    make_folder(&folder.join("images"))?;
+    let mut frames = Vec::with_capacity(scene.frames.len());
+    for (at, frame) in scene.frames.iter().enumerate() {
+        let file = format!("images/{}.{}", stem(at), coding.extension());
+        write_file(&folder.join(&file), encoded(frame))?;
+        let rows = frame.camera.camera_from_world.inverse().opengl_from_opencv().to_rows();
+        let mut matrix = rows.as_chunks::<4>().0.to_vec();
+        matrix.push([0.0, 0.0, 0.0, 1.0]);
+        frames.push(json!({ "file_path": file, "transform_matrix": matrix }));
+    }
+    let mut root = match scene.frames.first() {
+        Some(frame) => lens(&frame.camera, size),
+        None => json!({}),
+    };
+    if let Some(fields) = root.as_object_mut() {
+        fields.insert("frames".to_owned(), Value::Array(frames));
+    }
+    let path = folder.join("transforms.json");
+    let text = serde_json::to_vec_pretty(&root).map_err(|source| RoomsError::Io {
+        action: "writing",
+        path: path.clone(),
+        source: source.into(),
+    })?;
+    write_file(&path, &text)
+}
+
+fn lens(camera: &Camera, size: ImageSize) -> Value {
+    let k = camera.intrinsics.pixel_from_normalized(size);
+    let (k1, k2) = match camera.distortion {
+        Distortion::OpenCv { k1, k2, .. } => (k1, k2),
+        Distortion::None | Distortion::Fisheye { .. } => (0.0, 0.0),
+    };
+    json!({
+        "w": size.width, "h": size.height, "fl_x": k.fx, "fl_y": k.fy, "cx": k.cx, "cy": k.cy,
+        "k1": k1, "k2": k2, "p1": 0.0, "p2": 0.0, "camera_model": "OPENCV",
+    })
+}

@@ -1,0 +1,44 @@
+use std::path::Path;
+
+use atsplat_camera::Distortion;
+use atsplat_scene::re10k::{Trajectory, TrajectoryRow, write_trajectory};
+use atsplat_scene::{Scene, WarningKind, Warnings};
+
+use super::PictureCoding;
+use super::files::{encoded, make_folder, write_file};
+use crate::{RoomsError, Split};
+
+/// `<split>/<key>.txt`, and pictures named by their timestamps in `<split>/<key>/`.
+pub(super) fn write(
+    folder: &Path,
+    split: Split,
+    scene: &Scene,
+    coding: PictureCoding,
+    warnings: &mut Warnings,
+) -> Result<(), RoomsError> {
+    let folder = folder.join(split.to_string());
+    let pictures = folder.join(&scene.key);
+    make_folder(&pictures)?;
+    for frame in &scene.frames {
+        write_file(&pictures.join(format!("{}.{}", frame.name, coding.extension())), encoded(frame))?;
+    }
+    if scene.frames.iter().any(|frame| frame.camera.distortion != Distortion::None) {
+        warnings.push(WarningKind::LensDistortion, &scene.key, "an RE10K trajectory has no place for it".to_owned());
+    }
+    let rows = scene.frames.iter().map(|frame| TrajectoryRow {
+        timestamp_micros: frame.timestamp_micros.unwrap_or_default(),
+        intrinsics: frame.camera.intrinsics,
+        radial: [0.0; 2],
+        camera_from_world: frame.camera.camera_from_world,
+    });
+    let header = Some(format!("# simulated by {}: {}", env!("CARGO_PKG_NAME"), scene.key));
+    let trajectory = Trajectory { header, rows: rows.collect() };
+    let path = folder.join(format!("{}.txt", scene.key));
+    let mut text = Vec::new();
+    write_trajectory(&trajectory, &mut text).map_err(|source| RoomsError::Io {
+        action: "writing a trajectory",
+        path: path.clone(),
+        source,
+    })?;
+    write_file(&path, &text)
+}

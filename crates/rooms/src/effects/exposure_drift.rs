@@ -1,0 +1,40 @@
+//! Automatic exposure: a slow swing of the gain along the walk.
+
+use glam::Vec3;
+
+use super::{Case, Conditions, Effect, EffectKind, TOLERANCE};
+use crate::rng::{mix, unit_from_bits};
+use crate::shot::Shot;
+
+#[derive(Debug)]
+pub(super) struct ExposureDrift {
+    stops: f64,
+    phase: f64,
+    per_second: f64,
+}
+
+/// A change of one stop moves a display-referred value by at most ln 2 / 2.4, at white.
+pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+    let stops = case.conditions.drift;
+    let change = stops * std::f64::consts::LN_2 / 2.4;
+    (change > TOLERANCE).then(|| format!("the exposure swings by ±{stops:.2} stops"))
+}
+
+impl ExposureDrift {
+    pub(super) fn new(conditions: &Conditions) -> Self {
+        let draw = |salt: u64| unit_from_bits(mix(conditions.seed ^ salt));
+        Self { stops: conditions.drift, phase: draw(21) * std::f64::consts::TAU, per_second: 0.5 + draw(22) }
+    }
+}
+
+impl Effect for ExposureDrift {
+    fn kind(&self) -> EffectKind {
+        EffectKind::ExposureDrift
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "a gain near 1")]
+    fn develop(&self, shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
+        let seconds = shot.timestamp_micros as f64 * 1e-6;
+        light * (self.stops * (self.phase + self.per_second * seconds).sin()).exp2() as f32
+    }
+}

@@ -1,0 +1,262 @@
+//! What rendering may skip. Each effect is one file behind [`Effect`]; a scene carries the ones that can change
+//! its pictures by more than [`TOLERANCE`], with the reason, and pays for no other.
+
+mod exposure_drift;
+mod indirect_light;
+mod lens_distortion;
+mod motion_blur;
+mod sensor_noise;
+mod soft_shadows;
+mod specular_reflection;
+
+use std::fmt;
+
+use atsplat_camera::Distortion;
+use glam::{DVec2, DVec3, Vec3};
+use serde::{Deserialize, Serialize};
+
+use crate::lamp::Lamp;
+use crate::shot::Shot;
+use crate::world::{Surface, World};
+
+/// The change of a display-referred value that is too small to call for an effect: half a step of 8 bits.
+pub const TOLERANCE: f64 = 0.5 / 255.0;
+
+/// What a camera does to a picture of this scene, and how the scene is lit; drawn from the seed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Conditions {
+    /// Radial distortion k1, k2.
+    pub lens: [f64; 2],
+    /// Share of the time between two frames during which the shutter is open.
+    pub shutter: f64,
+    /// Standard deviation of noise at white, as a share of white.
+    pub noise: f64,
+    /// Swing of the automatic exposure, in stops.
+    pub drift: f64,
+    /// Share of indirect light that follows the room, the rest is even as in fused exposures.
+    pub bounce: f64,
+    pub seed: u64,
+}
+
+/// The name of an effect.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum EffectKind {
+    /// Lamps are hidden behind things, in part.
+    SoftShadows,
+    /// Floors, screens and metal mirror.
+    SpecularReflection,
+    /// Light that other surfaces pass on.
+    IndirectLight,
+    /// Automatic exposure that follows the walk.
+    ExposureDrift,
+    /// Straight lines bend.
+    LensDistortion,
+    /// The shutter is open while the camera moves.
+    MotionBlur,
+    /// Photons and electronics.
+    SensorNoise,
+}
+
+impl EffectKind {
+    /// All effects, in the order in which they are asked.
+    pub const ALL: [Self; 7] = [
+        Self::SoftShadows,
+        Self::SpecularReflection,
+        Self::IndirectLight,
+        Self::ExposureDrift,
+        Self::LensDistortion,
+        Self::MotionBlur,
+        Self::SensorNoise,
+    ];
+}
+
+impl fmt::Display for EffectKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::SoftShadows => "soft shadows",
+            Self::SpecularReflection => "specular reflection",
+            Self::IndirectLight => "indirect light",
+            Self::ExposureDrift => "exposure drift",
+            Self::LensDistortion => "lens distortion",
+            Self::MotionBlur => "motion blur",
+            Self::SensorNoise => "sensor noise",
+        })
+    }
+}
+
+/// Which effects to run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum EffectChoice {
+    /// Those that the scene calls for.
+    #[default]
+    Auto,
+    /// Every one, called for or not.
+    All,
+    /// None.
+    None,
+    /// These, called for or not.
+    Only(Vec<EffectKind>),
+}
+
+/// One random draw of one sample of one pixel.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Dice {
+    pub pixel: u64,
+    pub sample: u32,
+}
+
+/// One thing that rendering may skip. Each method is one stage; an effect takes part in one of them.
+pub(crate) trait Effect: fmt::Debug + Send + Sync {
+    fn kind(&self) -> EffectKind;
+
+    /// The lens in front of the pinhole.
+    fn lens(&self) -> Option<Distortion> {
+        None
+    }
+
+    /// Share of the time between two frames over which samples are spread.
+    fn shutter(&self) -> Option<f64> {
+        None
+    }
+
+    /// Share of a lamp that a surface sees.
+    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _dice: Dice) -> Option<f32> {
+        None
+    }
+
+    /// Irradiance over π from everything but lamps.
+    fn ambient(&self, _world: &World, _point: DVec3, _normal: DVec3) -> Option<Vec3> {
+        None
+    }
+
+    /// Whether to follow mirrored rays.
+    fn mirrors(&self) -> bool {
+        false
+    }
+
+    /// A pixel's linear light as the sensor counts it, 1 being white.
+    fn develop(&self, _shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
+        light
+    }
+}
+
+/// An effect that a scene runs, and why.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct CalledEffect {
+    /// Which.
+    pub effect: EffectKind,
+    /// In words, with the figure that decided.
+    pub reason: String,
+}
+
+/// The effects of one scene, sorted by stage.
+#[derive(Debug)]
+pub(crate) struct Effects {
+    running: Vec<Box<dyn Effect>>,
+    pub called: Vec<CalledEffect>,
+    shadows: Option<usize>,
+    ambient: Option<usize>,
+    pub mirrors: bool,
+    pub lens: Distortion,
+    pub shutter: f64,
+}
+
+/// What effects are decided from.
+pub(crate) struct Case<'a> {
+    pub world: &'a World,
+    pub conditions: &'a Conditions,
+    pub shots: &'a [Shot],
+}
+
+impl Effects {
+    pub(crate) fn choose(case: &Case<'_>, choice: &EffectChoice) -> Self {
+        let mut effects = Self {
+            running: Vec::new(),
+            called: Vec::new(),
+            shadows: None,
+            ambient: None,
+            mirrors: false,
+            lens: Distortion::None,
+            shutter: 0.0,
+        };
+        for effect in EffectKind::ALL {
+            let reason = match choice {
+                EffectChoice::Auto => called_for(effect, case),
+                EffectChoice::All => Some("asked for with all others".to_owned()),
+                EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("asked for".to_owned()),
+                EffectChoice::None | EffectChoice::Only(_) => None,
+            };
+            if let Some(reason) = reason {
+                effects.called.push(CalledEffect { effect, reason });
+                effects.take(build(effect, case));
+            }
+        }
+        effects
+    }
+
+    fn take(&mut self, effect: Box<dyn Effect>) {
+        let at = Some(self.running.len());
+        match effect.kind() {
+            EffectKind::SoftShadows => self.shadows = at,
+            EffectKind::IndirectLight => self.ambient = at,
+            _ => {}
+        }
+        self.mirrors |= effect.mirrors();
+        self.lens = effect.lens().unwrap_or(self.lens);
+        self.shutter = effect.shutter().unwrap_or(self.shutter);
+        self.running.push(effect);
+    }
+
+    fn at(&self, index: Option<usize>) -> Option<&dyn Effect> {
+        self.running.get(index?).map(AsRef::as_ref)
+    }
+
+    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: Dice) -> f32 {
+        self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, dice)).unwrap_or(1.0)
+    }
+
+    pub(crate) fn ambient(&self, world: &World, point: DVec3, normal: DVec3) -> Vec3 {
+        self.at(self.ambient).and_then(|effect| effect.ambient(world, point, normal)).unwrap_or(world.ambient)
+    }
+
+    pub(crate) fn develop(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
+        self.running.iter().fold(light, |light, effect| effect.develop(shot, pixel, light))
+    }
+}
+
+fn called_for(effect: EffectKind, case: &Case<'_>) -> Option<String> {
+    match effect {
+        EffectKind::SoftShadows => soft_shadows::called_for(case),
+        EffectKind::SpecularReflection => specular_reflection::called_for(case),
+        EffectKind::IndirectLight => indirect_light::called_for(case),
+        EffectKind::ExposureDrift => exposure_drift::called_for(case),
+        EffectKind::LensDistortion => lens_distortion::called_for(case),
+        EffectKind::MotionBlur => motion_blur::called_for(case),
+        EffectKind::SensorNoise => sensor_noise::called_for(case),
+    }
+}
+
+fn build(effect: EffectKind, case: &Case<'_>) -> Box<dyn Effect> {
+    let conditions = case.conditions;
+    match effect {
+        EffectKind::SoftShadows => Box::new(soft_shadows::SoftShadows),
+        EffectKind::SpecularReflection => Box::new(specular_reflection::SpecularReflection),
+        EffectKind::IndirectLight => Box::new(indirect_light::IndirectLight::new(case.world, conditions.bounce)),
+        EffectKind::ExposureDrift => Box::new(exposure_drift::ExposureDrift::new(conditions)),
+        EffectKind::LensDistortion => Box::new(lens_distortion::LensDistortion::new(conditions)),
+        EffectKind::MotionBlur => Box::new(motion_blur::MotionBlur::new(conditions)),
+        EffectKind::SensorNoise => Box::new(sensor_noise::SensorNoise::new(conditions)),
+    }
+}
+
+/// Two numbers in [0, 1) of a cell of a 2×2 grid that moves on from sample to sample.
+fn stratified(dice: Dice, salt: u64) -> DVec2 {
+    let bits = crate::rng::mix(dice.pixel ^ salt.rotate_left(40) ^ (u64::from(dice.sample) << 56));
+    let jitter = DVec2::new(
+        crate::rng::unit_from_bits(bits),
+        crate::rng::unit_from_bits(bits.wrapping_mul(0x9e37_79b9_7f4a_7c15)),
+    );
+    let cell = dice.sample % 4;
+    (DVec2::new(f64::from(cell % 2), f64::from(cell / 2)) + jitter) * 0.5
+}

@@ -1,0 +1,44 @@
+//! Noise whose variance grows with light, as photons do, over a floor of the electronics.
+
+use glam::Vec3;
+
+use super::{Case, Conditions, Effect, EffectKind, TOLERANCE};
+use crate::rng::{mix, unit_from_bits};
+use crate::shot::Shot;
+
+#[derive(Debug)]
+pub(super) struct SensorNoise {
+    sigma: f64,
+    seed: u64,
+}
+
+/// At mid grey a deviation of linear light is 1.2 times as large after encoding.
+pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+    let sigma = case.conditions.noise;
+    (1.2 * sigma > TOLERANCE).then(|| format!("σ = {sigma:.3} of white"))
+}
+
+impl SensorNoise {
+    pub(super) const fn new(conditions: &Conditions) -> Self {
+        Self { sigma: conditions.noise, seed: mix(conditions.seed ^ 31) }
+    }
+}
+
+impl Effect for SensorNoise {
+    fn kind(&self) -> EffectKind {
+        EffectKind::SensorNoise
+    }
+
+    #[expect(clippy::cast_possible_truncation, reason = "a deviation of a few per cent")]
+    fn develop(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
+        let key = mix(self.seed ^ shot.timestamp_micros.cast_unsigned()) ^ pixel;
+        // The sum of four uniform numbers is close enough to a normal one, and has no tails.
+        let normal = |channel: u64| {
+            let draws = (0..4).map(|draw| unit_from_bits(mix(key ^ (channel << 60) ^ (draw << 56)))).sum::<f64>();
+            ((draws - 2.0) * 3f64.sqrt() * self.sigma) as f32
+        };
+        let strength = |light: f32| (0.1 + light.clamp(0.0, 1.0)).sqrt();
+        let noise = Vec3::new(normal(1), normal(2), normal(3));
+        light + noise * Vec3::new(strength(light.x), strength(light.y), strength(light.z))
+    }
+}

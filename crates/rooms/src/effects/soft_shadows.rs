@@ -1,0 +1,25 @@
+//! Shadows with penumbrae: each sample looks at one place of each lamp.
+
+use super::{Case, Dice, Effect, EffectKind, stratified};
+use crate::lamp::Lamp;
+use crate::world::{Surface, World};
+
+#[derive(Debug)]
+pub(super) struct SoftShadows;
+
+pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+    let (lamps, objects) = (case.world.lamps.len(), case.world.objects.len());
+    (lamps > 0).then(|| format!("{lamps} lamps among {objects} objects"))
+}
+
+impl Effect for SoftShadows {
+    fn kind(&self) -> EffectKind {
+        EffectKind::SoftShadows
+    }
+
+    fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: Dice) -> Option<f32> {
+        let from = surface.leave();
+        let way = lamp.towards(from, stratified(dice, 1));
+        Some(if world.blocked(from, way) { 0.0 } else { 1.0 })
+    }
+}

@@ -1,0 +1,248 @@
+use glam::{DMat3, DVec2, DVec3};
+
+/// The solid that an object is, about the origin of its own frame. Lengths in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Form {
+    /// A box of these half sides.
+    Box(DVec3),
+    /// A ball.
+    Ball(f64),
+    /// A cylinder about z, closed by flat ends.
+    Cylinder { radius: f64, half_height: f64 },
+    /// A flat ellipse in the plane z = 0: a leaf.
+    Leaf(DVec2),
+}
+
+/// A form somewhere in the world.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Object {
+    pub form: Form,
+    pub world_from_local: DMat3,
+    pub centre: DVec3,
+    /// Half sides along the world's axes of a box that lies along them.
+    aligned: Option<DVec3>,
+    /// Index into the world's materials.
+    pub material: usize,
+    /// Which thing of the scene it is part of; from 1.
+    pub instance: u32,
+}
+
+/// A half-line `origin + t · direction`; `direction` may have any length.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct RaySegment {
+    pub origin: DVec3,
+    pub direction: DVec3,
+    /// One over `direction`, large where that is zero.
+    pub inverse: DVec3,
+    /// Hits nearer than this are not counted.
+    pub nearest: f64,
+    /// Hits farther than this are not counted.
+    pub farthest: f64,
+}
+
+impl RaySegment {
+    pub(crate) fn new(origin: DVec3, direction: DVec3, nearest: f64, farthest: f64) -> Self {
+        // Zero would give 0 · ∞ on a box's own plane.
+        let safe = |d: f64| 1.0 / if d.abs() < 1e-15 { 1e-15f64.copysign(d) } else { d };
+        let inverse = DVec3::new(safe(direction.x), safe(direction.y), safe(direction.z));
+        Self { origin, direction, inverse, nearest, farthest }
+    }
+}
+
+/// Where a ray meets an object's surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Touch {
+    /// Unit normal in the world, outward of the solid.
+    pub normal: DVec3,
+    /// Position in the object's own frame.
+    pub local: DVec3,
+    /// Position on the surface, in metres.
+    pub uv: DVec2,
+}
+
+impl Object {
+    /// A form somewhere. Quarter turns are made exact.
+    pub(crate) fn new(form: Form, world_from_local: DMat3, centre: DVec3, material: usize, instance: u32) -> Self {
+        let rounded = DMat3::from_cols_array(&world_from_local.to_cols_array().map(f64::round));
+        let quarter = world_from_local.abs_diff_eq(rounded, 1e-12);
+        let world_from_local = if quarter { rounded } else { world_from_local };
+        let aligned = match form {
+            Form::Box(half) if quarter => Some((rounded * half).abs()),
+            _ => None,
+        };
+        Self { form, world_from_local, centre, aligned, material, instance }
+    }
+
+    /// The smallest `t` at which the ray meets the surface within its limits.
+    pub(crate) fn hit(&self, ray: &RaySegment) -> Option<f64> {
+        let within = |t: f64| (t > ray.nearest && t < ray.farthest).then_some(t);
+        if let Some(half) = self.aligned {
+            return slabs(self.centre - ray.origin, half, ray.inverse, within);
+        }
+        let local_from_world = self.world_from_local.transpose();
+        let o = local_from_world * (ray.origin - self.centre);
+        let d = local_from_world * ray.direction;
+        match self.form {
+            Form::Box(half) => slabs(-o, half, RaySegment::new(o, d, 0.0, 0.0).inverse, within),
+            Form::Ball(radius) => {
+                let (a, b, c) = (d.length_squared(), o.dot(d), o.length_squared() - radius * radius);
+                let root = (b * b - a * c).sqrt();
+                within((-b - root) / a).or_else(|| within((root - b) / a))
+            }
+            Form::Cylinder { radius, half_height } => cylinder(o, d, radius, half_height, within),
+            Form::Leaf(half) => {
+                let t = within(-o.z / d.z)?;
+                let p = (o + d * t).truncate() / half;
+                (p.length_squared() <= 1.0).then_some(t)
+            }
+        }
+    }
+
+    /// Normal and surface coordinates at a point that [`Self::hit`] found.
+    pub(crate) fn touch(&self, point: DVec3) -> Touch {
+        let p = self.world_from_local.transpose() * (point - self.centre);
+        let (normal, uv) = match self.form {
+            Form::Box(half) => {
+                let q = p / half;
+                let (x, y, z) = (q.x.abs(), q.y.abs(), q.z.abs());
+                if x >= y && x >= z {
+                    (DVec3::X * q.x.signum(), DVec2::new(p.y * q.x.signum(), p.z))
+                } else if y >= z {
+                    (DVec3::Y * q.y.signum(), DVec2::new(-p.x * q.y.signum(), p.z))
+                } else {
+                    (DVec3::Z * q.z.signum(), DVec2::new(p.x, p.y))
+                }
+            }
+            Form::Ball(radius) => {
+                let n = p / radius;
+                (n, DVec2::new(n.y.atan2(n.x), n.z.clamp(-1.0, 1.0).asin()) * radius)
+            }
+            Form::Cylinder { radius, half_height } => {
+                let across = p.truncate() / radius;
+                if p.z.abs() / half_height > across.length() {
+                    (DVec3::Z * p.z.signum(), p.truncate())
+                } else {
+                    (across.extend(0.0), DVec2::new(across.y.atan2(across.x) * radius, p.z))
+                }
+            }
+            Form::Leaf(_) => (DVec3::Z, p.truncate()),
+        };
+        Touch { normal: (self.world_from_local * normal).normalize_or(DVec3::Z), local: p, uv }
+    }
+
+    /// Half sides of the axis-aligned box in the world around [`Self::centre`].
+    pub(crate) fn half_extent(&self) -> DVec3 {
+        let local = match self.form {
+            Form::Box(half) => half,
+            Form::Ball(radius) => return DVec3::splat(radius),
+            Form::Cylinder { radius, half_height } => DVec3::new(radius, radius, half_height),
+            Form::Leaf(half) => half.extend(0.0),
+        };
+        let m = self.world_from_local;
+        m.x_axis.abs() * local.x + m.y_axis.abs() * local.y + m.z_axis.abs() * local.z
+    }
+
+    /// Distance from a point to the surface, negative inside; at least a lower bound in size outside.
+    pub(crate) fn distance(&self, point: DVec3) -> f64 {
+        let p = self.world_from_local.transpose() * (point - self.centre);
+        let to_box = |q: DVec3| q.max(DVec3::ZERO).length() + q.max_element().clamp(f64::MIN, 0.0);
+        match self.form {
+            Form::Box(half) => to_box(p.abs() - half),
+            Form::Ball(radius) => p.length() - radius,
+            Form::Cylinder { radius, half_height } => {
+                to_box(DVec3::new(p.truncate().length() - radius, -half_height, p.z.abs() - half_height))
+            }
+            Form::Leaf(half) => to_box(p.abs() - half.extend(0.0)),
+        }
+    }
+}
+
+/// A box of these half sides whose middle lies `to_middle` from the ray's origin.
+fn slabs(to_middle: DVec3, half: DVec3, inverse: DVec3, within: impl Fn(f64) -> Option<f64>) -> Option<f64> {
+    let (middle, reach) = (to_middle * inverse, half * inverse.abs());
+    let (enter, leave) = ((middle - reach).max_element(), (middle + reach).min_element());
+    if enter > leave { None } else { within(enter).or_else(|| within(leave)) }
+}
+
+fn cylinder(o: DVec3, d: DVec3, radius: f64, half: f64, within: impl Fn(f64) -> Option<f64>) -> Option<f64> {
+    let (os, ds) = (o.truncate(), d.truncate());
+    let (a, b, c) = (ds.length_squared(), os.dot(ds), os.length_squared() - radius * radius);
+    let root = (b * b - a * c).sqrt();
+    // Along the axis a is 0 and the mantle is met nowhere or always.
+    let (mantle_in, mantle_out) = if a > 0.0 {
+        ((-b - root) / a, (root - b) / a)
+    } else if c <= 0.0 {
+        (f64::NEG_INFINITY, f64::INFINITY)
+    } else {
+        return None;
+    };
+    let (cap_a, cap_b) = ((-half - o.z) / d.z, (half - o.z) / d.z);
+    let (cap_in, cap_out) = if cap_a < cap_b { (cap_a, cap_b) } else { (cap_b, cap_a) };
+    if mantle_in.is_nan() || mantle_in > cap_out || cap_in > mantle_out {
+        return None;
+    }
+    let enter = if cap_in > mantle_in { cap_in } else { mantle_in };
+    let leave = if cap_out < mantle_out { cap_out } else { mantle_out };
+    within(enter).or_else(|| within(leave))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+    use proptest::prelude::*;
+
+    use super::*;
+
+    fn forms() -> impl Strategy<Value = Form> {
+        let side = || 0.05..2.0f64;
+        prop_oneof![
+            (side(), side(), side()).prop_map(|(x, y, z)| Form::Box(DVec3::new(x, y, z))),
+            side().prop_map(Form::Ball),
+            (side(), side()).prop_map(|(radius, half_height)| Form::Cylinder { radius, half_height }),
+        ]
+    }
+
+    fn unit(seed: (f64, f64)) -> DVec3 {
+        crate::rng::sphere_point(DVec2::new(seed.0, seed.1))
+    }
+
+    proptest! {
+        /// Walking by the distance to the surface is an independent way of finding it.
+        #[test]
+        fn hits_agree_with_sphere_tracing(
+            form in forms(), turn in (0.0..1.0, 0.0..1.0f64), angle in 0.0..6.0f64,
+            from in (0.0..1.0, 0.0..1.0f64), aim in (-1.0..1.0f64, -1.0..1.0f64, -1.0..1.0f64),
+        ) {
+            let centre = DVec3::new(0.3, -1.0, 2.0);
+            let world_from_local = DMat3::from_axis_angle(unit(turn), angle);
+            let object = Object::new(form, world_from_local, centre, 0, 1);
+            let origin = centre + unit(from) * 5.0;
+            let direction = (centre + DVec3::from(aim) - origin).normalize();
+            let found = object.hit(&RaySegment::new(origin, direction, 0.0, 50.0));
+            let mut walked = 0.0;
+            let mut least = f64::INFINITY;
+            for _ in 0..2000 {
+                let step = object.distance(origin + direction * walked);
+                least = if step < least { step } else { least };
+                walked += step;
+                if step < 1e-10 || walked > 20.0 { break; }
+            }
+            let close = Tolerance::absolute(1e-5);
+            match found {
+                Some(t) => {
+                    close.assert([object.distance(origin + direction * t)], [0.0], "a hit lies on the surface");
+                    if least < 1e-9 { close.assert([walked], [t], "the first hit"); }
+                    let touch = object.touch(origin + direction * t);
+                    prop_assert!(touch.normal.dot(direction) < 1e-6, "seen from outside");
+                    let away = object.distance(origin + direction * t + touch.normal * 1e-3);
+                    Tolerance::absolute(2e-5).assert([away], [1e-3], "the normal points away from the surface");
+                }
+                None => prop_assert!(least > 1e-7, "passed at {least} without a hit"),
+            }
+            let extent = object.half_extent() + DVec3::splat(1e-9);
+            if let Some(t) = found {
+                prop_assert!(((origin + direction * t - centre).abs().cmple(extent)).all());
+            }
+        }
+    }
+}

@@ -1,0 +1,34 @@
+//! A seed into a simulated scene: procedural rooms and yards, ray traced along trajectories that move as RE10K's
+//! do, with true depth, normals and instances. Knows nothing of models.
+//!
+//! The same [`Request`] gives the same bytes on any number of threads. The world is in metres with z up; cameras
+//! have OpenCV's axes.
+
+mod build;
+mod bvh;
+mod covisibility;
+mod dataset;
+mod effects;
+mod error;
+mod form;
+mod lamp;
+mod material;
+mod noise;
+mod path;
+mod render;
+mod rng;
+mod seed;
+mod shot;
+mod simulation;
+mod sky;
+mod world;
+
+pub use covisibility::Covisibility;
+pub use dataset::{Layout, ManifestScene, PictureCoding, WriteOptions, encoded_scene, write_dataset};
+pub use effects::{CalledEffect, EffectChoice, EffectKind, TOLERANCE};
+pub use error::RoomsError;
+pub use path::Motion;
+pub use render::{Geometry, View};
+pub use seed::{SceneKind, SceneSeed, Split};
+pub use shot::Shot;
+pub use simulation::{EffectCost, Request, Route, Simulation};

@@ -1,0 +1,110 @@
+use glam::Vec3;
+
+use crate::rng::Rng;
+
+/// Display-referred from linear, clipped to [0, 1] (IEC 61966-2-1).
+pub(crate) fn srgb_encoded(linear: f32) -> f32 {
+    let linear = linear.clamp(0.0, 1.0);
+    if linear <= 0.003_130_8 { 12.92 * linear } else { 1.055 * linear.powf(1.0 / 2.4) - 0.055 }
+}
+
+fn linear_from_srgb(encoded: f32) -> f32 {
+    if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
+}
+
+/// Linear RGB of hue (in turns), saturation and value as designers pick them.
+pub(crate) fn from_hsv(hue: f64, saturation: f64, value: f64) -> Vec3 {
+    let channel = |shift: f64| {
+        let k = (shift + hue.rem_euclid(1.0) * 6.0).rem_euclid(6.0);
+        let share = k.clamp(0.0, 4.0 - k.clamp(3.0, 4.0)).clamp(0.0, 1.0);
+        #[expect(clippy::cast_possible_truncation, reason = "a colour in [0, 1]")]
+        let encoded = (value * (1.0 - saturation * share)) as f32;
+        linear_from_srgb(encoded.clamp(0.0, 1.0))
+    };
+    Vec3::new(channel(5.0), channel(3.0), channel(1.0))
+}
+
+/// Colours that belong to kinds of things.
+pub(crate) trait Palette {
+    /// Wall paint: light, hardly coloured, now and then bold.
+    fn paint(&mut self) -> Vec3;
+    /// Light and dark grain of one wood.
+    fn wood(&mut self) -> [Vec3; 2];
+    /// Any two colours that go together.
+    fn pair(&mut self) -> [Vec3; 2];
+    /// Stone, concrete, tile: hardly coloured.
+    fn stone(&mut self) -> [Vec3; 2];
+    /// Two greens.
+    fn leaves(&mut self) -> [Vec3; 2];
+    /// Bits for a material.
+    fn seed(&mut self) -> u32;
+}
+
+impl Palette for Rng {
+    fn paint(&mut self) -> Vec3 {
+        let bold = self.chance(0.2);
+        let hue = self.unit();
+        if bold {
+            from_hsv(hue, self.within(0.2, 0.5), self.within(0.45, 0.85))
+        } else {
+            from_hsv(self.within(0.05, 0.18), self.within(0.0, 0.15), self.within(0.8, 0.95))
+        }
+    }
+
+    fn wood(&mut self) -> [Vec3; 2] {
+        let (hue, saturation, value) = (self.within(0.05, 0.1), self.within(0.25, 0.6), self.within(0.35, 0.85));
+        [from_hsv(hue, saturation, value), from_hsv(hue - 0.01, saturation + 0.1, value * 0.6)]
+    }
+
+    fn pair(&mut self) -> [Vec3; 2] {
+        let hue = self.unit();
+        let other = hue + self.pick(0.0, &[0.08, 0.5, 0.33]);
+        let (saturation, value) = (self.within(0.1, 0.8), self.within(0.3, 0.9));
+        [from_hsv(hue, saturation, value), from_hsv(other, self.within(0.05, 0.6), self.within(0.2, 0.95))]
+    }
+
+    fn stone(&mut self) -> [Vec3; 2] {
+        let (hue, saturation, value) = (self.within(0.04, 0.15), self.within(0.0, 0.25), self.within(0.45, 0.85));
+        [from_hsv(hue, saturation, value), from_hsv(hue, saturation, value * self.within(0.6, 0.85))]
+    }
+
+    fn leaves(&mut self) -> [Vec3; 2] {
+        let hue = self.within(0.17, 0.32);
+        let (saturation, value) = (self.within(0.3, 0.55), self.within(0.4, 0.6));
+        [from_hsv(hue, saturation, value), from_hsv(hue + 0.03, saturation, value * self.within(0.45, 0.6))]
+    }
+
+    fn seed(&mut self) -> u32 {
+        (self.next() >> 32) as u32
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    #[test]
+    fn corners_of_the_colour_solid() {
+        let close = Tolerance::absolute(1e-6);
+        let check = |hue: f64, expected: [f64; 3]| {
+            let found = from_hsv(hue, 1.0, 1.0).to_array().map(f64::from);
+            close.assert(found, expected, "hue");
+        };
+        check(0.0, [1.0, 0.0, 0.0]);
+        check(1.0 / 6.0, [1.0, 1.0, 0.0]);
+        check(1.0 / 3.0, [0.0, 1.0, 0.0]);
+        check(2.0 / 3.0, [0.0, 0.0, 1.0]);
+        close.assert(from_hsv(0.3, 0.0, 1.0).to_array().map(f64::from), [1.0; 3], "white");
+    }
+
+    #[test]
+    fn encoding_is_undone_by_decoding() {
+        for step in 0..=255u8 {
+            let encoded = f32::from(step) / 255.0;
+            let back = srgb_encoded(linear_from_srgb(encoded));
+            Tolerance::F32_ROUND_TRIP.assert([f64::from(back)], [f64::from(encoded)], "sRGB");
+        }
+    }
+}

@@ -1,0 +1,161 @@
+//! What surfaces look like: albedo as a function of the place on them. Colours are linear RGB.
+//!
+//! Every pattern knows the pixel's footprint and fades or widens what a pixel cannot show, so that detail is
+//! sharp where it can be seen and does not flicker from view to view where it cannot.
+
+mod colour;
+mod fabric;
+mod masonry;
+mod print;
+mod wood;
+
+use glam::{Vec2, Vec3};
+
+pub(crate) use colour::{Palette, from_hsv, srgb_encoded};
+
+use crate::noise::fractal_noise;
+
+/// A place on a surface.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Spot {
+    /// On the surface, in metres.
+    pub uv: Vec2,
+    /// In the object's frame, in metres.
+    pub local: Vec3,
+    /// Width of a pixel there, in metres.
+    pub footprint: f32,
+}
+
+/// How albedo varies over a surface. Lengths in metres.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Pattern {
+    /// One colour, as walls that reconstruction finds nothing on.
+    Plain(Vec3),
+    /// Two colours mixed by fractal noise: plaster, concrete, carpet, grass, gravel, bark.
+    Grain { a: Vec3, b: Vec3, feature: f32, octaves: u32 },
+    /// Folded noise: veins.
+    Marble { a: Vec3, b: Vec3, feature: f32 },
+    /// Boards with grain, staggered.
+    Planks { a: Vec3, b: Vec3, width: f32, length: f32 },
+    /// Tiles, bricks or slabs of slightly different colours in grout; each row is shifted by a share of a tile.
+    Tiles { a: Vec3, b: Vec3, grout: Vec3, size: Vec2, gap: f32, shift: f32 },
+    /// Two alternating colours along u.
+    Stripes { a: Vec3, b: Vec3, period: f32 },
+    /// Squares.
+    Checks { a: Vec3, b: Vec3, period: f32 },
+    /// A lattice of flowers.
+    Motif { a: Vec3, b: Vec3, period: f32 },
+    /// Threads over and under.
+    Weave { a: Vec3, b: Vec3, period: f32 },
+    /// A painting that fills a panel of these half sides.
+    Painting { half: Vec2 },
+    /// Lines of glyphs on a panel of these half sides.
+    Text { ink: Vec3, paper: Vec3, half: Vec2, line: f32 },
+    /// Spines of books along u.
+    Books { height: f32 },
+}
+
+/// A surface: its colour, how it mirrors, what it gives off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Material {
+    pub pattern: Pattern,
+    /// Share of light mirrored at right angles; 0 for a matt surface.
+    pub mirror: f32,
+    /// Radiance given off.
+    pub emission: Vec3,
+    /// What tells two surfaces of one pattern apart.
+    pub seed: u32,
+}
+
+impl Material {
+    pub(crate) const fn matt(pattern: Pattern, seed: u32) -> Self {
+        Self { pattern, mirror: 0.0, emission: Vec3::ZERO, seed }
+    }
+
+    /// Linear albedo, in [0, 1].
+    pub(crate) fn albedo(&self, spot: &Spot) -> Vec3 {
+        let Spot { uv, footprint, .. } = *spot;
+        let colour = match self.pattern {
+            Pattern::Plain(colour) => return colour,
+            Pattern::Grain { a, b, feature, octaves } => {
+                let n = fractal_noise(spot.local / feature, octaves, footprint / feature, self.seed);
+                a.lerp(b, (0.5 + 0.9 * n).clamp(0.0, 1.0))
+            }
+            Pattern::Marble { a, b, feature } => {
+                let n = fractal_noise(spot.local / feature, 6, footprint / feature, self.seed);
+                a.lerp(b, (1.0 - 6.0 * n.abs()).clamp(0.0, 1.0))
+            }
+            Pattern::Planks { a, b, width, length } => wood::planks([a, b], width, length, spot, self.seed),
+            Pattern::Tiles { a, b, grout, size, gap, shift } => {
+                masonry::tiles([a, b, grout], size, gap, shift, spot, self.seed)
+            }
+            Pattern::Stripes { a, b, period } => fabric::stripes(a, b, uv.x / period, footprint / period),
+            Pattern::Checks { a, b, period } => fabric::checks(a, b, uv / period, footprint / period),
+            Pattern::Motif { a, b, period } => fabric::motif(a, b, uv / period, footprint / period),
+            Pattern::Weave { a, b, period } => fabric::weave(a, b, uv / period, footprint / period, self.seed),
+            Pattern::Painting { half } => print::painting(uv, half, footprint, self.seed),
+            Pattern::Text { ink, paper, half, line } => print::text([ink, paper], uv, half, line, footprint, self.seed),
+            Pattern::Books { height } => print::books(uv, height, footprint, self.seed),
+        };
+        colour.clamp(Vec3::ZERO, Vec3::ONE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+    use crate::rng::Rng;
+
+    fn all() -> Vec<Pattern> {
+        let (a, b, grout) = (Vec3::new(0.8, 0.3, 0.1), Vec3::new(0.1, 0.2, 0.4), Vec3::splat(0.5));
+        let (size, half) = (Vec2::new(0.2, 0.1), Vec2::new(0.5, 0.4));
+        vec![
+            Pattern::Plain(a),
+            Pattern::Grain { a, b, feature: 0.05, octaves: 5 },
+            Pattern::Marble { a, b, feature: 0.3 },
+            Pattern::Planks { a, b, width: 0.12, length: 1.2 },
+            Pattern::Tiles { a, b, grout, size, gap: 0.01, shift: 0.5 },
+            Pattern::Stripes { a, b, period: 0.1 },
+            Pattern::Checks { a, b, period: 0.1 },
+            Pattern::Motif { a, b, period: 0.3 },
+            Pattern::Weave { a, b, period: 0.02 },
+            Pattern::Painting { half },
+            Pattern::Text { ink: b, paper: a, half, line: 0.05 },
+            Pattern::Books { height: 0.3 },
+        ]
+    }
+
+    /// The albedo of one place over footprints, and the spread over a panel.
+    #[test]
+    fn patterns_stay_in_range_vary_and_calm_down_with_distance() {
+        for pattern in all() {
+            let material = Material::matt(pattern, 11);
+            let spread = |footprint: f32| {
+                let mut rng = Rng::new(3);
+                let samples: Vec<f64> = (0..2000)
+                    .map(|_| {
+                        #[expect(clippy::cast_possible_truncation, reason = "a place on a panel")]
+                        let uv = Vec2::new(rng.within(-0.5, 0.5) as f32, rng.within(-0.4, 0.4) as f32);
+                        let colour = material.albedo(&Spot { uv, local: uv.extend(0.01), footprint });
+                        assert!(
+                            colour.cmpge(Vec3::ZERO).all() && colour.cmple(Vec3::ONE).all(),
+                            "{pattern:?}: {colour}"
+                        );
+                        f64::from(colour.x)
+                    })
+                    .collect();
+                let mean = samples.iter().sum::<f64>() / 2000.0;
+                (samples.iter().map(|s| (s - mean).powi(2)).sum::<f64>() / 2000.0).sqrt()
+            };
+            let (near, far) = (spread(0.0005), spread(3.0));
+            match pattern {
+                Pattern::Plain(_) => Tolerance::F32_ROUND_TRIP.assert([near], [0.0], "one colour"),
+                // One picture on one panel: what is large remains.
+                Pattern::Painting { .. } => assert!(near > 0.02, "{pattern:?} shows nothing: {near}"),
+                _ => assert!(near > 0.02 && far < 0.6 * near, "{pattern:?}: {near} near, {far} far"),
+            }
+        }
+    }
+}

@@ -1,0 +1,77 @@
+use glam::Vec3;
+
+/// A hash of integer lattice coordinates into 32 well mixed bits (Jarzynski and Olano, "Hash functions for
+/// GPU rendering", 2020, in spirit: a few multiplications and shifts).
+pub(crate) const fn lattice(x: i32, y: i32, z: i32, seed: u32) -> u32 {
+    let mut h = seed
+        .wrapping_add(x.cast_unsigned().wrapping_mul(0x9e37_79b1))
+        .wrapping_add(y.cast_unsigned().wrapping_mul(0x85eb_ca77))
+        .wrapping_add(z.cast_unsigned().wrapping_mul(0xc2b2_ae3d));
+    h ^= h >> 15;
+    h = h.wrapping_mul(0x2c1b_3c6d);
+    h ^= h >> 12;
+    h = h.wrapping_mul(0x297a_2d39);
+    h ^ (h >> 15)
+}
+
+/// Uniform in [0, 1) from the upper 24 bits.
+pub(crate) const fn unit(bits: u32) -> f32 {
+    (bits >> 8) as f32 / (1u32 << 24) as f32
+}
+
+/// Smooth value noise in [−1, 1], one feature a unit.
+#[expect(clippy::cast_possible_truncation, reason = "texture coordinates are a few thousand units at most")]
+pub(crate) fn value_noise(p: Vec3, seed: u32) -> f32 {
+    let cell = p.floor();
+    let f = p - cell;
+    let s = f * f * (Vec3::splat(3.0) - 2.0 * f);
+    let (x, y, z) = (cell.x as i32, cell.y as i32, cell.z as i32);
+    let at = |dx, dy, dz| unit(lattice(x + dx, y + dy, z + dz, seed));
+    let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
+    let plane = |dz| mix(mix(at(0, 0, dz), at(1, 0, dz), s.x), mix(at(0, 1, dz), at(1, 1, dz), s.x), s.y);
+    2.0 * mix(plane(0), plane(1), s.z) - 1.0
+}
+
+/// Octaves of value noise, each half as wide and half as strong, in about [−1, 1]. Octaves finer than two
+/// `footprint`s are faded out: what a pixel cannot show would only alias.
+pub(crate) fn fractal_noise(p: Vec3, octaves: u32, footprint: f32, seed: u32) -> f32 {
+    let (mut sum, mut strength, mut scale) = (0.0, 0.5, 1.0);
+    for octave in 0..octaves {
+        let share = visible(1.0 / scale, footprint);
+        if share <= 0.0 {
+            break;
+        }
+        sum += strength * share * value_noise(p * scale, seed.wrapping_add(octave));
+        strength *= 0.5;
+        scale *= 2.03;
+    }
+    sum
+}
+
+/// How much of a detail of this size a pixel of this footprint still shows, in [0, 1].
+pub(crate) fn visible(size: f32, footprint: f32) -> f32 {
+    (size / (footprint * 2.0 + f32::MIN_POSITIVE) - 0.5).clamp(0.0, 1.0)
+}
+
+/// 1 inside, 0 outside of an edge at `distance` 0 (positive inside), one footprint wide.
+pub(crate) fn edge(distance: f32, footprint: f32) -> f32 {
+    (0.5 + distance / (footprint + 1e-9)).clamp(0.0, 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn noise_is_bounded_continuous_and_fades() {
+        let mut last = value_noise(Vec3::new(0.0, 3.3, -1.7), 7);
+        for step in 1..2000u16 {
+            let p = Vec3::new(0.0137 * f32::from(step), 3.3, -1.7);
+            let value = value_noise(p, 7);
+            assert!(value.abs() <= 1.0);
+            assert!((value - last).abs() < 0.06, "a jump of {} at {p}", value - last);
+            last = value_noise(p, 7);
+            assert!(fractal_noise(p, 6, 100.0, 7).abs() <= f32::EPSILON, "a pixel as wide as a hundred features");
+        }
+    }
+}

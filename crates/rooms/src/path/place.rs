@@ -1,0 +1,63 @@
+//! A trajectory from elsewhere, set down where the scene has room for it.
+
+use atsplat_camera::{Camera, WorldFromCamera};
+use glam::{DMat3, DVec3};
+
+use super::{Walked, is_free, is_worth_seeing};
+use crate::RoomsError;
+use crate::rng::Rng;
+use crate::shot::Shot;
+use crate::world::World;
+
+const TRIES: usize = 400;
+
+/// Moves a given path so that its first camera, taken as upright, stands at a free place of the world. Of many
+/// places the one that leaves most cameras free wins; lengths are scaled down to 0.6, 0.36 … while none leaves all.
+pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result<Walked, RoomsError> {
+    let empty = || RoomsError::Request { field: "trajectory", expected: "cameras", found: "none".to_owned() };
+    let (_, first) = given.first().ok_or_else(empty)?;
+    let poses: Vec<WorldFromCamera> = given.iter().map(|(_, camera)| camera.camera_from_world.inverse()).collect();
+    let rng = &mut Rng::for_part(seed, "place");
+    let [low, high] = world.space;
+    let mut slowed_to = 1.0;
+    let mut best: Option<(usize, Vec<WorldFromCamera>)> = None;
+    while slowed_to > 0.01 {
+        for _ in 0..TRIES {
+            let at = DVec3::new(rng.within(low.x, high.x), rng.within(low.y, high.y), low.z + rng.within(1.2, 1.7));
+            let yaw = rng.within(0.0, std::f64::consts::TAU);
+            let upright = DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X);
+            let stand = WorldFromCamera::new(DMat3::from_rotation_z(yaw) * upright, at)?;
+            if !is_free(world, at) || !is_worth_seeing(world, at, stand.forward(), 1.3) {
+                continue;
+            }
+            let relative = |pose: &WorldFromCamera| {
+                let seen = first.camera_from_world.inverse().camera_from_other(pose);
+                seen.scaled_by(slowed_to).moved_by(&stand)
+            };
+            let moved: Vec<WorldFromCamera> = poses.iter().map(relative).collect();
+            let free = moved.iter().filter(|pose| is_free(world, pose.centre())).count();
+            if best.as_ref().is_none_or(|(most, _)| free > *most) {
+                best = Some((free, moved));
+            }
+            if free == poses.len() {
+                break;
+            }
+        }
+        if best.as_ref().is_some_and(|(free, _)| *free == poses.len()) {
+            break;
+        }
+        slowed_to *= 0.6;
+    }
+    let (_, moved) = best.ok_or_else(|| RoomsError::Request {
+        field: "trajectory",
+        expected: "a scene with room for it",
+        found: "no free place".to_owned(),
+    })?;
+    let next = moved.iter().skip(1).chain(moved.last());
+    let shots = given.iter().zip(&moved).zip(next).map(|(((timestamp_micros, camera), pose), next)| Shot {
+        timestamp_micros: *timestamp_micros,
+        camera: Camera { camera_from_world: pose.inverse(), ..camera.without_distortion() },
+        moving_to: *next,
+    });
+    Ok(Walked { shots: shots.collect(), slowed_to })
+}

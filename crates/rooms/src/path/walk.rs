@@ -1,0 +1,78 @@
+//! DL3DV: someone walks around, looking at this and that.
+
+use glam::{DVec2, DVec3};
+
+use super::{Held, is_free, is_worth_seeing};
+use crate::rng::Rng;
+use crate::world::World;
+
+/// Views a second are few: five, in microseconds between them.
+const MICROS: f64 = 200_000.0;
+const STOPS: usize = 6;
+const TRIES: usize = 40;
+
+pub(super) fn walk(rng: &mut Rng, world: &World, frames: usize) -> (Vec<Held>, f64, f64) {
+    let speed = rng.within(0.4, 0.9);
+    let mut slowed_to = 1.0;
+    loop {
+        for _ in 0..TRIES {
+            let path = candidate(rng, world, frames, speed * slowed_to);
+            if slowed_to < 0.01 || suits(world, &path) {
+                return (path, MICROS, slowed_to);
+            }
+        }
+        slowed_to *= 0.9;
+    }
+}
+
+/// Around a point of the scene, now nearer, now farther, looking mostly at it.
+fn candidate(rng: &mut Rng, world: &World, frames: usize, speed: f64) -> Vec<Held> {
+    let [low, high] = world.space;
+    let between = |rng: &mut Rng, low: f64, high: f64| low + (high - low) * rng.within(0.2, 0.8);
+    let about = DVec2::new(between(rng, low.x, high.x), between(rng, low.y, high.y));
+    let radius = rng.within(1.5, 5.5);
+    let length = speed * frames as f64 * MICROS * 1e-6;
+    let sweep = (length / radius).clamp(0.0, 5.5) * rng.sign();
+    let begin = rng.within(0.0, std::f64::consts::TAU);
+    let inward = rng.chance(0.75);
+    let height = rng.within(1.3, 1.7);
+    let mut stops = Vec::with_capacity(STOPS);
+    for stop in 0..STOPS {
+        let angle = begin + sweep * stop as f64 / (STOPS - 1) as f64;
+        let place = about + DVec2::from_angle(angle) * radius * rng.within(0.8, 1.2);
+        let aim = angle + if inward { std::f64::consts::PI } else { 0.0 } + rng.within(-0.45, 0.45);
+        stops.push(Held {
+            place: place.extend(low.z + height + rng.within(-0.12, 0.12)),
+            yaw: aim,
+            pitch: rng.within(-0.2, 0.08),
+            roll: rng.within(-0.02, 0.02),
+        });
+    }
+    (0..frames).map(|frame| between_stops(&stops, frame as f64 / frames as f64)).collect()
+}
+
+/// A Catmull–Rom spline through the stops, at a share in [0, 1) of the way.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a stop's number")]
+fn between_stops(stops: &[Held], share: f64) -> Held {
+    let along = share * (STOPS - 1) as f64;
+    let (at, t) = (along.floor() as usize, along.fract());
+    let stop = |back: usize| stops.get((at + back).clamp(1, STOPS) - 1).or(stops.last());
+    let value = |read: &dyn Fn(&Held) -> f64| {
+        let of = |back: usize| stop(back).map_or(0.0, read);
+        let (a, b, c, d) = (of(0), of(1), of(2), of(3));
+        b + 0.5 * t * (c - a + t * (2.0 * a - 5.0 * b + 4.0 * c - d + t * (3.0 * (b - c) + d - a)))
+    };
+    Held {
+        place: DVec3::new(value(&|h| h.place.x), value(&|h| h.place.y), value(&|h| h.place.z)),
+        yaw: value(&|h| h.yaw),
+        pitch: value(&|h| h.pitch),
+        roll: value(&|h| h.roll),
+    }
+}
+
+fn suits(world: &World, path: &[Held]) -> bool {
+    let few = |parts: usize| (0..=parts).filter_map(move |part| path.get(part * (path.len() - 1) / parts));
+    few(4).all(|held| is_free(world, held.place))
+        && few(40).all(|held| is_free(world, held.place))
+        && few(6).all(|held| is_worth_seeing(world, held.place, held.forward(), 2.0))
+}

@@ -1,0 +1,106 @@
+//! Written datasets are read back by the loaders.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use std::path::Path;
+
+use atsplat_camera::{ImageSize, PixelIntrinsics};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{DecodeLimits, Rounding, exr};
+use atsplat_rooms::{
+    EffectChoice, Layout, PictureCoding, Request, SceneKind, SceneSeed, Simulation, Split, WriteOptions, write_dataset,
+};
+use atsplat_scene::{SceneSource, Warnings, open};
+
+fn requests() -> Vec<Request> {
+    let request = |split, number| Request {
+        size: ImageSize { width: 40, height: 30 },
+        frames: 3,
+        effects: EffectChoice::Auto,
+        ..Request::new(SceneKind::Yards, SceneSeed { split, number })
+    };
+    vec![request(Split::Train, 0), request(Split::Train, 1), request(Split::Test, 0)]
+}
+
+fn written(folder: &Path, layout: Layout) -> (Vec<Simulation>, Warnings) {
+    let options = WriteOptions { layout, coding: PictureCoding::Png, depth: true };
+    let mut warnings = Warnings::default();
+    let mut told = Vec::new();
+    let entries =
+        write_dataset(folder, requests(), &options, &mut warnings, |simulation, _| told.push(simulation.key()))
+            .unwrap();
+    assert_eq!(told, entries.iter().map(|entry| entry.key.clone()).collect::<Vec<_>>());
+    let manifest: serde_json::Value =
+        serde_json::from_slice(&std::fs::read(folder.join("manifest.json")).unwrap()).unwrap();
+    assert_eq!(manifest["scenes"].as_array().unwrap().len(), 3);
+    assert_eq!(manifest["scenes"][2]["key"], "yards-test-00000000");
+    (requests().into_iter().map(|request| Simulation::new(request).unwrap()).collect(), warnings)
+}
+
+/// What a loader makes of `path` against what was simulated.
+fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens: bool) {
+    let mut warnings = Warnings::default();
+    let dataset = open(path, &mut warnings).unwrap();
+    let scene = dataset.load(key, &mut warnings).unwrap();
+    assert_eq!(scene.frames.len(), 3);
+    let size = simulation.request().size;
+    for (at, frame) in scene.frames.iter().enumerate() {
+        let expected = simulation.camera(at).unwrap();
+        let close = Tolerance::F32_ROUND_TRIP;
+        let pose = |camera: &atsplat_camera::Camera| camera.camera_from_world.to_rows();
+        Tolerance::absolute(2e-6).assert(pose(&frame.camera), pose(&expected), "pose");
+        let PixelIntrinsics { fx, fy, cx, cy } = expected.intrinsics.pixel_from_normalized(size);
+        let k = frame.camera.intrinsics.pixel_from_normalized(size);
+        Tolerance::absolute(1e-4).assert([k.fx, k.fy, k.cx, k.cy], [fx, fy, cx, cy], "intrinsics");
+        if has_lens {
+            assert_eq!(frame.camera.distortion, expected.distortion);
+        }
+        let picture = scene.decode(at, &DecodeLimits::default()).unwrap();
+        assert_eq!(picture, simulation.picture(at).unwrap().to_u8(Rounding::Nearest).unwrap());
+        let file = depth.join(simulation.key()).join(format!("{}.exr", frame.name));
+        let channels = exr::read(&std::fs::read(file).unwrap(), &DecodeLimits::default()).unwrap();
+        let truth = simulation.geometry(at).unwrap();
+        let depths = |samples: &[f32]| samples.iter().map(|depth| f64::from(*depth)).collect::<Vec<_>>();
+        Tolerance::EXACT.assert(depths(&channels.get("Z").unwrap().samples), depths(&truth.depth), "depth");
+        close.assert([frame.camera.camera_from_world.determinant()], [1.0], "a rotation");
+    }
+}
+
+#[test]
+fn re10k() {
+    let folder = tempfile::tempdir().unwrap();
+    let (simulations, _) = written(folder.path(), Layout::Re10k);
+    let depth = folder.path().join("depth");
+    check(&folder.path().join("train"), &depth, &simulations[1], "yards-train-00000001", false);
+    check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000", false);
+}
+
+#[test]
+fn chunks() {
+    let folder = tempfile::tempdir().unwrap();
+    let (simulations, _) = written(folder.path(), Layout::Chunks);
+    let depth = folder.path().join("depth");
+    check(&folder.path().join("train"), &depth, &simulations[0], "yards-train-00000000", false);
+    check(&folder.path().join("test"), &depth, &simulations[2], "yards-test-00000000", false);
+    let options = WriteOptions { layout: Layout::Chunks, coding: PictureCoding::Jpeg(90), depth: false };
+    let again = write_dataset(folder.path(), requests(), &options, &mut Warnings::default(), |_, _| {});
+    assert!(again.is_err(), "old chunks must not be mixed with new ones");
+}
+
+#[test]
+fn nerfstudio() {
+    let folder = tempfile::tempdir().unwrap();
+    let (simulations, _) = written(folder.path(), Layout::Nerfstudio);
+    let depth = folder.path().join("depth");
+    for simulation in &simulations {
+        check(folder.path(), &depth, simulation, &simulation.key(), true);
+    }
+}
+
+#[test]
+fn a_lens_that_is_not_stored_is_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let (simulations, warnings) = written(folder.path(), Layout::Re10k);
+    let bent = simulations.iter().filter(|s| s.camera(0).unwrap().distortion != atsplat_camera::Distortion::None);
+    assert_eq!(warnings.total(), bent.count() as u64);
+}

@@ -1,0 +1,193 @@
+//! What a simulated scene promises: the same bytes, exact geometry, true effects, routes as asked for.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
+use atsplat_numeric::Tolerance;
+use atsplat_rooms::{
+    EffectChoice, EffectKind, Geometry, Request, Route, SceneKind, SceneSeed, Simulation, Split, TOLERANCE,
+};
+use glam::{DMat3, DVec3};
+use sha2::{Digest, Sha256};
+
+const SMALL: ImageSize = ImageSize { width: 48, height: 40 };
+
+fn request(kind: SceneKind, number: u32) -> Request {
+    Request { size: SMALL, ..Request::new(kind, SceneSeed { split: Split::Test, number }) }
+}
+
+fn digest(simulation: &Simulation, frames: &[usize]) -> [u8; 32] {
+    let mut hash = Sha256::new();
+    for &frame in frames {
+        let view = simulation.view(frame).unwrap();
+        view.picture.samples().iter().for_each(|sample| hash.update(sample.to_le_bytes()));
+        view.geometry.depth.iter().for_each(|depth| hash.update(depth.to_le_bytes()));
+        view.geometry.normals.iter().flatten().for_each(|n| hash.update(n.to_le_bytes()));
+        view.geometry.instances.iter().for_each(|id| hash.update(id.to_le_bytes()));
+    }
+    for shot in simulation.shots() {
+        shot.camera.camera_from_world.to_rows().iter().for_each(|number| hash.update(number.to_le_bytes()));
+    }
+    hash.finalize().into()
+}
+
+#[test]
+fn same_seed_same_bytes_on_any_number_of_threads() {
+    for kind in [SceneKind::Rooms, SceneKind::Yards] {
+        for effects in [EffectChoice::Auto, EffectChoice::All] {
+            let request = Request { effects, ..request(kind, 3) };
+            let on = |threads: usize| {
+                let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+                pool.install(|| digest(&Simulation::new(request.clone()).unwrap(), &[0, 40]))
+            };
+            let one = on(1);
+            assert_eq!([on(2), on(5)], [one, one], "{kind} {:?}", request.effects);
+            let again = Simulation::new(request.clone()).unwrap();
+            again.picture(7).unwrap();
+            assert_eq!(digest(&again, &[0, 40]), one, "frames rendered before must not matter");
+        }
+    }
+    let of = |number| digest(&Simulation::new(request(SceneKind::Rooms, number)).unwrap(), &[0]);
+    assert_ne!(of(1), of(2));
+}
+
+fn mean_difference(a: &Simulation, b: &Simulation, frame: usize) -> f64 {
+    let (a, b) = (a.picture(frame).unwrap(), b.picture(frame).unwrap());
+    let sum: f64 = a.samples().iter().zip(b.samples()).map(|(a, b)| f64::from((a - b).abs())).sum();
+    sum / a.samples().len() as f64
+}
+
+#[test]
+fn what_a_scene_calls_for_is_all_that_can_be_seen() {
+    let mut left_out = 0;
+    for number in 0..10 {
+        let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
+        let with = |effects| Simulation::new(Request { effects, ..request(kind, number) }).unwrap();
+        let (auto, all) = (with(EffectChoice::Auto), with(EffectChoice::All));
+        left_out += EffectKind::ALL.len() - auto.called_effects().len();
+        let difference = mean_difference(&auto, &all, 20);
+        assert!(difference <= TOLERANCE, "{auto}: all effects change it by {difference}");
+    }
+    assert!(left_out >= 10, "only {left_out} effects were left out of ten scenes");
+}
+
+#[test]
+fn each_effect_that_is_called_for_changes_pictures() {
+    let mut seen = Vec::new();
+    for number in 0..30 {
+        let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
+        let auto = Simulation::new(request(kind, number)).unwrap();
+        let kinds: Vec<EffectKind> = auto.called_effects().iter().map(|called| called.effect).collect();
+        for &effect in kinds.iter().filter(|effect| !seen.contains(*effect)).collect::<Vec<_>>() {
+            let others = kinds.iter().copied().filter(|other| *other != effect).collect();
+            let without =
+                Simulation::new(Request { effects: EffectChoice::Only(others), ..request(kind, number) }).unwrap();
+            if mean_difference(&auto, &without, 20) > 0.1 * TOLERANCE {
+                seen.push(effect);
+            }
+        }
+    }
+    seen.sort();
+    assert_eq!(seen, EffectKind::ALL, "every effect must show in some scene");
+}
+
+#[test]
+fn depth_is_where_the_rays_end() {
+    for kind in [SceneKind::Rooms, SceneKind::Yards] {
+        let size = ImageSize { width: 192, height: 160 };
+        let simulation = Simulation::new(Request { size, ..request(kind, 5) }).unwrap();
+        let (a, b) = (simulation.geometry(10).unwrap(), simulation.geometry(11).unwrap());
+        let (from, into) = (simulation.camera(10).unwrap(), simulation.camera(11).unwrap());
+        let covisible = simulation.covisibility(10, 11).unwrap();
+        assert!(covisible.overlap() > 0.8, "neighbours see the same: {covisible:?}");
+        for (a, from, b, into, expected) in
+            [(&a, &from, &b, &into, covisible.first_in_second), (&b, &into, &a, &from, covisible.second_in_first)]
+        {
+            let found = by_depth_maps(a, from, b, into);
+            Tolerance::absolute(0.08).assert([found], [expected], "co-visibility by depth maps");
+        }
+        let itself = simulation.covisibility(10, 10).unwrap().overlap();
+        assert!(itself > 0.995, "a picture sees itself: {itself}");
+        for (depth, (normal, instance)) in a.depth.iter().zip(a.normals.iter().zip(&a.instances)) {
+            assert_eq!(depth.is_finite(), *instance > 0);
+            let length = DVec3::from(normal.map(f64::from)).length();
+            Tolerance::F32_ROUND_TRIP.assert([length], [if *instance > 0 { 1.0 } else { 0.0 }], "unit normals");
+        }
+    }
+}
+
+/// The usual estimate: points of one depth map looked up in the other. Within a pixel, depth of the ground far
+/// off changes by several per cent.
+fn by_depth_maps(a: &Geometry, from: &Camera, b: &Geometry, into: &Camera) -> f64 {
+    let (mut surfaces, mut seen) = (0.0, 0.0);
+    let rays = from.pixel_rays(a.size, atsplat_camera::DirectionScale::UnitDepth).unwrap();
+    for (ray, depth) in rays.iter().zip(&a.depth).filter(|(_, depth)| depth.is_finite()) {
+        surfaces += 1.0;
+        let Ok(projected) = into.project(ray.at(f64::from(*depth))) else { continue };
+        if projected.is_inside() {
+            let pixel = projected.pixel(b.size).floor();
+            #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the picture")]
+            let there = b.depth[pixel.y as usize * b.size.width as usize + pixel.x as usize];
+            let near = (projected.depth - f64::from(there)).abs() < 0.06 * projected.depth;
+            seen += f64::from(u8::from(near));
+        }
+    }
+    seen / surfaces
+}
+
+#[test]
+fn a_given_route_keeps_its_shape() {
+    let k = NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap();
+    let pose = |at: f64| {
+        CameraFromWorld::new(DMat3::from_rotation_y(0.3 * at), DVec3::new(0.4 * at - 3.0, 0.05 * at, 0.2 * at)).unwrap()
+    };
+    let given: Vec<(i64, Camera)> =
+        (0..5i32).map(|at| (i64::from(at) * 1000, Camera::pinhole(pose(f64::from(at)), k))).collect();
+    let request = Request { route: Route::Given(given.clone()), ..request(SceneKind::Rooms, 8) };
+    let simulation = Simulation::new(request).unwrap();
+    assert_eq!(simulation.shots().len(), 5);
+    for (shot, (timestamp, camera)) in simulation.shots().iter().zip(&given) {
+        assert_eq!((shot.timestamp_micros, shot.camera.intrinsics), (*timestamp, k));
+        let seen = |first: &Camera, camera: &Camera| {
+            first.camera_from_world.inverse().camera_from_other(&camera.camera_from_world.inverse())
+        };
+        let asked = seen(&given[0].1, camera).scaled_by(simulation.slowed_to());
+        let got = seen(&simulation.shots()[0].camera, &shot.camera);
+        Tolerance::F64.assert(got.to_rows(), asked.to_rows(), "relative poses");
+    }
+    let up = simulation.shots()[0].camera.camera_from_world.inverse().down();
+    Tolerance::F64.assert([up.z], [-1.0], "the first camera stands upright");
+}
+
+#[test]
+fn paths_keep_away_from_things_and_move_as_drawn() {
+    let mut slowed = 0;
+    for number in 0..16 {
+        let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
+        let wide = Request { effects: EffectChoice::None, ..request(kind, number) };
+        let simulation = Simulation::new(wide).unwrap();
+        slowed += u32::from(simulation.slowed_to() < 0.5);
+        for frame in (0..simulation.shots().len()).step_by(12) {
+            let geometry = simulation.geometry(frame).unwrap();
+            let nearest = geometry.depth.iter().fold(f32::INFINITY, |least, d| if *d < least { *d } else { least });
+            assert!(nearest > 0.12, "{} frame {frame}: something at {nearest} m", simulation.key());
+        }
+    }
+    assert!(slowed <= 4, "{slowed} of 16 clips had to slow down by half");
+}
+
+#[test]
+fn senseless_requests_are_refused() {
+    let refused = |change: &dyn Fn(&mut Request)| {
+        let mut request = request(SceneKind::Rooms, 0);
+        change(&mut request);
+        Simulation::new(request).unwrap_err().to_string()
+    };
+    assert!(refused(&|r| r.frames = 0).starts_with("frames: expected at least 1"));
+    assert!(refused(&|r| r.size.width = 0).starts_with("size"));
+    assert!(refused(&|r| r.size.height = 1 << 20).starts_with("size"));
+    assert!(refused(&|r| r.samples = 0).starts_with("samples"));
+    assert!(refused(&|r| r.route = Route::Given(Vec::new())).starts_with("trajectory"));
+    let simulation = Simulation::new(request(SceneKind::Rooms, 0)).unwrap();
+    assert!(simulation.picture(150).unwrap_err().to_string().contains("150 frames, so no frame 150"));
+}
