@@ -1,0 +1,35 @@
+//! The rows of a results store.
+
+mod provenance;
+mod target;
+mod trial;
+
+use serde::{Deserialize, Serialize};
+
+pub use provenance::{MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
+pub use target::{TargetRow, TargetStatus};
+pub use trial::{Seconds, TrialRow, TrialStatus};
+
+/// What was asked, and of whom: the identity of a trial's rows in a store.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+pub struct TrialKey {
+    /// Name of the protocol preset, as in [`PresetRecord::name`].
+    pub preset: String,
+    /// Name of the method, as in [`MethodRecord::name`].
+    pub method: String,
+    /// Key of the scene in its dataset.
+    pub scene: String,
+    /// Position of the index entry among those of the scene.
+    pub entry: u32,
+}
+
+/// All rows of a store, in the order of their keys (targets by position within).
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Results {
+    /// What was run, with what, where.
+    pub provenance: Provenance,
+    /// One row per trial and method.
+    pub trials: Vec<TrialRow>,
+    /// One row per target view of these trials.
+    pub targets: Vec<TargetRow>,
+}

@@ -1,0 +1,94 @@
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use super::TrialKey;
+
+/// One trial under one method.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct TrialRow {
+    /// Which trial.
+    #[serde(flatten)]
+    pub key: TrialKey,
+    /// [`atsplat_protocol::trial::Trial::hash`] in hexadecimal.
+    pub trial_hash: String,
+    /// [`atsplat_protocol::trial::Trial::pose_hash`] in hexadecimal.
+    pub pose_hash: String,
+    /// What became of it.
+    pub status: TrialStatus,
+    /// Why it failed.
+    pub detail: Option<String>,
+    /// Frames that the method was given.
+    pub context: Vec<u64>,
+    /// How many targets it was asked for.
+    pub targets: u32,
+    /// Overlap of the context views, where the index has one.
+    pub overlap: Option<f64>,
+    /// Width of the pictures in pixels.
+    pub width: u32,
+    /// Height of the pictures in pixels.
+    pub height: u32,
+    /// Tokens before expansion; `None` for methods without tokens.
+    pub initial_tokens: Option<u64>,
+    /// Tokens that became Gaussians.
+    pub final_tokens: Option<u64>,
+    /// Gaussians, all of them; `None` for methods without.
+    pub gaussians: Option<u64>,
+    /// Gaussians that reached a picture, averaged over the targets.
+    pub gaussians_drawn: Option<f64>,
+    /// Where the time went.
+    pub seconds: Seconds,
+    /// Estimated peak of memory in bytes.
+    pub peak_bytes: Option<u64>,
+    /// Effects that the renderer ran, by name.
+    pub effects: Vec<String>,
+    /// What a reader must know: pose normalisations that fell back, and the like.
+    pub notes: Vec<String>,
+}
+
+/// Where a trial's time went, each part alone on the clock.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Seconds {
+    /// Reading and decoding pictures.
+    pub read: f64,
+    /// Context to Gaussians (or to whatever the method renders from): the median of `encode_samples`.
+    pub encode: Option<f64>,
+    /// One target view: the median over views and repetitions.
+    pub render: Option<f64>,
+    /// Computing metrics, all targets.
+    pub score: f64,
+    /// Repetitions of the encoding after warm-up.
+    pub encode_samples: Vec<f64>,
+    /// Repetitions of the rendering after warm-up, target by target.
+    pub render_samples: Vec<f64>,
+    /// The encoding's stages, by name; one repetition.
+    pub stages: BTreeMap<String, f64>,
+}
+
+/// What became of a trial.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum TrialStatus {
+    /// Every target has a row that was compared.
+    Done,
+    /// Some targets failed.
+    Partial,
+    /// The method made nothing.
+    Failed,
+    /// The method does not answer this kind of trial, and says so: another number of views, a size that its patches do
+    /// not divide.
+    NotApplicable,
+}
+
+impl TrialStatus {
+    /// The name in files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Done => "done",
+            Self::Partial => "partial",
+            Self::Failed => "failed",
+            Self::NotApplicable => "not-applicable",
+        }
+    }
+}
