@@ -190,6 +190,16 @@ mod tests {
             "re10k-to-dl3dv-256",
             "dl3dv-6v-extrapolation",
             "re10k-extrapolation",
+            "rooms-2v-128",
+            "rooms-overlap-128",
+            "rooms-extrapolation-128",
+            "yards-2v-128x224",
+            "yards-4v-128x224",
+            "yards-6v-128x224",
+            "yards-12v-256x480",
+            "yards-6v-112",
+            "rooms-to-yards-128",
+            "yards-6v-extrapolation",
         ];
         assert_eq!(Preset::names().collect::<Vec<_>>(), expected);
     }
