@@ -5,9 +5,11 @@
 //! the same reason: the row in which every crate reports how it fared with a hard case, [`StressRow`].
 
 mod extremes;
+mod rank;
 mod stress;
 mod tolerance;
 
 pub use extremes::Extremes;
+pub use rank::rank_correlation;
 pub use stress::{MeasuredError, StressRow};
 pub use tolerance::{Mismatch, Tolerance};
