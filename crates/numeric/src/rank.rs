@@ -1,3 +1,5 @@
+use std::cmp::Ordering;
+
 /// Spearman's rank correlation of two lists of one length, in [-1, 1]: Pearson's correlation of ranks, where equal
 /// values share the mean of their ranks. `None` for lists that are shorter than two, differ in length, hold a NaN, or
 /// have only one value.
@@ -6,7 +8,7 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
         return None;
     }
     let (a, b) = (ranks(a), ranks(b));
-    let mean = (a.len() as f64 + 1.0) / 2.0;
+    let mean = f64::midpoint(a.len() as f64, 1.0);
     let products = |x: &[f64], y: &[f64]| x.iter().zip(y).map(|(x, y)| (x - mean) * (y - mean)).sum::<f64>();
     let spread = (products(&a, &a) * products(&b, &b)).sqrt();
     (spread > 0.0).then(|| products(&a, &b) / spread)
@@ -19,8 +21,9 @@ fn ranks(values: &[f64]) -> Vec<f64> {
     let mut ranks = vec![0.0; values.len()];
     let mut before = 0;
     // Zeros of both signs are equal, and `total_cmp` puts them side by side.
-    for equal in order.chunk_by(|(_, a), (_, b)| a == b) {
-        let shared = before as f64 + (equal.len() as f64 + 1.0) / 2.0;
+    let are_equal = |a: f64, b: f64| a.partial_cmp(&b) == Some(Ordering::Equal);
+    for equal in order.chunk_by(|(_, a), (_, b)| are_equal(*a, *b)) {
+        let shared = before as f64 + f64::midpoint(equal.len() as f64, 1.0);
         for (at, _) in equal {
             if let Some(rank) = ranks.get_mut(*at) {
                 *rank = shared;
