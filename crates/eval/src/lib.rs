@@ -5,6 +5,7 @@
 //! How a table looks is not known here.
 
 mod error;
+pub mod method;
 mod rows;
 pub mod runner;
 pub mod store;
