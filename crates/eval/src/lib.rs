@@ -8,6 +8,7 @@ mod rows;
 #[cfg(test)]
 mod sample_rows;
 pub mod statistics;
+pub mod tradeoff;
 
 pub use rows::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, SkippedEntry, TargetRow, TargetStatus,
