@@ -4,6 +4,7 @@
 //! targets, whatever happened: a failure is a row too. [`Results`] are the rows of one store with their [`Provenance`].
 //! How a table looks is not known here.
 
+pub mod drift;
 mod rows;
 #[cfg(test)]
 mod sample_rows;
