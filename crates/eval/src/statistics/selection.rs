@@ -3,10 +3,7 @@ use std::collections::BTreeSet;
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
 use super::{Leaked, Question};
-use crate::{Results, TargetRow, TargetStatus, TrialStatus};
-
-/// What a row says in the place of a PSNR that is infinite.
-const IDENTICAL: &str = "identical";
+use crate::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
 
 /// One target as a question sees it.
 #[derive(Clone, Copy, Debug)]
