@@ -24,5 +24,5 @@ pub use compare::compare;
 pub use error::DriftError;
 pub use history::{Acceptance, date};
 pub use limits::{Limit, least_limit};
-pub use provenance::Difference;
+pub use provenance::{Difference, same_machine};
 pub use report::{Basis, Comparison, DriftReport, Finding, FindingKind, Verdict};

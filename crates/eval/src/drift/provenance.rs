@@ -28,7 +28,7 @@ pub(super) fn differences(baseline: &Provenance, now: &Provenance) -> Vec<Differ
 }
 
 /// Whether bits may be compared: the same platform and processor, and the same adapter where one rendered.
-pub(super) fn same_machine(a: &Provenance, b: &Provenance) -> bool {
+pub fn same_machine(a: &Provenance, b: &Provenance) -> bool {
     a.platform == b.platform && a.processor == b.processor && a.adapter == b.adapter
 }
 

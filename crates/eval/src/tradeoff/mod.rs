@@ -14,5 +14,5 @@ mod tests;
 pub use frontier::{Axis, Frontier, Point, Sample, frontier};
 pub use knobs::{KnobError, Knobs, RendererKnobs, WeightPrecision};
 pub use price::Price;
-pub use sample::{quality_step, samples};
+pub use sample::{Tradeoff, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

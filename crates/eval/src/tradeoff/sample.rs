@@ -1,9 +1,50 @@
 use atsplat_metrics::definition;
-use atsplat_protocol::Aggregation;
+use atsplat_protocol::{Aggregation, Preset};
+use serde::Serialize;
 
-use super::Sample;
-use crate::Results;
-use crate::statistics::{Leaked, Question, cost, summary};
+use super::{Axis, Frontier, Sample, frontier};
+use crate::statistics::{Leaked, Question, cost, direction, summary};
+use crate::{PresetRecord, Results};
+
+/// Both frontiers of one metric under one protocol.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Tradeoff {
+    /// Name of the preset in the rows.
+    pub preset: String,
+    /// Its hash.
+    pub protocol: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// The metric's unit; empty for plain numbers.
+    pub unit: String,
+    /// Against seconds, and against Gaussians.
+    pub frontiers: Vec<Frontier>,
+}
+
+/// Every method of a store as a point, for each protocol and metric.
+pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Vec<Tradeoff> {
+    let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
+        let samples = samples(results, &preset.name, metric, leaked, aggregation(preset));
+        let step = quality_step(metric);
+        Tradeoff {
+            preset: preset.name.clone(),
+            protocol: preset.hash.clone(),
+            metric: metric.to_owned(),
+            unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
+            frontiers: [Axis::Seconds, Axis::Gaussians]
+                .map(|axis| frontier(&samples, direction(metric), axis, step))
+                .into(),
+        }
+    };
+    let presets = results.provenance.presets.iter();
+    presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
+}
+
+/// How the recorded protocol averages; over scenes where the record holds none.
+fn aggregation(preset: &PresetRecord) -> Aggregation {
+    Preset::from_toml(&preset.toml).map_or(Aggregation::SceneMeans, |preset| preset.aggregation)
+}
 
 /// The methods of a store under a preset, in the order of the provenance record, each as a sample.
 ///
