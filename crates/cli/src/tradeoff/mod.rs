@@ -6,7 +6,7 @@ use std::path::PathBuf;
 
 use atsplat_eval::Results;
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::tradeoffs;
+use atsplat_eval::tradeoff::{across, tradeoffs};
 use atsplat_metrics::definition;
 use clap::Args;
 
@@ -26,6 +26,10 @@ pub(crate) struct Words {
     #[arg(long)]
     without_leaked: bool,
 
+    /// Put all protocols of the folder on one frontier, although their numbers answer different questions.
+    #[arg(long)]
+    across: bool,
+
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -35,7 +39,12 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<()> {
     let results = Results::read(&words.store)?;
     let leaked = if words.without_leaked { Leaked::Excluded } else { Leaked::Included };
     let metrics: Vec<&str> = words.metric.iter().map(String::as_str).collect();
-    print_report(&Report { tradeoffs: tradeoffs(&results, &metrics, leaked) }, words.json)
+    let tradeoffs = if words.across {
+        metrics.iter().map(|metric| across(&results, metric, leaked)).collect()
+    } else {
+        tradeoffs(&results, &metrics, leaked)
+    };
+    print_report(&Report { tradeoffs }, words.json)
 }
 
 fn metric(word: &str) -> Result<String, String> {

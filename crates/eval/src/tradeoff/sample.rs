@@ -26,19 +26,35 @@ pub struct Tradeoff {
 pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Vec<Tradeoff> {
     let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
         let samples = samples(results, &preset.name, metric, leaked, aggregation(preset));
-        let step = quality_step(metric);
-        Tradeoff {
-            preset: preset.name.clone(),
-            protocol: preset.hash.clone(),
-            metric: metric.to_owned(),
-            unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
-            frontiers: [Axis::Seconds, Axis::Gaussians]
-                .map(|axis| frontier(&samples, direction(metric), axis, step))
-                .into(),
-        }
+        of_samples(&preset.name, &preset.hash, metric, &samples)
     };
     let presets = results.provenance.presets.iter();
     presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
+}
+
+/// The methods of all protocols of a store in one: numbers that answer different questions side by side, as where views or
+/// resolution are swept. Labels say the protocol.
+pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Tradeoff {
+    let of_preset = |preset: &PresetRecord| {
+        let samples = samples(results, &preset.name, metric, leaked, aggregation(preset)).into_iter();
+        let labelled = |sample: Sample| Sample { label: format!("{}, {}", sample.label, preset.name), ..sample };
+        samples.map(labelled).collect::<Vec<_>>()
+    };
+    let samples: Vec<Sample> = results.provenance.presets.iter().flat_map(of_preset).collect();
+    let hashes: Vec<&str> = results.provenance.presets.iter().map(|preset| preset.hash.as_str()).collect();
+    of_samples("different protocols", &hashes.join(" "), metric, &samples)
+}
+
+fn of_samples(preset: &str, protocol: &str, metric: &str, samples: &[Sample]) -> Tradeoff {
+    let step = quality_step(metric);
+    let along = |axis| frontier(samples, direction(metric), axis, step);
+    Tradeoff {
+        preset: preset.to_owned(),
+        protocol: protocol.to_owned(),
+        metric: metric.to_owned(),
+        unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
+        frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
+    }
 }
 
 /// How the recorded protocol averages; over scenes where the record holds none.
