@@ -4,11 +4,16 @@
 //! targets, whatever happened: a failure is a row too. [`Results`] are the rows of one store with their [`Provenance`].
 //! How a table looks is not known here.
 
+pub mod drift;
 mod error;
 pub mod method;
 mod rows;
 pub mod runner;
+#[cfg(test)]
+mod sample_rows;
+pub mod statistics;
 pub mod store;
+pub mod tradeoff;
 
 pub use error::EvalError;
 pub use rows::{
