@@ -17,6 +17,7 @@ mod reconstruct;
 mod render;
 mod selection;
 mod stress;
+mod train;
 mod weights;
 mod words;
 
@@ -63,6 +64,8 @@ enum Command {
     Weights(weights::Command),
     /// List graphics adapters, and test each.
     Adapters(adapters::Words),
+    /// Train a network as a configuration says; a run can be killed at any moment and resumed to the same bits.
+    Train(train::Words),
     /// Put every renderer through the hard cases; exits with 1 where one fails.
     Stress(stress::Words),
 }
@@ -115,6 +118,10 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Weights(command) => weights::run(command)?,
         Command::Adapters(words) => adapters::run(words)?,
         Command::Budget(words) => return Ok(tested(budget::run(words)?)),
+        Command::Train(words) => {
+            train::run(words)?;
+            return Ok(Exit::Done);
+        }
         Command::Stress(words) => return Ok(tested(stress::run(words)?)),
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })

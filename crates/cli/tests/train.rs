@@ -1,0 +1,3 @@
+//! `atsplat train` from the outside.
+
+mod common;
