@@ -29,6 +29,9 @@ use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::exit::Exit;
 
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 /// Evaluates feed-forward 3D Gaussian splatting: scenes, protocols, trials.
 #[derive(Debug, Parser)]
 #[command(name = "atsplat", version, propagate_version = true)]

@@ -6,6 +6,7 @@ use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_model::ImageSize;
 use atsplat_pixels::Rounding;
 use atsplat_protocol::samplers::{SceneViews, SplitMix64};
+use rayon::prelude::*;
 use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Simulation, Split};
 use serde::{Deserialize, Serialize};
 
@@ -31,13 +32,13 @@ pub struct RoomsConfig {
     /// Rays a pixel.
     #[serde(default = "four")]
     pub samples: u32,
-    /// Every how-many-th frame of a clip is offered: fewer frames are rendered, and they are used more often.
+    /// Every how-many-th frame of a clip is offered. All that are offered are rendered when the scene is first needed.
     #[serde(default = "one")]
     pub stride: NonZeroUsize,
     /// Which frames become a sample; gaps count offered frames.
     pub views: ViewChoice,
-    /// Rendered frames that are kept in memory, in MiB; 0 renders each anew.
-    #[serde(default)]
+    /// Most rendered frames that are kept in memory, in MiB; where it is less than all, scenes are rendered again.
+    #[serde(default = "gibibyte")]
     pub cache_mib: usize,
 }
 
@@ -49,11 +50,15 @@ const fn four() -> u32 {
     4
 }
 
+const fn gibibyte() -> usize {
+    1024
+}
+
 const fn one() -> NonZeroUsize {
     NonZeroUsize::MIN
 }
 
-/// Simulated scenes without end. Lenses are left out: the network and the papers' renderers take cameras for pinholes.
+/// Simulated scenes. Lenses are left out: the network and the papers' renderers take cameras for pinholes.
 #[derive(Debug)]
 pub struct RoomsSource {
     config: RoomsConfig,
@@ -61,18 +66,28 @@ pub struct RoomsSource {
     cache: Mutex<Cache>,
 }
 
-/// What was made so far; whatever is thrown away is made again as it was.
-#[derive(Debug, Default)]
-struct Cache {
-    cameras: HashMap<u32, Arc<[Camera]>>,
-    simulations: VecDeque<(u32, Arc<Simulation>)>,
-    frames: HashMap<(u32, usize), Arc<[u8]>>,
-    /// Oldest first.
-    order: VecDeque<(u32, usize)>,
+/// The frames of a scene that are offered.
+#[derive(Debug)]
+struct Clip {
+    cameras: Vec<Camera>,
+    /// As files of 8 bits would hold them.
+    pictures: Vec<Vec<u8>>,
 }
 
-/// Built scenes that wait for their next frame.
-const SIMULATIONS: usize = 8;
+/// Clips that were rendered; whatever is thrown away is rendered again as it was.
+#[derive(Debug, Default)]
+struct Cache {
+    clips: HashMap<u32, Arc<Clip>>,
+    /// Oldest first.
+    order: VecDeque<u32>,
+    bytes: usize,
+}
+
+impl Clip {
+    fn bytes(&self) -> usize {
+        self.pictures.iter().map(Vec::len).sum()
+    }
+}
 
 impl RoomsSource {
     /// Scenes whose cameras go through `normalisation`.
@@ -80,86 +95,53 @@ impl RoomsSource {
         Self { config, normalisation, cache: Mutex::default() }
     }
 
-    fn key(&self, number: u32) -> String {
-        SceneSeed { split: self.config.split, number }.key(self.config.scenes_of)
-    }
-
-    fn simulation(&self, number: u32) -> Result<Arc<Simulation>, TrainError> {
-        let known = self.with(|cache| cache.simulations.iter().find(|(of, _)| *of == number).map(|(_, s)| Arc::clone(s)));
-        if let Some(known) = known {
+    /// Which scene and which frames, with their cameras in the clip's world.
+    fn clip(&self, number: u32) -> Result<Arc<Clip>, TrainError> {
+        if let Some(known) = self.with(|cache| cache.clips.get(&number).cloned()) {
             return Ok(known);
         }
+        let clip = Arc::new(self.rendered(number)?);
+        self.with(|cache| {
+            if cache.clips.insert(number, Arc::clone(&clip)).is_none() {
+                cache.order.push_back(number);
+                cache.bytes += clip.bytes();
+            }
+            while cache.bytes > self.config.cache_mib << 20
+                && let Some(oldest) = cache.order.pop_front()
+            {
+                cache.bytes -= cache.clips.remove(&oldest).map_or(0, |clip| clip.bytes());
+            }
+        });
+        Ok(clip)
+    }
+
+    fn rendered(&self, number: u32) -> Result<Clip, TrainError> {
         let mut request = Request::new(self.config.scenes_of, SceneSeed { split: self.config.split, number });
         let ImageSize { height, width } = self.config.size;
         let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
         request.size = atsplat_camera::ImageSize { width: side(width), height: side(height) };
         request.samples = self.config.samples;
-        let called = Simulation::new(request.clone())?;
-        let without_lens = |called: &Simulation| {
-            let kinds = called.called_effects().iter().map(|called| called.effect);
-            kinds.filter(|kind| *kind != EffectKind::LensDistortion).collect::<Vec<_>>()
-        };
-        let lens = called.called_effects().iter().any(|called| called.effect == EffectKind::LensDistortion);
-        let made = if lens {
-            request.effects = EffectChoice::Only(without_lens(&called));
-            Simulation::new(request)?
-        } else {
-            called
-        };
-        let made = Arc::new(made);
-        self.with(|cache| {
-            cache.simulations.push_back((number, Arc::clone(&made)));
-            if cache.simulations.len() > SIMULATIONS {
-                cache.simulations.pop_front();
-            }
-        });
-        Ok(made)
-    }
-
-    /// Cameras of the frames that are offered.
-    fn cameras(&self, number: u32) -> Result<Arc<[Camera]>, TrainError> {
-        if let Some(known) = self.with(|cache| cache.cameras.get(&number).cloned()) {
-            return Ok(known);
+        let mut simulation = Simulation::new(request.clone())?;
+        let called: Vec<EffectKind> = simulation.called_effects().iter().map(|called| called.effect).collect();
+        if called.contains(&EffectKind::LensDistortion) {
+            let others = called.into_iter().filter(|kind| *kind != EffectKind::LensDistortion).collect();
+            request.effects = EffectChoice::Only(others);
+            simulation = Simulation::new(request)?;
         }
-        let simulation = self.simulation(number)?;
-        let shots = simulation.shots().iter().step_by(self.config.stride.get());
-        let cameras: Arc<[Camera]> = shots.map(|shot| shot.camera).collect();
-        self.with(|cache| cache.cameras.insert(number, Arc::clone(&cameras)));
-        Ok(cameras)
-    }
-
-    /// An offered frame's picture, as a file of 8 bits would hold it.
-    fn picture(&self, number: u32, frame: usize) -> Result<Arc<[u8]>, TrainError> {
-        let place = (number, frame);
-        if let Some(known) = self.with(|cache| cache.frames.get(&place).cloned()) {
-            return Ok(known);
-        }
-        let picture = self.simulation(number)?.picture(frame * self.config.stride.get())?;
-        let bytes: Arc<[u8]> = picture.to_u8(Rounding::Nearest)?.into_samples().into();
-        let most = (self.config.cache_mib << 20) / bytes.len().max(1);
-        self.with(|cache| {
-            if most > 0 && cache.frames.insert(place, Arc::clone(&bytes)).is_none() {
-                cache.order.push_back(place);
-                if cache.order.len() > most
-                    && let Some(oldest) = cache.order.pop_front()
-                {
-                    cache.frames.remove(&oldest);
-                }
-            }
-        });
-        Ok(bytes)
+        let frames = || (0..simulation.shots().len()).step_by(self.config.stride.get());
+        let cameras = frames().map(|frame| simulation.camera(frame)).collect::<Result<_, _>>()?;
+        let picture = |frame| Ok::<_, TrainError>(simulation.picture(frame)?.to_u8(Rounding::Nearest)?.into_samples());
+        let pictures = frames().collect::<Vec<_>>().into_par_iter().map(picture).collect::<Result<_, _>>()?;
+        Ok(Clip { cameras, pictures })
     }
 
     fn with<T>(&self, work: impl FnOnce(&mut Cache) -> T) -> T {
         work(&mut self.cache.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn posed(&self, number: u32, frames: &[usize], cameras: Vec<Camera>) -> Result<Posed, TrainError> {
-        let mut pictures = Vec::with_capacity(frames.len() * self.config.size.height * self.config.size.width * 3);
-        for &frame in frames {
-            pictures.extend(self.picture(number, frame)?.iter().map(|byte| f32::from(*byte) / 255.0));
-        }
-        Ok(Posed { size: self.config.size, pictures, cameras })
+    fn posed(&self, clip: &Clip, frames: &[usize], cameras: Vec<Camera>) -> Posed {
+        let bytes = frames.iter().filter_map(|frame| clip.pictures.get(*frame)).flatten();
+        Posed { size: self.config.size, pictures: bytes.map(|byte| f32::from(*byte) / 255.0).collect(), cameras }
     }
 }
 
@@ -179,9 +161,10 @@ impl Source for RoomsSource {
             let last = self.config.scenes.get() as usize - 1;
             let offset = random.within(0..=last).and_then(|offset| u32::try_from(offset).ok()).unwrap_or_default();
             let number = self.config.first.saturating_add(offset);
-            let (key, cameras) = (self.key(number), self.cameras(number)?);
-            let entry = match self.config.views.draw(&SceneViews { key: &key, cameras: &cameras }, draw.step, &mut random)
-            {
+            let key = SceneSeed { split: self.config.split, number }.key(self.config.scenes_of);
+            let clip = self.clip(number)?;
+            let views = SceneViews { key: &key, cameras: &clip.cameras };
+            let entry = match self.config.views.draw(&views, draw.step, &mut random) {
                 Ok(entry) => entry,
                 Err(error) => {
                     reason = format!("{key}: {error}");
@@ -189,7 +172,7 @@ impl Source for RoomsSource {
                 }
             };
             let of = |frames: &[usize]| -> Vec<Camera> {
-                frames.iter().filter_map(|frame| cameras.get(*frame).copied()).collect()
+                frames.iter().filter_map(|frame| clip.cameras.get(*frame).copied()).collect()
             };
             let poses = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
             let [context, targets] = match poses {
@@ -201,8 +184,8 @@ impl Source for RoomsSource {
             };
             return Ok(Sample {
                 name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
-                context: self.posed(number, &entry.context, context)?,
-                targets: self.posed(number, &entry.target, targets)?,
+                context: self.posed(&clip, &entry.context, context),
+                targets: self.posed(&clip, &entry.target, targets),
             });
         }
         Err(TrainError::NoSample { source_name: self.name(), attempts: ATTEMPTS, reason })

@@ -15,6 +15,9 @@ pub struct ViewChoice {
     pub targets: NonZeroUsize,
     /// Frames between the first and the last context view, as the source counts frames.
     pub gaps: GapSchedule,
+    /// How many frames targets stay away from the ends of the window, inside; 1 keeps context frames from being targets.
+    #[serde(default)]
+    pub inset: usize,
     /// How many frames targets may lie outside the window.
     #[serde(default)]
     pub outside: usize,
@@ -38,7 +41,7 @@ impl ViewChoice {
             context_views: views,
             target_views: self.targets,
             gaps: self.gaps.divided_for(views, most.get()),
-            min_distance_to_context: 0,
+            min_distance_to_context: self.inset,
             max_distance_outside: self.outside,
             extra_context: self.extra_context,
             repeat_targets: self.repeat_targets,
