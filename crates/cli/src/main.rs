@@ -21,6 +21,7 @@ mod run;
 mod selection;
 mod stress;
 mod tradeoff;
+mod train;
 mod weights;
 mod words;
 
@@ -31,6 +32,9 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::exit::Exit;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Evaluates feed-forward 3D Gaussian splatting: scenes, protocols, trials.
 #[derive(Debug, Parser)]
@@ -77,6 +81,8 @@ enum Command {
     Tradeoff(tradeoff::Words),
     /// List graphics adapters, and test each.
     Adapters(adapters::Words),
+    /// Train a network as a configuration says; a run can be killed at any moment and resumed to the same bits.
+    Train(train::Words),
     /// Put every renderer through the hard cases; exits with 1 where one fails.
     Stress(stress::Words),
 }
@@ -141,6 +147,10 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
             true
         }
         Command::Budget(words) => return Ok(tested(budget::run(words)?)),
+        Command::Train(words) => {
+            train::run(words)?;
+            return Ok(Exit::Done);
+        }
         Command::Stress(words) => return Ok(tested(stress::run(words)?)),
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })

@@ -1,7 +1,7 @@
 use plotters::style::RGBColor;
 
 /// Okabe and Ito's colours, told apart by colour-blind readers.
-pub(super) const COLOURS: [RGBColor; 6] = [
+pub(crate) const COLOURS: [RGBColor; 6] = [
     RGBColor(213, 94, 0),
     RGBColor(230, 159, 0),
     RGBColor(0, 114, 178),
@@ -11,4 +11,4 @@ pub(super) const COLOURS: [RGBColor; 6] = [
 ];
 
 /// What belongs to none of them.
-pub(super) const GREY: RGBColor = RGBColor(150, 150, 150);
+pub(crate) const GREY: RGBColor = RGBColor(150, 150, 150);
