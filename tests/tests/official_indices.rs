@@ -154,7 +154,8 @@ fn which_indices_may_share_a_table() {
 /// Presets on files that others published, not on ones that are carried.
 fn published() -> impl Iterator<Item = Preset> {
     let presets = Preset::names().map(|name| Preset::named(name).unwrap());
-    presets.filter(|preset| IndexFile::carried(&preset.index.accepted[0].name).is_none())
+    let is_published = |name: &str| IndexFile::carried(name).is_none();
+    presets.filter(move |preset| preset.index.accepted.first().is_some_and(|accepted| is_published(&accepted.name)))
 }
 
 /// What each preset states about its default index is what the file says.

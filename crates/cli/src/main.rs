@@ -17,6 +17,7 @@ mod progress;
 mod protocol;
 mod reconstruct;
 mod render;
+mod reproduce;
 mod run;
 mod selection;
 mod stress;
@@ -54,6 +55,8 @@ struct Words {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Run everything that can run here, and write the whole report: every table and plot, measured beside published.
+    Reproduce(reproduce::Words),
     /// Look at datasets, convert them, cut frames, undistort.
     #[command(subcommand)]
     Data(data::Command),
@@ -132,6 +135,7 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         return Err(Words::command().error(ErrorKind::ArgumentConflict, told).into());
     }
     let complete = match &words.command {
+        Command::Reproduce(words) => reproduce::run(words)?,
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
         Command::Render(words) => render::run(words)?,

@@ -24,6 +24,7 @@ const BUILT_IN: &[(&str, &str)] = built_in![
     "dl3dv-6v-4t",
     "dl3dv-12v-4t",
     "rooms-overlap",
+    "photos-3v",
 ];
 
 impl IndexBuilder {

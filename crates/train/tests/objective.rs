@@ -62,7 +62,10 @@ fn the_uncertainty_loss_moves_nothing_but_the_scorers() {
     let differs: Vec<&str> = differs.map(|(name, _)| name.as_str()).collect();
     assert!(!differs.is_empty());
     assert!(differs.iter().all(|name| name.contains("expansion.score")), "{differs:?}");
-    assert_eq!(differs.len(), network().weights().unwrap().tensors.keys().filter(|name| name.contains("score")).count());
+    assert_eq!(
+        differs.len(),
+        network().weights().unwrap().tensors.keys().filter(|name| name.contains("score")).count()
+    );
 }
 
 #[test]

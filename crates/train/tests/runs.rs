@@ -65,7 +65,8 @@ fn another_seed_gives_other_weights() {
 fn training_lowers_the_loss() {
     let config = config("distinct = 2");
     let folder = tempdir().unwrap();
-    let mut trainer = trainer(TrainConfig { steps: 60.try_into().unwrap(), ..config }, folder.path(), &Start::Fresh, Noise::CLEAN);
+    let mut trainer =
+        trainer(TrainConfig { steps: 60.try_into().unwrap(), ..config }, folder.path(), &Start::Fresh, Noise::CLEAN);
     run(&mut trainer, None).unwrap();
     let totals: Vec<f64> = steps(folder.path()).iter().map(|record| record.terms.unwrap().total).collect();
     assert!(totals[59] < 0.9 * totals[0], "{} to {}", totals[0], totals[59]);
@@ -73,7 +74,13 @@ fn training_lowers_the_loss() {
 
 #[test]
 fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
-    let spoilt = Noise { spoil: |number, sample| if number == 5 { sample.targets.pictures[9] = f32::NAN } };
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number == 5 {
+                sample.targets.pictures[9] = f32::NAN
+            }
+        },
+    };
     let folder = tempdir().unwrap();
     let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, spoilt);
     assert!(run(&mut trainer, None).unwrap());
@@ -87,7 +94,13 @@ fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
 
 #[test]
 fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
-    let spoilt = Noise { spoil: |number, sample| if number >= 6 { sample.context.pictures[0] = f32::INFINITY } };
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number >= 6 {
+                sample.context.pictures[0] = f32::INFINITY
+            }
+        },
+    };
     let folder = tempdir().unwrap();
     let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, spoilt);
     let error = run(&mut stopped, None).unwrap_err();
@@ -164,7 +177,8 @@ fn weights_of_a_run_begin_another() {
     run(&mut first, None).unwrap();
     let start = Start::Weights(folder.path().join("weights.safetensors"));
     let second = trainer(config, second.path(), &start, Noise::CLEAN);
-    let far = first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
+    let far =
+        first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
     assert!(far.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-3, "f16 weights");
     assert_eq!(second.state().step, 0);
 }
@@ -173,7 +187,13 @@ fn weights_of_a_run_begin_another() {
 fn logs_become_parquet() {
     use polars::prelude::*;
     let folder = tempdir().unwrap();
-    let spoilt = Noise { spoil: |number, sample| if number == 4 { sample.targets.pictures[9] = f32::NAN } };
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number == 4 {
+                sample.targets.pictures[9] = f32::NAN
+            }
+        },
+    };
     run(&mut trainer(config(""), folder.path(), &Start::Fresh, spoilt), Some(4)).unwrap();
     let path = folder.path().join("steps.parquet");
     journal::write_steps(&path, &steps(folder.path())).unwrap();

@@ -41,7 +41,7 @@ mod tests {
     fn presets_of_simulated_scenes_describe_the_indices_that_are_carried() {
         let mut used = BTreeSet::new();
         for preset in Preset::names().map(|name| Preset::named(name).unwrap()) {
-            let accepted = &preset.index.accepted[0];
+            let Some(accepted) = preset.index.accepted.first() else { continue };
             let Some(file) = IndexFile::carried(&accepted.name) else { continue };
             let file = file.unwrap();
             let name = &*preset.name;

@@ -17,6 +17,7 @@ pub(super) const TEXTS: &[(&str, &str)] = texts![
     "re10k-to-dl3dv-256",
     "dl3dv-6v-extrapolation",
     "re10k-extrapolation",
+    "photos-3v-256",
     "rooms-2v-128",
     "rooms-overlap-128",
     "rooms-extrapolation-128",

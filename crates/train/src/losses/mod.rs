@@ -58,4 +58,3 @@ impl Loss {
         self.gradient.iter_mut().zip(&other.gradient).for_each(|(sum, part)| *sum += weight * part);
     }
 }
-
