@@ -51,7 +51,7 @@ fn a_simulated_dataset_goes_through_the_floors_and_comes_back_identical() {
     simulated(here, 2);
     let words = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
     let told = succeed(here, &[&words[..], &FLOORS].concat());
-    assert!(told.contains("4 results computed") && told.contains("LPIPS") || told.contains("lpips"), "{told}");
+    assert!(told.contains("4 results computed"), "{told}");
     let floors = Results::read(&here.join("floors")).unwrap();
     assert_eq!((floors.trials.len(), floors.targets.len()), (4, 12));
     assert!(floors.targets.iter().all(|row| row.scores.contains_key("ssim")));
