@@ -128,7 +128,12 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         .context("starting worker threads")?;
     let may_skip = matches!(
         words.command,
-        Command::Data(_) | Command::Protocol(_) | Command::Render(_) | Command::Run(_) | Command::Score(_)
+        Command::Data(_)
+            | Command::Protocol(_)
+            | Command::Render(_)
+            | Command::Run(_)
+            | Command::Score(_)
+            | Command::Tradeoff(_)
     );
     if words.strict && !may_skip {
         let told = "--strict: this command skips nothing";
@@ -146,10 +151,7 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Weights(command) => weights::run(command)?,
         Command::Adapters(words) => adapters::run(words)?,
         Command::Drift(words) => return drift::run(words),
-        Command::Tradeoff(words) => {
-            tradeoff::run(words)?;
-            true
-        }
+        Command::Tradeoff(words) => tradeoff::run(words)?,
         Command::Budget(words) => return Ok(tested(budget::run(words)?)),
         Command::Train(words) => {
             train::run(words)?;

@@ -8,6 +8,7 @@ use super::outputs::{
     context, mean_scores, of_gaussians, of_pictures, of_renders, of_scores, of_views, rendered, resized, scored,
     targets,
 };
+use super::sheet::sheet_view;
 use super::{Outputs, Stage, Stages, View};
 use crate::drift::DriftError;
 
@@ -81,7 +82,7 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
         of_pictures(&decoded),
         of_views(&resized_alone),
         of_gaussians(&gaussians),
-        of_renders(&renders),
+        of_renders(&renders, &stages.splat(&inputs.sheet, &sheet_view()?)?),
         of_scores(&scores),
     ];
     let changes = Stage::ALL.into_iter().zip(&alone);

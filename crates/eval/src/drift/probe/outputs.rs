@@ -5,6 +5,7 @@ use atsplat_splat::Gaussians;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::sheet::sheet_view;
 use super::{Inputs, Stage, Stages, View, container};
 use crate::drift::DriftError;
 
@@ -21,6 +22,8 @@ pub struct Outputs {
     pub gaussians: Gaussians,
     /// Of [`Stage::Splatter`], target by target.
     pub renders: Vec<Image>,
+    /// Of [`Stage::Splatter`] too: the inputs' sheet, which is not scored.
+    pub sheet: Image,
     /// Of [`Stage::Metric`], target by target.
     pub scores: Vec<BTreeMap<String, f64>>,
 }
@@ -53,7 +56,8 @@ pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> 
     let gaussians = stages.model(context(inputs, &views))?;
     let renders = rendered(stages, &gaussians, targets(inputs, &views))?;
     let scores = scored(stages, &renders, targets(inputs, &views))?;
-    Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, scores })
+    let sheet = stages.splat(&inputs.sheet, &sheet_view()?)?;
+    Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, sheet, scores })
 }
 
 pub(super) fn resized(stages: &dyn Stages, inputs: &Inputs, decoded: &[ImageU8]) -> Result<Vec<View>, DriftError> {
@@ -114,7 +118,7 @@ impl Outputs {
             Stage::Decode => of_pictures(&self.decoded),
             Stage::Resize => of_views(&self.views),
             Stage::Model => of_gaussians(&self.gaussians),
-            Stage::Splatter => of_renders(&self.renders),
+            Stage::Splatter => of_renders(&self.renders, &self.sheet),
             Stage::Metric => of_scores(&self.scores),
         }
     }
@@ -149,8 +153,8 @@ pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<f64> {
     flat.chain(parts.sh.as_flattened()).map(|&value| f64::from(value)).collect()
 }
 
-pub(super) fn of_renders(renders: &[Image]) -> Vec<f64> {
-    renders.iter().flat_map(|render| render.samples()).map(|&sample| f64::from(sample)).collect()
+pub(super) fn of_renders(renders: &[Image], sheet: &Image) -> Vec<f64> {
+    renders.iter().chain([sheet]).flat_map(|render| render.samples()).map(|&sample| f64::from(sample)).collect()
 }
 
 pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
