@@ -1,15 +1,11 @@
 //! What a lesson teaches, and whom: stop-gradients, terms, hard cases.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod common;
-
 use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::StoredTensors;
 use atsplat_numeric::Tolerance;
 use atsplat_train::samples::Sample;
 use atsplat_train::{FaultKind, Lesson, LossConfig, Objective, Parameters};
-use common::{config, sample};
+use crate::common::{config, sample};
 
 fn network() -> Network {
     let model = config("").model.config().unwrap();
