@@ -80,7 +80,8 @@ fn killed_at_random_moments_it_ends_with_the_same_bytes() {
     assert_eq!(expected.2.len(), 24);
 
     let words = ["train", "--config", "tiny.toml", "--out", "killed", "--resume"];
-    let steps = || std::fs::read_to_string(folder.path().join("killed/steps.jsonl")).unwrap_or_default().lines().count();
+    let steps =
+        || std::fs::read_to_string(folder.path().join("killed/steps.jsonl")).unwrap_or_default().lines().count();
     let mut state = 0x9e37_79b9u64;
     let mut killed_within = 0;
     for _ in 0..10 {
@@ -114,7 +115,9 @@ fn a_run_leaves_what_it_promises() {
     std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
     let told = train(folder.path(), "out", &["--steps", "4"]);
     assert!(told.contains("4 of 24 steps, 0 skipped") && told.contains("--resume"), "{told}");
-    for file in ["steps.parquet", "evaluations.parquet", "learning-curve.png", "contact-sheet.png", "weights.safetensors"] {
+    for file in
+        ["steps.parquet", "evaluations.parquet", "learning-curve.png", "contact-sheet.png", "weights.safetensors"]
+    {
         assert!(folder.path().join("out").join(file).metadata().unwrap().len() > 200, "{file}");
     }
     let told = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);

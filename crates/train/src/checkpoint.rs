@@ -2,8 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_model::parameters::Parameter;
+use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 
 use crate::optimiser::Moments;
 use crate::parameters::Parameters;
@@ -87,7 +87,8 @@ impl State {
         let values = |part: &str, parameter: &Parameter| {
             let name = format!("{part}/{}", parameter.name);
             let tensor = stored.tensors.get(&name).filter(|tensor| tensor.shape() == parameter.shape);
-            let absent = || TrainError::malformed(WHAT, name.clone(), format!("a tensor of {:?}", parameter.shape), "none");
+            let absent =
+                || TrainError::malformed(WHAT, name.clone(), format!("a tensor of {:?}", parameter.shape), "none");
             Ok::<_, TrainError>(tensor.ok_or_else(absent)?.to_f32()?)
         };
         let mut parameters = fresh.clone();
@@ -180,4 +181,3 @@ impl Checkpoints {
         Ok(all)
     }
 }
-

@@ -182,4 +182,3 @@ fn write_frame(path: &Path, columns: Vec<Column>) -> Result<(), TrainError> {
     ParquetWriter::new(file).finish(&mut frame)?;
     std::fs::rename(&partial, path).map_err(TrainError::io("writing a log", path))
 }
-

@@ -20,7 +20,8 @@ mod trainer;
 
 pub use checkpoint::{Checkpoints, State};
 pub use config::{
-    CheckpointConfig, DataConfig, EvaluationConfig, LossConfig, ModelChoice, PerceptualChoice, SourceConfig, TrainConfig,
+    CheckpointConfig, DataConfig, EvaluationConfig, LossConfig, ModelChoice, PerceptualChoice, SourceConfig,
+    TrainConfig,
 };
 pub use error::TrainError;
 pub use evaluation::Evaluation;

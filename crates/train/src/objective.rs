@@ -10,9 +10,9 @@ use burn::tensor::TensorData;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
+use crate::TrainError;
 use crate::config::LossConfig;
 use crate::fault::FaultKind;
-use crate::TrainError;
 use crate::losses::{Perceptual, Stack, d_ssim, mse, uncertainty};
 use crate::samples::Sample;
 
@@ -194,7 +194,10 @@ impl Objective {
         pulls: &mut Pulls,
     ) -> Result<(), FaultKind> {
         let all = sample.targets.stack();
-        let stack = Stack { views: self.config.intermediate_targets.map_or(all.views, |most| most.get().min(all.views)), ..all };
+        let stack = Stack {
+            views: self.config.intermediate_targets.map_or(all.views, |most| most.get().min(all.views)),
+            ..all
+        };
         let truth = sample.targets.pictures.get(..stack.samples()).unwrap_or_default();
         let scores = scores.filter(|_| self.config.uncertainty_weight > 0.0);
         if scores.is_none() && self.config.intermediate_weight <= 0.0 {
@@ -300,4 +303,3 @@ impl Clock {
 pub(crate) fn numbers<const D: usize>(tensor: &Tensor<D>) -> Vec<f32> {
     tensor.clone().into_data_as::<f32>().as_slice::<f32>().unwrap_or_default().to_vec()
 }
-

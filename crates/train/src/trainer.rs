@@ -127,7 +127,18 @@ impl Trainer {
         let folder = folder.to_owned();
         let faults = Vec::new();
         Ok(Self {
-            config, model, samples, objective, evaluation, like, checkpoints, steps, evaluations, state, faults, folder,
+            config,
+            model,
+            samples,
+            objective,
+            evaluation,
+            like,
+            checkpoints,
+            steps,
+            evaluations,
+            state,
+            faults,
+            folder,
         })
     }
 
@@ -198,7 +209,15 @@ impl Trainer {
         let first = step * self.config.batch.get() as u64;
         let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
         let lessons: Vec<Result<Lesson, Fault>> = numbers.par_iter().map(|number| self.lesson(*number)).collect();
-        let mut record = StepRecord { step, terms: None, gradient_norm: None, rate, secs: 0.0, parts: Seconds::default(), fault: None };
+        let mut record = StepRecord {
+            step,
+            terms: None,
+            gradient_norm: None,
+            rate,
+            secs: 0.0,
+            parts: Seconds::default(),
+            fault: None,
+        };
         let learnt: Result<Vec<Lesson>, Fault> = lessons.into_iter().collect();
         match learnt.and_then(|lessons| self.update(&lessons, rate, &mut record)) {
             Ok(()) => {
@@ -230,7 +249,8 @@ impl Trainer {
         let start = Instant::now();
         let draw = Draw { seed: self.config.seed, number, step };
         let sample = self.samples.sample(draw);
-        let sample = sample.map_err(|error| fault(&format!("sample {number}"), FaultKind::Refused(error.to_string())))?;
+        let sample =
+            sample.map_err(|error| fault(&format!("sample {number}"), FaultKind::Refused(error.to_string())))?;
         let sample_secs = start.elapsed().as_secs_f64();
         let network = self.state.parameters.network(&self.like);
         let network = network.map_err(|error| fault(&sample.name, FaultKind::Refused(error.to_string())))?;
@@ -244,13 +264,16 @@ impl Trainer {
     fn update(&mut self, lessons: &[Lesson], rate: f64, record: &mut StepRecord) -> Result<(), Fault> {
         let share = 1.0 / lessons.len().max(1) as f64;
         let list = self.state.parameters.list();
-        let gradients: Vec<Vec<f32>> = list.par_iter().map(|parameter| {
-            let mut sum = vec![0.0f32; parameter.elements()];
-            for gradient in lessons.iter().filter_map(|lesson| lesson.gradients.get(&parameter.name)) {
-                sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
-            }
-            sum
-        }).collect();
+        let gradients: Vec<Vec<f32>> = list
+            .par_iter()
+            .map(|parameter| {
+                let mut sum = vec![0.0f32; parameter.elements()];
+                for gradient in lessons.iter().filter_map(|lesson| lesson.gradients.get(&parameter.name)) {
+                    sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
+                }
+                sum
+            })
+            .collect();
         let length = share * norm(gradients.iter().map(Vec::as_slice));
         if !length.is_finite() {
             let what = FaultKind::Gradients(vec!["their norm".to_owned()]);
@@ -283,7 +306,6 @@ impl Trainer {
         }
         Ok(())
     }
-
 
     /// Writes a checkpoint and the weights at once.
     ///

@@ -34,7 +34,8 @@ fn losses(title: &str, steps: &[StepRecord], area: &Area<'_>) -> anyhow::Result<
     let names = Terms::default().named().map(|(name, _)| name);
     let curves: Vec<Vec<(f64, f64)>> = (0..names.len()).map(|term| curve(steps, term)).collect();
     let values = || curves.iter().flatten().map(|(_, value)| *value).filter(|value| *value > 0.0);
-    let (low, high) = values().fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), value| (low.min(value), high.max(value)));
+    let (low, high) =
+        values().fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), value| (low.min(value), high.max(value)));
     let last = steps.last().map_or(1.0, |record| record.step as f64 + 1.0);
     let (low, high) = if low < high { (low * 0.9, high * 1.1) } else { (1e-4, 1.0) };
     let mut chart = ChartBuilder::on(area)
@@ -65,7 +66,8 @@ fn losses(title: &str, steps: &[StepRecord], area: &Area<'_>) -> anyhow::Result<
 fn scores(evaluations: &[EvaluationRecord], area: &Area<'_>) -> anyhow::Result<()> {
     let last = evaluations.last().map_or(1.0, |record| record.step as f64 + 1.0);
     let all = || evaluations.iter().flat_map(|record| [record.psnr, record.nearest_view_psnr]);
-    let (low, high) = all().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    let (low, high) =
+        all().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
     let (low, high) = if low <= high { (low - 1.0, high + 1.0) } else { (0.0, 1.0) };
     let mut chart = ChartBuilder::on(area)
         .margin(12)
@@ -81,8 +83,10 @@ fn scores(evaluations: &[EvaluationRecord], area: &Area<'_>) -> anyhow::Result<(
         .light_line_style(WHITE)
         .x_label_formatter(&|step| format!("{step:.0}"))
         .draw()?;
-    let lines: [(&str, RGBColor, fn(&EvaluationRecord) -> f64); 2] =
-        [("renders", COLOURS[0], |record| record.psnr), ("nearest context view", GREY, |record| record.nearest_view_psnr)];
+    let lines: [(&str, RGBColor, fn(&EvaluationRecord) -> f64); 2] = [
+        ("renders", COLOURS[0], |record| record.psnr),
+        ("nearest context view", GREY, |record| record.nearest_view_psnr),
+    ];
     for (name, colour, of) in lines {
         let points = evaluations.iter().map(|record| (record.step as f64, of(record)));
         let series = chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
@@ -109,8 +113,7 @@ where
 fn curve(steps: &[StepRecord], term: usize) -> Vec<(f64, f64)> {
     let stretch = steps.len().div_ceil(POINTS).max(1);
     let mean = |records: &[StepRecord]| {
-        let values: Vec<f64> =
-            records.iter().filter_map(|record| Some(record.terms?.named().get(term)?.1)).collect();
+        let values: Vec<f64> = records.iter().filter_map(|record| Some(record.terms?.named().get(term)?.1)).collect();
         let middle = records.get(records.len() / 2)?.step as f64;
         (!values.is_empty()).then(|| (middle, values.iter().sum::<f64>() / values.len() as f64))
     };

@@ -27,7 +27,12 @@ fn table(path: &Path, deepest: usize) -> Result<Table, TrainError> {
         Some(other) => return Err(TrainError::malformed(WHAT, place(), "a path as `base`", other)),
     };
     let Some(deepest) = deepest.checked_sub(1) else {
-        return Err(TrainError::malformed(WHAT, place(), format!("at most {DEEPEST} files, each based on the next"), "more"));
+        return Err(TrainError::malformed(
+            WHAT,
+            place(),
+            format!("at most {DEEPEST} files, each based on the next"),
+            "more",
+        ));
     };
     let mut base = self::table(&path.with_file_name(base), deepest)?;
     merge(&mut base, table);
@@ -48,5 +53,9 @@ pub(super) fn merge(base: &mut Table, changes: Table) {
 
 /// Whether two tables choose different kinds of a thing, whose fields do not mix.
 fn is_choice(old: &Table, new: &Table) -> bool {
-    ["kind", "rule", "rooms", "dataset"].into_iter().any(|key| new.contains_key(key) && new.get(key) != old.get(key) && !(new.get(key).is_some_and(Value::is_table) && old.contains_key(key)))
+    ["kind", "rule", "rooms", "dataset"].into_iter().any(|key| {
+        new.contains_key(key)
+            && new.get(key) != old.get(key)
+            && !(new.get(key).is_some_and(Value::is_table) && old.contains_key(key))
+    })
 }

@@ -192,9 +192,8 @@ impl TrainConfig {
     /// # Errors
     /// As [`DatasetSource::open`] and [`Mixture::new`].
     pub fn samples(&self, warnings: &mut Warnings) -> Result<Mixture, TrainError> {
-        let sources = self.data.iter().map(|data| {
-            Ok((data.share, data.source.open(&self.pose_normalisation, warnings)?))
-        });
+        let sources =
+            self.data.iter().map(|data| Ok((data.share, data.source.open(&self.pose_normalisation, warnings)?)));
         Mixture::new(sources.collect::<Result<_, TrainError>>()?, self.flips, self.distinct.map(NonZeroU64::get))
     }
 }
@@ -211,10 +210,7 @@ impl SourceConfig {
     ) -> Result<Box<dyn Source>, TrainError> {
         Ok(match self {
             Self::Rooms(config) => Box::new(RoomsSource::new(config.clone(), normalisation.clone())),
-            Self::Dataset(config) => {
-                Box::new(DatasetSource::open(config.clone(), normalisation.clone(), warnings)?)
-            }
+            Self::Dataset(config) => Box::new(DatasetSource::open(config.clone(), normalisation.clone(), warnings)?),
         })
     }
 }
-

@@ -8,11 +8,13 @@
 
 mod blur;
 mod d_ssim;
+mod learned;
 mod mse;
 mod perceptual;
 mod uncertainty;
 
 pub use d_ssim::{DSsim, d_ssim};
+pub use learned::Learned;
 pub use mse::mse;
 pub use perceptual::Perceptual;
 pub use uncertainty::uncertainty;
@@ -58,4 +60,3 @@ impl Loss {
         self.gradient.iter_mut().zip(&other.gradient).for_each(|(sum, part)| *sum += weight * part);
     }
 }
-

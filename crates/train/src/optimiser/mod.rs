@@ -7,4 +7,3 @@ mod schedule;
 pub use adam_w::{AdamW, Moments};
 pub use clip::{clip, norm};
 pub use schedule::Schedule;
-

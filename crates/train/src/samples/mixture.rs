@@ -17,11 +17,7 @@ impl Mixture {
     ///
     /// # Errors
     /// [`TrainError::Malformed`] where there is no source, or a share is not a positive number.
-    pub fn new(
-        sources: Vec<(f64, Box<dyn Source>)>,
-        flips: bool,
-        distinct: Option<u64>,
-    ) -> Result<Self, TrainError> {
+    pub fn new(sources: Vec<(f64, Box<dyn Source>)>, flips: bool, distinct: Option<u64>) -> Result<Self, TrainError> {
         let malformed = |found: String| {
             TrainError::malformed("training configuration", "data", "one source or more with positive shares", found)
         };
@@ -51,7 +47,8 @@ impl Mixture {
 
 impl Source for Mixture {
     fn name(&self) -> String {
-        let names: Vec<String> = self.sources.iter().map(|(share, source)| format!("{share} × {}", source.name())).collect();
+        let names: Vec<String> =
+            self.sources.iter().map(|(share, source)| format!("{share} × {}", source.name())).collect();
         names.join(" + ")
     }
 

@@ -110,9 +110,9 @@ fn normalised(
     };
     let moved = normalise(&poses(context), &poses(targets), rule)?;
     let with = |cameras: &[Camera], poses: &[WorldFromCamera]| {
-        let camera = |(camera, pose): (&Camera, &WorldFromCamera)| Camera { camera_from_world: pose.inverse(), ..*camera };
+        let camera =
+            |(camera, pose): (&Camera, &WorldFromCamera)| Camera { camera_from_world: pose.inverse(), ..*camera };
         cameras.iter().zip(poses).map(camera).collect()
     };
     Ok([with(context, &moved.context), with(targets, &moved.targets)])
 }
-

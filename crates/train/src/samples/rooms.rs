@@ -6,8 +6,8 @@ use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_model::ImageSize;
 use atsplat_pixels::Rounding;
 use atsplat_protocol::samplers::{SceneViews, SplitMix64};
-use rayon::prelude::*;
 use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Simulation, Split};
+use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use super::{Draw, Posed, Sample, Source, ViewChoice, normalised};

@@ -101,5 +101,11 @@ pub(crate) fn trainer(config: TrainConfig, folder: &Path, start: &Start, source:
 
 /// Weights as bits.
 pub(crate) fn bits(trainer: &Trainer) -> Vec<Vec<u32>> {
-    trainer.state().parameters.values().iter().map(|values| values.iter().map(|value| value.to_bits()).collect()).collect()
+    trainer
+        .state()
+        .parameters
+        .values()
+        .iter()
+        .map(|values| values.iter().map(|value| value.to_bits()).collect())
+        .collect()
 }

@@ -17,7 +17,8 @@ fn experiments() -> Vec<PathBuf> {
 
 /// The same experiment on a network and pictures that a test has time for.
 fn tiny(mut config: TrainConfig) -> TrainConfig {
-    let changes = "transformer = { dim = 32, head-dim = 16 }\ncoarse.layers = 1\nfine.layers = 1".parse::<toml::Table>();
+    let changes =
+        "transformer = { dim = 32, head-dim = 16 }\ncoarse.layers = 1\nfine.layers = 1".parse::<toml::Table>();
     for (key, value) in changes.unwrap() {
         config.model.changes.insert(key, value);
     }

@@ -4,7 +4,9 @@
 
 mod common;
 mod experiments;
+mod learned;
 mod losses;
 mod mirror;
 mod objective;
 mod runs;
+mod sources;

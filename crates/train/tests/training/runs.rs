@@ -2,9 +2,9 @@
 
 use std::path::Path;
 
+use crate::common::{Noise, bits, config, trainer};
 use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
 use atsplat_train::{Limits, Start, TrainConfig, TrainError, Trainer};
-use crate::common::{Noise, bits, config, trainer};
 use tempfile::tempdir;
 
 fn run(trainer: &mut Trainer, steps: Option<u64>) -> Result<bool, TrainError> {
@@ -61,7 +61,8 @@ fn another_seed_gives_other_weights() {
 fn training_lowers_the_loss() {
     let config = config("distinct = 2");
     let folder = tempdir().unwrap();
-    let mut trainer = trainer(TrainConfig { steps: 60.try_into().unwrap(), ..config }, folder.path(), &Start::Fresh, Noise::CLEAN);
+    let mut trainer =
+        trainer(TrainConfig { steps: 60.try_into().unwrap(), ..config }, folder.path(), &Start::Fresh, Noise::CLEAN);
     run(&mut trainer, None).unwrap();
     let totals: Vec<f64> = steps(folder.path()).iter().map(|record| record.terms.unwrap().total).collect();
     assert!(totals[59] < 0.9 * totals[0], "{} to {}", totals[0], totals[59]);
@@ -69,7 +70,13 @@ fn training_lowers_the_loss() {
 
 #[test]
 fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
-    let spoilt = Noise { spoil: |number, sample| if number == 5 { sample.targets.pictures[9] = f32::NAN } };
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number == 5 {
+                sample.targets.pictures[9] = f32::NAN
+            }
+        },
+    };
     let folder = tempdir().unwrap();
     let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, spoilt);
     assert!(run(&mut trainer, None).unwrap());
@@ -83,7 +90,13 @@ fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
 
 #[test]
 fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
-    let spoilt = Noise { spoil: |number, sample| if number >= 6 { sample.context.pictures[0] = f32::INFINITY } };
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number >= 6 {
+                sample.context.pictures[0] = f32::INFINITY
+            }
+        },
+    };
     let folder = tempdir().unwrap();
     let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, spoilt);
     let error = run(&mut stopped, None).unwrap_err();
@@ -113,16 +126,30 @@ fn a_broken_weight_is_named_and_never_kept() {
     assert!(resumed.state().parameters.non_finite().is_empty());
 }
 
-/// All of a token's Gaussians in one place, of one shape: the derivative is finite and learning goes on.
+/// All of a token's Gaussians in one place, of one shape: the derivative is finite and they learn to part.
 #[test]
 fn collapsed_gaussians_still_learn() {
+    let folder = tempdir().unwrap();
+    let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
+    let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
+    let rows = &mut trainer.state_mut().parameters.values_mut()[place];
+    let one = rows[..rows.len() / 16].to_vec();
+    rows.copy_from_slice(&one.repeat(16));
+    assert!(run(&mut trainer, None).unwrap());
+    assert_eq!(trainer.state().skipped(), 0);
+    assert!(trainer.state().parameters.values()[place] != one.repeat(16));
+}
+
+/// A head of nothing but zeros makes Gaussians without a rotation, which are not drawn: no error, no NaN.
+#[test]
+fn gaussians_without_a_rotation_are_survived() {
     let folder = tempdir().unwrap();
     let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
     let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
     trainer.state_mut().parameters.values_mut()[place].fill(0.0);
     assert!(run(&mut trainer, None).unwrap());
     assert_eq!(trainer.state().skipped(), 0);
-    assert!(trainer.state().parameters.values()[place].iter().any(|value| *value != 0.0));
+    assert!(trainer.state().parameters.non_finite().is_empty());
 }
 
 #[test]
@@ -160,7 +187,8 @@ fn weights_of_a_run_begin_another() {
     run(&mut first, None).unwrap();
     let start = Start::Weights(folder.path().join("weights.safetensors"));
     let second = trainer(config, second.path(), &start, Noise::CLEAN);
-    let far = first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
+    let far =
+        first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
     assert!(far.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-3, "f16 weights");
     assert_eq!(second.state().step, 0);
 }
@@ -169,7 +197,13 @@ fn weights_of_a_run_begin_another() {
 fn logs_become_parquet() {
     use polars::prelude::*;
     let folder = tempdir().unwrap();
-    let spoilt = Noise { spoil: |number, sample| if number == 4 { sample.targets.pictures[9] = f32::NAN } };
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number == 4 {
+                sample.targets.pictures[9] = f32::NAN
+            }
+        },
+    };
     run(&mut trainer(config(""), folder.path(), &Start::Fresh, spoilt), Some(4)).unwrap();
     let path = folder.path().join("steps.parquet");
     journal::write_steps(&path, &steps(folder.path())).unwrap();
