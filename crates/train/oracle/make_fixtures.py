@@ -1,6 +1,6 @@
 """Losses and optimiser in PyTorch, float64: values and gradients that the crate's tests compare with.
 
-    python make_fixtures.py    # writes ../tests/fixtures/losses.json and adam_w.json
+    python make_fixtures.py    # writes ../tests/training/fixtures/losses.json and adam_w.json
 """
 
 import json
@@ -10,7 +10,7 @@ from pathlib import Path
 import torch
 
 torch.set_default_dtype(torch.float64)
-FOLDER = Path(__file__).parent / "../tests/fixtures"
+FOLDER = Path(__file__).parent / "../tests/training/fixtures"
 
 
 def pictures(seed, views, height, width):

@@ -8,11 +8,13 @@
 
 mod blur;
 mod d_ssim;
+mod learned;
 mod mse;
 mod perceptual;
 mod uncertainty;
 
 pub use d_ssim::{DSsim, d_ssim};
+pub use learned::Learned;
 pub use mse::mse;
 pub use perceptual::Perceptual;
 pub use uncertainty::uncertainty;

@@ -1,3 +1,4 @@
+use super::learned::Learned;
 use super::{Loss, Stack, d_ssim};
 use crate::TrainError;
 use crate::config::PerceptualChoice;
@@ -7,17 +8,21 @@ use crate::config::PerceptualChoice;
 pub enum Perceptual {
     /// `1 − SSIM`.
     DSsim,
+    /// LPIPS or ST-LPIPS.
+    Learned(Box<Learned>),
 }
 
 impl Perceptual {
     /// Reads what the choice needs.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] where weights cannot be read.
+    /// As [`Learned::read`].
     pub fn new(choice: &PerceptualChoice) -> Result<Self, TrainError> {
         match choice {
             PerceptualChoice::DSsim => Ok(Self::DSsim),
-            PerceptualChoice::Learned { .. } => todo!(),
+            PerceptualChoice::Learned { network, weights } => {
+                Ok(Self::Learned(Box::new(Learned::read(*network, weights)?)))
+            }
         }
     }
 
@@ -25,6 +30,7 @@ impl Perceptual {
     pub fn name(&self) -> String {
         match self {
             Self::DSsim => "D-SSIM (1 − SSIM, Gaussian window of 11) in the place of a learned loss".to_owned(),
+            Self::Learned(learned) => learned.name(),
         }
     }
 
@@ -32,6 +38,7 @@ impl Perceptual {
     pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
         match self {
             Self::DSsim => d_ssim(render, truth, stack).loss,
+            Self::Learned(learned) => learned.evaluate(render, truth, stack),
         }
     }
 }

@@ -1,16 +1,12 @@
 //! A mirrored scene under mirrored cameras renders the mirrored picture.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
-mod common;
-
+use crate::common::sample;
 use atsplat_camera::{ImageSize, PoseNormalisation, WorldFromCamera, normalise};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::samplers::SplitMix64;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
 use atsplat_train::samples::{Sample, mirrored};
-use common::sample;
 
 /// Depth orders of equally deep Gaussians may differ; f32 throughout.
 const RENDERED: Tolerance = Tolerance::absolute(2e-5);

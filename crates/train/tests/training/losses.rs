@@ -1,7 +1,5 @@
 //! Losses and optimiser against PyTorch (`oracle/make_fixtures.py`), and what must hold of any of them.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use atsplat_numeric::Tolerance;
 use atsplat_train::losses::{Stack, d_ssim, mse, uncertainty};
 use atsplat_train::optimiser::{AdamW, Moments, Schedule, clip, norm};

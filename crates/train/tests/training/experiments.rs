@@ -1,7 +1,5 @@
 //! Every configuration in `eval/experiments/` is one: it reads, builds its network and does a step, in a tiny size.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::path::{Path, PathBuf};
 
 use atsplat_model::ImageSize;

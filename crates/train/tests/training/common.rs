@@ -1,7 +1,5 @@
 //! A network so small that a step takes milliseconds, and samples that need no simulation.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use std::path::Path;
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
