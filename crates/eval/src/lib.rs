@@ -5,6 +5,10 @@
 //! How a table looks is not known here.
 
 mod rows;
+#[cfg(test)]
+mod sample_rows;
+pub mod statistics;
+pub mod tradeoff;
 
 pub use rows::{
     MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, SkippedEntry, TargetRow, TargetStatus,

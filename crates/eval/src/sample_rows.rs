@@ -1,0 +1,66 @@
+//! Rows for tests.
+
+use crate::{MetricRecord, Results, Seconds, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+
+/// The name of every sample's preset.
+pub(crate) const PRESET: &str = "sampled";
+
+/// Rows of scenes as `(scene, entry, scores of its targets)` under one method and metric; frames are counted from 0.
+pub(crate) fn results(method: &str, metric: &str, scenes: &[(&str, u32, Vec<f64>)]) -> Results {
+    let mut results = Results::default();
+    results.provenance.metrics.push(MetricRecord { id: metric.to_owned(), ..MetricRecord::default() });
+    for (scene, entry, scores) in scenes {
+        results.trials.push(trial(method, scene, *entry, scores.len()));
+        let rows = scores.iter().zip(0..).map(|(score, at)| target(method, scene, *entry, at, metric, *score));
+        results.targets.extend(rows);
+    }
+    results
+}
+
+pub(crate) fn key(method: &str, scene: &str, entry: u32) -> TrialKey {
+    TrialKey { preset: PRESET.to_owned(), method: method.to_owned(), scene: scene.to_owned(), entry }
+}
+
+pub(crate) fn target(method: &str, scene: &str, entry: u32, at: u32, metric: &str, score: f64) -> TargetRow {
+    TargetRow {
+        key: key(method, scene, entry),
+        target: at,
+        frame: at.into(),
+        signed_distance: 0,
+        leaked: false,
+        overlap: None,
+        width: 8,
+        height: 8,
+        truth_hash: Some(format!("truth of {scene} {entry} {at}")),
+        render_hash: Some(format!("{method} at {scene} {entry} {at}: {score}")),
+        status: TargetStatus::Scored,
+        detail: None,
+        non_finite: 0,
+        scores: [(metric.to_owned(), score)].into(),
+        not_computed: [].into(),
+        render_secs: Some(0.01),
+    }
+}
+
+pub(crate) fn trial(method: &str, scene: &str, entry: u32, targets: usize) -> TrialRow {
+    TrialRow {
+        key: key(method, scene, entry),
+        trial_hash: format!("trial {scene} {entry}"),
+        pose_hash: format!("poses {scene} {entry}"),
+        status: TrialStatus::Done,
+        detail: None,
+        context: vec![0, 9],
+        targets: targets.try_into().unwrap(),
+        overlap: None,
+        width: 8,
+        height: 8,
+        initial_tokens: Some(512),
+        final_tokens: Some(1440),
+        gaussians: Some(23_040),
+        gaussians_drawn: Some(20_000.0),
+        seconds: Seconds { read: 0.1, encode: Some(0.5), render: Some(0.01), score: 0.02, ..Seconds::default() },
+        peak_bytes: Some(1 << 20),
+        effects: vec![],
+        notes: vec![],
+    }
+}

@@ -1,0 +1,93 @@
+use std::collections::BTreeSet;
+
+use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
+
+use super::{Leaked, Question};
+use crate::{Results, TargetRow, TargetStatus, TrialStatus};
+
+/// One target as a question sees it.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Picked<'a> {
+    pub(super) scene: &'a str,
+    pub(super) entry: u32,
+    pub(super) target: u32,
+    /// `None` where a trial failed before it had targets.
+    pub(super) distance: Option<i64>,
+    pub(super) overlap: Option<f64>,
+    pub(super) outcome: Outcome<'a>,
+}
+
+/// What a target has to say.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Outcome<'a> {
+    /// A finite number.
+    Score { value: f64, identical: bool },
+    /// The render, or the score, is not finite.
+    NonFinite,
+    /// There is no render or no truth.
+    Failed,
+    /// Nobody computed it, for this reason.
+    NotComputed(&'a str),
+}
+
+impl Picked<'_> {
+    /// Identity within a preset and method, and the order of every sum.
+    pub(super) fn place(&self) -> (&str, u32, u32) {
+        (self.scene, self.entry, self.target)
+    }
+}
+
+/// The targets that a question is about, in order of scene, entry and target.
+pub(super) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Picked<'a>> {
+    let Question { preset, method, metric, leaked } = *question;
+    let rows = || results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
+    let asked = results.provenance.metrics.iter().any(|record| record.id == metric)
+        || rows().any(|row| row.scores.contains_key(metric));
+    let absent = results.provenance.metrics.iter().find(|record| record.id == metric);
+    let absent = absent.and_then(|record| record.absent.as_deref()).unwrap_or("not among the metrics of this run");
+    let counts = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
+    let of_row = |row: &'a TargetRow| Picked {
+        scene: &row.key.scene,
+        entry: row.key.entry,
+        target: row.target,
+        distance: Some(row.signed_distance),
+        overlap: row.overlap,
+        outcome: outcome(row, metric, asked, absent),
+    };
+    let mut picked: Vec<Picked<'a>> = rows().filter(counts).map(of_row).collect();
+    let seen: BTreeSet<(&str, u32)> = rows().map(|row| (row.key.scene.as_str(), row.key.entry)).collect();
+    for trial in results.trials.iter().filter(|trial| trial.key.preset == preset && trial.key.method == method) {
+        let place = (trial.key.scene.as_str(), trial.key.entry);
+        if trial.status == TrialStatus::Failed && !seen.contains(&place) {
+            picked.extend((0..trial.targets).map(|target| Picked {
+                scene: place.0,
+                entry: place.1,
+                target,
+                distance: None,
+                overlap: trial.overlap,
+                outcome: Outcome::Failed,
+            }));
+        }
+    }
+    picked.sort_by(|a, b| a.place().cmp(&b.place()));
+    picked
+}
+
+fn outcome<'a>(row: &'a TargetRow, metric: &str, asked: bool, absent: &'a str) -> Outcome<'a> {
+    let identical = row.status == TargetStatus::Identical;
+    match (row.status, row.scores.get(metric), row.not_computed.get(metric)) {
+        (TargetStatus::Failed, _, _) => Outcome::Failed,
+        (TargetStatus::NonFinite, _, _) => Outcome::NonFinite,
+        (_, Some(value), _) if value.is_finite() => Outcome::Score { value: *value, identical },
+        (_, Some(_), _) => Outcome::NonFinite,
+        (_, None, Some(reason)) => Outcome::NotComputed(reason),
+        (TargetStatus::Identical, None, None) if asked && is_psnr(metric) => {
+            Outcome::Score { value: DECIBEL_CAP, identical }
+        }
+        (_, None, None) => Outcome::NotComputed(absent),
+    }
+}
+
+fn is_psnr(metric: &str) -> bool {
+    definition(metric).is_some_and(|definition| matches!(definition.measure, Measure::Psnr { .. }))
+}

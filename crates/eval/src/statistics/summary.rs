@@ -1,0 +1,65 @@
+use atsplat_protocol::Aggregation;
+use serde::Serialize;
+
+use super::Question;
+use super::bootstrap::interval_of_mean;
+use super::scene_means::clusters;
+use super::selection::{Outcome, Picked, pick};
+use crate::Results;
+
+/// A protocol's number, what it is made of, and what is missing from it.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Summary {
+    /// The mean as the protocol takes it, identical pictures counting as [`atsplat_metrics::DECIBEL_CAP`] dB; `None` without scores.
+    pub mean: Option<f64>,
+    /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than two scenes.
+    pub interval: Option<[f64; 2]>,
+    /// Scenes in the mean.
+    pub scenes: u64,
+    /// Targets in the mean.
+    pub targets: u64,
+    /// Those that equal the truth to the bit.
+    pub identical: u64,
+    /// Targets without a render or a truth; not in the mean.
+    pub failed: u64,
+    /// Targets whose render or score is not finite; not in the mean.
+    pub non_finite: u64,
+    /// Targets whose score was not computed; not in the mean.
+    pub uncomputed: u64,
+    /// Why scores were not computed: the reason of the first.
+    pub not_computed: Option<String>,
+}
+
+/// The number that a protocol with this aggregation publishes.
+pub fn summary(results: &Results, question: &Question, aggregation: Aggregation) -> Summary {
+    of_picked(&pick(results, question), aggregation)
+}
+
+/// As [`summary`], of targets that are picked already and in order.
+pub(super) fn of_picked(picked: &[Picked], aggregation: Aggregation) -> Summary {
+    let clusters = clusters(picked, aggregation);
+    let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
+    let [sum, weight] = parts.iter().fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);
+    let mean = Some(sum / weight).filter(|mean| mean.is_finite());
+    let mut summary = Summary {
+        mean,
+        interval: mean.and_then(|_| interval_of_mean(&parts)),
+        scenes: clusters.len() as u64,
+        targets: clusters.iter().map(|cluster| cluster.targets).sum(),
+        identical: clusters.iter().map(|cluster| cluster.identical).sum(),
+        ..Summary::default()
+    };
+    for target in picked {
+        match target.outcome {
+            Outcome::Score { .. } => {}
+            Outcome::NonFinite => summary.non_finite += 1,
+            Outcome::Failed => summary.failed += 1,
+            Outcome::NotComputed(reason) => {
+                summary.uncomputed += 1;
+                summary.not_computed.get_or_insert_with(|| reason.to_owned());
+            }
+        }
+    }
+    summary
+}

@@ -1,0 +1,271 @@
+use atsplat_metrics::DECIBEL_CAP;
+use atsplat_numeric::Tolerance;
+use atsplat_protocol::samplers::SplitMix64;
+use atsplat_protocol::{Aggregation, BinRule, OverlapBins};
+use serde::Deserialize;
+
+use super::bootstrap::interval_of_resamples;
+use super::student::{normal_tail, student_quantile};
+use super::*;
+use crate::sample_rows::{PRESET, key, results, target, trial};
+use crate::{Results, TargetStatus, TrialStatus};
+
+/// What numpy and scipy say (`oracle/make_statistics.py`).
+#[derive(Deserialize)]
+#[serde(rename_all = "kebab-case")]
+struct Oracle {
+    intervals: Vec<Resampled>,
+    sign_tests: Vec<(u64, u64, f64)>,
+    student_quantiles: Vec<(usize, f64, f64)>,
+    normal_tails: Vec<(f64, f64)>,
+}
+
+#[derive(Deserialize)]
+struct Resampled {
+    clusters: Vec<[f64; 2]>,
+    resamples: usize,
+    interval: [f64; 2],
+}
+
+fn oracle() -> Oracle {
+    serde_json::from_str(include_str!("../../tests/fixtures/statistics.json")).unwrap()
+}
+
+fn question(method: &str) -> Question<'_> {
+    Question { preset: PRESET, method, metric: "psnr", leaked: Leaked::Included }
+}
+
+fn psnr(scenes: &[(&str, u32, Vec<f64>)]) -> Results {
+    results("m", "psnr", scenes)
+}
+
+#[test]
+fn intervals_and_tests_are_those_of_scipy() {
+    let Oracle { intervals, sign_tests, student_quantiles, normal_tails } = oracle();
+    for Resampled { clusters, resamples, interval } in intervals {
+        let found = interval_of_resamples(&clusters, resamples).unwrap();
+        Tolerance::relative(1e-12).assert(found, interval, &format!("interval of {} clusters", clusters.len()));
+    }
+    for (wins, losses, expected) in sign_tests {
+        Tolerance::relative(1e-10).assert([sign_test(wins, losses)], [expected], &format!("{wins} to {losses}"));
+    }
+    for (freedom, probability, expected) in student_quantiles {
+        let found = student_quantile(probability, freedom);
+        Tolerance::relative(1e-10).assert([found], [expected], &format!("t of {freedom} at {probability}"));
+    }
+    for (value, expected) in normal_tails {
+        Tolerance::relative(1e-10).assert([normal_tail(value)], [expected], &format!("beyond {value}"));
+    }
+    Tolerance::EXACT.assert([sign_test(0, 0)], [1.0], "no games");
+}
+
+/// The ATSplat paper's overlap table: bin means over NoPoSplat's scenes, and the printed average of four methods.
+#[test]
+fn published_averages_come_out_of_the_published_bins() {
+    let table = [
+        ("pixelSplat", [20.28, 23.73, 27.15], 23.86),
+        ("MVSplat", [20.37, 23.81, 27.47], 24.01),
+        ("DepthSplat", [22.82, 25.38, 28.32], 25.59),
+        ("iLRM", [23.82, 26.54, 29.43], 26.70),
+    ];
+    let bins = OverlapBins::noposplat(BinRule::Published);
+    for (method, means, average) in table {
+        let mut made = Results::default();
+        for ((mean, overlap), count) in means.into_iter().zip([0.2, 0.4, 0.7]).zip([1403, 2568, 1630]) {
+            for scene in 0..count {
+                let scene = format!("{overlap} {scene:04}");
+                let rows = [mean - 1.5, mean, mean + 1.5].into_iter().zip(0..);
+                made.targets.extend(rows.map(|(score, at)| crate::TargetRow {
+                    overlap: Some(overlap),
+                    ..target(method, &scene, 0, at, "psnr", score)
+                }));
+            }
+        }
+        let binned = by_overlap(&made, &question(method), &bins);
+        let found = binned.average.mean.unwrap();
+        Tolerance::absolute(0.005).assert([found], [average], method);
+        let of_bins = binned.bins.iter().map(|(_, summary)| summary.mean.unwrap());
+        Tolerance::absolute(1e-9).assert(of_bins.clone(), means, "bins");
+        assert!((of_bins.sum::<f64>() / 3.0 - average).abs() > 0.05, "the mean of bins is another number");
+        let counts: Vec<_> = binned.bins.iter().map(|(name, summary)| (name.as_str(), summary.scenes)).collect();
+        assert_eq!(counts, [("small", 1403), ("medium", 2568), ("large", 1630)]);
+        assert_eq!((binned.average.scenes, binned.average.targets, binned.ignored), (5601, 16_803, 0));
+        let scores = means.into_iter().zip([0.2, 0.4, 0.7]).zip([1403, 2568, 1630]);
+        let scores = scores.flat_map(|((mean, overlap), count)| std::iter::repeat_n((overlap, mean), count));
+        Tolerance::absolute(1e-9).assert([found], bins.mean(scores).average, "the protocol's own arithmetic");
+    }
+}
+
+#[test]
+fn scenes_and_pictures_are_different_means() {
+    let uneven = psnr(&[("a", 0, vec![20.0]), ("b", 0, vec![30.0, 30.0, 30.0]), ("c", 0, vec![40.0, 20.0])]);
+    let scenes = summary(&uneven, &question("m"), Aggregation::SceneMeans);
+    let pictures = summary(&uneven, &question("m"), Aggregation::AllPictures);
+    Tolerance::F64.assert(scenes.mean, [80.0 / 3.0], "scenes");
+    Tolerance::F64.assert(pictures.mean, [170.0 / 6.0], "pictures");
+    assert_eq!((scenes.scenes, scenes.targets, pictures.targets), (3, 6, 6));
+    // latentSplat's index: each entry of a scene has a vote, and the scene is still one cluster.
+    let entries = psnr(&[("a", 0, vec![10.0]), ("a", 1, vec![20.0, 40.0]), ("b", 0, vec![30.0])]);
+    Tolerance::F64.assert(summary(&entries, &question("m"), Aggregation::SceneMeans).mean, [70.0 / 3.0], "entries");
+    let of_scenes = scene_means(&entries, &question("m"));
+    assert_eq!(of_scenes.iter().map(|s| (s.scene.as_str(), s.targets)).collect::<Vec<_>>(), [("a", 3), ("b", 1)]);
+    Tolerance::F64.assert(of_scenes.iter().map(|s| s.mean), [20.0, 30.0], "scene means");
+}
+
+#[test]
+fn what_has_no_score_is_counted_and_never_averaged() {
+    let mut made =
+        psnr(&[("a", 0, vec![20.0, f64::NAN, 22.0]), ("b", 0, vec![f64::INFINITY, 30.0]), ("c", 0, vec![0.0; 4])]);
+    for (row, status) in made.targets.iter_mut().skip(5).zip([
+        TargetStatus::Identical,
+        TargetStatus::NonFinite,
+        TargetStatus::Failed,
+        TargetStatus::Identical,
+    ]) {
+        row.status = status;
+        row.scores.clear();
+    }
+    made.targets[8].not_computed.insert("psnr".to_owned(), "too small".to_owned());
+    let mut lost = trial("m", "d", 0, 7);
+    lost.status = TrialStatus::Failed;
+    made.trials.push(lost);
+    let found = summary(&made, &question("m"), Aggregation::SceneMeans);
+    Tolerance::F64.assert(found.mean, [(21.0 + 30.0 + DECIBEL_CAP) / 3.0], "mean");
+    assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
+    assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
+    assert_eq!(found.not_computed.as_deref(), Some("too small"));
+    let nobody = summary(&made, &Question { metric: "lpips", ..question("m") }, Aggregation::SceneMeans);
+    assert_eq!((nobody.mean, nobody.interval, nobody.uncomputed), (None, None, 6), "an absent metric is no cap");
+    assert!(nobody.not_computed.unwrap().contains("not among"));
+    assert_eq!(summary(&made, &question("other"), Aggregation::SceneMeans), Summary::default());
+}
+
+#[test]
+fn leaked_targets_can_be_left_out() {
+    let mut made = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
+    made.targets[1].leaked = true;
+    made.targets[2].leaked = true;
+    let clean = Question { leaked: Leaked::Excluded, ..question("m") };
+    Tolerance::F64.assert(summary(&made, &question("m"), Aggregation::SceneMeans).mean, [72.5], "with");
+    let without = summary(&made, &clean, Aggregation::SceneMeans);
+    Tolerance::F64.assert(without.mean, [20.0], "without");
+    assert_eq!((without.scenes, without.targets, without.interval), (1, 1, None));
+}
+
+#[test]
+fn pairs_match_targets_and_know_the_metric_s_direction() {
+    let mut made = results(
+        "a",
+        "lpips",
+        &[("x", 0, vec![0.1, 0.2]), ("y", 0, vec![0.4]), ("z", 0, vec![0.3]), ("w", 1, vec![9.0])],
+    );
+    let b = results("b", "lpips", &[("x", 0, vec![0.2, 0.2]), ("y", 0, vec![0.3]), ("z", 0, vec![0.3, 0.9])]);
+    made.trials.extend(b.trials.clone());
+    made.targets.extend(b.targets.clone());
+    let of = |method| Question { metric: "lpips", ..question(method) };
+    let found = paired(&made, &of("a"), &of("b")).unwrap();
+    Tolerance::F64.assert([found.difference], [(-0.05 + 0.1 + 0.0) / 3.0], "difference");
+    assert_eq!((found.wins, found.ties, found.losses, found.scenes), (1, 1, 1, 3));
+    assert_eq!((found.targets, found.unpaired), (4, 2));
+    Tolerance::EXACT.assert([found.sign_test], [1.0], "sign test");
+    let swapped = paired(&made, &of("b"), &of("a")).unwrap();
+    Tolerance::EXACT.assert([swapped.difference], [-found.difference], "swapped");
+    assert_eq!(paired_between((&made, &of("a")), (&b, &of("b"))), Some(found));
+    assert_eq!(paired(&made, &of("a"), &of("nobody")), None);
+}
+
+#[test]
+fn distances_are_means_over_scenes() {
+    let mut made = psnr(&[("a", 0, vec![20.0, 22.0, 10.0]), ("b", 0, vec![30.0])]);
+    for (row, distance) in made.targets.iter_mut().zip([-1, -1, 2, -1]) {
+        row.signed_distance = distance;
+    }
+    let found = by_distance(&made, &question("m"));
+    assert_eq!(found.iter().map(|(d, s)| (*d, s.scenes, s.targets)).collect::<Vec<_>>(), [(-1, 2, 3), (2, 1, 1)]);
+    Tolerance::F64.assert(found.iter().filter_map(|(_, s)| s.mean), [25.5, 10.0], "means");
+}
+
+#[test]
+fn the_worst_are_those_of_the_metric_s_direction() {
+    let scenes = [("a", 0, vec![0.3]), ("b", 0, vec![0.1]), ("c", 0, vec![0.3])];
+    let names = |metric: &str| {
+        let question = Question { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
+        worst(&results("m", metric, &scenes), &question, 2).into_iter().map(|s| s.scene).collect::<Vec<_>>()
+    };
+    assert_eq!(names("psnr"), ["b", "a"]);
+    assert_eq!(names("lpips"), ["a", "c"]);
+    assert_eq!(names("depth-error"), ["a", "c"]);
+}
+
+#[test]
+fn cost_is_medians_and_extremes() {
+    let mut made = psnr(&[("a", 0, vec![1.0]), ("b", 0, vec![1.0]), ("c", 0, vec![1.0]), ("d", 0, vec![1.0])]);
+    for (row, (secs, gaussians)) in made.trials.iter_mut().zip([(1.0, 10), (5.0, 20), (2.0, 60), (f64::NAN, 30)]) {
+        row.seconds.encode = Some(secs);
+        row.gaussians = Some(gaussians);
+        row.seconds.stages.insert("decoder".to_owned(), secs);
+    }
+    made.trials[3].status = TrialStatus::Partial;
+    let mut failed = trial("m", "e", 0, 1);
+    (failed.status, failed.seconds.encode, failed.key) = (TrialStatus::Failed, Some(100.0), key("m", "e", 0));
+    made.trials.push(failed);
+    let found = cost(&made, PRESET, "m");
+    assert_eq!((found.trials, found.failed, found.gaussians_min, found.gaussians_max), (4, 1, Some(10), Some(60)));
+    Tolerance::F64.assert(
+        [found.encode_secs, found.encode_mad, found.gaussians].map(Option::unwrap),
+        [2.0, 1.0, 30.0],
+        "",
+    );
+    Tolerance::F64.assert(found.stages.into_values(), [2.0], "stages");
+    assert_eq!(cost(&made, PRESET, "nobody"), Cost::default());
+}
+
+#[test]
+fn intervals_need_two_scenes_and_numbers() {
+    assert_eq!(interval_of_mean(&[]), None);
+    assert_eq!(interval_of_mean(&[[20.0, 1.0]]), None);
+    assert_eq!(interval_of_mean(&[[20.0, 1.0], [f64::NAN, 1.0]]), None);
+    assert_eq!(interval_of_mean(&[[20.0, 1.0], [20.0, 0.0]]), None);
+    Tolerance::EXACT.assert(interval_of_mean(&[[20.0, 1.0]; 5]).unwrap(), [20.0; 2], "no spread");
+}
+
+#[test]
+fn intervals_do_not_depend_on_threads() {
+    let mut random = SplitMix64::new(3);
+    let clusters: Vec<[f64; 2]> = (0..50).map(|_| [20.0 + 10.0 * uniform(&mut random), 1.0]).collect();
+    let of_threads = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| interval_of_mean(&clusters).unwrap())
+    };
+    Tolerance::EXACT.assert(of_threads(1), of_threads(7), "threads");
+}
+
+/// How often 95 % intervals hold the truth, over samples of normal and of skewed scenes.
+#[test]
+fn intervals_cover_what_they_promise() {
+    let mut random = SplitMix64::new(11);
+    let normal = |random: &mut SplitMix64| (0..12).map(|_| uniform(random)).sum::<f64>() - 6.0;
+    let exponential = |random: &mut SplitMix64| -(1.0 - uniform(random)).ln() - 1.0;
+    let samples = 500;
+    for (name, draw, scenes, least) in [
+        ("normal", &normal as &dyn Fn(&mut SplitMix64) -> f64, 8, 0.92),
+        ("normal", &normal, 20, 0.93),
+        ("normal", &normal, 100, 0.93),
+        ("exponential", &exponential, 20, 0.89),
+        ("exponential", &exponential, 100, 0.92),
+    ] {
+        let mut held = 0;
+        for _ in 0..samples {
+            let clusters: Vec<[f64; 2]> = (0..scenes).map(|_| [draw(&mut random), 1.0]).collect();
+            let [low, high] = interval_of_resamples(&clusters, 1000).unwrap();
+            held += u32::from(low <= 0.0 && 0.0 <= high);
+        }
+        let coverage = f64::from(held) / f64::from(samples);
+        println!("{name}, {scenes} scenes: {coverage}");
+        assert!((least..=0.985).contains(&coverage), "{name}, {scenes} scenes: {coverage}");
+    }
+}
+
+fn uniform(random: &mut SplitMix64) -> f64 {
+    (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+}

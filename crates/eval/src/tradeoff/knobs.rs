@@ -1,0 +1,227 @@
+use atsplat_model::config::{BlockExpansion, SelectionRatio};
+use atsplat_model::weights::StoredTensors;
+use atsplat_model::{ModelConfig, ModelError};
+use atsplat_protocol::{EvaluationIndex, Preset};
+use atsplat_scene::preprocess::Step;
+use atsplat_splat::RendererConstants;
+use serde::{Deserialize, Serialize};
+use thiserror::Error;
+
+/// What is changed of a method and its protocol; what is absent stays as it is.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Knobs {
+    /// K, Gaussians of a token. Weights belong to one K: another needs its own.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gaussians_per_token: Option<usize>,
+    /// Shares of tokens that are expanded, one for each block that expands; each from 0 to 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub ratios: Option<Vec<f64>>,
+    /// Uncertainties above which tokens are expanded, one for each block that expands; at least 0.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub thresholds: Option<Vec<f64>>,
+    /// Expand in the first so many of the blocks that expand, and in no other.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub expand_first: Option<usize>,
+    /// Context views: so many of those in the index, evenly spaced with both ends; at least 1.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub views: Option<usize>,
+    /// Height and width of pictures, in the place of the last step that scales.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub resolution: Option<[u32; 2]>,
+    /// How weights are stored before they are used; computations stay in f32.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub precision: Option<WeightPrecision>,
+    /// A weights file of its own, as another K has.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub weights: Option<std::path::PathBuf>,
+    /// The renderer's numbers.
+    #[serde(default, skip_serializing_if = "RendererKnobs::is_empty")]
+    pub renderer: RendererKnobs,
+}
+
+/// How weights are stored.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum WeightPrecision {
+    /// f32, as trained.
+    Single,
+    /// f16.
+    Half,
+}
+
+/// What is changed of [`RendererConstants`]: numbers that a picture trades for time.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct RendererKnobs {
+    /// Name of a preset of [`RendererConstants`] to begin with.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub constants: Option<String>,
+    /// [`RendererConstants::min_alpha`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_alpha: Option<f64>,
+    /// [`RendererConstants::max_alpha`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub max_alpha: Option<f64>,
+    /// [`RendererConstants::min_transmittance`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub min_transmittance: Option<f64>,
+    /// [`RendererConstants::blur`].
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub blur: Option<f64>,
+}
+
+/// A knob that cannot be turned.
+#[derive(Debug, Error)]
+pub enum KnobError {
+    /// The knob's value does not fit what it is applied to.
+    #[error("{knob}: expected {expected}, found {found}")]
+    Unfit {
+        /// Name in TOML.
+        knob: &'static str,
+        /// What would fit.
+        expected: String,
+        /// What was asked for.
+        found: String,
+    },
+    /// The network cannot be that way.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The renderer cannot have these numbers.
+    #[error(transparent)]
+    Splat(#[from] atsplat_splat::SplatError),
+}
+
+fn unfit<T>(knob: &'static str, expected: &str, found: impl std::fmt::Debug) -> Result<T, KnobError> {
+    Err(KnobError::Unfit { knob, expected: expected.to_owned(), found: format!("{found:?}") })
+}
+
+impl RendererKnobs {
+    /// Whether nothing is changed.
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+
+    /// The constants with the changes, under a name that says them.
+    ///
+    /// # Errors
+    /// [`KnobError::Unfit`] for an unknown preset, [`KnobError::Splat`] for numbers out of range.
+    pub fn applied(&self, constants: &RendererConstants) -> Result<RendererConstants, KnobError> {
+        let mut changed = match &self.constants {
+            None => constants.clone(),
+            Some(name) => match RendererConstants::named(name) {
+                Some(named) => named,
+                None => return unfit("constants", &RendererConstants::PRESETS.join(", "), name),
+            },
+        };
+        let mut name = changed.name.clone();
+        let fields = [
+            ("min-alpha", self.min_alpha, &mut changed.min_alpha),
+            ("max-alpha", self.max_alpha, &mut changed.max_alpha),
+            ("min-transmittance", self.min_transmittance, &mut changed.min_transmittance),
+            ("blur", self.blur, &mut changed.blur),
+        ];
+        for (knob, value, field) in fields {
+            if let Some(value) = value {
+                *field = value;
+                name.push_str(&format!(", {knob} {value}"));
+            }
+        }
+        changed.name = name;
+        changed.check()?;
+        Ok(changed)
+    }
+}
+
+impl Knobs {
+    /// The network's configuration with the changes.
+    ///
+    /// # Errors
+    /// [`KnobError`] where their number or range does not fit.
+    pub fn model(&self, config: &ModelConfig) -> Result<ModelConfig, KnobError> {
+        let mut config = config.clone();
+        if self.ratios.is_some() && self.thresholds.is_some() {
+            return unfit("thresholds", "ratios or thresholds, not both", &self.thresholds);
+        }
+        if let Some(count) = self.gaussians_per_token {
+            config.head.gaussians_per_token = count;
+        }
+        if let Some(ratios) = &self.ratios {
+            let blocks: Vec<_> =
+                config.decoder.blocks.iter_mut().filter_map(|block| block.expansion.as_mut()).collect();
+            if blocks.len() != ratios.len() {
+                return unfit("ratios", &format!("{}, one for each block that expands", blocks.len()), ratios);
+            }
+            for (block, &value) in blocks.into_iter().zip(ratios) {
+                let Some(ratio) = SelectionRatio::new(value) else {
+                    return unfit("ratios", "shares from 0 to 1 with at most six decimals", value);
+                };
+                *block = BlockExpansion::Ratio(ratio);
+            }
+        }
+        if let Some(thresholds) = &self.thresholds {
+            config = config.with_thresholds(thresholds)?;
+        }
+        if let Some(blocks) = self.expand_first {
+            config = config.with_expansion_in_first(blocks);
+        }
+        config.validate()?;
+        Ok(config)
+    }
+
+    /// The weights rounded to the knob's precision.
+    ///
+    /// # Errors
+    /// [`KnobError::Model`] for a tensor that is no float, or leaves f16's range.
+    pub fn weights(&self, stored: StoredTensors) -> Result<StoredTensors, KnobError> {
+        let mut stored = stored;
+        if self.precision == Some(WeightPrecision::Half) {
+            for tensor in stored.tensors.values_mut() {
+                *tensor = tensor.to_half()?;
+            }
+        }
+        Ok(stored)
+    }
+
+    /// The protocol with pictures of the knob's size.
+    ///
+    /// # Errors
+    /// [`KnobError::Unfit`] where nothing in the preset scales to a size, or a side is 0.
+    pub fn preset(&self, preset: &Preset) -> Result<Preset, KnobError> {
+        let mut preset = preset.clone();
+        let Some([height, width]) = self.resolution else { return Ok(preset) };
+        if height == 0 || width == 0 {
+            return unfit("resolution", "sides of at least a pixel", [height, width]);
+        }
+        let sizes = preset.preprocessing.steps.iter_mut().rev().find_map(|step| match step {
+            Step::RescaleAndCrop(step) => Some((&mut step.height, &mut step.width)),
+            Step::Resize(step) => Some((&mut step.height, &mut step.width)),
+            _ => None,
+        });
+        let Some((rows, columns)) = sizes else {
+            return unfit("resolution", "a protocol that scales its pictures", preset.name);
+        };
+        (*rows, *columns) = (height, width);
+        preset.name = format!("{} at {height}x{width}", preset.name);
+        Ok(preset)
+    }
+
+    /// The index with so many context views, targets as they are.
+    ///
+    /// # Errors
+    /// [`KnobError::Unfit`] for no view, or more than an entry has.
+    pub fn index(&self, index: &EvaluationIndex) -> Result<EvaluationIndex, KnobError> {
+        let mut index = index.clone();
+        let Some(views) = self.views else { return Ok(index) };
+        for entry in index.scenes.values_mut().flatten() {
+            let Some(last) = entry.context.len().checked_sub(1).filter(|last| (1..=last + 1).contains(&views)) else {
+                return unfit("views", &format!("from 1 to {}", entry.context.len()), views);
+            };
+            // Rounded to the nearest, so that both ends stay; a single view is the first.
+            let steps = views.saturating_sub(1);
+            let place = |view: usize| (2 * view * last + steps).checked_div(2 * steps).unwrap_or(0);
+            entry.context = (0..views).filter_map(|view| entry.context.get(place(view)).copied()).collect();
+        }
+        Ok(index)
+    }
+}

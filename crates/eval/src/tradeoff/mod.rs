@@ -1,0 +1,18 @@
+//! Accuracy against time: knobs swept, frontiers, what the next step of quality costs, and where it becomes dear.
+//!
+//! A [`Sweep`] is a TOML list of settings ([`Knobs`]) to run one method at. What comes back is read as [`Sample`]s, of which
+//! [`frontier`] says which are worth choosing.
+
+mod frontier;
+mod knobs;
+mod price;
+mod sample;
+mod sweep;
+#[cfg(test)]
+mod tests;
+
+pub use frontier::{Axis, Frontier, Point, Sample, frontier};
+pub use knobs::{KnobError, Knobs, RendererKnobs, WeightPrecision};
+pub use price::Price;
+pub use sample::{quality_step, samples};
+pub use sweep::{Setting, Sweep};

@@ -1,0 +1,194 @@
+use atsplat_metrics::Direction;
+use atsplat_model::ModelConfig;
+use atsplat_model::budget::budget;
+use atsplat_numeric::Tolerance;
+use atsplat_protocol::{Aggregation, EvaluationIndex, IndexEntry, Preset};
+use atsplat_splat::RendererConstants;
+use proptest::prelude::*;
+
+use super::*;
+use crate::MethodRecord;
+use crate::sample_rows::{PRESET, results};
+use crate::statistics::Leaked;
+
+fn sample(label: &str, quality: f64, secs: f64) -> Sample {
+    Sample { label: label.to_owned(), quality: Some(quality), secs: Some(secs), gaussians: Some(1000.0 * secs) }
+}
+
+fn labels(frontier: &Frontier) -> Vec<&str> {
+    frontier.points.iter().filter(|point| point.on_frontier).map(|point| point.label.as_str()).collect()
+}
+
+#[test]
+fn what_is_dominated_is_not_on_the_frontier() {
+    let samples = [
+        sample("dear", 28.0, 4.0),
+        sample("cheap", 20.0, 1.0),
+        sample("worse than cheap", 19.0, 1.5),
+        sample("middle", 27.0, 2.0),
+        sample("as good as middle, dearer", 27.0, 3.0),
+        sample("as dear as middle, worse", 26.0, 2.0),
+        sample("twin of middle", 27.0, 2.0),
+    ];
+    let found = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!(labels(&found), ["cheap", "middle", "twin of middle", "dear"]);
+    assert_eq!(found.knee.as_deref(), Some("middle"));
+    let steps: Vec<_> = found.prices.iter().map(|price| (price.from.as_str(), price.to.as_str())).collect();
+    assert_eq!(steps, [("cheap", "middle"), ("middle", "dear")]);
+    Tolerance::F64.assert(found.prices.iter().filter_map(|price| price.secs), [0.1 / 7.0, 0.2], "seconds a tenth");
+    Tolerance::F64.assert(found.prices.iter().filter_map(|price| price.gaussians), [100.0 / 7.0, 200.0], "Gaussians");
+    // The same turned upside down, as for LPIPS.
+    let lower: Vec<Sample> = samples.iter().map(|s| Sample { quality: s.quality.map(|q| -q), ..s.clone() }).collect();
+    let turned = frontier(&lower, Direction::Lower, Axis::Seconds, 0.1);
+    assert_eq!((labels(&turned), &turned.knee, &turned.prices), (labels(&found), &found.knee, &found.prices));
+}
+
+#[test]
+fn few_points_and_broken_ones() {
+    let none = frontier(&[], Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!((none.points.len(), none.prices.len(), none.knee), (0, 0, None));
+    let one = frontier(&[sample("one", 20.0, 1.0)], Direction::Higher, Axis::Gaussians, 0.1);
+    assert_eq!((labels(&one), one.prices.len(), &one.knee), (vec!["one"], 0, &None));
+    let two = frontier(&[sample("a", 20.0, 1.0), sample("b", 21.0, 2.0)], Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!((labels(&two), two.prices.len(), &two.knee), (vec!["a", "b"], 1, &None));
+    let broken = [
+        sample("good", 20.0, 1.0),
+        sample("quality", f64::NAN, 0.5),
+        sample("cost", 30.0, f64::INFINITY),
+        sample("free", 30.0, 0.0),
+        Sample { secs: None, ..sample("untimed", 30.0, 1.0) },
+        Sample { quality: None, ..sample("unscored", 30.0, 0.1) },
+    ];
+    let found = frontier(&broken, Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!(labels(&found), ["good"]);
+    let left_out: Vec<_> = found.left_out.iter().map(|(label, reason)| format!("{label}: {reason}")).collect();
+    let expected = [
+        "quality: nothing was scored",
+        "cost: inf seconds",
+        "free: 0 seconds",
+        "untimed: no seconds",
+        "unscored: nothing was scored",
+    ];
+    assert_eq!(left_out, expected);
+}
+
+#[test]
+fn a_straight_or_sagging_frontier_has_no_knee() {
+    let points = |middle| [sample("a", 20.0, 1.0), sample("b", middle, 10.0), sample("c", 24.0, 100.0)];
+    let knee = |middle| frontier(&points(middle), Direction::Higher, Axis::Seconds, 0.1).knee;
+    assert_eq!(knee(20.5), None, "sagging");
+    assert_eq!(knee(23.5).as_deref(), Some("b"));
+}
+
+proptest! {
+    /// The frontier by its definition, for every order of the samples.
+    #[test]
+    fn the_frontier_is_what_nothing_dominates(
+        places in prop::collection::vec((0u8..8, 1u8..8), 0..12),
+        turn in 0usize..12,
+    ) {
+        let mut samples: Vec<Sample> = places
+            .iter()
+            .enumerate()
+            .map(|(at, (quality, secs))| sample(&format!("{at:02}"), f64::from(*quality), f64::from(*secs)))
+            .collect();
+        let found = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
+        for (label, (quality, secs)) in found.points.iter().map(|point| (point, (point.quality, point.cost))) {
+            let dominates = |other: &&Point| {
+                other.quality >= quality && other.cost <= secs && (other.quality > quality || other.cost < secs)
+            };
+            prop_assert_eq!(label.on_frontier, !found.points.iter().any(|other| dominates(&other)));
+        }
+        let by = turn.checked_rem(samples.len()).unwrap_or(0);
+        samples.rotate_left(by);
+        prop_assert_eq!(frontier(&samples, Direction::Higher, Axis::Seconds, 0.1), found);
+    }
+}
+
+#[test]
+fn samples_are_what_a_store_says() {
+    let mut store = results("a", "psnr", &[("x", 0, vec![20.0, 22.0]), ("y", 0, vec![30.0])]);
+    for name in ["a", "never ran"] {
+        store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
+    }
+    let found = samples(&store, PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
+    assert_eq!(found.iter().map(|sample| sample.label.as_str()).collect::<Vec<_>>(), ["a"]);
+    let [sample] = &found[..] else { panic!("{found:?}") };
+    let values = [sample.quality, sample.secs, sample.gaussians].map(Option::unwrap);
+    Tolerance::F64.assert(values, [25.5, 0.51, 23_040.0], "quality, seconds, Gaussians");
+    Tolerance::EXACT.assert([quality_step("psnr"), quality_step("lpips")], [0.1, 0.01], "steps");
+}
+
+#[test]
+fn knobs_change_budgets_and_nothing_else() {
+    let nano = ModelConfig::named("nano").unwrap();
+    let most = |knobs: &Knobs| budget(&knobs.model(&nano).unwrap(), 2, nano.resolution).unwrap().most.gaussians;
+    assert_eq!(Knobs::default().model(&nano).unwrap(), nano);
+    assert_eq!(most(&Knobs { gaussians_per_token: Some(4), ..Knobs::default() }), 5760);
+    assert_eq!(most(&Knobs { ratios: Some(vec![1.0, 0.5, 0.0]), ..Knobs::default() }), 24_576);
+    assert_eq!(most(&Knobs { thresholds: Some(vec![0.1, 0.1, 0.4]), ..Knobs::default() }), 65_536);
+    assert_eq!(most(&Knobs { expand_first: Some(0), ..Knobs::default() }), 8192);
+    for broken in [
+        Knobs { gaussians_per_token: Some(0), ..Knobs::default() },
+        Knobs { ratios: Some(vec![0.5]), ..Knobs::default() },
+        Knobs { ratios: Some(vec![0.5, 2.0, 0.5]), ..Knobs::default() },
+        Knobs { ratios: Some(vec![0.5; 3]), thresholds: Some(vec![0.1; 3]), ..Knobs::default() },
+        Knobs { thresholds: Some(vec![0.1]), ..Knobs::default() },
+    ] {
+        assert!(broken.model(&nano).is_err(), "{broken:?}");
+    }
+}
+
+#[test]
+fn renderer_knobs_say_so_in_the_name() {
+    let exact = RendererConstants::default();
+    let knobs = RendererKnobs { min_alpha: Some(0.0625), ..RendererKnobs::default() };
+    let changed = knobs.applied(&exact).unwrap();
+    assert_eq!(
+        changed,
+        RendererConstants { min_alpha: 0.0625, name: "exact, min-alpha 0.0625".to_owned(), ..exact.clone() }
+    );
+    assert!(RendererKnobs { min_alpha: Some(2.0), ..RendererKnobs::default() }.applied(&exact).is_err());
+    assert!(RendererKnobs { constants: Some("none".to_owned()), ..RendererKnobs::default() }.applied(&exact).is_err());
+}
+
+#[test]
+fn views_are_spread_over_those_of_the_index() {
+    let entry = IndexEntry { context: vec![0, 10, 20, 30, 40, 49], target: vec![5], overlap: None };
+    let index = EvaluationIndex { scenes: [("a".to_owned(), vec![entry])].into_iter().collect() };
+    let context = |views| {
+        let index = Knobs { views: Some(views), ..Knobs::default() }.index(&index)?;
+        Ok::<_, KnobError>(index.scenes["a"][0].context.clone())
+    };
+    assert_eq!(context(1).unwrap(), [0]);
+    assert_eq!(context(2).unwrap(), [0, 49]);
+    assert_eq!(context(4).unwrap(), [0, 20, 30, 49]);
+    assert_eq!(context(6).unwrap(), [0, 10, 20, 30, 40, 49]);
+    assert!(context(0).is_err() && context(7).is_err());
+}
+
+#[test]
+fn the_resolution_is_that_of_the_last_step_that_scales() {
+    let preset = Preset::named("re10k-2v-256").unwrap();
+    let smaller = Knobs { resolution: Some([128, 192]), ..Knobs::default() }.preset(&preset).unwrap();
+    assert!(smaller.preprocessing.to_string().contains("rescale-and-crop 192×128"), "{}", smaller.preprocessing);
+    assert_ne!(smaller.hash().unwrap(), preset.hash().unwrap());
+    assert!(Knobs { resolution: Some([0, 8]), ..Knobs::default() }.preset(&preset).is_err());
+}
+
+#[test]
+fn sweeps_are_checked() {
+    let text = "title = 't'\n[[settings]]\nlabel = 'a'\n[[settings]]\nlabel = 'b'\nknobs = { views = 2 }";
+    let sweep = Sweep::from_toml(text).unwrap();
+    assert_eq!((sweep.settings.len(), sweep.settings[1].knobs.views), (2, Some(2)));
+    assert_eq!(Sweep::from_toml(&toml::to_string(&sweep).unwrap()).unwrap(), sweep);
+    for broken in [
+        "title = 't'\nsettings = []".to_owned(),
+        text.replace("'b'", "'a'"),
+        text.replace("views", "viewz"),
+        text.replace("label = 'b'", "label = 'b'\nviews = 2"),
+        text.replace("= 2", "= 'two'"),
+    ] {
+        assert!(Sweep::from_toml(&broken).is_err(), "{broken}");
+    }
+}
