@@ -9,6 +9,8 @@ pub(crate) enum Exit {
     WrongWords,
     /// Done, and what was tested failed.
     Failed,
+    /// Done, and numbers moved away from their baseline.
+    Drifted,
     /// Done, but scenes were skipped and `--strict` was given.
     Skipped,
 }
@@ -19,6 +21,7 @@ impl From<Exit> for ExitCode {
             Exit::Done => Self::SUCCESS,
             Exit::WrongWords => Self::from(2),
             Exit::Failed => Self::FAILURE,
+            Exit::Drifted => Self::from(3),
             Exit::Skipped => Self::from(4),
         }
     }

@@ -1,12 +1,14 @@
 //! The `atsplat` command line: words into calls of the library crates.
 //!
-//! Exit codes: 0 done, 1 failed, 2 wrong words, 4 done with scenes or frames skipped (`--strict` only).
+//! Exit codes: 0 done, 1 failed, 2 wrong words, 3 drift found, 4 done with scenes or frames skipped (`--strict` only).
 
 mod adapters;
 mod budget;
 mod data;
 mod dataset_words;
+mod drift;
 mod exit;
+mod machine;
 mod memory;
 mod model_words;
 mod output;
@@ -17,6 +19,7 @@ mod reconstruct;
 mod render;
 mod selection;
 mod stress;
+mod tradeoff;
 mod weights;
 mod words;
 
@@ -61,6 +64,10 @@ enum Command {
     /// Import, export, inspect and verify weights.
     #[command(subcommand)]
     Weights(weights::Command),
+    /// Compare results with a baseline: what moved, and which stage moved it; exits with 3 where something did.
+    Drift(drift::Words),
+    /// Which ways to run a method are worth their time and their Gaussians.
+    Tradeoff(tradeoff::Words),
     /// List graphics adapters, and test each.
     Adapters(adapters::Words),
     /// Put every renderer through the hard cases; exits with 1 where one fails.
@@ -114,6 +121,11 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Reconstruct(words) => reconstruct::run(words)?,
         Command::Weights(command) => weights::run(command)?,
         Command::Adapters(words) => adapters::run(words)?,
+        Command::Drift(words) => return drift::run(words),
+        Command::Tradeoff(words) => {
+            tradeoff::run(words)?;
+            true
+        }
         Command::Budget(words) => return Ok(tested(budget::run(words)?)),
         Command::Stress(words) => return Ok(tested(stress::run(words)?)),
     };

@@ -4,13 +4,19 @@
 //! targets, whatever happened: a failure is a row too. [`Results`] are the rows of one store with their [`Provenance`].
 //! How a table looks is not known here.
 
+pub mod drift;
+mod error;
 mod rows;
+pub mod runner;
 #[cfg(test)]
 mod sample_rows;
 pub mod statistics;
+pub mod store;
 pub mod tradeoff;
 
+pub use error::EvalError;
 pub use rows::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, SkippedEntry, TargetRow, TargetStatus,
-    TrialKey, TrialRow, TrialStatus, WarningCount,
+    IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, Shard, SkippedEntry, TargetRow,
+    TargetStatus, TimingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,
 };
+pub use store::Store;

@@ -1,14 +1,21 @@
 //! The rows of a results store.
 
+mod join;
 mod provenance;
 mod target;
 mod trial;
 
+use std::fmt;
+
 use serde::{Deserialize, Serialize};
 
-pub use provenance::{MethodRecord, MetricRecord, PresetRecord, Provenance, SkippedEntry, WarningCount};
-pub use target::{TargetRow, TargetStatus};
+pub use provenance::{
+    MethodRecord, MetricRecord, PresetRecord, Provenance, Shard, SkippedEntry, TimingRecord, WarningCount,
+};
+pub use target::{IDENTICAL, TargetRow, TargetStatus};
 pub use trial::{Seconds, TrialRow, TrialStatus};
+
+use crate::EvalError;
 
 /// What was asked, and of whom: the identity of a trial's rows in a store.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -32,4 +39,19 @@ pub struct Results {
     pub trials: Vec<TrialRow>,
     /// One row per target view of these trials.
     pub targets: Vec<TargetRow>,
+}
+
+impl fmt::Display for TrialKey {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { preset, method, scene, entry } = self;
+        write!(f, "{method} on {preset}, scene {scene:?}, entry {entry}")
+    }
+}
+
+/// Refuses a number that is NaN or infinite.
+fn finite(key: &TrialKey, field: &str, value: impl IntoIterator<Item = f64>) -> Result<(), EvalError> {
+    match value.into_iter().find(|value| !value.is_finite()) {
+        None => Ok(()),
+        Some(value) => Err(EvalError::NotFinite { key: key.to_string(), field: field.to_owned(), value }),
+    }
 }

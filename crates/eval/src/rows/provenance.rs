@@ -26,6 +26,15 @@ pub struct Provenance {
     pub started: u64,
     /// The command line.
     pub command: Vec<String>,
+    /// How trials were timed.
+    #[serde(default)]
+    pub timing: TimingRecord,
+    /// Which part of a run this is; `None` for a whole one.
+    #[serde(default)]
+    pub shard: Option<Shard>,
+    /// How many scenes of each dataset were asked for; `None` for all.
+    #[serde(default)]
+    pub limit: Option<u64>,
     /// Every protocol that was run.
     pub presets: Vec<PresetRecord>,
     /// Every method that was run.
@@ -36,6 +45,29 @@ pub struct Provenance {
     pub warnings: Vec<WarningCount>,
     /// Index entries that made no trial.
     pub skipped: Vec<SkippedEntry>,
+}
+
+/// How trials were timed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct TimingRecord {
+    /// Whether nothing else ran meanwhile. Where trials shared the processor, seconds tell the work of a run and are no
+    /// figures to publish.
+    pub alone: bool,
+    /// Repetitions before those that count.
+    pub warm_up: u32,
+    /// Repetitions that count, at least 1.
+    pub repetitions: u32,
+}
+
+/// One of several parts of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Shard {
+    /// Which, from 1.
+    pub number: u32,
+    /// How many there are.
+    pub of: u32,
 }
 
 /// A protocol as it was run.
@@ -60,9 +92,9 @@ pub struct PresetRecord {
     pub index_sha256: String,
     /// The known published index that it is, if any.
     pub index_name: Option<String>,
-    /// Index entries, those without a trial among them.
+    /// Index entries that were gone through, those without a trial among them.
     pub entries: u64,
-    /// How many entries make a full run where this one was limited or sharded.
+    /// How many entries the index has, those of scenes that the dataset lacks and of other shards among them.
     pub entries_of_index: u64,
 }
 
@@ -119,7 +151,7 @@ pub struct WarningCount {
 }
 
 /// An index entry that made no trial.
-#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SkippedEntry {
     /// Preset that it belongs to.

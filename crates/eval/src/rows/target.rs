@@ -2,7 +2,12 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::TrialKey;
+use super::{TrialKey, finite};
+use crate::EvalError;
+
+/// What [`TargetRow::not_computed`] says of a metric that is infinite because what it compares is the same: a PSNR of
+/// identical pictures, or of pictures that are identical once they are rounded to 8 bits.
+pub const IDENTICAL: &str = "identical";
 
 /// One target view under one method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -35,7 +40,7 @@ pub struct TargetRow {
     /// Samples of the render that are NaN or infinite.
     pub non_finite: u64,
     /// Finite scores, by the id of their [`atsplat_metrics::Definition`]. A PSNR of identical pictures is infinite and
-    /// not here: [`TargetStatus::Identical`] says so.
+    /// not here: [`Self::not_computed`] has [`IDENTICAL`] in its place.
     pub scores: BTreeMap<String, f64>,
     /// Why a score is not there, by the same ids.
     pub not_computed: BTreeMap<String, String>,
@@ -57,7 +62,28 @@ pub enum TargetStatus {
     Failed,
 }
 
+impl TargetRow {
+    /// The row without what differs from run to run.
+    #[must_use]
+    pub fn without_times(&self) -> Self {
+        Self { render_secs: None, ..self.clone() }
+    }
+
+    /// # Errors
+    /// [`EvalError::NotFinite`] for a score, an overlap or a time that is no number.
+    pub fn check(&self) -> Result<(), EvalError> {
+        finite(&self.key, "overlap", self.overlap)?;
+        finite(&self.key, "render-secs", self.render_secs)?;
+        self.scores.iter().try_for_each(|(id, score)| finite(&self.key, id, [*score]))
+    }
+}
+
 impl TargetStatus {
+    /// The status of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Scored, Self::Identical, Self::NonFinite, Self::Failed].into_iter().find(|status| status.name() == name)
+    }
+
     /// The name in files.
     pub const fn name(self) -> &'static str {
         match self {

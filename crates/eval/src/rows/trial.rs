@@ -2,7 +2,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::TrialKey;
+use super::{TrialKey, finite};
+use crate::EvalError;
 
 /// One trial under one method.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -81,7 +82,31 @@ pub enum TrialStatus {
     NotApplicable,
 }
 
+impl TrialRow {
+    /// The row without what differs from run to run.
+    #[must_use]
+    pub fn without_times(&self) -> Self {
+        Self { seconds: Seconds::default(), ..self.clone() }
+    }
+
+    /// # Errors
+    /// [`EvalError::NotFinite`] for an overlap, a time or a mean that is no number.
+    pub fn check(&self) -> Result<(), EvalError> {
+        finite(&self.key, "overlap", self.overlap)?;
+        finite(&self.key, "gaussians-drawn", self.gaussians_drawn)?;
+        let Seconds { read, encode, render, score, encode_samples, render_samples, stages } = &self.seconds;
+        let medians = [Some(*read), *encode, *render, Some(*score)].into_iter().flatten();
+        let samples = encode_samples.iter().chain(render_samples).chain(stages.values()).copied();
+        finite(&self.key, "seconds", medians.chain(samples))
+    }
+}
+
 impl TrialStatus {
+    /// The status of this name.
+    pub fn named(name: &str) -> Option<Self> {
+        [Self::Done, Self::Partial, Self::Failed, Self::NotApplicable].into_iter().find(|status| status.name() == name)
+    }
+
     /// The name in files.
     pub const fn name(self) -> &'static str {
         match self {

@@ -28,6 +28,11 @@ pub use sign_test::sign_test;
 pub use summary::{Summary, summary};
 pub use worst::{direction, worst};
 
+pub(crate) use paired::of_picked as paired_of;
+pub(crate) use selection::{Outcome, Picked, score_of};
+pub(crate) use student::student_quantile;
+pub(crate) use summary::of_picked as summary_of;
+
 /// One metric of one method under one preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Question<'a> {

@@ -42,15 +42,19 @@ pub fn paired(results: &Results, a: &Question, b: &Question) -> Option<Paired> {
 
 /// As [`paired`], across two stores.
 pub fn paired_between(a: (&Results, &Question), b: (&Results, &Question)) -> Option<Paired> {
-    let (first, second) = (pick(a.0, a.1), pick(b.0, b.1));
-    let (differences, unpaired) = differences(&first, &second);
+    of_picked(&pick(a.0, a.1), &pick(b.0, b.1), direction(a.1.metric))
+}
+
+/// As [`paired`], of targets that are picked already and in order.
+pub(crate) fn of_picked(a: &[Picked], b: &[Picked], direction: Direction) -> Option<Paired> {
+    let (differences, unpaired) = differences(a, b);
     let clusters = clusters(&differences, Aggregation::SceneMeans);
     let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
     let [sum, weight] = parts.iter().fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);
     let difference = Some(sum / weight).filter(|mean| mean.is_finite())?;
     let count = |wanted: Ordering| parts.iter().filter(|[sum, _]| sum.partial_cmp(&0.0) == Some(wanted)).count() as u64;
     let (above, below) = (count(Ordering::Greater), count(Ordering::Less));
-    let (wins, losses) = match direction(a.1.metric) {
+    let (wins, losses) = match direction {
         Direction::Higher => (above, below),
         Direction::Lower => (below, above),
     };

@@ -3,23 +3,23 @@ use std::collections::BTreeSet;
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
 use super::{Leaked, Question};
-use crate::{Results, TargetRow, TargetStatus, TrialStatus};
+use crate::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
 
 /// One target as a question sees it.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Picked<'a> {
-    pub(super) scene: &'a str,
-    pub(super) entry: u32,
-    pub(super) target: u32,
+pub(crate) struct Picked<'a> {
+    pub(crate) scene: &'a str,
+    pub(crate) entry: u32,
+    pub(crate) target: u32,
     /// `None` where a trial failed before it had targets.
-    pub(super) distance: Option<i64>,
-    pub(super) overlap: Option<f64>,
-    pub(super) outcome: Outcome<'a>,
+    pub(crate) distance: Option<i64>,
+    pub(crate) overlap: Option<f64>,
+    pub(crate) outcome: Outcome<'a>,
 }
 
 /// What a target has to say.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum Outcome<'a> {
+pub(crate) enum Outcome<'a> {
     /// A finite number.
     Score { value: f64, identical: bool },
     /// The render, or the score, is not finite.
@@ -32,7 +32,7 @@ pub(super) enum Outcome<'a> {
 
 impl Picked<'_> {
     /// Identity within a preset and method, and the order of every sum.
-    pub(super) fn place(&self) -> (&str, u32, u32) {
+    pub(crate) fn place(&self) -> (&str, u32, u32) {
         (self.scene, self.entry, self.target)
     }
 }
@@ -80,11 +80,23 @@ fn outcome<'a>(row: &'a TargetRow, metric: &str, asked: bool, absent: &'a str) -
         (TargetStatus::NonFinite, _, _) => Outcome::NonFinite,
         (_, Some(value), _) if value.is_finite() => Outcome::Score { value: *value, identical },
         (_, Some(_), _) => Outcome::NonFinite,
+        (_, None, Some(reason)) if reason == IDENTICAL && is_psnr(metric) => {
+            Outcome::Score { value: DECIBEL_CAP, identical: true }
+        }
         (_, None, Some(reason)) => Outcome::NotComputed(reason),
         (TargetStatus::Identical, None, None) if asked && is_psnr(metric) => {
             Outcome::Score { value: DECIBEL_CAP, identical }
         }
         (_, None, None) => Outcome::NotComputed(absent),
+    }
+}
+
+/// A target's finite score, identical pictures' PSNR as the cap; for rows that keep no reasons.
+pub(crate) fn score_of(status: TargetStatus, score: Option<f64>, metric: &str) -> Option<f64> {
+    match (status, score) {
+        (TargetStatus::Failed | TargetStatus::NonFinite, _) => None,
+        (TargetStatus::Identical, None) if is_psnr(metric) => Some(DECIBEL_CAP),
+        (_, score) => score.filter(|score| score.is_finite()),
     }
 }
 

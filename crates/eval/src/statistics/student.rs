@@ -1,7 +1,7 @@
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2, PI};
 
 /// The value below which a Student variable of `freedom` ≥ 1 degrees falls with this probability, in (0.5, 1).
-pub(super) fn student_quantile(probability: f64, freedom: usize) -> f64 {
+pub(crate) fn student_quantile(probability: f64, freedom: usize) -> f64 {
     let within = 2.0 * probability - 1.0;
     let root = (freedom.clamp(1, usize::MAX) as f64).sqrt();
     // The angle whose tangent is t / √freedom lies between 0 and a right one; halving 60 times leaves no bit to decide.

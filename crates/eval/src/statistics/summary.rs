@@ -37,7 +37,7 @@ pub fn summary(results: &Results, question: &Question, aggregation: Aggregation)
 }
 
 /// As [`summary`], of targets that are picked already and in order.
-pub(super) fn of_picked(picked: &[Picked], aggregation: Aggregation) -> Summary {
+pub(crate) fn of_picked(picked: &[Picked], aggregation: Aggregation) -> Summary {
     let clusters = clusters(picked, aggregation);
     let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
     let [sum, weight] = parts.iter().fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);

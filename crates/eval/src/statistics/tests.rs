@@ -140,6 +140,18 @@ fn what_has_no_score_is_counted_and_never_averaged() {
     assert_eq!(summary(&made, &question("other"), Aggregation::SceneMeans), Summary::default());
 }
 
+/// Pictures that are the same once they are rounded: the row says why the number is not there.
+#[test]
+fn infinite_scores_of_one_metric_count_as_the_cap() {
+    let mut made = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
+    made.targets[1].scores.clear();
+    made.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
+    let of = Question { metric: "psnr-8bit-truncated", ..question("m") };
+    let found = summary(&made, &of, Aggregation::SceneMeans);
+    Tolerance::F64.assert(found.mean, [f64::midpoint(20.0, DECIBEL_CAP)], "mean");
+    assert_eq!((found.identical, found.uncomputed), (1, 0));
+}
+
 #[test]
 fn leaked_targets_can_be_left_out() {
     let mut made = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);

@@ -1,11 +1,12 @@
+use atsplat_model::ModelConfig;
 use atsplat_model::config::{BlockExpansion, SelectionRatio};
 use atsplat_model::weights::StoredTensors;
-use atsplat_model::{ModelConfig, ModelError};
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_scene::preprocess::Step;
 use atsplat_splat::RendererConstants;
 use serde::{Deserialize, Serialize};
-use thiserror::Error;
+
+use crate::EvalError;
 
 /// What is changed of a method and its protocol; what is absent stays as it is.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -71,29 +72,8 @@ pub struct RendererKnobs {
     pub blur: Option<f64>,
 }
 
-/// A knob that cannot be turned.
-#[derive(Debug, Error)]
-pub enum KnobError {
-    /// The knob's value does not fit what it is applied to.
-    #[error("{knob}: expected {expected}, found {found}")]
-    Unfit {
-        /// Name in TOML.
-        knob: &'static str,
-        /// What would fit.
-        expected: String,
-        /// What was asked for.
-        found: String,
-    },
-    /// The network cannot be that way.
-    #[error(transparent)]
-    Model(#[from] ModelError),
-    /// The renderer cannot have these numbers.
-    #[error(transparent)]
-    Splat(#[from] atsplat_splat::SplatError),
-}
-
-fn unfit<T>(knob: &'static str, expected: &str, found: impl std::fmt::Debug) -> Result<T, KnobError> {
-    Err(KnobError::Unfit { knob, expected: expected.to_owned(), found: format!("{found:?}") })
+fn unfit<T>(knob: &'static str, expected: &str, found: impl std::fmt::Debug) -> Result<T, EvalError> {
+    Err(EvalError::Settings { what: knob, expected: expected.to_owned(), found: format!("{found:?}") })
 }
 
 impl RendererKnobs {
@@ -105,8 +85,8 @@ impl RendererKnobs {
     /// The constants with the changes, under a name that says them.
     ///
     /// # Errors
-    /// [`KnobError::Unfit`] for an unknown preset, [`KnobError::Splat`] for numbers out of range.
-    pub fn applied(&self, constants: &RendererConstants) -> Result<RendererConstants, KnobError> {
+    /// [`EvalError::Settings`] for an unknown preset, and for numbers out of range.
+    pub fn applied(&self, constants: &RendererConstants) -> Result<RendererConstants, EvalError> {
         let mut changed = match &self.constants {
             None => constants.clone(),
             Some(name) => match RendererConstants::named(name) {
@@ -128,7 +108,13 @@ impl RendererKnobs {
             }
         }
         changed.name = name;
-        changed.check()?;
+        if let Err(error) = changed.check() {
+            return Err(EvalError::Settings {
+                what: "renderer",
+                expected: "numbers that can be rendered with".to_owned(),
+                found: error.to_string(),
+            });
+        }
         Ok(changed)
     }
 }
@@ -137,8 +123,8 @@ impl Knobs {
     /// The network's configuration with the changes.
     ///
     /// # Errors
-    /// [`KnobError`] where their number or range does not fit.
-    pub fn model(&self, config: &ModelConfig) -> Result<ModelConfig, KnobError> {
+    /// [`EvalError::Settings`] and [`EvalError::Model`] where their number or range does not fit.
+    pub fn model(&self, config: &ModelConfig) -> Result<ModelConfig, EvalError> {
         let mut config = config.clone();
         if self.ratios.is_some() && self.thresholds.is_some() {
             return unfit("thresholds", "ratios or thresholds, not both", &self.thresholds);
@@ -172,8 +158,8 @@ impl Knobs {
     /// The weights rounded to the knob's precision.
     ///
     /// # Errors
-    /// [`KnobError::Model`] for a tensor that is no float, or leaves f16's range.
-    pub fn weights(&self, stored: StoredTensors) -> Result<StoredTensors, KnobError> {
+    /// [`EvalError::Model`] for a tensor that is no float, or leaves f16's range.
+    pub fn weights(&self, stored: StoredTensors) -> Result<StoredTensors, EvalError> {
         let mut stored = stored;
         if self.precision == Some(WeightPrecision::Half) {
             for tensor in stored.tensors.values_mut() {
@@ -186,8 +172,8 @@ impl Knobs {
     /// The protocol with pictures of the knob's size.
     ///
     /// # Errors
-    /// [`KnobError::Unfit`] where nothing in the preset scales to a size, or a side is 0.
-    pub fn preset(&self, preset: &Preset) -> Result<Preset, KnobError> {
+    /// [`EvalError::Settings`] where nothing in the preset scales to a size, or a side is 0.
+    pub fn preset(&self, preset: &Preset) -> Result<Preset, EvalError> {
         let mut preset = preset.clone();
         let Some([height, width]) = self.resolution else { return Ok(preset) };
         if height == 0 || width == 0 {
@@ -202,15 +188,15 @@ impl Knobs {
             return unfit("resolution", "a protocol that scales its pictures", preset.name);
         };
         (*rows, *columns) = (height, width);
-        preset.name = format!("{} at {height}x{width}", preset.name);
+        preset.name = format!("{}-{height}x{width}", preset.name);
         Ok(preset)
     }
 
     /// The index with so many context views, targets as they are.
     ///
     /// # Errors
-    /// [`KnobError::Unfit`] for no view, or more than an entry has.
-    pub fn index(&self, index: &EvaluationIndex) -> Result<EvaluationIndex, KnobError> {
+    /// [`EvalError::Settings`] for no view, or more than an entry has.
+    pub fn index(&self, index: &EvaluationIndex) -> Result<EvaluationIndex, EvalError> {
         let mut index = index.clone();
         let Some(views) = self.views else { return Ok(index) };
         for entry in index.scenes.values_mut().flatten() {

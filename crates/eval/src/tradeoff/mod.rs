@@ -12,7 +12,7 @@ mod sweep;
 mod tests;
 
 pub use frontier::{Axis, Frontier, Point, Sample, frontier};
-pub use knobs::{KnobError, Knobs, RendererKnobs, WeightPrecision};
+pub use knobs::{Knobs, RendererKnobs, WeightPrecision};
 pub use price::Price;
-pub use sample::{quality_step, samples};
+pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

@@ -1,9 +1,66 @@
 use atsplat_metrics::definition;
-use atsplat_protocol::Aggregation;
+use atsplat_protocol::{Aggregation, Preset};
+use serde::Serialize;
 
-use super::Sample;
-use crate::Results;
-use crate::statistics::{Leaked, Question, cost, summary};
+use super::{Axis, Frontier, Sample, frontier};
+use crate::statistics::{Leaked, Question, cost, direction, summary};
+use crate::{PresetRecord, Results};
+
+/// Both frontiers of one metric under one protocol.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Tradeoff {
+    /// Name of the preset in the rows.
+    pub preset: String,
+    /// Its hash.
+    pub protocol: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// The metric's unit; empty for plain numbers.
+    pub unit: String,
+    /// Against seconds, and against Gaussians.
+    pub frontiers: Vec<Frontier>,
+}
+
+/// Every method of a store as a point, for each protocol and metric.
+pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Vec<Tradeoff> {
+    let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
+        let samples = samples(results, &preset.name, metric, leaked, aggregation(preset));
+        of_samples(&preset.name, &preset.hash, metric, &samples)
+    };
+    let presets = results.provenance.presets.iter();
+    presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
+}
+
+/// The methods of all protocols of a store in one: numbers that answer different questions side by side, as where views or
+/// resolution are swept. Labels say the protocol.
+pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Tradeoff {
+    let of_preset = |preset: &PresetRecord| {
+        let samples = samples(results, &preset.name, metric, leaked, aggregation(preset)).into_iter();
+        let labelled = |sample: Sample| Sample { label: format!("{}, {}", sample.label, preset.name), ..sample };
+        samples.map(labelled).collect::<Vec<_>>()
+    };
+    let samples: Vec<Sample> = results.provenance.presets.iter().flat_map(of_preset).collect();
+    let hashes: Vec<&str> = results.provenance.presets.iter().map(|preset| preset.hash.as_str()).collect();
+    of_samples("different protocols", &hashes.join(" "), metric, &samples)
+}
+
+fn of_samples(preset: &str, protocol: &str, metric: &str, samples: &[Sample]) -> Tradeoff {
+    let step = quality_step(metric);
+    let along = |axis| frontier(samples, direction(metric), axis, step);
+    Tradeoff {
+        preset: preset.to_owned(),
+        protocol: protocol.to_owned(),
+        metric: metric.to_owned(),
+        unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
+        frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
+    }
+}
+
+/// How the recorded protocol averages; over scenes where the record holds none.
+fn aggregation(preset: &PresetRecord) -> Aggregation {
+    Preset::from_toml(&preset.toml).map_or(Aggregation::SceneMeans, |preset| preset.aggregation)
+}
 
 /// The methods of a store under a preset, in the order of the provenance record, each as a sample.
 ///

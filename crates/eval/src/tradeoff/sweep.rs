@@ -3,7 +3,7 @@ use std::collections::BTreeSet;
 use serde::{Deserialize, Serialize};
 
 use super::Knobs;
-use super::knobs::KnobError;
+use crate::EvalError;
 
 /// Settings to run one method at.
 ///
@@ -42,10 +42,13 @@ impl Sweep {
     /// A sweep from TOML text.
     ///
     /// # Errors
-    /// [`KnobError::Unfit`] for text that is no sweep, with the place; for no setting, and for a label that stands twice.
-    pub fn from_toml(text: &str) -> Result<Self, KnobError> {
-        let unfit =
-            |expected: &str, found: String| KnobError::Unfit { knob: "settings", expected: expected.to_owned(), found };
+    /// [`EvalError::Settings`] for text that is no sweep, with the place; for no setting, and for a label that stands twice.
+    pub fn from_toml(text: &str) -> Result<Self, EvalError> {
+        let unfit = |expected: &str, found: String| EvalError::Settings {
+            knob: "settings",
+            expected: expected.to_owned(),
+            found,
+        };
         let sweep: Self = toml::from_str(text).map_err(|error| unfit("a sweep in TOML", error.to_string()))?;
         if sweep.settings.is_empty() {
             return Err(unfit("at least one setting", "none".to_owned()));

@@ -120,6 +120,23 @@ fn samples_are_what_a_store_says() {
 }
 
 #[test]
+fn protocols_share_a_frontier_only_where_forced() {
+    let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+    let other = store.targets[0].clone();
+    let key = crate::TrialKey { preset: "other".to_owned(), ..other.key.clone() };
+    store.targets.push(crate::TargetRow { key: key.clone(), ..other });
+    store.trials.push(crate::TrialRow { key, ..store.trials[0].clone() });
+    store.provenance.methods.push(MethodRecord { name: "a".to_owned(), ..MethodRecord::default() });
+    for name in [PRESET, "other"] {
+        store.provenance.presets.push(crate::PresetRecord { name: name.to_owned(), ..Default::default() });
+    }
+    let apart = tradeoffs(&store, &["psnr"], Leaked::Included);
+    assert_eq!(apart.iter().map(|found| found.frontiers[0].points.len()).collect::<Vec<_>>(), [1, 1]);
+    let found = across(&store, "psnr", Leaked::Included);
+    assert_eq!(labels(&found.frontiers[0]), ["a, other", "a, sampled"]);
+}
+
+#[test]
 fn knobs_change_budgets_and_nothing_else() {
     let nano = ModelConfig::named("nano").unwrap();
     let most = |knobs: &Knobs| budget(&knobs.model(&nano).unwrap(), 2, nano.resolution).unwrap().most.gaussians;
@@ -158,7 +175,7 @@ fn views_are_spread_over_those_of_the_index() {
     let index = EvaluationIndex { scenes: [("a".to_owned(), vec![entry])].into_iter().collect() };
     let context = |views| {
         let index = Knobs { views: Some(views), ..Knobs::default() }.index(&index)?;
-        Ok::<_, KnobError>(index.scenes["a"][0].context.clone())
+        Ok::<_, crate::EvalError>(index.scenes["a"][0].context.clone())
     };
     assert_eq!(context(1).unwrap(), [0]);
     assert_eq!(context(2).unwrap(), [0, 49]);

@@ -1,0 +1,117 @@
+use std::fmt;
+use std::path::PathBuf;
+
+use atsplat_eval::Results;
+use atsplat_eval::drift::probe::{Inputs, Pipeline, Recipe, run as run_probe};
+use atsplat_eval::drift::{Acceptance, Baseline, Limit, Verdict, compare, date};
+use clap::Args;
+use clap::builder::NonEmptyStringValueParser;
+use serde::Serialize;
+
+use super::recipe;
+use crate::exit::Exit;
+use crate::machine::here;
+use crate::output::print_report;
+
+#[derive(Debug, Args)]
+pub(super) struct Words {
+    /// Folder of results.
+    store: PathBuf,
+
+    /// The baseline to replace, or to begin.
+    #[arg(long, value_name = "FILE")]
+    baseline: PathBuf,
+
+    /// Why these numbers are right; it stays in the baseline's history.
+    #[arg(long, value_name = "TEXT", value_parser = NonEmptyStringValueParser::new())]
+    why: String,
+
+    /// Results of the same run once more; may be given several times. What is not deterministic may later move as far as
+    /// these differ.
+    #[arg(long, value_name = "STORE")]
+    repeat: Vec<PathBuf>,
+
+    /// How the probe is run, in TOML; without it as before, or in the smallest way.
+    #[arg(long, value_name = "FILE", conflicts_with = "no_probe")]
+    probe: Option<PathBuf>,
+
+    /// Keep no probe: drift will be found and not attributed.
+    #[arg(long)]
+    no_probe: bool,
+
+    /// Print JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+/// What was accepted.
+#[derive(Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report {
+    baseline: PathBuf,
+    /// Of the new numbers against the old baseline, where there was one.
+    moved: Option<Verdict>,
+    accepted: Acceptance,
+    acceptances: usize,
+    trials: usize,
+    targets: usize,
+    limits: Vec<Limit>,
+    probe: Option<Recipe>,
+}
+
+pub(super) fn run(words: &Words) -> anyhow::Result<Exit> {
+    let asked = words.probe.as_deref().map(recipe).transpose()?;
+    let before = if words.baseline.exists() { Some(Baseline::read(&words.baseline)?) } else { None };
+    let results = Results::read(&words.store)?;
+    let repeats = words.repeat.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
+    let now = here();
+    let acceptance = Acceptance {
+        date: date(now.started),
+        reason: words.why.clone(),
+        atsplat: results.provenance.atsplat.clone(),
+        commit: results.provenance.commit.clone(),
+    };
+    let moved = before.as_ref().map(|before| compare(&results, before).verdict);
+    let mut baseline = match &before {
+        Some(before) => before.accept(&results, &repeats, acceptance.clone()),
+        None => Baseline::new(&results, &repeats, acceptance.clone()),
+    };
+    let recipe = asked.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
+    if !words.no_probe {
+        let outputs = run_probe(&Pipeline::of(&recipe)?, &Inputs::pattern()?)?;
+        Baseline::write_probe(&words.baseline, &outputs)?;
+        baseline = baseline.with_probe(recipe, &outputs);
+    }
+    baseline.write(&words.baseline)?;
+    let report = Report {
+        baseline: words.baseline.clone(),
+        moved,
+        accepted: acceptance,
+        acceptances: baseline.history.len(),
+        trials: baseline.trials.len(),
+        targets: baseline.targets.len(),
+        limits: baseline.limits,
+        probe: baseline.probe.map(|probe| probe.recipe),
+    };
+    print_report(&report, words.json)?;
+    Ok(Exit::Done)
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { baseline, moved, accepted, acceptances, trials, targets, limits, probe } = self;
+        writeln!(f, "{}: {targets} targets of {trials} trials, accepted on {}", baseline.display(), accepted.date)?;
+        match moved {
+            None => writeln!(f, "a new baseline")?,
+            Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
+            Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
+        }
+        for Limit { preset, method, metric, limit, runs } in limits {
+            writeln!(f, "{preset}, {method}: {metric} may move by {limit:.2e}, from {runs} runs")?;
+        }
+        match probe {
+            Some(recipe) => writeln!(f, "probe: {} with constants {}", recipe.model, recipe.constants),
+            None => writeln!(f, "no probe: drift will not be attributed"),
+        }
+    }
+}

@@ -1,0 +1,167 @@
+//! `atsplat drift` and `atsplat tradeoff` as a user runs them.
+
+#[expect(dead_code, reason = "stores need no dataset")]
+mod common;
+
+use std::path::Path;
+
+use atsplat_eval::{
+    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, TargetRow, TargetStatus, TrialKey,
+    TrialRow, TrialStatus,
+};
+use common::{atsplat, succeed};
+
+/// Two methods on six scenes of two targets; `shift` is added to every PSNR of the first.
+fn store(path: &Path, shift: f64) {
+    let mut results = Results {
+        provenance: Provenance {
+            processor: "some".to_owned(),
+            presets: vec![PresetRecord { name: "p".to_owned(), hash: "h".to_owned(), ..PresetRecord::default() }],
+            metrics: vec![MetricRecord { id: "psnr".to_owned(), ..MetricRecord::default() }],
+            ..Provenance::default()
+        },
+        ..Results::default()
+    };
+    for (method, score, secs, gaussians) in [("fine", 25.0 + shift, 0.4, 40_000), ("coarse", 23.0, 0.1, 10_000)] {
+        let deterministic = true;
+        results.provenance.methods.push(MethodRecord {
+            name: method.to_owned(),
+            deterministic,
+            ..MethodRecord::default()
+        });
+        for scene in 0..6u32 {
+            let key = TrialKey {
+                preset: "p".to_owned(),
+                method: method.to_owned(),
+                scene: format!("scene {scene}"),
+                entry: 0,
+            };
+            results.trials.push(TrialRow {
+                key: key.clone(),
+                trial_hash: format!("trial {scene}"),
+                pose_hash: "poses".to_owned(),
+                status: TrialStatus::Done,
+                detail: None,
+                context: vec![0, 9],
+                targets: 2,
+                overlap: None,
+                width: 8,
+                height: 8,
+                initial_tokens: None,
+                final_tokens: None,
+                gaussians: Some(gaussians),
+                gaussians_drawn: None,
+                seconds: Seconds { encode: Some(secs), render: Some(0.01), ..Seconds::default() },
+                peak_bytes: None,
+                effects: vec![],
+                notes: vec![],
+            });
+            results.targets.extend((0..2).map(|target| TargetRow {
+                key: key.clone(),
+                target,
+                frame: target.into(),
+                signed_distance: 0,
+                leaked: false,
+                overlap: None,
+                width: 8,
+                height: 8,
+                truth_hash: Some("truth".to_owned()),
+                render_hash: Some(format!("render {score}")),
+                status: TargetStatus::Scored,
+                detail: None,
+                non_finite: 0,
+                scores: [("psnr".to_owned(), score + f64::from(scene + target))].into(),
+                not_computed: [].into(),
+                render_secs: Some(0.01),
+            }));
+        }
+    }
+    results.trials.sort_by(|a, b| a.key.cmp(&b.key));
+    results.targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
+    results.write(path).unwrap();
+}
+
+#[test]
+fn a_baseline_is_accepted_kept_and_left() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    store(&at.join("then"), 0.0);
+    store(&at.join("now"), 0.125);
+    let accepted = succeed(at, &["drift", "accept", "then", "--baseline", "quick.json", "--why", "the first numbers"]);
+    assert!(accepted.contains("24 targets of 12 trials") && accepted.contains("a new baseline"), "{accepted}");
+    let size = |name: &str| std::fs::metadata(at.join(name)).unwrap().len();
+    assert!(size("quick.json") + size("quick.probe.safetensors") < 1_000_000);
+
+    let calm = succeed(at, &["drift", "then", "--baseline", "quick.json"]);
+    assert!(calm.ends_with("Verdict: same\n") && calm.contains("No stage changed on the probe."), "{calm}");
+
+    let outcome = atsplat(at, &["drift", "now", "--baseline", "quick.json", "--json"]);
+    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+    let report: serde_json::Value = serde_json::from_str(&outcome.stdout).unwrap();
+    assert_eq!(report["verdict"], "drifted", "{report}");
+    let moved: Vec<_> =
+        report["comparisons"].as_array().unwrap().iter().map(|c| (&c["method"], &c["verdict"])).collect();
+    assert_eq!(moved, [(&"coarse".into(), &"same".into()), (&"fine".into(), &"drifted".into())]);
+    assert_eq!(report["comparisons"][1]["paired"]["difference"], 0.125);
+    assert_eq!(report["attribution"]["stages"].as_array().unwrap().len(), 5);
+
+    // The probe with other constants than the baseline's: rows are the same, a stage is not.
+    std::fs::write(at.join("probe.toml"), "constants = 'gsplat-1.6'").unwrap();
+    let words = ["drift", "then", "--baseline", "quick.json", "--probe", "probe.toml"];
+    let outcome = atsplat(at, &words);
+    assert!(
+        outcome.code == 3 && outcome.stdout.contains("The first stage that changed is the splatter."),
+        "{}",
+        outcome.stdout
+    );
+
+    let words =
+        ["drift", "accept", "now", "--baseline", "quick.json", "--why", "a better decoder", "--no-probe", "--json"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(at, &words)).unwrap();
+    assert_eq!((&report["moved"], &report["acceptances"]), (&"drifted".into(), &2.into()), "{report}");
+    assert!(succeed(at, &["drift", "now", "--baseline", "quick.json"]).ends_with("Verdict: same\n"));
+    let text = std::fs::read_to_string(at.join("quick.json")).unwrap();
+    assert!(text.contains("the first numbers") && text.contains("a better decoder"), "{text}");
+}
+
+#[test]
+fn wrong_words_and_broken_files_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    store(&at.join("then"), 0.0);
+    std::fs::write(at.join("broken.json"), "{").unwrap();
+    for (words, code, told) in [
+        (&["drift", "then"][..], 2, "--baseline"),
+        (&["drift", "accept", "then", "--baseline", "b.json"], 2, "--why"),
+        (&["drift", "accept", "then", "--baseline", "b.json", "--why", ""], 2, "--why"),
+        (&["drift", "then", "--baseline", "none.json"], 1, "none.json"),
+        (&["drift", "then", "--baseline", "broken.json"], 1, "broken.json"),
+        (&["drift", "accept", "nowhere", "--baseline", "b.json", "--why", "x"], 1, "nowhere"),
+        (&["tradeoff", "then", "--metric", "beauty"], 2, "ssim"),
+        (&["tradeoff", "nowhere"], 1, "nowhere"),
+    ] {
+        let outcome = atsplat(at, words);
+        assert!(
+            outcome.code == code && outcome.stderr.contains(told),
+            "{words:?}: {} {}",
+            outcome.code,
+            outcome.stderr
+        );
+    }
+    assert!(!at.join("b.json").exists(), "nothing is written where nothing was read");
+}
+
+#[test]
+fn a_frontier_has_prices() {
+    let folder = tempfile::tempdir().unwrap();
+    store(&folder.path().join("then"), 0.0);
+    let table = succeed(folder.path(), &["tradeoff", "then"]);
+    assert!(
+        table.contains("coarse to fine, 2.0000 dB better: the next 0.1 dB for +15.0 ms and +1500 Gaussians"),
+        "{table}"
+    );
+    let json = succeed(folder.path(), &["tradeoff", "then", "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&json).unwrap();
+    let points = report["tradeoffs"][0]["frontiers"][0]["points"].as_array().unwrap();
+    assert!(points.len() == 2 && points.iter().all(|point| point["on-frontier"] == true), "{report}");
+}

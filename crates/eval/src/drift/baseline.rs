@@ -1,0 +1,239 @@
+use std::collections::BTreeMap;
+use std::io::Write as _;
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+
+use super::limits::limits;
+use super::probe::{Fingerprint, Outputs, Recipe};
+use super::{Acceptance, DriftError, Limit};
+use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+
+/// The layout that is written, and the only one that is read.
+const FORMAT: u32 = 1;
+
+/// What numbers should be.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Baseline {
+    /// Why it is what it is, the latest last.
+    pub history: Vec<Acceptance>,
+    /// What made the numbers.
+    pub provenance: Provenance,
+    /// How far numbers that are not deterministic may move.
+    pub limits: Vec<Limit>,
+    /// What a probe's stages gave; `None` where none was run.
+    pub probe: Option<ProbeRecord>,
+    /// In the order of their keys.
+    pub trials: Vec<BaselineTrial>,
+    /// In the order of their keys.
+    pub targets: Vec<BaselineTarget>,
+}
+
+/// A probe in numbers that people can compare; the values themselves are in the file beside the baseline.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ProbeRecord {
+    /// What was run.
+    pub recipe: Recipe,
+    /// What each stage gave.
+    pub stages: Vec<Fingerprint>,
+    /// The mean over the probe's targets of each score.
+    pub scores: BTreeMap<String, f64>,
+}
+
+/// Of a trial, what should not change.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BaselineTrial {
+    /// Which trial.
+    #[serde(flatten)]
+    pub key: TrialKey,
+    /// As [`TrialRow::trial_hash`].
+    pub trial_hash: String,
+    /// As [`TrialRow::status`].
+    pub status: TrialStatus,
+    /// As [`TrialRow::final_tokens`].
+    pub final_tokens: Option<u64>,
+    /// As [`TrialRow::gaussians`].
+    pub gaussians: Option<u64>,
+}
+
+/// Of a target, what should not change.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+pub struct BaselineTarget {
+    /// Which trial.
+    #[serde(flatten)]
+    pub key: TrialKey,
+    /// As [`TargetRow::target`].
+    pub target: u32,
+    /// As [`TargetRow::frame`].
+    pub frame: u64,
+    /// As [`TargetRow::status`].
+    pub status: TargetStatus,
+    /// As [`TargetRow::truth_hash`].
+    pub truth_hash: Option<String>,
+    /// As [`TargetRow::render_hash`]; kept for deterministic methods alone.
+    pub render_hash: Option<String>,
+    /// As [`TargetRow::scores`], to the last bit.
+    pub scores: BTreeMap<String, f64>,
+}
+
+/// Everything but the rows, as the file has it.
+#[derive(Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+struct Written {
+    format: u32,
+    history: Vec<Acceptance>,
+    provenance: Provenance,
+    limits: Vec<Limit>,
+    probe: Option<ProbeRecord>,
+    #[serde(default)]
+    trials: Vec<BaselineTrial>,
+    #[serde(default)]
+    targets: Vec<BaselineTarget>,
+}
+
+impl Baseline {
+    /// A baseline of a run, and of further runs of the same that tell how far its numbers scatter.
+    pub fn new(results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
+        let runs: Vec<&Results> = std::iter::once(results).chain(repeats).collect();
+        let mut provenance = results.provenance.clone();
+        // When, how and in how many threads it ran decides nothing, and would change with every acceptance.
+        (provenance.started, provenance.threads) = (0, 0);
+        provenance.command.clear();
+        let deterministic = |key: &TrialKey| {
+            results.provenance.methods.iter().any(|method| method.name == key.method && method.deterministic)
+        };
+        let target = |row: &TargetRow| BaselineTarget {
+            render_hash: row.render_hash.clone().filter(|_| deterministic(&row.key)),
+            ..BaselineTarget::from(row)
+        };
+        let mut trials: Vec<BaselineTrial> = results.trials.iter().map(BaselineTrial::from).collect();
+        let mut targets: Vec<BaselineTarget> = results.targets.iter().map(target).collect();
+        trials.sort_by(|a, b| a.key.cmp(&b.key));
+        targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
+        Self { history: vec![acceptance], provenance, limits: limits(&runs), probe: None, trials, targets }
+    }
+
+    /// The baseline of another run, whose history goes on from this one's.
+    #[must_use]
+    pub fn accept(&self, results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
+        let mut next = Self::new(results, repeats, acceptance);
+        next.history = self.history.iter().cloned().chain(next.history).collect();
+        next
+    }
+
+    /// Remembers what a probe's stages gave.
+    #[must_use]
+    pub fn with_probe(self, recipe: Recipe, outputs: &Outputs) -> Self {
+        let (stages, scores) = (outputs.fingerprints(), outputs.mean_scores());
+        Self { probe: Some(ProbeRecord { recipe, stages, scores }), ..self }
+    }
+
+    /// Reads a baseline.
+    ///
+    /// # Errors
+    /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for a file that is none, or of another format.
+    pub fn read(path: &Path) -> Result<Self, DriftError> {
+        let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
+        let written: Written =
+            serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "a baseline", error))?;
+        let Written { format, history, provenance, limits, probe, trials, targets } = written;
+        if format != FORMAT {
+            return Err(DriftError::malformed(path, format!("format {FORMAT}"), format!("format {format}")));
+        }
+        Ok(Self { history, provenance, limits, probe, trials, targets })
+    }
+
+    /// Writes the baseline; the file appears whole under its name, or not at all.
+    ///
+    /// # Errors
+    /// [`DriftError::Io`], and [`DriftError::Malformed`] for numbers that JSON does not have.
+    pub fn write(&self, path: &Path) -> Result<(), DriftError> {
+        replace(path, self.to_text(path)?.as_bytes())
+    }
+
+    /// Where the probe's values are: beside the baseline, `.probe.safetensors` in the place of its ending.
+    pub fn probe_path(path: &Path) -> PathBuf {
+        path.with_extension("probe.safetensors")
+    }
+
+    /// Reads the values of the baseline's probe; `None` where it has no probe.
+    ///
+    /// # Errors
+    /// [`DriftError::Io`]; [`DriftError::Malformed`] for a file that is not this baseline's.
+    pub fn read_probe(&self, path: &Path) -> Result<Option<(Recipe, Outputs)>, DriftError> {
+        let Some(record) = &self.probe else { return Ok(None) };
+        let path = Self::probe_path(path);
+        let bytes = std::fs::read(&path).map_err(DriftError::io("reading a baseline's probe", &path))?;
+        let outputs = Outputs::from_bytes(&bytes).map_err(|error| DriftError::malformed(&path, "a probe", error))?;
+        if outputs.fingerprints() != record.stages {
+            return Err(DriftError::malformed(&path, "the values of the baseline's probe", "others"));
+        }
+        Ok(Some((record.recipe.clone(), outputs)))
+    }
+
+    /// Writes the values of a probe beside the baseline.
+    ///
+    /// # Errors
+    /// [`DriftError::Io`].
+    pub fn write_probe(path: &Path, outputs: &Outputs) -> Result<(), DriftError> {
+        replace(&Self::probe_path(path), &outputs.to_bytes()?)
+    }
+
+    /// Everything but the rows on lines of its own, then one row a line.
+    fn to_text(&self, path: &Path) -> Result<String, DriftError> {
+        let head = Written {
+            format: FORMAT,
+            history: self.history.clone(),
+            provenance: self.provenance.clone(),
+            limits: self.limits.clone(),
+            probe: self.probe.clone(),
+            trials: Vec::new(),
+            targets: Vec::new(),
+        };
+        let unfit = |error: serde_json::Error| DriftError::malformed(path, "numbers that JSON has", error);
+        let mut text = serde_json::to_string_pretty(&head).map_err(unfit)?;
+        // The two empty lists end the head; they are filled line by line.
+        let end = text.rfind("\"trials\": []").unwrap_or(text.len());
+        text.truncate(end);
+        let lines = |rows: Vec<Result<String, serde_json::Error>>| {
+            let rows = rows.into_iter().collect::<Result<Vec<_>, _>>().map_err(unfit)?;
+            let inside = if rows.is_empty() { String::new() } else { format!("\n    {}\n  ", rows.join(",\n    ")) };
+            Ok::<_, DriftError>(format!("[{inside}]"))
+        };
+        let trials = lines(self.trials.iter().map(serde_json::to_string).collect())?;
+        let targets = lines(self.targets.iter().map(serde_json::to_string).collect())?;
+        text.push_str(&format!("\"trials\": {trials},\n  \"targets\": {targets}\n}}\n"));
+        Ok(text)
+    }
+}
+
+impl From<&TrialRow> for BaselineTrial {
+    fn from(row: &TrialRow) -> Self {
+        let TrialRow { key, trial_hash, status, final_tokens, gaussians, .. } = row.clone();
+        Self { key, trial_hash, status, final_tokens, gaussians }
+    }
+}
+
+impl From<&TargetRow> for BaselineTarget {
+    fn from(row: &TargetRow) -> Self {
+        let TargetRow { key, target, frame, status, truth_hash, render_hash, mut scores, .. } = row.clone();
+        scores.retain(|_, score| score.is_finite());
+        Self { key, target, frame, status, truth_hash, render_hash, scores }
+    }
+}
+
+fn replace(path: &Path, bytes: &[u8]) -> Result<(), DriftError> {
+    let mut beside = path.as_os_str().to_owned();
+    beside.push(".partial");
+    let beside = PathBuf::from(beside);
+    let written = std::fs::File::create(&beside).and_then(|mut file| {
+        file.write_all(bytes)?;
+        file.sync_all()
+    });
+    written.and_then(|()| std::fs::rename(&beside, path)).map_err(|source| {
+        // Best effort: the error that matters is the one that is reported.
+        std::fs::remove_file(&beside).ok();
+        DriftError::io("writing a baseline", path)(source)
+    })
+}

@@ -1,0 +1,221 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_numeric::Tolerance;
+use atsplat_protocol::Aggregation;
+
+use super::provenance::{differences, same_machine};
+use super::{
+    Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DriftReport, Finding, FindingKind, Verdict,
+    least_limit, metric_bound,
+};
+use crate::statistics::{Outcome, Paired, Picked, direction, paired_of, score_of, summary_of};
+use crate::{Results, TrialKey};
+
+/// Compares results with a baseline. Order of rows, seconds, threads and dates do not matter.
+pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
+    let same_machine = same_machine(&baseline.provenance, &results.provenance);
+    let then = Rows::new(baseline.trials.iter().cloned(), baseline.targets.iter().cloned());
+    let now = Rows::new(results.trials.iter().map(Into::into), results.targets.iter().map(Into::into));
+    let (mut comparisons, mut findings) = (Vec::new(), protocol_findings(results, baseline));
+    let groups: BTreeSet<&(String, String)> = then.0.keys().chain(now.0.keys()).collect();
+    let nothing = Group::default();
+    for group in groups {
+        let [then, now] = [&then, &now].map(|rows| rows.0.get(group).unwrap_or(&nothing));
+        let (preset, method) = group;
+        let deterministic = |provenance: &crate::Provenance| {
+            provenance.methods.iter().any(|record| record.name == *method && record.deterministic)
+        };
+        let basis = match deterministic(&baseline.provenance) && deterministic(&results.provenance) {
+            true if same_machine => Basis::Exact,
+            true => Basis::Bound,
+            false => Basis::Interval,
+        };
+        findings.extend(then.findings(now, preset, method, basis));
+        let metrics: BTreeSet<&String> = then.targets.values().flat_map(|row| row.scores.keys()).collect();
+        for metric in metrics {
+            let wanted =
+                |limit: &&super::Limit| limit.preset == *preset && limit.method == *method && limit.metric == *metric;
+            let limit = baseline.limits.iter().find(wanted).map_or_else(|| least_limit(metric), |found| found.limit);
+            comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
+        }
+    }
+    let verdicts = comparisons.iter().map(|c| c.verdict).chain(findings.iter().map(|finding| finding.verdict));
+    let verdict = verdicts.max().unwrap_or(Verdict::Same);
+    let differences = differences(&baseline.provenance, &results.provenance);
+    DriftReport { verdict, comparisons, findings, differences, attribution: None, not_attributed: None }
+}
+
+/// Presets whose hash, or whose index's, is another.
+fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
+    let of = |name: &str| results.provenance.presets.iter().find(|preset| preset.name == name);
+    let finding = |then: &crate::PresetRecord| {
+        let now = of(&then.name)?;
+        let hashes = [(&then.hash, &now.hash), (&then.index_sha256, &now.index_sha256)];
+        let (before, after) = hashes.into_iter().find(|(then, now)| then != now)?;
+        Some(Finding {
+            preset: then.name.clone(),
+            method: String::new(),
+            kind: FindingKind::Protocol,
+            verdict: Verdict::Drifted,
+            count: 1,
+            example: format!("{before} was, {after} is"),
+        })
+    };
+    baseline.provenance.presets.iter().filter_map(finding).collect()
+}
+
+/// Rows by preset and method.
+struct Rows(BTreeMap<(String, String), Group>);
+
+/// Rows of one method under one preset.
+#[derive(Default)]
+struct Group {
+    trials: BTreeMap<(String, u32), BaselineTrial>,
+    targets: BTreeMap<(String, u32, u32), BaselineTarget>,
+}
+
+impl Rows {
+    fn new(trials: impl Iterator<Item = BaselineTrial>, targets: impl Iterator<Item = BaselineTarget>) -> Self {
+        let mut rows: BTreeMap<(String, String), Group> = BTreeMap::new();
+        let group = |key: &TrialKey| (key.preset.clone(), key.method.clone());
+        for trial in trials {
+            let place = (trial.key.scene.clone(), trial.key.entry);
+            rows.entry(group(&trial.key)).or_default().trials.insert(place, trial);
+        }
+        for target in targets {
+            let place = (target.key.scene.clone(), target.key.entry, target.target);
+            rows.entry(group(&target.key)).or_default().targets.insert(place, target);
+        }
+        Self(rows)
+    }
+}
+
+/// A kind of change, how often, and the first.
+type Changes = BTreeMap<FindingKind, (u64, String)>;
+
+impl Group {
+    fn findings(&self, now: &Self, preset: &str, method: &str, basis: Basis) -> Vec<Finding> {
+        let mut changes = Changes::new();
+        let mut add = |kind, example: &dyn Fn() -> String| {
+            changes.entry(kind).or_insert_with(|| (0, example())).0 += 1;
+        };
+        for (place, then) in &self.trials {
+            let Some(now) = now.trials.get(place) else { continue };
+            if then.trial_hash != now.trial_hash {
+                add(FindingKind::Trial, &|| format!("{} {}", place.0, place.1));
+            }
+            if (then.final_tokens, then.gaussians) != (now.final_tokens, now.gaussians) {
+                let counts = |trial: &BaselineTrial| trial.gaussians.map_or("none".to_owned(), |n| n.to_string());
+                add(FindingKind::Count, &|| {
+                    format!("{} {}: {} was, {} is", place.0, place.1, counts(then), counts(now))
+                });
+            }
+        }
+        for (place, then) in &self.targets {
+            let told = || format!("{} {} frame {}", place.0, place.1, then.frame);
+            let Some(now) = now.targets.get(place) else {
+                add(FindingKind::Missing, &told);
+                continue;
+            };
+            if then.status != now.status {
+                add(FindingKind::Status, &|| {
+                    format!("{}: {} was, {} is", told(), then.status.name(), now.status.name())
+                });
+            }
+            if then.truth_hash != now.truth_hash {
+                add(FindingKind::Truth, &told);
+            }
+            if then.render_hash.is_some() && then.render_hash != now.render_hash {
+                add(FindingKind::Render, &told);
+            }
+            if let Some(id) = then.scores.keys().find(|id| !now.scores.contains_key(*id)) {
+                add(FindingKind::Score, &|| format!("{}: {id}", told()));
+            }
+        }
+        for (place, row) in now.targets.iter().filter(|(place, _)| !self.targets.contains_key(*place)) {
+            add(FindingKind::New, &|| format!("{} {} frame {}", place.0, place.1, row.frame));
+        }
+        let finding = |(kind, (count, example))| {
+            let verdict = match kind {
+                FindingKind::New => Verdict::Within,
+                // Bits and counts are for whom they are promised to.
+                FindingKind::Render | FindingKind::Count if basis != Basis::Exact => Verdict::Within,
+                _ => Verdict::Drifted,
+            };
+            Finding { preset: preset.to_owned(), method: method.to_owned(), kind, verdict, count, example }
+        };
+        changes.into_iter().map(finding).collect()
+    }
+
+    fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, limit: f64) -> Comparison {
+        let (preset, method, metric) = of;
+        let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
+        let both = self.targets.iter().filter_map(|(place, then)| {
+            let now = now.targets.get(place).and_then(score)?;
+            Some(Both { place, frame: then.frame, then: score(then)?, now })
+        });
+        let both: Vec<Both> = both.collect();
+        let then: Vec<Picked> = both.iter().map(|both| both.picked(both.then)).collect();
+        let today: Vec<Picked> = both.iter().map(|both| both.picked(both.now)).collect();
+        let paired = paired_of(&today, &then, direction(metric));
+        let outside = |bound: Tolerance| both.iter().filter(|both| !bound.accepts(both.now, both.then)).count() as u64;
+        let (changed, beyond) = (outside(Tolerance::EXACT), outside(metric_bound(metric)));
+        let largest = both.iter().fold((0.0, None), |(largest, at), both| {
+            let change = (both.now - both.then).abs();
+            if change > largest { (change, Some(both)) } else { (largest, at) }
+        });
+        let by_limit = || match &paired {
+            Some(paired) if beyond_limit(paired, limit) => Verdict::Drifted,
+            _ => Verdict::Within,
+        };
+        let verdict = match basis {
+            _ if changed == 0 => Verdict::Same,
+            Basis::Exact => Verdict::Drifted,
+            Basis::Bound if beyond == 0 => Verdict::Within,
+            Basis::Bound | Basis::Interval => by_limit(),
+        };
+        let mean = |picked: &[Picked]| summary_of(picked, Aggregation::SceneMeans).mean;
+        Comparison {
+            preset: preset.to_owned(),
+            method: method.to_owned(),
+            metric: metric.to_owned(),
+            verdict,
+            basis,
+            baseline: mean(&then),
+            now: mean(&today),
+            paired,
+            changed,
+            largest: largest.0,
+            largest_at: largest.1.map(|both| format!("{} {} frame {}", both.place.0, both.place.1, both.frame)),
+            limit: (basis != Basis::Exact).then_some(limit),
+        }
+    }
+}
+
+/// A target that has a score then and now.
+struct Both<'a> {
+    place: &'a (String, u32, u32),
+    frame: u64,
+    then: f64,
+    now: f64,
+}
+
+impl Both<'_> {
+    fn picked(&self, value: f64) -> Picked<'_> {
+        Picked {
+            scene: &self.place.0,
+            entry: self.place.1,
+            target: self.place.2,
+            distance: None,
+            overlap: None,
+            outcome: Outcome::Score { value, identical: false },
+        }
+    }
+}
+
+/// Whether a difference is certainly larger than its limit: the whole interval lies beyond, or, with one scene, the
+/// difference does.
+fn beyond_limit(paired: &Paired, limit: f64) -> bool {
+    let [low, high] = paired.interval.unwrap_or([paired.difference; 2]);
+    low > limit || high < -limit
+}

@@ -1,0 +1,72 @@
+use std::collections::BTreeSet;
+
+use atsplat_numeric::Extremes as _;
+use serde::{Deserialize, Serialize};
+
+use crate::Results;
+use crate::statistics::{Leaked, Question, scene_means, student_quantile};
+
+/// How far a mean may move without meaning anything.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Limit {
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// In the metric's unit.
+    pub limit: f64,
+    /// From how many runs it was taken; 1 where there was nothing to compare, and the least limit stands.
+    pub runs: u64,
+}
+
+/// The smallest limit of a metric: 0.01 dB, and 0.0005 for everything else, half the last digit that papers print.
+pub fn least_limit(metric: &str) -> f64 {
+    let decibels = atsplat_metrics::definition(metric).is_some_and(|definition| definition.unit == "dB");
+    if decibels { 0.01 } else { 0.0005 }
+}
+
+/// Limits of everything that is not deterministic in the first of these runs, which all asked the same.
+///
+/// With `n` runs whose means deviate by `s`, the difference between the baseline's mean and that of another such run stays
+/// within `t · s · √2` in 99 of 100 cases, `t` Student's quantile of `n − 1` degrees.
+pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
+    let Some(first) = runs.first() else { return Vec::new() };
+    let random: BTreeSet<&str> = first
+        .provenance
+        .methods
+        .iter()
+        .filter(|method| !method.deterministic)
+        .map(|method| method.name.as_str())
+        .collect();
+    let named = |row: &'_ crate::TargetRow| random.contains(row.key.method.as_str());
+    let questions: BTreeSet<(&str, &str, &str)> = first
+        .targets
+        .iter()
+        .filter(|row| named(row))
+        .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
+        .collect();
+    let limit = |(preset, method, metric): (&str, &str, &str)| {
+        let question = Question { preset, method, metric, leaked: Leaked::Included };
+        let means: Vec<f64> = runs.iter().filter_map(|run| mean(run, &question)).collect();
+        let limit = spread(&means).unwrap_or_default().maximum_of(least_limit(metric));
+        let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
+        Limit { preset, method, metric, limit, runs: means.len() as u64 }
+    };
+    questions.into_iter().map(limit).collect()
+}
+
+fn mean(run: &Results, question: &Question) -> Option<f64> {
+    let scenes = scene_means(run, question);
+    let sum: f64 = scenes.iter().map(|scene| scene.mean).sum();
+    (!scenes.is_empty()).then(|| sum / scenes.len() as f64)
+}
+
+fn spread(means: &[f64]) -> Option<f64> {
+    let freedom = means.len().checked_sub(1).filter(|freedom| *freedom > 0)?;
+    let mean = means.iter().sum::<f64>() / means.len() as f64;
+    let variance = means.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / freedom as f64;
+    Some(student_quantile(0.995, freedom) * (2.0 * variance).sqrt())
+}

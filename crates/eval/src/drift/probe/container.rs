@@ -1,0 +1,185 @@
+use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_model::weights::{DType, StoredTensor, StoredTensors};
+use atsplat_pixels::{Image, ImageU8};
+use atsplat_scene::SharedBytes;
+use atsplat_splat::{GaussianParts, Gaussians};
+
+use super::{Inputs, Outputs, View};
+use crate::drift::DriftError;
+
+const WHAT: &str = "the probe's file";
+
+pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
+    let mut file = Writer::default();
+    let Inputs { files, cameras, context } = &outputs.inputs;
+    file.put("context", DType::U8, vec![*context], vec![1; *context])?;
+    for (at, (bytes, camera)) in files.iter().zip(cameras).enumerate() {
+        file.put(&format!("file.{at}"), DType::U8, vec![bytes.len()], bytes.clone())?;
+        file.doubles(&format!("camera.{at}"), &numbers(camera))?;
+    }
+    for (at, picture) in outputs.decoded.iter().enumerate() {
+        file.picture(&format!("decode.{at}"), picture)?;
+    }
+    for (at, view) in outputs.views.iter().enumerate() {
+        file.picture(&format!("resize.{at}"), &view.picture)?;
+        file.doubles(&format!("resize.{at}.camera"), &numbers(&view.camera))?;
+    }
+    let parts = outputs.gaussians.parts();
+    for (name, wide, values) in [
+        ("means", 3, parts.means.as_flattened()),
+        ("quaternions", 4, parts.quaternions.as_flattened()),
+        ("log-scales", 3, parts.log_scales.as_flattened()),
+        ("opacity-logits", 1, parts.opacity_logits.as_slice()),
+        ("sh", 3, parts.sh.as_flattened()),
+    ] {
+        file.floats(&format!("model.{name}"), vec![values.len() / wide, wide], values)?;
+    }
+    for (at, render) in outputs.renders.iter().enumerate() {
+        let shape = vec![render.height() as usize, render.width() as usize, 3];
+        file.floats(&format!("splatter.{at}"), shape, render.samples())?;
+    }
+    for (at, scores) in outputs.scores.iter().enumerate() {
+        for (id, score) in scores {
+            file.doubles(&format!("metric.{at}.{id}"), &[*score])?;
+        }
+    }
+    file.0.to_safetensors().map_err(|error| DriftError::unfit(WHAT, "tensors", error))
+}
+
+pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
+    let stored = StoredTensors::parse(SharedBytes::new(bytes.to_vec()));
+    let file = Reader(stored.map_err(|error| DriftError::unfit(WHAT, "safetensors", error))?);
+    let views = file.count("file");
+    let mut inputs =
+        Inputs { files: Vec::new(), cameras: Vec::new(), context: file.get("context", DType::U8)?.bytes().len() };
+    let (mut decoded, mut resized) = (Vec::new(), Vec::new());
+    for at in 0..views {
+        inputs.files.push(file.get(&format!("file.{at}"), DType::U8)?.bytes().to_vec());
+        inputs.cameras.push(file.camera(&format!("camera.{at}"))?);
+        decoded.push(file.picture(&format!("decode.{at}"))?);
+        let picture = file.picture(&format!("resize.{at}"))?;
+        resized.push(View { picture, camera: file.camera(&format!("resize.{at}.camera"))? });
+    }
+    let triples = |name: &str| Ok::<_, DriftError>(file.floats(name)?.as_chunks().0.to_vec());
+    let sh = triples("model.sh")?;
+    let means = triples("model.means")?;
+    let per_gaussian = sh.len().checked_div(means.len()).unwrap_or(1);
+    let parts = GaussianParts {
+        quaternions: file.floats("model.quaternions")?.as_chunks().0.to_vec(),
+        log_scales: triples("model.log-scales")?,
+        opacity_logits: file.floats("model.opacity-logits")?,
+        // (degree + 1)² coefficients.
+        sh_degree: (0..=atsplat_splat::MAX_SH_DEGREE)
+            .find(|degree| atsplat_splat::sh_coefficients(*degree) == per_gaussian)
+            .ok_or_else(|| DriftError::unfit("model.sh", "a square number of coefficients", per_gaussian))?,
+        scalars: None,
+        filter_3d: None,
+        means,
+        sh,
+    };
+    let gaussians = Gaussians::new(parts).map_err(|error| DriftError::unfit("model", "Gaussians", error))?;
+    let (mut renders, mut scores) = (Vec::new(), Vec::new());
+    for at in 0..file.count("splatter") {
+        let name = format!("splatter.{at}");
+        let [height, width] = file.size(&name, DType::F32)?;
+        let render = Image::new(width, height, file.floats(&name)?);
+        renders.push(render.map_err(|error| DriftError::unfit("splatter", "a picture", error))?);
+        let prefix = format!("metric.{at}.");
+        let ids = file.0.tensors.keys().filter_map(|name| Some((name, name.strip_prefix(&prefix)?)));
+        let score = |(name, id): (&String, &str)| {
+            let [score] = file.doubles(name)?;
+            Ok((id.to_owned(), score))
+        };
+        scores.push(ids.map(score).collect::<Result<_, DriftError>>()?);
+    }
+    Ok(Outputs { inputs, decoded, views: resized, gaussians, renders, scores })
+}
+
+/// Pose in rows, then intrinsics.
+fn numbers(camera: &Camera) -> [f64; 16] {
+    let mut numbers = [0.0; 16];
+    let k = camera.intrinsics;
+    let all = camera.camera_from_world.to_rows().into_iter().chain([k.fx, k.fy, k.cx, k.cy]);
+    numbers.iter_mut().zip(all).for_each(|(slot, number)| *slot = number);
+    numbers
+}
+
+#[derive(Default)]
+struct Writer(StoredTensors);
+
+impl Writer {
+    fn put(&mut self, name: &str, dtype: DType, shape: Vec<usize>, bytes: Vec<u8>) -> Result<(), DriftError> {
+        let tensor = StoredTensor::new(dtype, shape, SharedBytes::new(bytes));
+        let tensor = tensor.map_err(|error| DriftError::unfit(WHAT, "a tensor", error))?;
+        self.0.tensors.insert(name.to_owned(), tensor);
+        Ok(())
+    }
+
+    fn doubles(&mut self, name: &str, values: &[f64]) -> Result<(), DriftError> {
+        self.put(name, DType::F64, vec![values.len()], values.iter().flat_map(|v| v.to_le_bytes()).collect())
+    }
+
+    fn floats(&mut self, name: &str, shape: Vec<usize>, values: &[f32]) -> Result<(), DriftError> {
+        self.put(name, DType::F32, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect())
+    }
+
+    fn picture(&mut self, name: &str, picture: &ImageU8) -> Result<(), DriftError> {
+        let shape = vec![picture.height() as usize, picture.width() as usize, 3];
+        self.put(name, DType::U8, shape, picture.samples().to_vec())
+    }
+}
+
+struct Reader(StoredTensors);
+
+impl Reader {
+    /// How many tensors are called `prefix.0`, `prefix.1` and so on.
+    fn count(&self, prefix: &str) -> usize {
+        (0usize..).take_while(|at| self.0.tensors.contains_key(&format!("{prefix}.{at}"))).count()
+    }
+
+    fn get(&self, name: &str, dtype: DType) -> Result<&StoredTensor, DriftError> {
+        let tensor = self.0.tensors.get(name);
+        let tensor = tensor.ok_or_else(|| DriftError::unfit(WHAT, format!("a tensor {name:?}"), "none"))?;
+        if tensor.dtype() == dtype {
+            return Ok(tensor);
+        }
+        Err(DriftError::unfit(WHAT, format!("{dtype} in {name:?}"), tensor.dtype()))
+    }
+
+    fn floats(&self, name: &str) -> Result<Vec<f32>, DriftError> {
+        let bytes = self.get(name, DType::F32)?.bytes();
+        Ok(bytes.as_chunks().0.iter().map(|bytes| f32::from_le_bytes(*bytes)).collect())
+    }
+
+    fn doubles<const COUNT: usize>(&self, name: &str) -> Result<[f64; COUNT], DriftError> {
+        let bytes = self.get(name, DType::F64)?.bytes();
+        let values: Vec<f64> = bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
+        let count = values.len();
+        values.try_into().map_err(|_| DriftError::unfit(WHAT, format!("{COUNT} numbers in {name:?}"), count))
+    }
+
+    fn camera(&self, name: &str) -> Result<Camera, DriftError> {
+        let [rows @ .., fx, fy, cx, cy] = self.doubles::<16>(name)?;
+        let unfit = |error: &dyn std::fmt::Display| DriftError::unfit(WHAT, format!("a camera in {name:?}"), error);
+        let pose = CameraFromWorld::from_rows(&rows).map_err(|error| unfit(&error))?;
+        let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(|error| unfit(&error))?;
+        Ok(Camera::pinhole(pose, intrinsics))
+    }
+
+    fn size(&self, name: &str, dtype: DType) -> Result<[u32; 2], DriftError> {
+        let shape = self.get(name, dtype)?.shape();
+        let sides = match shape {
+            [height, width, 3] => u32::try_from(*height).ok().zip(u32::try_from(*width).ok()),
+            _ => None,
+        };
+        let sides =
+            sides.ok_or_else(|| DriftError::unfit(WHAT, format!("a picture in {name:?}"), format!("{shape:?}")))?;
+        Ok(sides.into())
+    }
+
+    fn picture(&self, name: &str) -> Result<ImageU8, DriftError> {
+        let [height, width] = self.size(name, DType::U8)?;
+        let picture = ImageU8::new(width, height, self.get(name, DType::U8)?.bytes().to_vec());
+        picture.map_err(|error| DriftError::unfit(WHAT, format!("a picture in {name:?}"), error))
+    }
+}

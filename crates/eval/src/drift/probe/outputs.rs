@@ -1,0 +1,170 @@
+use std::collections::BTreeMap;
+
+use atsplat_pixels::{Image, ImageU8};
+use atsplat_splat::Gaussians;
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::{Inputs, Stage, Stages, View, container};
+use crate::drift::DriftError;
+
+/// What every stage gave, and what the first began with.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Outputs {
+    /// Where it all begins.
+    pub inputs: Inputs,
+    /// Of [`Stage::Decode`].
+    pub decoded: Vec<ImageU8>,
+    /// Of [`Stage::Resize`].
+    pub views: Vec<View>,
+    /// Of [`Stage::Model`].
+    pub gaussians: Gaussians,
+    /// Of [`Stage::Splatter`], target by target.
+    pub renders: Vec<Image>,
+    /// Of [`Stage::Metric`], target by target.
+    pub scores: Vec<BTreeMap<String, f64>>,
+}
+
+/// A stage's output in a few numbers, for people to compare.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Fingerprint {
+    /// Which stage.
+    pub stage: Stage,
+    /// SHA-256 of its values as little-endian f64.
+    pub sha256: String,
+    /// How many values there are.
+    pub values: u64,
+    /// Smallest of them.
+    pub least: f64,
+    /// Their mean.
+    pub mean: f64,
+    /// Largest of them.
+    pub most: f64,
+}
+
+/// Runs all stages.
+///
+/// # Errors
+/// The first stage's that fails.
+pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> {
+    let decoded = inputs.files.iter().map(|file| stages.decode(file)).collect::<Result<Vec<_>, _>>()?;
+    let views = resized(stages, inputs, &decoded)?;
+    let gaussians = stages.model(context(inputs, &views))?;
+    let renders = rendered(stages, &gaussians, targets(inputs, &views))?;
+    let scores = scored(stages, &renders, targets(inputs, &views))?;
+    Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, scores })
+}
+
+pub(super) fn resized(stages: &dyn Stages, inputs: &Inputs, decoded: &[ImageU8]) -> Result<Vec<View>, DriftError> {
+    let view = |(picture, camera): (&ImageU8, _)| stages.resize(&View { picture: picture.clone(), camera });
+    decoded.iter().zip(inputs.cameras.iter().copied()).map(view).collect()
+}
+
+pub(super) fn rendered(stages: &dyn Stages, gaussians: &Gaussians, targets: &[View]) -> Result<Vec<Image>, DriftError> {
+    targets.iter().map(|target| stages.splat(gaussians, target)).collect()
+}
+
+pub(super) fn scored(
+    stages: &dyn Stages,
+    renders: &[Image],
+    targets: &[View],
+) -> Result<Vec<BTreeMap<String, f64>>, DriftError> {
+    renders.iter().zip(targets).map(|(render, target)| stages.score(render, &target.picture)).collect()
+}
+
+pub(super) fn context<'a>(inputs: &Inputs, views: &'a [View]) -> &'a [View] {
+    views.get(..inputs.context).unwrap_or_default()
+}
+
+pub(super) fn targets<'a>(inputs: &Inputs, views: &'a [View]) -> &'a [View] {
+    views.get(inputs.context..).unwrap_or_default()
+}
+
+impl Outputs {
+    /// Reads what [`Self::to_bytes`] wrote.
+    ///
+    /// # Errors
+    /// [`DriftError::Unfit`] naming the tensor that is missing or does not fit.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Self, DriftError> {
+        container::read(bytes)
+    }
+
+    /// As safetensors: every stage's values under its name, in their own type.
+    ///
+    /// # Errors
+    /// [`DriftError::Unfit`] where the format refuses.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, DriftError> {
+        container::write(self)
+    }
+
+    /// Every stage's fingerprint.
+    pub fn fingerprints(&self) -> Vec<Fingerprint> {
+        Stage::ALL.map(|stage| fingerprint(stage, &self.values(stage))).to_vec()
+    }
+
+    /// The mean over targets of each score.
+    pub fn mean_scores(&self) -> BTreeMap<String, f64> {
+        mean_scores(&self.scores)
+    }
+
+    /// A stage's output as a list of numbers.
+    pub(super) fn values(&self, stage: Stage) -> Vec<f64> {
+        match stage {
+            Stage::Decode => of_pictures(&self.decoded),
+            Stage::Resize => of_views(&self.views),
+            Stage::Model => of_gaussians(&self.gaussians),
+            Stage::Splatter => of_renders(&self.renders),
+            Stage::Metric => of_scores(&self.scores),
+        }
+    }
+}
+
+pub(super) fn mean_scores(scores: &[BTreeMap<String, f64>]) -> BTreeMap<String, f64> {
+    let mut means: BTreeMap<String, f64> = BTreeMap::new();
+    for (id, score) in scores.iter().flatten() {
+        *means.entry(id.clone()).or_default() += score / scores.len() as f64;
+    }
+    means
+}
+
+pub(super) fn of_pictures(pictures: &[ImageU8]) -> Vec<f64> {
+    pictures.iter().flat_map(|picture| picture.samples()).map(|&sample| f64::from(sample)).collect()
+}
+
+/// Samples, then intrinsics: the stage changes both.
+pub(super) fn of_views(views: &[View]) -> Vec<f64> {
+    let k = |view: &View| {
+        let k = view.camera.intrinsics;
+        [k.fx, k.fy, k.cx, k.cy]
+    };
+    let samples = views.iter().flat_map(|view| view.picture.samples()).map(|&sample| f64::from(sample));
+    samples.chain(views.iter().flat_map(k)).collect()
+}
+
+pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<f64> {
+    let parts = gaussians.parts();
+    let flat = parts.means.as_flattened().iter().chain(parts.quaternions.as_flattened());
+    let flat = flat.chain(parts.log_scales.as_flattened()).chain(&parts.opacity_logits);
+    flat.chain(parts.sh.as_flattened()).map(|&value| f64::from(value)).collect()
+}
+
+pub(super) fn of_renders(renders: &[Image]) -> Vec<f64> {
+    renders.iter().flat_map(|render| render.samples()).map(|&sample| f64::from(sample)).collect()
+}
+
+pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
+    scores.iter().flat_map(|scores| scores.values().copied()).collect()
+}
+
+fn fingerprint(stage: Stage, values: &[f64]) -> Fingerprint {
+    use atsplat_numeric::Extremes as _;
+    let mut hash = Sha256::new();
+    let (mut least, mut most, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
+    for value in values {
+        hash.update(value.to_le_bytes());
+        (least, most, sum) = (least.minimum_of(*value), most.maximum_of(*value), sum + value);
+    }
+    let sha256 = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    Fingerprint { stage, sha256, values: values.len() as u64, least, mean: sum / values.len() as f64, most }
+}

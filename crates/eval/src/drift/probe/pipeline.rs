@@ -1,0 +1,119 @@
+use std::collections::BTreeMap;
+
+use atsplat_camera::Camera;
+use atsplat_metrics::learned::WeightsFolders;
+use atsplat_metrics::{Networks, Score, Suite, definition};
+use atsplat_model::network::{Device, Network, Views};
+use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
+use atsplat_model::{ImageSize, ModelConfig, parameters::parameters};
+use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode};
+use atsplat_scene::preprocess::Preprocessing;
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::{Gaussians, RenderOptions, RendererConstants};
+
+use super::{ProbeWeights, Recipe, Stage, Stages, View};
+use crate::drift::DriftError;
+
+/// The stages as this atsplat does them, on the processor.
+#[derive(Debug)]
+pub struct Pipeline {
+    /// How pictures and intrinsics are changed.
+    pub preprocessing: Preprocessing,
+    /// What makes Gaussians.
+    pub network: Network,
+    /// What renders them.
+    pub options: RenderOptions,
+    /// What scores.
+    pub suite: Suite,
+}
+
+impl Pipeline {
+    /// The stages that a recipe asks for.
+    ///
+    /// # Errors
+    /// [`DriftError::Unfit`] for a name that is not known, [`DriftError::Stage`] where weights do not fit the network.
+    pub fn of(recipe: &Recipe) -> Result<Self, DriftError> {
+        let config = ModelConfig::resolve(&recipe.model).map_err(|error| Stage::Model.failed()(&error))?;
+        let tensors = weights(&config, &recipe.weights)?;
+        Self::with_weights(recipe, &config, &tensors)
+    }
+
+    /// The stages that a recipe asks for, with other weights than it names.
+    ///
+    /// # Errors
+    /// As [`Self::of`].
+    pub fn with_weights(recipe: &Recipe, config: &ModelConfig, tensors: &StoredTensors) -> Result<Self, DriftError> {
+        let network = Network::new(config, &Device::flex()).and_then(|network| network.with_weights(tensors));
+        let constants = RendererConstants::named(&recipe.constants)
+            .ok_or_else(|| DriftError::unfit("constants", RendererConstants::PRESETS.join(", "), &recipe.constants))?;
+        let definitions: Result<Vec<_>, _> = recipe
+            .metrics
+            .iter()
+            .map(|id| definition(id).ok_or_else(|| DriftError::unfit("metrics", "the id of a metric", id)))
+            .collect();
+        let definitions = definitions?;
+        let networks = Networks::for_definitions(&definitions, &WeightsFolders::default());
+        Ok(Self {
+            preprocessing: recipe.preprocessing.clone(),
+            network: network.map_err(|error| Stage::Model.failed()(&error))?,
+            options: RenderOptions { constants, background: recipe.background, ..RenderOptions::default() },
+            suite: Suite::new(definitions, networks.map_err(|error| Stage::Metric.failed()(&error))?, 0),
+        })
+    }
+}
+
+/// The weights that a recipe names.
+pub(super) fn weights(config: &ModelConfig, weights: &ProbeWeights) -> Result<StoredTensors, DriftError> {
+    match weights {
+        ProbeWeights::Seed(seed) => Ok(generated(&parameters(config), *seed)),
+        ProbeWeights::File(path) => TensorFile::open(path)
+            .and_then(|file| ModelWeights::from_stored(&file.stored))
+            .map(|weights| weights.tensors)
+            .map_err(|error| Stage::Model.failed()(&error)),
+    }
+}
+
+impl Stages for Pipeline {
+    fn decode(&self, bytes: &[u8]) -> Result<ImageU8, DriftError> {
+        decode(bytes, &DecodeLimits::default()).map_err(|error| Stage::Decode.failed()(&error))
+    }
+
+    fn resize(&self, view: &View) -> Result<View, DriftError> {
+        let resized = || {
+            let plan = self.preprocessing.plan(view.size())?;
+            Ok(View { picture: plan.apply(&view.picture)?, camera: plan.camera(&view.camera)? })
+        };
+        resized().map_err(|error: atsplat_scene::preprocess::PreprocessError| Stage::Resize.failed()(&error))
+    }
+
+    fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
+        let made = || {
+            let size = context.first().map(View::size);
+            let side = |side: Option<u32>| side.map_or(0, |side| side as usize);
+            let size = ImageSize::new(side(size.map(|size| size.height)), side(size.map(|size| size.width)));
+            let samples = context.iter().flat_map(|view| view.picture.samples());
+            let cameras: Vec<Camera> = context.iter().map(|view| view.camera).collect();
+            let views = Views::new(size, samples.map(|&sample| f32::from(sample) / 255.0).collect(), cameras)?;
+            self.network.reconstruct(&views, 0)
+        };
+        made().map(|made| made.gaussians).map_err(|error| Stage::Model.failed()(&error))
+    }
+
+    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
+        let view = atsplat_splat::View { camera: target.camera, size: target.size() };
+        let rendering = CpuRenderer::default().render(gaussians, &view, &self.options);
+        let rendering = rendering.map_err(|error| Stage::Splatter.failed()(&error))?;
+        let samples = rendering.rgb.as_flattened().to_vec();
+        Image::new(rendering.size.width, rendering.size.height, samples)
+            .map_err(|error| Stage::Splatter.failed()(&error))
+    }
+
+    fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
+        let scored = self.suite.score(render, &Image::from_u8(truth), None);
+        let value = |(id, score): (&str, Score)| match score {
+            Score::NotComputed(reason) => Err(Stage::Metric.failed()(&format!("{id}: {reason}"))),
+            score => Ok((id.to_owned(), score.capped(atsplat_metrics::DECIBEL_CAP).unwrap_or_default())),
+        };
+        scored.scores.into_iter().map(value).collect()
+    }
+}

@@ -1,0 +1,202 @@
+use std::collections::BTreeMap;
+use std::sync::OnceLock;
+
+use atsplat_model::ModelConfig;
+use atsplat_model::weights::{DType, StoredTensor};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{Image, ImageU8};
+use atsplat_scene::SharedBytes;
+use atsplat_scene::preprocess::{Preprocessing, Resampling, RescaleAndCrop};
+use atsplat_splat::Gaussians;
+
+use super::pipeline::weights;
+use super::*;
+
+fn baseline() -> &'static Outputs {
+    static MADE: OnceLock<Outputs> = OnceLock::new();
+    MADE.get_or_init(|| run(&Pipeline::of(&Recipe::default()).unwrap(), &Inputs::pattern().unwrap()).unwrap())
+}
+
+fn attribution(stages: &dyn Stages) -> Attribution {
+    attribute(stages, baseline(), true).unwrap()
+}
+
+fn changed(found: &Attribution) -> Vec<Stage> {
+    found.stages.iter().filter(|stage| stage.changed).map(|stage| stage.stage).collect()
+}
+
+/// The effects sum up, and those of all stages but one are nothing.
+fn assert_alone(found: &Attribution, stage: Stage) {
+    assert_eq!((changed(found), found.first()), (vec![stage], Some(stage)), "{found:?}");
+    for metric in &found.metrics {
+        let sum: f64 = metric.effects.iter().sum();
+        Tolerance::absolute(1e-9).assert([sum], [metric.now - metric.baseline], &metric.metric);
+        for (other, effect) in found.stages.iter().zip(&metric.effects) {
+            assert_eq!(*effect != 0.0, other.stage == stage, "{}: {} of {:?}", metric.metric, effect, other.stage);
+        }
+    }
+}
+
+#[test]
+fn ten_runs_raise_no_alarm() {
+    let pipeline = Pipeline::of(&Recipe::default()).unwrap();
+    for _ in 0..10 {
+        let found = attribution(&pipeline);
+        assert_eq!((found.first(), found.stages.iter().map(|stage| stage.differing).sum()), (None, 0u64), "{found:?}");
+        assert!(found.metrics.iter().all(|metric| metric.effects.iter().all(|effect| *effect == 0.0)), "{found:?}");
+    }
+    assert_eq!(run(&pipeline, &Inputs::pattern().unwrap()).unwrap().fingerprints(), baseline().fingerprints());
+}
+
+#[test]
+fn the_probe_shows_something() {
+    let [.., gaussians, render, scores] = &baseline().fingerprints()[..] else { panic!("five stages") };
+    assert!(gaussians.values > 10_000 && render.most > 0.05 && render.mean > 0.001, "{render:?}");
+    assert!(scores.least.is_finite() && scores.most > 3.0, "{scores:?}");
+}
+
+#[test]
+fn a_thousandth_of_a_renderer_constant_is_the_splatter_s() {
+    let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
+    pipeline.options.constants.blur *= 1.001;
+    assert_alone(&attribution(&pipeline), Stage::Splatter);
+}
+
+#[test]
+fn another_filter_is_the_resizing_s() {
+    let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
+    let bilinear = RescaleAndCrop { filter: Resampling::Bilinear, ..RescaleAndCrop::new(64, 64) };
+    pipeline.preprocessing = Preprocessing::of([bilinear.into()]);
+    assert_alone(&attribution(&pipeline), Stage::Resize);
+}
+
+#[test]
+fn one_flipped_sign_is_the_model_s() {
+    let recipe = Recipe::default();
+    let config = ModelConfig::named("nano").unwrap();
+    let mut tensors = weights(&config, &recipe.weights).unwrap();
+    let (_, tensor) = tensors.tensors.iter_mut().rfind(|(_, tensor)| tensor.shape().len() == 2).unwrap();
+    let mut values = tensor.to_f32().unwrap();
+    let largest = (0..values.len()).max_by(|a, b| values[*a].abs().total_cmp(&values[*b].abs())).unwrap();
+    values[largest] = -values[largest];
+    *tensor = StoredTensor::from_f32(tensor.shape().to_vec(), &values).unwrap();
+    let pipeline = Pipeline::with_weights(&recipe, &config, &tensors).unwrap();
+    assert_alone(&attribution(&pipeline), Stage::Model);
+}
+
+/// Stages of which one does something else.
+struct Changed {
+    pipeline: Pipeline,
+    stages: Vec<Stage>,
+}
+
+impl Stages for Changed {
+    fn decode(&self, bytes: &[u8]) -> Result<ImageU8, DriftError> {
+        let picture = self.pipeline.decode(bytes)?;
+        let step = u8::from(self.stages.contains(&Stage::Decode));
+        let samples = picture.samples().iter().map(|sample| sample ^ step).collect();
+        Ok(ImageU8::new(picture.width(), picture.height(), samples).unwrap())
+    }
+
+    fn resize(&self, view: &View) -> Result<View, DriftError> {
+        self.pipeline.resize(view)
+    }
+
+    fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
+        let made = self.pipeline.model(context)?;
+        if !self.stages.contains(&Stage::Model) {
+            return Ok(made);
+        }
+        let half: Vec<usize> = (0..made.len() / 2).collect();
+        Ok(made.select(&half).unwrap())
+    }
+
+    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
+        self.pipeline.splat(gaussians, target)
+    }
+
+    fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
+        let mut scores = self.pipeline.score(render, truth)?;
+        if self.stages.contains(&Stage::Metric) {
+            scores.values_mut().for_each(|score| *score *= 1.001);
+        }
+        Ok(scores)
+    }
+}
+
+#[test]
+fn decoding_and_metrics_are_told_apart_from_the_rest() {
+    for stage in [Stage::Decode, Stage::Metric] {
+        let stages = Changed { pipeline: Pipeline::of(&Recipe::default()).unwrap(), stages: vec![stage] };
+        assert_alone(&attribution(&stages), stage);
+    }
+}
+
+#[test]
+fn several_changes_are_all_found_and_their_effects_sum_up() {
+    let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
+    pipeline.options.constants.max_alpha *= 0.5;
+    let stages = vec![Stage::Decode, Stage::Model, Stage::Metric];
+    let found = attribution(&Changed { pipeline, stages });
+    assert_eq!(changed(&found), [Stage::Decode, Stage::Model, Stage::Splatter, Stage::Metric], "{found:?}");
+    assert_eq!((found.first(), found.stages[2].values_now * 2), (Some(Stage::Decode), found.stages[2].values));
+    for metric in &found.metrics {
+        let sum: f64 = metric.effects.iter().sum();
+        Tolerance::absolute(1e-9).assert([sum], [metric.now - metric.baseline], &metric.metric);
+    }
+}
+
+#[test]
+fn another_machine_may_round_otherwise() {
+    let mut outputs = baseline().clone();
+    let render = &outputs.renders[0];
+    let samples = render.samples().iter().map(|sample| sample + 1e-6).collect();
+    outputs.renders[0] = Image::new(render.width(), render.height(), samples).unwrap();
+    let pipeline = Pipeline::of(&Recipe::default()).unwrap();
+    // Yesterday's scores belong to yesterday's render: the metric sees another one.
+    outputs.scores = vec![pipeline.score(&outputs.renders[0], &outputs.views[2].picture).unwrap()];
+    assert_eq!(attribute(&pipeline, &outputs, true).unwrap().first(), Some(Stage::Splatter));
+    assert_eq!(attribute(&pipeline, &outputs, false).unwrap().first(), None);
+}
+
+#[test]
+fn the_file_holds_every_bit_and_is_small() {
+    let bytes = baseline().to_bytes().unwrap();
+    assert!(bytes.len() < 400_000, "{} bytes", bytes.len());
+    assert_eq!(&Outputs::from_bytes(&bytes).unwrap(), baseline());
+    assert_eq!(bytes, baseline().to_bytes().unwrap(), "the same bytes each time");
+}
+
+#[test]
+fn broken_files_are_errors() {
+    let bytes = baseline().to_bytes().unwrap();
+    for length in [0, 7, 8, 100, bytes.len() / 2, bytes.len() - 1] {
+        assert!(Outputs::from_bytes(&bytes[..length]).is_err(), "{length} bytes");
+    }
+    let without = |name: &str| {
+        let mut stored = atsplat_model::weights::StoredTensors::parse(SharedBytes::new(bytes.clone())).unwrap();
+        stored.tensors.shift_remove(name).unwrap();
+        Outputs::from_bytes(&stored.to_safetensors().unwrap())
+    };
+    for name in ["context", "camera.1", "decode.2", "resize.0", "model.sh", "model.quaternions"] {
+        assert!(without(name).is_err(), "without {name}");
+    }
+    let mut stored = atsplat_model::weights::StoredTensors::parse(SharedBytes::new(bytes.clone())).unwrap();
+    let flat = StoredTensor::new(DType::U8, vec![3], SharedBytes::new(vec![0; 3])).unwrap();
+    stored.tensors.insert("decode.0".to_owned(), flat);
+    let error = Outputs::from_bytes(&stored.to_safetensors().unwrap()).unwrap_err().to_string();
+    assert!(error.contains("decode.0") && error.contains("[3]"), "{error}");
+}
+
+#[test]
+fn recipes_are_checked() {
+    assert_eq!(Recipe::from_toml("").unwrap(), Recipe::default());
+    let text = toml::to_string(&Recipe::default()).unwrap();
+    assert_eq!(Recipe::from_toml(&text).unwrap(), Recipe::default());
+    assert!(Recipe::from_toml("modell = 'nano'").is_err());
+    for broken in ["model = 'none'", "constants = 'none'", "metrics = ['none']", "metrics = ['lpips']"] {
+        let recipe = Recipe::from_toml(broken).unwrap();
+        let outcome = Pipeline::of(&recipe).and_then(|stages| run(&stages, &Inputs::pattern()?));
+        assert!(outcome.is_err(), "{broken}");
+    }
+}

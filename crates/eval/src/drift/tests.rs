@@ -1,0 +1,210 @@
+use atsplat_numeric::Tolerance;
+use atsplat_protocol::samplers::SplitMix64;
+
+use super::probe::{Inputs, Pipeline, Recipe, Stage, attribute, run};
+use super::*;
+use crate::sample_rows::{PRESET, results};
+use crate::{MethodRecord, PresetRecord, Results, TargetStatus};
+
+fn acceptance(reason: &str) -> Acceptance {
+    Acceptance { date: date(0), reason: reason.to_owned(), atsplat: "0.1.0".to_owned(), commit: None }
+}
+
+/// Three targets in each of so many scenes, the same each time.
+fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
+    let mut random = SplitMix64::new(seed);
+    let mut unit = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
+    let names: Vec<String> = (0..scenes).map(|scene| format!("scene {scene:03}")).collect();
+    let scores = |scene: u64| (0..3).map(|at| 20.0 + ((scene * 7 + at * 3) % 11) as f64).collect::<Vec<_>>();
+    let rows = names.iter().zip(0..).map(|(name, scene)| (name.as_str(), 0, scores(scene)));
+    let mut made = results("m", "psnr", &rows.collect::<Vec<_>>());
+    for row in &mut made.targets {
+        row.scores.values_mut().for_each(|score| *score += noise * unit());
+        row.render_hash = row.scores.values().next().map(|score| score.to_string());
+    }
+    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
+    let preset = PresetRecord { name: PRESET.to_owned(), hash: "a".to_owned(), ..PresetRecord::default() };
+    made.provenance.presets.push(preset);
+    made.provenance.processor = "this one".to_owned();
+    made
+}
+
+fn moved(by: f64) -> Results {
+    let mut made = store(true, 12, 0.0, 1);
+    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+    made
+}
+
+fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
+    report.findings.iter().map(|finding| (finding.kind, finding.verdict, finding.count)).collect()
+}
+
+#[test]
+fn equal_rows_are_the_same_whatever_their_order_and_times() {
+    let made = store(true, 12, 0.0, 1);
+    let baseline = Baseline::new(&made, &[], acceptance("first"));
+    let mut again = made.clone();
+    again.targets.reverse();
+    again.trials.reverse();
+    again.targets.iter_mut().for_each(|row| row.render_secs = Some(9.0));
+    (again.provenance.threads, again.provenance.started) = (7, 1_800_000_000);
+    let report = compare(&again, &baseline);
+    assert_eq!((report.verdict, report.findings.len(), report.differences.len()), (Verdict::Same, 0, 0), "{report}");
+    let [comparison] = &report.comparisons[..] else { panic!("{report}") };
+    assert_eq!((comparison.basis, comparison.changed), (Basis::Exact, 0));
+    assert_eq!(comparison.paired.as_ref().map(|paired| (paired.ties, paired.targets)), Some((12, 36)));
+}
+
+#[test]
+fn one_last_bit_is_drift_where_bits_are_promised() {
+    let made = store(true, 12, 0.0, 1);
+    let baseline = Baseline::new(&made, &[], acceptance("first"));
+    let mut now = made.clone();
+    let score = now.targets[7].scores.get_mut("psnr").unwrap();
+    *score = score.next_up();
+    let report = compare(&now, &baseline);
+    assert!(report.drifted(), "{report}");
+    assert_eq!(
+        (report.comparisons[0].changed, report.comparisons[0].largest_at.as_deref()),
+        (1, Some("scene 002 0 frame 1"))
+    );
+    let mut bits = made.clone();
+    bits.targets[3].render_hash = Some("other".to_owned());
+    assert_eq!(kinds(&compare(&bits, &baseline)), [(FindingKind::Render, Verdict::Drifted, 1)]);
+}
+
+#[test]
+fn another_machine_has_a_bound_and_then_the_limits() {
+    let baseline = Baseline::new(&store(true, 12, 0.0, 1), &[], acceptance("first"));
+    let report = |by: f64| {
+        let mut made = moved(by);
+        made.provenance.processor = "another".to_owned();
+        compare(&made, &baseline)
+    };
+    for (by, expected) in
+        [(0.0, Verdict::Same), (5e-4, Verdict::Within), (5e-3, Verdict::Within), (0.02, Verdict::Drifted)]
+    {
+        let report = report(by);
+        assert_eq!((report.verdict, report.comparisons[0].basis), (expected, Basis::Bound), "{by}: {report}");
+    }
+    assert_eq!(report(0.0).differences[0].what, "processor");
+}
+
+#[test]
+fn what_changes_beside_scores_is_found() {
+    let made = store(true, 4, 0.0, 1);
+    let baseline = Baseline::new(&made, &[], acceptance("first"));
+    let mut now = made.clone();
+    now.targets[0].truth_hash = Some("other".to_owned());
+    now.targets[1].status = TargetStatus::Failed;
+    now.targets[2].scores.clear();
+    now.targets[11].target = 9;
+    now.trials[0].trial_hash = "other".to_owned();
+    now.trials[1].gaussians = Some(1);
+    now.provenance.presets[0].hash = "b".to_owned();
+    let report = compare(&now, &baseline);
+    let expected = [
+        (FindingKind::Protocol, Verdict::Drifted, 1),
+        (FindingKind::Missing, Verdict::Drifted, 1),
+        (FindingKind::New, Verdict::Within, 1),
+        (FindingKind::Trial, Verdict::Drifted, 1),
+        (FindingKind::Status, Verdict::Drifted, 1),
+        (FindingKind::Truth, Verdict::Drifted, 1),
+        (FindingKind::Count, Verdict::Drifted, 1),
+        (FindingKind::Score, Verdict::Drifted, 1),
+    ];
+    assert_eq!(kinds(&report), expected, "{report}");
+    assert!(report.differences.iter().any(|difference| difference.what == format!("preset {PRESET}, hash")));
+    let nothing = compare(&Results::default(), &baseline);
+    assert_eq!(kinds(&nothing), [(FindingKind::Missing, Verdict::Drifted, 12)]);
+    assert!(nothing.drifted() && nothing.comparisons[0].paired.is_none(), "{nothing}");
+}
+
+/// Runs that scatter as those behind the limits did raise no alarm; a shift well beyond does.
+#[test]
+fn ten_noisy_runs_raise_no_alarm_and_a_shift_does() {
+    let run = |seed| store(false, 20, 0.5, seed);
+    let repeats: Vec<Results> = (2..5).map(run).collect();
+    let baseline = Baseline::new(&run(1), &repeats, acceptance("first"));
+    let [limit] = &baseline.limits[..] else { panic!("{:?}", baseline.limits) };
+    assert!(limit.runs == 4 && limit.limit > least_limit("psnr") && limit.limit < 0.5, "{limit:?}");
+    for seed in 10..20 {
+        let report = compare(&run(seed), &baseline);
+        assert_eq!((report.verdict, report.comparisons[0].basis), (Verdict::Within, Basis::Interval), "{report}");
+    }
+    let mut shifted = run(30);
+    shifted
+        .targets
+        .iter_mut()
+        .for_each(|row| row.scores.values_mut().for_each(|score| *score += 2.0 * limit.limit + 0.3));
+    assert!(compare(&shifted, &baseline).drifted());
+}
+
+#[test]
+fn files_keep_every_bit_and_the_history() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("quick.json");
+    let mut made = store(true, 4, 0.3, 1);
+    made.targets[5].status = TargetStatus::NonFinite;
+    made.targets[5].scores.clear();
+    let first = Baseline::new(&made, &[], acceptance("first"));
+    let second = first.accept(&store(true, 4, 0.3, 2), &[], acceptance("a better filter"));
+    second.write(&path).unwrap();
+    assert_eq!(Baseline::read(&path).unwrap(), second);
+    let reasons: Vec<_> = second.history.iter().map(|acceptance| acceptance.reason.as_str()).collect();
+    assert_eq!(reasons, ["first", "a better filter"]);
+    let text = std::fs::read_to_string(&path).unwrap();
+    let rows = text.lines().filter(|line| line.contains("\"scene 001\"")).count();
+    assert_eq!(rows, 1 + 3, "a row a line:\n{text}");
+    assert_eq!(second.read_probe(&path).unwrap(), None);
+    for broken in [
+        text.replace("\"format\": 1", "\"format\": 2"),
+        text.replace("\"limits\"", "\"limit\""),
+        text[..text.len() / 2].to_owned(),
+    ] {
+        std::fs::write(&path, broken).unwrap();
+        assert!(matches!(Baseline::read(&path), Err(DriftError::Malformed { .. })));
+    }
+    assert!(matches!(Baseline::read(&folder.path().join("none")), Err(DriftError::Io { .. })));
+}
+
+/// A store whose rows the probe's own stages made, its baseline on disk, and a constant that is a thousandth larger: the
+/// number is found to have moved, and the stage is named.
+#[test]
+fn a_moved_number_is_traced_to_its_stage() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("probe.json");
+    let (recipe, inputs) = (Recipe::default(), Inputs::pattern().unwrap());
+    let pipeline = Pipeline::of(&recipe).unwrap();
+    let rows = |pipeline: &Pipeline| {
+        let outputs = run(pipeline, &inputs).unwrap();
+        let mut made = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
+        made.provenance.methods.push(MethodRecord {
+            name: "m".to_owned(),
+            deterministic: true,
+            ..MethodRecord::default()
+        });
+        (made, outputs)
+    };
+    let (made, outputs) = rows(&pipeline);
+    Baseline::write_probe(&path, &outputs).unwrap();
+    Baseline::new(&made, &[], acceptance("first")).with_probe(recipe, &outputs).write(&path).unwrap();
+
+    let baseline = Baseline::read(&path).unwrap();
+    let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();
+    let mut pipeline = Pipeline::of(&recipe).unwrap();
+    let calm = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
+    assert_eq!(calm.verdict, Verdict::Same, "{calm}");
+
+    pipeline.options.constants.min_alpha *= 1.001;
+    let report = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
+    let attribution = report.attribution.as_ref().unwrap();
+    assert_eq!((report.verdict, attribution.first()), (Verdict::Drifted, Some(Stage::Splatter)), "{report}");
+    let effect = attribution.metrics.iter().find(|metric| metric.metric == "psnr").unwrap();
+    let difference = report.comparisons[0].paired.as_ref().unwrap().difference;
+    Tolerance::absolute(1e-9).assert([effect.effects[3]], [difference], "the splatter's effect is the whole of it");
+    assert!(report.to_string().contains("The first stage that changed is the splatter."), "{report}");
+
+    std::fs::write(Baseline::probe_path(&path), run(&pipeline, &inputs).unwrap().to_bytes().unwrap()).unwrap();
+    assert!(matches!(baseline.read_probe(&path), Err(DriftError::Malformed { .. })), "another run's values");
+}

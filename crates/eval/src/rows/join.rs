@@ -1,0 +1,83 @@
+//! Two runs' provenance as one.
+
+use std::fmt::Debug;
+
+use super::{PresetRecord, Provenance, WarningCount};
+use crate::EvalError;
+
+impl Provenance {
+    /// Takes in another shard of the same run.
+    ///
+    /// # Errors
+    /// [`EvalError::Different`] naming what differs.
+    pub(crate) fn take_in(&mut self, other: Self) -> Result<(), EvalError> {
+        self.same_run(&other, "; shards of one run are merged")?;
+        same("presets", &names(&self.presets), &names(&other.presets), "")?;
+        same("methods", &self.methods, &other.methods, "")?;
+        for preset in other.presets {
+            if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
+                let entries = known.entries + preset.entries;
+                let bare = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
+                same("presets", &bare(known), &bare(&preset), "")?;
+                known.entries = entries;
+            }
+        }
+        self.started = if other.started < self.started { other.started } else { self.started };
+        for warning in other.warnings {
+            let WarningCount { preset, kind, count, .. } = &warning;
+            match self.warnings.iter_mut().find(|known| known.preset == *preset && known.kind == *kind) {
+                Some(known) => known.count += count,
+                None => self.warnings.push(warning),
+            }
+        }
+        self.skipped.extend(other.skipped);
+        self.skipped.sort();
+        self.skipped.dedup();
+        Ok(())
+    }
+
+    /// Goes on with a run: what is there was made in the same way. Presets and methods may be new.
+    ///
+    /// # Errors
+    /// [`EvalError::Different`] naming what differs.
+    pub(crate) fn go_on_with(&mut self, other: Self) -> Result<(), EvalError> {
+        const ADVICE: &str = "; what is there is not gone on with: choose another folder for the new results";
+        self.same_run(&other, ADVICE)?;
+        same("schema versions", &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
+        same("shards", &self.shard, &other.shard, ADVICE)?;
+        for preset in other.presets {
+            match self.presets.iter().find(|known| known.name == preset.name) {
+                Some(known) => same("presets", known, &preset, ADVICE)?,
+                None => self.presets.push(preset),
+            }
+        }
+        for method in other.methods {
+            match self.methods.iter().find(|known| known.name == method.name) {
+                Some(known) => same("methods", known, &method, ADVICE)?,
+                None => self.methods.push(method),
+            }
+        }
+        Ok(())
+    }
+
+    fn same_run(&self, other: &Self, advice: &'static str) -> Result<(), EvalError> {
+        same("versions of atsplat", &self.atsplat, &other.atsplat, advice)?;
+        same("commits of atsplat", &self.commit, &other.commit, advice)?;
+        same("platforms", &self.platform, &other.platform, advice)?;
+        same("metrics", &self.metrics, &other.metrics, advice)?;
+        same("limits", &self.limit, &other.limit, advice)?;
+        same("timings", &self.timing, &other.timing, advice)
+    }
+}
+
+fn names(presets: &[PresetRecord]) -> Vec<&str> {
+    presets.iter().map(|preset| preset.name.as_str()).collect()
+}
+
+fn same<T: Debug + PartialEq>(what: &str, first: &T, second: &T, advice: &'static str) -> Result<(), EvalError> {
+    if first == second {
+        return Ok(());
+    }
+    let [expected, found] = [first, second].map(|value| format!("{value:?}").chars().take(300).collect());
+    Err(EvalError::Different { what: what.to_owned(), expected, found, advice })
+}

@@ -1,0 +1,95 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::SCHEMA_VERSION;
+use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
+
+/// Several stores as one.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Merged {
+    /// Their rows, in the order of keys.
+    pub results: Results,
+    /// Shards, counted from 1, that are not among them.
+    pub missing_shards: Vec<u32>,
+}
+
+impl Results {
+    /// Shards of one run into one. Rows that several hold must agree in everything but time.
+    ///
+    /// # Errors
+    /// [`EvalError::Different`] where they are not of one run, [`EvalError::Disagreement`], [`EvalError::Settings`]
+    /// for nothing to merge.
+    pub fn merge(parts: Vec<Self>) -> Result<Merged, EvalError> {
+        let mut parts = parts.into_iter();
+        let nothing =
+            || EvalError::Settings { what: "merge", expected: "results".to_owned(), found: "none".to_owned() };
+        let Self { mut provenance, trials, targets } = parts.next().ok_or_else(nothing)?;
+        let mut shards: BTreeSet<u32> = provenance.shard.map(|shard| shard.number).into_iter().collect();
+        let of = provenance.shard.map(|shard| shard.of);
+        let mut rows = Rows::default();
+        rows.add(trials, targets)?;
+        for part in parts {
+            let shard = part.provenance.shard;
+            if shard.map(|shard| shard.of) != of {
+                let told = |of: Option<u32>| of.map_or_else(|| "a whole run".to_owned(), |of| format!("{of} shards"));
+                return Err(EvalError::Different {
+                    what: "numbers of shards".to_owned(),
+                    expected: told(of),
+                    found: told(shard.map(|shard| shard.of)),
+                    advice: "",
+                });
+            }
+            shards.extend(shard.map(|shard| shard.number));
+            provenance.take_in(part.provenance)?;
+            rows.add(part.trials, part.targets)?;
+        }
+        let missing_shards: Vec<u32> = (1..=of.unwrap_or_default()).filter(|number| !shards.contains(number)).collect();
+        if missing_shards.is_empty() {
+            provenance.shard = None;
+        }
+        provenance.schema_version = SCHEMA_VERSION;
+        provenance.schema_hash = super::schema_hash();
+        Ok(Merged { results: rows.into_results(provenance), missing_shards })
+    }
+}
+
+#[derive(Default)]
+struct Rows {
+    trials: BTreeMap<TrialKey, TrialRow>,
+    targets: BTreeMap<(TrialKey, u32), TargetRow>,
+}
+
+impl Rows {
+    fn add(&mut self, trials: Vec<TrialRow>, targets: Vec<TargetRow>) -> Result<(), EvalError> {
+        for trial in trials {
+            match self.trials.get(&trial.key) {
+                Some(known) => agree(&trial.key, &known.without_times(), &trial.without_times())?,
+                None => drop(self.trials.insert(trial.key.clone(), trial)),
+            }
+        }
+        for target in targets {
+            let key = (target.key.clone(), target.target);
+            match self.targets.get(&key) {
+                Some(known) => agree(&target.key, &known.without_times(), &target.without_times())?,
+                None => drop(self.targets.insert(key, target)),
+            }
+        }
+        Ok(())
+    }
+
+    fn into_results(self, provenance: Provenance) -> Results {
+        let (trials, targets) = (self.trials.into_values().collect(), self.targets.into_values().collect());
+        Results { provenance, trials, targets }
+    }
+}
+
+fn agree<R: serde::Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R) -> Result<(), EvalError> {
+    if first == second {
+        return Ok(());
+    }
+    let fields = |row: &R| serde_json::to_value(row).unwrap_or_default();
+    let (first, second) = (fields(first), fields(second));
+    let names = first.as_object().into_iter().flatten().map(|(name, _)| name);
+    let field = names.into_iter().find(|name| first.get(name) != second.get(name)).cloned().unwrap_or_default();
+    let told = |row: &serde_json::Value| row.get(&field).map(ToString::to_string).unwrap_or_default();
+    Err(EvalError::Disagreement { key: key.to_string(), first: told(&first), second: told(&second), field })
+}

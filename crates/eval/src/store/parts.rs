@@ -1,0 +1,70 @@
+//! One file for each finished trial, until they are compacted into tables.
+
+use std::path::{Path, PathBuf};
+
+use serde::{Deserialize, Serialize};
+use sha2::{Digest, Sha256};
+
+use super::disk;
+use super::schema::hexadecimal;
+use crate::{EvalError, TargetRow, TrialKey, TrialRow};
+
+/// Folder of a store.
+const FOLDER: &str = "parts";
+
+#[derive(Debug, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub(super) struct Part {
+    pub(super) trial: TrialRow,
+    pub(super) targets: Vec<TargetRow>,
+}
+
+#[derive(Serialize)]
+struct PartView<'a> {
+    trial: &'a TrialRow,
+    targets: &'a [TargetRow],
+}
+
+pub(super) fn folder(store: &Path) -> PathBuf {
+    store.join(FOLDER)
+}
+
+/// Writes a trial, which replaces what stood there under its key.
+pub(super) fn write(store: &Path, trial: &TrialRow, targets: &[TargetRow]) -> Result<(), EvalError> {
+    let path = folder(store).join(name(&trial.key));
+    let bytes = serde_json::to_vec(&PartView { trial, targets });
+    let bytes = bytes.map_err(|error| EvalError::malformed(&path, "trial", "rows that JSON holds", error))?;
+    disk::write(&path, &bytes)
+}
+
+/// Parts with their files, and the files that a crash left unfinished.
+type Parts = (Vec<(PathBuf, Part)>, Vec<PathBuf>);
+
+/// Every part.
+pub(super) fn read(store: &Path) -> Result<Parts, EvalError> {
+    let (mut parts, mut unfinished) = (Vec::new(), Vec::new());
+    for path in disk::files(&folder(store))? {
+        match path.extension().and_then(|extension| extension.to_str()) {
+            Some("json") => {
+                let bytes = disk::read(&path)?.unwrap_or_default();
+                let part = serde_json::from_slice(&bytes)
+                    .map_err(|error| EvalError::malformed(&path, "file", "the rows of a trial", error))?;
+                parts.push((path, part));
+            }
+            Some(disk::UNFINISHED) => unfinished.push(path),
+            _ => {}
+        }
+    }
+    Ok((parts, unfinished))
+}
+
+fn name(key: &TrialKey) -> String {
+    let mut hash = Sha256::new();
+    for text in [&key.preset, &key.method, &key.scene] {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    }
+    hash.update(key.entry.to_le_bytes());
+    let digest = hexadecimal(&hash.finalize());
+    format!("{}.json", digest.get(..32).unwrap_or_default())
+}

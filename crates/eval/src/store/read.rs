@@ -1,0 +1,100 @@
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use super::parts::{self, Part};
+use super::schema::{self, SCHEMA_VERSION, Schema};
+use super::table::Table;
+use super::{PROVENANCE, TARGETS, TRIALS, disk, targets, trials};
+use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
+
+/// A store as it lies on the disk.
+#[derive(Debug)]
+pub(super) struct Content {
+    pub(super) provenance: Provenance,
+    pub(super) rows: BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>,
+    /// Files whose rows are among them, and those that a crash left unfinished.
+    pub(super) parts: Vec<PathBuf>,
+}
+
+impl Content {
+    pub(super) fn read(folder: &Path) -> Result<Self, EvalError> {
+        let provenance = provenance(folder)?;
+        let version = provenance.schema_version;
+        let schema = Schema::of_version(version).unwrap_or_default();
+        let mut rows = tables(folder, &schema)?;
+        let (read, unfinished) = parts::read(folder)?;
+        let mut files = unfinished;
+        for (path, Part { trial, mut targets }) in read {
+            targets.sort_by_key(|row| row.target);
+            rows.insert(trial.key.clone(), (trial, targets));
+            files.push(path);
+        }
+        Ok(Self { provenance, rows, parts: files })
+    }
+
+    pub(super) fn into_results(self) -> Results {
+        let mut results = Results { provenance: self.provenance, ..Results::default() };
+        for (trial, targets) in self.rows.into_values() {
+            results.trials.push(trial);
+            results.targets.extend(targets);
+        }
+        results
+    }
+}
+
+/// Reads what a store says of itself, and refuses one of another schema.
+pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
+    let path = folder.join(PROVENANCE);
+    let Some(bytes) = disk::read(&path)? else { return Err(EvalError::NoStore { folder: folder.to_owned() }) };
+    let unfit = |error: serde_json::Error| EvalError::malformed(&path, "file", "the provenance of results", error);
+    // The version first: a later one may have fields that are not known here.
+    let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(unfit)?;
+    let version = value.get("schema-version").and_then(serde_json::Value::as_u64);
+    let version = version.and_then(|version| u32::try_from(version).ok());
+    let Some(found) = version.filter(|version| *version > 0) else {
+        let stated = value.get("schema-version").map_or_else(|| "none".to_owned(), ToString::to_string);
+        return Err(EvalError::malformed(&path, "schema-version", "a version from 1", stated));
+    };
+    let Some(expected) = schema::hash(found) else {
+        return Err(EvalError::TooNew { path, found, newest: SCHEMA_VERSION });
+    };
+    let provenance: Provenance = serde_json::from_value(value).map_err(unfit)?;
+    if provenance.schema_hash == expected {
+        return Ok(provenance);
+    }
+    Err(EvalError::SchemaHash { path, version: found, expected, found: provenance.schema_hash })
+}
+
+type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;
+
+/// The compacted tables; nothing where there are none.
+pub(super) fn tables(folder: &Path, schema: &Schema) -> Result<Rows, EvalError> {
+    let mut rows = Rows::new();
+    let path = folder.join(TRIALS);
+    if let Some(table) = Table::read(&path, &schema.trials)? {
+        for trial in trials::rows(&table)? {
+            let key = trial.key.clone();
+            if rows.insert(key.clone(), (trial, Vec::new())).is_some() {
+                return Err(EvalError::malformed(&path, "rows", "every trial once", format!("{key} again")));
+            }
+        }
+    }
+    let path = folder.join(TARGETS);
+    if let Some(table) = Table::read(&path, &schema.targets)? {
+        for target in targets::rows(&table)? {
+            // A run may be killed between the two tables: the parts then hold the trial as well.
+            if let Some((_, targets)) = rows.get_mut(&target.key) {
+                targets.push(target);
+            }
+        }
+    }
+    for (key, (trial, targets)) in &mut rows {
+        targets.sort_by_key(|row| row.target);
+        let in_order = targets.iter().zip(0..).all(|(row, position)| row.target == position);
+        if !in_order || targets.len() as u64 != u64::from(trial.targets) {
+            let (expected, found) = (format!("{} targets of {key}", trial.targets), targets.len());
+            return Err(EvalError::malformed(&path, "rows", expected, found));
+        }
+    }
+    Ok(rows)
+}

@@ -1,0 +1,148 @@
+//! What the tables of a store hold: a text file for each version, committed in `schema/`.
+//!
+//! ```text
+//! targets
+//!   preset text
+//!   overlap number?
+//! ```
+//!
+//! A table, its columns in order, each with its type; `?` marks those that may be null. Lists are never null.
+
+use std::fmt::Write as _;
+
+use polars::prelude::DataType;
+use sha2::{Digest, Sha256};
+
+/// What a column holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Kind {
+    Text,
+    Flag,
+    Count,
+    Integer,
+    Number,
+    Texts,
+    Counts,
+    Numbers,
+}
+
+impl Kind {
+    const ALL: [Self; 8] =
+        [Self::Text, Self::Flag, Self::Count, Self::Integer, Self::Number, Self::Texts, Self::Counts, Self::Numbers];
+
+    pub(super) const fn name(self) -> &'static str {
+        match self {
+            Self::Text => "text",
+            Self::Flag => "flag",
+            Self::Count => "count",
+            Self::Integer => "integer",
+            Self::Number => "number",
+            Self::Texts => "texts",
+            Self::Counts => "counts",
+            Self::Numbers => "numbers",
+        }
+    }
+
+    /// The type in Parquet.
+    pub(super) fn data_type(self) -> DataType {
+        let list = |of| DataType::List(Box::new(of));
+        match self {
+            Self::Text => DataType::String,
+            Self::Flag => DataType::Boolean,
+            Self::Count => DataType::UInt64,
+            Self::Integer => DataType::Int64,
+            Self::Number => DataType::Float64,
+            Self::Texts => list(DataType::String),
+            Self::Counts => list(DataType::UInt64),
+            Self::Numbers => list(DataType::Float64),
+        }
+    }
+}
+
+/// A column of a table.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(super) struct Column {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+    pub(super) nullable: bool,
+}
+
+/// The two tables of one version.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub(super) struct Schema {
+    pub(super) targets: Vec<Column>,
+    pub(super) trials: Vec<Column>,
+}
+
+/// Every version's text, oldest first: a released one never changes.
+const VERSIONS: &[&str] = &[include_str!("../../schema/v1.txt")];
+
+/// The version that is written.
+#[expect(clippy::cast_possible_truncation, reason = "a handful of versions")]
+pub const SCHEMA_VERSION: u32 = VERSIONS.len() as u32;
+
+/// The committed text of a version; `None` for one that is not known.
+pub(super) fn text(version: u32) -> Option<&'static str> {
+    let position = usize::try_from(version).ok()?.checked_sub(1)?;
+    VERSIONS.get(position).copied()
+}
+
+/// SHA-256 of a version's text in hexadecimal.
+pub(super) fn hash(version: u32) -> Option<String> {
+    Some(hexadecimal(&Sha256::digest(text(version)?)))
+}
+
+/// Hash of the rows' schema that is written.
+pub fn schema_hash() -> String {
+    hash(SCHEMA_VERSION).unwrap_or_default()
+}
+
+pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
+    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
+        write!(text, "{byte:02x}").ok();
+        text
+    })
+}
+
+impl Schema {
+    /// The schema of a version; `None` for one that is not known.
+    pub(super) fn of_version(version: u32) -> Option<Self> {
+        Self::parse(text(version)?)
+    }
+
+    /// Reads a schema's text.
+    pub(super) fn parse(text: &str) -> Option<Self> {
+        let mut schema = Self::default();
+        let mut table = None;
+        for line in text.lines().filter(|line| !line.trim().is_empty()) {
+            match line.strip_prefix("  ") {
+                None => table = Some(line),
+                Some(column) => {
+                    let (name, kind) = column.split_once(' ')?;
+                    let (kind, nullable) = kind.strip_suffix('?').map_or((kind, false), |kind| (kind, true));
+                    let kind = Kind::ALL.into_iter().find(|known| known.name() == kind)?;
+                    let columns = match table? {
+                        "targets" => &mut schema.targets,
+                        "trials" => &mut schema.trials,
+                        _ => return None,
+                    };
+                    columns.push(Column { name: name.to_owned(), kind, nullable });
+                }
+            }
+        }
+        Some(schema)
+    }
+
+    /// The text that [`Self::parse`] reads.
+    #[cfg(test)]
+    pub(super) fn to_text(&self) -> String {
+        let mut text = String::new();
+        for (table, columns) in [("targets", &self.targets), ("trials", &self.trials)] {
+            writeln!(text, "{table}").ok();
+            for Column { name, kind, nullable } in columns {
+                writeln!(text, "  {name} {}{}", kind.name(), if *nullable { "?" } else { "" }).ok();
+            }
+        }
+        text
+    }
+}

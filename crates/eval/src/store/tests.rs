@@ -1,0 +1,273 @@
+use std::collections::BTreeMap;
+
+use super::schema::{self, Column, Kind, Schema};
+use super::*;
+use crate::{Seconds, Shard, TargetStatus, TrialStatus};
+
+fn key(scene: &str) -> TrialKey {
+    TrialKey { preset: "p".to_owned(), method: "m".to_owned(), scene: scene.to_owned(), entry: 0 }
+}
+
+fn trial(scene: &str) -> TrialRow {
+    TrialRow {
+        key: key(scene),
+        trial_hash: format!("hash of {scene}"),
+        pose_hash: "poses".to_owned(),
+        status: TrialStatus::Partial,
+        detail: Some("1 of 2 failed".to_owned()),
+        context: vec![9, 126],
+        targets: 2,
+        overlap: None,
+        width: 256,
+        height: 128,
+        initial_tokens: Some(10),
+        final_tokens: None,
+        gaussians: Some(1 << 40),
+        gaussians_drawn: Some(0.1),
+        seconds: Seconds {
+            read: 0.1,
+            encode: Some(1.0 / 3.0),
+            render: None,
+            score: 1e-300,
+            encode_samples: vec![0.3, 0.4],
+            render_samples: Vec::new(),
+            stages: BTreeMap::from([("coarse".to_owned(), 0.2), ("head".to_owned(), 0.1)]),
+        },
+        peak_bytes: None,
+        effects: vec!["background".to_owned()],
+        notes: Vec::new(),
+    }
+}
+
+fn targets(scene: &str) -> Vec<TargetRow> {
+    let row = |target, status, scores: &[(&str, f64)]| TargetRow {
+        key: key(scene),
+        target,
+        frame: 29 + u64::from(target),
+        signed_distance: -3,
+        leaked: target == 1,
+        overlap: Some(0.25),
+        width: 256,
+        height: 128,
+        truth_hash: Some("truth".to_owned()),
+        render_hash: None,
+        status,
+        detail: None,
+        non_finite: 0,
+        scores: scores.iter().map(|(id, score)| ((*id).to_owned(), *score)).collect(),
+        not_computed: BTreeMap::from([("lpips".to_owned(), "weights absent".to_owned())]),
+        render_secs: None,
+    };
+    let scored = row(0, TargetStatus::Scored, &[("psnr", 0.1 + 0.2), ("ssim", 5e-324)]);
+    vec![scored, row(1, TargetStatus::Failed, &[])]
+}
+
+fn filled(folder: &Path, scenes: &[&str]) -> Store {
+    let store = Store::create(folder, Provenance::default()).unwrap();
+    for scene in scenes {
+        store.append(&trial(scene), &targets(scene)).unwrap();
+    }
+    store
+}
+
+#[test]
+fn the_schema_is_the_committed_one() {
+    let written = Schema { targets: targets::columns(&[]).described(), trials: trials::columns(&[]).described() };
+    let text = schema::text(SCHEMA_VERSION).unwrap();
+    assert_eq!(written.to_text(), text, "the rows changed: add a version to crates/eval/schema, never change one");
+    assert_eq!(Schema::of_version(SCHEMA_VERSION), Some(written));
+    let sums = include_str!("../../schema/SHA256SUMS");
+    let committed: Vec<String> =
+        (1..=SCHEMA_VERSION).map(|version| format!("{}  v{version}.txt\n", schema::hash(version).unwrap())).collect();
+    assert_eq!(committed.concat(), sums);
+    assert_eq!(schema::text(0), None);
+    assert_eq!(schema::text(SCHEMA_VERSION + 1), None);
+}
+
+#[test]
+fn every_bit_comes_back_from_parts_and_from_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path(), &["b", "a", "ü/x"]);
+    let expected: Vec<TrialRow> = ["a", "b", "ü/x"].map(trial).to_vec();
+    let all_targets: Vec<TargetRow> = ["a", "b", "ü/x"].iter().flat_map(|scene| targets(scene)).collect();
+    let parts = Results::read(folder.path()).unwrap();
+    assert_eq!((&parts.trials, &parts.targets), (&expected, &all_targets));
+    let finished = store.finish().unwrap();
+    assert_eq!(Results::read(folder.path()).unwrap(), finished);
+    assert_eq!((finished.trials, finished.targets), (expected, all_targets));
+    assert!(!parts::folder(folder.path()).exists());
+    assert_eq!(parts.provenance.schema_hash, schema_hash());
+}
+
+#[test]
+fn a_finished_store_goes_on_and_ends_with_the_bytes_of_one_run() {
+    let [once, twice] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    filled(once.path(), &["a", "b", "c"]).finish().unwrap();
+    filled(twice.path(), &["c", "a"]).finish().unwrap();
+    let store = Store::resume(twice.path(), Provenance::default()).unwrap();
+    assert_eq!(store.trial_hash(&key("c")), Some("hash of c"));
+    assert_eq!(store.trial_hash(&key("b")), None);
+    store.append(&trial("b"), &targets("b")).unwrap();
+    fs::write(parts::folder(twice.path()).join("x.json.1-0.tmp"), b"half a tri").unwrap();
+    store.finish().unwrap();
+    for file in [TRIALS, TARGETS, PROVENANCE] {
+        let bytes = |folder: &tempfile::TempDir| fs::read(folder.path().join(file)).unwrap();
+        assert_eq!(bytes(&once), bytes(&twice), "{file}");
+    }
+    assert!(!parts::folder(twice.path()).exists(), "what a crash left is cleared away");
+}
+
+/// Killed after the first table, or while the parts are removed.
+#[test]
+fn compaction_may_be_interrupted() {
+    let [whole, torn] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let expected = filled(whole.path(), &["a", "b"]).finish().unwrap();
+    filled(torn.path(), &["a"]).finish().unwrap();
+    let store = Store::open(torn.path()).unwrap();
+    store.append(&trial("b"), &targets("b")).unwrap();
+    fs::copy(whole.path().join(TARGETS), torn.path().join(TARGETS)).unwrap();
+    assert_eq!(Results::read(torn.path()).unwrap(), expected, "targets are there, their trial is a part");
+    fs::copy(whole.path().join(TRIALS), torn.path().join(TRIALS)).unwrap();
+    assert_eq!(Results::read(torn.path()).unwrap(), expected, "a part that is in the tables");
+    assert_eq!(store.finish().unwrap(), expected);
+}
+
+#[test]
+fn numbers_that_are_none_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path(), &[]);
+    for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let mut wrong = targets("a");
+        wrong[0].scores.insert("psnr".to_owned(), value);
+        let error = store.append(&trial("a"), &wrong).unwrap_err().to_string();
+        assert!(error.contains("psnr") && error.contains("only finite"), "{error}");
+        let mut row = trial("a");
+        row.seconds.encode_samples.push(value);
+        assert!(store.append(&row, &targets("a")).is_err());
+    }
+    assert_eq!(Results::read(folder.path()).unwrap().trials, []);
+}
+
+fn provenance_with(folder: &Path, change: impl FnOnce(&mut serde_json::Value)) -> EvalError {
+    let path = folder.join(PROVENANCE);
+    let mut value: serde_json::Value = serde_json::from_slice(&fs::read(&path).unwrap()).unwrap();
+    change(&mut value);
+    fs::write(&path, value.to_string()).unwrap();
+    Results::read(folder).unwrap_err()
+}
+
+#[test]
+fn other_schemas_are_refused_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    assert!(matches!(Results::read(folder.path()), Err(EvalError::NoStore { .. })));
+    filled(folder.path(), &["a"]).finish().unwrap();
+    let newer = provenance_with(folder.path(), |value| {
+        value["schema-version"] = (SCHEMA_VERSION + 1).into();
+        value["a-field-of-tomorrow"] = true.into();
+    });
+    assert!(newer.to_string().contains("a newer one is needed"), "{newer}");
+    let older = provenance_with(folder.path(), |value| value["schema-version"] = 0.into());
+    assert!(older.to_string().contains("a version from 1"), "{older}");
+    let other = provenance_with(folder.path(), |value| {
+        value["schema-version"] = SCHEMA_VERSION.into();
+        value["schema-hash"] = "00".into();
+    });
+    assert!(matches!(other, EvalError::SchemaHash { .. }), "{other}");
+    fs::write(folder.path().join(PROVENANCE), "{").unwrap();
+    assert!(matches!(Results::read(folder.path()), Err(EvalError::Malformed { .. })));
+}
+
+/// A version that had neither `peak-bytes` nor `lpips`, and called nothing a note.
+#[test]
+fn columns_that_came_later_are_null_in_older_tables() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), &["a"]).finish().unwrap();
+    let mut older = Schema::of_version(SCHEMA_VERSION).unwrap();
+    older.trials.retain(|column| !["gaussians", "effects", "stages", "stage-secs"].contains(&column.name.as_str()));
+    older.targets.retain(|column| column.name != "psnr");
+    let rows = read::tables(folder.path(), &older).unwrap();
+    let (trial, targets) = &rows[&key("a")];
+    assert_eq!((trial.gaussians, trial.effects.len(), trial.seconds.stages.len()), (None, 0, 0));
+    assert_eq!(trial.initial_tokens, Some(10));
+    assert_eq!(targets[0].scores.keys().collect::<Vec<_>>(), ["ssim"]);
+}
+
+#[test]
+fn damaged_tables_say_where() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), &["a"]).finish().unwrap();
+    let schema = |change: fn(&mut Schema)| {
+        let mut schema = Schema::of_version(SCHEMA_VERSION).unwrap();
+        change(&mut schema);
+        read::tables(folder.path(), &schema).unwrap_err().to_string()
+    };
+    let absent = schema(|schema| {
+        schema.trials.push(Column { name: "colour".to_owned(), kind: Kind::Text, nullable: true });
+    });
+    assert!(absent.contains("trials.parquet: column colour") && absent.contains("no such column"), "{absent}");
+    let retyped = schema(|schema| schema.trials[0].kind = Kind::Number);
+    assert!(retyped.contains("column preset: expected number"), "{retyped}");
+    let null = schema(|schema| schema.trials.iter_mut().for_each(|column| column.nullable = false));
+    assert!(null.contains("1 nulls"), "{null}");
+    let path = folder.path().join(TRIALS);
+    let bytes = fs::read(&path).unwrap();
+    for cut in [0, 3, bytes.len() / 2, bytes.len() - 1] {
+        fs::write(&path, &bytes[..cut]).unwrap();
+        let error = Results::read(folder.path()).unwrap_err();
+        assert!(matches!(error, EvalError::Malformed { .. }), "{error}");
+    }
+}
+
+fn shard(number: u32, scenes: &[&str]) -> Results {
+    let folder = tempfile::tempdir().unwrap();
+    let provenance = Provenance { shard: Some(Shard { number, of: 3 }), ..Provenance::default() };
+    let store = Store::create(folder.path(), provenance).unwrap();
+    for scene in scenes {
+        let mut row = trial(scene);
+        row.seconds.encode = Some(f64::from(number));
+        store.append(&row, &targets(scene)).unwrap();
+    }
+    store.finish().unwrap()
+}
+
+#[test]
+fn shards_merge_into_one_run_and_the_missing_are_named() {
+    let folder = tempfile::tempdir().unwrap();
+    let whole = filled(folder.path(), &["a", "b", "c", "d"]).finish().unwrap();
+    let shards = [shard(3, &["d"]), shard(1, &["c", "a"]), shard(2, &["b", "a"])];
+    let merged = Results::merge(shards.to_vec()).unwrap();
+    assert_eq!(merged.missing_shards, [] as [u32; 0]);
+    let bare = |rows: &[TrialRow]| rows.iter().map(TrialRow::without_times).collect::<Vec<_>>();
+    assert_eq!(bare(&merged.results.trials), bare(&whole.trials));
+    assert_eq!(merged.results.targets, whole.targets);
+    assert_eq!(merged.results.provenance.shard, None);
+    let partial = Results::merge(shards[..2].to_vec()).unwrap();
+    assert_eq!(partial.missing_shards, [2]);
+    assert!(partial.results.provenance.shard.is_some(), "a part stays one");
+    assert!(Results::merge(Vec::new()).is_err());
+}
+
+#[test]
+fn what_does_not_belong_together_is_not_merged() {
+    let mut other = shard(2, &["a"]);
+    other.targets[0].scores.insert("psnr".to_owned(), 12.0);
+    let error = Results::merge(vec![shard(1, &["a"]), other]).unwrap_err().to_string();
+    assert!(error.contains("scene \"a\"") && error.contains("differ in psnr") || error.contains("scores"), "{error}");
+    let mut built = shard(2, &["b"]);
+    built.provenance.commit = Some("other".to_owned());
+    let error = Results::merge(vec![shard(1, &["a"]), built]).unwrap_err().to_string();
+    assert!(error.contains("commits of atsplat"), "{error}");
+    let folder = tempfile::tempdir().unwrap();
+    let whole = filled(folder.path(), &["a"]).finish().unwrap();
+    assert!(Results::merge(vec![shard(1, &["a"]), whole]).is_err());
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_is_told_before_work() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("file"), b"").unwrap();
+    let error = Store::create(&folder.path().join("file/store"), Provenance::default()).unwrap_err();
+    assert!(matches!(error, EvalError::Io { .. }), "{error}");
+    filled(&folder.path().join("store"), &[]);
+    assert!(Store::create(&folder.path().join("store"), Provenance::default()).is_err());
+}

@@ -1,0 +1,119 @@
+//! [`TrialRow`]s as a table.
+
+use super::columns::Columns;
+use super::table::Table;
+use crate::{EvalError, Seconds, TrialKey, TrialRow, TrialStatus};
+
+pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
+    Columns::of(rows)
+        .text("preset", |row| &row.key.preset)
+        .text("method", |row| &row.key.method)
+        .text("scene", |row| &row.key.scene)
+        .count("entry", |row| row.key.entry.into())
+        .text("trial-hash", |row| &row.trial_hash)
+        .text("pose-hash", |row| &row.pose_hash)
+        .text("status", |row| row.status.name())
+        .optional_text("detail", |row| row.detail.as_deref())
+        .counts("context", |row| &row.context)
+        .count("targets", |row| row.targets.into())
+        .optional_number("overlap", |row| row.overlap)
+        .count("width", |row| row.width.into())
+        .count("height", |row| row.height.into())
+        .optional_count("initial-tokens", |row| row.initial_tokens)
+        .optional_count("final-tokens", |row| row.final_tokens)
+        .optional_count("gaussians", |row| row.gaussians)
+        .optional_number("gaussians-drawn", |row| row.gaussians_drawn)
+        .number("read-secs", |row| row.seconds.read)
+        .optional_number("encode-secs", |row| row.seconds.encode)
+        .optional_number("render-secs", |row| row.seconds.render)
+        .number("score-secs", |row| row.seconds.score)
+        .numbers("encode-samples", |row| row.seconds.encode_samples.clone())
+        .numbers("render-samples", |row| row.seconds.render_samples.clone())
+        .texts("stages", |row| row.seconds.stages.keys().map(String::as_str).collect())
+        .numbers("stage-secs", |row| row.seconds.stages.values().copied().collect())
+        .optional_count("peak-bytes", |row| row.peak_bytes)
+        .texts("effects", |row| row.effects.iter().map(String::as_str).collect())
+        .texts("notes", |row| row.notes.iter().map(String::as_str).collect())
+}
+
+pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
+    let keys = keys(table)?;
+    let [hash, pose, status, detail] = ["trial-hash", "pose-hash", "status", "detail"].map(|name| table.texts_of(name));
+    let mut context = table.lists_of_counts("context");
+    let [targets, width, height] = ["targets", "width", "height"].map(|name| table.counts_of(name));
+    let counts = ["initial-tokens", "final-tokens", "gaussians", "peak-bytes"].map(|name| table.counts_of(name));
+    let numbers = ["overlap", "gaussians-drawn", "read-secs", "encode-secs", "render-secs", "score-secs"];
+    let numbers = numbers.map(|name| table.numbers_of(name));
+    let mut samples = ["encode-samples", "render-samples", "stage-secs"].map(|name| table.lists_of_numbers(name));
+    let mut texts = ["stages", "effects", "notes"].map(|name| table.lists_of_texts(name));
+    let mut rows = Vec::with_capacity(keys.len());
+    for (at, key) in keys.into_iter().enumerate() {
+        let small = |name, values: &[Option<u64>]| small(table, name, at, values);
+        let [initial_tokens, final_tokens, gaussians, peak_bytes] = counts.each_ref().map(|values| value(values, at));
+        let [overlap, gaussians_drawn, read, encode, render, score] =
+            numbers.each_ref().map(|values| value(values, at));
+        let [encode_samples, render_samples, stage_secs] = samples.each_mut().map(|lists| taken(lists, at));
+        let [stages, effects, notes] = texts.each_mut().map(|lists| taken(lists, at));
+        let name = value(&status, at).unwrap_or_default();
+        let status = TrialStatus::named(&name)
+            .ok_or_else(|| table.wrong("status", at, "the name of a trial's status", &name))?;
+        rows.push(TrialRow {
+            key,
+            trial_hash: value(&hash, at).unwrap_or_default(),
+            pose_hash: value(&pose, at).unwrap_or_default(),
+            status,
+            detail: value(&detail, at),
+            context: taken(&mut context, at),
+            targets: small("targets", &targets)?,
+            overlap,
+            width: small("width", &width)?,
+            height: small("height", &height)?,
+            initial_tokens,
+            final_tokens,
+            gaussians,
+            gaussians_drawn,
+            seconds: Seconds {
+                read: read.unwrap_or_default(),
+                encode,
+                render,
+                score: score.unwrap_or_default(),
+                encode_samples,
+                render_samples,
+                stages: stages.into_iter().zip(stage_secs).collect(),
+            },
+            peak_bytes,
+            effects,
+            notes,
+        });
+    }
+    Ok(rows)
+}
+
+/// The key of every row.
+pub(super) fn keys(table: &Table<'_>) -> Result<Vec<TrialKey>, EvalError> {
+    let [presets, methods, scenes] = ["preset", "method", "scene"].map(|name| table.texts_of(name));
+    let entries = table.counts_of("entry");
+    let key = |at| {
+        Ok(TrialKey {
+            preset: value(&presets, at).unwrap_or_default(),
+            method: value(&methods, at).unwrap_or_default(),
+            scene: value(&scenes, at).unwrap_or_default(),
+            entry: small(table, "entry", at, &entries)?,
+        })
+    };
+    (0..table.rows()).map(key).collect()
+}
+
+/// A count of 32 bits.
+pub(super) fn small(table: &Table<'_>, name: &str, at: usize, values: &[Option<u64>]) -> Result<u32, EvalError> {
+    let count = value(values, at).unwrap_or_default();
+    u32::try_from(count).map_err(|_too_large| table.wrong(name, at, "a count below 2³²", count))
+}
+
+pub(super) fn value<T: Clone>(values: &[Option<T>], at: usize) -> Option<T> {
+    values.get(at).cloned().flatten()
+}
+
+pub(super) fn taken<T>(lists: &mut [Vec<T>], at: usize) -> Vec<T> {
+    lists.get_mut(at).map(std::mem::take).unwrap_or_default()
+}
