@@ -17,6 +17,7 @@ mod progress;
 mod protocol;
 mod reconstruct;
 mod render;
+mod run;
 mod selection;
 mod stress;
 mod tradeoff;
@@ -55,6 +56,12 @@ enum Command {
     /// List, lint, build and derive evaluation protocols.
     #[command(subcommand)]
     Protocol(protocol::Command),
+    /// Run methods on protocols into a results store; goes on where it was left.
+    Run(Box<run::Words>),
+    /// Score pictures or Gaussians that any other method wrote, under a protocol.
+    Score(Box<run::score::Words>),
+    /// Put the shards of a run together.
+    Merge(run::merge::Words),
     /// Reconstruct Gaussians from posed photos.
     Reconstruct(Box<reconstruct::Words>),
     /// Render Gaussians along a path into PNG, EXR and an animation.
@@ -110,7 +117,11 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         .num_threads(words.threads.into())
         .build_global()
         .context("starting worker threads")?;
-    if words.strict && !matches!(words.command, Command::Data(_) | Command::Protocol(_) | Command::Render(_)) {
+    let may_skip = matches!(
+        words.command,
+        Command::Data(_) | Command::Protocol(_) | Command::Render(_) | Command::Run(_) | Command::Score(_)
+    );
+    if words.strict && !may_skip {
         let told = "--strict: this command skips nothing";
         return Err(Words::command().error(ErrorKind::ArgumentConflict, told).into());
     }
@@ -118,6 +129,9 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
         Command::Render(words) => render::run(words)?,
+        Command::Run(words) => run::run(words)?,
+        Command::Score(words) => run::score::run(words)?,
+        Command::Merge(words) => run::merge::run(words)?,
         Command::Reconstruct(words) => reconstruct::run(words)?,
         Command::Weights(command) => weights::run(command)?,
         Command::Adapters(words) => adapters::run(words)?,

@@ -127,7 +127,6 @@ impl EvalError {
         move |source| Self::Io { action, path: path.to_owned(), source }
     }
 
-    #[expect(clippy::needless_pass_by_value, reason = "callers give numbers, errors and fresh text")]
     pub(crate) fn malformed(
         path: &Path,
         location: impl Into<String>,

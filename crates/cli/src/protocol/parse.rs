@@ -12,7 +12,7 @@ pub(crate) fn preset(text: &str) -> Result<String, ProtocolError> {
 }
 
 /// A sampling rule's name, or the path of one.
-pub(super) fn sampler(text: &str) -> Result<String, ProtocolError> {
+pub(crate) fn sampler(text: &str) -> Result<String, ProtocolError> {
     name_or_path(text, IndexBuilder::resolve)
 }
 

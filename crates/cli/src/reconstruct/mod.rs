@@ -1,7 +1,7 @@
 //! `atsplat reconstruct`: posed photos through the network into Gaussians.
 
 mod input;
-mod network;
+pub(crate) mod network;
 mod output;
 mod rendered;
 mod renders;
@@ -27,6 +27,7 @@ use report::{Clock, Record, Report, TokenRecord};
 // The dataset comes first, as in the other commands.
 #[derive(Debug, Args)]
 #[command(
+    mut_arg("weights", |weights| weights.required(true)),
     override_usage = "atsplat reconstruct <DATA> --views <SEL> --weights <FILE|random:SEED> --out <FILE> [OPTIONS]"
 )]
 pub(crate) struct Words {

@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::str::FromStr;
 
 use anyhow::bail;
+use atsplat_eval::method::WeightsOf;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::network::{Device, Network};
@@ -21,11 +22,11 @@ use crate::weights::file;
 const SMALLEST: &str = "nano";
 
 #[derive(Debug, Args)]
-pub(super) struct NetworkWords {
+pub(crate) struct NetworkWords {
     /// A weights file of this toolkit (`atsplat weights import` makes one), or `random:SEED`: an untrained network, to try
     /// the way and its cost without weights.
-    #[arg(long, value_name = "FILE|random:SEED", required = true)]
-    weights: WeightsWord,
+    #[arg(long, value_name = "FILE|random:SEED")]
+    weights: Option<WeightsWord>,
 
     /// sha256 that the weights file must have.
     #[arg(long, value_name = "HEX")]
@@ -49,7 +50,7 @@ pub(super) struct NetworkWords {
 
     /// What random selection of tokens draws with.
     #[arg(long, value_name = "N", default_value_t = 0)]
-    pub(super) seed: u64,
+    pub(crate) seed: u64,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -76,9 +77,10 @@ impl FromStr for WeightsWord {
 }
 
 /// A configuration, and where its weights are: known before anything heavy is read.
-pub(super) struct Source<'a> {
+pub(crate) struct Source<'a> {
     words: &'a NetworkWords,
-    pub(super) config: ModelConfig,
+    weights: &'a WeightsWord,
+    pub(crate) config: ModelConfig,
     /// What the file says that it was written for.
     file: Option<(TensorFile, ModelConfig)>,
 }
@@ -86,7 +88,7 @@ pub(super) struct Source<'a> {
 /// The configuration that ran.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct ModelRecord {
+pub(crate) struct ModelRecord {
     name: String,
     /// Of all that can change a Gaussian.
     hash: String,
@@ -104,14 +106,14 @@ struct WrittenFor {
 /// Where every number of the network came from.
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
-pub(super) enum WeightsRecord {
+pub(crate) enum WeightsRecord {
     File { file: PathBuf, sha256: String, provenance: BTreeMap<String, String> },
     Untrained { seed: u64, told: &'static str, backbone: Option<BackboneRecord> },
 }
 
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct BackboneRecord {
+pub(crate) struct BackboneRecord {
     file: PathBuf,
     sha256: String,
     /// What the file is, if its hash is known.
@@ -119,10 +121,21 @@ pub(super) struct BackboneRecord {
 }
 
 impl WeightsRecord {
+    /// As a results store has it.
+    pub(crate) fn weights(&self) -> WeightsOf {
+        match self {
+            Self::File { sha256, .. } => WeightsOf::File { sha256: sha256.clone() },
+            Self::Untrained { seed, backbone, .. } => {
+                let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.clone());
+                WeightsOf::Random { seed: *seed, backbone_sha256 }
+            }
+        }
+    }
+
     const TOLD: &str = "random weights, nothing was learned; the Gaussians show the way and its cost, not a scene";
 
     /// What must be said of an untrained network wherever its output is named.
-    pub(super) const fn untrained(&self) -> Option<&'static str> {
+    pub(crate) const fn untrained(&self) -> Option<&'static str> {
         match self {
             Self::File { .. } => None,
             Self::Untrained { told, .. } => Some(told),
@@ -131,8 +144,8 @@ impl WeightsRecord {
 }
 
 impl NetworkWords {
-    pub(super) fn check(&self) -> Result<(), String> {
-        let is_file = matches!(self.weights, WeightsWord::File(_));
+    pub(crate) fn check(&self) -> Result<(), String> {
+        let is_file = matches!(self.weights, Some(WeightsWord::File(_)));
         if is_file && self.backbone.is_some() {
             return Err("--backbone is for random weights: a weights file holds its backbone".to_owned());
         }
@@ -143,9 +156,12 @@ impl NetworkWords {
     }
 
     /// Reads the configuration and, of a file, what it says of itself.
-    pub(super) fn source(&self) -> anyhow::Result<Source<'_>> {
+    pub(crate) fn source(&self) -> anyhow::Result<Source<'_>> {
         let asked = self.model.as_deref().map(ModelConfig::resolve).transpose()?;
-        let (base, file) = match &self.weights {
+        let Some(weights) = &self.weights else {
+            bail!("--weights is needed: a weights file, or random:SEED for an untrained network");
+        };
+        let (base, file) = match weights {
             WeightsWord::Untrained(_) => (asked.map_or_else(|| ModelConfig::named(SMALLEST), Ok)?, None),
             WeightsWord::File(path) => {
                 let advised = asked.clone().map_or_else(|| ModelConfig::named("paper-re10k"), Ok)?;
@@ -158,15 +174,15 @@ impl NetworkWords {
         if self.backbone.is_some() && !matches!(base.backbone, BackboneConfig::DinoV2 { .. }) {
             bail!("--backbone: the model {} has no DINOv2 backbone", base.name);
         }
-        Ok(Source { words: self, config: self.changes.applied(&base)?, file })
+        Ok(Source { words: self, weights, config: self.changes.applied(&base)?, file })
     }
 }
 
 impl Source<'_> {
     /// The network with its weights, whole or not at all.
-    pub(super) fn load(&self, device: &Device) -> anyhow::Result<(Network, WeightsRecord)> {
+    pub(crate) fn load(&self, device: &Device) -> anyhow::Result<(Network, WeightsRecord)> {
         let network = Network::new(&self.config, device)?;
-        match (&self.words.weights, &self.file) {
+        match (self.weights, &self.file) {
             (WeightsWord::File(path), Some((file, _))) => {
                 let weights = ModelWeights::from_stored(&file.stored).map_err(|error| file::in_file(path, error))?;
                 // Other configurations may run on the same parameters; they have to be the very same ones.
@@ -197,7 +213,7 @@ impl Source<'_> {
         }
     }
 
-    pub(super) fn record(&self) -> anyhow::Result<ModelRecord> {
+    pub(crate) fn record(&self) -> anyhow::Result<ModelRecord> {
         let hash = self.config.hash()?;
         let written_for = match &self.file {
             Some((_, own)) => Some(WrittenFor { name: own.name.clone(), hash: own.hash()? }),
@@ -209,7 +225,7 @@ impl Source<'_> {
 }
 
 impl ModelRecord {
-    pub(super) fn name(&self) -> &str {
+    pub(crate) fn name(&self) -> &str {
         &self.name
     }
 }

@@ -1,6 +1,6 @@
 //! `atsplat render`: Gaussians along a path of cameras, into pictures.
 
-mod backend;
+pub(crate) mod backend;
 pub(crate) mod camera_file;
 mod check;
 mod effects;

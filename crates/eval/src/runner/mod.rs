@@ -1,12 +1,23 @@
-//! Presets × methods × trials.
+//! Presets × methods × trials into a [`Store`](crate::Store).
+//!
+//! Trials come prepared ahead within the bounds of [`Prefetch`](atsplat_protocol::trial::Prefetch). Several of them, or the
+//! targets of one, are worked on at once, unless times are wanted: then one trial runs at a time and nothing else beside it.
+//! Whatever happens to a trial becomes rows; only a store that cannot be written stops a run.
 
-use crate::{SkippedEntry, WarningCount};
+mod evaluate;
+mod findings;
+mod here;
+mod index;
+mod metrics;
+mod pictures;
+mod run;
+mod scored;
+mod selection;
 
-/// What was wrong with datasets.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Findings {
-    /// By preset and kind.
-    pub warnings: Vec<WarningCount>,
-    /// Index entries that made no trial.
-    pub skipped: Vec<SkippedEntry>,
-}
+pub use findings::Findings;
+pub use here::here;
+pub use index::PlannedIndex;
+pub use metrics::{metric_ids, metric_records, named_metrics};
+pub use pictures::{KeepPictures, TRUTH, picture_path};
+pub use run::{Dataset, Plan, Summary, run};
+pub use selection::{Selection, spread};

@@ -27,6 +27,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 pub use merge::Merged;
+pub(crate) use schema::hexadecimal;
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
 use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};

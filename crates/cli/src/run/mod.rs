@@ -1,0 +1,88 @@
+//! `atsplat run`, `atsplat score` and `atsplat merge`: methods on protocols into a results store.
+
+pub(crate) mod merge;
+mod methods;
+mod protocols;
+mod report;
+pub(crate) mod score;
+mod settings;
+
+use std::path::PathBuf;
+
+use anyhow::Context as _;
+use atsplat_eval::method::Method;
+use atsplat_eval::runner::{self, Plan};
+use atsplat_eval::{Results, Store};
+use atsplat_scene::Warnings;
+use clap::Args;
+
+use crate::output::{print_report, print_warnings};
+use crate::progress::Progress;
+use methods::{MethodWord, MethodWords};
+use protocols::ProtocolWords;
+use report::Report;
+use settings::SettingWords;
+
+// The protocols come first.
+#[derive(Debug, Args)]
+#[command(
+    override_usage = "atsplat run <PRESET|FILE>… --data <PATH> --method <METHOD>… --out <STORE> [OPTIONS]",
+    after_help = "A store that was left unfinished, by a crash or on purpose, is gone on with: what is in it is not computed \
+                  again. Trials that fail are rows with a reason, and never stop the others."
+)]
+pub(crate) struct Words {
+    #[command(flatten)]
+    protocols: ProtocolWords,
+
+    /// What answers: atsplat, nearest-view, warp, renders:DIR (pictures by any other method), ply:DIR (its Gaussians), each
+    /// as NAME=METHOD too to call it so in the results.
+    #[arg(long = "method", value_name = "METHOD", required = true, value_delimiter = ',')]
+    methods: Vec<MethodWord>,
+
+    #[command(flatten, next_help_heading = "Methods")]
+    sources: MethodWords,
+
+    #[command(flatten, next_help_heading = "Run")]
+    settings: SettingWords,
+}
+
+/// Runs methods; `true` where nothing was skipped and nothing failed.
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let methods = words.sources.methods(&words.methods)?;
+    evaluate(&words.protocols, &methods, &words.settings)
+}
+
+/// Runs methods that are ready.
+fn evaluate(
+    protocols: &ProtocolWords,
+    methods: &[std::sync::Arc<dyn Method>],
+    settings: &SettingWords,
+) -> anyhow::Result<bool> {
+    let mut warnings = Warnings::new();
+    let datasets = protocols.open(&mut warnings)?;
+    let suite = settings.suite(&datasets)?;
+    let plan = Plan {
+        datasets: &datasets,
+        methods,
+        suite: &suite,
+        selection: settings.selection(),
+        repetitions: settings.repetitions(),
+        alone: settings.alone(),
+        pictures: settings.pictures(),
+        prefetch: SettingWords::prefetch(),
+    };
+    let here = runner::here(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), std::env::args().collect());
+    let store = Store::resume(settings.out(), plan.provenance(here)?)?;
+    let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
+    let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
+    drop(progress);
+    print_report(&Report::of(&results, Some(summary), settings.out()), settings.json)?;
+    print_warnings(&warnings);
+    Ok(summary.is_complete())
+}
+
+/// Reads stores that a command was given.
+fn read(stores: &[PathBuf]) -> anyhow::Result<Vec<Results>> {
+    let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
+    stores.iter().map(read).collect()
+}

@@ -1,0 +1,81 @@
+//! Which protocols, on which data, with which index.
+
+use std::path::PathBuf;
+use std::sync::Arc;
+
+use anyhow::{Context as _, bail};
+use atsplat_eval::runner::{Dataset, PlannedIndex};
+use atsplat_protocol::Preset;
+use atsplat_scene::{SceneSource, Warnings};
+use clap::Args;
+
+use crate::dataset_words::PictureWords;
+use crate::protocol::parse;
+
+#[derive(Debug, Args)]
+pub(super) struct ProtocolWords {
+    /// Protocols: names of `atsplat protocol list`, or paths that end in .toml.
+    #[arg(value_name = "PRESET|FILE", required = true, value_parser = parse::preset)]
+    presets: Vec<String>,
+
+    /// Dataset, in any format that is read.
+    #[arg(long, value_name = "PATH")]
+    data: PathBuf,
+
+    #[command(flatten)]
+    pictures: PictureWords,
+
+    /// Evaluation index (JSON); or a folder, in which each protocol's published index is found by its hash. By default the
+    /// file PRESET.json or `evaluation_index.json` in the dataset's folder.
+    #[arg(long, value_name = "INDEX|DIR", conflicts_with = "sampler")]
+    index: Option<PathBuf>,
+
+    /// For data that no index was published for: choose frames by a rule of `eval/samplers/`, or a path that ends in .toml.
+    /// Numbers on a sampled index compare with no published ones.
+    #[arg(long, value_name = "RULE", value_parser = parse::sampler)]
+    sampler: Option<String>,
+
+    /// Take pictures of any size, where a protocol asks for one: the preprocessing then starts from another picture, and
+    /// the results' protocol hash is another one.
+    #[arg(long)]
+    any_size: bool,
+}
+
+impl ProtocolWords {
+    /// Opens the data and finds each protocol's index.
+    pub(super) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Dataset>> {
+        let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open(&self.data, warnings)?);
+        let mut datasets = Vec::with_capacity(self.presets.len());
+        for name in &self.presets {
+            let mut preset = Preset::resolve(name)?;
+            if self.any_size {
+                preset.preprocessing.expected_size = None;
+            }
+            let index = self.index(&preset, source.as_ref(), warnings).with_context(|| format!("protocol {name}"))?;
+            let (name, told) = (preset.name.clone(), self.data.display().to_string());
+            datasets.push(Dataset { name, preset, source: Arc::clone(&source), told, index });
+        }
+        Ok(datasets)
+    }
+
+    fn index(
+        &self,
+        preset: &Preset,
+        source: &dyn SceneSource,
+        warnings: &mut Warnings,
+    ) -> anyhow::Result<PlannedIndex> {
+        if let Some(sampler) = &self.sampler {
+            return Ok(PlannedIndex::sampled(sampler, source, warnings)?);
+        }
+        let beside = || PlannedIndex::beside(&self.data, preset);
+        let Some(path) = self.index.clone().or_else(beside) else {
+            let accepted: Vec<&str> = preset.index.accepted.iter().map(|accepted| accepted.name.as_str()).collect();
+            bail!(
+                "no evaluation index beside {}: say --index with the file of {}, or --sampler for data without one",
+                self.data.display(),
+                accepted.join(" or ")
+            )
+        };
+        Ok(PlannedIndex::read(&path, preset, source, warnings)?)
+    }
+}

@@ -1,0 +1,158 @@
+//! The end of a run in a few lines: means over scenes. Tables, intervals and plots are `atsplat report`'s.
+
+use std::collections::BTreeMap;
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+use atsplat_eval::runner::Summary;
+use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus};
+use atsplat_metrics::{DECIBEL_CAP, definition};
+use serde::Serialize;
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub(super) struct Report {
+    store: PathBuf,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    summary: Option<Summary>,
+    rows: Vec<Row>,
+    /// Metrics without a number, and why.
+    not_computed: BTreeMap<String, String>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    preset: String,
+    method: String,
+    untrained: bool,
+    scenes: usize,
+    targets: usize,
+    failed: usize,
+    non_finite: usize,
+    identical: usize,
+    /// Over the means of scenes; identical pictures count as 100 dB.
+    means: BTreeMap<String, f64>,
+}
+
+impl Report {
+    pub(super) fn of(results: &Results, summary: Option<Summary>, store: &Path) -> Self {
+        let provenance = &results.provenance;
+        let mut rows = Vec::new();
+        for preset in &provenance.presets {
+            for method in &provenance.methods {
+                let own: Vec<&TargetRow> = results
+                    .targets
+                    .iter()
+                    .filter(|row| row.key.preset == preset.name && row.key.method == method.name)
+                    .collect();
+                if !own.is_empty() {
+                    let ids = provenance.metrics.iter().map(|metric| metric.id.as_str());
+                    rows.push(Row::of(&preset.name, &method.name, method.untrained, &own, ids));
+                }
+            }
+        }
+        let absent = |metric: &atsplat_eval::MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
+        let not_computed = provenance.metrics.iter().filter_map(absent).collect();
+        Self { store: store.to_owned(), summary, rows, not_computed }
+    }
+}
+
+impl Row {
+    fn of<'a>(
+        preset: &str,
+        method: &str,
+        untrained: bool,
+        targets: &[&TargetRow],
+        ids: impl Iterator<Item = &'a str>,
+    ) -> Self {
+        let count = |status| targets.iter().filter(|row| row.status == status).count();
+        let scenes: std::collections::BTreeSet<&str> = targets.iter().map(|row| row.key.scene.as_str()).collect();
+        Self {
+            preset: preset.to_owned(),
+            method: method.to_owned(),
+            untrained,
+            scenes: scenes.len(),
+            targets: targets.len(),
+            failed: count(TargetStatus::Failed),
+            non_finite: count(TargetStatus::NonFinite),
+            identical: count(TargetStatus::Identical),
+            means: ids.filter_map(|id| Some((id.to_owned(), mean(targets, id)?))).collect(),
+        }
+    }
+}
+
+/// The mean over scenes of the means over their targets.
+fn mean(targets: &[&TargetRow], id: &str) -> Option<f64> {
+    let mut scenes: BTreeMap<&str, (f64, u64)> = BTreeMap::new();
+    for row in targets {
+        let identical = row.not_computed.get(id).is_some_and(|why| why == IDENTICAL);
+        if let Some(score) = row.scores.get(id).copied().or_else(|| identical.then_some(DECIBEL_CAP)) {
+            let (sum, count) = scenes.entry(&row.key.scene).or_default();
+            *sum += score;
+            *count += 1;
+        }
+    }
+    let means = scenes.values().map(|(sum, count)| sum / *count as f64);
+    (!scenes.is_empty()).then(|| means.sum::<f64>() / scenes.len() as f64)
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let mut shown: Vec<&String> = Vec::new();
+        for id in self.rows.iter().flat_map(|row| row.means.keys()) {
+            if !shown.contains(&id) {
+                shown.push(id);
+            }
+        }
+        let width = |of: fn(&Row) -> &str| self.rows.iter().map(|row| of(row).chars().count()).max().unwrap_or(0);
+        let preset = width(|row| &row.preset).max("protocol".len());
+        let method = width(|row| &row.method).max("method".len()) + 2;
+        write!(f, "{:<preset$}  {:<method$} {:>7} {:>8}", "protocol", "method", "scenes", "targets")?;
+        shown.iter().try_for_each(|id| write!(f, " {:>width$}", name(id), width = name(id).chars().count().max(8)))?;
+        writeln!(f)?;
+        for row in &self.rows {
+            let label = if row.untrained { format!("{} *", row.method) } else { row.method.clone() };
+            write!(f, "{:<preset$}  {label:<method$} {:>7} {:>8}", row.preset, row.scenes, row.targets)?;
+            for id in &shown {
+                let told = row.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
+                write!(f, " {told:>width$}", width = name(id).chars().count().max(8))?;
+            }
+            for (count, what) in
+                [(row.failed, "failed"), (row.non_finite, "with non-finite samples"), (row.identical, "identical")]
+            {
+                if count > 0 {
+                    write!(f, "  {count} {what}")?;
+                }
+            }
+            writeln!(f)?;
+        }
+        if self.rows.iter().any(|row| row.untrained) {
+            writeln!(f, "* untrained: nothing was learned; the numbers show the way and its cost")?;
+        }
+        for (id, why) in &self.not_computed {
+            writeln!(f, "{id} was not computed: {why}")?;
+        }
+        if let Some(summary) = &self.summary {
+            writeln!(f, "\n{}", told(summary))?;
+        }
+        writeln!(f, "{}", self.store.display())
+    }
+}
+
+fn name(id: &str) -> &str {
+    definition(id).map_or(id, |metric| metric.name)
+}
+
+fn told(summary: &Summary) -> String {
+    let Summary { evaluated, resumed, incomplete, non_finite, skipped, not_there } = *summary;
+    let told = [
+        (resumed, "were there before"),
+        (incomplete, "not whole, each with its reason"),
+        (non_finite, "targets with samples that are no numbers"),
+        (skipped, "index entries skipped, each with its reason"),
+        (not_there, "scenes of the index not in the data"),
+    ];
+    let told = told.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
+    format!("{evaluated} results computed{}", told.collect::<String>())
+}

@@ -1,0 +1,133 @@
+//! How a run is done.
+
+use std::path::{Path, PathBuf};
+use std::str::FromStr;
+
+use atsplat_eval::method::Repetitions;
+use atsplat_eval::runner::{Dataset, KeepPictures, Selection, metric_ids, named_metrics};
+use atsplat_eval::{EvalError, Shard};
+use atsplat_metrics::learned::WeightsFolders;
+use atsplat_metrics::{Networks, Suite};
+use atsplat_protocol::trial::Prefetch;
+use clap::{Args, ValueEnum};
+
+/// Bytes of features of true pictures that learned metrics keep.
+const FEATURES: usize = 512 << 20;
+
+#[derive(Debug, Args)]
+pub(super) struct SettingWords {
+    /// Folder of the results; gone on with where it holds some.
+    #[arg(long, short, value_name = "STORE")]
+    out: PathBuf,
+
+    /// Only the K-th of N parts of the scenes, as 2/8; `atsplat merge` puts the parts together.
+    #[arg(long, value_name = "K/N")]
+    shard: Option<ShardWord>,
+
+    /// Only N scenes of each dataset, spread evenly over the index.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    limit: Option<u64>,
+
+    /// Metrics beside the protocols' own, by id, or all.
+    #[arg(long, value_name = "LIST", value_delimiter = ',')]
+    metrics: Vec<String>,
+
+    /// Folder with the weights of LPIPS and ST-LPIPS, looked in before torch's cache.
+    #[arg(long, value_name = "DIR")]
+    metric_weights: Option<PathBuf>,
+
+    /// Time honestly: one trial at a time and nothing beside it, after a warm-up. Without this, trials share the processor
+    /// and the results say so.
+    #[arg(long)]
+    timing: bool,
+
+    /// How often encoding and rendering are repeated to time them; 5 with --timing, else 1.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    repetitions: Option<u32>,
+
+    /// Repetitions before those that count; 1 with --timing, else 0.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1000))]
+    warm_up: Option<u32>,
+
+    /// Pictures beside the results: none, those of each method's ten trials of lowest PSNR, or all.
+    #[arg(long, value_name = "WHICH", default_value = "none")]
+    keep_pictures: KeepWord,
+
+    /// Print JSON.
+    #[arg(long)]
+    pub(super) json: bool,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum KeepWord {
+    None,
+    Worst,
+    All,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct ShardWord(Shard);
+
+impl FromStr for ShardWord {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('/').and_then(|(number, of)| Some((number.parse().ok()?, of.parse().ok()?)));
+        let shard =
+            parts.map(|(number, of)| Shard { number, of }).filter(|shard| (1..=shard.of).contains(&shard.number));
+        shard.map(Self).ok_or_else(|| format!("expected K/N with K from 1 to N, found {text:?}"))
+    }
+}
+
+impl SettingWords {
+    pub(super) fn out(&self) -> &Path {
+        &self.out
+    }
+
+    pub(super) fn selection(&self) -> Selection {
+        Selection { limit: self.limit, shard: self.shard.map(|word| word.0) }
+    }
+
+    pub(super) const fn alone(&self) -> bool {
+        self.timing
+    }
+
+    pub(super) fn repetitions(&self) -> Repetitions {
+        let [warm_up, counted] = if self.timing { [1, 5] } else { [0, 1] };
+        Repetitions { warm_up: self.warm_up.unwrap_or(warm_up), counted: self.repetitions.unwrap_or(counted) }
+    }
+
+    pub(super) const fn pictures(&self) -> KeepPictures {
+        match self.keep_pictures {
+            KeepWord::None => KeepPictures::Nothing,
+            KeepWord::Worst => KeepPictures::Worst,
+            KeepWord::All => KeepPictures::All,
+        }
+    }
+
+    pub(super) fn prefetch() -> Prefetch {
+        Prefetch { trials: 2 * rayon::current_num_threads(), ..Prefetch::default() }
+    }
+
+    /// The metrics of the protocols, and those that were asked for.
+    pub(super) fn suite(&self, datasets: &[Dataset]) -> Result<Suite, EvalError> {
+        let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
+        let definitions = named_metrics(own.chain(self.metrics.iter().map(String::as_str)))?;
+        let given = WeightsFolders::new(self.metric_weights.iter().cloned().collect());
+        let networks = Networks::for_definitions(&definitions, &given.then(WeightsFolders::torch_hub()))?;
+        Ok(Suite::new(definitions, networks, FEATURES))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shards() {
+        assert_eq!("2/8".parse(), Ok(ShardWord(Shard { number: 2, of: 8 })));
+        for broken in ["0/3", "4/3", "1", "1/0", "a/b", "-1/2", "1/2/3", ""] {
+            assert!(broken.parse::<ShardWord>().is_err(), "{broken:?}");
+        }
+    }
+}

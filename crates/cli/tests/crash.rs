@@ -1,0 +1,134 @@
+//! Runs that are killed, and disks that are full: nothing is lost, and the end is the same.
+
+#![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod evaluation;
+
+use std::fmt::Write as _;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
+
+use atsplat_eval::Results;
+use atsplat_pixels::{ImageU8, encode_png};
+use evaluation::{bare, write_index, write_preset};
+
+const FRAMES: u32 = 40;
+
+/// Scenes of noise: nothing has to be rendered to make them.
+fn data(here: &Path, scenes: u8) {
+    let keys: Vec<String> = (0..scenes).map(|scene| format!("scene-{scene:02}")).collect();
+    for (scene, key) in (0..).zip(&keys) {
+        std::fs::create_dir_all(here.join("data").join(key)).unwrap();
+        let mut text = "https://example.org/video\n".to_owned();
+        for frame in 0..FRAMES {
+            let x = -0.02 * f64::from(frame);
+            writeln!(text, "{} 0.5 0.5 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0", frame * 33_367).unwrap();
+            let byte = |at: u32| u8::try_from((at * (7 + frame) + at / 61 * (scene + 3)) % 251).unwrap();
+            let picture = ImageU8::new(32, 32, (0..32 * 32 * 3).map(byte).collect()).unwrap();
+            let path = here.join("data").join(key).join(format!("{}.png", frame * 33_367));
+            std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
+        }
+        std::fs::write(here.join("data").join(format!("{key}.txt")), text).unwrap();
+    }
+    write_preset(here, 32);
+    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+    write_index(&here.join("data"), &keys, "[0, 20]", "[1, 3, 5, 7, 9, 11, 13, 15]");
+}
+
+fn command(here: &Path, out: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
+    let words = ["--threads", "2", "run", "tiny.toml", "--data", "data", "--method", "nearest-view,warp", "--out", out];
+    command.args(words).current_dir(here).stdout(Stdio::null()).stderr(Stdio::null());
+    command
+}
+
+fn finished(here: &Path, out: &str) -> Results {
+    assert!(command(here, out).status().unwrap().success());
+    Results::read(&here.join(out)).unwrap()
+}
+
+/// `child.kill()` is kill −9.
+fn killed_after(here: &Path, out: &str, delay: Duration) {
+    let mut child = command(here, out).spawn().unwrap();
+    sleep(delay);
+    child.kill().unwrap();
+    child.wait().unwrap();
+}
+
+#[test]
+fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    data(here, 24);
+    let start = Instant::now();
+    let expected = finished(here, "undisturbed");
+    let whole = start.elapsed();
+    assert_eq!(expected.trials.len(), 48);
+    let mut partial = 0;
+    for moment in 0..20u32 {
+        let out = format!("killed-{moment}");
+        // Drawn without end and without repetition, by the golden ratio.
+        let share = (f64::from(moment) * 0.618_033_988_75).fract();
+        killed_after(here, &out, whole.mul_f64(share));
+        let left = Results::read(&here.join(&out)).map_or(0, |results| results.trials.len());
+        partial += usize::from(left > 0 && left < 48);
+        let resumed = finished(here, &out);
+        assert_eq!(bare(&resumed), bare(&expected), "killed after {share} of the time, with {left} trials there");
+        assert!(!here.join(&out).join("parts").exists());
+    }
+    assert!(partial >= 3, "the moments hardly met the work: {partial} of 20");
+}
+
+#[test]
+fn killed_again_and_again_it_ends_the_same() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    data(here, 12);
+    let start = Instant::now();
+    let expected = finished(here, "undisturbed");
+    let whole = start.elapsed();
+    for moment in 1..=20u32 {
+        killed_after(here, "store", whole.mul_f64(f64::from(moment * 7 % 20) / 20.0));
+    }
+    assert_eq!(bare(&finished(here, "store")), bare(&expected));
+}
+
+/// Files may grow to 8 KiB and no further: what is written first fits, the rows of a trial do not.
+fn with_a_full_disk(here: &Path, out: &str) -> Output {
+    let program = env!("CARGO_BIN_EXE_atsplat");
+    let script = "trap '' XFSZ; ulimit -f 16; exec \"$0\" \"$@\"";
+    let mut words = vec!["-c", script, program, "run", "tiny.toml", "--data", "data", "--method", "warp"];
+    words.extend(["--metrics", "all", "--out", out]);
+    Command::new("sh").args(words).current_dir(here).output().unwrap()
+}
+
+#[test]
+fn a_full_disk_ends_the_run_and_loses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    data(here, 3);
+    // One scene asks for more than a file may hold.
+    let frames: Vec<String> = (1..FRAMES).map(|frame| frame.to_string()).collect();
+    let (few, many) = ("[1, 2]", format!("[{}]", frames.join(", ")));
+    let entry = |scene: &str, target: &str| format!("\"{scene}\": {{\"context\": [0, 20], \"target\": {target}}}");
+    let index = [entry("scene-00", few), entry("scene-01", &many), entry("scene-02", few)].join(", ");
+    std::fs::write(here.join("data/evaluation_index.json"), format!("{{{index}}}")).unwrap();
+    let full = with_a_full_disk(here, "store");
+    let told = String::from_utf8(full.stderr).unwrap();
+    assert_eq!(full.status.code(), Some(1), "{told}");
+    assert!(told.contains("writing results") && told.contains("store"), "{told}");
+    let left = Results::read(&here.join("store"));
+    let resume = |out: &str| {
+        let words = ["run", "tiny.toml", "--data", "data", "--method", "warp", "--metrics", "all", "--out", out];
+        let status = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(words).current_dir(here).output().unwrap();
+        assert!(status.status.success(), "{}", String::from_utf8_lossy(&status.stderr));
+        Results::read(&here.join(out)).unwrap()
+    };
+    if let Ok(left) = left {
+        assert!(left.trials.iter().all(|trial| trial.targets == 2), "whole trials or none");
+    }
+    assert_eq!(bare(&resume("store")), bare(&resume("undisturbed")));
+}

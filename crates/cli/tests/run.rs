@@ -1,0 +1,232 @@
+//! `atsplat run`, `score` and `merge` as a user runs them.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod evaluation;
+
+use std::path::Path;
+
+use atsplat_camera::ImageSize;
+use atsplat_eval::runner::picture_path;
+use atsplat_eval::{Results, TargetStatus, TrialKey};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode, encode_png, exr};
+use atsplat_rooms::{
+    EffectChoice, Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset,
+};
+use atsplat_scene::Warnings;
+use atsplat_tests::shared_data;
+use common::{atsplat, succeed, write_trajectory};
+use evaluation::{bare, write_index, write_preset};
+
+const FLOORS: [&str; 2] = ["--method", "nearest-view,warp"];
+
+/// Simulated yards under a protocol of small pictures, in `data/test`, with their index beside them.
+fn simulated(here: &Path, scenes: u32) {
+    let request = |number| Request {
+        size: ImageSize { width: 40, height: 40 },
+        frames: 5,
+        samples: 1,
+        effects: EffectChoice::None,
+        ..Request::new(SceneKind::Yards, SceneSeed { split: Split::Test, number })
+    };
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+    let requests: Vec<Request> = (0..scenes).map(request).collect();
+    let written = write_dataset(&here.join("data"), requests, &options, &mut Warnings::default(), |_, _| {}).unwrap();
+    write_preset(here, 40);
+    let keys: Vec<&str> = written.iter().map(|scene| scene.key.as_str()).collect();
+    write_index(&here.join("data/test"), &keys, "[0, 4]", "[1, 2, 4]");
+}
+
+fn key(results: &Results, method: &str, scene: usize) -> TrialKey {
+    let trials: Vec<_> = results.trials.iter().filter(|trial| trial.key.method == method).collect();
+    trials[scene].key.clone()
+}
+
+#[test]
+fn a_simulated_dataset_goes_through_the_floors_and_comes_back_identical() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 2);
+    let words = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
+    let told = succeed(here, &[&words[..], &FLOORS].concat());
+    assert!(told.contains("4 results computed") && told.contains("LPIPS") || told.contains("lpips"), "{told}");
+    let floors = Results::read(&here.join("floors")).unwrap();
+    assert_eq!((floors.trials.len(), floors.targets.len()), (4, 12));
+    assert!(floors.targets.iter().all(|row| row.scores.contains_key("ssim")));
+    let leaked = floors.targets.iter().filter(|row| row.leaked && row.key.method == "nearest-view");
+    assert_eq!(leaked.map(|row| row.status).collect::<Vec<_>>(), [TargetStatus::Identical; 2]);
+
+    // The true pictures, as any other method might have written them.
+    let truth = "floors/pictures/tiny/truth";
+    let score =
+        ["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--name", "oracle", "--out", "oracle"];
+    let told = succeed(here, &[&["--strict"], &score[..]].concat());
+    assert!(told.contains("6 identical"), "{told}");
+    let oracle = Results::read(&here.join("oracle")).unwrap();
+    for row in &oracle.targets {
+        assert_eq!(row.status, TargetStatus::Identical, "{row:?}");
+        Tolerance::F64.assert([row.scores["ssim"]], [1.0], "SSIM of identical pictures");
+    }
+    let again = succeed(here, &score);
+    assert!(again.contains("0 results computed; 2 were there before"), "{again}");
+    let json: serde_json::Value = serde_json::from_str(&succeed(here, &[&score[..], &["--json"]].concat())).unwrap();
+    assert_eq!((&json["rows"][0]["identical"], &json["rows"][0]["means"]["psnr"]), (&6.into(), &100.0.into()));
+}
+
+/// One after another, equally distributed in [0, 1).
+fn draws() -> impl FnMut() -> f64 {
+    let mut state = 0x9e37_79b9_7f4a_7c15u64;
+    move || {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        (state >> 11) as f64 / (1u64 << 53) as f64
+    }
+}
+
+/// Noise of σ 0.05 far from black and white: 20 · log10(1 / 0.05) dB.
+#[test]
+fn noise_of_a_known_deviation_has_the_analytic_psnr() {
+    const DEVIATION: f64 = 0.05;
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir_all(here.join("data/grey")).unwrap();
+    write_trajectory(&here.join("data/grey.txt"), 5);
+    write_preset(here, 256);
+    write_index(&here.join("data"), &["grey"], "[0, 4]", "[1, 2, 3]");
+    let mut draw = draws();
+    std::fs::create_dir_all(here.join("renders/grey/color")).unwrap();
+    for frame in 0..5 {
+        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "90 to 165")]
+        let samples: Vec<u8> = (0..256 * 256 * 3).map(|_| (90.0 + 75.0 * draw()) as u8).collect();
+        let truth = ImageU8::new(256, 256, samples).unwrap();
+        std::fs::write(here.join(format!("data/grey/{}.png", frame * 33_367)), encode_png(&truth).unwrap()).unwrap();
+        let mut gaussian = || (-2.0 * (1.0 - draw()).ln()).sqrt() * (2.0 * std::f64::consts::PI * draw()).cos();
+        #[expect(clippy::cast_possible_truncation, reason = "renders are f32")]
+        let noisy = Image::from_u8(&truth).samples().iter().map(|s| s + (DEVIATION * gaussian()) as f32).collect();
+        let noisy = exr::write_rgb(&Image::new(256, 256, noisy).unwrap(), &exr::Values::DisplayReferred).unwrap();
+        std::fs::write(here.join(format!("renders/grey/color/{frame:06}.exr")), noisy).unwrap();
+    }
+    succeed(here, &["score", "tiny.toml", "--data", "data", "--renders", "renders", "--out", "store"]);
+    let results = Results::read(&here.join("store")).unwrap();
+    assert_eq!(results.targets.len(), 3);
+    let mean = results.targets.iter().map(|row| row.scores["psnr"]).sum::<f64>() / 3.0;
+    Tolerance::absolute(0.01).assert([mean], [-20.0 * DEVIATION.log10()], "PSNR of noise");
+}
+
+#[test]
+fn broken_renders_are_counted_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 2);
+    let words = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
+    succeed(here, &[&words[..], &["--method", "warp"]].concat());
+    let floors = Results::read(&here.join("floors")).unwrap();
+    let picture = |scene, frame| picture_path(&here.join("floors"), &key(&floors, "warp", scene), frame);
+    std::fs::remove_file(picture(0, 1)).unwrap();
+    let whole = std::fs::read(picture(0, 2)).unwrap();
+    std::fs::write(picture(0, 2), &whole[..whole.len() / 2]).unwrap();
+    let small = decode(&whole, &DecodeLimits::default()).unwrap();
+    let small = ImageU8::new(20, 20, small.samples()[..1200].to_vec()).unwrap();
+    std::fs::write(picture(1, 1), encode_png(&small).unwrap()).unwrap();
+
+    let renders = "floors/pictures/tiny/warp";
+    let score = ["score", "tiny.toml", "--data", "data/test", "--renders", renders, "--out", "scored"];
+    let told = succeed(here, &score);
+    assert!(told.contains("3 failed") && told.contains("2 not whole"), "{told}");
+    assert_eq!(atsplat(here, &[&["--strict"], &score[..]].concat()).code, 4);
+    let scored = Results::read(&here.join("scored")).unwrap();
+    let detail = |target: usize| scored.targets[target].detail.clone().unwrap_or_default();
+    assert!(detail(0).contains("no file for frame 1"), "{}", detail(0));
+    assert!(detail(1).contains("000002.png"), "{}", detail(1));
+    assert!(detail(3).contains("expected a picture of 40×40, found 20×20"), "{}", detail(3));
+    let statuses: Vec<TargetStatus> = scored.targets.iter().map(|row| row.status).collect();
+    let (failed, fine) = (TargetStatus::Failed, TargetStatus::Scored);
+    assert_eq!(statuses, [failed, failed, fine, failed, fine, fine]);
+}
+
+#[test]
+fn shards_are_merged_and_missing_ones_are_told() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 5);
+    let run = |out: &str, more: &[&str]| {
+        let words = ["run", "tiny.toml", "--data", "data/test", "--out", out];
+        succeed(here, &[&words[..], &FLOORS, more].concat());
+        Results::read(&here.join(out)).unwrap()
+    };
+    let whole = run("whole", &[]);
+    for shard in ["1/3", "2/3", "3/3"] {
+        run(&format!("part-{}", &shard[..1]), &["--shard", shard]);
+    }
+    let missing = atsplat(here, &["merge", "part-1", "part-3", "--out", "merged"]);
+    assert!(missing.code == 1 && missing.stderr.contains("shards 2 are missing"), "{}", missing.stderr);
+    succeed(here, &["merge", "part-1", "part-3", "part-2", "--out", "merged"]);
+    assert_eq!(bare(&Results::read(&here.join("merged")).unwrap()), bare(&whole));
+    let twice = atsplat(here, &["merge", "part-1", "part-2", "part-3", "--out", "merged"]);
+    assert!(twice.code == 1 && twice.stderr.contains("choose another folder"), "{}", twice.stderr);
+    assert_eq!(atsplat(here, &["run", "tiny.toml", "--data", "data/test", "--out", "x", "--shard", "4/3"]).code, 2);
+}
+
+#[test]
+fn what_is_wrong_is_said_before_work_begins() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 1);
+    let run = |words: &[&str]| atsplat(here, &[&["run", "tiny.toml", "--data", "data/test"], words].concat());
+    std::fs::write(here.join("file"), b"").unwrap();
+    let unwritable = run(&[&["--out", "file/store"], &FLOORS[..]].concat());
+    assert!(unwritable.code == 1 && unwritable.stderr.contains("file/store"), "{}", unwritable.stderr);
+    let unweighed = run(&["--out", "store", "--method", "atsplat"]);
+    assert!(unweighed.code == 1 && unweighed.stderr.contains("random:SEED"), "{}", unweighed.stderr);
+    let nowhere = run(&["--out", "store", "--method", "renders:nowhere"]);
+    assert!(nowhere.code == 1 && nowhere.stderr.contains("nowhere"), "{}", nowhere.stderr);
+    let metric = run(&[&["--out", "store", "--metrics", "psnrs"], &FLOORS[..]].concat());
+    assert!(metric.code == 1 && metric.stderr.contains("psnr-unclipped"), "{}", metric.stderr);
+    assert_eq!(run(&["--out", "store", "--method", "guess"]).code, 2);
+    assert_eq!(run(&["--out", "store"]).code, 2, "a method is needed");
+    std::fs::remove_file(here.join("data/test/evaluation_index.json")).unwrap();
+    let unindexed = run(&[&["--out", "store"], &FLOORS[..]].concat());
+    assert!(unindexed.code == 1 && unindexed.stderr.contains("--sampler"), "{}", unindexed.stderr);
+    assert!(!here.join("store").exists(), "nothing was begun");
+}
+
+#[test]
+fn a_store_of_tomorrow_and_one_made_otherwise_are_not_gone_on_with() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 1);
+    let words = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
+    succeed(here, &words);
+    let other = atsplat(here, &[&words[..], &["--metrics", "l1"]].concat());
+    assert!(other.code == 1 && other.stderr.contains("metrics of the two runs differ"), "{}", other.stderr);
+    let path = here.join("store/provenance.json");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, text.replace("\"schema-version\": 1", "\"schema-version\": 99")).unwrap();
+    let newer = atsplat(here, &words);
+    assert!(newer.code == 1 && newer.stderr.contains("a newer one is needed"), "{}", newer.stderr);
+}
+
+/// The scene of RealEstate10K under the two official indices, which are found by their hashes.
+#[test]
+fn a_real_scene_under_the_official_indices() {
+    let Some(shared) = shared_data("a_real_scene_under_the_official_indices") else { return };
+    let shared = shared.canonicalize().unwrap();
+    let (data, index) = (shared.join("re10k/000c3ab189999a83"), shared.join("index"));
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let words = ["run", "re10k-2v-256", "re10k-overlap", "--any-size", "--data", data.to_str().unwrap()];
+    let more = ["--index", index.to_str().unwrap(), "--out", "store"];
+    succeed(here, &[&words[..], &more, &FLOORS].concat());
+    let results = Results::read(&here.join("store")).unwrap();
+    assert_eq!(results.trials.len(), 4);
+    let of = |preset: &str| results.trials.iter().find(|trial| trial.key.preset == preset).unwrap();
+    assert_eq!((&of("re10k-2v-256").context[..], of("re10k-2v-256").overlap), (&[9, 126][..], None));
+    assert_eq!(of("re10k-overlap").context, [25, 161]);
+    Tolerance::EXACT.assert(of("re10k-overlap").overlap, [0.2853], "NoPoSplat's overlap");
+    let frames: Vec<u64> = results.targets.iter().take(3).map(|row| row.frame).collect();
+    assert_eq!(frames, [29, 30, 46]);
+    assert!(results.targets.iter().all(|row| (8.0..30.0).contains(&row.scores["psnr"])), "{:?}", results.targets);
+    let names: Vec<_> = results.provenance.presets.iter().map(|preset| preset.index_name.as_deref()).collect();
+    assert_eq!(names, [Some("pixelsplat-re10k"), Some("noposplat-re10k")]);
+}

@@ -1,0 +1,124 @@
+//! How many trials a minute go through splatting, PSNR, SSIM and the store, and where the time goes.
+//!
+//! `cargo run --release -p atsplat-eval --example throughput -- ../shared/data/re10k/000c3ab189999a83 [TARGETS]`
+//!
+//! Every trial has two context and three target pictures of a real scene at 256², and 131 072 Gaussians: one for each
+//! context pixel, on a wall before its camera, as wide as the pixel. What the network would take comes on top.
+
+#![expect(clippy::print_stdout, reason = "an example prints what it measures")]
+
+use std::sync::Arc;
+use std::time::Instant;
+
+use anyhow::{Context as _, ensure};
+use atsplat_camera::DirectionScale;
+use atsplat_eval::method::{Answer, Cost, Method, Question, Refusal, Repetitions, Splatting};
+use atsplat_eval::runner::{Dataset, KeepPictures, Plan, PlannedIndex, Selection, here, named_metrics, run};
+use atsplat_eval::{MethodRecord, Store};
+use atsplat_metrics::{Networks, Suite};
+use atsplat_protocol::trial::Prefetch;
+use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset, Sha256Digest};
+use atsplat_scene::{SceneSource, Warnings};
+use atsplat_splat::{GaussianParts, Gaussians};
+
+/// Trials and targets of pixelSplat's RE10K index.
+const PUBLISHED: [f64; 2] = [6474.0, 19_422.0];
+/// Depth of the wall in multiples of the distance between the context cameras.
+const WALL: f64 = 4.0;
+
+fn main() -> anyhow::Result<()> {
+    let mut words = std::env::args().skip(1);
+    let data = words.next().context("the folder of a scene is needed")?;
+    let targets: usize = words.next().map_or(Ok(501), |word| word.parse())?;
+    let source: Arc<dyn SceneSource> = Arc::new(atsplat_scene::open(&data, &mut Warnings::new())?);
+    let key = source.keys().first().context("the data hold no scene")?.clone();
+    let frames = source.load(&key, &mut Warnings::new())?.frames.len();
+    ensure!(frames > 60, "{frames} frames are too few");
+    let entries = targets.div_ceil(3);
+    let entry = |at: usize| {
+        let first = at % (frames - 50);
+        IndexEntry { context: vec![first, first + 45], target: vec![first + 10, first + 22, first + 35], overlap: None }
+    };
+    let scenes = [(key, (0..entries).map(entry).collect())].into_iter().collect();
+    let (told, sha256) = ("windows of 46 frames".to_owned(), Sha256Digest::of(b"throughput"));
+    let index = PlannedIndex { index: EvaluationIndex { scenes }, told, sha256, name: None };
+    let mut preset = Preset::named("re10k-2v-256")?;
+    preset.preprocessing.expected_size = None;
+    let datasets = [Dataset { name: preset.name.clone(), preset, source, told: data, index }];
+    let methods: [Arc<dyn Method>; 1] = [Arc::new(Wall::default())];
+    let suite = Suite::new(named_metrics(["psnr", "ssim"])?, Networks::default(), 0);
+    let plan = Plan {
+        datasets: &datasets,
+        methods: &methods,
+        suite: &suite,
+        selection: Selection::default(),
+        repetitions: Repetitions::ONCE,
+        alone: false,
+        pictures: KeepPictures::Nothing,
+        prefetch: Prefetch::default(),
+    };
+    println!("threads  trials/min  19 422 targets in  read  encode  render  score  (shares of all threads' time)");
+    let most = std::thread::available_parallelism()?.get();
+    for threads in (0..).map(|power| 1 << power).take_while(|threads| *threads <= most) {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        let folder = tempfile::tempdir()?;
+        let provenance = plan.provenance(here("0", None, Vec::new()))?;
+        let start = Instant::now();
+        let store = Store::create(folder.path(), provenance)?;
+        let (results, _) = pool.install(|| run(&plan, store, &|| ()))?;
+        let secs = start.elapsed().as_secs_f64();
+        let scored = results.targets.iter().filter(|row| row.scores.contains_key("psnr")).count();
+        ensure!(scored == 3 * entries, "{scored} of {} targets scored", 3 * entries);
+        let sum =
+            |of: fn(&atsplat_eval::Seconds) -> f64| results.trials.iter().map(|trial| of(&trial.seconds)).sum::<f64>();
+        let parts = [
+            sum(|secs| secs.read),
+            sum(|secs| secs.encode.unwrap_or_default()),
+            sum(|secs| secs.render_samples.iter().sum()),
+            sum(|secs| secs.score),
+        ];
+        let shares = parts.map(|part| format!("{:>5.1}%", 100.0 * part / (secs * threads as f64)));
+        let whole = secs * PUBLISHED[0] / entries as f64 / 60.0;
+        println!("{threads:>7}  {:>10.0}  {whole:>13.1} min  {}", 60.0 * entries as f64 / secs, shares.join("  "));
+    }
+    Ok(())
+}
+
+/// Context pixels as Gaussians.
+#[derive(Debug, Default)]
+struct Wall {
+    splatting: Splatting,
+}
+
+impl Method for Wall {
+    fn record(&self) -> MethodRecord {
+        MethodRecord { name: "wall".to_owned(), kind: "ply".to_owned(), deterministic: true, ..MethodRecord::default() }
+    }
+
+    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
+        let (gaussians, encode_samples) = question.repetitions.of(|| gaussians(question))?;
+        Ok(self.splatting.answer(question, gaussians, Cost { encode_samples, ..Cost::default() }))
+    }
+}
+
+fn gaussians(question: Question<'_>) -> Result<Gaussians, Refusal> {
+    let failed = |error: &dyn std::fmt::Display| Refusal::Failed(error.to_string());
+    let views = question.trial.context();
+    let centres: Vec<_> = views.iter().map(|view| view.camera.camera_from_world.inverse().centre()).collect();
+    let baseline = centres.first().zip(centres.last()).map_or(1.0, |(a, b)| a.distance(*b));
+    let depth = WALL * baseline;
+    let mut parts = GaussianParts::default();
+    for (view, picture) in views.iter().zip(question.pictures) {
+        let rays = view.camera.pixel_rays(view.size, DirectionScale::UnitDepth).map_err(|error| failed(&error))?;
+        let pixel = depth / (view.camera.intrinsics.fx * f64::from(view.size.width));
+        #[expect(clippy::cast_possible_truncation, reason = "Gaussians are f32")]
+        for (ray, rgb) in rays.iter().zip(picture.samples().as_chunks::<3>().0) {
+            parts.means.push(ray.at(depth).to_array().map(|value| value as f32));
+            parts.quaternions.push([1.0, 0.0, 0.0, 0.0]);
+            parts.log_scales.push([(0.6 * pixel).ln() as f32; 3]);
+            parts.opacity_logits.push(2.0);
+            parts.sh.push(rgb.map(|sample| (f32::from(sample) / 255.0 - 0.5) / 0.282_094_8));
+        }
+    }
+    Gaussians::new(parts).map_err(|error| failed(&error))
+}

@@ -1,0 +1,130 @@
+use std::sync::Arc;
+
+use atsplat_camera::ImageSize;
+use atsplat_model::ModelError;
+use atsplat_model::network::{Network, Reconstruction, Views};
+use atsplat_pixels::ImageU8;
+
+use super::splatting::{Splatting, parameters};
+use super::{Answer, Cost, Method, Question, Refusal};
+use crate::{EvalError, MethodRecord};
+
+/// ATSplat, in any variant.
+#[derive(Debug)]
+pub struct AtSplat {
+    network: Network,
+    splatting: Splatting,
+    call_seed: u64,
+    record: MethodRecord,
+}
+
+/// Where a network's weights came from.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum WeightsOf {
+    /// A file with this SHA-256.
+    File {
+        /// In hexadecimal.
+        sha256: String,
+    },
+    /// Nothing was learned.
+    Random {
+        /// What they were drawn with.
+        seed: u64,
+        /// SHA-256 of the file of a pretrained backbone, where there is one.
+        backbone_sha256: Option<String>,
+    },
+}
+
+impl AtSplat {
+    /// A network with its weights. `name` is its name in the rows.
+    ///
+    /// # Errors
+    /// [`EvalError::Model`] for a configuration that JSON cannot hold.
+    pub fn new(
+        name: &str,
+        network: Network,
+        weights: &WeightsOf,
+        call_seed: u64,
+        splatting: Splatting,
+    ) -> Result<Self, EvalError> {
+        let config = network.config();
+        let untrained = matches!(weights, WeightsOf::Random { .. });
+        let title = if untrained { format!("ATSplat ({}, untrained)", config.name) } else { "ATSplat".to_owned() };
+        let mut record = MethodRecord {
+            name: name.to_owned(),
+            kind: "atsplat".to_owned(),
+            title,
+            parameters: parameters([
+                ("model", config.name.clone().into()),
+                ("model-hash", config.hash()?.into()),
+                ("call-seed", call_seed.into()),
+            ]),
+            untrained,
+            ..MethodRecord::default()
+        };
+        match weights {
+            WeightsOf::File { sha256 } => record.weights_sha256 = Some(sha256.clone()),
+            WeightsOf::Random { seed, backbone_sha256 } => {
+                record.parameters.insert("weights-seed".to_owned(), (*seed).into());
+                if let Some(hash) = backbone_sha256 {
+                    record.parameters.insert("backbone-sha256".to_owned(), hash.clone().into());
+                }
+            }
+        }
+        splatting.describe(&mut record);
+        Ok(Self { network, splatting, call_seed, record })
+    }
+
+    fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>), Refusal> {
+        let context = question.trial.context();
+        let size = one_size(context.iter().map(|view| view.size))?;
+        let samples = question.pictures.iter().flat_map(|picture: &Arc<ImageU8>| picture.samples());
+        let pictures = samples.map(|&sample| f32::from(sample) / 255.0).collect();
+        let cameras = context.iter().map(|view| view.camera).collect();
+        let size = atsplat_model::ImageSize::new(size.height as usize, size.width as usize);
+        let views = Views::new(size, pictures, cameras).map_err(|error| refusal(&error))?;
+        let made = question.repetitions.of(|| self.network.reconstruct(&views, self.call_seed));
+        made.map_err(|error| refusal(&error))
+    }
+}
+
+impl Method for AtSplat {
+    fn record(&self) -> MethodRecord {
+        self.record.clone()
+    }
+
+    fn is_heavy(&self) -> bool {
+        true
+    }
+
+    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
+        let (made, encode_samples) = self.reconstruct(&question)?;
+        let stages = made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
+        let cost = Cost {
+            initial_tokens: Some(made.budget.initial_tokens as u64),
+            final_tokens: Some(made.budget.final_tokens as u64),
+            encode_samples,
+            stages: stages.into_iter().collect(),
+            peak_bytes: Some(made.memory.peak_bytes()),
+            ..Cost::default()
+        };
+        Ok(self.splatting.answer(question, made.gaussians, cost))
+    }
+}
+
+fn one_size(mut sizes: impl Iterator<Item = ImageSize>) -> Result<ImageSize, Refusal> {
+    let first = sizes.next().ok_or_else(|| Refusal::NotApplicable("no context view".to_owned()))?;
+    match sizes.find(|size| *size != first) {
+        None => Ok(first),
+        Some(other) => {
+            Err(Refusal::NotApplicable(format!("context pictures of one size are needed, found {first} and {other}")))
+        }
+    }
+}
+
+fn refusal(error: &ModelError) -> Refusal {
+    match error {
+        ModelError::Indivisible { .. } => Refusal::NotApplicable(error.to_string()),
+        _ => Refusal::Failed(error.to_string()),
+    }
+}

@@ -1,0 +1,103 @@
+use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererPrincipalPoint};
+use atsplat_splat::{ClampedGradient, Extent, PrincipalPoint, RendererConstants, ShAxes};
+
+/// Which renderer constants a method renders with.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub enum ConstantsChoice {
+    /// Those behind the protocol's published numbers ([`constants_of`]).
+    #[default]
+    OfPreset,
+    /// These, whatever the protocol says; their near and far planes are in the trial's scene units.
+    These(RendererConstants),
+}
+
+impl ConstantsChoice {
+    /// For a trial of this protocol.
+    pub fn of(&self, convention: &RendererConvention, planes: NearFar) -> RendererConstants {
+        match self {
+            Self::OfPreset => constants_of(convention, planes),
+            Self::These(constants) => constants.clone(),
+        }
+    }
+
+    /// For records.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::OfPreset => "of the preset",
+            Self::These(constants) => &constants.name,
+        }
+    }
+}
+
+/// A protocol's renderer as ours takes it. `planes` are the trial's, in its normalised world.
+///
+/// - A near cull in near planes is a multiple of the trial's near plane; one in scene units is taken as it is. A centre
+///   on it is culled, as in diff-gaussian-rasterization. Nothing is culled for being far.
+/// - A reach of 3 standard deviations is that rasterizer's, by tiles; any other draws all that reaches the smallest alpha.
+/// - An ignored principal point is the picture's centre.
+/// - Spherical harmonics have 3DGS's axes: their order belongs to the Gaussians and not to the protocol.
+pub fn constants_of(convention: &RendererConvention, planes: NearFar) -> RendererConstants {
+    const THREE_SIGMAS: f64 = 3.0;
+    let by_tiles = convention.extent_sigmas.total_cmp(&THREE_SIGMAS).is_eq();
+    let unit = match convention.near_cull_unit {
+        NearCull::SceneUnits => 1.0,
+        NearCull::NearPlanes => planes.near,
+    };
+    RendererConstants {
+        name: convention.rasteriser.clone(),
+        near: convention.near_cull * unit,
+        far: f64::INFINITY,
+        near_is_culled: true,
+        blur: convention.dilation,
+        max_alpha: convention.alpha_max,
+        min_alpha: 1.0 / convention.alpha_min_inverse,
+        min_transmittance: convention.transmittance_stop,
+        jacobian_margin: 0.3,
+        min_compensation: 0.0,
+        extent: if by_tiles { Extent::ThreeSigmaTiles } else { Extent::Exact },
+        principal_point: match convention.principal_point {
+            RendererPrincipalPoint::Ignored => PrincipalPoint::Centre,
+            RendererPrincipalPoint::Used => PrincipalPoint::Full,
+        },
+        sh_axes: ShAxes::Standard,
+        clamped_gradient: ClampedGradient::Exact,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_protocol::Preset;
+
+    /// The published rasterizer by another way: its own preset in the renderer.
+    #[test]
+    fn the_published_protocols_give_the_published_rasterizer() {
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let found = constants_of(&preset.renderer, NearFar { near: 1.0, far: 100.0 });
+        let inria = RendererConstants::named("inria").unwrap();
+        let expected = RendererConstants {
+            name: preset.renderer.rasteriser.clone(),
+            min_compensation: 0.0,
+            clamped_gradient: ClampedGradient::Exact,
+            ..inria
+        };
+        assert_eq!(found, expected);
+    }
+
+    #[test]
+    fn near_culls_follow_their_unit() {
+        let mut convention = Preset::named("re10k-2v-256").unwrap().renderer;
+        let planes = NearFar { near: 0.5, far: 100.0 };
+        let near = |convention: &RendererConvention| constants_of(convention, planes).near;
+        atsplat_numeric::Tolerance::EXACT.assert([near(&convention)], [0.1], "in near planes");
+        convention.near_cull_unit = NearCull::SceneUnits;
+        convention.principal_point = RendererPrincipalPoint::Used;
+        convention.extent_sigmas = 3.33;
+        atsplat_numeric::Tolerance::EXACT.assert([near(&convention)], [0.2], "in scene units");
+        let constants = constants_of(&convention, planes);
+        assert_eq!((constants.extent, constants.principal_point), (Extent::Exact, PrincipalPoint::Full));
+        constants.check().unwrap();
+        let own = ConstantsChoice::These(RendererConstants::default());
+        assert_eq!(own.of(&convention, planes), RendererConstants::default());
+    }
+}

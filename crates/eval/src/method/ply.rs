@@ -1,0 +1,112 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use atsplat_protocol::trial::Trial;
+use atsplat_splat::{Gaussians, files};
+
+use super::splatting::{Splatting, parameters};
+use super::{Answer, Cost, Method, Question, Refusal, below, last_of, names_of};
+use crate::{EvalError, MethodRecord};
+
+/// Gaussians that any other method wrote, a file for each scene:
+/// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same as `.spz` and `.splat`. Where an index asks
+/// several questions of one scene, those of the second are called `<scene>-1`, and so on.
+#[derive(Debug)]
+pub struct Ply {
+    folder: PathBuf,
+    name: String,
+    frame: GaussianFrame,
+    /// Whether a PLY file's opacities are what they say instead of logits.
+    opacities_as_stored: bool,
+    splatting: Splatting,
+}
+
+/// Whose axes and unit of length files of Gaussians have.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum GaussianFrame {
+    /// The dataset's: its cameras see the Gaussians where the photos see the scene.
+    #[default]
+    Dataset,
+    /// The trial's, whose poses are normalised as the preset says.
+    Trial,
+}
+
+impl GaussianFrame {
+    const fn name(self) -> &'static str {
+        match self {
+            Self::Dataset => "dataset",
+            Self::Trial => "trial",
+        }
+    }
+}
+
+impl Ply {
+    /// The files below a folder; `name` is the method's name in the rows, by default the folder's.
+    ///
+    /// # Errors
+    /// [`EvalError::Io`] where the folder cannot be read.
+    pub fn new(
+        folder: &Path,
+        name: Option<&str>,
+        frame: GaussianFrame,
+        opacities_as_stored: bool,
+        splatting: Splatting,
+    ) -> Result<Self, EvalError> {
+        fs::read_dir(folder).map_err(EvalError::io("reading the folder of Gaussians", folder))?;
+        let name = name.map_or_else(|| last_of(folder), str::to_owned);
+        Ok(Self { folder: folder.to_owned(), name, frame, opacities_as_stored, splatting })
+    }
+
+    fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
+        for scene in names_of(trial) {
+            for stem in [scene.clone(), format!("{scene}/gaussians"), format!("{scene}/point_cloud")] {
+                let extensions = ["ply", "spz", "splat"].into_iter();
+                let paths = extensions.filter_map(|extension| below(&self.folder, &format!("{stem}.{extension}")));
+                if let Some(path) = paths.into_iter().find(|path| path.is_file()) {
+                    return Ok(path);
+                }
+            }
+        }
+        let (scene, folder) = (trial.scene(), self.folder.display());
+        Err(format!("no Gaussians of scene {scene}: expected {scene}.ply or {scene}/gaussians.ply below {folder}"))
+    }
+
+    fn read(&self, trial: &Trial) -> Result<(Gaussians, Vec<String>), String> {
+        let path = self.find(trial)?;
+        let (mut gaussians, import) = files::read(&path).map_err(|error| error.to_string())?;
+        let mut notes = Vec::new();
+        if self.opacities_as_stored {
+            gaussians = gaussians.with_opacities_as_stored();
+        } else if import.opacities_may_be_no_logits {
+            notes.push("every opacity of the file lies in [0, 1]: they may be no logits".to_owned());
+        }
+        if self.frame == GaussianFrame::Dataset {
+            gaussians =
+                gaussians.transformed(&trial.normalisation().new_from_old).map_err(|error| error.to_string())?;
+        }
+        Ok((gaussians, notes))
+    }
+}
+
+impl Method for Ply {
+    fn record(&self) -> MethodRecord {
+        let mut record = MethodRecord {
+            name: self.name.clone(),
+            kind: "ply".to_owned(),
+            title: self.name.clone(),
+            parameters: parameters([
+                ("folder", self.folder.display().to_string().into()),
+                ("frame", self.frame.name().into()),
+                ("opacities-as-stored", self.opacities_as_stored.into()),
+            ]),
+            ..MethodRecord::default()
+        };
+        self.splatting.describe(&mut record);
+        record
+    }
+
+    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
+        let (gaussians, notes) = self.read(question.trial).map_err(Refusal::Failed)?;
+        Ok(self.splatting.answer(question, gaussians, Cost { notes, ..Cost::default() }))
+    }
+}

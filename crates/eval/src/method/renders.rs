@@ -1,0 +1,150 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use atsplat_pixels::{DecodeLimits, Image, decode, exr};
+use atsplat_protocol::trial::Trial;
+
+use super::splatting::parameters;
+use super::{Answer, Cost, Method, Question, Refusal, Rendered, below, last_of, names_of};
+use crate::{EvalError, MethodRecord};
+
+/// Pictures that any other method wrote, found by scene and frame.
+///
+/// For frame 29 of a scene, with `<scene>` its key in the dataset, the first of these layouts that has a file:
+///
+/// | layout | who writes it |
+/// |---|---|
+/// | `<scene>/color/000029.png` | pixelSplat, MVSplat, DepthSplat, NoPoSplat: `test.save_image`, `src/model/model_wrapper.py` |
+/// | `<scene>/000029.png` | `atsplat run --keep-pictures all`, most others |
+/// | `<scene>/29.png` | without leading zeros, or with two to five digits |
+///
+/// A frame's number is its position in the scene, as in the evaluation index. `.exr` files hold floats (channels R, G, B)
+/// and come before `.png` of the same name; no rounding to 8 bits enters then. They are taken for display-referred unless
+/// their header says otherwise, and refused then. Where an index asks several questions of
+/// one scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the first may be `<scene>-0`.
+///
+/// Files of other sizes, damaged and missing ones are failed targets, never resized or left out.
+#[derive(Clone, Debug)]
+pub struct Renders {
+    folder: PathBuf,
+    name: String,
+}
+
+impl Renders {
+    /// The pictures below a folder; `name` is the method's name in the rows, by default the folder's.
+    ///
+    /// # Errors
+    /// [`EvalError::Io`] where the folder cannot be read.
+    pub fn new(folder: &Path, name: Option<&str>) -> Result<Self, EvalError> {
+        fs::read_dir(folder).map_err(EvalError::io("reading the folder of renders", folder))?;
+        let name = name.map_or_else(|| last_of(folder), str::to_owned);
+        Ok(Self { folder: folder.to_owned(), name })
+    }
+
+    fn find(&self, trial: &Trial, frame: usize) -> Result<PathBuf, String> {
+        for scene in names_of(trial) {
+            let folder = below(&self.folder, &scene).ok_or_else(|| format!("{scene:?} is no name of a folder"))?;
+            for folder in [folder.join("color"), folder] {
+                let found: Vec<PathBuf> = names(frame).map(|name| folder.join(name)).filter(|p| p.is_file()).collect();
+                let stem = |path: &PathBuf| path.file_stem().map(std::ffi::OsStr::to_owned);
+                match found.as_slice() {
+                    [] => {}
+                    [first, others @ ..] if others.iter().all(|other| stem(other) == stem(first)) => {
+                        return Ok(first.clone());
+                    }
+                    [first, others @ ..] => {
+                        let last = others.last().unwrap_or(first);
+                        return Err(format!("two files for frame {frame}: {} and {}", first.display(), last.display()));
+                    }
+                }
+            }
+        }
+        let scene = trial.scene();
+        Err(format!(
+            "no file for frame {frame} of scene {scene}: expected {scene}/{frame:06}.png or .exr below {}",
+            self.folder.display()
+        ))
+    }
+}
+
+/// Names that a frame's file may have, floats first.
+fn names(frame: usize) -> impl Iterator<Item = String> {
+    let mut stems: Vec<String> = [6, 5, 4, 3, 2, 1].map(|digits| format!("{frame:0digits$}")).to_vec();
+    stems.dedup();
+    stems.into_iter().flat_map(|stem| [format!("{stem}.exr"), format!("{stem}.png")])
+}
+
+impl Method for Renders {
+    fn record(&self) -> MethodRecord {
+        MethodRecord {
+            name: self.name.clone(),
+            kind: "renders".to_owned(),
+            title: self.name.clone(),
+            parameters: parameters([("folder", self.folder.display().to_string().into())]),
+            deterministic: true,
+            ..MethodRecord::default()
+        }
+    }
+
+    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
+        Ok(Box::new(Imported { renders: self, trial: question.trial, cost: Cost::default() }))
+    }
+}
+
+struct Imported<'a> {
+    renders: &'a Renders,
+    trial: &'a Trial,
+    cost: Cost,
+}
+
+impl Answer for Imported<'_> {
+    fn cost(&self) -> &Cost {
+        &self.cost
+    }
+
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        let views = self.trial.targets();
+        let one = |position: &usize| {
+            let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
+            let path = self.renders.find(self.trial, target.frame)?;
+            read(&path).map(Rendered::untimed).map_err(|error| format!("{error} ({})", path.display()))
+        };
+        targets.iter().map(one).collect()
+    }
+}
+
+fn read(path: &Path) -> Result<Image, String> {
+    let bytes = fs::read(path).map_err(|error| error.to_string())?;
+    let limits = DecodeLimits::default();
+    if path.extension().is_some_and(|extension| extension == "exr") {
+        return match exr::read_rgb(&bytes, &limits).map_err(|error| error.to_string())? {
+            (_, exr::Values::Linear) => {
+                Err("expected display-referred values, found some proportional to light".to_owned())
+            }
+            (_, exr::Values::Depth) => Err("expected a picture, found depths".to_owned()),
+            (image, _) => Ok(image),
+        };
+    }
+    Ok(Image::from_u8(&decode(&bytes, &limits).map_err(|error| error.to_string())?))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn each_name_of_a_frame_once() {
+        let of = |frame| names(frame).filter(|name| name.ends_with("png")).collect::<Vec<_>>();
+        assert_eq!(of(29), ["000029.png", "00029.png", "0029.png", "029.png", "29.png"]);
+        assert_eq!(of(1_234_567), ["1234567.png"]);
+        assert_eq!(names(7).next().as_deref(), Some("000007.exr"));
+    }
+
+    #[test]
+    fn names_that_lead_out_of_the_folder_are_refused() {
+        for name in ["../other", "/etc", "a/../../b", "."] {
+            assert_eq!(below(Path::new("renders"), name), None, "{name}");
+        }
+        assert_eq!(below(Path::new("renders"), "a/b"), Some("renders/a/b".into()));
+    }
+}

@@ -1,0 +1,55 @@
+use atsplat_protocol::trial::{SkipReport, Skipped};
+use atsplat_scene::Warnings;
+
+use crate::{SkippedEntry, WarningCount};
+
+/// What was wrong with datasets without stopping a run.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Findings {
+    /// By preset and kind.
+    pub warnings: Vec<WarningCount>,
+    /// Index entries that made no trial.
+    pub skipped: Vec<SkippedEntry>,
+}
+
+impl Findings {
+    /// Adds what walking a dataset under a preset came across.
+    pub(super) fn add_warnings(&mut self, preset: &str, warnings: &Warnings) {
+        for (kind, count) in warnings.counts() {
+            let example = warnings.kept().iter().find(|warning| warning.kind == kind);
+            self.add(preset, &kind.to_string(), count, example.map(ToString::to_string).unwrap_or_default());
+        }
+    }
+
+    /// Adds one kind of warning.
+    pub(super) fn add(&mut self, preset: &str, kind: &str, count: u64, example: String) {
+        match self.warnings.iter_mut().find(|known| known.preset == preset && known.kind == kind) {
+            Some(known) => known.count += count,
+            None => {
+                self.warnings.push(WarningCount { preset: preset.to_owned(), kind: kind.to_owned(), count, example });
+            }
+        }
+    }
+
+    /// Adds entries without a trial. Methods with other pose normalisations walk the same index: what they skip too is
+    /// told once.
+    pub(super) fn add_skipped(&mut self, preset: &str, report: &SkipReport) {
+        for Skipped { scene, entry_number, reason, detail } in &report.skipped {
+            self.skipped.push(SkippedEntry {
+                preset: preset.to_owned(),
+                scene: scene.clone(),
+                entry: u32::try_from(*entry_number).unwrap_or(u32::MAX),
+                reason: reason.name().to_owned(),
+                detail: detail.clone(),
+            });
+        }
+    }
+
+    /// The same for any way in which the work was divided.
+    pub(super) fn in_order(mut self) -> Self {
+        self.warnings.sort_by(|a, b| (&a.preset, &a.kind).cmp(&(&b.preset, &b.kind)));
+        self.skipped.sort();
+        self.skipped.dedup();
+        self
+    }
+}

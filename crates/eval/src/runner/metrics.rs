@@ -1,0 +1,96 @@
+use atsplat_metrics::learned::Network;
+use atsplat_metrics::{Definition, Measure, Suite, definition, definitions};
+use atsplat_protocol::{LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
+
+use crate::{EvalError, MetricRecord};
+
+/// What a protocol means by PSNR, SSIM and LPIPS: ids of [`atsplat_metrics::definitions`], in this order.
+pub const fn metric_ids(convention: &MetricConvention) -> [&'static str; 3] {
+    let MetricConvention { psnr, ssim, lpips, pixels, clip_before_ssim_and_lpips: clip } = *convention;
+    let truncated = matches!(pixels, PixelValues::TruncatedToBytes);
+    let psnr = match psnr {
+        PsnrConvention::Clipped if truncated => "psnr-8bit-truncated",
+        PsnrConvention::Clipped => "psnr",
+    };
+    let ssim = match ssim {
+        SsimConvention::SkimageUniform => "ssim-uniform-7x7",
+        SsimConvention::SkimageGaussian if truncated => "ssim-8bit-truncated",
+        SsimConvention::SkimageGaussian if clip => "ssim-clipped",
+        SsimConvention::SkimageGaussian => "ssim",
+    };
+    let lpips = match lpips {
+        LpipsConvention::AlexV01 => "lpips-alex",
+        LpipsConvention::VggV01 if truncated => "lpips-8bit-truncated",
+        LpipsConvention::VggV01 if clip => "lpips-clipped",
+        LpipsConvention::VggV01 => "lpips",
+    };
+    [psnr, ssim, lpips]
+}
+
+/// Definitions by id, each once, in the order of [`definitions`]; `all` stands for every metric.
+///
+/// # Errors
+/// [`EvalError::Unknown`].
+pub fn named_metrics<'a>(ids: impl IntoIterator<Item = &'a str>) -> Result<Vec<&'static Definition>, EvalError> {
+    let mut wanted = Vec::new();
+    for id in ids {
+        if id == "all" {
+            return Ok(definitions().iter().collect());
+        }
+        let known = || definitions().iter().map(|metric| metric.id.to_owned()).collect();
+        let unknown = || EvalError::Unknown { what: "metrics", found: id.to_owned(), known: known() };
+        wanted.push(definition(id).ok_or_else(unknown)?.id);
+    }
+    Ok(definitions().iter().filter(|metric| wanted.contains(&metric.id)).collect())
+}
+
+/// What a store says of the metrics that it holds.
+pub fn metric_records(suite: &Suite) -> Vec<MetricRecord> {
+    let record = |metric: &&'static Definition| {
+        let network = match metric.measure {
+            Measure::Perceptual { network, .. } => Some(network),
+            _ => None,
+        };
+        let loaded = network.map(|network: Network| suite.networks().get(network));
+        let (weights_sha256, absent) = match loaded {
+            None => (None, None),
+            Some(Ok(perceptual)) => (Some(perceptual.hashes().network.clone()), None),
+            Some(Err(absent)) => (None, Some(absent.to_string())),
+        };
+        MetricRecord { id: metric.id.to_owned(), convention: metric.convention.to_owned(), weights_sha256, absent }
+    };
+    suite.definitions().iter().map(record).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_protocol::Preset;
+
+    use super::*;
+
+    #[test]
+    fn every_convention_is_a_metric_that_exists() {
+        let mut convention = Preset::named("re10k-2v-256").unwrap().metrics;
+        assert_eq!(metric_ids(&convention), ["psnr", "ssim", "lpips"]);
+        for pixels in [PixelValues::Float, PixelValues::TruncatedToBytes] {
+            for ssim in [SsimConvention::SkimageGaussian, SsimConvention::SkimageUniform] {
+                for lpips in [LpipsConvention::VggV01, LpipsConvention::AlexV01] {
+                    for clip_before_ssim_and_lpips in [false, true] {
+                        convention = MetricConvention { pixels, ssim, lpips, clip_before_ssim_and_lpips, ..convention };
+                        assert_eq!(named_metrics(metric_ids(&convention)).unwrap().len(), 3, "{convention:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn metrics_are_named_once_and_in_order() {
+        let ids = |list: &[&str]| {
+            named_metrics(list.iter().copied()).map(|found| found.iter().map(|metric| metric.id).collect::<Vec<_>>())
+        };
+        assert_eq!(ids(&["l1", "ssim", "psnr", "ssim"]).unwrap(), ["psnr", "ssim", "l1"]);
+        assert_eq!(ids(&["l1", "all"]).unwrap().len(), definitions().len());
+        assert!(ids(&["psnrs"]).unwrap_err().to_string().contains("psnr-unclipped"));
+    }
+}

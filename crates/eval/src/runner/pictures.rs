@@ -1,0 +1,56 @@
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use atsplat_pixels::{Image, ImageU8, Rounding, encode_png};
+
+use crate::store::disk;
+use crate::{EvalError, TrialKey};
+
+/// The method under whose name true pictures are kept.
+pub const TRUTH: &str = "truth";
+/// The method under whose name context pictures are kept.
+pub(super) const CONTEXT: &str = "context";
+
+/// Which pictures a store keeps beside its rows.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum KeepPictures {
+    /// None.
+    #[default]
+    Nothing,
+    /// Those of the ten trials of each method with the lowest mean PSNR.
+    Worst,
+    /// All.
+    All,
+}
+
+/// Where a store keeps a picture: `pictures/<preset>/<method>/<scene>-<entry>/<frame>.png`. Truths are under the method
+/// `truth`, context views under `context`; slashes in keys become underscores.
+pub fn picture_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
+    let plain = |text: &str| text.replace(['/', '\\'], "_");
+    let scene = format!("{}-{}", plain(&key.scene), key.entry);
+    let folder = store.join("pictures").join(plain(&key.preset)).join(plain(&key.method)).join(scene);
+    folder.join(format!("{frame:06}.png"))
+}
+
+/// Keeps a render, rounded to 8 bits; nothing where it has samples that no byte stands for.
+pub(super) fn keep(store: &Path, key: &TrialKey, frame: u64, render: &Image) -> Result<(), EvalError> {
+    match render.to_u8(Rounding::Nearest) {
+        Ok(picture) => keep_bytes(store, key, frame, &picture),
+        Err(_non_finite) => Ok(()),
+    }
+}
+
+/// Keeps a true or a context picture.
+pub(super) fn keep_bytes(store: &Path, key: &TrialKey, frame: u64, picture: &ImageU8) -> Result<(), EvalError> {
+    let path = picture_path(store, key, frame);
+    let folder = path.parent().unwrap_or(store);
+    fs::create_dir_all(folder).map_err(EvalError::io("making a folder for pictures", folder))?;
+    let png = encode_png(picture);
+    let png = png.map_err(|error| EvalError::malformed(&path, "picture", "one that PNG holds", error))?;
+    disk::write(&path, &png)
+}
+
+/// The key of what several methods have in common.
+pub(super) fn common(key: &TrialKey, method: &str) -> TrialKey {
+    TrialKey { method: method.to_owned(), ..key.clone() }
+}

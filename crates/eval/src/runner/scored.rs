@@ -1,0 +1,150 @@
+//! A target's row.
+
+use atsplat_metrics::{NotComputed, Score, Suite};
+use atsplat_pixels::{Image, ImageU8};
+use atsplat_protocol::trial::{TargetView, Trial};
+use sha2::{Digest, Sha256};
+
+use crate::store::hexadecimal;
+use crate::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
+
+/// The row of a target of which nothing is known yet.
+pub(super) fn blank(key: &TrialKey, trial: &Trial, target: &TargetView, position: usize) -> TargetRow {
+    TargetRow {
+        key: key.clone(),
+        target: u32::try_from(position).unwrap_or(u32::MAX),
+        frame: target.frame as u64,
+        signed_distance: target.label.signed_distance,
+        leaked: target.label.leaked,
+        overlap: trial.entry().overlap,
+        width: target.size.width,
+        height: target.size.height,
+        truth_hash: None,
+        render_hash: None,
+        status: TargetStatus::Failed,
+        detail: None,
+        non_finite: 0,
+        scores: std::collections::BTreeMap::new(),
+        not_computed: std::collections::BTreeMap::new(),
+        render_secs: None,
+    }
+}
+
+/// Fills a row with what comparing says.
+pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth: &ImageU8) {
+    row.render_hash = Some(hash_of(render));
+    let [expected, found] =
+        [(truth.width(), truth.height()), (render.width(), render.height())].map(|(w, h)| format!("{w}×{h}"));
+    if expected != found {
+        row.detail = Some(format!("expected a picture of {expected}, found {found}"));
+        return;
+    }
+    let scored = suite.score(render, &Image::from_u8(truth), None);
+    row.non_finite = scored.non_finite.render;
+    row.status = if scored.non_finite.total() > 0 {
+        row.detail = Some(scored.non_finite.to_string());
+        TargetStatus::NonFinite
+    } else if scored.identical {
+        TargetStatus::Identical
+    } else {
+        TargetStatus::Scored
+    };
+    for (id, score) in scored.scores {
+        let why = match score {
+            Score::Value(value) if value.is_finite() => {
+                row.scores.insert(id.to_owned(), value);
+                continue;
+            }
+            Score::Value(value) => format!("the score is {value}"),
+            Score::Identical => IDENTICAL.to_owned(),
+            // Where they were looked for is in the provenance, once.
+            Score::NotComputed(NotComputed::WeightsAbsent(_)) => "weights absent".to_owned(),
+            Score::NotComputed(_) if row.status == TargetStatus::NonFinite => "samples that are no numbers".to_owned(),
+            Score::NotComputed(reason) => reason.to_string(),
+        };
+        row.not_computed.insert(id.to_owned(), why);
+    }
+}
+
+/// SHA-256 of samples as little-endian f32.
+fn hash_of(render: &Image) -> String {
+    let bytes: Vec<u8> = render.samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
+    hexadecimal(&Sha256::digest(&bytes))
+}
+
+/// SHA-256 of samples.
+pub(super) fn hash_of_bytes(truth: &ImageU8) -> String {
+    hexadecimal(&Sha256::digest(truth.samples()))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_metrics::Networks;
+    use atsplat_numeric::Tolerance;
+
+    use super::super::named_metrics;
+    use super::*;
+    use crate::TrialKey;
+
+    fn row() -> TargetRow {
+        let key = TrialKey { preset: String::new(), method: String::new(), scene: String::new(), entry: 0 };
+        TargetRow {
+            key,
+            target: 0,
+            frame: 0,
+            signed_distance: 0,
+            leaked: false,
+            overlap: None,
+            width: 64,
+            height: 64,
+            truth_hash: None,
+            render_hash: None,
+            status: TargetStatus::Failed,
+            detail: None,
+            non_finite: 0,
+            scores: std::collections::BTreeMap::new(),
+            not_computed: std::collections::BTreeMap::new(),
+            render_secs: None,
+        }
+    }
+
+    fn scored(change: impl Fn(usize, f32) -> f32) -> TargetRow {
+        let ids = ["psnr", "ssim", "psnr-8bit-rounded", "lpips"];
+        let suite = Suite::new(named_metrics(ids).unwrap(), Networks::default(), 0);
+        let samples: Vec<u8> = (0..64u32 * 64 * 3).map(|at| u8::try_from(40 + at * 7 % 160).unwrap()).collect();
+        let truth = ImageU8::new(64, 64, samples).unwrap();
+        let changed = Image::from_u8(&truth).into_samples();
+        let changed = changed.into_iter().enumerate().map(|(at, sample)| change(at, sample)).collect();
+        let mut row = row();
+        compare(&mut row, &suite, &Image::new(64, 64, changed).unwrap(), &truth);
+        row.check().unwrap();
+        row
+    }
+
+    #[test]
+    fn the_truth_itself_is_identical_and_infinity_is_no_score() {
+        let row = scored(|_, sample| sample);
+        assert_eq!(row.status, TargetStatus::Identical);
+        assert_eq!(row.not_computed["psnr"], IDENTICAL);
+        assert_eq!(row.scores.keys().collect::<Vec<_>>(), ["ssim"]);
+        assert_eq!(row.not_computed["lpips"], "weights absent");
+    }
+
+    #[test]
+    fn what_is_identical_only_when_rounded_is_scored() {
+        let row = scored(|_, sample| sample + 1e-4);
+        assert_eq!(row.status, TargetStatus::Scored);
+        assert_eq!(row.not_computed["psnr-8bit-rounded"], IDENTICAL);
+        Tolerance::absolute(1e-2).assert([row.scores["psnr"]], [80.0], "an offset of 1e-4");
+    }
+
+    #[test]
+    fn numbers_that_are_none_are_counted_and_nothing_is_scored() {
+        for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            let row = scored(|at, sample| if at % 1000 == 7 { value } else { sample });
+            assert_eq!((row.status, row.non_finite), (TargetStatus::NonFinite, 13));
+            assert!(row.scores.is_empty() && row.not_computed.len() == 4);
+            assert!(row.detail.unwrap().contains("column 2, row 0"));
+        }
+    }
+}

@@ -1,0 +1,87 @@
+use std::collections::HashSet;
+
+use atsplat_protocol::EvaluationIndex;
+
+use crate::Shard;
+
+/// Which scenes of an index are run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Selection {
+    /// At most this many scenes, spread over the index ([`spread`]).
+    pub limit: Option<u64>,
+    /// Every n-th of them.
+    pub shard: Option<Shard>,
+}
+
+/// What an index asks of a dataset.
+#[derive(Clone, Debug, PartialEq)]
+pub(super) struct Selected {
+    /// Scenes to run, in the index's order.
+    pub(super) index: EvaluationIndex,
+    /// Scenes with entries that the dataset lacks.
+    pub(super) not_there: Vec<String>,
+}
+
+impl Selection {
+    /// Scenes that have entries and are in the dataset; of them as many as are wanted; of these, every n-th. Whole
+    /// scenes: what is asked of one scene stays in one shard.
+    pub(super) fn of(self, index: &EvaluationIndex, keys: &[String]) -> Selected {
+        let known: HashSet<&str> = keys.iter().map(String::as_str).collect();
+        let asked = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
+        let (there, not_there): (Vec<_>, Vec<_>) = asked.partition(|(key, _)| known.contains(key.as_str()));
+        let limit = self.limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(there.len());
+        let positions = spread(there.len(), limit);
+        let Shard { number, of } = self.shard.unwrap_or(Shard { number: 1, of: 1 });
+        let mine = positions.into_iter().skip(number.saturating_sub(1) as usize).step_by(of.max(1) as usize);
+        let scenes = mine.filter_map(|at| there.get(at)).map(|(key, entries)| ((*key).clone(), (*entries).clone()));
+        let index = EvaluationIndex { scenes: scenes.collect() };
+        Selected { index, not_there: not_there.into_iter().map(|(key, _)| key.clone()).collect() }
+    }
+}
+
+/// `count` of `all` positions, as evenly as they go, the first among them: `⌊k · all / count⌋`. All where there are no
+/// more.
+pub fn spread(all: usize, count: usize) -> Vec<usize> {
+    if count >= all {
+        return (0..all).collect();
+    }
+    (0..count).map(|k| k * all / count).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_protocol::IndexEntry;
+
+    fn index(scenes: u32) -> EvaluationIndex {
+        let entry = IndexEntry { context: vec![0], target: vec![1], overlap: None };
+        let mut index = EvaluationIndex::default();
+        for scene in 0..scenes {
+            index.scenes.insert(format!("s{scene}"), vec![entry.clone(); 1 + scene as usize % 2]);
+        }
+        index.scenes.insert("null".to_owned(), Vec::new());
+        index
+    }
+
+    #[test]
+    fn positions_are_spread_evenly() {
+        assert_eq!(spread(10, 4), [0, 2, 5, 7]);
+        assert_eq!(spread(3, 5), [0, 1, 2]);
+        assert_eq!((spread(5, 0), spread(0, 3)), (vec![], vec![]));
+    }
+
+    #[test]
+    fn shards_share_out_the_limited_index() {
+        let index = index(11);
+        let keys: Vec<String> = index.scenes.keys().filter(|key| *key != "s3").cloned().collect();
+        let selected = |shard| Selection { limit: Some(7), shard }.of(&index, &keys);
+        let whole = selected(None);
+        assert_eq!((whole.index.scenes.len(), whole.not_there.as_slice()), (7, &["s3".to_owned()][..]));
+        let parts = (1..=3).map(|number| selected(Some(Shard { number, of: 3 })).index);
+        let mut together: Vec<String> = parts.flat_map(|part| part.scenes.into_keys()).collect();
+        together.sort();
+        let mut expected: Vec<String> = whole.index.scenes.into_keys().collect();
+        expected.sort();
+        assert_eq!(together, expected);
+    }
+}

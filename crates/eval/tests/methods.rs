@@ -1,0 +1,235 @@
+//! What each method makes of a scene whose pictures are known.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::path::Path;
+use std::sync::Arc;
+
+use atsplat_camera::Similarity;
+use atsplat_eval::method::{
+    AtSplat, ConstantsChoice, GaussianFrame, Method, NearestView, Ply, Question, Refusal, Renders, Repetitions,
+    Splatting, Warp, WeightsOf, constants_of,
+};
+use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
+use atsplat_model::ModelConfig;
+use atsplat_model::network::{Device, Network};
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::generated;
+use atsplat_pixels::{Image, ImageU8, encode_png, exr};
+use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
+use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
+use atsplat_splat::effects::EffectSelection;
+use atsplat_splat::files::{Encoding, Output};
+use atsplat_splat::{GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, View, files};
+use common::{SIZE, Walls, entry, picture, preset};
+
+struct Asked {
+    preset: Preset,
+    trial: Trial,
+    pictures: Vec<Arc<ImageU8>>,
+}
+
+fn asked(entries: &[IndexEntry]) -> Vec<Asked> {
+    let preset = preset();
+    let walls = Walls::new(1, 8);
+    let index = EvaluationIndex { scenes: [("wall-0".to_owned(), entries.to_vec())].into_iter().collect() };
+    let trials = Trials::new(Arc::new(walls), &index, TrialRecipe::of(&preset, "ATSplat"), Prefetch::default());
+    let asked = trials.map(|trial| {
+        let (trial, _) = trial.unwrap();
+        let pictures = trial.context().iter().map(|view| view.picture().unwrap()).collect();
+        Asked { preset: preset.clone(), trial, pictures }
+    });
+    asked.collect()
+}
+
+impl Asked {
+    fn question(&self) -> Question<'_> {
+        let repetitions = Repetitions::ONCE;
+        Question { preset: &self.preset, trial: &self.trial, pictures: &self.pictures, repetitions }
+    }
+
+    fn answer(&self, method: &dyn Method, target: usize) -> Result<Image, String> {
+        let answer = method.begin(self.question()).map_err(|refusal| refusal.to_string())?;
+        answer.render(&[target]).remove(0).map(|rendered| rendered.image)
+    }
+}
+
+fn decibels(render: &Image, frame: usize) -> f64 {
+    between(render, &Image::from_u8(&picture(0, frame)))
+}
+
+fn between(render: &Image, truth: &Image) -> f64 {
+    psnr(&Pair::new(render, truth).unwrap(), Values::AsRendered).capped(DECIBEL_CAP).unwrap()
+}
+
+#[test]
+fn the_nearest_view_is_copied_and_ties_go_to_the_first() {
+    let asked = asked(&[entry(&[0, 4], &[1, 2, 3, 4, 7])]);
+    let copied = |target| asked[0].answer(&NearestView, target).unwrap();
+    for (target, frame) in [(0, 0), (1, 0), (2, 4), (3, 4), (4, 4)] {
+        assert_eq!(copied(target), Image::from_u8(&picture(0, frame)), "target {target}");
+    }
+    let turned = common_tie();
+    assert_eq!(turned.answer(&NearestView, 0).unwrap(), Image::from_u8(&picture(0, 4)), "first in the trial's order");
+}
+
+fn common_tie() -> Asked {
+    asked(&[entry(&[4, 0], &[2])]).remove(0)
+}
+
+/// The wall is a plane that faces the cameras: the warp's only errors are its steps of depth and its interpolation.
+#[test]
+fn the_warp_finds_the_wall() {
+    let asked = asked(&[entry(&[0, 4], &[1, 2, 3, 6])]);
+    for (target, frame, least) in [(0, 1, 35.0), (1, 2, 35.0), (2, 3, 35.0), (3, 6, 20.0)] {
+        let warped = decibels(&asked[0].answer(&Warp, target).unwrap(), frame);
+        let copied = decibels(&asked[0].answer(&NearestView, target).unwrap(), frame);
+        assert!(warped > least && warped > copied + 3.0, "frame {frame}: warped {warped}, copied {copied}");
+    }
+    let single = asked_single();
+    let alone = single.answer(&Warp, 0).unwrap();
+    assert!(alone.samples().iter().all(|sample| (0.0..=1.0).contains(sample)), "without parallax too");
+}
+
+fn asked_single() -> Asked {
+    asked(&[entry(&[3], &[3])]).remove(0)
+}
+
+fn write(path: &Path, bytes: &[u8]) {
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    std::fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn renders_are_found_in_every_layout() {
+    let png = encode_png(&picture(0, 5)).unwrap();
+    let asked = asked(&[entry(&[0, 4], &[5]), entry(&[0, 6], &[5])]);
+    for layout in ["wall-0/color/000005.png", "wall-0/000005.png", "wall-0/5.png", "wall-0-0/00005.png"] {
+        let folder = tempfile::tempdir().unwrap();
+        write(&folder.path().join(layout), &png);
+        let renders = Renders::new(folder.path(), Some("other")).unwrap();
+        assert_eq!(asked[0].answer(&renders, 0), Ok(Image::from_u8(&picture(0, 5))), "{layout}");
+        let second = asked[1].answer(&renders, 0).unwrap_err();
+        assert!(second.contains("no file for frame 5"), "another question of the scene has its own folder: {second}");
+        write(&folder.path().join("wall-0-1/color/5.png"), &png);
+        assert!(asked[1].answer(&renders, 0).is_ok());
+    }
+}
+
+#[test]
+fn floats_come_before_bytes_and_two_files_for_a_frame_are_told() {
+    let asked = asked(&[entry(&[0, 4], &[5])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let renders = Renders::new(folder.path(), None).unwrap();
+    let bright: Vec<f32> = Image::from_u8(&picture(0, 5)).samples().iter().map(|sample| sample + 0.7).collect();
+    let bright = Image::new(SIZE.width, SIZE.height, bright).unwrap();
+    write(&folder.path().join("wall-0/000005.png"), &encode_png(&picture(0, 5)).unwrap());
+    write(&folder.path().join("wall-0/000005.exr"), &exr::write_rgb(&bright, &exr::Values::DisplayReferred).unwrap());
+    assert_eq!(asked.answer(&renders, 0), Ok(bright), "values above 1 stay");
+    write(&folder.path().join("wall-0/05.png"), b"");
+    assert!(asked.answer(&renders, 0).unwrap_err().contains("two files for frame 5"));
+    assert!(Renders::new(&folder.path().join("nowhere"), None).is_err());
+}
+
+/// Two dozen Gaussians before the cameras.
+fn gaussians() -> Gaussians {
+    let number = |at: usize, of: f32| ((at as f32 * 12.9898 + of).sin() * 43758.547).fract();
+    let count = 24;
+    let each = |of: f32| (0..count).map(move |at| number(at, of));
+    let triples = |a: f32, b: f32, c: f32| each(a).zip(each(b)).zip(each(c)).map(|((x, y), z)| [x, y, z]);
+    let parts = GaussianParts {
+        means: triples(1.0, 2.0, 3.0).map(|[x, y, z]| [0.4 + 2.0 * x, 2.0 * y, 4.0 + z]).collect(),
+        quaternions: triples(4.0, 5.0, 6.0).map(|[x, y, z]| [1.0, x, y, z]).collect(),
+        log_scales: triples(7.0, 8.0, 9.0).map(|scales| scales.map(|scale| -1.5 + 0.5 * scale)).collect(),
+        opacity_logits: each(10.0).map(|opacity| 2.0 * opacity).collect(),
+        sh_degree: 1,
+        sh: (0..4 * count).map(|at| [number(at, 11.0), number(at, 12.0), number(at, 13.0)]).collect(),
+        scalars: None,
+        filter_3d: None,
+    };
+    Gaussians::new(parts).unwrap()
+}
+
+/// Gaussians in the dataset's world, seen by the dataset's own camera with the near plane in its unit of length: another
+/// renderer, and no normalisation at all.
+#[test]
+fn imported_gaussians_stand_where_the_photos_see_the_scene() {
+    let asked = asked(&[entry(&[0, 4], &[2])]).remove(0);
+    let Similarity { scale, .. } = asked.trial.normalisation().new_from_old;
+    assert!((scale - 1.0).abs() > 0.1, "the trial's world is another one: {scale}");
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("wall-0/gaussians.ply");
+    std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+    files::write(&path, &gaussians(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
+    let imported = |frame| Ply::new(folder.path(), None, frame, false, Splatting::default()).unwrap();
+    let seen = asked.answer(&imported(GaussianFrame::Dataset), 0).unwrap();
+
+    let mut planes = asked.trial.near_far();
+    planes.near /= scale;
+    let constants = constants_of(&asked.preset.renderer, planes);
+    let options = RenderOptions { constants, ..RenderOptions::default() };
+    let view = View { camera: common::camera(2), size: SIZE };
+    let expected = ReferenceRenderer.render(&gaussians(), &view, &options).unwrap();
+    let expected = Image::new(SIZE.width, SIZE.height, expected.rgb.into_flattened()).unwrap();
+    assert!(expected.samples().iter().any(|sample| *sample > 0.2), "there is something to see");
+    let agreement = between(&seen, &expected);
+    assert!(agreement > 80.0, "{agreement} dB");
+    let elsewhere = asked.answer(&imported(GaussianFrame::Trial), 0).unwrap();
+    assert!(between(&elsewhere, &expected) < 30.0, "the frame matters");
+}
+
+#[test]
+fn views_together_have_the_bits_of_views_alone() {
+    let asked = asked(&[entry(&[0, 4], &[1, 2, 3, 5, 6])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    files::write(&folder.path().join("wall-0.ply"), &gaussians(), Output::Ply(Encoding::Ascii)).unwrap();
+    let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+    let answer = ply.begin(asked.question()).unwrap();
+    let together = answer.render(&[0, 1, 2, 3, 4]);
+    for (at, both) in together.into_iter().enumerate() {
+        let (together, alone) = (both.unwrap(), answer.render(&[at]).remove(0).unwrap());
+        assert_eq!((together.image, together.drawn), (alone.image, alone.drawn), "target {at}");
+        assert_eq!(together.effects, alone.effects);
+    }
+    assert_eq!(answer.cost().gaussians, Some(24));
+    assert!(answer.render(&[9]).remove(0).is_err(), "there is no such target");
+}
+
+#[test]
+fn gaussians_that_are_not_there_and_files_that_are_none() {
+    let asked = asked(&[entry(&[0, 4], &[1])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+    assert!(asked.answer(&ply, 0).unwrap_err().contains("expected wall-0.ply"));
+    write(&folder.path().join("wall-0.ply"), b"ply\nnonsense");
+    assert!(matches!(ply.begin(asked.question()).map(drop), Err(Refusal::Failed(_))));
+}
+
+fn nano() -> Network {
+    let config = ModelConfig::named("nano").unwrap();
+    let network = Network::new(&config, &Device::flex()).unwrap();
+    network.with_weights(&generated(&parameters(&config), 1)).unwrap()
+}
+
+#[test]
+fn an_untrained_network_says_so_and_counts_its_tokens() {
+    let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
+    let splatting =
+        Splatting { constants: ConstantsChoice::default(), effects: EffectSelection::Auto, ..Splatting::default() };
+    let method = AtSplat::new("atsplat", nano(), &weights, 0, splatting).unwrap();
+    let record = method.record();
+    assert!(record.untrained && record.title.contains("untrained") && record.weights_sha256.is_none());
+    assert_eq!(record.parameters["effects"], "auto");
+    let asked = asked(&[entry(&[0, 4], &[2])]).remove(0);
+    let question = Question { repetitions: Repetitions { warm_up: 1, counted: 3 }, ..asked.question() };
+    let answer = method.begin(question).unwrap();
+    let cost = answer.cost();
+    assert_eq!(cost.encode_samples.len(), 3);
+    assert_eq!(cost.gaussians.unwrap() % cost.final_tokens.unwrap(), 0);
+    assert_eq!(cost.stages.len(), 5);
+    let rendered = answer.render(&[0]).remove(0).unwrap();
+    assert_eq!(rendered.secs.len(), 3);
+    assert!(rendered.image.samples().iter().all(|sample| sample.is_finite()));
+}

@@ -1,0 +1,306 @@
+//! Runs: rows for whatever happens, resuming, shards, threads.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use std::path::Path;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicUsize, Ordering};
+
+use atsplat_eval::method::{Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Repetitions, Warp};
+use atsplat_eval::runner::{Dataset, KeepPictures, Plan, Selection, Summary, here, named_metrics, picture_path, run};
+use atsplat_eval::{
+    EvalError, IDENTICAL, MethodRecord, Results, Shard, Store, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus,
+};
+use atsplat_metrics::{Networks, Suite};
+use atsplat_pixels::Image;
+use atsplat_protocol::trial::Prefetch;
+use common::{SIZE, Walls, dataset, entry};
+
+/// Does to each scene what its number says, and counts how often it was asked.
+#[derive(Debug, Default)]
+struct Troubled {
+    asked: AtomicUsize,
+}
+
+impl Method for Troubled {
+    fn record(&self) -> MethodRecord {
+        MethodRecord { name: "troubled".to_owned(), kind: "test".to_owned(), ..MethodRecord::default() }
+    }
+
+    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
+        self.asked.fetch_add(1, Ordering::Relaxed);
+        match question.trial.scene() {
+            "wall-0" => Err(Refusal::NotApplicable("two views are too few".to_owned())),
+            "wall-1" => Err(Refusal::Failed("out of memory".to_owned())),
+            #[expect(clippy::panic, reason = "a method's bug is what is tested")]
+            "wall-2" => panic!("a bug"),
+            scene => Ok(Box::new(Trouble { scene: scene.to_owned(), cost: Cost::default() })),
+        }
+    }
+}
+
+struct Trouble {
+    scene: String,
+    cost: Cost,
+}
+
+impl Answer for Trouble {
+    fn cost(&self) -> &Cost {
+        &self.cost
+    }
+
+    fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
+        let samples = |sample: f32, width: u32| vec![sample; (width * SIZE.height * 3) as usize];
+        let image = |sample, width| Image::new(width, SIZE.height, samples(sample, width)).unwrap();
+        let one = |target: &usize| match (self.scene.as_str(), target) {
+            ("wall-3", 0) => Err("no picture".to_owned()),
+            ("wall-4", 0) => Ok(image(f32::NAN, SIZE.width)),
+            ("wall-5", 0) => Ok(image(0.5, SIZE.width - 1)),
+            _ => Ok(image(0.5, SIZE.width)),
+        };
+        let rendered = |image| Rendered { image, secs: vec![0.5], drawn: None, effects: Vec::new() };
+        targets.iter().map(|target| one(target).map(rendered)).collect()
+    }
+}
+
+struct Setting {
+    datasets: Vec<Dataset>,
+    methods: Vec<Arc<dyn Method>>,
+    suite: Suite,
+    selection: Selection,
+    alone: bool,
+    pictures: KeepPictures,
+}
+
+impl Setting {
+    fn new(walls: Walls, methods: Vec<Arc<dyn Method>>) -> Self {
+        let ids = ["psnr", "ssim", "lpips"];
+        Self {
+            datasets: vec![dataset(walls, &[entry(&[0, 4], &[1, 4, 6])])],
+            methods,
+            suite: Suite::new(named_metrics(ids).unwrap(), Networks::default(), 0),
+            selection: Selection::default(),
+            alone: false,
+            pictures: KeepPictures::Nothing,
+        }
+    }
+
+    fn plan(&self) -> Plan<'_> {
+        Plan {
+            datasets: &self.datasets,
+            methods: &self.methods,
+            suite: &self.suite,
+            selection: self.selection,
+            repetitions: Repetitions { warm_up: 1, counted: 2 },
+            alone: self.alone,
+            pictures: self.pictures,
+            prefetch: Prefetch::default(),
+        }
+    }
+
+    fn run(&self, folder: &Path) -> Result<(Results, Summary), EvalError> {
+        let plan = self.plan();
+        let steps = AtomicUsize::new(0);
+        let store = Store::resume(folder, plan.provenance(here("0", None, Vec::new()))?)?;
+        let made = run(&plan, store, &|| _ = steps.fetch_add(1, Ordering::Relaxed))?;
+        assert_eq!(steps.into_inner() as u64, plan.results(), "every result is a step");
+        Ok(made)
+    }
+}
+
+fn floors() -> Vec<Arc<dyn Method>> {
+    vec![Arc::new(NearestView), Arc::new(Warp)]
+}
+
+fn bare(results: &Results) -> (Vec<TrialRow>, Vec<TargetRow>) {
+    let trials = results.trials.iter().map(TrialRow::without_times).collect();
+    (trials, results.targets.iter().map(TargetRow::without_times).collect())
+}
+
+fn key(method: &str, scene: usize) -> TrialKey {
+    TrialKey { preset: "walls".to_owned(), method: method.to_owned(), scene: format!("wall-{scene}"), entry: 0 }
+}
+
+#[test]
+fn floors_have_whole_rows() {
+    let folder = tempfile::tempdir().unwrap();
+    let (results, summary) = Setting::new(Walls::new(3, 8), floors()).run(folder.path()).unwrap();
+    assert_eq!((results.trials.len(), results.targets.len()), (6, 18));
+    assert!(summary.is_complete() && summary.evaluated == 6, "{summary:?}");
+    for trial in &results.trials {
+        assert_eq!((trial.status, &trial.context[..], trial.targets), (TrialStatus::Done, &[0, 4][..], 3));
+        assert_eq!((trial.width, trial.height, trial.overlap), (64, 64, Some(0.5)));
+        assert_eq!(trial.seconds.render_samples.len(), 6, "two repetitions of three targets");
+        assert!(trial.seconds.score > 0.0 && trial.trial_hash.len() == 64);
+    }
+    let of = |method: &str, target: usize| {
+        results.targets.iter().find(|row| row.key == key(method, 1) && row.target as usize == target).unwrap()
+    };
+    let leaked = of("nearest-view", 1);
+    assert!(leaked.leaked && leaked.status == TargetStatus::Identical && leaked.not_computed["psnr"] == IDENTICAL);
+    assert_eq!((of("warp", 2).signed_distance, of("warp", 2).frame), (2, 6));
+    assert_eq!(of("warp", 0).truth_hash, of("nearest-view", 0).truth_hash);
+    assert!(of("warp", 0).scores["psnr"] > of("nearest-view", 0).scores["psnr"]);
+    assert_eq!(of("warp", 0).not_computed["lpips"], "weights absent");
+    let lpips = results.provenance.metrics.iter().find(|metric| metric.id == "lpips").unwrap();
+    assert!(lpips.absent.as_ref().unwrap().contains("vgg16"), "how to get them is said once");
+    assert_eq!(Results::read(folder.path()).unwrap(), results);
+}
+
+#[test]
+fn whatever_happens_is_a_row() {
+    let walls = Walls { damaged: Some((6, 0)), ..Walls::new(8, 8) };
+    let folder = tempfile::tempdir().unwrap();
+    let (results, summary) = Setting::new(walls, vec![Arc::new(Troubled::default())]).run(folder.path()).unwrap();
+    let trial = |scene: usize| &results.trials[scene];
+    let expected = [
+        (TrialStatus::NotApplicable, "two views are too few"),
+        (TrialStatus::Failed, "out of memory"),
+        (TrialStatus::Failed, "the method panicked"),
+        (TrialStatus::Partial, "1 of 3 targets failed: no picture"),
+        (TrialStatus::Done, ""),
+        (TrialStatus::Partial, "expected a picture of 64×64, found 63×64"),
+        (TrialStatus::Failed, "a context picture"),
+        (TrialStatus::Done, ""),
+    ];
+    for (scene, (status, detail)) in expected.into_iter().enumerate() {
+        let found = trial(scene);
+        assert_eq!(found.status, status, "{found:?}");
+        assert!(found.detail.clone().unwrap_or_default().contains(detail), "{found:?}");
+    }
+    assert_eq!(results.targets.len(), 24, "every target has its row");
+    let refused = results.targets.iter().find(|row| row.key == key("troubled", 0)).unwrap();
+    assert_eq!(refused.status, TargetStatus::Failed);
+    assert!(refused.detail.as_ref().unwrap().contains("too few"));
+    let nan = results.targets.iter().find(|row| row.key == key("troubled", 4)).unwrap();
+    assert_eq!((nan.status, nan.non_finite, nan.scores.len()), (TargetStatus::NonFinite, 64 * 64 * 3, 0));
+    assert_eq!((summary.incomplete, summary.non_finite), (6, 1));
+    assert!(!summary.is_complete());
+}
+
+/// A true picture that cannot be read costs its target alone.
+#[test]
+fn a_damaged_truth_is_a_failed_target() {
+    let walls = Walls { damaged: Some((0, 6)), ..Walls::new(2, 8) };
+    let folder = tempfile::tempdir().unwrap();
+    let (results, _) = Setting::new(walls, floors()).run(folder.path()).unwrap();
+    let row = results.targets.iter().find(|row| row.key == key("warp", 0) && row.frame == 6).unwrap();
+    assert_eq!((row.status, row.truth_hash.is_none()), (TargetStatus::Failed, true));
+    assert!(row.detail.as_ref().unwrap().contains("the true picture"), "{row:?}");
+    assert_eq!(results.trials.iter().filter(|trial| trial.status == TrialStatus::Partial).count(), 2);
+}
+
+#[test]
+fn what_is_there_is_not_asked_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let troubled = Arc::new(Troubled::default());
+    let setting = Setting::new(Walls::new(8, 8), vec![Arc::clone(&troubled) as Arc<dyn Method>]);
+    let first = setting.run(folder.path()).unwrap();
+    let asked = troubled.asked.load(Ordering::Relaxed);
+    let second = setting.run(folder.path()).unwrap();
+    assert_eq!((troubled.asked.load(Ordering::Relaxed), asked), (8, 8));
+    assert_eq!(bare(&first.0), bare(&second.0));
+    assert_eq!((second.1.resumed, second.1.evaluated), (8, 0));
+    // Another method joins the same store.
+    let mut more = Setting::new(Walls::new(8, 8), floors());
+    more.methods.push(troubled.clone());
+    let (joined, summary) = more.run(folder.path()).unwrap();
+    assert_eq!((summary.resumed, summary.evaluated, joined.provenance.methods.len()), (8, 16, 3));
+    assert_eq!(troubled.asked.load(Ordering::Relaxed), 8);
+}
+
+#[test]
+fn another_question_is_asked_again_and_another_protocol_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut setting = Setting::new(Walls::new(2, 8), floors());
+    setting.run(folder.path()).unwrap();
+    // Frames that the same index now finds: the poses changed under it.
+    let shifted = entry(&[0, 4], &[2, 4, 6]);
+    let record = setting.datasets[0].index.clone();
+    setting.datasets[0].index.index.scenes["wall-1"] = vec![shifted];
+    setting.datasets[0].index.sha256 = record.sha256;
+    let (results, summary) = setting.run(folder.path()).unwrap();
+    assert_eq!((summary.evaluated, summary.resumed), (2, 2));
+    let frames: Vec<u64> =
+        results.targets.iter().filter(|row| row.key == key("warp", 1)).map(|row| row.frame).collect();
+    assert_eq!(frames, [2, 4, 6]);
+    setting.datasets[0].preset.renderer.dilation = 0.1;
+    let error = setting.run(folder.path()).unwrap_err().to_string();
+    assert!(error.contains("presets of the two runs differ") && error.contains("another folder"), "{error}");
+}
+
+#[test]
+fn shards_merged_are_one_run_on_any_number_of_threads() {
+    let whole = tempfile::tempdir().unwrap();
+    let (whole, _) = Setting::new(Walls::new(7, 8), floors()).run(whole.path()).unwrap();
+    let shard = |number| {
+        let mut setting = Setting::new(Walls::new(7, 8), floors());
+        setting.selection.shard = Some(Shard { number, of: 3 });
+        let folder = tempfile::tempdir().unwrap();
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(number as usize).build().unwrap();
+        pool.install(|| setting.run(folder.path())).unwrap().0
+    };
+    let merged = Results::merge([2, 3, 1].map(shard).to_vec()).unwrap();
+    assert_eq!(merged.missing_shards, [] as [u32; 0]);
+    assert_eq!(bare(&merged.results), bare(&whole));
+    assert_eq!(merged.results.provenance.presets[0].entries, whole.provenance.presets[0].entries);
+}
+
+#[test]
+fn a_limit_spreads_and_scenes_that_are_not_there_are_told() {
+    let mut setting = Setting::new(Walls::new(9, 8), floors());
+    setting.selection.limit = Some(3);
+    setting.datasets[0].index.index.scenes.insert("gone".to_owned(), vec![entry(&[0, 4], &[1])]);
+    setting.datasets[0].index.index.scenes.insert("wall-8".to_owned(), vec![entry(&[0, 400], &[1])]);
+    let folder = tempfile::tempdir().unwrap();
+    let (results, summary) = setting.run(folder.path()).unwrap();
+    let scenes: Vec<&str> = results.trials.iter().map(|trial| trial.key.scene.as_str()).collect();
+    assert_eq!(scenes, ["wall-0", "wall-3", "wall-6", "wall-0", "wall-3", "wall-6"]);
+    assert_eq!((summary.not_there, summary.is_complete()), (1, false));
+    assert_eq!(results.provenance.warnings[0].example, "gone");
+    setting.selection.limit = None;
+    let all = tempfile::tempdir().unwrap();
+    let (results, summary) = setting.run(all.path()).unwrap();
+    assert_eq!((summary.skipped, results.provenance.skipped[0].reason.as_str()), (1, "frame-out-of-range"));
+    assert_eq!(results.trials.len(), 16);
+}
+
+#[test]
+fn timed_alone_gives_the_same_pictures_and_says_so() {
+    let [shared, alone] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let mut setting = Setting::new(Walls::new(2, 8), floors());
+    let (first, _) = setting.run(shared.path()).unwrap();
+    setting.alone = true;
+    let (second, _) = setting.run(alone.path()).unwrap();
+    assert_eq!(bare(&first), bare(&second));
+    assert!(second.provenance.timing.alone && !first.provenance.timing.alone);
+    assert_eq!(second.provenance.timing.repetitions, 2);
+}
+
+#[test]
+fn pictures_are_kept_where_asked_for() {
+    for (keep, scenes) in [(KeepPictures::All, 12), (KeepPictures::Worst, 10)] {
+        let folder = tempfile::tempdir().unwrap();
+        let setting = Setting { pictures: keep, ..Setting::new(Walls::new(12, 8), vec![Arc::new(Warp)]) };
+        setting.run(folder.path()).unwrap();
+        let kept = |method: &str, frame| {
+            (0..12).filter(|scene| picture_path(folder.path(), &key(method, *scene), frame).is_file()).count()
+        };
+        assert_eq!(
+            [kept("warp", 1), kept("truth", 6), kept("context", 0), kept("context", 1)],
+            [scenes, scenes, scenes, 0]
+        );
+    }
+}
+
+#[test]
+fn names_that_clash_and_shards_that_are_none_are_refused() {
+    let setting = Setting::new(Walls::new(1, 8), vec![Arc::new(Warp), Arc::new(Warp)]);
+    let error = setting.plan().provenance(here("0", None, Vec::new())).unwrap_err().to_string();
+    assert!(error.contains("warp twice"), "{error}");
+    let mut setting = Setting::new(Walls::new(1, 8), floors());
+    setting.selection.shard = Some(Shard { number: 4, of: 3 });
+    assert!(setting.plan().provenance(here("0", None, Vec::new())).is_err());
+}
