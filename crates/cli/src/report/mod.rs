@@ -1,0 +1,170 @@
+//! `atsplat report`: results stores into tables, plots and one HTML page.
+
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context as _;
+use atsplat_eval::Results;
+use atsplat_report::definition::TableDefinition;
+use atsplat_report::emit::{TableFormat, Terminal, json_of};
+use atsplat_report::page::{PageStore, PictureBudget};
+use atsplat_report::table::{Mixing, Source, verdict};
+use atsplat_report::{Report, Request};
+use clap::{Args, ValueEnum};
+use serde_json::json;
+
+use crate::output::{complain, print_text};
+use crate::words::once;
+
+#[derive(Debug, Args)]
+pub(crate) struct Words {
+    /// Folders of results, as `atsplat run` writes them, finished or not.
+    #[arg(value_name = "STORE", required = true)]
+    stores: Vec<PathBuf>,
+
+    /// Folder to write `tables/`, `plots/` and `index.html` into.
+    #[arg(long, value_name = "DIR", default_value = "reports/latest")]
+    out: PathBuf,
+
+    /// Which of the paper's tables; by default all that the stores have something for.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = table_name)]
+    tables: Vec<String>,
+
+    /// What tables are written as.
+    #[arg(long, value_name = "LIST", value_delimiter = ',', default_values = ["markdown", "latex", "csv", "json", "terminal"])]
+    format: Vec<Format>,
+
+    /// Put results of different protocols into one table, which then says so.
+    #[arg(long)]
+    force: bool,
+
+    /// Title of the page.
+    #[arg(long, value_name = "TEXT", default_value = "Results beside the paper")]
+    title: String,
+
+    /// How many megabytes of pictures the page may hold.
+    #[arg(long, value_name = "MB", default_value_t = 16)]
+    pictures: u16,
+
+    /// Print the tables as JSON.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum Format {
+    Terminal,
+    Markdown,
+    Latex,
+    Csv,
+    Json,
+}
+
+impl From<Format> for TableFormat {
+    fn from(format: Format) -> Self {
+        match format {
+            Format::Terminal => Self::Terminal,
+            Format::Markdown => Self::Markdown,
+            Format::Latex => Self::Latex,
+            Format::Csv => Self::Csv,
+            Format::Json => Self::Json,
+        }
+    }
+}
+
+fn table_name(text: &str) -> Result<String, String> {
+    match TableDefinition::names().find(|name| *name == text) {
+        Some(name) => Ok(name.to_owned()),
+        None => Err(format!("expected one of {}", TableDefinition::names().collect::<Vec<_>>().join(", "))),
+    }
+}
+
+/// Writes the report and prints its tables; `false` where a table that was asked for has nothing measured.
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    once("--tables", &words.tables).map_err(anyhow::Error::msg)?;
+    let labels = labels(&words.stores);
+    std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+    let read = |path: &PathBuf| Results::read(path).with_context(|| format!("reading {}", path.display()));
+    let results = words.stores.iter().map(read).collect::<anyhow::Result<Vec<Results>>>()?;
+    let stores: Vec<PageStore<'_>> = results
+        .iter()
+        .zip(&labels)
+        .zip(&words.stores)
+        .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
+        .collect();
+    let tables = if words.tables.is_empty() { TableDefinition::names().map(str::to_owned).collect() } else { words.tables.clone() };
+    let request = Request {
+        title: words.title.clone(),
+        tables,
+        formats: words.format.iter().map(|format| (*format).into()).collect(),
+        mixing: if words.force { Mixing::Forced } else { Mixing::Apart },
+        budget: PictureBudget { bytes: usize::from(words.pictures) * 1_000_000 },
+    };
+    let report = Report::new(&request, &stores)?;
+    let files = report.write(&words.out)?;
+    if words.json {
+        let tables: Vec<_> = report.tables.iter().map(json_of).collect();
+        let written = json!({ "tables": tables, "unmeasured": report.unmeasured, "files": files });
+        print_text(&format!("{}\n", serde_json::to_string_pretty(&written)?))?;
+    } else {
+        print_tables(&report)?;
+        complain(&format!("{} files in {}, the page is {}", files.len(), words.out.display(), words.out.join("index.html").display()));
+    }
+    let missing = if words.tables.is_empty() { &[][..] } else { &report.unmeasured };
+    for name in missing {
+        complain(&format!("warning: the stores have nothing for table {name}"));
+    }
+    Ok(missing.is_empty())
+}
+
+fn print_tables(report: &Report) -> anyhow::Result<()> {
+    let terminal = terminal();
+    for table in &report.tables {
+        print_text(&format!("{}\n", terminal.write(table)))?;
+    }
+    if report.tables.is_empty() {
+        return print_text("No table of the paper has anything measured in these stores.\n");
+    }
+    for table in &report.tables {
+        print_text(&format!("{}: {}\n", table.title, verdict(table)))?;
+    }
+    Ok(())
+}
+
+/// As wide as the terminal, with bold and underlined figures where `NO_COLOR` does not forbid.
+fn terminal() -> Terminal {
+    const ELSEWHERE: usize = 120;
+    const NARROWEST: u16 = 40;
+    let shown = std::io::stdout().is_terminal();
+    let plain = std::env::var_os("NO_COLOR").is_some_and(|value| !value.is_empty());
+    let width = terminal_size::terminal_size().filter(|_| shown).map(|(width, _)| usize::from(width.0.max(NARROWEST)));
+    Terminal { width: width.unwrap_or(ELSEWHERE), styled: shown && !plain }
+}
+
+/// What stores are called: the folder's name, with a number where two have the same.
+fn labels(stores: &[PathBuf]) -> Vec<String> {
+    let name = |path: &Path| path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+    let names: Vec<String> = stores.iter().map(|path| name(path)).collect();
+    let label = |(at, own): (usize, &String)| {
+        let twins = names.iter().filter(|other| *other == own).count();
+        if twins > 1 { format!("{own} ({})", at + 1) } else { own.clone() }
+    };
+    names.iter().enumerate().map(label).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stores_of_one_name_are_told_apart() {
+        let stores = ["a/run", "b/run", "c/other"].map(PathBuf::from);
+        assert_eq!(labels(&stores), ["run (1)", "run (2)", "other"]);
+    }
+
+    #[test]
+    fn tables_are_words() {
+        assert_eq!(table_name("re10k").as_deref(), Ok("re10k"));
+        assert!(table_name("re20k").unwrap_err().contains("re10k_overlap"));
+    }
+}

@@ -1,0 +1,176 @@
+use atsplat_eval::MethodRecord;
+use atsplat_model::ModelConfig;
+use atsplat_model::config::{AnchorDesign, BlockExpansion, Selection};
+use serde::{Deserialize, Serialize};
+
+/// Which methods answer a row; all that is said must hold.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct MethodRule {
+    /// As [`MethodRecord::kind`].
+    #[serde(default)]
+    pub kind: Option<String>,
+    /// Which ablation, see [`variant`].
+    #[serde(default)]
+    pub variant: Option<String>,
+    /// Uncertainty thresholds of the blocks that expand; `variant` is `thresholds` then.
+    #[serde(default)]
+    pub thresholds: Option<Vec<f64>>,
+    /// Gaussians per token; without it, the paper's 16.
+    #[serde(default)]
+    pub gaussians_per_token: Option<usize>,
+}
+
+/// The paper's K.
+const GAUSSIANS_PER_TOKEN: usize = 16;
+/// The paper's shares, and those at its highest resolution.
+const RATIOS: [[f64; 3]; 2] = [[0.5, 0.5, 0.25], [0.8, 0.5, 0.25]];
+
+impl MethodRule {
+    /// Whether a method answers.
+    pub fn accepts(&self, record: &MethodRecord) -> bool {
+        if self.kind.as_ref().is_some_and(|kind| *kind != record.kind) {
+            return false;
+        }
+        let config = configuration(record);
+        let design = self.variant.is_none() && self.thresholds.is_none() && self.gaussians_per_token.is_none();
+        if design {
+            return true;
+        }
+        let wanted = match (&self.variant, &self.thresholds) {
+            (Some(variant), _) => variant.as_str(),
+            (None, Some(_)) => "thresholds",
+            (None, None) => "full",
+        };
+        let per_token = self.gaussians_per_token.unwrap_or(GAUSSIANS_PER_TOKEN);
+        let same_k = config.as_ref().is_none_or(|config| config.head.gaussians_per_token == per_token);
+        let same_thresholds = self.thresholds.as_ref().is_none_or(|wanted| config.as_ref().map(thresholds).as_ref() == Some(wanted));
+        variant(record).as_deref() == Some(wanted) && same_k && same_thresholds
+    }
+}
+
+/// What a method changes of ATSplat: `full` for nothing, else the name of the ablation. A method may say so itself, by a
+/// parameter `variant`; else its configuration tells. `None` where neither is known, or where it is no row of the paper's.
+pub fn variant(record: &MethodRecord) -> Option<String> {
+    if let Some(told) = record.parameters.get("variant").and_then(serde_json::Value::as_str) {
+        return Some(told.to_owned());
+    }
+    let config = configuration(record)?;
+    let design = match config.anchors.design {
+        AnchorDesign::PatchDepth {} => None,
+        AnchorDesign::RayDepth {} => Some("ray-depth"),
+        AnchorDesign::LearnableTokens { .. } => Some("learnable-tokens"),
+        AnchorDesign::DirectXyz {} => Some("direct-xyz"),
+    };
+    let active: Vec<BlockExpansion> = config.decoder.blocks.iter().filter_map(|block| block.active_expansion()).collect();
+    let possible = config.decoder.blocks.iter().filter(|block| block.expansion.is_some()).count();
+    let ratios: Vec<f64> = active.iter().filter_map(|expansion| match expansion {
+        BlockExpansion::Ratio(ratio) => Some(ratio.value()),
+        BlockExpansion::Threshold(_) => None,
+    }).collect();
+    let expansion = if active.is_empty() {
+        Some("no-expansion")
+    } else if active.len() < possible {
+        Some("partial-expansion")
+    } else if ratios.is_empty() {
+        Some("thresholds")
+    } else if !RATIOS.iter().any(|known| known.as_slice() == ratios) {
+        Some("other-ratios")
+    } else {
+        match config.expansion.selection {
+            Selection::Uncertainty {} => None,
+            Selection::Random { .. } => Some("random"),
+            Selection::FarthestPoint {} => Some("farthest-point"),
+            Selection::StraightThrough {} => Some("straight-through"),
+        }
+    };
+    match (design, expansion) {
+        (None, None) => Some("full".to_owned()),
+        (Some(one), None) | (None, Some(one)) => Some(one.to_owned()),
+        (Some(design), Some(expansion)) => Some(format!("{design}, {expansion}")),
+    }
+}
+
+fn thresholds(config: &ModelConfig) -> Vec<f64> {
+    let active = config.decoder.blocks.iter().filter_map(|block| block.active_expansion());
+    let threshold = |expansion| match expansion {
+        BlockExpansion::Threshold(threshold) => Some(threshold),
+        BlockExpansion::Ratio(_) => None,
+    };
+    active.filter_map(threshold).collect()
+}
+
+/// The configuration: as the record tells it whole, or a built-in one whose hash is the record's.
+fn configuration(record: &MethodRecord) -> Option<ModelConfig> {
+    if let Some(told) = record.parameters.get("configuration") {
+        return serde_json::from_value(told.clone()).ok();
+    }
+    let name = record.parameters.get("model")?.as_str()?;
+    let config = ModelConfig::named(name).ok()?;
+    let hash = record.parameters.get("model-hash")?.as_str()?;
+    (config.hash().ok()? == hash).then_some(config)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn record(config: &ModelConfig) -> MethodRecord {
+        let parameters = [("configuration".to_owned(), serde_json::to_value(config).unwrap())];
+        MethodRecord { kind: "atsplat".to_owned(), parameters: parameters.into(), ..MethodRecord::default() }
+    }
+
+    fn full() -> MethodRule {
+        MethodRule { kind: Some("atsplat".to_owned()), variant: Some("full".to_owned()), ..MethodRule::default() }
+    }
+
+    #[test]
+    fn configurations_are_told_apart() {
+        let nano = ModelConfig::named("nano").unwrap();
+        let mut random = nano.clone();
+        random.expansion.selection = Selection::Random { seed: 1 };
+        let mut rays = nano.clone();
+        rays.anchors.design = AnchorDesign::RayDepth {};
+        let thresholds = nano.clone().with_thresholds(&[0.1, 0.1, 0.4]).unwrap();
+        let told = |config: &ModelConfig| variant(&record(config)).unwrap();
+        assert_eq!(told(&nano), "full");
+        assert_eq!(told(&random), "random");
+        assert_eq!(told(&rays), "ray-depth");
+        assert_eq!(told(&thresholds), "thresholds");
+        assert_eq!(told(&nano.clone().with_expansion_in_first(0)), "no-expansion");
+        assert_eq!(told(&nano.clone().with_expansion_in_first(1)), "partial-expansion");
+        let rule = MethodRule { thresholds: Some(vec![0.1, 0.1, 0.4]), ..full() };
+        let rule = MethodRule { variant: None, ..rule };
+        assert!(rule.accepts(&record(&thresholds)) && !rule.accepts(&record(&nano)));
+        assert!(full().accepts(&record(&nano)) && !full().accepts(&record(&random)));
+    }
+
+    #[test]
+    fn another_k_is_another_row() {
+        let mut config = ModelConfig::named("nano").unwrap();
+        config.head.gaussians_per_token = 32;
+        let k = |k| MethodRule { kind: Some("atsplat".to_owned()), gaussians_per_token: Some(k), ..MethodRule::default() };
+        assert!(!full().accepts(&record(&config)));
+        assert!(k(32).accepts(&record(&config)) && !k(16).accepts(&record(&config)));
+    }
+
+    #[test]
+    fn a_built_in_name_counts_only_with_its_hash() {
+        let nano = ModelConfig::named("nano").unwrap();
+        let record = |hash: String| MethodRecord {
+            kind: "atsplat".to_owned(),
+            parameters: [("model".to_owned(), "nano".into()), ("model-hash".to_owned(), hash.into())].into(),
+            ..MethodRecord::default()
+        };
+        assert!(full().accepts(&record(nano.hash().unwrap())));
+        assert!(!full().accepts(&record("another".to_owned())), "a changed configuration is no full method");
+    }
+
+    #[test]
+    fn a_method_may_say_what_it_is() {
+        let told = MethodRecord { kind: "atsplat".to_owned(), parameters: [("variant".to_owned(), "unified".into())].into(), ..MethodRecord::default() };
+        assert_eq!(variant(&told).as_deref(), Some("unified"));
+        assert!(!full().accepts(&told));
+        assert!(!full().accepts(&MethodRecord { kind: "renders".to_owned(), ..told }));
+    }
+}

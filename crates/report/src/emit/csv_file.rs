@@ -1,0 +1,46 @@
+use crate::ReportError;
+use crate::plot::Origin;
+use crate::table::{Row, Table, Value};
+
+/// One line per row: labels, origin, then each number in full precision with its interval and scenes. Published numbers have
+/// the names of their columns in `eval/published`.
+pub(super) fn write(table: &Table) -> Result<String, ReportError> {
+    let broken = |source| ReportError::Csv { file: format!("{}.csv", table.name), source };
+    let mut writer = csv::Writer::from_writer(Vec::new());
+    let mut head: Vec<String> = table.labels.clone();
+    head.extend(["from", "method", "store", "untrained", "without_leaked"].map(str::to_owned));
+    for (_, column) in table.columns() {
+        let name = &column.name;
+        head.push(name.clone());
+        head.extend(["low", "high", "scenes"].map(|what| format!("{name}_{what}")));
+    }
+    writer.write_record(&head).map_err(broken)?;
+    for row in &table.rows {
+        writer.write_record(record(table, row)).map_err(broken)?;
+    }
+    let bytes = writer.into_inner().map_err(|error| broken(error.into_error().into()))?;
+    Ok(String::from_utf8_lossy(&bytes).into_owned())
+}
+
+fn record(table: &Table, row: &Row) -> Vec<String> {
+    let mut record = row.labels.clone();
+    record.push(match row.origin {
+        Origin::Published => "published".to_owned(),
+        Origin::Measured => "measured".to_owned(),
+    });
+    record.push(row.method.clone().unwrap_or_default());
+    record.push(row.store.clone().unwrap_or_default());
+    record.extend([row.untrained, row.without_leaked].map(|set| set.to_string()));
+    for ((group, at), _) in table.columns() {
+        let cell = row.cells.get(group).and_then(|cells| cells.get(at));
+        record.push(match cell.map(|cell| &cell.value) {
+            Some(Value::Number(number)) => number.to_string(),
+            Some(Value::Text(text)) => text.clone(),
+            Some(Value::Absent) | None => String::new(),
+        });
+        let interval = cell.and_then(|cell| cell.interval);
+        record.extend([0, 1].map(|end| interval.and_then(|ends| ends.get(end).map(f64::to_string)).unwrap_or_default()));
+        record.push(cell.and_then(|cell| cell.counts).map_or_else(String::new, |counts| counts.scenes.to_string()));
+    }
+    record
+}

@@ -1,0 +1,122 @@
+use crate::plot::Origin;
+use crate::table::{Mark, Row, Table};
+use atsplat_metrics::Direction;
+
+/// A `table` environment: needs `\usepackage{booktabs}` and nothing else. The notes are comments above it, so that what is
+/// pasted into a paper says where it is from.
+pub(super) fn write(table: &Table) -> String {
+    let mut text = String::new();
+    for note in &table.footer {
+        text.push_str(&format!("% {}\n", comment(&note.text)));
+    }
+    let measured = table.is_measured();
+    let names = table.labels.len() + usize::from(measured);
+    let columns = table.columns().count();
+    let grouped = table.groups.iter().any(|group| !group.title.is_empty());
+    let wide = if columns > 8 { "*" } else { "" };
+    text.push_str(&format!("\\begin{{table{wide}}}[t]\n\\centering\n\\small\n"));
+    text.push_str(&format!("\\caption{{\\textbf{{{}.}} {}}}\n", escaped(&table.title), escaped(&table.caption)));
+    text.push_str(&format!("\\label{{tab:{}}}\n", label(&table.name)));
+    let groups: Vec<String> = table.groups.iter().map(|group| "c".repeat(group.columns.len())).collect();
+    text.push_str(&format!("\\begin{{tabular}}{{{} {}}}\n\\toprule\n", "l".repeat(names), groups.join(" ")));
+    if grouped {
+        text.push_str(&group_heads(table, names));
+    }
+    let mut heads: Vec<String> = table.labels.iter().map(|label| escaped(label)).collect();
+    heads.extend(measured.then(String::new));
+    heads.extend(table.columns().map(|(_, column)| {
+        let arrow = match column.direction {
+            Some(Direction::Higher) => "$\\uparrow$",
+            Some(Direction::Lower) => "$\\downarrow$",
+            None => "",
+        };
+        format!("{}{arrow}", escaped(&column.title))
+    }));
+    text.push_str(&line(&heads));
+    text.push_str("\\midrule\n");
+    for (at, row) in table.rows.iter().enumerate() {
+        if row.rule_above && at > 0 {
+            text.push_str("\\midrule\n");
+        }
+        text.push_str(&line(&cells(table, row, measured)));
+    }
+    text.push_str(&format!("\\bottomrule\n\\end{{tabular}}\n\\end{{table{wide}}}\n"));
+    text
+}
+
+fn group_heads(table: &Table, names: usize) -> String {
+    let mut heads = vec![String::new(); names];
+    let mut rules = String::new();
+    let mut at = names + 1;
+    for group in &table.groups {
+        let count = group.columns.len();
+        heads.push(format!("\\multicolumn{{{count}}}{{c}}{{{}}}", escaped(&group.title)));
+        if !group.title.is_empty() {
+            rules.push_str(&format!("\\cmidrule(lr){{{at}-{}}}", at + count - 1));
+        }
+        at += count;
+    }
+    format!("{}{rules}\n", line(&heads))
+}
+
+fn cells(table: &Table, row: &Row, measured: bool) -> Vec<String> {
+    let mut cells: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
+    let origin = match row.origin {
+        Origin::Published => "paper".to_owned(),
+        Origin::Measured => {
+            let marks = [(row.untrained, "$^\\dagger$"), (row.without_leaked, "$^\\ddagger$")];
+            format!("measured{}", marks.iter().filter(|(set, _)| *set).map(|(_, mark)| *mark).collect::<String>())
+        }
+    };
+    cells.extend(measured.then_some(origin));
+    cells.extend(table.columns().map(|((group, at), column)| {
+        let Some(cell) = row.cells.get(group).and_then(|cells| cells.get(at)) else { return String::new() };
+        let text = escaped(&cell.print(column)).replace('–', "--");
+        match cell.mark {
+            Mark::Best => format!("\\textbf{{{text}}}"),
+            Mark::Second => format!("\\underline{{{text}}}"),
+            Mark::Plain => text,
+        }
+    }));
+    cells
+}
+
+fn line(cells: &[String]) -> String {
+    format!("{} \\\\\n", cells.join(" & "))
+}
+
+/// Nothing in a text is taken for a command.
+fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' | '%' | '$' | '#' | '_' | '{' | '}' => {
+                safe.push('\\');
+                safe.push(letter);
+            }
+            '\\' => safe.push_str("\\textbackslash{}"),
+            '~' => safe.push_str("\\textasciitilde{}"),
+            '^' => safe.push_str("\\textasciicircum{}"),
+            '<' => safe.push_str("$<$"),
+            '>' => safe.push_str("$>$"),
+            '×' => safe.push_str("$\\times$"),
+            '→' => safe.push_str("$\\rightarrow$"),
+            '−' => safe.push_str("$-$"),
+            '–' => safe.push_str("--"),
+            '†' => safe.push_str("$^\\dagger$"),
+            '‡' => safe.push_str("$^\\ddagger$"),
+            letter if letter.is_control() => safe.push(' '),
+            letter => safe.push(letter),
+        }
+    }
+    safe
+}
+
+/// A comment ends with its line.
+fn comment(text: &str) -> String {
+    text.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect()
+}
+
+fn label(name: &str) -> String {
+    name.chars().filter(|letter| letter.is_ascii_alphanumeric() || *letter == '_' || *letter == '-').collect()
+}

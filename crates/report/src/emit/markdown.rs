@@ -1,0 +1,62 @@
+use crate::table::{Mark, Row, Table};
+
+/// A heading, a table of GitHub's Markdown, and the notes as a list. Groups stand in the heads: `PSNR ↑, 2 views`.
+pub(super) fn write(table: &Table) -> String {
+    let measured = table.is_measured();
+    let mut heads: Vec<String> = table.labels.iter().map(|label| escaped(label)).collect();
+    heads.extend(measured.then(|| "from".to_owned()));
+    let names = heads.len();
+    for ((group, _), column) in table.columns() {
+        let title = table.groups.get(group).map_or("", |group| group.title.as_str());
+        let head = if title.is_empty() { column.head() } else { format!("{}, {title}", column.head()) };
+        heads.push(escaped(&head));
+    }
+    let line = |cells: &[String]| format!("| {} |\n", cells.join(" | "));
+    let mut text = format!("### {}\n\n{}\n\n", escaped(&table.title), escaped(&table.caption));
+    text.push_str(&line(&heads));
+    let align: Vec<String> = (0..heads.len()).map(|at| if at < names { "---" } else { "---:" }.to_owned()).collect();
+    text.push_str(&line(&align));
+    for row in &table.rows {
+        let mut cells: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
+        cells.extend(measured.then(|| row.origin_text().to_owned()));
+        cells.extend(numbers(table, row));
+        text.push_str(&line(&cells));
+    }
+    text.push('\n');
+    for note in &table.footer {
+        text.push_str(&format!("- {}\n", escaped(&note.text)));
+    }
+    text
+}
+
+fn numbers(table: &Table, row: &Row) -> Vec<String> {
+    let of = |((group, at), column): ((usize, usize), _)| {
+        let Some(cell) = row.cells.get(group).and_then(|cells| cells.get(at)) else { return String::new() };
+        let text = escaped(&cell.print(column));
+        match cell.mark {
+            Mark::Best => format!("**{text}**"),
+            Mark::Second => format!("<u>{text}</u>"),
+            Mark::Plain => text,
+        }
+    };
+    table.columns().map(of).collect()
+}
+
+/// Nothing in a text is taken for Markdown or HTML, and no cell ends early.
+fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '\\' | '|' | '*' | '_' | '`' | '[' | ']' | '~' => {
+                safe.push('\\');
+                safe.push(letter);
+            }
+            letter if letter.is_control() => safe.push(' '),
+            letter => safe.push(letter),
+        }
+    }
+    safe
+}

@@ -1,0 +1,250 @@
+use unicode_width::UnicodeWidthStr as _;
+
+use crate::plot::Origin;
+use crate::table::{Mark, Row, Table};
+
+/// Boxes for a terminal of a width.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Terminal {
+    /// Columns of the terminal. A table that is wider is cut into parts between its groups of columns, or its columns.
+    pub width: usize,
+    /// Whether the best is bold, the second underlined and the published faint, by ANSI sequences; else `*` and `_` follow
+    /// the numbers.
+    pub styled: bool,
+}
+
+const BOLD: &str = "\u{1b}[1m";
+const UNDERLINE: &str = "\u{1b}[4m";
+const FAINT: &str = "\u{1b}[2m";
+const PLAIN: &str = "\u{1b}[0m";
+
+/// A cell as it is printed.
+#[derive(Clone, Default)]
+struct Text {
+    text: String,
+    mark: Mark,
+}
+
+/// Columns that are shown together: heads, and a text per row.
+struct Part {
+    groups: Vec<(String, usize)>,
+    heads: Vec<String>,
+    rows: Vec<Vec<Text>>,
+}
+
+impl Terminal {
+    /// The table as text.
+    pub fn write(&self, table: &Table) -> String {
+        let mut text = format!("{}\n", self.set(&table.title, BOLD));
+        for part in self.parts(table) {
+            text.push_str(&self.part(table, &part));
+        }
+        if !self.styled && table.rows.iter().flat_map(|row| row.cells.iter().flatten()).any(|cell| cell.mark != Mark::Plain) {
+            text.push_str("  * best, _ second\n");
+        }
+        for note in &table.footer {
+            for (at, line) in wrapped(&clean(&note.text), self.width.saturating_sub(4)).iter().enumerate() {
+                let lead = if at == 0 { "  " } else { "    " };
+                text.push_str(&format!("{lead}{}\n", self.set(line, FAINT)));
+            }
+        }
+        text
+    }
+
+    fn set(&self, text: &str, style: &str) -> String {
+        if self.styled { format!("{style}{text}{PLAIN}") } else { text.to_owned() }
+    }
+
+    /// All columns where they fit, else as many as fit at a time.
+    fn parts(&self, table: &Table) -> Vec<Part> {
+        let columns: Vec<(usize, usize)> = table.columns().map(|(place, _)| place).collect();
+        let lead = widths(&lead(table)).iter().map(|width| width + 3).sum::<usize>() + 1;
+        let mut parts: Vec<Vec<(usize, usize)>> = Vec::new();
+        let mut used = 0;
+        for group in 0..table.groups.len() {
+            let own: Vec<(usize, usize)> = columns.iter().filter(|(at, _)| *at == group).copied().collect();
+            let width = |places: &[(usize, usize)]| places.iter().map(|place| self.width_of(table, *place) + 3).sum::<usize>();
+            let together = width(&own);
+            if parts.is_empty() || used + together > self.width {
+                used = lead;
+                parts.push(Vec::new());
+            }
+            for place in own {
+                let width = width(&[place]);
+                if used + width > self.width && parts.last().is_some_and(|part| !part.is_empty()) {
+                    used = lead;
+                    parts.push(Vec::new());
+                }
+                used += width;
+                if let Some(part) = parts.last_mut() {
+                    part.push(place);
+                }
+            }
+        }
+        parts.iter().map(|places| self.filled(table, places)).collect()
+    }
+
+    fn width_of(&self, table: &Table, (group, at): (usize, usize)) -> usize {
+        let part = self.filled(table, &[(group, at)]);
+        part.heads.iter().map(|head| head.width()).chain(part.rows.iter().flatten().map(|text| text.text.width())).max().unwrap_or(0)
+    }
+
+    fn filled(&self, table: &Table, places: &[(usize, usize)]) -> Part {
+        let mut groups: Vec<(String, usize)> = Vec::new();
+        let mut last = None;
+        for (group, _) in places {
+            match groups.last_mut().filter(|_| last == Some(*group)) {
+                Some((_, count)) => *count += 1,
+                None => groups.push((table.groups.get(*group).map_or(String::new(), |group| clean(&group.title)), 1)),
+            }
+            last = Some(*group);
+        }
+        let column = |(group, at): &(usize, usize)| table.groups.get(*group).and_then(|group| group.columns.get(*at));
+        let text = |row: &Row, place: &(usize, usize)| {
+            let cell = row.cells.get(place.0).and_then(|cells| cells.get(place.1));
+            let Some((cell, column)) = cell.zip(column(place)) else { return Text::default() };
+            let sign = match cell.mark {
+                _ if self.styled => "",
+                Mark::Best => "*",
+                Mark::Second => "_",
+                Mark::Plain => "",
+            };
+            Text { text: format!("{}{sign}", clean(&cell.print(column))), mark: cell.mark }
+        };
+        Part {
+            groups,
+            heads: places.iter().filter_map(column).map(|column| clean(&column.head())).collect(),
+            rows: table.rows.iter().map(|row| places.iter().map(|place| text(row, place)).collect()).collect(),
+        }
+    }
+
+    fn part(&self, table: &Table, part: &Part) -> String {
+        let lead = lead(table);
+        let lead_widths = widths(&lead);
+        let mut column_widths: Vec<usize> = part.heads.iter().map(|head| head.width()).collect();
+        for row in &part.rows {
+            for (width, text) in column_widths.iter_mut().zip(row) {
+                *width = (*width).max(text.text.width());
+            }
+        }
+        // A group's head may need more room than its columns.
+        let mut at = 0;
+        for (title, count) in &part.groups {
+            let own = at..at + count;
+            let room: usize = column_widths.get(own.clone()).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * (count - 1);
+            if let Some(last) = column_widths.get_mut(own.end - 1) {
+                *last += title.width().saturating_sub(room);
+            }
+            at = own.end;
+        }
+        let all: Vec<usize> = lead_widths.iter().chain(&column_widths).copied().collect();
+        let rule = |left: char, middle: char, right: char| {
+            let cells: Vec<String> = all.iter().map(|width| "─".repeat(width + 2)).collect();
+            format!("{left}{}{right}\n", cells.join(&middle.to_string()))
+        };
+        let mut text = rule('┌', '┬', '┐');
+        if part.groups.iter().any(|(title, _)| !title.is_empty()) {
+            let mut cells: Vec<String> = lead_widths.iter().map(|width| " ".repeat(width + 2)).collect();
+            let mut at = 0;
+            for (title, count) in &part.groups {
+                let room = column_widths.get(at..at + count).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * count - 1;
+                cells.push(centred(title, room));
+                at += count;
+            }
+            text.push_str(&format!("│{}│\n", cells.join("│")));
+        }
+        let heads = lead.first().into_iter().flatten().map(|head| (head.clone(), false));
+        let heads = heads.chain(part.heads.iter().map(|head| (head.clone(), true)));
+        let cells: Vec<String> = heads.zip(&all).map(|((head, right), width)| self.set(&padded(&head, *width, right), BOLD)).collect();
+        text.push_str(&format!("│ {} │\n", cells.join(" │ ")));
+        text.push_str(&rule('├', '┼', '┤'));
+        for (at, row) in table.rows.iter().enumerate() {
+            if row.rule_above && at > 0 {
+                text.push_str(&rule('├', '┼', '┤'));
+            }
+            let names = lead.get(at + 1).into_iter().flatten().zip(&lead_widths).map(|(name, width)| {
+                let name = padded(name, *width, false);
+                if row.origin == Origin::Published { self.set(&name, FAINT) } else { name }
+            });
+            let numbers = part.rows.get(at).into_iter().flatten().zip(&column_widths).map(|(own, width)| {
+                let space = " ".repeat(width.saturating_sub(own.text.width()));
+                let style = match (own.mark, row.origin) {
+                    (Mark::Best, _) => BOLD,
+                    (Mark::Second, _) => UNDERLINE,
+                    (Mark::Plain, Origin::Published) => FAINT,
+                    (Mark::Plain, Origin::Measured) => return format!("{space}{}", own.text),
+                };
+                format!("{space}{}", self.set(&own.text, style))
+            });
+            text.push_str(&format!("│ {} │\n", names.chain(numbers).collect::<Vec<_>>().join(" │ ")));
+        }
+        text.push_str(&rule('└', '┴', '┘'));
+        text
+    }
+}
+
+/// Names of rows and where they come from; heads first.
+fn lead(table: &Table) -> Vec<Vec<String>> {
+    const LONGEST: usize = 36;
+    let measured = table.is_measured();
+    let origin = |text: &str| measured.then(|| text.to_owned());
+    let heads = table.labels.iter().map(|label| clean(label)).chain(origin("from")).collect();
+    let row = |row: &Row| {
+        let names = row.labels.iter().map(|label| cut(&clean(label), LONGEST));
+        names.chain(origin(row.origin_text())).collect()
+    };
+    std::iter::once(heads).chain(table.rows.iter().map(row)).collect()
+}
+
+fn widths(rows: &[Vec<String>]) -> Vec<usize> {
+    let columns = rows.first().map_or(0, Vec::len);
+    let width = |at: usize| rows.iter().filter_map(|row| row.get(at)).map(|text| text.width()).max().unwrap_or(0);
+    (0..columns).map(width).collect()
+}
+
+/// What a terminal would obey is not printed.
+fn clean(text: &str) -> String {
+    text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
+}
+
+fn cut(text: &str, room: usize) -> String {
+    if text.width() <= room {
+        return text.to_owned();
+    }
+    let mut short = String::new();
+    for letter in text.chars() {
+        if short.width() + 1 >= room {
+            break;
+        }
+        short.push(letter);
+    }
+    format!("{short}…")
+}
+
+fn padded(text: &str, width: usize, right: bool) -> String {
+    let space = " ".repeat(width.saturating_sub(text.width()));
+    if right { format!("{space}{text}") } else { format!("{text}{space}") }
+}
+
+fn centred(text: &str, width: usize) -> String {
+    let space = width.saturating_sub(text.width());
+    format!("{}{text}{}", " ".repeat(space / 2), " ".repeat(space - space / 2))
+}
+
+/// Lines of at most `width` columns, broken between words where there are any.
+fn wrapped(text: &str, width: usize) -> Vec<String> {
+    let mut lines = vec![String::new()];
+    for word in text.split(' ') {
+        let fits = lines.last().is_some_and(|line| line.is_empty() || line.width() + 1 + word.width() <= width);
+        if !fits {
+            lines.push(String::new());
+        }
+        if let Some(line) = lines.last_mut() {
+            if !line.is_empty() {
+                line.push(' ');
+            }
+            line.push_str(word);
+        }
+    }
+    lines
+}

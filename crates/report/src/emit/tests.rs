@@ -1,0 +1,146 @@
+//! Snapshots of every format, and what no format may let through.
+
+use super::*;
+use crate::definition::TableDefinition;
+use crate::sample::{HOSTILE, floor, preset, results, store};
+use crate::table::{Mark, Mixing, Source, tables};
+
+fn measured(name: &str) -> Table {
+    let results = store();
+    let definition = TableDefinition::named(name).unwrap();
+    let source = Source { label: "run", results: &results };
+    tables(&definition, &[source], Mixing::Apart).unwrap().swap_remove(0)
+}
+
+fn published(name: &str) -> Table {
+    tables(&TableDefinition::named(name).unwrap(), &[], Mixing::Apart).unwrap().swap_remove(0)
+}
+
+#[test]
+fn every_format_of_a_measured_table() {
+    let table = measured("re10k");
+    for format in TableFormat::ALL {
+        insta::assert_snapshot!(format!("re10k-{}", format.extension()), format.write(&table).unwrap());
+    }
+}
+
+#[test]
+fn an_ablation_and_a_grouped_table() {
+    insta::assert_snapshot!("ablation-txt", TableFormat::Terminal.write(&measured("ablation_ate")).unwrap());
+    insta::assert_snapshot!("overlap-txt", TableFormat::Terminal.write(&measured("re10k_overlap")).unwrap());
+    insta::assert_snapshot!("dl3dv-tex", TableFormat::Latex.write(&published("dl3dv")).unwrap());
+    insta::assert_snapshot!("budget-txt", TableFormat::Terminal.write(&published("budget")).unwrap());
+}
+
+#[test]
+fn no_line_is_wider_than_its_terminal() {
+    use unicode_width::UnicodeWidthStr as _;
+    for name in TableDefinition::names() {
+        for width in [60, 80, 120, 200] {
+            let text = Terminal { width, styled: false }.write(&published(name));
+            for line in text.lines().filter(|line| line.starts_with(['│', '┌', '├', '└'])) {
+                assert!(line.width() <= width, "{name} at {width}: {line}");
+            }
+            let boxes = text.lines().filter(|line| line.starts_with('│')).map(|line| line.matches('│').count());
+            assert!(boxes.count() > 2, "{name}");
+        }
+    }
+}
+
+#[test]
+fn every_number_is_in_every_part_of_a_cut_table() {
+    let table = published("re10k_overlap");
+    let narrow = Terminal { width: 70, styled: false }.write(&table);
+    assert!(narrow.matches('┌').count() > 1, "the table is cut:\n{narrow}");
+    for cell in table.rows.iter().flat_map(|row| row.cells.iter().flatten()) {
+        if let Some(number) = cell.value.number().filter(|number| *number < 100.0 && *number > 1.0) {
+            assert!(narrow.contains(&format!("{number:.2}")), "{number}");
+        }
+    }
+}
+
+#[test]
+fn colours_are_only_where_asked_for() {
+    let table = published("re10k");
+    assert!(!Terminal { width: 100, styled: false }.write(&table).contains('\u{1b}'));
+    let styled = Terminal { width: 100, styled: true }.write(&table);
+    assert!(styled.contains("\u{1b}[1m28.65\u{1b}[0m") && styled.contains("\u{1b}[4m28.54\u{1b}[0m"), "{styled}");
+}
+
+/// A method named by an enemy stays text in every format.
+#[test]
+fn hostile_names_stay_text() {
+    let mut method = floor();
+    method.title = format!("{HOSTILE}\n%{{}}$^~# & \\input{{/etc/passwd}}");
+    let results = results(vec![preset("re10k-2v-256")], vec![method]);
+    let source = Source { label: "run", results: &results };
+    let table = tables(&TableDefinition::named("re10k").unwrap(), &[source], Mixing::Apart).unwrap().swap_remove(0);
+    let write = |format: TableFormat| format.write(&table).unwrap();
+    assert!(!write(TableFormat::Terminal).contains('\u{1b}'));
+    let markdown = write(TableFormat::Markdown);
+    assert!(!markdown.contains("<script"), "{markdown}");
+    let width = |line: &str| line.replace("\\|", "").matches('|').count();
+    let lines: Vec<usize> = markdown.lines().filter(|line| line.starts_with("| ")).map(width).collect();
+    assert!(lines.windows(2).all(|pair| pair[0] == pair[1]), "cells end where they should: {lines:?}\n{markdown}");
+    let latex = write(TableFormat::Latex);
+    assert!(!latex.contains("\\input") && latex.contains("\\textbackslash{}input"), "{latex}");
+    assert!(latex.lines().filter(|line| !line.starts_with('%')).all(|line| !line.replace("\\%", "").contains('%')), "{latex}");
+    let csv = write(TableFormat::Csv);
+    let mut reader = csv::Reader::from_reader(csv.as_bytes());
+    assert!(reader.records().all(|record| record.is_ok()), "{csv}");
+    serde_json::from_str::<serde_json::Value>(&write(TableFormat::Json)).unwrap();
+}
+
+/// Bold and underlined figures of the paper's own LaTeX, read by eye: ties share a mark.
+#[test]
+fn marks_are_the_papers() {
+    let marked = |table: &Table, group: usize, column: usize, mark: Mark| {
+        let rows = table.rows.iter().filter(|row| row.cells[group][column].mark == mark);
+        rows.map(|row| row.labels[0].clone()).collect::<Vec<_>>()
+    };
+    let overlap = published("re10k_overlap");
+    let (psnr, ssim, lpips) = (0, 1, 2);
+    for (group, column, best, second) in [
+        (1, psnr, vec!["Ours"], vec!["iLRM"]),
+        (1, ssim, vec!["Ours"], vec!["iLRM"]),
+        (1, lpips, vec!["iLRM"], vec!["Ours"]),
+        (2, psnr, vec!["Ours"], vec!["iLRM"]),
+        (2, ssim, vec!["iLRM"], vec!["Ours"]),
+        (2, lpips, vec!["iLRM"], vec!["Ours"]),
+        (3, ssim, vec!["iLRM"], vec!["DepthSplat", "Ours"]),
+        (3, lpips, vec!["iLRM"], vec!["DepthSplat"]),
+        (4, psnr, vec!["iLRM", "Ours"], vec!["DepthSplat"]),
+        (4, ssim, vec!["iLRM"], vec!["Ours"]),
+        (4, lpips, vec!["iLRM"], vec!["DepthSplat"]),
+        (0, 0, vec!["Ours"], vec![]),
+    ] {
+        assert_eq!(marked(&overlap, group, column, Mark::Best), best, "group {group}, column {column}");
+        // The paper leaves the second place free under two firsts.
+        if best.len() == 1 {
+            assert_eq!(marked(&overlap, group, column, Mark::Second), second, "group {group}, column {column}");
+        }
+    }
+    let cross = published("cross_dataset");
+    assert_eq!(marked(&cross, 0, lpips, Mark::Best), ["DepthSplat", "iLRM"]);
+    assert_eq!(marked(&cross, 0, lpips, Mark::Second), ["Ours"]);
+    let re10k = published("re10k");
+    assert_eq!((marked(&re10k, 0, lpips, Mark::Best), marked(&re10k, 0, lpips, Mark::Second)), (vec!["LongLRM".to_owned()], vec!["iLRM".to_owned()]));
+    assert_eq!(marked(&published("k_scaling"), 0, psnr, Mark::Best), Vec::<String>::new());
+}
+
+#[test]
+fn csv_holds_full_precision_and_json_everything() {
+    let table = measured("re10k");
+    let text = TableFormat::Csv.write(&table).unwrap();
+    let mut reader = csv::Reader::from_reader(text.as_bytes());
+    let head = reader.headers().unwrap().clone();
+    let at = |name: &str| head.iter().position(|own| own == name).unwrap();
+    let own = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
+    let record = reader.records().nth(own).unwrap().unwrap();
+    let cell = &table.rows[own].cells[0][0];
+    assert_eq!(record[at("psnr")].parse::<f64>().unwrap().to_bits(), cell.value.number().unwrap().to_bits());
+    assert_eq!(record[at("psnr_low")].parse::<f64>().unwrap().to_bits(), cell.interval.unwrap()[0].to_bits());
+    assert_eq!((&record[at("psnr_scenes")], &record[at("lpips")]), ("4", ""));
+    let json: serde_json::Value = serde_json::from_str(&TableFormat::Json.write(&table).unwrap()).unwrap();
+    assert_eq!(json["table"]["rows"].as_array().unwrap().len(), table.rows.len());
+}

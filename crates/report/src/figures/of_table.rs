@@ -1,0 +1,176 @@
+use atsplat_eval::statistics::{Leaked, Question, paired_between};
+use atsplat_metrics::Definition;
+
+use super::{estimate, metric_of, place_of};
+use crate::definition::{PlotKind, Quantity, TableDefinition};
+use crate::plot::{
+    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint, KScaling, Origin,
+    OverlapBinMeans, OverlapBinSeries,
+};
+use crate::table::{Group, Row, Source, Table, Value};
+
+/// The plots of a measured table by name.
+pub fn of_table(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Vec<(String, Drawing)> {
+    let Some(kind) = definition.plot.filter(|_| table.is_measured()) else { return Vec::new() };
+    match kind {
+        PlotKind::Frontier => frontiers(table),
+        PlotKind::Ablation => ablation(definition, table, sources).into_iter().collect(),
+        PlotKind::KScaling => k_scaling(table).into_iter().collect(),
+        PlotKind::OverlapBins => overlap_bins(table).into_iter().collect(),
+        PlotKind::BudgetHistogram => budget_histogram(table, sources).into_iter().collect(),
+    }
+}
+
+fn shown(table: &Table) -> impl Iterator<Item = &Row> {
+    table.rows.iter().filter(|row| !row.without_leaked)
+}
+
+fn name(row: &Row) -> String {
+    let labels: Vec<&str> = row.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
+    let untrained = if row.untrained && !labels.iter().any(|label| label.contains("untrained")) { " †" } else { "" };
+    format!("{}{untrained}", labels.join(", "))
+}
+
+fn subtitle(table: &Table, group: &Group) -> String {
+    let scenes = table.rows.iter().filter(|row| row.origin == Origin::Measured).flat_map(|row| row.cells.iter().flatten()).filter_map(|cell| cell.counts).map(|counts| counts.scenes).max();
+    let scenes = scenes.map_or_else(String::new, |scenes| format!("; measured over {scenes} scenes"));
+    let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
+    let untrained = if table.rows.iter().any(|row| row.untrained) { "; † untrained" } else { "" };
+    format!("{}{group}{scenes}{untrained}", table.title)
+}
+
+fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
+    let mut plots = Vec::new();
+    for (at, group) in table.groups.iter().enumerate() {
+        let Some((quality_at, metric)) = metric_of(group) else { continue };
+        for (cost, quantity, word) in [(CostAxis::Gaussians, Quantity::Gaussians, "gaussians"), (CostAxis::Seconds, Quantity::Seconds, "seconds")] {
+            let Some(cost_at) = place_of(group, quantity) else { continue };
+            let point = |row: &Row| {
+                let cells = row.cells.get(at)?;
+                Some(FrontierPoint {
+                    label: name(row),
+                    cost: cells.get(cost_at)?.value.number()?,
+                    quality: estimate(cells.get(quality_at)?)?,
+                    origin: row.origin,
+                    highlighted: false,
+                })
+            };
+            let points: Vec<FrontierPoint> = shown(table).filter_map(point).collect();
+            if points.iter().filter(|point| point.origin == Origin::Measured).count() == 0 {
+                continue;
+            }
+            let what = if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are of other machines" };
+            let frontier = Frontier {
+                title: format!("{} against {what}", metric.name),
+                subtitle: subtitle(table, group),
+                cost,
+                quality: metric.into(),
+                points,
+            };
+            let suffix = if table.groups.len() > 1 { format!("-{}", at + 1) } else { String::new() };
+            plots.push((format!("{}-{word}{suffix}", table.name), frontier.draw()));
+        }
+    }
+    plots
+}
+
+fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
+    let group = table.groups.first()?;
+    let (at, metric) = metric_of(group)?;
+    let reference_labels = definition.reference.as_ref()?;
+    let published: Vec<&Row> = table.rows.iter().filter(|row| row.origin == Origin::Published).collect();
+    let reference = *published.iter().find(|row| row.labels == *reference_labels)?;
+    let answer = |row: &Row| shown(table).find(|own| own.origin == Origin::Measured && own.answers == row.answers);
+    let own_reference = answer(reference);
+    let row = |row: &Row| {
+        let cell = |row: &Row| row.cells.first().and_then(|cells| cells.get(at)).cloned();
+        let own = answer(row);
+        Some(AblationRow {
+            label: row.labels.join(", "),
+            published: match cell(row)?.value {
+                Value::Number(number) => Some(Ok(number)),
+                Value::Text(text) => Some(Err(text)),
+                Value::Absent => None,
+            },
+            measured: own.and_then(cell).and_then(|cell| cell.value.number()),
+            gap: own.zip(own_reference).and_then(|(own, reference)| gap(definition, sources, metric, own, reference)),
+        })
+    };
+    let rows: Vec<AblationRow> = published.iter().filter(|other| other.labels != reference.labels).filter_map(|other| row(other)).collect();
+    let reference: Option<AblationRow> = row(reference);
+    let ablation = Ablation { title: table.title.clone(), subtitle: subtitle(table, group), quality: metric.into(), reference: reference?, rows };
+    Some((table.name.clone(), ablation.draw()))
+}
+
+/// Variant minus reference over the same targets.
+fn gap(definition: &TableDefinition, sources: &[Source<'_>], metric: &Definition, own: &Row, reference: &Row) -> Option<Estimate> {
+    let preset = definition.groups.first()?.preset.as_ref()?;
+    let source = |row: &Row| sources.iter().find(|source| Some(source.label) == row.store.as_deref());
+    let (a, b) = (source(own)?, source(reference)?);
+    let record = |source: &Source<'_>| {
+        let records = &source.results.provenance.presets;
+        records.iter().find(|record| record.preset == *preset).map(|record| record.name.clone())
+    };
+    let (first, second) = (record(a)?, record(b)?);
+    let question = |preset, method| Question { preset, method, metric: metric.id, leaked: Leaked::Included };
+    let pair = paired_between(
+        (a.results, &question(&first, own.method.as_deref()?)),
+        (b.results, &question(&second, reference.method.as_deref()?)),
+    )?;
+    Some(Estimate { value: pair.difference, interval: pair.interval })
+}
+
+fn k_scaling(table: &Table) -> Option<(String, Drawing)> {
+    let group = table.groups.first()?;
+    let (at, metric) = metric_of(group)?;
+    let gaussians_at = place_of(group, Quantity::Gaussians);
+    let point = |row: &Row| {
+        let digits: String = row.labels.first()?.chars().take_while(char::is_ascii_digit).collect();
+        let cells = row.cells.first()?;
+        let gaussians = gaussians_at.and_then(|at| cells.get(at)).and_then(|cell| cell.value.number());
+        Some(KPoint { k: digits.parse().ok()?, quality: estimate(cells.get(at)?)?, gaussians, origin: row.origin })
+    };
+    let points: Vec<KPoint> = shown(table).filter_map(point).collect();
+    let own = points.iter().any(|point| point.origin == Origin::Measured);
+    let plot = KScaling { title: format!("{} against K", metric.name), subtitle: subtitle(table, group), quality: metric.into(), points };
+    own.then(|| (table.name.clone(), plot.draw()))
+}
+
+fn overlap_bins(table: &Table) -> Option<(String, Drawing)> {
+    let groups: Vec<(usize, &Group, (usize, &'static Definition))> = table.groups.iter().enumerate().filter_map(|(at, group)| Some((at, group, metric_of(group)?))).collect();
+    let (_, first, (_, metric)) = groups.first()?;
+    let series = |row: &Row| OverlapBinSeries {
+        label: format!("{}{}", name(row), if row.origin == Origin::Published { " (paper)" } else { "" }),
+        means: groups.iter().map(|(at, _, (column, _))| row.cells.get(*at)?.get(*column).and_then(estimate)).collect(),
+        origin: row.origin,
+    };
+    let plot = OverlapBinMeans {
+        title: format!("{} by overlap", metric.name),
+        subtitle: subtitle(table, &Group { title: String::new(), ..(*first).clone() }),
+        quality: (*metric).into(),
+        bins: groups.iter().map(|(_, group, _)| group.title.clone()).collect(),
+        series: shown(table).map(series).collect(),
+    };
+    Some((table.name.clone(), plot.draw()))
+}
+
+fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
+    let group = table.groups.first()?;
+    let series = |row: &Row| {
+        let source = sources.iter().find(|source| Some(source.label) == row.store.as_deref())?;
+        let records = &source.results.provenance.presets;
+        let preset = records.iter().find(|record| Some(&record.preset) == group.preset.as_ref())?;
+        let own = source.results.trials.iter().filter(|trial| trial.key.preset == preset.name && Some(&trial.key.method) == row.method.as_ref());
+        let gaussians: Vec<f64> = own.filter_map(|trial| trial.gaussians).map(|count| count as f64).collect();
+        (!gaussians.is_empty()).then(|| BudgetSeries { label: row.labels.join(", "), gaussians })
+    };
+    let rows: Vec<BudgetSeries> = shown(table).filter(|row| row.origin == Origin::Measured).filter_map(series).collect();
+    let level = |series: &BudgetSeries| series.gaussians.windows(2).all(|pair| pair[0].total_cmp(&pair[1]).is_eq());
+    let (fixed, moving): (Vec<BudgetSeries>, Vec<BudgetSeries>) = rows.into_iter().partition(level);
+    if moving.is_empty() {
+        return None;
+    }
+    let fixed = fixed.first().and_then(|series| series.gaussians.first().copied());
+    let plot = BudgetHistogram { title: "Gaussians per scene".to_owned(), subtitle: subtitle(table, group), series: moving, fixed };
+    Some((table.name.clone(), plot.draw()))
+}

@@ -1,0 +1,347 @@
+//! Every plot from made-up data: what `examples/gallery.rs` draws and what tests ask. No number here is a result.
+
+use atsplat_metrics::{Definition, definition};
+use atsplat_pixels::ImageU8;
+
+use crate::plot::{
+    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, DriftHistory, DriftRun, Drawing, Estimate, Expansion,
+    ExpansionStrip, ExpansionStrips, ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier, FrontierPoint, KPoint,
+    KScaling, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapSeries, ScatterPoint,
+    SceneScatter, StageTime, StageTimeRow, StripPicture, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
+};
+
+const MADE_UP: &str = "made-up data";
+
+/// Every plot by name.
+pub fn gallery() -> Vec<(&'static str, Drawing)> {
+    let mut plots = vec![
+        ("frontier-gaussians", frontier(CostAxis::Gaussians).draw()),
+        ("frontier-seconds", frontier(CostAxis::Seconds).draw()),
+        ("overlap-curves", overlap_curves().draw()),
+        ("overlap-bins", overlap_bins().draw()),
+        ("extrapolation", extrapolation().draw()),
+        ("ablation", ablation().draw()),
+        ("dynamic-budget", budget_histogram().draw()),
+        ("k-scaling", k_scaling().draw()),
+        ("scatter", scatter().draw()),
+        ("drift-history", drift_history().draw()),
+        ("stage-time", stage_time().draw()),
+        ("token-expansion", token_expansion().draw()),
+    ];
+    plots.push(("expansion-strips", strips().draw()));
+    plots.push(("uncertainty", uncertainty().draw()));
+    plots
+}
+
+/// The same plots of nothing, of one point, of equal values and of names that are too long.
+pub fn odd_gallery() -> Vec<(&'static str, Drawing)> {
+    let long = "a name that is much longer than any column, axis or margin that a plot could reserve for it ".repeat(3);
+    let mut one_point = frontier(CostAxis::Gaussians);
+    one_point.points.truncate(1);
+    let mut broken = frontier(CostAxis::Seconds);
+    broken.points.iter_mut().for_each(|point| point.quality.value = f64::NAN);
+    let mut level = scatter();
+    level.points.iter_mut().for_each(|point| (point.x, point.y) = (1.0, 1.0));
+    level.x.clone_from(&long);
+    let mut unmeasured = ablation();
+    unmeasured.rows.iter_mut().for_each(|row| (row.measured, row.gap) = (None, None));
+    let mut named = overlap_curves();
+    named.series.iter_mut().for_each(|series| series.label.clone_from(&long));
+    let mut empty = [overlap_curves(), overlap_curves()];
+    empty[0].series.clear();
+    empty[1].series.iter_mut().for_each(|series| series.points.clear());
+    vec![
+        ("no points", Frontier { points: Vec::new(), ..frontier(CostAxis::Gaussians) }.draw()),
+        ("one point", one_point.draw()),
+        ("no numbers", broken.draw()),
+        ("equal scenes", level.draw()),
+        ("nothing measured", unmeasured.draw()),
+        ("no variants", Ablation { rows: Vec::new(), ..ablation() }.draw()),
+        ("long names", named.draw()),
+        ("no curves", empty[0].draw()),
+        ("empty curves", empty[1].draw()),
+        ("no bins", OverlapBinMeans { bins: Vec::new(), series: Vec::new(), ..overlap_bins() }.draw()),
+        ("no distances", ExtrapolationDecay { series: Vec::new(), ..extrapolation() }.draw()),
+        ("no scenes", SceneScatter { points: Vec::new(), ..scatter() }.draw()),
+        ("no runs", DriftHistory { runs: Vec::new(), ..drift_history() }.draw()),
+        ("no methods", StageTime { rows: Vec::new(), ..stage_time() }.draw()),
+        ("no budgets", BudgetHistogram { series: Vec::new(), fixed: None, ..budget_histogram() }.draw()),
+        ("no settings", KScaling { points: Vec::new(), ..k_scaling() }.draw()),
+        ("no tokens", TokenExpansion { picture: None, size: [0.0, 0.0], expansions: Vec::new(), ..token_expansion() }.draw()),
+        ("no strips", ExpansionStrips { columns: Vec::new(), strips: Vec::new(), ..strips() }.draw()),
+        ("no triplets", UncertaintyTriplets { rows: Vec::new(), ..uncertainty() }.draw()),
+    ]
+}
+
+fn figure(id: &str) -> Figure {
+    definition(id).map_or(Figure { name: "PSNR", unit: "dB", direction: atsplat_metrics::Direction::Higher }, |d: &Definition| d.into())
+}
+
+/// A number in [0, 1) that looks random and is the same everywhere.
+fn noise(seed: usize) -> f64 {
+    let mixed = (seed as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+    let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+    ((mixed ^ (mixed >> 29)) >> 40) as f64 / (1u64 << 24) as f64
+}
+
+fn around(value: f64, half: f64) -> Estimate {
+    Estimate { value, interval: Some([value - half, value + half]) }
+}
+
+fn frontier(cost: CostAxis) -> Frontier {
+    let published = [
+        ("PixelSplat", 131e3, 0.127, 25.89),
+        ("MVSplat", 131e3, 0.044, 26.39),
+        ("DepthSplat", 131e3, 0.067, 27.47),
+        ("iLRM", 131e3, 0.025, 28.65),
+        ("TokenGS", 262e3, 0.066, 28.41),
+        ("ATSplat (paper)", 23e3, 0.022, 28.46),
+    ];
+    let measured = [("K = 4", 5760.0, 0.31, 26.1), ("K = 8", 11_520.0, 0.33, 26.9), ("K = 16", 23_040.0, 0.36, 27.4), ("K = 32", 46_080.0, 0.45, 27.6), ("warp", 131_072.0, 0.012, 19.4)];
+    let place = |gaussians, secs| match cost {
+        CostAxis::Gaussians => gaussians,
+        CostAxis::Seconds => secs,
+    };
+    let published = published.map(|(label, gaussians, secs, quality)| FrontierPoint {
+        label: label.to_owned(),
+        cost: place(gaussians, secs),
+        quality: Estimate::exact(quality),
+        origin: Origin::Published,
+        highlighted: false,
+    });
+    let measured = measured.map(|(label, gaussians, secs, quality)| FrontierPoint {
+        label: label.to_owned(),
+        cost: place(gaussians, secs),
+        quality: around(quality, 0.4),
+        origin: Origin::Measured,
+        highlighted: label == "K = 16",
+    });
+    let what = if cost == CostAxis::Gaussians { "Gaussians" } else { "time" };
+    Frontier {
+        title: format!("Accuracy against {what}"),
+        subtitle: format!("RealEstate10K, 2 views, 256×256; {MADE_UP}"),
+        cost,
+        quality: figure("psnr"),
+        points: published.into_iter().chain(measured).collect(),
+    }
+}
+
+fn overlap_curves() -> OverlapCurves {
+    let curve = |base: f64, slope: f64| (0..12).map(|at| {
+        let overlap = 0.08 + 0.062 * f64::from(at);
+        (overlap, around(base + slope * overlap, 0.25 + 0.3 * (overlap - 0.4).abs()))
+    });
+    let series = |label: &str, base, slope| OverlapSeries { label: label.to_owned(), points: curve(base, slope).collect(), origin: Origin::Measured };
+    OverlapCurves {
+        title: "PSNR against overlap".to_owned(),
+        subtitle: format!("RealEstate10K by overlap, 5601 scenes; {MADE_UP}"),
+        quality: figure("psnr"),
+        bins: vec![
+            OverlapBin { name: "small".to_owned(), edges: [0.05, 0.3], scenes: 1403 },
+            OverlapBin { name: "medium".to_owned(), edges: [0.3, 0.55], scenes: 2568 },
+            OverlapBin { name: "large".to_owned(), edges: [0.55, 0.8], scenes: 1630 },
+        ],
+        series: vec![series("ATSplat", 22.6, 9.0), series("imported: DepthSplat", 21.1, 9.8), series("nearest view", 13.9, 6.0), series("warp", 14.3, 8.6)],
+    }
+}
+
+fn overlap_bins() -> OverlapBinMeans {
+    let series = |label: &str, means: [f64; 4], origin| OverlapBinSeries {
+        label: label.to_owned(),
+        means: means.map(|mean| Some(if origin == Origin::Measured { around(mean, 0.2) } else { Estimate::exact(mean) })).to_vec(),
+        origin,
+    };
+    OverlapBinMeans {
+        title: "PSNR by overlap".to_owned(),
+        subtitle: format!("RealEstate10K by overlap; {MADE_UP}"),
+        quality: figure("psnr"),
+        bins: ["small", "medium", "large", "average"].map(str::to_owned).to_vec(),
+        series: vec![
+            series("pixelSplat", [20.28, 23.73, 27.15, 23.86], Origin::Published),
+            series("DepthSplat", [22.82, 25.38, 28.32, 25.59], Origin::Published),
+            series("iLRM", [23.82, 26.54, 29.43, 26.70], Origin::Published),
+            series("ATSplat (paper)", [24.09, 26.56, 29.13, 26.70], Origin::Published),
+            series("ATSplat", [23.0, 25.4, 28.0, 25.5], Origin::Measured),
+        ],
+    }
+}
+
+fn extrapolation() -> ExtrapolationDecay {
+    let curve = |inside: f64, decay: f64| (-10..=10i32).map(move |distance| {
+        let outside = f64::from(distance.abs());
+        (i64::from(distance), around(inside - decay * outside.sqrt(), 0.2 + 0.05 * outside))
+    });
+    let series = |label: &str, inside, decay| ExtrapolationSeries { label: label.to_owned(), points: curve(inside, decay).collect(), origin: Origin::Measured };
+    ExtrapolationDecay {
+        title: "PSNR outside the window".to_owned(),
+        subtitle: format!("DL3DV, 6 views, 10 frames either side; {MADE_UP}"),
+        quality: figure("psnr"),
+        series: vec![series("ATSplat", 27.2, 2.1), series("warp", 21.0, 2.4), series("nearest view", 18.0, 1.5)],
+    }
+}
+
+fn ablation() -> Ablation {
+    let row = |label: &str, published: Result<f64, &str>, measured: f64, gap: f64| AblationRow {
+        label: label.to_owned(),
+        published: Some(published.map_err(str::to_owned)),
+        measured: Some(measured),
+        gap: Some(around(gap, 0.18)),
+    };
+    Ablation {
+        title: "Anchor designs".to_owned(),
+        subtitle: format!("DL3DV, 6 views; {MADE_UP}"),
+        quality: figure("psnr"),
+        reference: row("Patch depth, anchor + offset", Ok(27.28), 21.9, 0.0),
+        rows: vec![
+            row("None, ray + depth", Ok(26.37), 21.1, -0.8),
+            row("Learnable, direct xyz", Ok(21.05), 18.4, -3.5),
+            row("None, direct xyz", Err("Diverged"), 16.2, -5.7),
+        ],
+    }
+}
+
+fn budget_histogram() -> BudgetHistogram {
+    let series = |label: &str, middle: f64, width: f64, seed: usize| BudgetSeries {
+        label: label.to_owned(),
+        gaussians: (0..600).map(|at| {
+            let sum: f64 = (0..4).map(|part| noise(seed + at * 4 + part)).sum();
+            (middle + width * (sum - 2.0)).clamp(8192.0, 65_536.0)
+        }).collect(),
+    };
+    BudgetHistogram {
+        title: "Gaussians per scene under thresholds".to_owned(),
+        subtitle: format!("RealEstate10K, 600 scenes; {MADE_UP}"),
+        series: vec![series("0.1 / 0.1 / 0.4", 13e3, 5e3, 1), series("0.05 / 0.05 / 0.2", 19e3, 9e3, 5000), series("0.01 / 0.01 / 0.04", 39e3, 14e3, 9000)],
+        fixed: Some(23_040.0),
+    }
+}
+
+fn k_scaling() -> KScaling {
+    let published = [(4.0, 27.63, 5e3), (8.0, 28.25, 11e3), (16.0, 28.46, 23e3), (32.0, 28.66, 46e3), (64.0, 28.73, 92e3)];
+    let own = [(4.0, 27.1), (8.0, 27.7), (16.0, 28.0), (32.0, 28.1)];
+    let published = published.map(|(k, quality, gaussians)| KPoint { k, quality: Estimate::exact(quality), gaussians: Some(gaussians), origin: Origin::Published });
+    let own = own.map(|(k, quality)| KPoint { k, quality: around(quality, 0.15), gaussians: Some(1440.0 * k), origin: Origin::Measured });
+    KScaling {
+        title: "PSNR against K".to_owned(),
+        subtitle: format!("RealEstate10K, 2 views; {MADE_UP}"),
+        quality: figure("psnr"),
+        points: published.into_iter().chain(own).collect(),
+    }
+}
+
+fn scatter() -> SceneScatter {
+    let point = |at: usize| {
+        let x = 18.0 + 14.0 * noise(at * 3);
+        ScatterPoint { scene: format!("scene-{at:04}"), x, y: x + 3.2 * (noise(at * 3 + 1) + noise(at * 3 + 2) - 0.8) }
+    };
+    SceneScatter {
+        title: "PSNR scene by scene".to_owned(),
+        subtitle: format!("ATSplat − warp: +0.63 dB [0.48, 0.79] over 140 scenes; {MADE_UP}"),
+        quality: figure("psnr"),
+        x: "warp".to_owned(),
+        y: "ATSplat".to_owned(),
+        points: (0..140).map(point).collect(),
+        named: 5,
+    }
+}
+
+fn drift_history() -> DriftHistory {
+    let run = |at: usize| {
+        let moved = if at >= 13 { -0.09 } else { 0.0 };
+        DriftRun {
+            label: format!("{:07x}", (at + 3) * 7_919_317 % 0xfff_ffff),
+            quality: around(27.4 + 0.012 * (noise(at) - 0.5) + moved, 0.02),
+            limits: Some(if at >= 15 { [27.27, 27.35] } else { [27.36, 27.44] }),
+            drift: (at == 13).then(|| "renderer: −0.09 dB".to_owned()),
+        }
+    };
+    DriftHistory {
+        title: "PSNR over commits".to_owned(),
+        subtitle: format!("RealEstate10K, quick suite; baseline accepted again at run 16; {MADE_UP}"),
+        quality: figure("psnr"),
+        runs: (0..20).map(run).collect(),
+    }
+}
+
+fn stage_time() -> StageTime {
+    let row = |label: &str, secs: [f64; 5]| StageTimeRow {
+        label: label.to_owned(),
+        stages: ["read", "encode", "expand", "render", "score"].into_iter().zip(secs).map(|(name, secs)| (name.to_owned(), secs)).collect(),
+    };
+    StageTime {
+        title: "Where a trial's time goes".to_owned(),
+        subtitle: format!("2 threads; {MADE_UP}"),
+        rows: vec![row("ATSplat", [0.031, 0.36, 0.12, 0.055, 0.21]), row("warp", [0.031, 0.004, 0.0, 0.022, 0.21]), row("nearest view", [0.03, 0.0001, 0.0, 0.001, 0.2])],
+    }
+}
+
+/// A scene of stripes and a disc; `detail` in [0, 1] says how much of the stripes is left.
+fn picture(detail: f64) -> ImageU8 {
+    painted(|x, y| {
+        let stripes = if (x * 24.0 + y * 5.0).sin() > 0.0 { 0.25 * detail } else { -0.25 * detail };
+        let disc = (x - 0.6).hypot(y - 0.45) < 0.22;
+        let base = 0.35 + 0.4 * y + stripes;
+        if disc { [0.85 - 0.2 * stripes, 0.45, 0.2] } else { [base * 0.8, base, base * 1.05] }
+    })
+}
+
+#[expect(clippy::expect_used, reason = "as many samples as pixels, made on the spot")]
+fn painted(colour: impl Fn(f64, f64) -> [f64; 3]) -> ImageU8 {
+    const WIDTH: u32 = 160;
+    const HEIGHT: u32 = 90;
+    let samples = (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| (row, column)));
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 8 bits")]
+    let samples = samples.flat_map(|(row, column)| {
+        colour(f64::from(column) / f64::from(WIDTH), f64::from(row) / f64::from(HEIGHT)).map(|value| (value * 255.0).clamp(0.0, 255.0) as u8)
+    });
+    ImageU8::new(WIDTH, HEIGHT, samples.collect()).expect("three samples a pixel")
+}
+
+fn strips() -> ExpansionStrips {
+    let strip = |label: &str| ExpansionStrip {
+        label: label.to_owned(),
+        pictures: [(0.1, "22.4 dB · 8K"), (0.4, "24.9 dB · 12K"), (0.7, "26.6 dB · 18K"), (0.9, "27.4 dB · 23K"), (1.0, "")]
+            .map(|(detail, caption)| StripPicture { image: picture(detail), caption: caption.to_owned() })
+            .to_vec(),
+    };
+    ExpansionStrips {
+        title: "Expansion, block by block".to_owned(),
+        subtitle: format!("the same weights with expansion enabled in ever more blocks; {MADE_UP}"),
+        columns: ["none", "block 1", "blocks 1–2", "blocks 1–3", "truth"].map(str::to_owned).to_vec(),
+        strips: vec![strip("scene-0007, frame 12"), strip("scene-0031, frame 40")],
+    }
+}
+
+fn uncertainty() -> UncertaintyTriplets {
+    let heat = |value: f64| [value.sqrt(), value * value, 0.35 * (1.0 - value)];
+    let row = |label: &str| UncertaintyRow {
+        label: label.to_owned(),
+        render: picture(0.6),
+        error: painted(|x, y| heat(0.5 + 0.5 * (x * 24.0 + y * 5.0).sin())),
+        predicted: painted(|x, y| heat(0.5 + 0.4 * (x * 24.0 + y * 5.0 + 0.4).sin())),
+        selected_alpha: painted(|x, y| if (x * 24.0 + y * 5.0).sin() > 0.2 { [0.9; 3] } else { [0.05; 3] }),
+        captions: ["mean 0.031".to_owned(), "Spearman 0.71".to_owned(), "50 % of tokens".to_owned()],
+    };
+    UncertaintyTriplets {
+        title: "Error, prediction, selection".to_owned(),
+        subtitle: format!("last block; dark is low, yellow is high; {MADE_UP}"),
+        rows: vec![row("scene-0007, frame 12"), row("scene-0031, frame 40")],
+    }
+}
+
+fn token_expansion() -> TokenExpansion {
+    let expansion = |at: usize| {
+        let parent = [4.0 + 152.0 * noise(at * 5), 4.0 + 82.0 * noise(at * 5 + 1)];
+        let angle = std::f64::consts::TAU * noise(at * 5 + 2);
+        let reach = 1.5 + 3.5 * noise(at * 5 + 3);
+        let child = |turn: f64| [parent[0] + reach * (angle + turn).cos(), parent[1] + reach * (angle + turn).sin()];
+        Expansion { block: 1 + at % 3, parent, children: vec![child(0.0), child(2.6)] }
+    };
+    TokenExpansion {
+        title: "Children around their parents".to_owned(),
+        subtitle: format!("scene-0007 as its first context view sees it; a token's place is the mean centre of its Gaussians; {MADE_UP}"),
+        picture: Some(picture(1.0)),
+        size: [160.0, 90.0],
+        expansions: (0..110).map(expansion).collect(),
+    }
+}

@@ -1,0 +1,20 @@
+//! A results store into tables, plots and one HTML page. How a number was made is not known here.
+//!
+//! A [`definition::TableDefinition`] says what a table of the paper shows; [`table::tables`] fills it from stores, published
+//! rows first and what was measured below each; [`emit::TableFormat`] writes it. [`plot`] turns plain data into drawings, and
+//! [`Report`] puts everything into a folder with one page that needs no other file.
+
+pub mod definition;
+pub mod emit;
+mod error;
+pub mod figures;
+pub mod gallery;
+pub mod page;
+pub mod plot;
+mod report;
+#[cfg(test)]
+mod sample;
+pub mod table;
+
+pub use error::ReportError;
+pub use report::{Report, Request};

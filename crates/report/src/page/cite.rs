@@ -1,0 +1,55 @@
+use super::PageStore;
+use crate::definition::Quantity;
+use crate::plot::Origin;
+use crate::table::{Row, Table, short};
+
+/// One line that says everything a number depends on; `None` for published and absent ones.
+pub(super) fn citation(table: &Table, row: &Row, place: (usize, usize), stores: &[PageStore<'_>]) -> Option<String> {
+    let cell = row.cells.get(place.0)?.get(place.1).filter(|_| row.origin == Origin::Measured)?;
+    cell.value.number()?;
+    let group = table.groups.get(place.0)?;
+    let column = group.columns.get(place.1)?;
+    let store = stores.iter().find(|store| Some(store.source.label) == row.store.as_deref())?;
+    let provenance = &store.source.results.provenance;
+    let mut text = format!("{} {}", column.title, cell.print(column));
+    if let Some([low, high]) = cell.interval {
+        let print = |value| column.quantity.print(value, column.exact);
+        text.push_str(&format!(" [95 % {}, {}]", print(low), print(high)));
+    }
+    if let Some(counts) = cell.counts {
+        text.push_str(&format!(" over {} scenes, {} targets", counts.scenes, counts.targets));
+    }
+    if row.without_leaked {
+        text.push_str(", leaked targets excluded");
+    }
+    if !group.title.is_empty() {
+        text.push_str(&format!(" ({})", group.title));
+    }
+    let method = provenance.methods.iter().find(|method| Some(&method.name) == row.method.as_ref());
+    let name = method.map_or_else(|| row.labels.join(" "), |method| method.title.clone());
+    text.push_str(&format!("; method {name}"));
+    if row.untrained {
+        text.push_str(", untrained");
+    }
+    if let Some(method) = method {
+        for (what, hash) in [("weights", &method.weights_sha256), ("constants", &method.constants), ("backend", &method.backend)] {
+            if let Some(hash) = hash {
+                text.push_str(&format!(", {what} {}", short(hash)));
+            }
+        }
+    }
+    for preset in &provenance.presets {
+        let asked = group.preset.is_none() || group.preset.as_ref() == Some(&preset.preset);
+        if asked {
+            let index = preset.index_name.as_deref().unwrap_or("unpublished");
+            let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
+            text.push_str(&format!("; protocol {}@{hash}, index {index}@{digest}, {} of {} entries", preset.name, preset.entries, preset.entries_of_index));
+        }
+    }
+    if let Quantity::Metric(metric) = column.quantity {
+        text.push_str(&format!("; {}: {}", metric.id, metric.convention));
+    }
+    let commit = provenance.commit.as_deref().map_or_else(String::new, |commit| format!(" at {}", short(commit)));
+    text.push_str(&format!("; atsplat {}{commit}, {}, {} threads", provenance.atsplat, provenance.processor, provenance.threads));
+    Some(text)
+}

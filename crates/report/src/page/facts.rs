@@ -1,0 +1,80 @@
+use super::PageStore;
+use super::html::escaped;
+use crate::table::{Table, short, verdict};
+
+/// What the page is about, in a few numbers, then a line per table.
+pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
+    let results = || stores.iter().map(|store| store.source.results);
+    let trials: usize = results().map(|results| results.trials.len()).sum();
+    let targets: usize = results().map(|results| results.targets.len()).sum();
+    let methods: usize = results().map(|results| results.provenance.methods.len()).sum();
+    let protocols: usize = results().map(|results| results.provenance.presets.len()).sum();
+    let facts = [(protocols, "protocols"), (methods, "methods"), (trials, "trials"), (targets, "target views")];
+    let facts: String = facts.iter().map(|(count, what)| format!("<li><b>{count}</b><span>{what}</span></li>")).collect();
+    let mut text = format!("<ul class=\"facts\">{facts}</ul>");
+    let untrained = results().flat_map(|results| &results.provenance.methods).filter(|method| method.untrained).count();
+    if untrained > 0 {
+        text.push_str(&format!(
+            "<p class=\"warning\">{untrained} of {methods} methods have random weights: their times and counts are real, their quality says nothing.</p>"
+        ));
+    }
+    let compared: Vec<_> = tables.iter().map(|table| (table, verdict(table))).filter(|(_, verdict)| verdict.compared > 0).collect();
+    if !compared.is_empty() {
+        text.push_str("<ul>");
+        for (table, verdict) in compared {
+            text.push_str(&format!(
+                "<li><a href=\"#table-{}\">{}</a>: {}</li>",
+                escaped(&table.name),
+                escaped(&table.title),
+                escaped(&verdict.to_string())
+            ));
+        }
+        text.push_str("</ul>");
+    }
+    text
+}
+
+/// Every store with what made it.
+pub(super) fn origin(stores: &[PageStore<'_>]) -> String {
+    stores.iter().map(store).collect()
+}
+
+fn store(store: &PageStore<'_>) -> String {
+    let provenance = &store.source.results.provenance;
+    let mut facts = vec![
+        ("atsplat", format!("{} {}", provenance.atsplat, provenance.commit.as_deref().map_or_else(|| "outside its repository".to_owned(), short))),
+        ("Machine", format!("{}, {}, {} threads", provenance.processor, provenance.platform, provenance.threads)),
+        ("Command", provenance.command.join(" ")),
+        ("Schema", format!("version {}, {}", provenance.schema_version, short(&provenance.schema_hash))),
+    ];
+    facts.extend(provenance.adapter.as_ref().map(|adapter| ("Adapter", adapter.clone())));
+    for preset in &provenance.presets {
+        let index = preset.index_name.as_deref().unwrap_or(&preset.index);
+        facts.push((
+            "Protocol",
+            format!(
+                "{}: {}; {} of {} entries, index {index}, data {}, {}",
+                preset.name,
+                preset.title,
+                preset.entries,
+                preset.entries_of_index,
+                preset.dataset,
+                short(&preset.hash)
+            ),
+        ));
+    }
+    for method in &provenance.methods {
+        let weights = method.weights_sha256.as_deref().map_or_else(String::new, |hash| format!(", weights {}", short(hash)));
+        let untrained = if method.untrained { ", untrained" } else { "" };
+        facts.push(("Method", format!("{} ({}): {}{weights}{untrained}", method.name, method.kind, method.title)));
+    }
+    for warning in &provenance.warnings {
+        facts.push(("Warning", format!("{} × {} in {}: {}", warning.count, warning.kind, warning.preset, warning.example)));
+    }
+    if let Some(first) = provenance.skipped.first() {
+        let count = provenance.skipped.len();
+        facts.push(("Skipped", format!("{count} index entries made no trial; the first: {} {}: {}", first.scene, first.reason, first.detail)));
+    }
+    let facts: String = facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value))).collect();
+    format!("<article class=\"card\"><h3>{}</h3><dl>{facts}</dl></article>\n", escaped(store.source.label))
+}

@@ -1,0 +1,144 @@
+//! One HTML page with everything in it: no network, no server, nothing beside the file.
+
+mod cite;
+mod facts;
+mod html;
+mod pictures;
+mod scenes;
+mod tables;
+#[cfg(test)]
+mod tests;
+
+use base64::Engine as _;
+use base64::engine::general_purpose::STANDARD;
+use serde_json::{Value, json};
+use sha2::{Digest as _, Sha256};
+
+pub use pictures::PictureBudget;
+
+use crate::ReportError;
+use crate::emit::{TableFormat, json_of};
+use crate::plot::Drawing;
+use crate::table::{Source, Table};
+use html::escaped;
+
+/// What stands on a page.
+#[derive(Debug)]
+pub struct Page<'a> {
+    /// Its title.
+    pub title: String,
+    /// Tables in order.
+    pub tables: &'a [Table],
+    /// Plots by name, in order.
+    pub plots: &'a [(String, Drawing)],
+    /// The stores, each with the folder that may hold pictures.
+    pub stores: &'a [PageStore<'a>],
+    /// How many bytes of pictures the page may hold.
+    pub budget: PictureBudget,
+}
+
+/// A store and the folder that it lies in.
+#[derive(Clone, Copy, Debug)]
+pub struct PageStore<'a> {
+    /// Its name and rows.
+    pub source: Source<'a>,
+    /// Its folder, whose `pictures` are shown; `None` shows none.
+    pub folder: Option<&'a std::path::Path>,
+}
+
+/// Name of the page in a folder.
+pub const FILE: &str = "index.html";
+const PAGE: &str = include_str!("page.html");
+const STYLE: &str = include_str!("style.css");
+const SCRIPT: &str = include_str!("script.js");
+
+impl Page<'_> {
+    /// The file's text.
+    ///
+    /// # Errors
+    /// [`ReportError`] where a table or plot cannot be written; a picture that cannot be read is left out and counted.
+    pub fn write(&self) -> Result<String, ReportError> {
+        self.write_with(None)
+    }
+
+    /// As [`write`](Self::write), with another script at the end, which tests click through the page with.
+    pub(crate) fn write_with(&self, extra: Option<&str>) -> Result<String, ReportError> {
+        let pictures = pictures::Album::fill(self.stores, self.budget);
+        let mut texts = serde_json::Map::new();
+        for table in self.tables {
+            let formats = [("latex", TableFormat::Latex), ("markdown", TableFormat::Markdown), ("csv", TableFormat::Csv)];
+            let written = formats.map(|(name, format)| format.write(table).map(|text| (name.to_owned(), Value::String(text))));
+            texts.insert(table.name.clone(), Value::Object(written.into_iter().collect::<Result<_, _>>()?));
+        }
+        let runs = scenes::runs(self.stores, &pictures);
+        let data = json!({
+            "texts": texts,
+            "tables": self.tables.iter().map(json_of).collect::<Vec<_>>(),
+            "metrics": scenes::metrics(self.stores),
+            "runs": runs,
+            "pictures": pictures.uris(),
+            "provenance": self.stores.iter().map(|store| json!({
+                "store": store.source.label,
+                "provenance": store.source.results.provenance,
+            })).collect::<Vec<_>>(),
+        });
+        let scripts: Vec<String> = [Some(SCRIPT), extra].into_iter().flatten().map(hash_of).collect();
+        let extra = extra.map_or_else(String::new, |script| format!("<script>{script}</script>"));
+        let slots = [
+            ("scripts", scripts.join(" ")),
+            ("style", STYLE.to_owned()),
+            ("title", escaped(&self.title)),
+            ("summary", facts::summary(self.tables, self.stores)),
+            ("tables", tables::write(self.tables, self.stores)),
+            ("plots", self.plots()?),
+            ("scenes", scenes::section(self.stores, &pictures)),
+            ("origin", facts::origin(self.stores)),
+            ("data", safe_json(&data)?),
+            ("script", SCRIPT.to_owned()),
+            ("extra", extra),
+        ];
+        Ok(filled(PAGE, &slots))
+    }
+
+    fn plots(&self) -> Result<String, ReportError> {
+        if self.plots.is_empty() {
+            return Ok("<p class=\"hint\">These results have nothing to plot.</p>".to_owned());
+        }
+        let mut text = String::from("<div class=\"plots\">\n");
+        for (name, drawing) in self.plots {
+            let svg = drawing.to_svg()?;
+            let told: Vec<&str> = drawing.texts().take(2).collect();
+            let labelled = format!("<svg role=\"img\" aria-label=\"{}\" ", escaped(&told.join(". ")));
+            text.push_str(&format!("<figure id=\"plot-{}\">{}</figure>\n", escaped(name), svg.replacen("<svg ", &labelled, 1)));
+        }
+        text.push_str("</div>");
+        Ok(text)
+    }
+}
+
+/// The page with its slots filled, in one pass: what fills a slot is not searched for others.
+fn filled(page: &str, slots: &[(&str, String)]) -> String {
+    let mut text = String::with_capacity(page.len() + slots.iter().map(|(_, own)| own.len()).sum::<usize>());
+    let mut rest = page;
+    while let Some((before, after)) = rest.split_once("{{") {
+        text.push_str(before);
+        let Some((name, behind)) = after.split_once("}}") else { break };
+        if let Some((_, own)) = slots.iter().find(|(known, _)| *known == name) {
+            text.push_str(own);
+        }
+        rest = behind;
+    }
+    text.push_str(rest);
+    text
+}
+
+/// JSON that no HTML parser takes for the end of a script.
+fn safe_json(value: &Value) -> Result<String, ReportError> {
+    let text = serde_json::to_string(value)?;
+    Ok(text.replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029"))
+}
+
+/// What the page's policy allows: these scripts to the letter, and no other.
+fn hash_of(script: &str) -> String {
+    format!("'sha256-{}'", STANDARD.encode(Sha256::digest(script.as_bytes())))
+}

@@ -1,0 +1,91 @@
+use super::PageStore;
+use super::cite::citation;
+use super::html::escaped;
+use crate::plot::Origin;
+use crate::table::{Mark, NoteKind, Row, Table, verdict};
+
+/// Every table as a card.
+pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
+    tables.iter().map(|table| card(table, stores)).collect()
+}
+
+fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
+    let name = escaped(&table.name);
+    let buttons: String = [("latex", "LaTeX"), ("markdown", "Markdown"), ("csv", "CSV")]
+        .map(|(format, title)| format!("<button type=\"button\" data-table=\"{name}\" data-copy=\"{format}\">Copy {title}</button>"))
+        .concat();
+    let verdict = verdict(table);
+    let verdict = if verdict.compared > 0 { format!("<p class=\"verdict\">{}</p>", escaped(&verdict.to_string())) } else { String::new() };
+    let warnings = table.footer.iter().filter(|note| note.kind == NoteKind::Forced);
+    let warnings: String = warnings.map(|note| format!("<p class=\"warning\">{}</p>", escaped(&note.text))).collect();
+    let notes: String = table.footer.iter().map(|note| format!("<li>{}</li>", escaped(&note.text))).collect();
+    format!(
+        "<article class=\"card\" id=\"table-{name}\">\n<div class=\"top\"><h3>{}</h3><div class=\"tools\">{buttons}</div></div>\n\
+         <p class=\"caption\">{}</p>\n{warnings}<div class=\"scroll\" tabindex=\"0\" role=\"region\" aria-label=\"{}\">{}</div>\n{verdict}\n\
+         <details class=\"notes\"><summary>Convention, counts, intervals</summary><ul>{notes}</ul></details>\n</article>\n",
+        escaped(&table.title),
+        escaped(&table.caption),
+        escaped(&table.title),
+        body(table, stores),
+    )
+}
+
+fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
+    let measured = table.is_measured();
+    let labels = table.labels.len() + usize::from(measured);
+    let mut text = String::from("<table class=\"numbers\"><thead>");
+    if table.groups.iter().any(|group| !group.title.is_empty()) {
+        let groups = table.groups.iter().map(|group| {
+            let class = if group.title.is_empty() { "" } else { " class=\"group\"" };
+            format!("<th{class} colspan=\"{}\" scope=\"colgroup\">{}</th>", group.columns.len(), escaped(&group.title))
+        });
+        text.push_str(&format!("<tr><th colspan=\"{labels}\"></th>{}</tr>", groups.collect::<String>()));
+    }
+    text.push_str("<tr>");
+    for label in table.labels.iter().map(String::as_str).chain(measured.then_some("from")) {
+        text.push_str(&format!("<th class=\"label\" scope=\"col\">{}</th>", escaped(label)));
+    }
+    for (_, column) in table.columns() {
+        text.push_str(&format!("<th scope=\"col\">{}</th>", escaped(&column.head())));
+    }
+    text.push_str("</tr></thead><tbody>");
+    for (at, row) in table.rows.iter().enumerate() {
+        let origin = if row.origin == Origin::Published && measured { "paper" } else { "" };
+        let own = if row.origin == Origin::Measured { "own" } else { "" };
+        let rule = if row.rule_above && at > 0 { "rule" } else { "" };
+        text.push_str(&format!("<tr class=\"{origin} {own} {rule}\">"));
+        for label in &row.labels {
+            text.push_str(&format!("<td class=\"label\" title=\"{0}\">{0}</td>", escaped(label)));
+        }
+        if measured {
+            text.push_str(&format!("<td class=\"label\">{}</td>", row.origin_text()));
+        }
+        text.push_str(&numbers(table, row, stores));
+        text.push_str("</tr>");
+    }
+    text.push_str("</tbody></table>");
+    text
+}
+
+fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
+    let mut text = String::new();
+    for (place, column) in table.columns() {
+        let Some(cell) = row.cells.get(place.0).and_then(|cells| cells.get(place.1)) else { continue };
+        let mark = match cell.mark {
+            Mark::Best => " best",
+            Mark::Second => " second",
+            Mark::Plain => "",
+        };
+        let printed = escaped(&cell.print(column));
+        let inside = match citation(table, row, place, stores) {
+            Some(citation) => format!("<button type=\"button\" data-cite=\"{}\">{printed}</button>", escaped(&citation)),
+            None => printed,
+        };
+        let told = cell.interval.map_or_else(String::new, |[low, high]| {
+            let print = |value| column.quantity.print(value, column.exact);
+            format!(" title=\"95 % interval {} to {}\"", escaped(&print(low)), escaped(&print(high)))
+        });
+        text.push_str(&format!("<td class=\"number{mark}\"{told}>{inside}</td>"));
+    }
+    text
+}

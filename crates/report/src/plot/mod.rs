@@ -1,0 +1,46 @@
+//! Plots: plain data in, a [`Drawing`] out, which becomes SVG or PNG. Drawn with a bundled font, so that they look alike
+//! everywhere, and the same data gives the same bytes.
+
+mod ablation;
+mod axes;
+mod budget_histogram;
+mod drift_history;
+mod expansion_strips;
+mod extrapolation;
+mod font;
+mod frontier;
+mod k_scaling;
+mod labels;
+mod overlap_bins;
+mod overlap_curves;
+mod picture_grid;
+mod render;
+mod scale;
+mod scatter;
+mod series;
+mod shape;
+mod stage_time;
+#[cfg(test)]
+mod tests;
+mod theme;
+mod token_expansion;
+mod uncertainty;
+
+pub use ablation::{Ablation, AblationRow};
+pub use budget_histogram::{BudgetHistogram, BudgetSeries};
+pub use drift_history::{DriftHistory, DriftRun};
+pub use expansion_strips::{ExpansionStrip, ExpansionStrips, StripPicture};
+pub use extrapolation::{ExtrapolationDecay, ExtrapolationSeries};
+pub use font::{FONT, register_fonts};
+pub use frontier::{CostAxis, Frontier, FrontierPoint};
+pub use k_scaling::{KPoint, KScaling};
+pub use overlap_bins::{OverlapBinMeans, OverlapBinSeries};
+pub use overlap_curves::{OverlapBin, OverlapCurves, OverlapSeries};
+pub use render::{PlotFormat, image_of, svg_of};
+pub use scatter::{ScatterPoint, SceneScatter};
+pub use series::{Estimate, Figure, Origin};
+pub use shape::Drawing;
+pub use stage_time::{StageTime, StageTimeRow};
+pub use theme::{COLOURS, GREY, colour};
+pub use token_expansion::{Expansion, TokenExpansion};
+pub use uncertainty::{UncertaintyRow, UncertaintyTriplets};

@@ -1,0 +1,175 @@
+/// How values become places along an axis.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) struct Scale {
+    low: f64,
+    high: f64,
+    rule: Rule,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Rule {
+    Linear,
+    Logarithmic,
+}
+
+impl Scale {
+    /// From `low` to `high`; made a little wider where they coincide.
+    pub(super) fn linear(low: f64, high: f64) -> Self {
+        let (low, high) = if low <= high { (low, high) } else { (high, low) };
+        let slack = if high > low { 0.0 } else { 0.5 };
+        Self { low: low - slack, high: high + slack, rule: Rule::Linear }
+    }
+
+    /// Around all finite values, with `share` of their range left free on either side.
+    pub(super) fn around(values: impl IntoIterator<Item = f64>, share: f64) -> Self {
+        let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
+        let slack = if high > low { (high - low) * share } else { 0.05 * high.abs() + 1e-6 };
+        Self::linear(low - slack, high + slack)
+    }
+
+    /// From zero to a little above all values.
+    pub(super) fn from_zero(values: impl IntoIterator<Item = f64>) -> Self {
+        let high = bounds(values).map_or(1.0, |(_, high)| high);
+        Self::linear(0.0, if high > 0.0 { high * 1.08 } else { 1.0 })
+    }
+
+    /// Logarithmic around all positive values, with `share` of their range left free on either side.
+    pub(super) fn logarithmic(values: impl IntoIterator<Item = f64>, share: f64) -> Self {
+        let positive = values.into_iter().filter(|value| *value > 0.0).map(f64::ln);
+        let (low, high) = bounds(positive).unwrap_or((0.0, 1.0));
+        let slack = ((high - low) * share).clamp(0.1, f64::INFINITY);
+        Self { low: (low - slack).exp(), high: (high + slack).exp(), rule: Rule::Logarithmic }
+    }
+
+    /// Where a value lies: 0 at the low end, 1 at the high one.
+    pub(super) fn share(self, value: f64) -> f64 {
+        match self.rule {
+            Rule::Linear => (value - self.low) / (self.high - self.low),
+            Rule::Logarithmic => (value / self.low).ln() / (self.high / self.low).ln(),
+        }
+    }
+
+    pub(super) const fn low(self) -> f64 {
+        self.low
+    }
+
+    pub(super) const fn high(self) -> f64 {
+        self.high
+    }
+
+    /// Round values inside, about `wanted` of them.
+    pub(super) fn ticks(self, wanted: usize) -> Vec<f64> {
+        match self.rule {
+            Rule::Linear => self.linear_ticks(wanted),
+            Rule::Logarithmic => self.logarithmic_ticks(wanted),
+        }
+    }
+
+    fn linear_ticks(self, wanted: usize) -> Vec<f64> {
+        let rough = (self.high - self.low) / wanted.clamp(1, 100) as f64;
+        let power = 10f64.powf(rough.log10().floor());
+        let step = [1.0, 2.0, 5.0].into_iter().map(|digit| digit * power).find(|step| *step >= rough).unwrap_or(10.0 * power);
+        let (first, last) = ((self.low / step).ceil(), (self.high / step + 1e-9).floor());
+        let mut ticks = Vec::new();
+        let mut at = first;
+        while at <= last && ticks.len() < 100 {
+            // Not a sum of steps, whose error would show in labels; and never "-0".
+            ticks.push(at * step + 0.0);
+            at += 1.0;
+        }
+        ticks
+    }
+
+    fn logarithmic_ticks(self, wanted: usize) -> Vec<f64> {
+        const DIGITS: [&[f64]; 3] = [&[1.0, 2.0, 5.0], &[1.0, 3.0], &[1.0]];
+        let inside = |digits: &[f64]| {
+            let mut ticks = Vec::new();
+            let mut decade = self.low.log10().floor();
+            while decade <= self.high.log10() && ticks.len() < 100 {
+                ticks.extend(digits.iter().map(|digit| digit * 10f64.powf(decade)));
+                decade += 1.0;
+            }
+            ticks.retain(|tick| (self.low..=self.high).contains(tick));
+            ticks
+        };
+        let options: Vec<Vec<f64>> = DIGITS.into_iter().map(inside).collect();
+        let fitting = options.iter().find(|ticks| ticks.len() <= wanted + 2).or(options.last());
+        match fitting {
+            Some(ticks) if ticks.len() >= 2 => ticks.clone(),
+            _ => self.linear_ticks(wanted),
+        }
+    }
+}
+
+/// The least and the greatest finite value.
+pub(super) fn bounds(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
+    let finite = values.into_iter().filter(|value| value.is_finite());
+    finite.fold(None, |bounds, value| match bounds {
+        None => Some((value, value)),
+        Some((low, high)) => Some((if value < low { value } else { low }, if value > high { value } else { high })),
+    })
+}
+
+/// A tick's label with as many decimals as tell neighbours apart.
+pub(super) fn label(value: f64, ticks: &[f64]) -> String {
+    let step = ticks.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(f64::INFINITY, |least, step| if step < least { step } else { least });
+    let decimals = (0usize..6).find(|decimals| step * 10f64.powi(i32::try_from(*decimals).unwrap_or(6)) > 0.999).unwrap_or(6);
+    if step.is_finite() { format!("{value:.decimals$}") } else { format!("{value}") }
+}
+
+/// A count in thousands or millions: `23K`, `5.9M`.
+pub(super) fn count_label(value: f64) -> String {
+    match value {
+        value if value >= 999_950.0 => format!("{}M", trimmed(value / 1e6)),
+        value if value >= 1000.0 => format!("{}K", trimmed(value / 1e3)),
+        value => trimmed(value),
+    }
+}
+
+/// Seconds in the unit that a reader would choose.
+pub(super) fn seconds_label(secs: f64) -> String {
+    match secs {
+        secs if secs >= 100.0 => format!("{} min", trimmed(secs / 60.0)),
+        secs if secs >= 1.0 => format!("{} s", trimmed(secs)),
+        secs if secs >= 1e-3 => format!("{} ms", trimmed(secs * 1e3)),
+        secs => format!("{} µs", trimmed(secs * 1e6)),
+    }
+}
+
+/// Three digits at most, no zeros at the end.
+fn trimmed(value: f64) -> String {
+    let decimals = if value >= 100.0 { 0 } else { usize::from(value < 10.0) + 1 };
+    let text = format!("{value:.decimals$}");
+    if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.').to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        assert_eq!(Scale::linear(0.13, 1.02).ticks(5), [0.2, 0.4, 0.6000000000000001, 0.8, 1.0]);
+        assert_eq!(Scale::linear(-1.0, 1.0).ticks(4).iter().map(|t| label(*t, &[0.0, 0.5])).collect::<Vec<_>>(), ["-1.0", "-0.5", "0.0", "0.5", "1.0"]);
+        let ticks = Scale::logarithmic([5e3, 1e6], 0.05).ticks(6);
+        assert_eq!(ticks, [5e3, 1e4, 2e4, 5e4, 1e5, 2e5, 5e5, 1e6]);
+        for scale in [Scale::linear(3.0, 3.0), Scale::around([f64::NAN], 0.1), Scale::from_zero([]), Scale::logarithmic([0.0], 0.1)] {
+            assert!(scale.ticks(5).len() >= 2, "{scale:?}");
+        }
+    }
+
+    #[test]
+    fn labels_tell_ticks_apart() {
+        assert_eq!(label(0.25, &[0.0, 0.25, 0.5]), "0.25");
+        assert_eq!(label(28.0, &[26.0, 28.0]), "28");
+        assert_eq!([950.0, 23_040.0, 131_072.0, 5_898_240.0].map(count_label), ["950", "23K", "131K", "5.9M"]);
+        assert_eq!([0.022, 1.5, 600.0, 2e-5].map(seconds_label), ["22 ms", "1.5 s", "10 min", "20 µs"]);
+    }
+
+    #[test]
+    fn shares_run_from_zero_to_one() {
+        let scale = Scale::logarithmic([1.0, 100.0], 0.0);
+        assert!(scale.share(10.0) > 0.49 && scale.share(10.0) < 0.51);
+        assert!(Scale::linear(2.0, 4.0).share(3.0) == 0.5);
+    }
+}

@@ -1,0 +1,50 @@
+use atsplat_pixels::ImageU8;
+
+use super::Drawing;
+use super::picture_grid::{GridRow, PictureGrid};
+
+/// Where the method errs, where it expects to, and where it spends its Gaussians.
+#[derive(Clone, Debug)]
+pub struct UncertaintyTriplets {
+    /// Title.
+    pub title: String,
+    /// Method, protocol, what the colours mean.
+    pub subtitle: String,
+    /// One per view.
+    pub rows: Vec<UncertaintyRow>,
+}
+
+/// One view; the maps may be of other sizes than the picture.
+#[derive(Clone, Debug)]
+pub struct UncertaintyRow {
+    /// Scene and frame.
+    pub label: String,
+    /// The render.
+    pub render: ImageU8,
+    /// D-SSIM against the truth, as colours.
+    pub error: ImageU8,
+    /// What the network predicted, as colours.
+    pub predicted: ImageU8,
+    /// Alpha of the Gaussians of the selected tokens.
+    pub selected_alpha: ImageU8,
+    /// Words below error, prediction and alpha: mean error, correlation, share selected.
+    pub captions: [String; 3],
+}
+
+impl UncertaintyTriplets {
+    /// Draws it.
+    pub fn draw(&self) -> Drawing {
+        let rows = self.rows.iter().map(|row| {
+            let [error, predicted, alpha] = row.captions.clone();
+            let cells = vec![
+                Some((&row.render, String::new())),
+                Some((&row.error, error)),
+                Some((&row.predicted, predicted)),
+                Some((&row.selected_alpha, alpha)),
+            ];
+            GridRow { label: &row.label, cells }
+        });
+        let columns = ["render", "error (D-SSIM)", "predicted", "alpha of selected"].map(str::to_owned).to_vec();
+        PictureGrid { title: &self.title, subtitle: &self.subtitle, columns, rows: rows.collect() }.draw()
+    }
+}

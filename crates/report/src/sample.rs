@@ -1,0 +1,155 @@
+//! A made-up store for tests: two protocols, three methods, a hostile scene, a failed trial, a leaked target, LPIPS without
+//! weights.
+
+use atsplat_eval::{
+    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, SkippedEntry, TargetRow, TargetStatus, TrialKey, TrialRow,
+    TrialStatus,
+};
+use atsplat_model::ModelConfig;
+use atsplat_protocol::Preset;
+
+/// A name that would be a script wherever it is not escaped.
+pub(crate) const HOSTILE: &str = "</script><script>window.injected=1</script>\"'&|*_\\\u{1b}[31m";
+pub(crate) const SCENES: [&str; 4] = ["aa11", "bb22", "cc33", HOSTILE];
+
+pub(crate) fn preset(name: &str) -> PresetRecord {
+    let preset = Preset::named(name).unwrap();
+    PresetRecord {
+        name: name.to_owned(),
+        preset: name.to_owned(),
+        title: preset.title.clone(),
+        hash: preset.hash().unwrap().to_string(),
+        toml: preset.to_toml().unwrap(),
+        dataset: "data/re10k".to_owned(),
+        index: "index.json".to_owned(),
+        index_sha256: "fbcff9b4b13139227d809af45b84bb5a7a9cdb1c7a55bced85b6c66556a219cc".to_owned(),
+        index_name: Some("pixelsplat-re10k".to_owned()),
+        entries: 4,
+        entries_of_index: 7194,
+    }
+}
+
+pub(crate) fn atsplat(name: &str, change: impl FnOnce(&mut ModelConfig)) -> MethodRecord {
+    let mut config = ModelConfig::named("nano").unwrap();
+    change(&mut config);
+    MethodRecord {
+        name: name.to_owned(),
+        kind: "atsplat".to_owned(),
+        title: "ATSplat".to_owned(),
+        parameters: [("configuration".to_owned(), serde_json::to_value(&config).unwrap())].into(),
+        weights_sha256: Some("0123456789abcdef0123456789abcdef".to_owned()),
+        constants: Some("gsplat".to_owned()),
+        backend: Some("cpu".to_owned()),
+        deterministic: true,
+        ..MethodRecord::default()
+    }
+}
+
+pub(crate) fn floor() -> MethodRecord {
+    MethodRecord { name: "nearest-view".to_owned(), kind: "nearest-view".to_owned(), title: "Nearest view".to_owned(), deterministic: true, ..MethodRecord::default() }
+}
+
+/// Rows of every method on every scene; quality falls with the scene's place and the method's.
+pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) -> Results {
+    let mut results = Results {
+        provenance: Provenance {
+            schema_version: 1,
+            schema_hash: "5c4e".to_owned(),
+            atsplat: "0.1.0".to_owned(),
+            commit: Some("0011223344556677".to_owned()),
+            platform: "linux x86_64".to_owned(),
+            processor: "a processor".to_owned(),
+            threads: 2,
+            command: ["atsplat", "run"].map(str::to_owned).to_vec(),
+            metrics: vec![metric("psnr"), metric("ssim"), MetricRecord { absent: Some(ABSENT.to_owned()), ..metric("lpips") }],
+            skipped: vec![SkippedEntry { preset: "re10k-2v-256".to_owned(), scene: "dd44".to_owned(), reason: "missing-frame".to_owned(), detail: "frame 7 is absent".to_owned(), ..SkippedEntry::default() }],
+            presets,
+            methods,
+            ..Provenance::default()
+        },
+        ..Results::default()
+    };
+    for preset in results.provenance.presets.clone() {
+        for (place, method) in results.provenance.methods.clone().iter().enumerate() {
+            for (at, scene) in SCENES.iter().enumerate() {
+                let key = TrialKey { preset: preset.name.clone(), method: method.name.clone(), scene: (*scene).to_owned(), entry: 0 };
+                let failed = place == 1 && at == 2;
+                results.trials.push(trial(&key, failed, method.kind == "atsplat", at));
+                results.targets.extend((0..3).map(|target| view(&key, target, place, at, failed)));
+            }
+        }
+    }
+    results
+}
+
+const ABSENT: &str = "weights absent: torchvision's vgg16 is neither in the hub cache nor given by --lpips-vgg";
+
+fn metric(id: &str) -> MetricRecord {
+    MetricRecord { id: id.to_owned(), ..MetricRecord::default() }
+}
+
+fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
+    let own = |count: u64| tokens.then_some(count);
+    TrialRow {
+        key: key.clone(),
+        trial_hash: format!("trial {at}"),
+        pose_hash: format!("poses {at}"),
+        status: if failed { TrialStatus::Failed } else { TrialStatus::Done },
+        detail: failed.then(|| "the network said NaN".to_owned()),
+        context: vec![0, 30],
+        targets: 3,
+        overlap: Some(0.2 * at as f64 + 0.1),
+        width: 16,
+        height: 16,
+        initial_tokens: own(512),
+        final_tokens: own(1440),
+        gaussians: own(23_040),
+        gaussians_drawn: None,
+        seconds: Seconds {
+            read: 0.01,
+            encode: Some(0.25 + 0.01 * at as f64),
+            render: Some(0.005),
+            score: 0.02,
+            stages: if tokens { [("encoder".to_owned(), 0.2), ("decoder".to_owned(), 0.05)].into() } else { [].into() },
+            ..Seconds::default()
+        },
+        peak_bytes: None,
+        effects: Vec::new(),
+        notes: Vec::new(),
+    }
+}
+
+fn view(key: &TrialKey, target: u32, place: usize, at: usize, failed: bool) -> TargetRow {
+    let offset = f64::from(target) * 0.25;
+    let psnr = 27.0 - 2.0 * at as f64 - 3.0 * place as f64 + offset;
+    let leaked = target == 2 && at == 0;
+    TargetRow {
+        key: key.clone(),
+        target,
+        frame: u64::from(target) * 10 + 5,
+        signed_distance: i64::from(target) - 1,
+        leaked,
+        overlap: Some(0.2 * at as f64 + 0.1),
+        width: 16,
+        height: 16,
+        truth_hash: None,
+        render_hash: None,
+        status: if failed { TargetStatus::Failed } else { TargetStatus::Scored },
+        detail: None,
+        non_finite: 0,
+        scores: if failed { [].into() } else { [("psnr".to_owned(), psnr), ("ssim".to_owned(), psnr / 32.0)].into() },
+        not_computed: if failed { [].into() } else { [("lpips".to_owned(), ABSENT.to_owned())].into() },
+        render_secs: Some(0.005),
+    }
+}
+
+/// The store that most tests look at.
+pub(crate) fn store() -> Results {
+    results(vec![preset("re10k-2v-256"), preset("re10k-overlap")], vec![atsplat("atsplat", |_| ()), random(), floor()])
+}
+
+/// Random selection, as an ablation.
+pub(crate) fn random() -> MethodRecord {
+    let record = atsplat("atsplat-random", |config| config.expansion.selection = atsplat_model::config::Selection::Random { seed: 1 });
+    MethodRecord { title: "ATSplat, random".to_owned(), ..record }
+}

@@ -1,0 +1,221 @@
+use atsplat_eval::MethodRecord;
+use atsplat_eval::statistics::Leaked;
+
+use super::edition::{Edition, Part, editions};
+use super::footer::footer;
+use super::measure::{cells, has_leaked};
+use super::rank::rank;
+use super::{Cell, Column, Group, Row, Source, Table, Value};
+use crate::ReportError;
+use crate::definition::{ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition};
+use crate::plot::Origin;
+
+/// What becomes of results whose protocols differ.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Mixing {
+    /// Each protocol has a table of its own.
+    #[default]
+    Apart,
+    /// They stand in one table, which says so.
+    Forced,
+}
+
+/// The tables of a definition: one per protocol that was run, or the published numbers alone.
+///
+/// # Errors
+/// [`ReportError::Csv`] or [`ReportError::Definition`] where the published numbers cannot be read.
+pub fn tables(definition: &TableDefinition, sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Table>, ReportError> {
+    let published = definition.published()?.rows;
+    let editions = editions(definition, sources, mixing == Mixing::Forced);
+    let mut tables: Vec<Table> = Vec::new();
+    for edition in &editions {
+        let table = table(definition, &published, Some(edition));
+        if table.is_measured() {
+            tables.push(table);
+        }
+    }
+    if tables.is_empty() {
+        tables.push(table(definition, &published, None));
+    }
+    if tables.len() > 1 {
+        for (at, table) in tables.iter_mut().enumerate() {
+            table.name = format!("{}-{}", definition.name, at + 1);
+        }
+    }
+    Ok(tables)
+}
+
+fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Option<&Edition<'_>>) -> Table {
+    let mut rows = Vec::new();
+    let mut claimed: Vec<(&str, &str)> = Vec::new();
+    for (at, row) in published.iter().enumerate() {
+        let known = definition.row(&row.labels);
+        rows.push(published_row(row, at, known));
+        let Some((edition, known)) = edition.zip(known) else { continue };
+        for method in methods(definition, edition, known) {
+            if let Some(method) = method {
+                claimed.push((method.store, &method.record.name));
+            }
+            rows.extend(measured(definition, edition, Some((at, row, known)), method));
+        }
+    }
+    if let Some(edition) = edition.filter(|_| definition.others) {
+        let others = all_methods(edition).into_iter().filter(|method| !claimed.contains(&(method.store, &method.record.name)));
+        let first = rows.len();
+        for method in others {
+            rows.extend(measured(definition, edition, None, Some(method)));
+        }
+        if let Some(row) = rows.get_mut(first) {
+            row.rule_above = true;
+        }
+    }
+    let mut table = Table {
+        name: definition.name.clone(),
+        title: definition.title.clone(),
+        caption: definition.caption.clone(),
+        labels: definition.labels.iter().map(|label| label.title.clone()).collect(),
+        groups: definition.groups.iter().map(group).collect(),
+        rows,
+        footer: Vec::new(),
+        forced: edition.is_some_and(|edition| edition.mixed),
+    };
+    let one_ranking = edition.is_some_and(|edition| edition.parts.iter().all(|part| part.difference().is_none()) && !edition.mixed);
+    rank(&mut table, definition.marks, one_ranking);
+    table.footer = footer(&table, definition, edition);
+    table
+}
+
+fn group(group: &ColumnGroup) -> Group {
+    let column = |column: &crate::definition::ColumnDefinition| Column {
+        name: TableDefinition::published_name(group, column),
+        title: column.title.clone().unwrap_or_else(|| column.quantity.title().to_owned()),
+        quantity: column.quantity,
+        direction: column.quantity.direction(),
+        exact: column.exact,
+    };
+    Group { title: group.title.clone(), preset: group.preset.clone(), columns: group.columns.iter().map(column).collect() }
+}
+
+fn published_row(row: &PublishedRow, at: usize, known: Option<&RowDefinition>) -> Row {
+    let cell = |value: &Value| Cell { value: value.clone(), ..Cell::default() };
+    Row {
+        labels: row.labels.clone(),
+        origin: Origin::Published,
+        answers: Some(at),
+        method: None,
+        store: None,
+        untrained: false,
+        without_leaked: false,
+        rule_above: known.is_some_and(|known| known.rule_above),
+        cells: row.values.iter().map(|values| values.iter().map(cell).collect()).collect(),
+    }
+}
+
+/// A method of a store.
+#[derive(Clone, Copy, Debug)]
+struct Candidate<'a> {
+    store: &'a str,
+    record: &'a MethodRecord,
+}
+
+fn all_methods<'a>(edition: &Edition<'a>) -> Vec<Candidate<'a>> {
+    let mut methods: Vec<Candidate<'a>> = Vec::new();
+    for part in &edition.parts {
+        for record in &part.source.results.provenance.methods {
+            let known = methods.iter().any(|other| other.store == part.source.label && other.record.name == record.name);
+            if !known {
+                methods.push(Candidate { store: part.source.label, record });
+            }
+        }
+    }
+    methods
+}
+
+/// The methods that answer a row: none where the groups choose them.
+fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDefinition) -> Vec<Option<Candidate<'a>>> {
+    let several = definition.groups.iter().filter(|group| group.method.is_some()).count() > 1;
+    if several {
+        return vec![None];
+    }
+    let rule = row.method.as_ref().or_else(|| definition.groups.iter().find_map(|group| group.method.as_ref()));
+    let Some(rule) = rule else { return Vec::new() };
+    all_methods(edition).into_iter().filter(|method| rule.accepts(method.record)).map(Some).collect()
+}
+
+/// The measured row, and below it the same without leaked targets; none where the method answered nothing.
+fn measured(
+    definition: &TableDefinition,
+    edition: &Edition<'_>,
+    answered: Option<(usize, &PublishedRow, &RowDefinition)>,
+    method: Option<Candidate<'_>>,
+) -> Vec<Row> {
+    let preset_of = |group: &ColumnGroup| answered.and_then(|(_, _, row)| row.preset.clone()).or_else(|| group.preset.clone());
+    let chosen: Vec<Option<(&Part<'_>, &MethodRecord)>> = definition
+        .groups
+        .iter()
+        .map(|group| {
+            let preset = preset_of(group)?;
+            let own = |part: &&Part<'_>| part.preset.preset == preset && method.is_none_or(|method| method.store == part.source.label);
+            edition.parts.iter().filter(own).find_map(|part| {
+                let records = &part.source.results.provenance.methods;
+                let record = match method {
+                    Some(method) => records.iter().find(|record| record.name == method.record.name),
+                    None => records.iter().find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record))),
+                };
+                let ran = |record: &&MethodRecord| {
+                    part.source.results.trials.iter().any(|trial| trial.key.preset == part.preset.name && trial.key.method == record.name)
+                };
+                Some((part, record.filter(ran)?))
+            })
+        })
+        .collect();
+    if chosen.iter().all(Option::is_none) {
+        return Vec::new();
+    }
+    let empty = |group: &ColumnGroup| vec![Cell::default(); group.columns.len()];
+    let cells_of = |leaked| -> Vec<Vec<Cell>> {
+        let pairs = definition.groups.iter().zip(&chosen);
+        pairs.map(|(group, chosen)| chosen.map_or_else(|| empty(group), |(part, record)| cells(part, &record.name, group, leaked))).collect()
+    };
+    let untrained = chosen.iter().flatten().any(|(_, record)| record.untrained);
+    let row = |leaked: Leaked| Row {
+        labels: labels(definition, edition, answered.map(|(_, row, _)| row), method),
+        origin: Origin::Measured,
+        answers: answered.map(|(at, _, _)| at),
+        method: method.map(|method| method.record.name.clone()),
+        store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
+        untrained,
+        without_leaked: leaked == Leaked::Excluded,
+        rule_above: false,
+        cells: cells_of(leaked),
+    };
+    let asks_for_metrics = definition.groups.iter().flat_map(|group| &group.columns).any(|column| matches!(column.quantity, Quantity::Metric(_)));
+    let leaked = asks_for_metrics && chosen.iter().flatten().any(|(part, record)| has_leaked(part, &record.name));
+    let mut rows = vec![row(Leaked::Included)];
+    if leaked {
+        rows.push(row(Leaked::Excluded));
+    }
+    rows
+}
+
+/// What a measured row is called; the store tells methods of one title apart.
+fn labels(definition: &TableDefinition, edition: &Edition<'_>, answered: Option<&PublishedRow>, method: Option<Candidate<'_>>) -> Vec<String> {
+    let mut labels = vec![String::new(); definition.labels.len()];
+    let Some(method) = method else { return answered.map_or(labels, |row| row.labels.clone()) };
+    let twins = all_methods(edition).iter().filter(|other| other.record.title == method.record.title).count() > 1;
+    let title = if twins { format!("{} ({}: {})", method.record.title, method.store, method.record.name) } else { method.record.title.clone() };
+    match (definition.measured_label, answered) {
+        (MeasuredLabel::Published, Some(row)) => {
+            labels.clone_from(&row.labels);
+            if let Some(last) = labels.last_mut().filter(|_| twins) {
+                *last = format!("{last} ({})", method.record.name);
+            }
+        }
+        _ => {
+            if let Some(first) = labels.first_mut() {
+                *first = title;
+            }
+        }
+    }
+    labels
+}

@@ -1,0 +1,170 @@
+use std::collections::BTreeSet;
+
+use atsplat_eval::statistics::CONFIDENCE;
+use atsplat_metrics::DECIBEL_CAP;
+
+use super::edition::{Edition, Part};
+use super::{Note, NoteKind, Row, Table, Value};
+use crate::definition::{Quantity, TableDefinition};
+use crate::plot::Origin;
+
+/// Everything that a reader must know of a table.
+pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Option<&Edition<'_>>) -> Vec<Note> {
+    let mut notes = Notes::default();
+    notes.add(NoteKind::Published, format!("paper: {}", definition.source));
+    for note in &definition.notes {
+        notes.add(NoteKind::Published, note.clone());
+    }
+    let Some(edition) = edition.filter(|_| table.is_measured()) else { return notes.list };
+    if edition.mixed {
+        notes.add(NoteKind::Forced, "rows of different protocols stand in this table because that was asked for; they do not compare".to_owned());
+    }
+    protocols(&mut notes, edition);
+    metrics(&mut notes, table, edition);
+    for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
+        counts(&mut notes, table, row);
+        intervals(&mut notes, table, row);
+    }
+    if table.rows.iter().any(|row| row.untrained) {
+        notes.add(NoteKind::Untrained, "† untrained: random weights; such rows are not ranked, and their quality says nothing of the method".to_owned());
+    }
+    if table.rows.iter().any(|row| row.without_leaked) {
+        notes.add(NoteKind::Counts, "‡ without targets that are context frames too".to_owned());
+    }
+    notes.list
+}
+
+/// Lines, each once.
+#[derive(Default)]
+struct Notes {
+    list: Vec<Note>,
+}
+
+impl Notes {
+    fn add(&mut self, kind: NoteKind, text: String) {
+        let note = Note { kind, text };
+        if !self.list.contains(&note) {
+            self.list.push(note);
+        }
+    }
+}
+
+fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
+    for part in &edition.parts {
+        let Part { preset, source } = part;
+        let index = preset.index_name.as_deref().unwrap_or(&preset.index);
+        notes.add(
+            NoteKind::Convention,
+            format!(
+                "{}: protocol {}, index {index} {}, data {}",
+                preset.name,
+                short(&preset.hash),
+                short(&preset.index_sha256),
+                preset.dataset,
+            ),
+        );
+        if let Some(difference) = part.difference() {
+            notes.add(NoteKind::Setting, format!("not the published setting: {difference}"));
+        }
+        let skipped = source.results.provenance.skipped.iter().filter(|entry| entry.preset == preset.name).count();
+        if skipped > 0 {
+            notes.add(NoteKind::Counts, format!("{}: {skipped} index entries made no trial ({})", preset.name, reasons(part)));
+        }
+    }
+    let constants: BTreeSet<(&str, &str)> = edition
+        .parts
+        .iter()
+        .flat_map(|part| &part.source.results.provenance.methods)
+        .filter_map(|method| Some((method.constants.as_deref()?, method.backend.as_deref().unwrap_or("cpu"))))
+        .collect();
+    for (constants, backend) in constants {
+        notes.add(NoteKind::Convention, format!("renderer: constants {constants}, backend {backend}"));
+    }
+}
+
+/// Reasons of skipped entries, counted.
+fn reasons(part: &Part<'_>) -> String {
+    let skipped = part.source.results.provenance.skipped.iter().filter(|entry| entry.preset == part.preset.name);
+    let mut counts: Vec<(&str, u64)> = Vec::new();
+    for entry in skipped {
+        match counts.iter_mut().find(|(reason, _)| *reason == entry.reason) {
+            Some((_, count)) => *count += 1,
+            None => counts.push((&entry.reason, 1)),
+        }
+    }
+    counts.iter().map(|(reason, count)| format!("{reason} {count}")).collect::<Vec<_>>().join(", ")
+}
+
+fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
+    for (_, column) in table.columns() {
+        if let Quantity::Metric(metric) = column.quantity {
+            let records = edition.parts.iter().flat_map(|part| &part.source.results.provenance.metrics);
+            let weights = records.filter(|record| record.id == metric.id).find_map(|record| record.weights_sha256.as_deref());
+            let weights = weights.map_or_else(String::new, |hash| format!("; weights {}", short(hash)));
+            notes.add(NoteKind::Convention, format!("{}: {}{weights}", metric.name, metric.convention));
+        }
+    }
+    for ((group, at), column) in table.columns() {
+        for cell in table.rows.iter().filter_map(|row| row.cells.get(group)?.get(at)) {
+            if let Some(reason) = &cell.not_computed {
+                notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
+            }
+        }
+    }
+}
+
+/// Columns of one group are about the same targets: the first metric that was computed speaks for all.
+fn counts(notes: &mut Notes, table: &Table, row: &Row) {
+    for (group, own) in table.groups.iter().enumerate() {
+        let cells: Vec<_> = own.columns.iter().zip(row.cells.get(group).into_iter().flatten()).collect();
+        let counted: Vec<_> = cells.iter().filter_map(|(column, cell)| Some((column, cell.counts?))).collect();
+        let Some((_, counts)) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first()) else { continue };
+        let mut text = format!("{}{}: {} scenes, {} targets", name(row), of_group(table, group), counts.scenes, counts.targets);
+        for (count, what) in [(counts.failed, "failed"), (counts.non_finite, "not finite")] {
+            if count > 0 {
+                text.push_str(&format!(", {count} {what} and not in the mean"));
+            }
+        }
+        let capped = counted.iter().any(|(column, _)| column.quantity.id().starts_with("psnr"));
+        if counts.identical > 0 && capped {
+            text.push_str(&format!(", {} identical to the truth and counted as {DECIBEL_CAP} dB", counts.identical));
+        }
+        if counted.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
+            text.push_str("; its metrics are over different targets");
+        }
+        notes.add(NoteKind::Counts, text);
+    }
+}
+
+fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
+    for (group, own) in table.groups.iter().enumerate() {
+        let cells = own.columns.iter().zip(row.cells.get(group).into_iter().flatten());
+        let told: Vec<String> = cells
+            .filter_map(|(column, cell)| {
+                let (Value::Number(_), Some([low, high])) = (&cell.value, cell.interval) else { return None };
+                let print = |value| column.quantity.print(value, column.exact);
+                Some(format!("{} {} [{}, {}]", column.title, cell.print(column), print(low), print(high)))
+            })
+            .collect();
+        if !told.is_empty() {
+            let percent = CONFIDENCE * 100.0;
+            notes.add(NoteKind::Interval, format!("{percent:.0} % intervals over scenes, {}{}: {}", name(row), of_group(table, group), told.join(", ")));
+        }
+    }
+}
+
+fn name(row: &Row) -> String {
+    let labels: Vec<&str> = row.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
+    let leaked = if row.without_leaked { " ‡" } else { "" };
+    format!("{}{leaked}", labels.join(", "))
+}
+
+fn of_group(table: &Table, group: usize) -> String {
+    let title = table.groups.get(group).map_or("", |group| group.title.as_str());
+    if title.is_empty() { String::new() } else { format!(" ({title})") }
+}
+
+/// The beginning of a hash.
+pub(crate) fn short(hash: &str) -> String {
+    hash.chars().take(12).collect()
+}

@@ -1,0 +1,71 @@
+use atsplat_eval::statistics::{Cost, Leaked, Question, Summary, by_overlap, cost, summary};
+use atsplat_protocol::{Aggregation, Preset};
+
+use super::edition::Part;
+use super::{Cell, Counts, Value};
+use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
+
+/// What one method under one preset has to say to a group of columns.
+pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked) -> Vec<Cell> {
+    let protocol = Preset::from_toml(&part.preset.toml).ok();
+    let cost = cost(part.source.results, &part.preset.name, method);
+    group.columns.iter().map(|column| cell(part, method, group, column, (leaked, protocol.as_ref(), &cost))).collect()
+}
+
+fn cell(
+    part: &Part<'_>,
+    method: &str,
+    group: &ColumnGroup,
+    column: &ColumnDefinition,
+    (leaked, protocol, cost): (Leaked, Option<&Preset>, &Cost),
+) -> Cell {
+    let Quantity::Metric(metric) = column.quantity else { return of_cost(column.quantity, cost) };
+    let question = Question { preset: &part.preset.name, method, metric: metric.id, leaked };
+    let results = part.source.results;
+    let found = match (&group.bin, protocol.and_then(|preset| preset.overlap_bins.as_ref())) {
+        (None, _) => summary(results, &question, protocol.map_or(Aggregation::SceneMeans, |preset| preset.aggregation)),
+        (Some(bin), Some(bins)) => {
+            let binned = by_overlap(results, &question, bins);
+            let own = binned.bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
+            own.or_else(|| (bin == "average").then_some(binned.average)).unwrap_or_default()
+        }
+        (Some(_), None) => Summary::default(),
+    };
+    of_summary(found)
+}
+
+fn of_summary(found: Summary) -> Cell {
+    let counts = Counts {
+        scenes: found.scenes,
+        targets: found.targets,
+        identical: found.identical,
+        failed: found.failed,
+        non_finite: found.non_finite,
+    };
+    Cell {
+        value: found.mean.map_or(Value::Absent, Value::Number),
+        interval: found.interval,
+        counts: Some(counts),
+        not_computed: found.not_computed,
+        ..Cell::default()
+    }
+}
+
+fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
+    let value = match quantity {
+        Quantity::Gaussians => cost.gaussians,
+        Quantity::GaussiansMin => cost.gaussians_min.map(|count| count as f64),
+        Quantity::GaussiansMax => cost.gaussians_max.map(|count| count as f64),
+        Quantity::Seconds => cost.encode_secs,
+        Quantity::InitialTokens => cost.initial_tokens,
+        Quantity::FinalTokens => cost.final_tokens,
+        Quantity::Metric(_) => None,
+    };
+    Cell { value: value.map_or(Value::Absent, Value::Number), ..Cell::default() }
+}
+
+/// Whether any target of a method was given to it.
+pub(super) fn has_leaked(part: &Part<'_>, method: &str) -> bool {
+    let targets = part.source.results.targets.iter();
+    targets.filter(|row| row.leaked).any(|row| row.key.preset == part.preset.name && row.key.method == method)
+}

@@ -1,0 +1,151 @@
+use atsplat_eval::{MethodRecord, Results};
+use atsplat_numeric::Tolerance;
+
+use super::*;
+use crate::definition::TableDefinition;
+use crate::sample::{atsplat, floor, preset, random, results, store};
+
+fn built(name: &str, stores: &[(&str, &Results)], mixing: Mixing) -> Vec<Table> {
+    let sources: Vec<Source<'_>> = stores.iter().map(|(label, results)| Source { label, results }).collect();
+    tables(&TableDefinition::named(name).unwrap(), &sources, mixing).unwrap()
+}
+
+fn notes(table: &Table, kind: NoteKind) -> Vec<&str> {
+    table.footer.iter().filter(|note| note.kind == kind).map(|note| note.text.as_str()).collect()
+}
+
+fn own<'a>(table: &'a Table, method: &str) -> &'a Row {
+    table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap()
+}
+
+#[test]
+fn measured_rows_stand_below_the_published_ones_that_they_answer() {
+    let store = store();
+    let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let ours = table.rows.iter().position(|row| row.labels == ["Ours"]).unwrap();
+    assert_eq!(table.rows[ours + 1].method.as_deref(), Some("atsplat"));
+    assert!(table.rows[ours + 2].without_leaked, "and below it the same without leaked targets");
+    assert_eq!(own(&table, "nearest-view").answers, None);
+    // By hand: scenes at 27, 25, 23, 21 dB plus a mean of 0.25 over targets.
+    let psnr = own(&table, "atsplat").cells[0][0].value.number().unwrap();
+    Tolerance::F64.assert([psnr], [24.25], "mean over scenes");
+    assert_eq!(own(&table, "atsplat").cells[0][3].value, Value::Number(23_040.0));
+    assert_eq!(own(&table, "nearest-view").cells[0][3].value, Value::Absent);
+    // Without the leaked target the first scene is 27.125.
+    let without = table.rows[ours + 2].cells[0][0].value.number().unwrap();
+    Tolerance::F64.assert([without], [(27.125 + 25.25 + 23.25 + 21.25) / 4.0], "without leaked");
+}
+
+#[test]
+fn what_was_not_computed_says_why() {
+    let store = store();
+    let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let cell = &own(&table, "atsplat").cells[0][2];
+    assert_eq!((&cell.value, cell.print(&table.groups[0].columns[2]).as_str()), (&Value::Absent, "n/c"));
+    let told = notes(&table, NoteKind::NotComputed);
+    assert!(told.len() == 1 && told[0].contains("weights absent") && told[0].contains("--lpips-vgg"), "{told:?}");
+}
+
+#[test]
+fn a_limited_run_is_no_published_setting_and_is_ranked_alone() {
+    let store = store();
+    let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    assert!(notes(&table, NoteKind::Setting).iter().any(|text| text.contains("4 of 7194")), "{:?}", table.footer);
+    let best = |origin| table.rows.iter().filter(|row| row.origin == origin && row.cells[0][0].mark == Mark::Best).count();
+    assert_eq!((best(Origin::Published), best(Origin::Measured)), (1, 1));
+    assert!(notes(&table, NoteKind::Counts).iter().any(|text| text.contains("failed") && text.contains('3')), "{:?}", table.footer);
+    assert!(notes(&table, NoteKind::Counts).iter().any(|text| text.contains("missing-frame 1")));
+}
+
+#[test]
+fn a_full_run_is_ranked_with_the_paper_unless_untrained() {
+    let mut full = preset("re10k-2v-256");
+    full.entries = full.entries_of_index;
+    let one_best = |untrained| {
+        let method = MethodRecord { untrained, ..atsplat("atsplat", |_| ()) };
+        let results = results(vec![full.clone()], vec![method, floor()]);
+        let table = built("re10k", &[("run", &results)], Mixing::Apart).swap_remove(0);
+        assert_eq!(notes(&table, NoteKind::Setting), [""; 0]);
+        assert_eq!(notes(&table, NoteKind::Untrained).len(), usize::from(untrained));
+        let fastest = table.rows.iter().find(|row| row.cells[0][4].mark == Mark::Best).unwrap().labels.clone();
+        let marks = own(&table, "atsplat").cells[0].iter().filter(|cell| cell.mark != Mark::Plain).count();
+        (fastest, marks)
+    };
+    assert_eq!(one_best(false), (vec!["Ours".to_owned()], 1), "as few Gaussians as the paper's own");
+    assert_eq!(one_best(true).1, 0);
+}
+
+#[test]
+fn protocols_that_differ_are_kept_apart_unless_forced() {
+    let first = store();
+    let mut second = store();
+    second.provenance.presets[0].hash = "another".to_owned();
+    let stores = [("first", &first), ("second", &second)];
+    let apart = built("re10k", &stores, Mixing::Apart);
+    assert_eq!(apart.iter().map(|table| table.name.as_str()).collect::<Vec<_>>(), ["re10k-1", "re10k-2"]);
+    for table in &apart {
+        let stores: Vec<_> = table.rows.iter().filter_map(|row| row.store.as_deref()).collect();
+        assert!(stores.windows(2).all(|pair| pair[0] == pair[1]), "{stores:?}");
+        assert!(!table.forced && notes(table, NoteKind::Forced).is_empty());
+    }
+    let mixed = built("re10k", &stores, Mixing::Forced);
+    assert_eq!(mixed.len(), 1);
+    assert!(mixed[0].forced && notes(&mixed[0], NoteKind::Forced).len() == 1, "and then it says so");
+    assert!(["first", "second"].iter().all(|store| mixed[0].rows.iter().any(|row| row.store.as_deref() == Some(store))));
+    let same = store();
+    let together = built("re10k", &[("first", &first), ("third", &same)], Mixing::Apart);
+    assert_eq!(together.len(), 1, "equal protocols share a table");
+    assert!(!together[0].forced);
+}
+
+#[test]
+fn another_index_is_another_protocol() {
+    let first = store();
+    let mut second = store();
+    second.provenance.presets[0].index_sha256 = "another".to_owned();
+    assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
+}
+
+#[test]
+fn ablations_take_the_methods_that_they_ask_for() {
+    let store = store();
+    let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let measured: Vec<_> = table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked).collect();
+    assert_eq!(measured.iter().map(|row| row.labels[0].as_str()).collect::<Vec<_>>(), ["Random", "Uncertainty"]);
+    assert_eq!(measured[0].method.as_deref(), Some("atsplat-random"));
+    let found = verdict(&table);
+    assert_eq!((found.compared, found.pairs, found.ordered), (4, 2, 2), "PSNR and SSIM of two rows, in the paper's order: {found}");
+}
+
+#[test]
+fn bins_are_those_of_the_protocol() {
+    let store = store();
+    let table = built("re10k_overlap", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let row = own(&table, "atsplat");
+    // Overlaps 0.1, 0.3, 0.5, 0.7: two small, one medium, one large.
+    let scenes: Vec<u64> = row.cells[1..].iter().map(|cells| cells[0].counts.unwrap().scenes).collect();
+    assert_eq!(scenes, [2, 1, 1, 4]);
+}
+
+#[test]
+fn settings_are_rows_where_a_table_says_so() {
+    let store = store();
+    let table = built("budget", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let row = own(&table, "atsplat");
+    assert_eq!(row.labels, ["RE10K", "256×256", "2"]);
+    let counts: Vec<_> = row.cells[0].iter().map(|cell| cell.value.number().unwrap()).collect();
+    Tolerance::EXACT.assert(counts, [512.0, 1440.0, 23_040.0], "counts");
+    assert_eq!(verdict(&table).agreeing, 3);
+}
+
+#[test]
+fn nothing_measured_leaves_the_paper_alone() {
+    for name in TableDefinition::names() {
+        let table = built(name, &[], Mixing::Apart).swap_remove(0);
+        assert!(!table.is_measured() && verdict(&table).compared == 0, "{name}");
+    }
+    let mut nothing = results(vec![preset("re10k-2v-256")], vec![random()]);
+    nothing.trials.clear();
+    nothing.targets.clear();
+    assert!(!built("re10k", &[("run", &nothing)], Mixing::Apart)[0].is_measured());
+}

@@ -1,0 +1,81 @@
+use serde::Serialize;
+
+use super::{Row, Table};
+use crate::definition::Quantity;
+use crate::plot::Origin;
+
+/// How measured rows compare with the published rows that they answer.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Verdict {
+    /// Name of the table.
+    pub table: String,
+    /// Figures that both have.
+    pub compared: u64,
+    /// Those that print alike, or whose interval holds the published one.
+    pub agreeing: u64,
+    /// Pairs of published rows, in a column, that differ and that both are answered.
+    pub pairs: u64,
+    /// Those whose measured rows differ the same way.
+    pub ordered: u64,
+    /// Whether an answer has random weights.
+    pub untrained: bool,
+}
+
+/// Compares figures and orders; of several answers to a row the first counts. Columns that have no better way, as tokens, take
+/// part in figures alone.
+pub fn verdict(table: &Table) -> Verdict {
+    let mut verdict = Verdict { table: table.name.clone(), ..Verdict::default() };
+    let published = table.rows.iter().filter(|row| row.origin == Origin::Published);
+    let answer = |row: &Row| {
+        let mut answers = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
+        answers.find(|other| other.answers.is_some() && other.answers == row.answers)
+    };
+    let pairs: Vec<(&Row, &Row)> = published.filter_map(|row| Some((row, answer(row)?))).collect();
+    verdict.untrained = pairs.iter().any(|(_, own)| own.untrained);
+    for (place, column) in table.columns() {
+        // Seconds are of other machines.
+        if column.quantity == Quantity::Seconds {
+            continue;
+        }
+        let of = |row: &Row| row.cells.get(place.0)?.get(place.1)?.value.number();
+        let figures: Vec<(f64, f64)> = pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, of(own)?))).collect();
+        verdict.compared += figures.len() as u64;
+        for (paper, own) in pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, own.cells.get(place.0)?.get(place.1)?))) {
+            let printed = own.value.number().map(|value| column.quantity.print(value, column.exact));
+            let alike = printed.is_some_and(|text| text == column.quantity.print(paper, column.exact));
+            let inside = own.interval.is_some_and(|[low, high]| (low..=high).contains(&paper));
+            verdict.agreeing += u64::from(alike || inside);
+        }
+        if column.direction.is_none() {
+            continue;
+        }
+        for (at, first) in figures.iter().enumerate() {
+            for second in figures.iter().skip(at + 1) {
+                let (paper, own) = (first.0 - second.0, first.1 - second.1);
+                if paper != 0.0 {
+                    verdict.pairs += 1;
+                    verdict.ordered += u64::from(paper * own > 0.0);
+                }
+            }
+        }
+    }
+    verdict
+}
+
+impl std::fmt::Display for Verdict {
+    /// `3 of 4 figures agree, 9 of 10 orders kept`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if self.compared == 0 {
+            return write!(f, "nothing to compare");
+        }
+        write!(f, "{} of {} figures agree", self.agreeing, self.compared)?;
+        if self.pairs > 0 {
+            write!(f, ", {} of {} orders kept", self.ordered, self.pairs)?;
+        }
+        if self.untrained {
+            write!(f, ", untrained")?;
+        }
+        Ok(())
+    }
+}
