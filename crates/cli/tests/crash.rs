@@ -62,11 +62,11 @@ fn killed_after(here: &Path, out: &str, delay: Duration) {
 fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    data(here, 24);
+    data(here, 16);
     let start = Instant::now();
     let expected = finished(here, "undisturbed");
     let whole = start.elapsed();
-    assert_eq!(expected.trials.len(), 48);
+    assert_eq!(expected.trials.len(), 32);
     let mut partial = 0;
     for moment in 0..20u32 {
         let out = format!("killed-{moment}");
@@ -74,7 +74,7 @@ fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
         let share = (f64::from(moment) * 0.618_033_988_75).fract();
         killed_after(here, &out, whole.mul_f64(share));
         let left = Results::read(&here.join(&out)).map_or(0, |results| results.trials.len());
-        partial += usize::from(left > 0 && left < 48);
+        partial += usize::from(left > 0 && left < 32);
         let resumed = finished(here, &out);
         assert_eq!(bare(&resumed), bare(&expected), "killed after {share} of the time, with {left} trials there");
         assert!(!here.join(&out).join("parts").exists());

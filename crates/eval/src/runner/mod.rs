@@ -11,6 +11,7 @@ mod index;
 mod metrics;
 mod pictures;
 mod plan;
+mod present;
 mod run;
 mod scored;
 mod selection;
