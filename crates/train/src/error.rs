@@ -81,6 +81,7 @@ pub enum TrainError {
 }
 
 impl TrainError {
+    #[expect(clippy::needless_pass_by_value, reason = "callers give numbers and fresh text as often as borrowed ones")]
     pub(crate) fn malformed(
         what: &'static str,
         location: impl Into<String>,

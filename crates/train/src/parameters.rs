@@ -86,7 +86,7 @@ impl Parameters {
         Ok(stored)
     }
 
-    /// A network with these parameters, of which no other network has a tensor.
+    /// A network with these parameters.
     ///
     /// # Errors
     /// [`TrainError::Model`] where the network is of another configuration.

@@ -15,7 +15,7 @@ use crate::evaluation::Evaluation;
 use crate::fault::{Diagnosis, Fault, FaultKind};
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::{Lesson, Objective, Seconds, Terms};
-use crate::optimiser::{clip, norm};
+use crate::optimiser::{Update, clip, norm};
 use crate::parameters::{Parameters, decays};
 use crate::samples::{Draw, Source};
 use crate::{TrainConfig, TrainError};
@@ -208,7 +208,9 @@ impl Trainer {
         let rate = self.config.schedule.rate(step, self.config.steps.get());
         let first = step * self.config.batch.get() as u64;
         let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
-        let lessons: Vec<Result<Lesson, Fault>> = numbers.par_iter().map(|number| self.lesson(*number)).collect();
+        let weights = self.state.parameters.stored()?;
+        let lesson = |number: &u64| self.lesson(*number, &weights);
+        let lessons: Vec<Result<Lesson, Fault>> = numbers.par_iter().map(lesson).collect();
         let mut record = StepRecord {
             step,
             terms: None,
@@ -243,7 +245,8 @@ impl Trainer {
         Ok(())
     }
 
-    fn lesson(&self, number: u64) -> Result<Lesson, Fault> {
+    /// Each sample has a network of its own, whose graph shares no tensor with another's: samples run beside each other.
+    fn lesson(&self, number: u64, weights: &StoredTensors) -> Result<Lesson, Fault> {
         let step = self.state.step;
         let fault = |sample: &str, what| Fault { step, sample: sample.to_owned(), what };
         let start = Instant::now();
@@ -252,7 +255,7 @@ impl Trainer {
         let sample =
             sample.map_err(|error| fault(&format!("sample {number}"), FaultKind::Refused(error.to_string())))?;
         let sample_secs = start.elapsed().as_secs_f64();
-        let network = self.state.parameters.network(&self.like);
+        let network = self.like.clone().with_weights(weights);
         let network = network.map_err(|error| fault(&sample.name, FaultKind::Refused(error.to_string())))?;
         let lesson = self.objective.learn(&network, &sample, number);
         let mut lesson = lesson.map_err(|what| fault(&sample.name, what))?;
@@ -280,12 +283,13 @@ impl Trainer {
             return Err(Fault { step: record.step, sample: "all of the step".to_owned(), what });
         }
         let scale = share * clip(length, self.config.clip);
-        let (optimiser, update) = (self.config.optimiser, self.state.updates + 1);
+        let optimiser = self.config.optimiser;
+        let update = Update { number: self.state.updates + 1, learning_rate: rate, scale };
         let decays: Vec<bool> = list.iter().map(decays).collect();
         let State { parameters, moments, .. } = &mut self.state;
         let values = parameters.values_mut().par_iter_mut().zip(moments).zip(gradients.par_iter().zip(decays));
         values.for_each(|((values, moments), (gradient, decays))| {
-            optimiser.step(values, gradient, moments, update, rate, scale, decays);
+            optimiser.step(update, values, gradient, moments, decays);
         });
         let terms: Vec<Terms> = lessons.iter().map(|lesson| lesson.terms).collect();
         record.terms = Some(Terms::mean(&terms));

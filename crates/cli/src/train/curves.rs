@@ -1,5 +1,6 @@
 //! The learning curve: loss by term above, PSNR beside the nearest view's below.
 
+use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{ImageU8, encode_png};
 use atsplat_train::Terms;
 use atsplat_train::journal::{EvaluationRecord, StepRecord};
@@ -34,8 +35,7 @@ fn losses(title: &str, steps: &[StepRecord], area: &Area<'_>) -> anyhow::Result<
     let names = Terms::default().named().map(|(name, _)| name);
     let curves: Vec<Vec<(f64, f64)>> = (0..names.len()).map(|term| curve(steps, term)).collect();
     let values = || curves.iter().flatten().map(|(_, value)| *value).filter(|value| *value > 0.0);
-    let (low, high) =
-        values().fold((f64::INFINITY, 0.0), |(low, high): (f64, f64), value| (low.min(value), high.max(value)));
+    let (low, high) = range(values());
     let last = steps.last().map_or(1.0, |record| record.step as f64 + 1.0);
     let (low, high) = if low < high { (low * 0.9, high * 1.1) } else { (1e-4, 1.0) };
     let mut chart = ChartBuilder::on(area)
@@ -66,8 +66,7 @@ fn losses(title: &str, steps: &[StepRecord], area: &Area<'_>) -> anyhow::Result<
 fn scores(evaluations: &[EvaluationRecord], area: &Area<'_>) -> anyhow::Result<()> {
     let last = evaluations.last().map_or(1.0, |record| record.step as f64 + 1.0);
     let all = || evaluations.iter().flat_map(|record| [record.psnr, record.nearest_view_psnr]);
-    let (low, high) =
-        all().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.min(value), high.max(value)));
+    let (low, high) = range(all());
     let (low, high) = if low <= high { (low - 1.0, high + 1.0) } else { (0.0, 1.0) };
     let mut chart = ChartBuilder::on(area)
         .margin(12)
@@ -83,12 +82,10 @@ fn scores(evaluations: &[EvaluationRecord], area: &Area<'_>) -> anyhow::Result<(
         .light_line_style(WHITE)
         .x_label_formatter(&|step| format!("{step:.0}"))
         .draw()?;
-    let lines: [(&str, RGBColor, fn(&EvaluationRecord) -> f64); 2] = [
-        ("renders", COLOURS[0], |record| record.psnr),
-        ("nearest context view", GREY, |record| record.nearest_view_psnr),
-    ];
-    for (name, colour, of) in lines {
-        let points = evaluations.iter().map(|record| (record.step as f64, of(record)));
+    let renders: Vec<f64> = evaluations.iter().map(|record| record.psnr).collect();
+    let copies: Vec<f64> = evaluations.iter().map(|record| record.nearest_view_psnr).collect();
+    for (name, colour, values) in [("renders", COLOURS[0], renders), ("nearest context view", GREY, copies)] {
+        let points = evaluations.iter().map(|record| record.step as f64).zip(values);
         let series = chart.draw_series(LineSeries::new(points, colour.stroke_width(2)))?;
         series.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
     }
@@ -107,6 +104,12 @@ where
         .border_style(BLACK.mix(0.3))
         .draw()?;
     Ok(())
+}
+
+/// The smallest and the largest; the wrong way round where there is none.
+fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+    values
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.minimum_of(value), high.maximum_of(value)))
 }
 
 /// Means of a term over stretches of steps, at their middles; skipped steps are left out.

@@ -46,7 +46,7 @@ pub(crate) struct Words {
 
 fn hours(text: &str) -> Result<Duration, String> {
     let expected = || format!("expected a positive number of hours, found {text:?}");
-    let hours: f64 = text.parse().map_err(|_| expected())?;
+    let hours: f64 = text.parse().map_err(|_not_a_number: std::num::ParseFloatError| expected())?;
     Duration::try_from_secs_f64(hours * 3600.0).ok().filter(|time| !time.is_zero()).ok_or_else(expected)
 }
 

@@ -53,9 +53,34 @@ pub(super) fn merge(base: &mut Table, changes: Table) {
 
 /// Whether two tables choose different kinds of a thing, whose fields do not mix.
 fn is_choice(old: &Table, new: &Table) -> bool {
-    ["kind", "rule", "rooms", "dataset"].into_iter().any(|key| {
-        new.contains_key(key)
-            && new.get(key) != old.get(key)
-            && !(new.get(key).is_some_and(Value::is_table) && old.contains_key(key))
-    })
+    let tagged = ["kind", "rule"].into_iter().any(|tag| new.get(tag).is_some_and(|kind| old.get(tag) != Some(kind)));
+    tagged || ["rooms", "dataset"].into_iter().any(|source| new.contains_key(source) && !old.contains_key(source))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn merged(base: &str, changes: &str) -> Table {
+        let mut base = base.parse().unwrap();
+        merge(&mut base, changes.parse().unwrap());
+        base
+    }
+
+    #[test]
+    fn fields_are_changed_one_by_one_and_kinds_as_a_whole() {
+        let base =
+            "a = 1\nlist = [1, 2]\n[t]\nx = 1\ny = 2\n[choice]\nkind = 'p'\nonly-p = 1\n[source.rooms]\nscenes = 3";
+        let same =
+            |changes: &str, expected: &str| assert_eq!(merged(base, changes), expected.parse().unwrap(), "{changes}");
+        same("", base);
+        same("t.y = 3\nlist = [5]", &base.replace("y = 2", "y = 3").replace("[1, 2]", "[5]"));
+        same("choice = { kind = 'q' }", &base.replace("'p'\nonly-p = 1", "'q'"));
+        same("choice.only-p = 2", &base.replace("only-p = 1", "only-p = 2"));
+        same("source.rooms.scenes = 4", &base.replace("scenes = 3", "scenes = 4"));
+        same(
+            "source.dataset = { path = 'x' }",
+            &base.replace("[source.rooms]\nscenes = 3", "[source.dataset]\npath = 'x'"),
+        );
+    }
 }

@@ -27,8 +27,16 @@ pub struct Learned {
 
 #[derive(Debug)]
 enum Layer {
-    Convolution { weight: Tensor<4>, bias: Tensor<1>, stride: usize, padding: usize, relu: bool },
+    Convolution(Box<Convolution>),
     Other(Step),
+}
+
+#[derive(Debug)]
+struct Convolution {
+    weight: Tensor<4>,
+    bias: Tensor<1>,
+    options: ConvOptions<2>,
+    relu: bool,
 }
 
 impl Learned {
@@ -68,7 +76,8 @@ impl Learned {
                 let shape = [channels_out, channels_in, kernel, kernel];
                 let weight = Tensor::from_data(numbers(weights, &format!("{name}.weight"), &shape)?, &device);
                 let bias = Tensor::from_data(numbers(weights, &format!("{name}.bias"), &[channels_out])?, &device);
-                Ok(Layer::Convolution { weight, bias, stride, padding, relu })
+                let options = ConvOptions::new([stride; 2], [padding; 2], [1; 2], 1);
+                Ok(Layer::Convolution(Box::new(Convolution { weight, bias, options, relu })))
             }
             other => Ok(Layer::Other(other)),
         };
@@ -117,15 +126,15 @@ impl Learned {
         let mut taps = Vec::new();
         for layer in &self.layers {
             at = match layer {
-                Layer::Convolution { weight, bias, stride, padding, relu } => {
-                    let options = ConvOptions::new([*stride; 2], [*padding; 2], [1; 2], 1);
-                    let at = conv2d(at, weight.clone(), Some(bias.clone()), options);
+                Layer::Convolution(layer) => {
+                    let Convolution { weight, bias, options, relu } = layer.as_ref();
+                    let at = conv2d(at, weight.clone(), Some(bias.clone()), options.clone());
                     if *relu { activation::relu(at) } else { at }
                 }
                 Layer::Other(Step::Largest { kernel, stride }) => {
                     max_pool2d(at, MaxPoolOptions::new([*kernel; 2]).with_stride([*stride; 2]))
                 }
-                Layer::Other(Step::Blurred) => blurred(at),
+                Layer::Other(Step::Blurred) => blurred(&at),
                 Layer::Other(Step::Tap) => {
                     taps.push(normalised(at.clone()));
                     at
@@ -144,16 +153,16 @@ fn normalised(map: Tensor<4>) -> Tensor<4> {
 }
 
 /// (1 2 1)⊗(1 2 1) / 16 at every second pixel, two reflected pixels around.
-fn blurred(map: Tensor<4>) -> Tensor<4> {
+fn blurred(map: &Tensor<4>) -> Tensor<4> {
     let [_, channels, ..] = map.dims();
     let row = [1.0, 2.0, 1.0];
     let kernel = row.map(|y| row.map(|x| y * x / 16.0));
     let kernel = Tensor::<2>::from_floats(kernel, &map.device()).reshape([1, 1, 3, 3]).repeat_dim(0, channels);
-    conv2d(reflected(reflected(map, 2), 3), kernel, None, ConvOptions::new([2; 2], [0; 2], [1; 2], channels))
+    conv2d(reflected(&reflected(map, 2), 3), kernel, None, ConvOptions::new([2; 2], [0; 2], [1; 2], channels))
 }
 
 /// Two mirrored lines at each end of a dimension; the outermost is not repeated.
-fn reflected(map: Tensor<4>, dimension: usize) -> Tensor<4> {
+fn reflected(map: &Tensor<4>, dimension: usize) -> Tensor<4> {
     let side = map.dims().get(dimension).copied().unwrap_or_default();
     let line = |at: usize| map.clone().slice_dim(dimension, at..at + 1);
     let after = side.saturating_sub(2);

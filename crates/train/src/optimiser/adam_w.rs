@@ -18,6 +18,17 @@ impl Default for AdamW {
     }
 }
 
+/// What all parameters share in one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Update {
+    /// Counts steps from 1.
+    pub number: u64,
+    /// Of this step.
+    pub learning_rate: f64,
+    /// What gradients are multiplied with: the mean over samples, and clipping.
+    pub scale: f64,
+}
+
 /// Running means of one parameter's gradient and of its square.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moments {
@@ -35,19 +46,11 @@ impl Moments {
 }
 
 impl AdamW {
-    /// Moves one parameter. `update` counts steps from 1; `scale` multiplies the gradient (clipping).
-    pub fn step(
-        &self,
-        parameter: &mut [f32],
-        gradient: &[f32],
-        moments: &mut Moments,
-        update: u64,
-        learning_rate: f64,
-        scale: f64,
-        decays: bool,
-    ) {
+    /// Moves one parameter.
+    pub fn step(&self, update: Update, parameter: &mut [f32], gradient: &[f32], moments: &mut Moments, decays: bool) {
+        let Update { number, learning_rate, scale } = update;
         let [beta1, beta2] = self.betas;
-        let corrections = [beta1, beta2].map(|beta| 1.0 - beta.powf(update as f64));
+        let corrections = [beta1, beta2].map(|beta| 1.0 - beta.powf(number as f64));
         let kept = if decays { 1.0 - learning_rate * self.weight_decay } else { 1.0 };
         let [size, root] = [learning_rate / corrections[0], corrections[1].sqrt()];
         let state = moments.first.iter_mut().zip(&mut moments.second);

@@ -76,9 +76,9 @@ impl DatasetSource {
             let picture = truths.get(position)?;
             Some(picture.map(|picture| (target.camera, picture)))
         });
-        let said = |error: atsplat_protocol::ProtocolError| format!("{name}: {error}");
-        let context = posed(context.collect::<Result<_, _>>().map_err(said)?);
-        let targets = posed(targets.collect::<Result<_, _>>().map_err(said)?);
+        let said = |error: &atsplat_protocol::ProtocolError| format!("{name}: {error}");
+        let context = posed(&context.collect::<Result<Vec<_>, _>>().map_err(|error| said(&error))?);
+        let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(|error| said(&error))?);
         match (context, targets) {
             (Some(context), Some(targets)) => Ok(Sample { name, context, targets }),
             _ => Err(format!("{name}: expected pictures of one size")),
@@ -87,7 +87,7 @@ impl DatasetSource {
 }
 
 /// `None` where pictures differ in size or there are none.
-fn posed(views: Vec<(Camera, Arc<ImageU8>)>) -> Option<Posed> {
+fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<Posed> {
     let size_of = |picture: &ImageU8| ImageSize::new(picture.height() as usize, picture.width() as usize);
     let size = views.first().map(|(_, picture)| size_of(picture))?;
     if views.iter().any(|(_, picture)| size_of(picture) != size) {

@@ -56,6 +56,7 @@ fn a_learned_loss_is_the_metric_with_its_gradient() {
 
         let length = evaluated.gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
         let at = |step: f64| {
+            #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
             let moved: Vec<f32> = render
                 .iter()
                 .zip(&evaluated.gradient)

@@ -1,8 +1,8 @@
 //! Losses and optimiser against PyTorch (`oracle/make_fixtures.py`), and what must hold of any of them.
 
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::losses::{Stack, d_ssim, mse, uncertainty};
-use atsplat_train::optimiser::{AdamW, Moments, Schedule, clip, norm};
+use atsplat_train::optimiser::{AdamW, Moments, Schedule, Update, clip, norm};
 use proptest::prelude::*;
 use serde::Deserialize;
 
@@ -29,7 +29,7 @@ struct Case {
 }
 
 fn close(actual: &[f32], expected: &[f64], what: &str) {
-    let largest = expected.iter().map(|value| value.abs()).fold(0.0, f64::max);
+    let largest = expected.iter().map(|value| value.abs()).fold(0.0, f64::maximum_of);
     const { assert!(REACHED < PROMISED) };
     let actual = actual.iter().copied().map(f64::from);
     Tolerance::absolute(REACHED * largest).assert(actual, expected.iter().copied(), what);
@@ -86,7 +86,7 @@ proptest! {
     fn views_do_not_see_each_other(seed in 0u32..1000, height in 1usize..20, width in 1usize..20) {
         let stack = Stack { views: 3, height, width };
         let numbers = |salt: u32| -> Vec<f32> {
-            (0..stack.samples()).map(|at| ((at as u32 ^ salt).wrapping_mul(2_654_435_761) >> 8) as f32 / 1e7).collect()
+            (0u32..).take(stack.samples()).map(|at| ((at ^ salt).wrapping_mul(2_654_435_761) >> 8) as f32 / 1e7).collect()
         };
         let (render, truth) = (numbers(seed), numbers(seed + 7));
         let together = d_ssim(&render, &truth, stack);
@@ -138,7 +138,8 @@ fn adam_w_and_clipping_are_pytorchs() {
         Tolerance::relative(1e-6).assert([length], [step.norm], "norm");
         let scale = clip(length, 1.0);
         for (position, (values, moments)) in parameters.iter_mut().zip(&mut moments).enumerate() {
-            optimiser.step(values, &step.gradients[position], moments, update, step.rate, scale, position == 0);
+            let update = Update { number: update, learning_rate: step.rate, scale };
+            optimiser.step(update, values, &step.gradients[position], moments, position == 0);
             close(values, &step.after[position], "parameters");
         }
     }

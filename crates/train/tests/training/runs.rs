@@ -3,6 +3,7 @@
 use std::path::Path;
 
 use crate::common::{Noise, bits, config, trainer};
+use atsplat_numeric::Extremes as _;
 use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
 use atsplat_train::{Limits, Start, TrainConfig, TrainError, Trainer};
 use tempfile::tempdir;
@@ -73,7 +74,7 @@ fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
     let spoilt = Noise {
         spoil: |number, sample| {
             if number == 5 {
-                sample.targets.pictures[9] = f32::NAN
+                sample.targets.pictures[9] = f32::NAN;
             }
         },
     };
@@ -93,7 +94,7 @@ fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
     let spoilt = Noise {
         spoil: |number, sample| {
             if number >= 6 {
-                sample.context.pictures[0] = f32::INFINITY
+                sample.context.pictures[0] = f32::INFINITY;
             }
         },
     };
@@ -189,7 +190,7 @@ fn weights_of_a_run_begin_another() {
     let second = trainer(config, second.path(), &start, Noise::CLEAN);
     let far =
         first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
-    assert!(far.map(|(a, b)| (a - b).abs()).fold(0.0, f32::max) < 1e-3, "f16 weights");
+    assert!(far.map(|(a, b)| (a - b).abs()).fold(0.0, f32::maximum_of) < 1e-3, "f16 weights");
     assert_eq!(second.state().step, 0);
 }
 
@@ -200,7 +201,7 @@ fn logs_become_parquet() {
     let spoilt = Noise {
         spoil: |number, sample| {
             if number == 4 {
-                sample.targets.pictures[9] = f32::NAN
+                sample.targets.pictures[9] = f32::NAN;
             }
         },
     };

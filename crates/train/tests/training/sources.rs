@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 use atsplat_camera::{MeanCameraScale, PoseNormalisation};
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_protocol::Preset;
 use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
 use atsplat_scene::Warnings;
@@ -45,7 +45,7 @@ fn a_sample_is_a_function_of_its_draw() {
             .cameras
             .iter()
             .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
-        Tolerance::F64.assert([largest.fold(0.0, f64::max)], [1.0], "Long-LRM's scale");
+        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
     }
 }
 
@@ -106,7 +106,7 @@ fn a_dataset_on_disk_gives_the_same_samples() {
             .cameras
             .iter()
             .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
-        Tolerance::F64.assert([largest.fold(0.0, f64::max)], [1.0], "Long-LRM's scale");
+        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
         assert!(sample.context.pictures.iter().all(|value| (0.0..=1.0).contains(value)));
         assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
         assert_eq!(sample.nearest().len(), 3);
