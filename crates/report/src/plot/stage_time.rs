@@ -2,7 +2,7 @@ use super::axes::{Axes, AxisText};
 use super::font::{shortened, width_of};
 use super::scale::{Scale, seconds_label};
 use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
-use super::theme::{GRID, INK, SURFACE, colour};
+use super::theme::{GRID, ON_LIGHT, SURFACE, colour};
 
 /// Where the time goes: a bar per method, cut into stages.
 #[derive(Clone, Debug)]
@@ -59,7 +59,7 @@ impl StageTime {
                 if width_of(&text, 11.5, true) + 10.0 < part.width() {
                     let light = stage % 6 >= 3;
                     let words = Words::new(text, [(part.left + part.right) / 2.0, middle]).size(11.5).bold().side(Side::Middle);
-                    drawing.words(Words { colour: if light { INK } else { SURFACE }, ..words });
+                    drawing.words(Words { colour: if light { ON_LIGHT } else { SURFACE }, ..words });
                 }
                 from += secs;
             }

@@ -21,6 +21,7 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     }
     protocols(&mut notes, edition);
     metrics(&mut notes, table, edition);
+    times(&mut notes, table, edition);
     for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
         counts(&mut notes, table, row);
         intervals(&mut notes, table, row);
@@ -110,6 +111,24 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
                 notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
             }
         }
+    }
+}
+
+fn times(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
+    if !table.columns().any(|(_, column)| column.quantity == Quantity::Seconds) {
+        return;
+    }
+    for source in edition.parts.iter().map(|part| part.source) {
+        let provenance = &source.results.provenance;
+        let timing = provenance.timing;
+        let shared = if timing.alone { "nothing else ran meanwhile" } else { "trials shared the processor: no figures to publish" };
+        notes.add(
+            NoteKind::Convention,
+            format!(
+                "Time: {}, {} threads, medians of {} repetitions after {} to warm up; {shared}",
+                provenance.processor, provenance.threads, timing.repetitions, timing.warm_up
+            ),
+        );
     }
 }
 
