@@ -17,6 +17,7 @@ mod progress;
 mod protocol;
 mod reconstruct;
 mod render;
+mod report;
 mod reproduce;
 mod run;
 mod selection;
@@ -69,6 +70,8 @@ enum Command {
     Score(Box<run::score::Words>),
     /// Put the shards of a run together.
     Merge(run::merge::Words),
+    /// Put results beside the paper: tables, plots and one HTML page.
+    Report(report::Words),
     /// Reconstruct Gaussians from posed photos.
     Reconstruct(Box<reconstruct::Words>),
     /// Render Gaussians along a path into PNG, EXR and an animation.
@@ -131,6 +134,8 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Data(_)
             | Command::Protocol(_)
             | Command::Render(_)
+            | Command::Report(_)
+            | Command::Reproduce(_)
             | Command::Run(_)
             | Command::Score(_)
             | Command::Tradeoff(_)
@@ -147,6 +152,7 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Run(words) => run::run(words)?,
         Command::Score(words) => run::score::run(words)?,
         Command::Merge(words) => run::merge::run(words)?,
+        Command::Report(words) => report::run(words)?,
         Command::Reconstruct(words) => reconstruct::run(words)?,
         Command::Weights(command) => weights::run(command)?,
         Command::Adapters(words) => adapters::run(words)?,

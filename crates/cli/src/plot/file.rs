@@ -1,6 +1,7 @@
 use std::ffi::OsStr;
 use std::path::PathBuf;
 
+use atsplat_report::plot::PlotFormat;
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
 /// Where a plot goes, and as what.
@@ -10,15 +11,6 @@ pub(crate) struct PlotFile {
     pub(crate) path: PathBuf,
     /// By the path's extension.
     pub(crate) format: PlotFormat,
-}
-
-/// What plots are written as.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) enum PlotFormat {
-    /// Vectors, with text as text.
-    Svg,
-    /// Pixels.
-    Png,
 }
 
 impl PlotFile {

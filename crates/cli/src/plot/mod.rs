@@ -1,13 +1,11 @@
-//! Plots, drawn with a bundled font so that they look alike everywhere.
+//! Plots of single commands; those of results are `atsplat-report`'s, whose font and colours these share.
 
 mod file;
-mod font;
 mod overlap_histogram;
-mod palette;
 mod stress_errors;
 
-pub(crate) use file::{PlotFile, PlotFormat};
-pub(crate) use font::{FONT, register};
+pub(crate) use atsplat_report::plot::PlotFormat;
+pub(crate) use file::PlotFile;
 pub(crate) use overlap_histogram::{OverlapHistogram, draw_overlap_histogram};
-pub(crate) use palette::{COLOURS, GREY};
+
 pub(crate) use stress_errors::{StressErrors, draw_stress_errors};

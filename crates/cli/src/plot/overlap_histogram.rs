@@ -1,10 +1,7 @@
-use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_pixels::encode_png;
+use atsplat_report::plot::{COLOURS, FONT, GREY, PlotFormat, image_of, svg_of};
 use plotters::coord::Shift;
 use plotters::prelude::*;
-
-use super::PlotFormat;
-use super::font::{self, FONT};
-use super::palette::{COLOURS, GREY};
 
 /// What [`draw_overlap_histogram`] shows.
 #[derive(Debug)]
@@ -22,19 +19,9 @@ const SIZE: (u32, u32) = (960, 540);
 const COLUMNS: usize = 40;
 /// Draws a histogram of overlaps stacked by bin; returns the file's bytes.
 pub(crate) fn draw_overlap_histogram(histogram: &OverlapHistogram<'_>, format: PlotFormat) -> anyhow::Result<Vec<u8>> {
-    font::register()?;
     match format {
-        PlotFormat::Svg => {
-            let mut text = String::new();
-            draw(histogram, &SVGBackend::with_string(&mut text, SIZE).into_drawing_area())?;
-            Ok(text.into_bytes())
-        }
-        PlotFormat::Png => {
-            let (width, height) = SIZE;
-            let mut samples = vec![0; width as usize * height as usize * 3];
-            draw(histogram, &BitMapBackend::with_buffer(&mut samples, SIZE).into_drawing_area())?;
-            Ok(encode_png(&ImageU8::new(width, height, samples)?)?)
-        }
+        PlotFormat::Svg => Ok(svg_of(SIZE, |area| draw(histogram, area))?.into_bytes()),
+        PlotFormat::Png => Ok(encode_png(&image_of(SIZE, |area| draw(histogram, area))?)?),
     }
 }
 

@@ -1,12 +1,9 @@
 use atsplat_numeric::{MeasuredError, StressRow};
-use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_pixels::encode_png;
+use atsplat_report::plot::{COLOURS, FONT, GREY, PlotFormat, image_of, svg_of};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-
-use super::PlotFormat;
-use super::font::{self, FONT};
-use super::palette::{COLOURS, GREY};
 
 /// What [`draw_stress_errors`] shows.
 #[derive(Debug)]
@@ -31,19 +28,10 @@ const PANELS: [(&str, &str); 3] = [
 
 /// Draws a row per case: an error per path as a dot, its bound as a bar; returns the file's bytes.
 pub(crate) fn draw_stress_errors(errors: &StressErrors<'_>, format: PlotFormat) -> anyhow::Result<Vec<u8>> {
-    font::register()?;
     let size = (WIDTH, AROUND + ROW * u32::try_from(cases(errors.rows).len())?);
     match format {
-        PlotFormat::Svg => {
-            let mut text = String::new();
-            draw(errors, &SVGBackend::with_string(&mut text, size).into_drawing_area())?;
-            Ok(text.into_bytes())
-        }
-        PlotFormat::Png => {
-            let mut samples = vec![0; size.0 as usize * size.1 as usize * 3];
-            draw(errors, &BitMapBackend::with_buffer(&mut samples, size).into_drawing_area())?;
-            Ok(encode_png(&ImageU8::new(size.0, size.1, samples)?)?)
-        }
+        PlotFormat::Svg => Ok(svg_of(size, |area| draw(errors, area))?.into_bytes()),
+        PlotFormat::Png => Ok(encode_png(&image_of(size, |area| draw(errors, area))?)?),
     }
 }
 

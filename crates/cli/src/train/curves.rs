@@ -2,12 +2,11 @@
 
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_report::plot::{COLOURS, FONT, GREY, register_fonts};
 use atsplat_train::Terms;
 use atsplat_train::journal::{EvaluationRecord, StepRecord};
 use plotters::coord::Shift;
 use plotters::prelude::*;
-
-use crate::plot::{COLOURS, FONT, GREY, register};
 
 const SIZE: (u32, u32) = (1000, 900);
 /// Points of a curve: means over as many stretches of steps.
@@ -15,7 +14,7 @@ const POINTS: usize = 200;
 
 /// A PNG.
 pub(super) fn draw(title: &str, steps: &[StepRecord], evaluations: &[EvaluationRecord]) -> anyhow::Result<Vec<u8>> {
-    register()?;
+    register_fonts()?;
     let (width, height) = SIZE;
     let mut samples = vec![0; width as usize * height as usize * 3];
     {

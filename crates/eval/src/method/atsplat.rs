@@ -1,8 +1,8 @@
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
-use atsplat_model::ModelError;
 use atsplat_model::network::{Network, Reconstruction, Views};
+use atsplat_model::{ModelConfig, ModelError};
 use atsplat_pixels::ImageU8;
 
 use super::splatting::{Splatting, parameters};
@@ -57,6 +57,7 @@ impl AtSplat {
             parameters: parameters([
                 ("model", config.name.clone().into()),
                 ("model-hash", config.hash()?.into()),
+                ("configuration", as_json(config)?),
                 ("call-seed", call_seed.into()),
             ]),
             untrained,
@@ -93,6 +94,15 @@ impl AtSplat {
         let made = question.repetitions.of(|| self.network.reconstruct(&views, self.call_seed));
         made.map_err(|error| refusal(&error))
     }
+}
+
+/// The whole configuration: a table that asks for a variant reads it.
+fn as_json(config: &ModelConfig) -> Result<serde_json::Value, EvalError> {
+    serde_json::to_value(config).map_err(|error| EvalError::Settings {
+        what: "configuration",
+        expected: "values that JSON can hold".to_owned(),
+        found: error.to_string(),
+    })
 }
 
 impl Method for AtSplat {

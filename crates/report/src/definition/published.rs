@@ -31,7 +31,9 @@ impl Published {
         let header: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
         let place = |name: &str| {
             let found = header.iter().position(|known| known == name);
-            found.ok_or_else(|| definition.wrong(&format!("column {name:?} in eval/published/{file}"), header.join(", ")))
+            found.ok_or_else(|| {
+                definition.wrong(&format!("column {name:?} in eval/published/{file}"), header.join(", "))
+            })
         };
         let of_group = |group: &ColumnGroup| {
             let places = group.columns.iter().map(|column| place(&TableDefinition::published_name(group, column)));
@@ -51,7 +53,10 @@ impl Published {
             };
             rows.push(PublishedRow {
                 labels: definition.labels.iter().map(|label| filled(&label.text)).collect(),
-                values: groups.iter().map(|places| places.iter().map(|at| Value::published(field(*at))).collect()).collect(),
+                values: groups
+                    .iter()
+                    .map(|places| places.iter().map(|at| Value::published(field(*at))).collect())
+                    .collect(),
             });
         }
         Ok(Self { rows })

@@ -84,7 +84,10 @@ fn hostile_names_stay_text() {
     assert!(lines.windows(2).all(|pair| pair[0] == pair[1]), "cells end where they should: {lines:?}\n{markdown}");
     let latex = write(TableFormat::Latex);
     assert!(!latex.contains("\\input") && latex.contains("\\textbackslash{}input"), "{latex}");
-    assert!(latex.lines().filter(|line| !line.starts_with('%')).all(|line| !line.replace("\\%", "").contains('%')), "{latex}");
+    assert!(
+        latex.lines().filter(|line| !line.starts_with('%')).all(|line| !line.replace("\\%", "").contains('%')),
+        "{latex}"
+    );
     let csv = write(TableFormat::Csv);
     let mut reader = csv::Reader::from_reader(csv.as_bytes());
     assert!(reader.records().all(|record| record.is_ok()), "{csv}");
@@ -124,7 +127,10 @@ fn marks_are_the_papers() {
     assert_eq!(marked(&cross, 0, lpips, Mark::Best), ["DepthSplat", "iLRM"]);
     assert_eq!(marked(&cross, 0, lpips, Mark::Second), ["Ours"]);
     let re10k = published("re10k");
-    assert_eq!((marked(&re10k, 0, lpips, Mark::Best), marked(&re10k, 0, lpips, Mark::Second)), (vec!["LongLRM".to_owned()], vec!["iLRM".to_owned()]));
+    assert_eq!(
+        (marked(&re10k, 0, lpips, Mark::Best), marked(&re10k, 0, lpips, Mark::Second)),
+        (vec!["LongLRM".to_owned()], vec!["iLRM".to_owned()])
+    );
     assert_eq!(marked(&published("k_scaling"), 0, psnr, Mark::Best), Vec::<String>::new());
 }
 

@@ -94,7 +94,11 @@ impl Album {
         if self.found == 0 {
             return "The stores keep no pictures: run with --keep-pictures to see renders beside truths.".to_owned();
         }
-        let mut text = format!("{} of {} pictures are in this page, those of the worst scenes first.", self.places.len(), self.found);
+        let mut text = format!(
+            "{} of {} pictures are in this page, those of the worst scenes first.",
+            self.places.len(),
+            self.found
+        );
         for (count, why) in [(self.over_budget, "would make it too large"), (self.unreadable, "cannot be read")] {
             if count > 0 {
                 text.push_str(&format!(" {count} {why}."));

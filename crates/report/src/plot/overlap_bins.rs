@@ -77,7 +77,9 @@ impl OverlapBinMeans {
             let (row, column) = (at / per_row, at % per_row);
             let place = [72.0 + 260.0 * column as f64, bottom + 44.0 + ROW * row as f64];
             mark(&mut drawing, place);
-            drawing.words(Words::new(shortened(&series.label, 12.5, false, 230.0), [place[0] + 12.0, place[1]]).size(12.5));
+            drawing.words(
+                Words::new(shortened(&series.label, 12.5, false, 230.0), [place[0] + 12.0, place[1]]).size(12.5),
+            );
         }
         drawing
     }

@@ -189,7 +189,9 @@ where
         let (width, height) = (self.length(at.width()), self.length(at.height()));
         for row in 0..height {
             for column in 0..width {
-                let from = |at: u32, size: u32, samples: u32| u64::from(at) * u64::from(samples) / u64::from(size.clamp(1, u32::MAX));
+                let from = |at: u32, size: u32, samples: u32| {
+                    u64::from(at) * u64::from(samples) / u64::from(size.clamp(1, u32::MAX))
+                };
                 let source = (from(column, width, image.width()), from(row, height, image.height()));
                 let pixel = u32::try_from(source.0).ok().zip(u32::try_from(source.1).ok());
                 let Some([r, g, b]) = pixel.and_then(|(x, y)| image.pixel(x, y)) else { continue };
@@ -201,7 +203,11 @@ where
     }
 
     fn stroke(&self, stroke: Stroke) -> ShapeStyle {
-        ShapeStyle { color: stroke.colour.to_rgba(), filled: false, stroke_width: self.length(stroke.width).clamp(1, 1000) }
+        ShapeStyle {
+            color: stroke.colour.to_rgba(),
+            filled: false,
+            stroke_width: self.length(stroke.width).clamp(1, 1000),
+        }
     }
 }
 

@@ -2,7 +2,7 @@ use super::axes::{Axes, AxisText};
 use super::font::{shortened, width_of};
 use super::scale::{Scale, seconds_label};
 use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
-use super::theme::{GRID, INK, SURFACE, colour};
+use super::theme::{GRID, ON_LIGHT, SURFACE, colour};
 
 /// Where the time goes: a bar per method, cut into stages.
 #[derive(Clone, Debug)]
@@ -48,7 +48,9 @@ impl StageTime {
         self.key(&mut drawing, &names);
         for (at, row) in self.rows.iter().enumerate() {
             let middle = inside.top + ROW * (at as f64 + 0.5);
-            drawing.words(Words::new(shortened(&row.label, 13.0, false, 160.0), [inside.left - 12.0, middle]).side(Side::Right));
+            drawing.words(
+                Words::new(shortened(&row.label, 13.0, false, 160.0), [inside.left - 12.0, middle]).side(Side::Right),
+            );
             let mut from = 0.0;
             for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {
                 let stage = names.iter().position(|known| known == name).unwrap_or(0);
@@ -58,8 +60,9 @@ impl StageTime {
                 let text = seconds_label(*secs);
                 if width_of(&text, 11.5, true) + 10.0 < part.width() {
                     let light = stage % 6 >= 3;
-                    let words = Words::new(text, [(part.left + part.right) / 2.0, middle]).size(11.5).bold().side(Side::Middle);
-                    drawing.words(Words { colour: if light { INK } else { SURFACE }, ..words });
+                    let words =
+                        Words::new(text, [(part.left + part.right) / 2.0, middle]).size(11.5).bold().side(Side::Middle);
+                    drawing.words(Words { colour: if light { ON_LIGHT } else { SURFACE }, ..words });
                 }
                 from += secs;
             }

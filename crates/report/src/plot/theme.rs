@@ -16,6 +16,8 @@ pub const GREY: RGBColor = RGBColor(150, 150, 150);
 pub const SURFACE: RGBColor = RGBColor(255, 255, 255);
 /// Text.
 pub const INK: RGBColor = RGBColor(31, 35, 40);
+/// Text on a light colour, which stays dark on a dark page.
+pub const ON_LIGHT: RGBColor = RGBColor(20, 20, 20);
 /// Axes and what is said in passing.
 pub const MUTED: RGBColor = RGBColor(89, 99, 110);
 /// Lines of a grid.

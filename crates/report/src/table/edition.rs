@@ -67,7 +67,9 @@ pub(super) fn presets(definition: &TableDefinition) -> Vec<&str> {
 
 impl Edition<'_> {
     fn fits(&self, suffix: &str, records: &[&PresetRecord]) -> bool {
-        let same = |record: &&PresetRecord| self.identities.get(record.preset.as_str()).is_none_or(|known| *known == Identity::of(record));
+        let same = |record: &&PresetRecord| {
+            self.identities.get(record.preset.as_str()).is_none_or(|known| *known == Identity::of(record))
+        };
         self.suffix == Some(suffix) && records.iter().all(same)
     }
 }
@@ -86,7 +88,10 @@ impl Part<'_> {
             return Some(format!("{}: the index is no published one ({})", record.name, record.dataset));
         }
         if record.entries < record.entries_of_index {
-            return Some(format!("{}: {} of {} index entries were run", record.name, record.entries, record.entries_of_index));
+            return Some(format!(
+                "{}: {} of {} index entries were run",
+                record.name, record.entries, record.entries_of_index
+            ));
         }
         let known = atsplat_protocol::Preset::named(&record.preset).and_then(|preset| preset.hash());
         let same = known.is_ok_and(|hash| hash.to_string() == record.hash);

@@ -17,16 +17,25 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     }
     let Some(edition) = edition.filter(|_| table.is_measured()) else { return notes.list };
     if edition.mixed {
-        notes.add(NoteKind::Forced, "rows of different protocols stand in this table because that was asked for; they do not compare".to_owned());
+        notes.add(
+            NoteKind::Forced,
+            "rows of different protocols stand in this table because that was asked for; they do not compare"
+                .to_owned(),
+        );
     }
     protocols(&mut notes, edition);
     metrics(&mut notes, table, edition);
+    times(&mut notes, table, edition);
     for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
         counts(&mut notes, table, row);
         intervals(&mut notes, table, row);
     }
     if table.rows.iter().any(|row| row.untrained) {
-        notes.add(NoteKind::Untrained, "† untrained: random weights; such rows are not ranked, and their quality says nothing of the method".to_owned());
+        notes.add(
+            NoteKind::Untrained,
+            "† untrained: random weights; such rows are not ranked, and their quality says nothing of the method"
+                .to_owned(),
+        );
     }
     if table.rows.iter().any(|row| row.without_leaked) {
         notes.add(NoteKind::Counts, "‡ without targets that are context frames too".to_owned());
@@ -68,7 +77,10 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
         }
         let skipped = source.results.provenance.skipped.iter().filter(|entry| entry.preset == preset.name).count();
         if skipped > 0 {
-            notes.add(NoteKind::Counts, format!("{}: {skipped} index entries made no trial ({})", preset.name, reasons(part)));
+            notes.add(
+                NoteKind::Counts,
+                format!("{}: {skipped} index entries made no trial ({})", preset.name, reasons(part)),
+            );
         }
     }
     let constants: BTreeSet<(&str, &str)> = edition
@@ -99,7 +111,8 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     for (_, column) in table.columns() {
         if let Quantity::Metric(metric) = column.quantity {
             let records = edition.parts.iter().flat_map(|part| &part.source.results.provenance.metrics);
-            let weights = records.filter(|record| record.id == metric.id).find_map(|record| record.weights_sha256.as_deref());
+            let weights =
+                records.filter(|record| record.id == metric.id).find_map(|record| record.weights_sha256.as_deref());
             let weights = weights.map_or_else(String::new, |hash| format!("; weights {}", short(hash)));
             notes.add(NoteKind::Convention, format!("{}: {}{weights}", metric.name, metric.convention));
         }
@@ -113,13 +126,38 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     }
 }
 
+fn times(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
+    if !table.columns().any(|(_, column)| column.quantity == Quantity::Seconds) {
+        return;
+    }
+    for source in edition.parts.iter().map(|part| part.source) {
+        let provenance = &source.results.provenance;
+        let timing = provenance.timing;
+        let shared = if timing.alone {
+            "nothing else ran meanwhile"
+        } else {
+            "trials shared the processor: no figures to publish"
+        };
+        notes.add(
+            NoteKind::Convention,
+            format!(
+                "Time: {}, {} threads, medians of {} repetitions after {} to warm up; {shared}",
+                provenance.processor, provenance.threads, timing.repetitions, timing.warm_up
+            ),
+        );
+    }
+}
+
 /// Columns of one group are about the same targets: the first metric that was computed speaks for all.
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     for (group, own) in table.groups.iter().enumerate() {
         let cells: Vec<_> = own.columns.iter().zip(row.cells.get(group).into_iter().flatten()).collect();
         let counted: Vec<_> = cells.iter().filter_map(|(column, cell)| Some((column, cell.counts?))).collect();
-        let Some((_, counts)) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first()) else { continue };
-        let mut text = format!("{}{}: {} scenes, {} targets", name(row), of_group(table, group), counts.scenes, counts.targets);
+        let Some((_, counts)) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first()) else {
+            continue;
+        };
+        let mut text =
+            format!("{}{}: {} scenes, {} targets", name(row), of_group(table, group), counts.scenes, counts.targets);
         for (count, what) in [(counts.failed, "failed"), (counts.non_finite, "not finite")] {
             if count > 0 {
                 text.push_str(&format!(", {count} {what} and not in the mean"));
@@ -148,7 +186,15 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
             .collect();
         if !told.is_empty() {
             let percent = CONFIDENCE * 100.0;
-            notes.add(NoteKind::Interval, format!("{percent:.0} % intervals over scenes, {}{}: {}", name(row), of_group(table, group), told.join(", ")));
+            notes.add(
+                NoteKind::Interval,
+                format!(
+                    "{percent:.0} % intervals over scenes, {}{}: {}",
+                    name(row),
+                    of_group(table, group),
+                    told.join(", ")
+                ),
+            );
         }
     }
 }
