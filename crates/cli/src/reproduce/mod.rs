@@ -3,6 +3,7 @@
 mod found;
 mod methods;
 mod suite;
+mod summary;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -63,16 +64,21 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     if trained.is_untrained() {
         complain("warning: no trained weights: ATSplat's rows are UNTRAINED and show the way and its cost alone");
     }
+    let of_ablations: Vec<usize> =
+        datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
     let (results, summary) = words.evaluate("results", &datasets, &trained.methods()?)?;
-    let of_ablations: Vec<Dataset> = datasets.into_iter().filter(is_for_ablations).collect();
-    let mut all = vec![results];
+    let mut stores = vec![("results", results)];
     let mut complete = summary.is_complete();
     if !of_ablations.is_empty() {
-        let (results, summary) = words.evaluate("ablations", &of_ablations, &trained.variants()?)?;
+        let all = datasets.into_iter().enumerate();
+        let datasets: Vec<Dataset> = all.filter(|(at, _)| of_ablations.contains(at)).map(|(_, one)| one).collect();
+        let (results, summary) = words.evaluate("ablations", &datasets, &trained.variants()?)?;
         complete &= summary.is_complete();
-        all.push(results);
+        stores.push(("ablations", results));
     }
+    let report = summary::write(&words.out, &stores)?;
     print_warnings(&warnings);
+    summary::print(&report, &stores, &not_run, &trained, &words.out)?;
     Ok(complete && not_run.is_empty())
 }
 

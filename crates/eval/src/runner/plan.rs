@@ -107,6 +107,7 @@ impl Plan<'_> {
             Ok(PresetRecord {
                 name: name.clone(),
                 preset: preset.name.clone(),
+                stands_for: preset.stands_for.clone(),
                 title: preset.title.clone(),
                 hash: preset.hash()?.to_string(),
                 toml: preset.to_toml()?,

@@ -132,7 +132,7 @@ fn gap(
     let (a, b) = (source(own)?, source(reference)?);
     let record = |source: &Source<'_>| {
         let records = &source.results.provenance.presets;
-        records.iter().find(|record| record.preset == *preset).map(|record| record.name.clone())
+        records.iter().find(|record| record.published() == *preset).map(|record| record.name.clone())
     };
     let (first, second) = (record(a)?, record(b)?);
     let question = |preset, method| Question { preset, method, metric: metric.id, leaked: Leaked::Included };
@@ -188,7 +188,7 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
     let series = |row: &Row| {
         let source = sources.iter().find(|source| Some(source.label) == row.store.as_deref())?;
         let records = &source.results.provenance.presets;
-        let preset = records.iter().find(|record| Some(&record.preset) == group.preset.as_ref())?;
+        let preset = records.iter().find(|record| Some(record.published()) == group.preset.as_deref())?;
         let own = source
             .results
             .trials

@@ -41,7 +41,7 @@ pub(super) fn citation(table: &Table, row: &Row, place: (usize, usize), stores: 
         }
     }
     for preset in &provenance.presets {
-        let asked = group.preset.is_none() || group.preset.as_ref() == Some(&preset.preset);
+        let asked = group.preset.is_none() || group.preset.as_deref() == Some(preset.published());
         if asked {
             let index = preset.index_name.as_deref().unwrap_or("unpublished");
             let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));

@@ -164,7 +164,7 @@ fn measured(
         .map(|group| {
             let preset = preset_of(group)?;
             let own = |part: &&Part<'_>| {
-                part.preset.preset == preset && method.is_none_or(|method| method.store == part.source.label)
+                part.preset.published() == preset && method.is_none_or(|method| method.store == part.source.label)
             };
             edition.parts.iter().filter(own).find_map(|part| {
                 let records = &part.source.results.provenance.methods;
