@@ -6,6 +6,7 @@ use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::tradeoff::{Part, Sweep, Swept, across, parts, tradeoffs};
 use atsplat_eval::{Results, Store};
+use atsplat_metrics::Suite;
 use atsplat_model::network::Device;
 use atsplat_scene::Warnings;
 use clap::Args;
@@ -43,21 +44,11 @@ pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
     let datasets = words.protocols.open(&mut warnings)?;
     let suite = words.settings.suite(&datasets)?;
     let parts = parts(&sweep, &swept, &datasets)?;
-    let plan = |part: &'_ Part| Plan {
-        datasets: &part.datasets,
-        methods: &part.methods,
-        suite: &suite,
-        selection: words.settings.selection(),
-        repetitions: words.settings.repetitions(),
-        alone: words.settings.alone(),
-        pictures: words.settings.pictures(),
-        prefetch: SettingWords::prefetch(),
-    };
-    let steps = parts.iter().map(|part| plan(part).results()).sum::<u64>();
+    let steps = parts.iter().map(|part| plan(words, &suite, part).results()).sum::<u64>();
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
     let mut complete = true;
     for part in &parts {
-        let plan = plan(part);
+        let plan = plan(words, &suite, part);
         let store = Store::resume(words.settings.out(), plan.provenance(here())?)?;
         let (_, summary) = runner::run(&plan, store, &|| progress.step())?;
         complete &= summary.is_complete();
@@ -72,6 +63,19 @@ pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
     print_report(&Report { tradeoffs }, words.settings.json)?;
     print_warnings(&warnings);
     Ok(complete)
+}
+
+fn plan<'a>(words: &Words, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
+    Plan {
+        datasets: &part.datasets,
+        methods: &part.methods,
+        suite,
+        selection: words.settings.selection(),
+        repetitions: words.settings.repetitions(),
+        alone: words.settings.alone(),
+        pictures: words.settings.pictures(),
+        prefetch: SettingWords::prefetch(),
+    }
 }
 
 fn swept(words: &NetworkWords) -> anyhow::Result<Swept> {

@@ -20,7 +20,7 @@ fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
     let mut made = results("m", "psnr", &rows.collect::<Vec<_>>());
     for row in &mut made.targets {
         row.scores.values_mut().for_each(|score| *score += noise * unit());
-        row.render_hash = row.scores.values().next().map(|score| score.to_string());
+        row.render_hash = row.scores.values().next().map(ToString::to_string);
     }
     made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
     let preset = PresetRecord { name: PRESET.to_owned(), hash: "a".to_owned(), ..PresetRecord::default() };

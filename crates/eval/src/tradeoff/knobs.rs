@@ -101,6 +101,7 @@ impl RendererKnobs {
     pub(crate) fn turned(&self, constants: &RendererConstants) -> RendererConstants {
         let named = self.constants.as_deref().and_then(RendererConstants::named);
         let mut changed = named.unwrap_or_else(|| constants.clone());
+        let mut name = changed.name.clone();
         let fields = [
             ("min-alpha", self.min_alpha, &mut changed.min_alpha),
             ("max-alpha", self.max_alpha, &mut changed.max_alpha),
@@ -110,9 +111,10 @@ impl RendererKnobs {
         for (knob, value, field) in fields {
             if let Some(value) = value {
                 *field = value;
-                changed.name.push_str(&format!(", {knob} {value}"));
+                name = format!("{name}, {knob} {value}");
             }
         }
+        changed.name = name;
         changed
     }
 }

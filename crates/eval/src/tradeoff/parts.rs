@@ -49,13 +49,12 @@ pub fn parts(sweep: &Sweep, swept: &Swept, datasets: &[Dataset]) -> Result<Vec<P
         let method = swept.method(setting)?;
         let asks_the_same =
             |knobs: &Knobs| (knobs.views, knobs.resolution) == (setting.knobs.views, setting.knobs.resolution);
-        match parts.iter_mut().find(|(knobs, _)| asks_the_same(knobs)) {
-            Some((_, part)) => part.methods.push(method),
-            None => {
-                let datasets =
-                    datasets.iter().map(|dataset| changed(dataset, &setting.knobs)).collect::<Result<_, _>>()?;
-                parts.push((&setting.knobs, Part { datasets, methods: vec![method] }));
-            }
+        if let Some((_, part)) = parts.iter_mut().find(|(knobs, _)| asks_the_same(knobs)) {
+            part.methods.push(method);
+        } else {
+            let changed = |dataset| changed(dataset, &setting.knobs);
+            let datasets = datasets.iter().map(changed).collect::<Result<_, _>>()?;
+            parts.push((&setting.knobs, Part { datasets, methods: vec![method] }));
         }
     }
     Ok(parts.into_iter().map(|(_, part)| part).collect())

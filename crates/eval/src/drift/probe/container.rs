@@ -130,7 +130,8 @@ struct Reader(StoredTensors);
 impl Reader {
     /// How many tensors are called `prefix.0`, `prefix.1` and so on.
     fn count(&self, prefix: &str) -> usize {
-        (0usize..).take_while(|at| self.0.tensors.contains_key(&format!("{prefix}.{at}"))).count()
+        let is_there = |at: &usize| self.0.tensors.contains_key(&format!("{prefix}.{at}"));
+        (0..self.0.tensors.len()).take_while(is_there).count()
     }
 
     fn get(&self, name: &str, dtype: DType) -> Result<&StoredTensor, DriftError> {
@@ -151,7 +152,7 @@ impl Reader {
         let bytes = self.get(name, DType::F64)?.bytes();
         let values: Vec<f64> = bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
         let count = values.len();
-        values.try_into().map_err(|_| DriftError::unfit(WHAT, format!("{COUNT} numbers in {name:?}"), count))
+        values.try_into().ok().ok_or_else(|| DriftError::unfit(WHAT, format!("{COUNT} numbers in {name:?}"), count))
     }
 
     fn camera(&self, name: &str) -> Result<Camera, DriftError> {

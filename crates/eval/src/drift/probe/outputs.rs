@@ -8,6 +8,7 @@ use sha2::{Digest, Sha256};
 use super::sheet::sheet_view;
 use super::{Inputs, Stage, Stages, View, container};
 use crate::drift::DriftError;
+use crate::store::hexadecimal;
 
 /// What every stage gave, and what the first began with.
 #[derive(Clone, Debug, PartialEq)]
@@ -133,7 +134,7 @@ pub(super) fn mean_scores(scores: &[BTreeMap<String, f64>]) -> BTreeMap<String, 
 }
 
 pub(super) fn of_pictures(pictures: &[ImageU8]) -> Vec<f64> {
-    pictures.iter().flat_map(|picture| picture.samples()).map(|&sample| f64::from(sample)).collect()
+    pictures.iter().flat_map(ImageU8::samples).map(|&sample| f64::from(sample)).collect()
 }
 
 /// Samples, then intrinsics: the stage changes both.
@@ -154,7 +155,7 @@ pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<f64> {
 }
 
 pub(super) fn of_renders(renders: &[Image], sheet: &Image) -> Vec<f64> {
-    renders.iter().chain([sheet]).flat_map(|render| render.samples()).map(|&sample| f64::from(sample)).collect()
+    renders.iter().chain([sheet]).flat_map(Image::samples).map(|&sample| f64::from(sample)).collect()
 }
 
 pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
@@ -169,6 +170,6 @@ fn fingerprint(stage: Stage, values: &[f64]) -> Fingerprint {
         hash.update(value.to_le_bytes());
         (least, most, sum) = (least.minimum_of(*value), most.maximum_of(*value), sum + value);
     }
-    let sha256 = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let sha256 = hexadecimal(&hash.finalize());
     Fingerprint { stage, sha256, values: values.len() as u64, least, mean: sum / values.len() as f64, most }
 }

@@ -156,7 +156,9 @@ impl Stages for Changed {
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
         let mut scores = self.pipeline.score(render, truth)?;
         if self.stages.contains(&Stage::Metric) {
-            scores.values_mut().for_each(|score| *score *= 1.001);
+            for score in scores.values_mut() {
+                *score *= 1.001;
+            }
         }
         Ok(scores)
     }
