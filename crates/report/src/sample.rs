@@ -16,6 +16,7 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
     let preset = Preset::named(name).unwrap();
     PresetRecord {
         name: name.to_owned(),
+        stands_for: None,
         preset: name.to_owned(),
         title: preset.title.clone(),
         hash: preset.hash().unwrap().to_string(),
