@@ -127,7 +127,7 @@ fn frontier(cost: CostAxis) -> Frontier {
 }
 
 fn overlap_curves() -> OverlapCurves {
-    let curve = |base: f64, slope: f64| (0..12).map(|at| {
+    let curve = |base: f64, slope: f64| (0..12).map(move |at| {
         let overlap = 0.08 + 0.062 * f64::from(at);
         (overlap, around(base + slope * overlap, 0.25 + 0.3 * (overlap - 0.4).abs()))
     });
@@ -339,7 +339,7 @@ fn token_expansion() -> TokenExpansion {
     };
     TokenExpansion {
         title: "Children around their parents".to_owned(),
-        subtitle: format!("scene-0007 as its first context view sees it; a token's place is the mean centre of its Gaussians; {MADE_UP}"),
+        subtitle: format!("scene-0007 from its first context view; places are mean centres of Gaussians; {MADE_UP}"),
         picture: Some(picture(1.0)),
         size: [160.0, 90.0],
         expansions: (0..110).map(expansion).collect(),

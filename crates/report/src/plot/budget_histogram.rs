@@ -36,7 +36,7 @@ impl BudgetHistogram {
         let mut drawing = Drawing::new(860, (150.0 + ROW * self.series.len() as f64) as u32);
         drawing.heading(&self.title, &self.subtitle);
         let counts = self.series.iter().flat_map(|series| series.gaussians.iter().copied()).chain(self.fixed);
-        let bottom = 90.0 + ROW * self.series.len() as f64;
+        let bottom = 80.0 + ROW * self.series.len() as f64;
         let axes = Axes { inside: Extent::new(210.0, 90.0, 836.0, bottom), x: Scale::around(counts, 0.04), y: Scale::linear(0.0, 1.0) };
         let label = |count: f64, _: &[f64]| count_label(count);
         for tick in axes.x.ticks(6) {

@@ -32,6 +32,14 @@ pub struct DriftRun {
     pub drift: Option<String>,
 }
 
+impl DriftRun {
+    /// Whether drift was found, or the mean lies outside the limits.
+    fn is_outside(&self) -> bool {
+        let inside = |[low, high]: [f64; 2]| (low..=high).contains(&self.quality.value);
+        self.drift.is_some() || !self.limits.is_none_or(inside)
+    }
+}
+
 impl DriftHistory {
     /// Draws it.
     pub fn draw(&self) -> Drawing {
@@ -45,13 +53,15 @@ impl DriftHistory {
         };
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));
         let Extent { bottom, .. } = axes.inside;
-        for (at, run) in self.runs.iter().enumerate() {
-            let at = at as f64;
-            if let Some(limits) = run.limits {
+        let mut from = 0.0;
+        for runs in self.runs.chunk_by(|a, b| a.limits == b.limits) {
+            let to = from + runs.len() as f64;
+            if let Some(limits) = runs.first().and_then(|run| run.limits) {
                 let [low, high] = limits.map(|limit| axes.y_of(limit));
-                let cell = Extent::new(axes.x_of(at - 0.5), high, axes.x_of(at + 0.5), low);
-                drawing.rectangle(cell, Fill::faint(COLOURS[2], 0.18));
+                let band = Extent::new(axes.x_of(from - 0.5), high, axes.x_of(to - 0.5), low);
+                drawing.rectangle(band, Fill::faint(COLOURS[2], 0.18));
             }
+            from = to;
         }
         let line: Vec<_> = self.runs.iter().enumerate().map(|(at, run)| axes.place(at as f64, run.quality.value)).collect();
         if line.len() > 1 {
@@ -66,7 +76,7 @@ impl DriftHistory {
                 whisker(&mut drawing, place[0], interval.map(|value| axes.y_of(value)), Stroke::new(COLOURS[0], 1.5));
             }
             labels.avoid(*place, 8.0);
-            if run.drift.is_some() {
+            if run.is_outside() {
                 drawing.disc(*place, 7.0, Fill::solid(COLOURS[1]));
             } else {
                 drawing.disc(*place, 4.5, Fill::solid(COLOURS[0]));
@@ -82,7 +92,7 @@ impl DriftHistory {
                 labels.place(&mut drawing, Words::new(shortened(drift, 12.5, true, 240.0), [0.0, 0.0]).size(12.5).bold(), *place);
             }
         }
-        let key = [(COLOURS[0], "within limits"), (COLOURS[1], "drift, and what moved it")];
+        let key = [(COLOURS[0], "within limits"), (COLOURS[1], "outside, and what moved it")];
         let mut x = axes.inside.left;
         for (colour, text) in key {
             drawing.disc([x + 6.0, bottom + 48.0], 5.0, Fill::solid(colour));

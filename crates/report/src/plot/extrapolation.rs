@@ -38,7 +38,7 @@ impl ExtrapolationDecay {
         let distances = self.series.iter().flat_map(|series| series.points.iter().map(|(distance, _)| *distance as f64));
         let values = self.series.iter().flat_map(|series| series.points.iter().flat_map(|(_, estimate)| estimate.extent()));
         let axes = Axes {
-            inside: Extent::new(64.0, 100.0, 690.0, 440.0),
+            inside: Extent::new(64.0, 100.0, 640.0, 440.0),
             x: Scale::around(distances.chain([-1.0, 1.0]), 0.03),
             y: Scale::around(values, 0.1),
         };

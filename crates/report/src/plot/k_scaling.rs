@@ -60,7 +60,9 @@ impl KScaling {
             for (point, at) in points.iter().zip(line) {
                 labels.avoid(at, 6.0);
                 if let Some(interval) = point.quality.interval {
-                    whisker(&mut drawing, at[0], interval.map(|value| axes.y_of(value)), Stroke::new(colour, 1.5));
+                    let [low, high] = interval.map(|value| axes.y_of(value));
+                    labels.avoid_line(&[[at[0], high], [at[0], low]]);
+                    whisker(&mut drawing, at[0], [low, high], Stroke::new(colour, 1.5));
                 }
                 match origin {
                     Origin::Published => drawing.ring(at, 5.0, Stroke::new(colour, 2.0)),

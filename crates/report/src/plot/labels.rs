@@ -8,9 +8,9 @@ pub(super) struct Labels {
     taken: Vec<Extent>,
 }
 
-const GAPS: [f64; 5] = [8.0, 16.0, 28.0, 44.0, 64.0];
+const GAPS: [f64; 5] = [11.0, 17.0, 28.0, 44.0, 64.0];
 /// Farther from its mark than this a name needs a line to it.
-const NEAR: f64 = 16.0;
+const NEAR: f64 = 17.0;
 
 impl Labels {
     pub(super) const fn new(bounds: Extent) -> Self {

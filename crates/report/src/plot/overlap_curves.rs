@@ -52,7 +52,7 @@ impl OverlapCurves {
         let edges = self.bins.iter().flat_map(|bin| bin.edges);
         let values = self.series.iter().flat_map(|series| series.points.iter().flat_map(|(_, estimate)| estimate.extent()));
         let axes = Axes {
-            inside: Extent::new(64.0, 120.0, 690.0, 460.0),
+            inside: Extent::new(64.0, 120.0, 640.0, 460.0),
             x: Scale::around(overlaps.chain(edges), 0.0),
             y: Scale::around(values, 0.08),
         };

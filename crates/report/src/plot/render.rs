@@ -5,7 +5,7 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-use super::font::{FAMILIES, FONT, PLOTTERS_PER_CSS, register_fonts};
+use super::font::{FAMILIES, FONT, PIXELS_PER_CSS, SVG_PER_CSS, register_fonts};
 use super::shape::{Drawing, Extent, Fill, Shape, Side, Stroke, Words};
 use super::theme::SURFACE;
 use crate::ReportError;
@@ -32,6 +32,8 @@ impl PlotFormat {
 /// plotters counts in whole pixels: a quarter of one is as fine as a reader sees.
 const SVG_SCALE: u32 = 4;
 const PNG_SCALE: u32 = 2;
+/// A browser puts the middle of small letters at a text's place, plotters' pixels the middle of a line.
+const RASTER_DROP: f64 = 0.17;
 
 impl Drawing {
     /// The file's bytes; the same drawing gives the same bytes.
@@ -80,10 +82,12 @@ impl Drawing {
     where
         B::ErrorType: 'static,
     {
-        let pen = Pen { area, scale: f64::from(scale) };
+        let raster = scale == PNG_SCALE;
+        let (font, drop) = if raster { (PIXELS_PER_CSS, RASTER_DROP) } else { (SVG_PER_CSS, 0.0) };
+        let pen = Pen { area, scale: f64::from(scale), font, drop };
         pen.area.fill(&SURFACE).map_err(refused)?;
         // What an SVG embeds is blitted here; SVG itself gets it from `to_svg`.
-        if scale == PNG_SCALE {
+        if raster {
             for shape in &self.shapes {
                 if let Shape::Picture { at, image } = shape {
                     pen.blit(*at, image)?;
@@ -132,6 +136,10 @@ pub fn image_of<E: From<ReportError>>(
 struct Pen<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
     scale: f64,
+    /// What plotters calls a font of one CSS pixel.
+    font: f64,
+    /// How far a text is moved down, in parts of its size.
+    drop: f64,
 }
 
 impl<B: DrawingBackend> Pen<'_, B>
@@ -160,11 +168,11 @@ where
             Shape::Disc { centre, radius, fill } => {
                 self.area.draw(&Circle::new(self.place(*centre), self.length(*radius), filled(*fill))).map_err(refused)
             }
+            // Two discs: plotters' outlines of circles have ragged insides.
             Shape::Ring { centre, radius, stroke } => {
-                let inside = Circle::new(self.place(*centre), self.length(*radius), SURFACE.filled());
-                self.area.draw(&inside).map_err(refused)?;
-                let circle = Circle::new(self.place(*centre), self.length(*radius), self.stroke(*stroke));
-                self.area.draw(&circle).map_err(refused)
+                let disc = |radius, style| Circle::new(self.place(*centre), self.length(radius), style);
+                self.area.draw(&disc(radius + stroke.width / 2.0, stroke.colour.filled())).map_err(refused)?;
+                self.area.draw(&disc(radius - stroke.width / 2.0, SURFACE.filled())).map_err(refused)
             }
             Shape::Words(words) => self.write(words),
             Shape::Picture { .. } => Ok(()),
@@ -178,9 +186,10 @@ where
             Side::Middle => HPos::Center,
             Side::Right => HPos::Right,
         };
-        let text = (FONT, words.size * PLOTTERS_PER_CSS * self.scale, style, &words.colour);
-        let text = TextStyle::from(text).pos(Pos::new(side, VPos::Center));
-        self.area.draw(&Text::new(words.text.as_str(), self.place(words.at), text)).map_err(refused)
+        let font = (FONT, words.size * self.font * self.scale, style);
+        let text = TextStyle::from(font).color(&words.colour).pos(Pos::new(side, VPos::Center));
+        let [x, y] = words.at;
+        self.area.draw(&Text::new(words.text.as_str(), self.place([x, y + words.size * self.drop]), text)).map_err(refused)
     }
 
     /// Nearest samples, so that a reader sees the pixels that were scored.

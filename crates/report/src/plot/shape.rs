@@ -117,19 +117,19 @@ impl Words {
         Self { text: text.into(), at, size: 13.0, bold: false, colour: INK, side: Side::Left }
     }
 
-    pub(super) const fn size(self, size: f64) -> Self {
+    pub(super) fn size(self, size: f64) -> Self {
         Self { size, ..self }
     }
 
-    pub(super) const fn bold(self) -> Self {
+    pub(super) fn bold(self) -> Self {
         Self { bold: true, ..self }
     }
 
-    pub(super) const fn muted(self) -> Self {
+    pub(super) fn muted(self) -> Self {
         Self { colour: MUTED, ..self }
     }
 
-    pub(super) const fn side(self, side: Side) -> Self {
+    pub(super) fn side(self, side: Side) -> Self {
         Self { side, ..self }
     }
 
