@@ -111,7 +111,7 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
             encode: Some(0.25 + 0.01 * at as f64),
             render: Some(0.005),
             score: 0.02,
-            stages: if tokens { [("encoder".to_owned(), 0.2), ("decoder".to_owned(), 0.05)].into() } else { [].into() },
+            stages: if tokens { [("coarse".to_owned(), 0.2), ("decoder".to_owned(), 0.05)].into() } else { [].into() },
             ..Seconds::default()
         },
         peak_bytes: None,
