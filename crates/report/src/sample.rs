@@ -10,12 +10,14 @@ use atsplat_protocol::Preset;
 
 /// A name that would be a script wherever it is not escaped.
 pub(crate) const HOSTILE: &str = "</script><script>window.injected=1</script>\"'&|*_\\\u{1b}[31m";
+const OVERLAPS: [f64; 4] = [0.1, 0.3, 0.5, 0.7];
 pub(crate) const SCENES: [&str; 4] = ["aa11", "bb22", "cc33", HOSTILE];
 
 pub(crate) fn preset(name: &str) -> PresetRecord {
     let preset = Preset::named(name).unwrap();
     PresetRecord {
         name: name.to_owned(),
+        stands_for: None,
         stands_for: None,
         preset: name.to_owned(),
         title: preset.title.clone(),
@@ -120,7 +122,7 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         detail: failed.then(|| "the network said NaN".to_owned()),
         context: vec![0, 30],
         targets: 3,
-        overlap: Some(0.2 * at as f64 + 0.1),
+        overlap: OVERLAPS.get(at).copied(),
         width: 16,
         height: 16,
         initial_tokens: own(512),
@@ -132,7 +134,7 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
             encode: Some(0.25 + 0.01 * at as f64),
             render: Some(0.005),
             score: 0.02,
-            stages: if tokens { [("encoder".to_owned(), 0.2), ("decoder".to_owned(), 0.05)].into() } else { [].into() },
+            stages: if tokens { [("coarse".to_owned(), 0.2), ("decoder".to_owned(), 0.05)].into() } else { [].into() },
             ..Seconds::default()
         },
         peak_bytes: None,
@@ -151,7 +153,7 @@ fn view(key: &TrialKey, target: u32, place: usize, at: usize, failed: bool) -> T
         frame: u64::from(target) * 10 + 5,
         signed_distance: i64::from(target) - 1,
         leaked,
-        overlap: Some(0.2 * at as f64 + 0.1),
+        overlap: OVERLAPS.get(at).copied(),
         width: 16,
         height: 16,
         truth_hash: None,

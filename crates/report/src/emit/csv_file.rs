@@ -8,7 +8,7 @@ pub(super) fn write(table: &Table) -> Result<String, ReportError> {
     let broken = |source| ReportError::Csv { file: format!("{}.csv", table.name), source };
     let mut writer = csv::Writer::from_writer(Vec::new());
     let mut head: Vec<String> = table.labels.clone();
-    head.extend(["from", "method", "store", "untrained", "without_leaked"].map(str::to_owned));
+    head.extend(["from", "method_id", "store", "untrained", "without_leaked"].map(str::to_owned));
     for (_, column) in table.columns() {
         let name = &column.name;
         head.push(name.clone());

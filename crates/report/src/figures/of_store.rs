@@ -1,3 +1,5 @@
+use std::collections::BTreeMap;
+
 use atsplat_eval::statistics::{Leaked, Question, Summary, by_distance, by_overlap, cost, paired, scene_means};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::{Definition, definitions};
@@ -170,7 +172,7 @@ impl<'a> View<'a> {
             let mut stages: Vec<(String, f64)> =
                 cost.read_secs.map(|secs| ("read".to_owned(), secs)).into_iter().collect();
             match (cost.stages.is_empty(), cost.encode_secs) {
-                (false, _) => stages.extend(cost.stages.iter().map(|(name, secs)| (name.clone(), *secs))),
+                (false, _) => stages.extend(in_order(&cost.stages)),
                 (true, encode) => stages.extend(encode.map(|secs| ("encode".to_owned(), secs))),
             }
             stages.extend(cost.render_secs.map(|secs| ("render a view".to_owned(), secs)));
@@ -188,6 +190,14 @@ impl<'a> View<'a> {
         };
         (!plot.rows.is_empty()).then(|| plot.draw())
     }
+}
+
+/// The network's stages as they follow each other; a store keeps them by name.
+fn in_order(stages: &BTreeMap<String, f64>) -> Vec<(String, f64)> {
+    const ORDER: [&str; 5] = ["coarse", "anchors", "fine", "decoder", "head"];
+    let mut stages: Vec<(String, f64)> = stages.iter().map(|(name, secs)| (name.clone(), *secs)).collect();
+    stages.sort_by_key(|(name, _)| ORDER.iter().position(|known| known == name).unwrap_or(ORDER.len()));
+    stages
 }
 
 fn estimate(summary: &Summary) -> Option<Estimate> {

@@ -128,7 +128,11 @@ fn filled(page: &str, slots: &[(&str, String)]) -> String {
     let mut rest = page;
     while let Some((before, after)) = rest.split_once("{{") {
         text.push_str(before);
-        let Some((name, behind)) = after.split_once("}}") else { break };
+        let Some((name, behind)) = after.split_once("}}") else {
+            text.push_str("{{");
+            rest = after;
+            break;
+        };
         if let Some((_, own)) = slots.iter().find(|(known, _)| *known == name) {
             text.push_str(own);
         }

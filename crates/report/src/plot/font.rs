@@ -10,8 +10,10 @@ pub const FONT: &str = "atsplat";
 /// What an SVG asks for: the bundled font where it is installed, else one of the same widths.
 pub(super) const FAMILIES: &str = "DejaVu Sans, Bitstream Vera Sans, Verdana, sans-serif";
 
-/// plotters takes a font's height from ascender to descender, CSS its em.
-pub(super) const PLOTTERS_PER_CSS: f64 = 1.24;
+/// What plotters divides a size by to have CSS pixels in SVG.
+pub(super) const SVG_PER_CSS: f64 = 1.24;
+/// In pixels plotters takes a size from ascender to descender, which for `DejaVu` are 1901 and 483 of an em's 2048 units.
+pub(super) const PIXELS_PER_CSS: f64 = 2384.0 / 2048.0;
 
 /// Registers the bundled `DejaVu` Sans; plotters without a system font library knows no other.
 ///
@@ -30,7 +32,7 @@ pub fn register_fonts() -> Result<(), ReportError> {
 pub(super) fn width_of(text: &str, size: f64, bold: bool) -> f64 {
     let style = if bold { FontStyle::Bold } else { FontStyle::Normal };
     // Ten times as large, since plotters measures in whole pixels.
-    let font = FontDesc::new(FontFamily::Name(FONT), size * PLOTTERS_PER_CSS * 10.0, style);
+    let font = FontDesc::new(FontFamily::Name(FONT), size * PIXELS_PER_CSS * 10.0, style);
     let measured = register_fonts().ok().and_then(|()| font.layout_box(text).ok());
     measured.map_or(0.62 * size * text.chars().count() as f64, |((left, _), (right, _))| f64::from(right - left) / 10.0)
 }
@@ -55,7 +57,7 @@ mod tests {
         // DejaVu Sans: an em of 2048 units, "M" advances 1767, "i" 569.
         let advance = |letters: usize, units: f64| letters as f64 * units / 2048.0 * 20.0;
         let wide = width_of(&"M".repeat(10), 20.0, false);
-        assert!((wide - advance(10, 1767.0)).abs() < 6.0, "{wide}");
+        assert!((wide - advance(10, 1767.0)).abs() < 2.0, "{wide}");
         assert!(width_of("iiiiiiiiii", 20.0, false) < wide / 2.0);
     }
 

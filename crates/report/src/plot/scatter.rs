@@ -77,6 +77,7 @@ impl SceneScatter {
             labels.avoid_words(&words);
             drawing.words(words);
         }
+        labels.avoid_line(&[corner(scale.low()), corner(scale.high())]);
         for point in &self.points {
             labels.avoid(axes.place(point.x, point.y), 4.0);
         }

@@ -4,7 +4,7 @@ use atsplat_eval::statistics::CONFIDENCE;
 use atsplat_metrics::DECIBEL_CAP;
 
 use super::edition::{Edition, Part};
-use super::{Note, NoteKind, Row, Table, Value};
+use super::{Cell, Column, Counts, Note, NoteKind, Row, Table, Value};
 use crate::definition::{Quantity, TableDefinition};
 use crate::plot::Origin;
 
@@ -148,9 +148,11 @@ fn times(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     }
 }
 
-/// Columns of one group are about the same targets: the first metric that was computed speaks for all.
+/// Scenes and targets of a row; groups of columns that are about the same ones are told together.
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
+    let mut told: Vec<(Vec<&str>, String)> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
+<<<<<<< HEAD
         let cells: Vec<_> = own.columns.iter().zip(row.cells.get(group).into_iter().flatten()).collect();
         let counted: Vec<_> = cells.iter().filter_map(|(column, cell)| Some((column, cell.counts?))).collect();
         let Some((_, counts)) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first()) else {
@@ -162,19 +164,46 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
             if count > 0 {
                 text.push_str(&format!(", {count} {what} and not in the mean"));
             }
+=======
+        let Some(text) = counts_of(&own.columns, row.cells.get(group).map_or(&[], Vec::as_slice)) else { continue };
+        match told.iter_mut().find(|(_, known)| *known == text) {
+            Some((groups, _)) => groups.push(&own.title),
+            None => told.push((vec![&own.title], text)),
+>>>>>>> report
         }
-        let capped = counted.iter().any(|(column, _)| column.quantity.id().starts_with("psnr"));
-        if counts.identical > 0 && capped {
-            text.push_str(&format!(", {} identical to the truth and counted as {DECIBEL_CAP} dB", counts.identical));
-        }
-        if counted.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
-            text.push_str("; its metrics are over different targets");
-        }
-        notes.add(NoteKind::Counts, text);
+    }
+    let parts: Vec<String> = match told.as_slice() {
+        [(_, text)] => vec![text.clone()],
+        several => several.iter().map(|(groups, text)| format!("{}: {text}", groups.join(", "))).collect(),
+    };
+    if !parts.is_empty() {
+        notes.add(NoteKind::Counts, format!("{}: {}", name(row), parts.join("; ")));
     }
 }
 
+/// Columns of one group are about the same targets: the first metric that was computed speaks for all.
+fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
+    let counted: Vec<(&Column, Counts)> = columns.iter().zip(cells).filter_map(|(own, cell)| Some((own, cell.counts?))).collect();
+    let (_, counts) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first())?;
+    let plural = |count: u64, what: &str| if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") };
+    let mut text = format!("{}, {}", plural(counts.scenes, "scene"), plural(counts.targets, "target"));
+    for (count, what) in [(counts.failed, "failed"), (counts.non_finite, "not finite")] {
+        if count > 0 {
+            text.push_str(&format!(", {count} {what} and not in the mean"));
+        }
+    }
+    let capped = counted.iter().any(|(column, _)| column.quantity.id().starts_with("psnr"));
+    if counts.identical > 0 && capped {
+        text.push_str(&format!(", {} identical to the truth and counted as {DECIBEL_CAP} dB", counts.identical));
+    }
+    if counted.iter().any(|(_, other)| other.targets > 0 && other.targets != counts.targets) {
+        text.push_str(", metrics over different targets");
+    }
+    Some(text)
+}
+
 fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
+    let mut groups: Vec<String> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
         let cells = own.columns.iter().zip(row.cells.get(group).into_iter().flatten());
         let told: Vec<String> = cells
@@ -185,6 +214,7 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
             })
             .collect();
         if !told.is_empty() {
+<<<<<<< HEAD
             let percent = CONFIDENCE * 100.0;
             notes.add(
                 NoteKind::Interval,
@@ -195,7 +225,15 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
                     told.join(", ")
                 ),
             );
+=======
+            let title = if own.title.is_empty() { String::new() } else { format!("{}: ", own.title) };
+            groups.push(format!("{title}{}", told.join(", ")));
+>>>>>>> report
         }
+    }
+    if !groups.is_empty() {
+        let percent = CONFIDENCE * 100.0;
+        notes.add(NoteKind::Interval, format!("{percent:.0} % over scenes, {}: {}", name(row), groups.join("; ")));
     }
 }
 
@@ -203,11 +241,6 @@ fn name(row: &Row) -> String {
     let labels: Vec<&str> = row.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
     let leaked = if row.without_leaked { " ‡" } else { "" };
     format!("{}{leaked}", labels.join(", "))
-}
-
-fn of_group(table: &Table, group: usize) -> String {
-    let title = table.groups.get(group).map_or("", |group| group.title.as_str());
-    if title.is_empty() { String::new() } else { format!(" ({title})") }
 }
 
 /// The beginning of a hash.

@@ -1,6 +1,6 @@
 use serde::Serialize;
 
-use super::{Row, Table};
+use super::{NoteKind, Row, Table};
 use crate::definition::Quantity;
 use crate::plot::Origin;
 
@@ -20,12 +20,15 @@ pub struct Verdict {
     pub ordered: u64,
     /// Whether an answer has random weights.
     pub untrained: bool,
+    /// Whether what was run is what was published: index, entries, preset.
+    pub same_setting: bool,
 }
 
 /// Compares figures and orders; of several answers to a row the first counts. Columns that have no better way, as tokens, take
 /// part in figures alone.
 pub fn verdict(table: &Table) -> Verdict {
-    let mut verdict = Verdict { table: table.name.clone(), ..Verdict::default() };
+    let same_setting = !table.footer.iter().any(|note| note.kind == NoteKind::Setting);
+    let mut verdict = Verdict { table: table.name.clone(), same_setting, ..Verdict::default() };
     let published = table.rows.iter().filter(|row| row.origin == Origin::Published);
     let answer = |row: &Row| {
         let mut answers = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
@@ -77,6 +80,9 @@ impl std::fmt::Display for Verdict {
         }
         if self.untrained {
             write!(f, ", untrained")?;
+        }
+        if !self.same_setting {
+            write!(f, ", not the published setting")?;
         }
         Ok(())
     }
