@@ -140,7 +140,6 @@ fn frontier(cost: CostAxis) -> Frontier {
 }
 
 fn overlap_curves() -> OverlapCurves {
-<<<<<<< HEAD
     let curve = |base: f64, slope: f64| {
         (0..12).map(move |at| {
             let overlap = 0.08 + 0.062 * f64::from(at);
@@ -152,13 +151,6 @@ fn overlap_curves() -> OverlapCurves {
         points: curve(base, slope).collect(),
         origin: Origin::Measured,
     };
-=======
-    let curve = |base: f64, slope: f64| (0..12).map(move |at| {
-        let overlap = 0.08 + 0.062 * f64::from(at);
-        (overlap, around(base + slope * overlap, 0.25 + 0.3 * (overlap - 0.4).abs()))
-    });
-    let series = |label: &str, base, slope| OverlapSeries { label: label.to_owned(), points: curve(base, slope).collect(), origin: Origin::Measured };
->>>>>>> report
     OverlapCurves {
         title: "PSNR against overlap".to_owned(),
         subtitle: format!("RealEstate10K by overlap, 5601 scenes; {MADE_UP}"),

@@ -18,7 +18,6 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
     PresetRecord {
         name: name.to_owned(),
         stands_for: None,
-        stands_for: None,
         preset: name.to_owned(),
         title: preset.title.clone(),
         hash: preset.hash().unwrap().to_string(),

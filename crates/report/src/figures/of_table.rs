@@ -109,7 +109,8 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
     let rows: Vec<AblationRow> =
         published.iter().filter(|other| other.labels != reference.labels).filter_map(|other| row(other)).collect();
     let reference: Option<AblationRow> = row(reference);
-<<<<<<< HEAD
+    // Differences are what is drawn: without one there is nothing to see.
+    rows.iter().any(|row| row.gap.is_some()).then_some(())?;
     let ablation = Ablation {
         title: table.title.clone(),
         subtitle: subtitle(table, group),
@@ -117,11 +118,6 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
         reference: reference?,
         rows,
     };
-=======
-    // Differences are what is drawn: without one there is nothing to see.
-    rows.iter().any(|row| row.gap.is_some()).then_some(())?;
-    let ablation = Ablation { title: table.title.clone(), subtitle: subtitle(table, group), quality: metric.into(), reference: reference?, rows };
->>>>>>> report
     Some((table.name.clone(), ablation.draw()))
 }
 
@@ -160,18 +156,13 @@ fn k_scaling(table: &Table) -> Option<(String, Drawing)> {
         Some(KPoint { k: digits.parse().ok()?, quality: estimate(cells.get(at)?)?, gaussians, origin: row.origin })
     };
     let points: Vec<KPoint> = shown(table).filter_map(point).collect();
-<<<<<<< HEAD
-    let own = points.iter().any(|point| point.origin == Origin::Measured);
+    let own = points.iter().filter(|point| point.origin == Origin::Measured).count() > 1;
     let plot = KScaling {
         title: format!("{} against K", metric.name),
         subtitle: subtitle(table, group),
         quality: metric.into(),
         points,
     };
-=======
-    let own = points.iter().filter(|point| point.origin == Origin::Measured).count() > 1;
-    let plot = KScaling { title: format!("{} against K", metric.name), subtitle: subtitle(table, group), quality: metric.into(), points };
->>>>>>> report
     own.then(|| (table.name.clone(), plot.draw()))
 }
 

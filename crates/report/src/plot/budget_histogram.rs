@@ -37,15 +37,11 @@ impl BudgetHistogram {
         drawing.heading(&self.title, &self.subtitle);
         let counts = self.series.iter().flat_map(|series| series.gaussians.iter().copied()).chain(self.fixed);
         let bottom = 80.0 + ROW * self.series.len() as f64;
-<<<<<<< HEAD
         let axes = Axes {
             inside: Extent::new(210.0, 90.0, 836.0, bottom),
             x: Scale::around(counts, 0.04),
             y: Scale::linear(0.0, 1.0),
         };
-=======
-        let axes = Axes { inside: Extent::new(210.0, 90.0, 836.0, bottom), x: Scale::around(counts, 0.04), y: Scale::linear(0.0, 1.0) };
->>>>>>> report
         let label = |count: f64, _: &[f64]| count_label(count);
         for tick in axes.x.ticks(6) {
             drawing.line([[axes.x_of(tick), 90.0], [axes.x_of(tick), bottom]], Stroke::new(GRID, 1.0));

@@ -83,12 +83,8 @@ impl Drawing {
         B::ErrorType: 'static,
     {
         let raster = scale == PNG_SCALE;
-<<<<<<< HEAD
-        let pen = Pen { area, scale: f64::from(scale), drop: if raster { RASTER_DROP } else { 0.0 } };
-=======
         let (font, drop) = if raster { (PIXELS_PER_CSS, RASTER_DROP) } else { (SVG_PER_CSS, 0.0) };
         let pen = Pen { area, scale: f64::from(scale), font, drop };
->>>>>>> report
         pen.area.fill(&SURFACE).map_err(refused)?;
         // What an SVG embeds is blitted here; SVG itself gets it from `to_svg`.
         if raster {
@@ -140,11 +136,8 @@ pub fn image_of<E: From<ReportError>>(
 struct Pen<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
     scale: f64,
-<<<<<<< HEAD
-=======
     /// What plotters calls a font of one CSS pixel.
     font: f64,
->>>>>>> report
     /// How far a text is moved down, in parts of its size.
     drop: f64,
 }
@@ -193,19 +186,12 @@ where
             Side::Middle => HPos::Center,
             Side::Right => HPos::Right,
         };
-<<<<<<< HEAD
-        let font = (FONT, words.size * PLOTTERS_PER_CSS * self.scale, style);
+        let font = (FONT, words.size * self.font * self.scale, style);
         let text = TextStyle::from(font).color(&words.colour).pos(Pos::new(side, VPos::Center));
         let [x, y] = words.at;
         self.area
             .draw(&Text::new(words.text.as_str(), self.place([x, y + words.size * self.drop]), text))
             .map_err(refused)
-=======
-        let font = (FONT, words.size * self.font * self.scale, style);
-        let text = TextStyle::from(font).color(&words.colour).pos(Pos::new(side, VPos::Center));
-        let [x, y] = words.at;
-        self.area.draw(&Text::new(words.text.as_str(), self.place([x, y + words.size * self.drop]), text)).map_err(refused)
->>>>>>> report
     }
 
     /// Nearest samples, so that a reader sees the pixels that were scored.

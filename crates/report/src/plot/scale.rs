@@ -113,16 +113,6 @@ pub(super) fn bounds(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)
 
 /// A tick's label with as many decimals as all of them need.
 pub(super) fn label(value: f64, ticks: &[f64]) -> String {
-<<<<<<< HEAD
-    let step = ticks
-        .windows(2)
-        .map(|pair| (pair[1] - pair[0]).abs())
-        .fold(f64::INFINITY, |least, step| if step < least { step } else { least });
-    let decimals =
-        (0usize..6).find(|decimals| step * 10f64.powi(i32::try_from(*decimals).unwrap_or(6)) > 0.999).unwrap_or(6);
-    let text = if step.is_finite() { format!("{value:.decimals$}") } else { format!("{value}") };
-    text.replace('-', "−")
-=======
     const MOST: usize = 6;
     let whole = |decimals: usize| {
         let power = 10f64.powf(decimals as f64);
@@ -130,7 +120,6 @@ pub(super) fn label(value: f64, ticks: &[f64]) -> String {
     };
     let decimals = (0..MOST).find(|decimals| whole(*decimals)).unwrap_or(MOST);
     format!("{value:.decimals$}").replace('-', "−")
->>>>>>> report
 }
 
 /// A count in thousands or millions: `23K`, `5.9M`.
@@ -166,14 +155,10 @@ mod tests {
     #[test]
     fn ticks_are_round_and_inside() {
         assert_eq!(Scale::linear(0.13, 1.02).ticks(5), [0.2, 0.4, 0.6000000000000001, 0.8, 1.0]);
-<<<<<<< HEAD
         assert_eq!(
             Scale::linear(-1.0, 1.0).ticks(4).iter().map(|t| label(*t, &[0.0, 0.5])).collect::<Vec<_>>(),
             ["−1.0", "−0.5", "0.0", "0.5", "1.0"]
         );
-=======
-        assert_eq!(Scale::linear(-1.0, 1.0).ticks(4).iter().map(|t| label(*t, &[0.0, 0.5])).collect::<Vec<_>>(), ["−1.0", "−0.5", "0.0", "0.5", "1.0"]);
->>>>>>> report
         let ticks = Scale::logarithmic([5e3, 1e6], 0.05).ticks(6);
         assert_eq!(ticks, [5e3, 1e4, 2e4, 5e4, 1e5, 2e5, 5e5, 1e6]);
         for scale in [

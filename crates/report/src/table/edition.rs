@@ -66,13 +66,6 @@ fn suffix_of(record: &PresetRecord) -> &str {
     if record.stands_for.is_some() && own.is_empty() { "simulated" } else { own }
 }
 
-/// What tells apart results of one preset that share no table: the dataset that was added to its name, or that it only
-/// stands for the published one.
-fn suffix_of(record: &PresetRecord) -> &str {
-    let own = record.name.strip_prefix(record.preset.as_str()).unwrap_or("");
-    if record.stands_for.is_some() && own.is_empty() { "simulated" } else { own }
-}
-
 /// Every preset that a definition asks for.
 pub(super) fn presets(definition: &TableDefinition) -> Vec<&str> {
     let groups = definition.groups.iter().filter_map(|group| group.preset.as_deref());
@@ -98,9 +91,6 @@ impl Part<'_> {
     /// Why its numbers are not of the published setting; `None` where they are.
     pub(super) fn difference(&self) -> Option<String> {
         let record = self.preset;
-        if let Some(published) = &record.stands_for {
-            return Some(format!("{} stands for {published}: compare the order and the gaps of rows", record.name));
-        }
         if let Some(published) = &record.stands_for {
             return Some(format!("{} stands for {published}: compare the order and the gaps of rows", record.name));
         }

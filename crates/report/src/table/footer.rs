@@ -152,24 +152,10 @@ fn times(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     let mut told: Vec<(Vec<&str>, String)> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
-<<<<<<< HEAD
-        let cells: Vec<_> = own.columns.iter().zip(row.cells.get(group).into_iter().flatten()).collect();
-        let counted: Vec<_> = cells.iter().filter_map(|(column, cell)| Some((column, cell.counts?))).collect();
-        let Some((_, counts)) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first()) else {
-            continue;
-        };
-        let mut text =
-            format!("{}{}: {} scenes, {} targets", name(row), of_group(table, group), counts.scenes, counts.targets);
-        for (count, what) in [(counts.failed, "failed"), (counts.non_finite, "not finite")] {
-            if count > 0 {
-                text.push_str(&format!(", {count} {what} and not in the mean"));
-            }
-=======
         let Some(text) = counts_of(&own.columns, row.cells.get(group).map_or(&[], Vec::as_slice)) else { continue };
         match told.iter_mut().find(|(_, known)| *known == text) {
             Some((groups, _)) => groups.push(&own.title),
             None => told.push((vec![&own.title], text)),
->>>>>>> report
         }
     }
     let parts: Vec<String> = match told.as_slice() {
@@ -183,7 +169,8 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
 
 /// Columns of one group are about the same targets: the first metric that was computed speaks for all.
 fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
-    let counted: Vec<(&Column, Counts)> = columns.iter().zip(cells).filter_map(|(own, cell)| Some((own, cell.counts?))).collect();
+    let counted: Vec<(&Column, Counts)> =
+        columns.iter().zip(cells).filter_map(|(own, cell)| Some((own, cell.counts?))).collect();
     let (_, counts) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first())?;
     let plural = |count: u64, what: &str| if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") };
     let mut text = format!("{}, {}", plural(counts.scenes, "scene"), plural(counts.targets, "target"));
@@ -214,21 +201,8 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
             })
             .collect();
         if !told.is_empty() {
-<<<<<<< HEAD
-            let percent = CONFIDENCE * 100.0;
-            notes.add(
-                NoteKind::Interval,
-                format!(
-                    "{percent:.0} % intervals over scenes, {}{}: {}",
-                    name(row),
-                    of_group(table, group),
-                    told.join(", ")
-                ),
-            );
-=======
             let title = if own.title.is_empty() { String::new() } else { format!("{}: ", own.title) };
             groups.push(format!("{title}{}", told.join(", ")));
->>>>>>> report
         }
     }
     if !groups.is_empty() {
