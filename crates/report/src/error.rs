@@ -33,12 +33,12 @@ pub enum ReportError {
         source: toml::de::Error,
     },
     /// A CSV file of published numbers is broken.
-    #[error("eval/published/{file}: {source}")]
+    #[error("eval/published/{file}: {problem}")]
     Csv {
         /// Its name.
         file: String,
-        /// What the parser says.
-        source: csv::Error,
+        /// Line, what was expected and found.
+        problem: String,
     },
     /// The bundled font cannot be read.
     #[error("the bundled font cannot be read")]

@@ -4,6 +4,7 @@
 //! rows first and what was measured below each; [`emit::TableFormat`] writes it. [`plot`] turns plain data into drawings, and
 //! [`Report`] puts everything into a folder with one page that needs no other file.
 
+mod csv_text;
 pub mod definition;
 pub mod emit;
 mod error;

@@ -1,7 +1,7 @@
 use serde::Serialize;
 
 use super::{ColumnGroup, TableDefinition};
-use crate::ReportError;
+use crate::{ReportError, csv_text};
 use crate::table::Value;
 
 /// What a paper printed, in the order in which it did.
@@ -26,9 +26,10 @@ impl Published {
     /// # Errors
     /// [`ReportError::Csv`]; [`ReportError::Definition`] where a column that the definition names is not there.
     pub(super) fn parse(file: &str, text: &str, definition: &TableDefinition) -> Result<Self, ReportError> {
-        let broken = |source| ReportError::Csv { file: file.to_owned(), source };
-        let mut reader = csv::Reader::from_reader(text.as_bytes());
-        let header: Vec<String> = reader.headers().map_err(broken)?.iter().map(str::to_owned).collect();
+        let mut records = csv_text::parse(text)
+            .map_err(|problem| ReportError::Csv { file: file.to_owned(), problem })?
+            .into_iter();
+        let header = records.next().unwrap_or_default();
         let place = |name: &str| {
             let found = header.iter().position(|known| known == name);
             found.ok_or_else(|| definition.wrong(&format!("column {name:?} in eval/published/{file}"), header.join(", ")))
@@ -42,9 +43,8 @@ impl Published {
             fields(&label.text).try_for_each(|name| place(name).map(|_| ()))?;
         }
         let mut rows = Vec::new();
-        for record in reader.records() {
-            let record = record.map_err(broken)?;
-            let field = |at: usize| record.get(at).unwrap_or_default();
+        for record in records {
+            let field = |at: usize| record.get(at).map_or("", String::as_str);
             let filled = |text: &str| {
                 let names = header.iter().enumerate();
                 names.fold(text.to_owned(), |text, (at, name)| text.replace(&format!("{{{name}}}"), field(at)))

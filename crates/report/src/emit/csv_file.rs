@@ -1,12 +1,10 @@
-use crate::ReportError;
+use crate::csv_text::line;
 use crate::plot::Origin;
 use crate::table::{Row, Table, Value};
 
 /// One line per row: labels, origin, then each number in full precision with its interval and scenes. Published numbers have
 /// the names of their columns in `eval/published`.
-pub(super) fn write(table: &Table) -> Result<String, ReportError> {
-    let broken = |source| ReportError::Csv { file: format!("{}.csv", table.name), source };
-    let mut writer = csv::Writer::from_writer(Vec::new());
+pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
     head.extend(["from", "method_id", "store", "untrained", "without_leaked"].map(str::to_owned));
     for (_, column) in table.columns() {
@@ -14,12 +12,8 @@ pub(super) fn write(table: &Table) -> Result<String, ReportError> {
         head.push(name.clone());
         head.extend(["low", "high", "scenes"].map(|what| format!("{name}_{what}")));
     }
-    writer.write_record(&head).map_err(broken)?;
-    for row in &table.rows {
-        writer.write_record(record(table, row)).map_err(broken)?;
-    }
-    let bytes = writer.into_inner().map_err(|error| broken(error.into_error().into()))?;
-    Ok(String::from_utf8_lossy(&bytes).into_owned())
+    let rows = table.rows.iter().map(|row| line(&record(table, row)));
+    std::iter::once(line(&head)).chain(rows).collect()
 }
 
 fn record(table: &Table, row: &Row) -> Vec<String> {

@@ -50,13 +50,13 @@ impl TableFormat {
     /// The table as text.
     ///
     /// # Errors
-    /// [`ReportError::Csv`] and [`ReportError::Json`], which tables of numbers and words do not cause.
+    /// [`ReportError::Json`], which tables of numbers and words do not cause.
     pub fn write(self, table: &Table) -> Result<String, ReportError> {
         match self {
             Self::Terminal => Ok(Terminal { width: 120, styled: false }.write(table)),
             Self::Markdown => Ok(markdown::write(table)),
             Self::Latex => Ok(latex::write(table)),
-            Self::Csv => csv_file::write(table),
+            Self::Csv => Ok(csv_file::write(table)),
             Self::Json => Ok(format!("{}\n", serde_json::to_string_pretty(&json_of(table))?)),
         }
     }

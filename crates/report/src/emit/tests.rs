@@ -87,8 +87,7 @@ fn hostile_names_stay_text() {
     assert!(!body.contains("\\input") && body.contains("\\textbackslash{}input"), "{latex}");
     assert!(!body.replace("\\%", "").contains('%'), "nothing else is a comment: {latex}");
     let csv = write(TableFormat::Csv);
-    let mut reader = csv::Reader::from_reader(csv.as_bytes());
-    assert!(reader.records().all(|record| record.is_ok()), "{csv}");
+    assert_eq!(crate::csv_text::parse(&csv).unwrap().len(), table.rows.len() + 1, "{csv}");
     serde_json::from_str::<serde_json::Value>(&write(TableFormat::Json)).unwrap();
 }
 
@@ -133,15 +132,14 @@ fn marks_are_the_papers() {
 fn csv_holds_full_precision_and_json_everything() {
     let table = measured("re10k");
     let text = TableFormat::Csv.write(&table).unwrap();
-    let mut reader = csv::Reader::from_reader(text.as_bytes());
-    let head = reader.headers().unwrap().clone();
-    let at = |name: &str| head.iter().position(|own| own == name).unwrap();
+    let records = crate::csv_text::parse(&text).unwrap();
+    let at = |name: &str| records[0].iter().position(|own| own == name).unwrap();
     let own = table.rows.iter().position(|row| row.method.as_deref() == Some("atsplat")).unwrap();
-    let record = reader.records().nth(own).unwrap().unwrap();
+    let record = &records[own + 1];
     let cell = &table.rows[own].cells[0][0];
     assert_eq!(record[at("psnr")].parse::<f64>().unwrap().to_bits(), cell.value.number().unwrap().to_bits());
     assert_eq!(record[at("psnr_low")].parse::<f64>().unwrap().to_bits(), cell.interval.unwrap()[0].to_bits());
-    assert_eq!((&record[at("psnr_scenes")], &record[at("lpips")]), ("4", ""));
+    assert_eq!((record[at("psnr_scenes")].as_str(), record[at("lpips")].as_str()), ("4", ""));
     let json: serde_json::Value = serde_json::from_str(&TableFormat::Json.write(&table).unwrap()).unwrap();
     assert_eq!(json["table"]["rows"].as_array().unwrap().len(), table.rows.len());
 }
