@@ -52,7 +52,7 @@ impl MethodRule {
 
 /// What a method changes of ATSplat: `full` for nothing, else the name of the ablation. A method may say so itself, by a
 /// parameter `variant`; else its configuration tells. `None` where neither is known, or where it is no row of the paper's.
-pub fn variant(record: &MethodRecord) -> Option<String> {
+pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
     if let Some(told) = record.parameters.get("variant").and_then(serde_json::Value::as_str) {
         return Some(told.to_owned());
     }
