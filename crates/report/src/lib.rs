@@ -5,6 +5,12 @@
 //! [`Report`] puts everything into a folder with one page that needs no other file.
 
 mod csv_text;
+#![expect(
+    clippy::format_push_string,
+    clippy::format_collect,
+    reason = "tables and pages are text that grows piece by piece; their size is that of what they show"
+)]
+
 pub mod definition;
 pub mod emit;
 mod error;

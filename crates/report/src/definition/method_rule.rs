@@ -64,7 +64,7 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
         AnchorDesign::DirectXyz {} => Some("direct-xyz"),
     };
     let active: Vec<BlockExpansion> =
-        config.decoder.blocks.iter().filter_map(|block| block.active_expansion()).collect();
+        config.decoder.blocks.iter().filter_map(atsplat_model::config::BlockConfig::active_expansion).collect();
     let possible = config.decoder.blocks.iter().filter(|block| block.expansion.is_some()).count();
     let ratios: Vec<f64> = active
         .iter()
@@ -97,7 +97,7 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
 }
 
 fn thresholds(config: &ModelConfig) -> Vec<f64> {
-    let active = config.decoder.blocks.iter().filter_map(|block| block.active_expansion());
+    let active = config.decoder.blocks.iter().filter_map(atsplat_model::config::BlockConfig::active_expansion);
     let threshold = |expansion| match expansion {
         BlockExpansion::Threshold(threshold) => Some(threshold),
         BlockExpansion::Ratio(_) => None,

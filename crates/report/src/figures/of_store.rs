@@ -75,7 +75,7 @@ impl<'a> View<'a> {
             OverlapBins::new(BinRule::Strict, (0..STEPS).map(|step| step.to_string()).collect(), edges.clone()).ok()?;
         let series = |method: &'a MethodRecord| {
             let binned = by_overlap(self.results, &self.question(&method.name, metric), &fine);
-            let middles = edges.windows(2).map(|pair| (pair[0] + pair[1]) / 2.0);
+            let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
             let points =
                 middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
             OverlapSeries { label: method.title.clone(), points: points.collect(), origin: Origin::Measured }

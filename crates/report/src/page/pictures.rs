@@ -55,15 +55,16 @@ impl Album {
                     continue;
                 };
                 let known = truths.get(&truth_key).copied();
-                let truth = match known {
-                    Some(_) => String::new(),
-                    None => match uri(&atsplat_eval::runner::picture_path(folder, &truth_key.1, row.frame)) {
+                let truth = if known.is_some() {
+                    String::new()
+                } else {
+                    match uri(&atsplat_eval::runner::picture_path(folder, &truth_key.1, row.frame)) {
                         Some(truth) => truth,
                         None => {
                             album.unreadable += 1;
                             continue;
                         }
-                    },
+                    }
                 };
                 let Some(rest) = left.checked_sub(render.len() + truth.len()) else {
                     album.over_budget += 1;

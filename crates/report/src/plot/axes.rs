@@ -60,7 +60,7 @@ impl Axes {
             );
         }
         drawing
-            .words(Words::new(text.title, [(left + right) / 2.0, bottom + 36.0]).size(12.5).muted().side(Side::Middle));
+            .words(Words::new(text.title, [f64::midpoint(left, right), bottom + 36.0]).size(12.5).muted().side(Side::Middle));
     }
 }
 

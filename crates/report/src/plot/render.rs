@@ -226,6 +226,7 @@ fn filled(fill: Fill) -> ShapeStyle {
     fill.colour.mix(fill.opacity).filled()
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "map_err hands errors over")]
 fn refused<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> ReportError {
     ReportError::Plot(error.to_string())
 }

@@ -56,11 +56,11 @@ impl SceneScatter {
         let better = |point: &ScatterPoint| self.quality.better(point.y, point.x);
         for point in &self.points {
             let colour = if better(point) { COLOURS[0] } else { COLOURS[1] };
-            let colour = if point.x == point.y { GREY } else { colour };
+            let colour = if is_tie(point) { GREY } else { colour };
             drawing.disc(axes.place(point.x, point.y), 3.5, Fill::faint(colour, 0.75));
         }
         let (wins, ties) =
-            (self.points.iter().filter(|p| better(p)).count(), self.points.iter().filter(|p| p.x == p.y).count());
+            (self.points.iter().filter(|p| better(p)).count(), self.points.iter().filter(|p| is_tie(p)).count());
         let above = self.quality.better(1.0, 0.0);
         let (first, second) =
             if above { (wins, self.points.len() - wins - ties) } else { (self.points.len() - wins - ties, wins) };
@@ -81,7 +81,7 @@ impl SceneScatter {
         for point in &self.points {
             labels.avoid(axes.place(point.x, point.y), 4.0);
         }
-        let mut order: Vec<&ScatterPoint> = self.points.iter().filter(|point| point.x != point.y).collect();
+        let mut order: Vec<&ScatterPoint> = self.points.iter().filter(|point| !is_tie(point)).collect();
         order.sort_by(|a, b| (b.x - b.y).abs().total_cmp(&(a.x - a.y).abs()).then_with(|| a.scene.cmp(&b.scene)));
         for point in order.into_iter().take(self.named) {
             let words = Words {
@@ -93,3 +93,8 @@ impl SceneScatter {
         drawing
     }
 }
+/// Whether both methods score alike, to the bit.
+fn is_tie(point: &ScatterPoint) -> bool {
+    point.x.total_cmp(&point.y).is_eq()
+}
+

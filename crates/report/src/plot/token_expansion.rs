@@ -63,11 +63,11 @@ impl TokenExpansion {
             let own = colour(expansion.block.saturating_sub(1));
             drawing.ring(place(expansion.parent), 3.5, Stroke::new(own, 1.5));
         }
-        self.key(&mut drawing, &shown);
+        Self::key(&mut drawing, &shown);
         drawing
     }
 
-    fn key(&self, drawing: &mut Drawing, shown: &[&Expansion]) {
+    fn key(drawing: &mut Drawing, shown: &[&Expansion]) {
         let blocks = bounds(shown.iter().map(|expansion| expansion.block as f64));
         let mut x = 20.0;
         let mut entry = |drawing: &mut Drawing, text: String, mark: &dyn Fn(&mut Drawing, [f64; 2])| {
