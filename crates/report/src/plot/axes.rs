@@ -59,8 +59,9 @@ impl Axes {
                 Words::new((text.label)(*tick, ticks), [x, bottom + 16.0]).size(12.0).muted().side(Side::Middle),
             );
         }
-        drawing
-            .words(Words::new(text.title, [f64::midpoint(left, right), bottom + 36.0]).size(12.5).muted().side(Side::Middle));
+        drawing.words(
+            Words::new(text.title, [f64::midpoint(left, right), bottom + 36.0]).size(12.5).muted().side(Side::Middle),
+        );
     }
 }
 

@@ -115,7 +115,11 @@ impl Frontier {
     fn steps<'a>(&self, points: impl Iterator<Item = &'a FrontierPoint>) -> Vec<&'a FrontierPoint> {
         let mut sorted: Vec<&FrontierPoint> = points.collect();
         sorted.sort_by(|a, b| {
-            a.cost.total_cmp(&b.cost).then(if self.quality.better(a.quality.value, b.quality.value) { std::cmp::Ordering::Less } else { std::cmp::Ordering::Greater })
+            a.cost.total_cmp(&b.cost).then(if self.quality.better(a.quality.value, b.quality.value) {
+                std::cmp::Ordering::Less
+            } else {
+                std::cmp::Ordering::Greater
+            })
         });
         let mut steps: Vec<&FrontierPoint> = Vec::new();
         for point in sorted {

@@ -64,7 +64,10 @@ impl OverlapCurves {
             }
             let name = shortened(&format!("{} · {}", bin.name, bin.scenes), 12.0, false, to - from - 6.0);
             drawing.words(
-                Words::new(name, [f64::midpoint(from, to), axes.inside.top + 12.0]).size(12.0).muted().side(Side::Middle),
+                Words::new(name, [f64::midpoint(from, to), axes.inside.top + 12.0])
+                    .size(12.0)
+                    .muted()
+                    .side(Side::Middle),
             );
         }
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));

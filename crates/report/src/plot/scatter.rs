@@ -97,4 +97,3 @@ impl SceneScatter {
 fn is_tie(point: &ScatterPoint) -> bool {
     point.x.total_cmp(&point.y).is_eq()
 }
-

@@ -60,8 +60,10 @@ impl StageTime {
                 let text = seconds_label(*secs);
                 if width_of(&text, 11.5, true) + 10.0 < part.width() {
                     let light = stage % 6 >= 3;
-                    let words =
-                        Words::new(text, [f64::midpoint(part.left, part.right), middle]).size(11.5).bold().side(Side::Middle);
+                    let words = Words::new(text, [f64::midpoint(part.left, part.right), middle])
+                        .size(11.5)
+                        .bold()
+                        .side(Side::Middle);
                     drawing.words(Words { colour: if light { ON_LIGHT } else { SURFACE }, ..words });
                 }
                 from += secs;
