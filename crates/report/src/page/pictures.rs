@@ -58,13 +58,12 @@ impl Album {
                 let truth = if known.is_some() {
                     String::new()
                 } else {
-                    match uri(&atsplat_eval::runner::picture_path(folder, &truth_key.1, row.frame)) {
-                        Some(truth) => truth,
-                        None => {
-                            album.unreadable += 1;
-                            continue;
-                        }
-                    }
+                    let path = &atsplat_eval::runner::picture_path(folder, &truth_key.1, row.frame);
+                    let Some(truth) = uri(path) else {
+                        album.unreadable += 1;
+                        continue;
+                    };
+                    truth
                 };
                 let Some(rest) = left.checked_sub(render.len() + truth.len()) else {
                     album.over_budget += 1;
