@@ -4,5 +4,5 @@ use atsplat_eval::Provenance;
 
 /// What a run says of itself.
 pub(crate) fn here() -> Provenance {
-    atsplat_eval::runner::here(env!("CARGO_PKG_VERSION"), None, std::env::args().collect())
+    atsplat_eval::runner::here(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), std::env::args().collect())
 }

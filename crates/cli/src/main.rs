@@ -18,10 +18,12 @@ mod protocol;
 mod reconstruct;
 mod render;
 mod report;
+mod reproduce;
 mod run;
 mod selection;
 mod stress;
 mod tradeoff;
+mod train;
 mod weights;
 mod words;
 
@@ -32,6 +34,9 @@ use clap::error::ErrorKind;
 use clap::{CommandFactory as _, Parser, Subcommand};
 
 use crate::exit::Exit;
+
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
 /// Evaluates feed-forward 3D Gaussian splatting: scenes, protocols, trials.
 #[derive(Debug, Parser)]
@@ -51,6 +56,8 @@ struct Words {
 
 #[derive(Debug, Subcommand)]
 enum Command {
+    /// Run everything that can run here, and write the whole report: every table and plot, measured beside published.
+    Reproduce(reproduce::Words),
     /// Look at datasets, convert them, cut frames, undistort.
     #[command(subcommand)]
     Data(data::Command),
@@ -80,6 +87,8 @@ enum Command {
     Tradeoff(tradeoff::Words),
     /// List graphics adapters, and test each.
     Adapters(adapters::Words),
+    /// Train a network as a configuration says; a run can be killed at any moment and resumed to the same bits.
+    Train(train::Words),
     /// Put every renderer through the hard cases; exits with 1 where one fails.
     Stress(stress::Words),
 }
@@ -122,13 +131,21 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         .context("starting worker threads")?;
     let may_skip = matches!(
         words.command,
-        Command::Data(_) | Command::Protocol(_) | Command::Render(_) | Command::Report(_) | Command::Run(_) | Command::Score(_)
+        Command::Data(_)
+            | Command::Protocol(_)
+            | Command::Render(_)
+            | Command::Report(_)
+            | Command::Reproduce(_)
+            | Command::Run(_)
+            | Command::Score(_)
+            | Command::Tradeoff(_)
     );
     if words.strict && !may_skip {
         let told = "--strict: this command skips nothing";
         return Err(Words::command().error(ErrorKind::ArgumentConflict, told).into());
     }
     let complete = match &words.command {
+        Command::Reproduce(words) => reproduce::run(words)?,
         Command::Data(command) => data::run(command)?,
         Command::Protocol(command) => protocol::run(command)?,
         Command::Render(words) => render::run(words)?,
@@ -140,11 +157,12 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         Command::Weights(command) => weights::run(command)?,
         Command::Adapters(words) => adapters::run(words)?,
         Command::Drift(words) => return drift::run(words),
-        Command::Tradeoff(words) => {
-            tradeoff::run(words)?;
-            true
-        }
+        Command::Tradeoff(words) => tradeoff::run(words)?,
         Command::Budget(words) => return Ok(tested(budget::run(words)?)),
+        Command::Train(words) => {
+            train::run(words)?;
+            return Ok(Exit::Done);
+        }
         Command::Stress(words) => return Ok(tested(stress::run(words)?)),
     };
     Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })

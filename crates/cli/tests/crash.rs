@@ -62,11 +62,11 @@ fn killed_after(here: &Path, out: &str, delay: Duration) {
 fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    data(here, 24);
+    data(here, 16);
     let start = Instant::now();
     let expected = finished(here, "undisturbed");
     let whole = start.elapsed();
-    assert_eq!(expected.trials.len(), 48);
+    assert_eq!(expected.trials.len(), 32);
     let mut partial = 0;
     for moment in 0..20u32 {
         let out = format!("killed-{moment}");
@@ -74,7 +74,7 @@ fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
         let share = (f64::from(moment) * 0.618_033_988_75).fract();
         killed_after(here, &out, whole.mul_f64(share));
         let left = Results::read(&here.join(&out)).map_or(0, |results| results.trials.len());
-        partial += usize::from(left > 0 && left < 48);
+        partial += usize::from(left > 0 && left < 32);
         let resumed = finished(here, &out);
         assert_eq!(bare(&resumed), bare(&expected), "killed after {share} of the time, with {left} trials there");
         assert!(!here.join(&out).join("parts").exists());
@@ -96,10 +96,11 @@ fn killed_again_and_again_it_ends_the_same() {
     assert_eq!(bare(&finished(here, "store")), bare(&expected));
 }
 
-/// Files may grow to 8 KiB and no further: what is written first fits, the rows of a trial do not.
+/// Files may grow to 24 KiB (48 where the shell counts in KiB) and no further: the provenance fits, the rows of a trial
+/// with many targets do not.
 fn with_a_full_disk(here: &Path, out: &str) -> Output {
     let program = env!("CARGO_BIN_EXE_atsplat");
-    let script = "trap '' XFSZ; ulimit -f 16; exec \"$0\" \"$@\"";
+    let script = "trap '' XFSZ; ulimit -f 48; exec \"$0\" \"$@\"";
     let mut words = vec!["-c", script, program, "run", "tiny.toml", "--data", "data", "--method", "warp"];
     words.extend(["--metrics", "all", "--out", out]);
     Command::new("sh").args(words).current_dir(here).output().unwrap()
@@ -120,15 +121,13 @@ fn a_full_disk_ends_the_run_and_loses_nothing() {
     let told = String::from_utf8(full.stderr).unwrap();
     assert_eq!(full.status.code(), Some(1), "{told}");
     assert!(told.contains("writing results") && told.contains("store"), "{told}");
-    let left = Results::read(&here.join("store"));
+    let left = Results::read(&here.join("store")).unwrap();
+    assert!(left.trials.iter().all(|trial| trial.targets == 2), "whole trials or none");
     let resume = |out: &str| {
         let words = ["run", "tiny.toml", "--data", "data", "--method", "warp", "--metrics", "all", "--out", out];
         let status = Command::new(env!("CARGO_BIN_EXE_atsplat")).args(words).current_dir(here).output().unwrap();
         assert!(status.status.success(), "{}", String::from_utf8_lossy(&status.stderr));
         Results::read(&here.join(out)).unwrap()
     };
-    if let Ok(left) = left {
-        assert!(left.trials.iter().all(|trial| trial.targets == 2), "whole trials or none");
-    }
     assert_eq!(bare(&resume("store")), bare(&resume("undisturbed")));
 }

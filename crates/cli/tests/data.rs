@@ -142,3 +142,36 @@ fn an_error_says_each_thing_once() {
     assert_eq!(outcome.stderr.matches("No such file").count(), 1, "{}", outcome.stderr);
     assert_eq!(atsplat(folder.path(), &["--threads", "5000", "protocol", "list"]).code, 2);
 }
+
+#[test]
+fn simulated_scenes_are_datasets_in_every_layout() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let simulate = |out: &str, more: &[&str]| {
+        let plain = ["data", "simulate", out, "--scenes", "2", "--frames", "3", "--size", "32x24", "--json"];
+        succeed(here, &[&plain, more].concat())
+    };
+    for (layout, inside) in [("re10k", "test"), ("chunks", "test"), ("nerfstudio", "")] {
+        let report: serde_json::Value = serde_json::from_str(&simulate(layout, &["--layout", layout])).unwrap();
+        assert_eq!(report["scenes"][1]["key"], "rooms-test-00000001", "{report}");
+        let found = succeed(here, &["data", "inspect", &format!("{layout}/{inside}"), "--json"]);
+        let found: serde_json::Value = serde_json::from_str(&found).unwrap();
+        assert_eq!((&found["scenes"]["read"], &found["frames"]), (&2.into(), &6.into()), "{layout}: {found}");
+    }
+    let again = atsplat(here, &["data", "simulate", "re10k", "--scenes", "1"]);
+    assert_eq!(again.code, 1);
+    assert!(again.stderr.contains("not empty"), "{}", again.stderr);
+    assert_eq!(atsplat(here, &["data", "simulate", "new", "--effects", "fog"]).code, 2);
+    assert!(!here.join("new").exists(), "wrong words make no folder");
+}
+
+#[test]
+fn a_simulated_camera_follows_a_given_route() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_trajectory(&here.join("route.txt"), 5);
+    let words = ["data", "simulate", "out", "--scenes", "3..4", "--route", "route.txt", "--size", "24x16", "--depth"];
+    let told = succeed(here, &words);
+    assert!(told.starts_with("rooms-test-00000003: ") && told.contains("1 scenes, 5 frames"), "{told}");
+    assert_eq!(here.join("out/depth/rooms-test-00000003").read_dir().unwrap().count(), 5);
+}

@@ -1,5 +1,7 @@
 //! `atsplat drift` and `atsplat tradeoff` as a user runs them.
 
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
 #[expect(dead_code, reason = "stores need no dataset")]
 mod common;
 

@@ -128,3 +128,23 @@ fn an_output_that_cannot_be_written_fails_before_the_work() {
     assert_eq!(outcome.code, 1);
     assert!(outcome.stderr.contains("file"), "the plot is named, not the missing data: {}", outcome.stderr);
 }
+
+#[test]
+fn estimators_of_overlap_are_judged_by_true_covisibility() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let words = ["protocol", "estimators", "--scenes", "3", "--pairs", "6", "--size", "48x36"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&words[..], &["--json"]].concat())).unwrap();
+    assert_eq!(report["pairs"].as_array().unwrap().len(), 36, "{report}");
+    let rows = report["estimators"].as_array().unwrap();
+    for kind in ["rooms", "yards"] {
+        let of = |name: &str| {
+            let row = rows.iter().find(|row| row["kind"] == kind && row["estimator"] == name).unwrap();
+            row["rank-correlation"].as_f64().unwrap()
+        };
+        let ordered = [of("epipolar-ray"), of("depth-covisibility")];
+        assert!(ordered[1] > 0.85 && ordered[1] > ordered[0], "{kind}: depth knows more than cameras do: {ordered:?}");
+    }
+    let text = succeed(here, &words);
+    assert!(text.starts_with("36 pairs of views of 6 simulated scenes"), "{text}");
+}

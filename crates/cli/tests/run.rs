@@ -51,7 +51,7 @@ fn a_simulated_dataset_goes_through_the_floors_and_comes_back_identical() {
     simulated(here, 2);
     let words = ["run", "tiny.toml", "--data", "data/test", "--out", "floors", "--keep-pictures", "all"];
     let told = succeed(here, &[&words[..], &FLOORS].concat());
-    assert!(told.contains("4 results computed") && told.contains("LPIPS") || told.contains("lpips"), "{told}");
+    assert!(told.contains("4 results computed"), "{told}");
     let floors = Results::read(&here.join("floors")).unwrap();
     assert_eq!((floors.trials.len(), floors.targets.len()), (4, 12));
     assert!(floors.targets.iter().all(|row| row.scores.contains_key("ssim")));
@@ -140,9 +140,8 @@ fn broken_renders_are_counted_rows() {
     assert!(detail(0).contains("no file for frame 1"), "{}", detail(0));
     assert!(detail(1).contains("000002.png"), "{}", detail(1));
     assert!(detail(3).contains("expected a picture of 40×40, found 20×20"), "{}", detail(3));
-    let statuses: Vec<TargetStatus> = scored.targets.iter().map(|row| row.status).collect();
-    let (failed, fine) = (TargetStatus::Failed, TargetStatus::Scored);
-    assert_eq!(statuses, [failed, failed, fine, failed, fine, fine]);
+    let failed: Vec<bool> = scored.targets.iter().map(|row| row.status == TargetStatus::Failed).collect();
+    assert_eq!(failed, [true, true, false, true, false, false]);
 }
 
 #[test]

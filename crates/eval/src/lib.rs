@@ -11,6 +11,7 @@ mod rows;
 pub mod runner;
 #[cfg(test)]
 mod sample_rows;
+pub mod sources;
 pub mod statistics;
 pub mod store;
 pub mod tradeoff;

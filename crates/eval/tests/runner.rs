@@ -9,13 +9,16 @@ use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use atsplat_eval::method::{Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Repetitions, Warp};
-use atsplat_eval::runner::{Dataset, KeepPictures, Plan, Selection, Summary, here, named_metrics, picture_path, run};
+use atsplat_eval::runner::{
+    Dataset, KeepPictures, Plan, PlannedIndex, Selection, Summary, here, named_metrics, picture_path, run,
+};
 use atsplat_eval::{
     EvalError, IDENTICAL, MethodRecord, Results, Shard, Store, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus,
 };
 use atsplat_metrics::{Networks, Suite};
 use atsplat_pixels::Image;
 use atsplat_protocol::trial::Prefetch;
+use atsplat_scene::Warnings;
 use common::{SIZE, Walls, dataset, entry};
 
 /// Does to each scene what its number says, and counts how often it was asked.
@@ -303,4 +306,17 @@ fn names_that_clash_and_shards_that_are_none_are_refused() {
     let mut setting = Setting::new(Walls::new(1, 8), floors());
     setting.selection.shard = Some(Shard { number: 4, of: 3 });
     assert!(setting.plan().provenance(here("0", None, Vec::new())).is_err());
+}
+
+/// DepthSplat's rule asks for every frame of a window: those that the capture lists and lacks are none of them.
+#[test]
+fn a_sampled_index_asks_for_pictures_that_are_there() {
+    let walls = Walls { gaps: true, ..Walls::new(1, 60) };
+    let index = PlannedIndex::sampled("dl3dv-6v", &walls, &mut Warnings::new()).unwrap();
+    let entry = &index.index.scenes["wall-0"][0];
+    assert_eq!((entry.context.len(), entry.target.len()), (6, 50));
+    assert!(entry.context.iter().chain(&entry.target).all(|frame| frame % 7 != 3), "{entry:?}");
+    assert_eq!(entry.target.last(), Some(&57), "50 pictures reach beyond frame 49");
+    let whole = PlannedIndex::sampled("dl3dv-6v", &Walls::new(1, 60), &mut Warnings::new()).unwrap();
+    assert_eq!(whole.index.scenes["wall-0"][0].target, (0..50).collect::<Vec<_>>());
 }

@@ -1,14 +1,7 @@
 //! Numbers that depend on what they are for and nothing else: `SplitMix64` (Steele, Lea, Flood 2014) as a hash.
 //! `oracle/hashed.py` makes the same.
 
-const GOLDEN: u64 = 0x9e37_79b9_7f4a_7c15;
-
-/// The finaliser of `SplitMix64`.
-const fn mix(mut z: u64) -> u64 {
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    z ^ (z >> 31)
-}
+use atsplat_numeric::{SPLIT_MIX_STEP as GOLDEN, split_mix as mix};
 
 /// An endless sequence that can be entered anywhere.
 #[derive(Clone, Copy, Debug)]

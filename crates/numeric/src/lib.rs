@@ -5,9 +5,13 @@
 //! the same reason: the row in which every crate reports how it fared with a hard case, [`StressRow`].
 
 mod extremes;
+mod rank;
+mod split_mix;
 mod stress;
 mod tolerance;
 
 pub use extremes::Extremes;
+pub use rank::rank_correlation;
+pub use split_mix::{SPLIT_MIX_STEP, split_mix};
 pub use stress::{MeasuredError, StressRow};
 pub use tolerance::{Mismatch, Tolerance};

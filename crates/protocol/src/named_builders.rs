@@ -19,6 +19,12 @@ const BUILT_IN: &[(&str, &str)] = built_in![
     "dl3dv-12v",
     "dl3dv-6v-8t",
     "dl3dv-5v-360",
+    "dl3dv-2v-4t",
+    "dl3dv-4v-4t",
+    "dl3dv-6v-4t",
+    "dl3dv-12v-4t",
+    "rooms-overlap",
+    "photos-3v",
 ];
 
 impl IndexBuilder {

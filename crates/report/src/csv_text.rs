@@ -32,7 +32,12 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Vec<String>>, String> {
         rest = match after.strip_prefix('\n') {
             Some(next) => next,
             None if after.is_empty() => after,
-            None => return Err(format!("line {line}: expected a comma after a quoted field, found {:?}", after.chars().next())),
+            None => {
+                return Err(format!(
+                    "line {line}: expected a comma after a quoted field, found {:?}",
+                    after.chars().next()
+                ));
+            }
         };
         end_record(&mut records, &mut record, line)?;
         line += 1;
@@ -105,7 +110,12 @@ mod tests {
 
     #[test]
     fn broken_files_say_where() {
-        for (text, told) in [("a,b\n1\n", "line 2"), ("a\n\"1", "line 2"), ("a\n\"1\"2\n", "line 2"), ("a,b\n\"x\ny\",1\n2\n", "line 4")] {
+        for (text, told) in [
+            ("a,b\n1\n", "line 2"),
+            ("a\n\"1", "line 2"),
+            ("a\n\"1\"2\n", "line 2"),
+            ("a,b\n\"x\ny\",1\n2\n", "line 4"),
+        ] {
             let error = parse(text).unwrap_err();
             assert!(error.contains(told), "{text:?}: {error}");
         }

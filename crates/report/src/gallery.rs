@@ -4,10 +4,11 @@ use atsplat_metrics::{Definition, definition};
 use atsplat_pixels::ImageU8;
 
 use crate::plot::{
-    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, DriftHistory, DriftRun, Drawing, Estimate, Expansion,
-    ExpansionStrip, ExpansionStrips, ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier, FrontierPoint, KPoint,
-    KScaling, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapSeries, ScatterPoint,
-    SceneScatter, StageTime, StageTimeRow, StripPicture, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
+    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, DriftHistory, DriftRun, Estimate,
+    Expansion, ExpansionStrip, ExpansionStrips, ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier,
+    FrontierPoint, KPoint, KScaling, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves,
+    OverlapSeries, ScatterPoint, SceneScatter, StageTime, StageTimeRow, StripPicture, TokenExpansion, UncertaintyRow,
+    UncertaintyTriplets,
 };
 
 const MADE_UP: &str = "made-up data";
@@ -67,14 +68,20 @@ pub fn odd_gallery() -> Vec<(&'static str, Drawing)> {
         ("no methods", StageTime { rows: Vec::new(), ..stage_time() }.draw()),
         ("no budgets", BudgetHistogram { series: Vec::new(), fixed: None, ..budget_histogram() }.draw()),
         ("no settings", KScaling { points: Vec::new(), ..k_scaling() }.draw()),
-        ("no tokens", TokenExpansion { picture: None, size: [0.0, 0.0], expansions: Vec::new(), ..token_expansion() }.draw()),
+        (
+            "no tokens",
+            TokenExpansion { picture: None, size: [0.0, 0.0], expansions: Vec::new(), ..token_expansion() }.draw(),
+        ),
         ("no strips", ExpansionStrips { columns: Vec::new(), strips: Vec::new(), ..strips() }.draw()),
         ("no triplets", UncertaintyTriplets { rows: Vec::new(), ..uncertainty() }.draw()),
     ]
 }
 
 fn figure(id: &str) -> Figure {
-    definition(id).map_or(Figure { name: "PSNR", unit: "dB", direction: atsplat_metrics::Direction::Higher }, |d: &Definition| d.into())
+    definition(id)
+        .map_or(Figure { name: "PSNR", unit: "dB", direction: atsplat_metrics::Direction::Higher }, |d: &Definition| {
+            d.into()
+        })
 }
 
 /// A number in [0, 1) that looks random and is the same everywhere.
@@ -97,7 +104,13 @@ fn frontier(cost: CostAxis) -> Frontier {
         ("TokenGS", 262e3, 0.066, 28.41),
         ("ATSplat (paper)", 23e3, 0.022, 28.46),
     ];
-    let measured = [("K = 4", 5760.0, 0.31, 26.1), ("K = 8", 11_520.0, 0.33, 26.9), ("K = 16", 23_040.0, 0.36, 27.4), ("K = 32", 46_080.0, 0.45, 27.6), ("warp", 131_072.0, 0.012, 19.4)];
+    let measured = [
+        ("K = 4", 5760.0, 0.31, 26.1),
+        ("K = 8", 11_520.0, 0.33, 26.9),
+        ("K = 16", 23_040.0, 0.36, 27.4),
+        ("K = 32", 46_080.0, 0.45, 27.6),
+        ("warp", 131_072.0, 0.012, 19.4),
+    ];
     let place = |gaussians, secs| match cost {
         CostAxis::Gaussians => gaussians,
         CostAxis::Seconds => secs,
@@ -127,11 +140,17 @@ fn frontier(cost: CostAxis) -> Frontier {
 }
 
 fn overlap_curves() -> OverlapCurves {
-    let curve = |base: f64, slope: f64| (0..12).map(move |at| {
-        let overlap = 0.08 + 0.062 * f64::from(at);
-        (overlap, around(base + slope * overlap, 0.25 + 0.3 * (overlap - 0.4).abs()))
-    });
-    let series = |label: &str, base, slope| OverlapSeries { label: label.to_owned(), points: curve(base, slope).collect(), origin: Origin::Measured };
+    let curve = |base: f64, slope: f64| {
+        (0..12).map(move |at| {
+            let overlap = 0.08 + 0.062 * f64::from(at);
+            (overlap, around(base + slope * overlap, 0.25 + 0.3 * (overlap - 0.4).abs()))
+        })
+    };
+    let series = |label: &str, base, slope| OverlapSeries {
+        label: label.to_owned(),
+        points: curve(base, slope).collect(),
+        origin: Origin::Measured,
+    };
     OverlapCurves {
         title: "PSNR against overlap".to_owned(),
         subtitle: format!("RealEstate10K by overlap, 5601 scenes; {MADE_UP}"),
@@ -141,14 +160,21 @@ fn overlap_curves() -> OverlapCurves {
             OverlapBin { name: "medium".to_owned(), edges: [0.3, 0.55], scenes: 2568 },
             OverlapBin { name: "large".to_owned(), edges: [0.55, 0.8], scenes: 1630 },
         ],
-        series: vec![series("ATSplat", 22.6, 9.0), series("imported: DepthSplat", 21.1, 9.8), series("nearest view", 13.9, 6.0), series("warp", 14.3, 8.6)],
+        series: vec![
+            series("ATSplat", 22.6, 9.0),
+            series("imported: DepthSplat", 21.1, 9.8),
+            series("nearest view", 13.9, 6.0),
+            series("warp", 14.3, 8.6),
+        ],
     }
 }
 
 fn overlap_bins() -> OverlapBinMeans {
     let series = |label: &str, means: [f64; 4], origin| OverlapBinSeries {
         label: label.to_owned(),
-        means: means.map(|mean| Some(if origin == Origin::Measured { around(mean, 0.2) } else { Estimate::exact(mean) })).to_vec(),
+        means: means
+            .map(|mean| Some(if origin == Origin::Measured { around(mean, 0.2) } else { Estimate::exact(mean) }))
+            .to_vec(),
         origin,
     };
     OverlapBinMeans {
@@ -167,11 +193,17 @@ fn overlap_bins() -> OverlapBinMeans {
 }
 
 fn extrapolation() -> ExtrapolationDecay {
-    let curve = |inside: f64, decay: f64| (-10..=10i32).map(move |distance| {
-        let outside = f64::from(distance.abs());
-        (i64::from(distance), around(inside - decay * outside.sqrt(), 0.2 + 0.05 * outside))
-    });
-    let series = |label: &str, inside, decay| ExtrapolationSeries { label: label.to_owned(), points: curve(inside, decay).collect(), origin: Origin::Measured };
+    let curve = |inside: f64, decay: f64| {
+        (-10..=10i32).map(move |distance| {
+            let outside = f64::from(distance.abs());
+            (i64::from(distance), around(inside - decay * outside.sqrt(), 0.2 + 0.05 * outside))
+        })
+    };
+    let series = |label: &str, inside, decay| ExtrapolationSeries {
+        label: label.to_owned(),
+        points: curve(inside, decay).collect(),
+        origin: Origin::Measured,
+    };
     ExtrapolationDecay {
         title: "PSNR outside the window".to_owned(),
         subtitle: format!("DL3DV, 6 views, 10 frames either side; {MADE_UP}"),
@@ -203,24 +235,41 @@ fn ablation() -> Ablation {
 fn budget_histogram() -> BudgetHistogram {
     let series = |label: &str, middle: f64, width: f64, seed: usize| BudgetSeries {
         label: label.to_owned(),
-        gaussians: (0..600).map(|at| {
-            let sum: f64 = (0..4).map(|part| noise(seed + at * 4 + part)).sum();
-            (middle + width * (sum - 2.0)).clamp(8192.0, 65_536.0)
-        }).collect(),
+        gaussians: (0..600)
+            .map(|at| {
+                let sum: f64 = (0..4).map(|part| noise(seed + at * 4 + part)).sum();
+                (middle + width * (sum - 2.0)).clamp(8192.0, 65_536.0)
+            })
+            .collect(),
     };
     BudgetHistogram {
         title: "Gaussians per scene under thresholds".to_owned(),
         subtitle: format!("RealEstate10K, 600 scenes; {MADE_UP}"),
-        series: vec![series("0.1 / 0.1 / 0.4", 13e3, 5e3, 1), series("0.05 / 0.05 / 0.2", 19e3, 9e3, 5000), series("0.01 / 0.01 / 0.04", 39e3, 14e3, 9000)],
+        series: vec![
+            series("0.1 / 0.1 / 0.4", 13e3, 5e3, 1),
+            series("0.05 / 0.05 / 0.2", 19e3, 9e3, 5000),
+            series("0.01 / 0.01 / 0.04", 39e3, 14e3, 9000),
+        ],
         fixed: Some(23_040.0),
     }
 }
 
 fn k_scaling() -> KScaling {
-    let published = [(4.0, 27.63, 5e3), (8.0, 28.25, 11e3), (16.0, 28.46, 23e3), (32.0, 28.66, 46e3), (64.0, 28.73, 92e3)];
+    let published =
+        [(4.0, 27.63, 5e3), (8.0, 28.25, 11e3), (16.0, 28.46, 23e3), (32.0, 28.66, 46e3), (64.0, 28.73, 92e3)];
     let own = [(4.0, 27.1), (8.0, 27.7), (16.0, 28.0), (32.0, 28.1)];
-    let published = published.map(|(k, quality, gaussians)| KPoint { k, quality: Estimate::exact(quality), gaussians: Some(gaussians), origin: Origin::Published });
-    let own = own.map(|(k, quality)| KPoint { k, quality: around(quality, 0.15), gaussians: Some(1440.0 * k), origin: Origin::Measured });
+    let published = published.map(|(k, quality, gaussians)| KPoint {
+        k,
+        quality: Estimate::exact(quality),
+        gaussians: Some(gaussians),
+        origin: Origin::Published,
+    });
+    let own = own.map(|(k, quality)| KPoint {
+        k,
+        quality: around(quality, 0.15),
+        gaussians: Some(1440.0 * k),
+        origin: Origin::Measured,
+    });
     KScaling {
         title: "PSNR against K".to_owned(),
         subtitle: format!("RealEstate10K, 2 views; {MADE_UP}"),
@@ -266,12 +315,20 @@ fn drift_history() -> DriftHistory {
 fn stage_time() -> StageTime {
     let row = |label: &str, secs: [f64; 5]| StageTimeRow {
         label: label.to_owned(),
-        stages: ["read", "encode", "expand", "render", "score"].into_iter().zip(secs).map(|(name, secs)| (name.to_owned(), secs)).collect(),
+        stages: ["read", "encode", "expand", "render", "score"]
+            .into_iter()
+            .zip(secs)
+            .map(|(name, secs)| (name.to_owned(), secs))
+            .collect(),
     };
     StageTime {
         title: "Where a trial's time goes".to_owned(),
         subtitle: format!("2 threads; {MADE_UP}"),
-        rows: vec![row("ATSplat", [0.031, 0.36, 0.12, 0.055, 0.21]), row("warp", [0.031, 0.004, 0.0, 0.022, 0.21]), row("nearest view", [0.03, 0.0001, 0.0, 0.001, 0.2])],
+        rows: vec![
+            row("ATSplat", [0.031, 0.36, 0.12, 0.055, 0.21]),
+            row("warp", [0.031, 0.004, 0.0, 0.022, 0.21]),
+            row("nearest view", [0.03, 0.0001, 0.0, 0.001, 0.2]),
+        ],
     }
 }
 
@@ -292,7 +349,8 @@ fn painted(colour: impl Fn(f64, f64) -> [f64; 3]) -> ImageU8 {
     let samples = (0..HEIGHT).flat_map(|row| (0..WIDTH).map(move |column| (row, column)));
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to 8 bits")]
     let samples = samples.flat_map(|(row, column)| {
-        colour(f64::from(column) / f64::from(WIDTH), f64::from(row) / f64::from(HEIGHT)).map(|value| (value * 255.0).clamp(0.0, 255.0) as u8)
+        colour(f64::from(column) / f64::from(WIDTH), f64::from(row) / f64::from(HEIGHT))
+            .map(|value| (value * 255.0).clamp(0.0, 255.0) as u8)
     });
     ImageU8::new(WIDTH, HEIGHT, samples.collect()).expect("three samples a pixel")
 }
@@ -300,9 +358,15 @@ fn painted(colour: impl Fn(f64, f64) -> [f64; 3]) -> ImageU8 {
 fn strips() -> ExpansionStrips {
     let strip = |label: &str| ExpansionStrip {
         label: label.to_owned(),
-        pictures: [(0.1, "22.4 dB · 8K"), (0.4, "24.9 dB · 12K"), (0.7, "26.6 dB · 18K"), (0.9, "27.4 dB · 23K"), (1.0, "")]
-            .map(|(detail, caption)| StripPicture { image: picture(detail), caption: caption.to_owned() })
-            .to_vec(),
+        pictures: [
+            (0.1, "22.4 dB · 8K"),
+            (0.4, "24.9 dB · 12K"),
+            (0.7, "26.6 dB · 18K"),
+            (0.9, "27.4 dB · 23K"),
+            (1.0, ""),
+        ]
+        .map(|(detail, caption)| StripPicture { image: picture(detail), caption: caption.to_owned() })
+        .to_vec(),
     };
     ExpansionStrips {
         title: "Expansion, block by block".to_owned(),

@@ -4,6 +4,12 @@
 //! rows first and what was measured below each; [`emit::TableFormat`] writes it. [`plot`] turns plain data into drawings, and
 //! [`Report`] puts everything into a folder with one page that needs no other file.
 
+#![expect(
+    clippy::format_push_string,
+    clippy::format_collect,
+    reason = "tables and pages are text that grows piece by piece; their size is that of what they show"
+)]
+
 mod csv_text;
 pub mod definition;
 pub mod emit;

@@ -56,7 +56,8 @@ impl Report {
             }
         }
         plots.extend(sources.iter().flat_map(of_store));
-        let page = Page { title: request.title.clone(), tables: &measured, plots: &plots, stores, budget: request.budget };
+        let page =
+            Page { title: request.title.clone(), tables: &measured, plots: &plots, stores, budget: request.budget };
         let html = page.write()?;
         Ok(Self { tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
     }
@@ -86,7 +87,11 @@ impl Report {
 
 fn put(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
     let folder = path.parent().unwrap_or(&path).to_owned();
-    std::fs::create_dir_all(&folder).map_err(|source| ReportError::File { doing: "making a folder", source, path: folder })?;
+    std::fs::create_dir_all(&folder).map_err(|source| ReportError::File {
+        doing: "making a folder",
+        source,
+        path: folder,
+    })?;
     // A reader of the report sees the old file or the new one, never a part.
     let temporary = path.with_extension("part");
     let written = std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, &path));

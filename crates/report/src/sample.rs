@@ -2,8 +2,8 @@
 //! weights.
 
 use atsplat_eval::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, SkippedEntry, TargetRow, TargetStatus, TrialKey, TrialRow,
-    TrialStatus,
+    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, SkippedEntry, TargetRow, TargetStatus,
+    TrialKey, TrialRow, TrialStatus,
 };
 use atsplat_model::ModelConfig;
 use atsplat_protocol::Preset;
@@ -17,6 +17,7 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
     let preset = Preset::named(name).unwrap();
     PresetRecord {
         name: name.to_owned(),
+        stands_for: None,
         preset: name.to_owned(),
         title: preset.title.clone(),
         hash: preset.hash().unwrap().to_string(),
@@ -47,7 +48,13 @@ pub(crate) fn atsplat(name: &str, change: impl FnOnce(&mut ModelConfig)) -> Meth
 }
 
 pub(crate) fn floor() -> MethodRecord {
-    MethodRecord { name: "nearest-view".to_owned(), kind: "nearest-view".to_owned(), title: "Nearest view".to_owned(), deterministic: true, ..MethodRecord::default() }
+    MethodRecord {
+        name: "nearest-view".to_owned(),
+        kind: "nearest-view".to_owned(),
+        title: "Nearest view".to_owned(),
+        deterministic: true,
+        ..MethodRecord::default()
+    }
 }
 
 /// Rows of every method on every scene; quality falls with the scene's place and the method's.
@@ -62,8 +69,18 @@ pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) ->
             processor: "a processor".to_owned(),
             threads: 2,
             command: ["atsplat", "run"].map(str::to_owned).to_vec(),
-            metrics: vec![metric("psnr"), metric("ssim"), MetricRecord { absent: Some(ABSENT.to_owned()), ..metric("lpips") }],
-            skipped: vec![SkippedEntry { preset: "re10k-2v-256".to_owned(), scene: "dd44".to_owned(), reason: "missing-frame".to_owned(), detail: "frame 7 is absent".to_owned(), ..SkippedEntry::default() }],
+            metrics: vec![
+                metric("psnr"),
+                metric("ssim"),
+                MetricRecord { absent: Some(ABSENT.to_owned()), ..metric("lpips") },
+            ],
+            skipped: vec![SkippedEntry {
+                preset: "re10k-2v-256".to_owned(),
+                scene: "dd44".to_owned(),
+                reason: "missing-frame".to_owned(),
+                detail: "frame 7 is absent".to_owned(),
+                ..SkippedEntry::default()
+            }],
             presets,
             methods,
             ..Provenance::default()
@@ -73,7 +90,12 @@ pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) ->
     for preset in results.provenance.presets.clone() {
         for (place, method) in results.provenance.methods.clone().iter().enumerate() {
             for (at, scene) in SCENES.iter().enumerate() {
-                let key = TrialKey { preset: preset.name.clone(), method: method.name.clone(), scene: (*scene).to_owned(), entry: 0 };
+                let key = TrialKey {
+                    preset: preset.name.clone(),
+                    method: method.name.clone(),
+                    scene: (*scene).to_owned(),
+                    entry: 0,
+                };
                 let failed = place == 1 && at == 2;
                 results.trials.push(trial(&key, failed, method.kind == "atsplat", at));
                 results.targets.extend((0..3).map(|target| view(&key, target, place, at, failed)));
@@ -151,6 +173,8 @@ pub(crate) fn store() -> Results {
 
 /// Random selection, as an ablation.
 pub(crate) fn random() -> MethodRecord {
-    let record = atsplat("atsplat-random", |config| config.expansion.selection = atsplat_model::config::Selection::Random { seed: 1 });
+    let record = atsplat("atsplat-random", |config| {
+        config.expansion.selection = atsplat_model::config::Selection::Random { seed: 1 }
+    });
     MethodRecord { title: "ATSplat, random".to_owned(), ..record }
 }

@@ -21,6 +21,7 @@ mod seed;
 mod shot;
 mod simulation;
 mod sky;
+mod source;
 mod world;
 
 pub use covisibility::Covisibility;
@@ -32,3 +33,4 @@ pub use render::{Geometry, View};
 pub use seed::{SceneKind, SceneSeed, Split};
 pub use shot::Shot;
 pub use simulation::{EffectCost, Request, Route, Simulation};
+pub use source::SimulatedScenes;

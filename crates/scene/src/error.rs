@@ -72,6 +72,14 @@ pub enum SceneError {
         /// The dataset.
         path: PathBuf,
     },
+    /// A scene that comes from no file could not be made.
+    #[error("making scene {scene:?}: {source}")]
+    Making {
+        /// Key of the scene.
+        scene: String,
+        /// What its maker says.
+        source: Box<dyn std::error::Error + Send + Sync>,
+    },
     /// A path holds none of the formats that were looked for.
     #[error("expected {expected}, found {found} ({})", path.display())]
     Unrecognized {

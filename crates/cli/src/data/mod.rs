@@ -4,6 +4,7 @@ mod export;
 mod frames;
 mod geometry;
 mod inspect;
+mod simulate;
 mod undistort;
 
 use clap::Subcommand;
@@ -14,6 +15,8 @@ pub(crate) enum Command {
     Inspect(inspect::Words),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
     Export(export::Words),
+    /// Simulate scenes from seeds into a dataset, with exact depth.
+    Simulate(simulate::Words),
     /// Cut frames out of a video at a trajectory's timestamps (feature `opencv`).
     Frames(frames::Words),
     /// Remove lens distortion from pictures and cameras (feature `opencv`).
@@ -25,6 +28,7 @@ pub(crate) fn run(command: &Command) -> anyhow::Result<bool> {
     match command {
         Command::Inspect(words) => inspect::run(words),
         Command::Export(words) => export::run(words),
+        Command::Simulate(words) => simulate::run(words),
         Command::Frames(words) => frames::run(words),
         Command::Undistort(words) => undistort::run(words),
     }

@@ -78,7 +78,8 @@ pub(super) fn run(words: &Words) -> anyhow::Result<Exit> {
     };
     let recipe = asked.or_else(|| Some(before.as_ref()?.probe.as_ref()?.recipe.clone())).unwrap_or_default();
     if !words.no_probe {
-        let outputs = run_probe(&Pipeline::of(&recipe)?, &Inputs::pattern()?)?;
+        let stages = Pipeline::of(&recipe)?;
+        let outputs = run_probe(&stages, &Inputs::pattern(&stages.options.constants)?)?;
         Baseline::write_probe(&words.baseline, &outputs)?;
         baseline = baseline.with_probe(recipe, &outputs);
     }

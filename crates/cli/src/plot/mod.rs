@@ -7,4 +7,5 @@ mod stress_errors;
 pub(crate) use atsplat_report::plot::PlotFormat;
 pub(crate) use file::PlotFile;
 pub(crate) use overlap_histogram::{OverlapHistogram, draw_overlap_histogram};
+
 pub(crate) use stress_errors::{StressErrors, draw_stress_errors};

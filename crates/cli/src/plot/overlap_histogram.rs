@@ -3,7 +3,6 @@ use atsplat_report::plot::{COLOURS, FONT, GREY, PlotFormat, image_of, svg_of};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-
 /// What [`draw_overlap_histogram`] shows.
 #[derive(Debug)]
 pub(crate) struct OverlapHistogram<'a> {

@@ -5,7 +5,6 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
-
 /// What [`draw_stress_errors`] shows.
 #[derive(Debug)]
 pub(crate) struct StressErrors<'a> {

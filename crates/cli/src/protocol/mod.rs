@@ -1,6 +1,7 @@
 //! `atsplat protocol`: one file per verb.
 
 mod build;
+mod estimators;
 mod extrapolate;
 mod lint;
 mod list;
@@ -20,6 +21,8 @@ pub(crate) enum Command {
     Lint(lint::Words),
     /// Measure or read overlaps, write them into an index, draw their histogram.
     Overlap(overlap::Words),
+    /// Measure how well each estimator of overlap predicts what two views of simulated scenes truly share.
+    Estimators(estimators::Words),
     /// Derive the split with targets before and after each window of context frames.
     Extrapolate(extrapolate::Words),
     /// Make an index for a dataset that has none.
@@ -33,6 +36,7 @@ pub(crate) fn run(command: &Command) -> anyhow::Result<bool> {
         Command::Show(words) => show::run(words),
         Command::Lint(words) => lint::run(words),
         Command::Overlap(words) => overlap::run(words),
+        Command::Estimators(words) => estimators::run(words),
         Command::Extrapolate(words) => extrapolate::run(words),
         Command::Build(words) => build::run(words),
     }

@@ -92,7 +92,11 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         .zip(&words.stores)
         .map(|((results, label), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
         .collect();
-    let tables = if words.tables.is_empty() { TableDefinition::names().map(str::to_owned).collect() } else { words.tables.clone() };
+    let tables = if words.tables.is_empty() {
+        TableDefinition::names().map(str::to_owned).collect()
+    } else {
+        words.tables.clone()
+    };
     let request = Request {
         title: words.title.clone(),
         tables,
@@ -108,7 +112,12 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         print_text(&format!("{}\n", serde_json::to_string_pretty(&written)?))?;
     } else {
         print_tables(&report)?;
-        complain(&format!("{} files in {}, the page is {}", files.len(), words.out.display(), words.out.join("index.html").display()));
+        complain(&format!(
+            "{} files in {}, the page is {}",
+            files.len(),
+            words.out.display(),
+            words.out.join("index.html").display()
+        ));
     }
     let missing = if words.tables.is_empty() { &[][..] } else { &report.unmeasured };
     for name in missing {
@@ -143,7 +152,9 @@ fn terminal() -> Terminal {
 
 /// What stores are called: the folder's name, with a number where two have the same.
 fn labels(stores: &[PathBuf]) -> Vec<String> {
-    let name = |path: &Path| path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned());
+    let name = |path: &Path| {
+        path.file_name().map_or_else(|| path.display().to_string(), |name| name.to_string_lossy().into_owned())
+    };
     let names: Vec<String> = stores.iter().map(|path| name(path)).collect();
     let label = |(at, own): (usize, &String)| {
         let twins = names.iter().filter(|other| *other == own).count();

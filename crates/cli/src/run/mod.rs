@@ -2,10 +2,10 @@
 
 pub(crate) mod merge;
 mod methods;
-mod protocols;
+pub(crate) mod protocols;
 mod report;
 pub(crate) mod score;
-mod settings;
+pub(crate) mod settings;
 
 use std::path::PathBuf;
 

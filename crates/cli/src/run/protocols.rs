@@ -13,7 +13,7 @@ use crate::dataset_words::PictureWords;
 use crate::protocol::parse;
 
 #[derive(Debug, Args)]
-pub(super) struct ProtocolWords {
+pub(crate) struct ProtocolWords {
     /// Protocols: names of `atsplat protocol list`, or paths that end in .toml.
     #[arg(value_name = "PRESET|FILE", required = true, value_parser = parse::preset)]
     presets: Vec<String>,
@@ -43,7 +43,7 @@ pub(super) struct ProtocolWords {
 
 impl ProtocolWords {
     /// Opens the data and finds each protocol's index.
-    pub(super) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Dataset>> {
+    pub(crate) fn open(&self, warnings: &mut Warnings) -> anyhow::Result<Vec<Dataset>> {
         let source: Arc<dyn SceneSource> = Arc::new(self.pictures.open(&self.data, warnings)?);
         let mut datasets = Vec::with_capacity(self.presets.len());
         for name in &self.presets {

@@ -5,7 +5,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::runner::Summary;
-use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus};
+use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
 use atsplat_metrics::{DECIBEL_CAP, definition};
 use serde::Serialize;
 
@@ -18,6 +18,17 @@ pub(super) struct Report {
     rows: Vec<Row>,
     /// Metrics without a number, and why.
     not_computed: BTreeMap<String, String>,
+    /// Index entries and trials that gave no numbers, by reason.
+    without: Vec<Without>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Without {
+    preset: String,
+    what: String,
+    count: usize,
+    example: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -54,8 +65,33 @@ impl Report {
         }
         let absent = |metric: &atsplat_eval::MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
         let not_computed = provenance.metrics.iter().filter_map(absent).collect();
-        Self { store: store.to_owned(), summary, rows, not_computed }
+        Self { store: store.to_owned(), summary, rows, not_computed, without: without(results) }
     }
+}
+
+/// What gave no numbers, with the first of each kind.
+fn without(results: &Results) -> Vec<Without> {
+    let skipped = results.provenance.skipped.iter();
+    let skipped = skipped.map(|entry| {
+        let example = format!("scene {}: {}", entry.scene, entry.detail);
+        (&entry.preset, format!("entries skipped, {}", entry.reason), example)
+    });
+    let unwhole = results.trials.iter().filter(|trial| trial.status != TrialStatus::Done);
+    let unwhole = unwhole.map(|trial| {
+        let example = format!("scene {}: {}", trial.key.scene, trial.detail.clone().unwrap_or_default());
+        (&trial.key.preset, format!("trials of {} {}", trial.key.method, trial.status.name()), example)
+    });
+    let mut kinds: BTreeMap<(&String, String), (usize, String)> = BTreeMap::new();
+    for (preset, what, example) in skipped.chain(unwhole) {
+        kinds.entry((preset, what)).or_insert((0, example)).0 += 1;
+    }
+    let without = |((preset, what), (count, example)): ((&String, String), (usize, String))| Without {
+        preset: preset.clone(),
+        what,
+        count,
+        example,
+    };
+    kinds.into_iter().map(without).collect()
 }
 
 impl Row {
@@ -129,6 +165,9 @@ impl fmt::Display for Report {
         }
         if self.rows.iter().any(|row| row.untrained) {
             writeln!(f, "* untrained: nothing was learned; the numbers show the way and its cost")?;
+        }
+        for Without { preset, what, count, example } in &self.without {
+            writeln!(f, "{preset}: {count} {what}: {example}")?;
         }
         for (id, why) in &self.not_computed {
             writeln!(f, "{id} was not computed: {why}")?;

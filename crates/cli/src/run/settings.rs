@@ -15,7 +15,7 @@ use clap::{Args, ValueEnum};
 const FEATURES: usize = 512 << 20;
 
 #[derive(Debug, Args)]
-pub(super) struct SettingWords {
+pub(crate) struct SettingWords {
     /// Folder of the results; gone on with where it holds some.
     #[arg(long, short, value_name = "STORE")]
     out: PathBuf,
@@ -55,7 +55,7 @@ pub(super) struct SettingWords {
 
     /// Print JSON.
     #[arg(long)]
-    pub(super) json: bool,
+    pub(crate) json: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -80,24 +80,24 @@ impl FromStr for ShardWord {
 }
 
 impl SettingWords {
-    pub(super) fn out(&self) -> &Path {
+    pub(crate) fn out(&self) -> &Path {
         &self.out
     }
 
-    pub(super) fn selection(&self) -> Selection {
+    pub(crate) fn selection(&self) -> Selection {
         Selection { limit: self.limit, shard: self.shard.map(|word| word.0) }
     }
 
-    pub(super) const fn alone(&self) -> bool {
+    pub(crate) const fn alone(&self) -> bool {
         self.timing
     }
 
-    pub(super) fn repetitions(&self) -> Repetitions {
+    pub(crate) fn repetitions(&self) -> Repetitions {
         let [warm_up, counted] = if self.timing { [1, 5] } else { [0, 1] };
         Repetitions { warm_up: self.warm_up.unwrap_or(warm_up), counted: self.repetitions.unwrap_or(counted) }
     }
 
-    pub(super) const fn pictures(&self) -> KeepPictures {
+    pub(crate) const fn pictures(&self) -> KeepPictures {
         match self.keep_pictures {
             KeepWord::None => KeepPictures::Nothing,
             KeepWord::Worst => KeepPictures::Worst,
@@ -105,12 +105,12 @@ impl SettingWords {
         }
     }
 
-    pub(super) fn prefetch() -> Prefetch {
+    pub(crate) fn prefetch() -> Prefetch {
         Prefetch { trials: 2 * rayon::current_num_threads(), ..Prefetch::default() }
     }
 
     /// The metrics of the protocols, and those that were asked for.
-    pub(super) fn suite(&self, datasets: &[Dataset]) -> Result<Suite, EvalError> {
+    pub(crate) fn suite(&self, datasets: &[Dataset]) -> Result<Suite, EvalError> {
         let own = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
         let definitions = named_metrics(own.chain(self.metrics.iter().map(String::as_str)))?;
         let given = WeightsFolders::new(self.metric_weights.iter().cloned().collect());

@@ -1,6 +1,7 @@
 //! Accuracy against time: what each way to run a method scores and takes, and which ways are worth choosing.
 
 mod report;
+mod sweep;
 
 use std::path::PathBuf;
 
@@ -8,15 +9,20 @@ use atsplat_eval::Results;
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::tradeoff::{across, tradeoffs};
 use atsplat_metrics::definition;
-use clap::Args;
+use clap::{Args, Subcommand};
 
 use crate::output::print_report;
 use report::Report;
 
 #[derive(Debug, Args)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(crate) struct Words {
+    #[command(subcommand)]
+    command: Option<Command>,
+
     /// Folder of results: each method in it is a point.
-    store: PathBuf,
+    #[arg(required = true)]
+    store: Option<PathBuf>,
 
     /// Metric, by id; may be given several times.
     #[arg(long, value_name = "ID", default_value = "psnr", value_parser = metric)]
@@ -35,8 +41,20 @@ pub(crate) struct Words {
     json: bool,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<()> {
-    let results = Results::read(&words.store)?;
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Run a network at every setting of a sweep, then say what is worth it.
+    Sweep(Box<sweep::Words>),
+}
+
+/// `true` where nothing was skipped and nothing failed.
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let store = match (&words.command, &words.store) {
+        (Some(Command::Sweep(words)), _) => return sweep::run(words),
+        (None, Some(store)) => store,
+        (None, None) => anyhow::bail!("a folder of results is needed"),
+    };
+    let results = Results::read(store)?;
     let leaked = if words.without_leaked { Leaked::Excluded } else { Leaked::Included };
     let metrics: Vec<&str> = words.metric.iter().map(String::as_str).collect();
     let tradeoffs = if words.across {
@@ -44,7 +62,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<()> {
     } else {
         tradeoffs(&results, &metrics, leaked)
     };
-    print_report(&Report { tradeoffs }, words.json)
+    print_report(&Report { tradeoffs }, words.json)?;
+    Ok(true)
 }
 
 fn metric(word: &str) -> Result<String, String> {

@@ -203,8 +203,7 @@ impl Baseline {
         };
         let trials = lines(self.trials.iter().map(serde_json::to_string).collect())?;
         let targets = lines(self.targets.iter().map(serde_json::to_string).collect())?;
-        text.push_str(&format!("\"trials\": {trials},\n  \"targets\": {targets}\n}}\n"));
-        Ok(text)
+        Ok(format!("{text}\"trials\": {trials},\n  \"targets\": {targets}\n}}\n"))
     }
 }
 

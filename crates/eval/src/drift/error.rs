@@ -51,12 +51,21 @@ impl DriftError {
         move |source| Self::Io { action, path: path.to_owned(), source }
     }
 
-    pub(super) fn malformed(path: &Path, expected: impl Into<String>, found: impl ToString) -> Self {
-        let found = found.to_string().chars().take(200).collect();
+    pub(super) fn malformed(path: &Path, expected: impl Into<String>, found: impl Into<Text>) -> Self {
+        let found = found.into().0.chars().take(200).collect();
         Self::Malformed { path: path.to_owned(), expected: expected.into(), found }
     }
 
-    pub(super) fn unfit(what: &'static str, expected: impl Into<String>, found: impl ToString) -> Self {
-        Self::Unfit { what, expected: expected.into(), found: found.to_string() }
+    pub(super) fn unfit(what: &'static str, expected: impl Into<String>, found: impl Into<Text>) -> Self {
+        Self::Unfit { what, expected: expected.into(), found: found.into().0 }
+    }
+}
+
+/// What was found, in words: text, a number, or an error.
+pub(super) struct Text(String);
+
+impl<T: std::fmt::Display> From<T> for Text {
+    fn from(value: T) -> Self {
+        Self(value.to_string())
     }
 }

@@ -20,7 +20,7 @@ fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
     let mut made = results("m", "psnr", &rows.collect::<Vec<_>>());
     for row in &mut made.targets {
         row.scores.values_mut().for_each(|score| *score += noise * unit());
-        row.render_hash = row.scores.values().next().map(|score| score.to_string());
+        row.render_hash = row.scores.values().next().map(ToString::to_string);
     }
     made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
     let preset = PresetRecord { name: PRESET.to_owned(), hash: "a".to_owned(), ..PresetRecord::default() };
@@ -174,7 +174,7 @@ fn files_keep_every_bit_and_the_history() {
 fn a_moved_number_is_traced_to_its_stage() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("probe.json");
-    let (recipe, inputs) = (Recipe::default(), Inputs::pattern().unwrap());
+    let (recipe, inputs) = (Recipe::default(), Inputs::pattern(&atsplat_splat::RendererConstants::default()).unwrap());
     let pipeline = Pipeline::of(&recipe).unwrap();
     let rows = |pipeline: &Pipeline| {
         let outputs = run(pipeline, &inputs).unwrap();
@@ -196,7 +196,7 @@ fn a_moved_number_is_traced_to_its_stage() {
     let calm = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
     assert_eq!(calm.verdict, Verdict::Same, "{calm}");
 
-    pipeline.options.constants.min_alpha *= 1.001;
+    pipeline.options.constants.blur *= 1.001;
     let report = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
     let attribution = report.attribution.as_ref().unwrap();
     assert_eq!((report.verdict, attribution.first()), (Verdict::Drifted, Some(Stage::Splatter)), "{report}");

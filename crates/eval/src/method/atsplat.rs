@@ -76,6 +76,13 @@ impl AtSplat {
         Ok(Self { network, splatting, call_seed, record })
     }
 
+    /// The same under a record that says one thing more.
+    #[must_use]
+    pub fn with_parameter(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
+        self.record.parameters.insert(name.to_owned(), value.into());
+        self
+    }
+
     fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>), Refusal> {
         let context = question.trial.context();
         let size = one_size(context.iter().map(|view| view.size))?;

@@ -1,6 +1,9 @@
 use atsplat_protocol::{NearCull, NearFar, RendererConvention, RendererPrincipalPoint};
 use atsplat_splat::{ClampedGradient, Extent, PrincipalPoint, RendererConstants, ShAxes};
 
+use crate::EvalError;
+use crate::tradeoff::RendererKnobs;
+
 /// Which renderer constants a method renders with.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ConstantsChoice {
@@ -9,6 +12,33 @@ pub enum ConstantsChoice {
     OfPreset,
     /// These, whatever the protocol says; their near and far planes are in the trial's scene units.
     These(RendererConstants),
+    /// Those behind the protocol's published numbers, or a named preset, with some of them changed.
+    Changed(ChangedConstants),
+}
+
+/// Constants with changes, and what they are called.
+#[derive(Clone, Debug, PartialEq)]
+pub struct ChangedConstants {
+    name: String,
+    knobs: RendererKnobs,
+}
+
+impl ChangedConstants {
+    /// What these knobs make of the protocol's constants.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] for a knob that no constants go with, whatever the protocol.
+    pub fn new(knobs: RendererKnobs) -> Result<Self, EvalError> {
+        let name = knobs
+            .applied(&RendererConstants { name: "of the preset".to_owned(), ..RendererConstants::default() })?
+            .name;
+        Ok(Self { name, knobs })
+    }
+
+    /// What is changed.
+    pub const fn knobs(&self) -> &RendererKnobs {
+        &self.knobs
+    }
 }
 
 impl ConstantsChoice {
@@ -17,6 +47,7 @@ impl ConstantsChoice {
         match self {
             Self::OfPreset => constants_of(convention, planes),
             Self::These(constants) => constants.clone(),
+            Self::Changed(changed) => changed.knobs.turned(&constants_of(convention, planes)),
         }
     }
 
@@ -25,6 +56,7 @@ impl ConstantsChoice {
         match self {
             Self::OfPreset => "of the preset",
             Self::These(constants) => &constants.name,
+            Self::Changed(changed) => &changed.name,
         }
     }
 }

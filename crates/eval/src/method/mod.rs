@@ -20,7 +20,7 @@ use atsplat_protocol::trial::Trial;
 use thiserror::Error;
 
 pub use atsplat::{AtSplat, WeightsOf};
-pub use constants::{ConstantsChoice, constants_of};
+pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use nearest_view::NearestView;
 pub use ply::{GaussianFrame, Ply};
 pub use renders::Renders;

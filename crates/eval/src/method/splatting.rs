@@ -110,6 +110,7 @@ impl Splatting {
             ConstantsChoice::OfPreset => "of the preset".into(),
             // An infinite far plane is no JSON number.
             ConstantsChoice::These(constants) => format!("{constants:?}").into(),
+            ConstantsChoice::Changed(changed) => format!("{:?}", changed.knobs()).into(),
         }
     }
 }

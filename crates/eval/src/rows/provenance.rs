@@ -78,6 +78,9 @@ pub struct PresetRecord {
     pub name: String,
     /// Name of the preset.
     pub preset: String,
+    /// The published preset that it stands for, as [`atsplat_protocol::Preset::stands_for`].
+    #[serde(default)]
+    pub stands_for: Option<String>,
     /// One line for people.
     pub title: String,
     /// [`atsplat_protocol::Preset::hash`] in hexadecimal: results whose hashes differ do not share a table.
@@ -96,6 +99,13 @@ pub struct PresetRecord {
     pub entries: u64,
     /// How many entries the index has, those of scenes that the dataset lacks and of other shards among them.
     pub entries_of_index: u64,
+}
+
+impl PresetRecord {
+    /// The published preset whose tables these results belong into: its own, or the one that it stands for.
+    pub fn published(&self) -> &str {
+        self.stands_for.as_deref().unwrap_or(&self.preset)
+    }
 }
 
 /// A method as it was run.

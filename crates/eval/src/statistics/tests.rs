@@ -135,7 +135,7 @@ fn what_has_no_score_is_counted_and_never_averaged() {
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
     let nobody = summary(&made, &Question { metric: "lpips", ..question("m") }, Aggregation::SceneMeans);
-    assert_eq!((nobody.mean, nobody.interval, nobody.uncomputed), (None, None, 6), "an absent metric is no cap");
+    assert_eq!((nobody.mean, nobody.interval, nobody.uncomputed), (None, None, 7), "an absent metric is no cap");
     assert!(nobody.not_computed.unwrap().contains("not among"));
     assert_eq!(summary(&made, &question("other"), Aggregation::SceneMeans), Summary::default());
 }

@@ -11,24 +11,33 @@ pub(super) const UNFINISHED: &str = "tmp";
 /// Writes a file so that whoever reads it, after a crash too, sees all of it or what was there before: into another file
 /// beside it, which is synchronised with the disk and then renamed.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), EvalError> {
+    replace(path, bytes, true)?;
+    synchronise_folder(path);
+    Ok(())
+}
+
+/// The same without waiting for the disk: a picture that a power failure costs is made again by who wants it.
+pub(crate) fn write_lightly(path: &Path, bytes: &[u8]) -> Result<(), EvalError> {
+    replace(path, bytes, false)
+}
+
+fn replace(path: &Path, bytes: &[u8], synchronised: bool) -> Result<(), EvalError> {
     static COUNT: AtomicU64 = AtomicU64::new(0);
     let number = COUNT.fetch_add(1, Ordering::Relaxed);
     let mut name = path.as_os_str().to_owned();
     name.push(format!(".{}-{number}.{UNFINISHED}", std::process::id()));
     let unfinished = PathBuf::from(name);
-    let written = fill(&unfinished, bytes).and_then(|()| fs::rename(&unfinished, path));
+    let written = fill(&unfinished, bytes, synchronised).and_then(|()| fs::rename(&unfinished, path));
     written.map_err(|source| {
         fs::remove_file(&unfinished).ok();
         EvalError::Io { action: "writing results", path: path.to_owned(), source }
-    })?;
-    synchronise_folder(path);
-    Ok(())
+    })
 }
 
-fn fill(path: &Path, bytes: &[u8]) -> io::Result<()> {
+fn fill(path: &Path, bytes: &[u8], synchronised: bool) -> io::Result<()> {
     let mut file = File::create_new(path)?;
     file.write_all(bytes)?;
-    file.sync_all()
+    if synchronised { file.sync_all() } else { Ok(()) }
 }
 
 /// Makes the rename itself last. Not every system lets a folder be opened; where it does not, there is nothing to do.

@@ -87,13 +87,20 @@ impl RendererKnobs {
     /// # Errors
     /// [`EvalError::Settings`] for an unknown preset, and for numbers out of range.
     pub fn applied(&self, constants: &RendererConstants) -> Result<RendererConstants, EvalError> {
-        let mut changed = match &self.constants {
-            None => constants.clone(),
-            Some(name) => match RendererConstants::named(name) {
-                Some(named) => named,
-                None => return unfit("constants", &RendererConstants::PRESETS.join(", "), name),
-            },
-        };
+        if let Some(name) = self.constants.as_ref().filter(|name| RendererConstants::named(name).is_none()) {
+            return unfit("constants", &RendererConstants::PRESETS.join(", "), name);
+        }
+        let changed = self.turned(constants);
+        match changed.check() {
+            Ok(()) => Ok(changed),
+            Err(error) => unfit("renderer", "numbers that can be rendered with", error.to_string()),
+        }
+    }
+
+    /// As [`Self::applied`], unchecked: a renderer refuses what it cannot render with.
+    pub(crate) fn turned(&self, constants: &RendererConstants) -> RendererConstants {
+        let named = self.constants.as_deref().and_then(RendererConstants::named);
+        let mut changed = named.unwrap_or_else(|| constants.clone());
         let mut name = changed.name.clone();
         let fields = [
             ("min-alpha", self.min_alpha, &mut changed.min_alpha),
@@ -104,18 +111,11 @@ impl RendererKnobs {
         for (knob, value, field) in fields {
             if let Some(value) = value {
                 *field = value;
-                name.push_str(&format!(", {knob} {value}"));
+                name = format!("{name}, {knob} {value}");
             }
         }
         changed.name = name;
-        if let Err(error) = changed.check() {
-            return Err(EvalError::Settings {
-                what: "renderer",
-                expected: "numbers that can be rendered with".to_owned(),
-                found: error.to_string(),
-            });
-        }
-        Ok(changed)
+        changed
     }
 }
 

@@ -5,6 +5,7 @@
 
 mod frontier;
 mod knobs;
+mod parts;
 mod price;
 mod sample;
 mod sweep;
@@ -13,6 +14,7 @@ mod tests;
 
 pub use frontier::{Axis, Frontier, Point, Sample, frontier};
 pub use knobs::{Knobs, RendererKnobs, WeightPrecision};
+pub use parts::{Part, Swept, parts};
 pub use price::Price;
 pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

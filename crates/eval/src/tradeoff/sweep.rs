@@ -45,7 +45,7 @@ impl Sweep {
     /// [`EvalError::Settings`] for text that is no sweep, with the place; for no setting, and for a label that stands twice.
     pub fn from_toml(text: &str) -> Result<Self, EvalError> {
         let unfit = |expected: &str, found: String| EvalError::Settings {
-            knob: "settings",
+            what: "settings",
             expected: expected.to_owned(),
             found,
         };

@@ -22,11 +22,13 @@ pub(crate) struct Walls {
     pub(crate) frames: usize,
     /// Scenes whose picture of this frame is no picture.
     pub(crate) damaged: Option<(usize, usize)>,
+    /// Whether each seventh frame's picture is listed and not there.
+    pub(crate) gaps: bool,
 }
 
 impl Walls {
     pub(crate) fn new(scenes: usize, frames: usize) -> Self {
-        Self { keys: (0..scenes).map(|scene| format!("wall-{scene}")).collect(), frames, damaged: None }
+        Self { keys: (0..scenes).map(|scene| format!("wall-{scene}")).collect(), frames, damaged: None, gaps: false }
     }
 }
 
@@ -69,7 +71,10 @@ impl SceneSource for Walls {
                 timestamp_micros: None,
                 camera: camera(frame),
                 stated_size: Some(SIZE),
-                picture: Picture::Encoded(SharedBytes::new(png)),
+                picture: match frame % 7 {
+                    3 if self.gaps => Picture::Missing(format!("{frame}.png").into()),
+                    _ => Picture::Encoded(SharedBytes::new(png)),
+                },
             }
         };
         Ok(Scene { key: key.to_owned(), url: None, frames: (0..self.frames).map(frame).collect() })

@@ -17,24 +17,36 @@ pub enum Network {
     StLpipsVgg,
 }
 
-/// One step of a network.
+/// One step of a network, for whoever computes it elsewhere: `train` differentiates it.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub(super) enum Step {
-    /// With its tensors' name, less `.weight` and `.bias`.
+pub enum Step {
+    /// A square convolution, black around the picture.
     Convolution {
+        /// Its tensors' name, less `.weight` and `.bias`.
         name: String,
+        /// Before it.
         channels_in: usize,
+        /// After it.
         channels_out: usize,
+        /// Side of the square.
         kernel: usize,
+        /// Pixels from one square to the next.
         stride: usize,
+        /// Pixels around the picture.
         padding: usize,
+        /// Whether negative numbers become zero.
         relu: bool,
     },
     /// Negative numbers become zero.
     Relu,
-    /// The largest of a square.
-    Largest { kernel: usize, stride: usize },
-    /// Anti-aliased halving.
+    /// The largest of a square, wholly inside.
+    Largest {
+        /// Side of the square.
+        kernel: usize,
+        /// Pixels from one square to the next.
+        stride: usize,
+    },
+    /// Anti-aliased halving: (1 2 1)⊗(1 2 1) / 16 at every second pixel, two reflected pixels around.
     Blurred,
     /// Features are taken here.
     Tap,
@@ -63,7 +75,7 @@ impl Network {
     }
 
     /// Names of the five heads' tensors, each of shape (1, channels, 1, 1).
-    pub(super) fn heads() -> [String; 5] {
+    pub fn heads() -> [String; 5] {
         std::array::from_fn(|tap| format!("lin{tap}.model.1.weight"))
     }
 
@@ -74,7 +86,7 @@ impl Network {
     }
 
     /// From the scaled picture to the last tap.
-    pub(super) fn steps(self) -> Vec<Step> {
+    pub fn steps(self) -> Vec<Step> {
         match self {
             Self::LpipsVgg => vgg(
                 |convolution| format!("features.{}", VGG_PLACES[convolution]),

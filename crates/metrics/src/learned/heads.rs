@@ -9,7 +9,10 @@ const VGG: &[u8] = include_bytes!("../../weights/lpips-v0.1-vgg.safetensors");
 const ALEX: &[u8] = include_bytes!("../../weights/lpips-v0.1-alex.safetensors");
 
 /// The heads that the crate carries; `None` for ST-LPIPS, whose one file holds everything.
-pub(super) fn carried(network: Network) -> Option<Result<StoredTensors, LoadError>> {
+///
+/// # Errors
+/// None that its tests have not met: the bytes are part of the program.
+pub fn carried(network: Network) -> Option<Result<StoredTensors, LoadError>> {
     let bytes = match network {
         Network::LpipsVgg => VGG,
         Network::LpipsAlex => ALEX,

@@ -15,10 +15,11 @@ mod pooling;
 mod tensor;
 mod weights;
 
-pub use architecture::Network;
+pub use architecture::{Network, Step};
 pub use cache::FeatureCache;
 pub use features::Features;
-pub use perceptual::{Perceptual, WeightsHashes};
+pub use heads::carried as carried_heads;
+pub use perceptual::{Perceptual, SCALING, WeightsHashes};
 pub use weights::{LoadError, WeightsAbsent, WeightsFolders};
 
 #[cfg(test)]

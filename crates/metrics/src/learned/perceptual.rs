@@ -246,13 +246,15 @@ impl Perceptual {
     }
 }
 
-/// `(2 v − 1 − shift) / scale` of each channel (lpips `ScalingLayer`, `normalize=True`).
+/// What is taken off `2 v − 1` of each channel, and what the rest is divided by (lpips `ScalingLayer`,
+/// `normalize=True`).
+pub const SCALING: [[f32; 3]; 2] = [[-0.030, -0.088, -0.188], [0.458, 0.448, 0.450]];
+
 fn scaled(picture: &Image) -> Activations {
-    const SHIFT: [f32; 3] = [-0.030, -0.088, -0.188];
-    const SCALE: [f32; 3] = [0.458, 0.448, 0.450];
+    let [shift, scale] = SCALING;
     let pixels = picture.samples().as_chunks::<3>().0.iter();
     let values = pixels.flat_map(|pixel| {
-        std::array::from_fn::<f32, 3, _>(|channel| (2.0 * pixel[channel] - 1.0 - SHIFT[channel]) / SCALE[channel])
+        std::array::from_fn::<f32, 3, _>(|channel| (2.0 * pixel[channel] - 1.0 - shift[channel]) / scale[channel])
     });
     let [width, height] = [picture.width(), picture.height()].map(|side| side as usize);
     Activations { height, width, channels: 3, values: values.collect() }

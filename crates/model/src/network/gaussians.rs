@@ -56,7 +56,8 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
             part(place, 4) + identity.unsqueeze()
         }
     };
-    let length = (rotation.clone() * rotation.clone()).sum_dim(2).sqrt().clamp_min(SHORTEST);
+    // Clamped before the root, whose derivative at zero is infinite.
+    let length = (rotation.clone() * rotation.clone()).sum_dim(2).clamp_min(SHORTEST * SHORTEST).sqrt();
     let scale = part(place + 4, 3);
     let log_scales = match settings.scale {
         ScaleActivation::ExpClamped { shift, max } => (scale + shift).clamp_max(max),

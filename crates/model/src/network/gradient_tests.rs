@@ -91,7 +91,7 @@ fn every_parameter_learns_through_the_splatter() {
     let weights = generated(&parameters(&config), 3);
     let network = network(&config, &weights, &Device::flex().autodiff());
     let Losses { pictures, uncertainty, .. } = losses(&network);
-    let reached = names::gradients_by_name(&network, &(pictures + uncertainty * 0.1).backward());
+    let reached = network.gradients(&(pictures + uncertainty * 0.1).backward());
     for parameter in parameters(&config) {
         let gradient = reached.get(&parameter.name).unwrap_or_else(|| panic!("{} has no gradient", parameter.name));
         assert_eq!(gradient.len(), parameter.elements(), "{}", parameter.name);
@@ -106,7 +106,7 @@ fn the_uncertainty_loss_moves_nothing_but_the_scores() {
     let config = config();
     let weights = generated(&parameters(&config), 3);
     let network = network(&config, &weights, &Device::flex().autodiff());
-    let reached = names::gradients_by_name(&network, &losses(&network).uncertainty.backward());
+    let reached = network.gradients(&losses(&network).uncertainty.backward());
     for (name, gradient) in reached {
         let moved = gradient.iter().any(|number| *number != 0.0);
         assert_eq!(moved, name.contains("expansion.score"), "{name}");
@@ -119,9 +119,9 @@ fn gradients_are_what_differences_say() {
     let weights = generated(&parameters(&config), 3);
     let tracked = network(&config, &weights, &Device::flex().autodiff());
     let start = losses(&tracked);
-    let by_pictures = names::gradients_by_name(&tracked, &start.pictures.backward());
+    let by_pictures = tracked.gradients(&start.pictures.backward());
     // A graph is walked once.
-    let by_uncertainty = names::gradients_by_name(&tracked, &losses(&tracked).uncertainty.backward());
+    let by_uncertainty = tracked.gradients(&losses(&tracked).uncertainty.backward());
     for name in [
         "backbone.embed.weight",
         "coarse.plucker.weight",

@@ -2,7 +2,7 @@
 
 use burn::Tensor;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
-use burn::tensor::TensorData;
+use burn::tensor::{Gradients, TensorData};
 use indexmap::IndexMap;
 
 use super::Network;
@@ -97,6 +97,37 @@ impl Network {
     }
 }
 
+impl Network {
+    /// What a backward pass gave each parameter that it reached, under the names and in the shapes of [`parameters`].
+    pub fn gradients(&self, gradients: &Gradients) -> IndexMap<String, Vec<f32>> {
+        let mut find = Find { path: Path::default(), gradients, found: IndexMap::new() };
+        self.visit(&mut find);
+        find.found
+    }
+}
+
+struct Find<'a> {
+    path: Path,
+    gradients: &'a Gradients,
+    found: IndexMap<String, Vec<f32>>,
+}
+
+impl ModuleVisitor for Find<'_> {
+    fn enter_module(&mut self, name: &str, container_type: &str) {
+        self.path.enter(name, container_type);
+    }
+
+    fn exit_module(&mut self, _name: &str, _container_type: &str) {
+        self.path.exit();
+    }
+
+    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
+        if let Some(gradient) = param.val().grad(self.gradients) {
+            self.found.insert(self.path.name(), self.path.values(gradient));
+        }
+    }
+}
+
 /// Puts a backbone's weights into a module that stands alone.
 #[cfg(test)]
 pub(super) fn backbone_with_weights<M: Module>(module: M, weights: &StoredTensors) -> Result<M, ModelError> {
@@ -104,34 +135,6 @@ pub(super) fn backbone_with_weights<M: Module>(module: M, weights: &StoredTensor
     load.path.enter("backbone", "");
     let loaded = module.map(&mut load);
     load.fault.map_or(Ok(loaded), Err)
-}
-
-/// What a backward pass gave each parameter that it reached, under the names and in the shapes of [`parameters`].
-#[cfg(test)]
-pub(super) fn gradients_by_name(network: &Network, gradients: &burn::tensor::Gradients) -> IndexMap<String, Vec<f32>> {
-    struct Find<'a> {
-        path: Path,
-        gradients: &'a burn::tensor::Gradients,
-        found: IndexMap<String, Vec<f32>>,
-    }
-    impl ModuleVisitor for Find<'_> {
-        fn enter_module(&mut self, name: &str, container_type: &str) {
-            self.path.enter(name, container_type);
-        }
-
-        fn exit_module(&mut self, _name: &str, _container_type: &str) {
-            self.path.exit();
-        }
-
-        fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-            if let Some(gradient) = param.val().grad(self.gradients) {
-                self.found.insert(self.path.name(), self.path.values(gradient));
-            }
-        }
-    }
-    let mut find = Find { path: Path::default(), gradients, found: IndexMap::new() };
-    network.visit(&mut find);
-    find.found
 }
 
 struct Load<'a> {

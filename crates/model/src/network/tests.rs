@@ -181,7 +181,7 @@ fn gradients_reach_every_parameter_but_the_frozen_and_the_detached() {
         let gaussians = &made.gaussians;
         let loss = gaussians.means.clone().square().mean() + gaussians.log_scales.clone().square().mean();
         let gradients = loss.backward();
-        let reached = names::gradients_by_name(&network, &gradients);
+        let reached = network.gradients(&gradients);
         let names = || parameters(&fixture.config).into_iter().map(|parameter| parameter.name);
         let without: Vec<String> = names().filter(|name| !reached.contains_key(name)).collect();
         let expected = names();

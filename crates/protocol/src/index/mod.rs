@@ -5,6 +5,7 @@
 //! [`EvaluationIndex`] is what such a file says; [`IndexFile`] is the file itself, with its bytes' hash,
 //! its layout and what was odd about it.
 
+mod carried;
 mod content;
 mod digest;
 mod file;

@@ -18,6 +18,10 @@ pub struct IndexRule {
     /// What is made of the published file, where the protocol has no file of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub derivation: Option<Derivation>,
+    /// The rule of `eval/samplers/` that chooses frames as this protocol does, for scenes that no published file names.
+    /// Its numbers compare with no published ones.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub sampler: Option<String>,
 }
 
 /// A published index file that a protocol accepts.

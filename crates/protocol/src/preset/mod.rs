@@ -37,6 +37,10 @@ pub struct Preset {
     pub title: String,
     /// Id of the dataset manifest in `datasets/`.
     pub dataset: String,
+    /// The published preset that this one is made after, at another scale or on other scenes: its numbers may stand in
+    /// that protocol's tables where these say so, to compare the order and the gaps of rows.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub stands_for: Option<String>,
     /// What a reader of the numbers must know.
     #[serde(default)]
     pub notes: Vec<String>,
@@ -152,6 +156,9 @@ impl Preset {
         for texts in [&mut bare.notes, &mut bare.inferred, &mut bare.sources] {
             texts.clear();
         }
+        bare.stands_for = None;
+        // What was sampled is told by the hash of the index.
+        bare.index.sampler = None;
         bare.index.accepted.iter_mut().for_each(|accepted| accepted.note = None);
         bare.methods.iter_mut().for_each(|method| method.source.clear());
         let json = serde_json::to_vec(&bare)
@@ -190,8 +197,32 @@ mod tests {
             "re10k-to-dl3dv-256",
             "dl3dv-6v-extrapolation",
             "re10k-extrapolation",
+            "photos-3v-256",
+            "rooms-2v-128",
+            "rooms-overlap-128",
+            "rooms-extrapolation-128",
+            "yards-2v-128x224",
+            "yards-4v-128x224",
+            "yards-6v-128x224",
+            "yards-12v-256x480",
+            "yards-6v-112",
+            "rooms-to-yards-128",
+            "yards-6v-extrapolation",
         ];
         assert_eq!(Preset::names().collect::<Vec<_>>(), expected);
+    }
+
+    #[test]
+    fn what_stands_for_another_stands_for_a_published_one() {
+        for preset in all() {
+            let carried = preset.index.accepted.iter().any(|file| crate::IndexFile::carried(&file.name).is_some());
+            assert_eq!(preset.stands_for.is_some(), carried, "{}", preset.name);
+            let Some(published) = preset.stands_for.as_deref().map(|name| Preset::named(name).unwrap()) else {
+                continue;
+            };
+            assert_eq!(published.stands_for, None);
+            assert_eq!(published.index.context_views, preset.index.context_views, "{}", preset.name);
+        }
     }
 
     #[test]

@@ -1,7 +1,7 @@
 use std::fmt::Display;
 
 use super::{NearFar, PoseNormalisation, Preset, RendererConvention};
-use crate::{IndexEntry, KnownIndex, ProtocolError};
+use crate::{IndexBuilder, IndexEntry, KnownIndex, ProtocolError};
 
 /// Whether the parts of a preset make sense by themselves and together.
 pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
@@ -33,7 +33,13 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
 
 fn index(preset: &Preset) -> Result<(), ProtocolError> {
     let rule = &preset.index;
-    ensure(!rule.accepted.is_empty(), "index.accepted", "at least one index", &"none")?;
+    let is_told = !rule.accepted.is_empty() || rule.sampler.is_some();
+    ensure(is_told, "index.accepted", "at least one index, or a sampler", &"none")?;
+    if let Some(sampler) = &rule.sampler {
+        let path = std::path::Path::new(sampler);
+        let known = IndexBuilder::names().any(|name| name == sampler) || path.extension().is_some();
+        ensure(known, "index.sampler", "a rule of eval/samplers or a path", sampler)?;
+    }
     ensure(rule.context_views > 0, "index.context-views", "at least one view", &rule.context_views)?;
     let (fewest, most) = rule.targets;
     let in_order = 0 < fewest && fewest <= most && most <= IndexEntry::MAX_FRAME;

@@ -1,5 +1,6 @@
 use std::ops::RangeInclusive;
 
+use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
 use sha2::{Digest, Sha256};
 
 /// `SplitMix64` (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", OOPSLA 2014):
@@ -28,11 +29,8 @@ impl SplitMix64 {
 
     /// The next sixty-four bits.
     pub const fn next_u64(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        self.state = self.state.wrapping_add(SPLIT_MIX_STEP);
+        split_mix(self.state)
     }
 
     /// A uniform number of `range`, without modulo bias (Lemire: "Fast random integer generation in an

@@ -10,6 +10,7 @@ mod prefetch;
 mod prepare;
 mod recipe;
 mod skip;
+mod unwaited;
 mod walk;
 
 use atsplat_camera::{Camera, Fallback, ImageSize, PoseNormalisation, Similarity};

@@ -1,11 +1,12 @@
 use std::collections::VecDeque;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use atsplat_scene::{Scene, SceneSource, Warnings};
 
 use super::pictures::LazyPicture;
 use super::prefetch::{Budget, DecodeAhead, Ordered, Prefetch};
 use super::prepare::prepare;
+use super::unwaited::Unwaited;
 use super::{Refusal, SkipReason, SkipReport, Skipped, TargetPictures, Trial, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry};
 
@@ -37,7 +38,7 @@ struct Place {
 /// A scene that several entries may need; loaded by whichever comes first.
 struct SharedScene {
     key: String,
-    loaded: OnceLock<(Result<Arc<Scene>, Refusal>, Warnings)>,
+    loaded: Unwaited<(Result<Arc<Scene>, Refusal>, Warnings)>,
 }
 
 struct Outcome {
@@ -56,7 +57,7 @@ impl Trials {
                 let reason = SkipReason::NullEntry;
                 report.skipped.push(Skipped { scene: key.clone(), entry_number: 0, reason, detail });
             }
-            let scene = Arc::new(SharedScene { key: key.clone(), loaded: OnceLock::new() });
+            let scene = Arc::new(SharedScene { key: key.clone(), loaded: Unwaited::new() });
             waiting.extend(entries.iter().cloned().enumerate().map(|(entry_number, entry)| Place {
                 scene: Arc::clone(&scene),
                 entry_number,
@@ -141,12 +142,12 @@ impl Place {
         budget: &Arc<Budget>,
     ) -> Outcome {
         let Self { scene: shared, entry_number, entry } = self;
-        let (scene, scene_warnings) = shared.loaded.get_or_init(|| load(&shared.key, source));
+        let (scene, scene_warnings) = shared.loaded.get(|| load(&shared.key, source));
         // The first entry of a scene reports what is wrong with it, whichever entry loaded it.
-        let warnings = if entry_number == 0 { scene_warnings.clone() } else { Warnings::new() };
+        let warnings = if entry_number == 0 { scene_warnings } else { Warnings::new() };
         let prepared = match scene {
-            Ok(scene) => prepare(scene, entry_number, &entry, recipe),
-            Err(refusal) => Err(refusal.clone()),
+            Ok(scene) => prepare(&scene, entry_number, &entry, recipe),
+            Err(refusal) => Err(refusal),
         };
         let trial = match prepared {
             Ok((trial, pictures)) => Ok(decode_ahead(trial, pictures, decode, budget)),

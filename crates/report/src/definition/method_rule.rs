@@ -44,14 +44,15 @@ impl MethodRule {
         };
         let per_token = self.gaussians_per_token.unwrap_or(GAUSSIANS_PER_TOKEN);
         let same_k = config.as_ref().is_none_or(|config| config.head.gaussians_per_token == per_token);
-        let same_thresholds = self.thresholds.as_ref().is_none_or(|wanted| config.as_ref().map(thresholds).as_ref() == Some(wanted));
+        let same_thresholds =
+            self.thresholds.as_ref().is_none_or(|wanted| config.as_ref().map(thresholds).as_ref() == Some(wanted));
         variant(record).as_deref() == Some(wanted) && same_k && same_thresholds
     }
 }
 
 /// What a method changes of ATSplat: `full` for nothing, else the name of the ablation. A method may say so itself, by a
 /// parameter `variant`; else its configuration tells. `None` where neither is known, or where it is no row of the paper's.
-pub fn variant(record: &MethodRecord) -> Option<String> {
+pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
     if let Some(told) = record.parameters.get("variant").and_then(serde_json::Value::as_str) {
         return Some(told.to_owned());
     }
@@ -62,12 +63,16 @@ pub fn variant(record: &MethodRecord) -> Option<String> {
         AnchorDesign::LearnableTokens { .. } => Some("learnable-tokens"),
         AnchorDesign::DirectXyz {} => Some("direct-xyz"),
     };
-    let active: Vec<BlockExpansion> = config.decoder.blocks.iter().filter_map(|block| block.active_expansion()).collect();
+    let active: Vec<BlockExpansion> =
+        config.decoder.blocks.iter().filter_map(atsplat_model::config::BlockConfig::active_expansion).collect();
     let possible = config.decoder.blocks.iter().filter(|block| block.expansion.is_some()).count();
-    let ratios: Vec<f64> = active.iter().filter_map(|expansion| match expansion {
-        BlockExpansion::Ratio(ratio) => Some(ratio.value()),
-        BlockExpansion::Threshold(_) => None,
-    }).collect();
+    let ratios: Vec<f64> = active
+        .iter()
+        .filter_map(|expansion| match expansion {
+            BlockExpansion::Ratio(ratio) => Some(ratio.value()),
+            BlockExpansion::Threshold(_) => None,
+        })
+        .collect();
     let expansion = if active.is_empty() {
         Some("no-expansion")
     } else if active.len() < possible {
@@ -92,7 +97,7 @@ pub fn variant(record: &MethodRecord) -> Option<String> {
 }
 
 fn thresholds(config: &ModelConfig) -> Vec<f64> {
-    let active = config.decoder.blocks.iter().filter_map(|block| block.active_expansion());
+    let active = config.decoder.blocks.iter().filter_map(atsplat_model::config::BlockConfig::active_expansion);
     let threshold = |expansion| match expansion {
         BlockExpansion::Threshold(threshold) => Some(threshold),
         BlockExpansion::Ratio(_) => None,
@@ -149,7 +154,8 @@ mod tests {
     fn another_k_is_another_row() {
         let mut config = ModelConfig::named("nano").unwrap();
         config.head.gaussians_per_token = 32;
-        let k = |k| MethodRule { kind: Some("atsplat".to_owned()), gaussians_per_token: Some(k), ..MethodRule::default() };
+        let k =
+            |k| MethodRule { kind: Some("atsplat".to_owned()), gaussians_per_token: Some(k), ..MethodRule::default() };
         assert!(!full().accepts(&record(&config)));
         assert!(k(32).accepts(&record(&config)) && !k(16).accepts(&record(&config)));
     }
@@ -168,7 +174,11 @@ mod tests {
 
     #[test]
     fn a_method_may_say_what_it_is() {
-        let told = MethodRecord { kind: "atsplat".to_owned(), parameters: [("variant".to_owned(), "unified".into())].into(), ..MethodRecord::default() };
+        let told = MethodRecord {
+            kind: "atsplat".to_owned(),
+            parameters: [("variant".to_owned(), "unified".into())].into(),
+            ..MethodRecord::default()
+        };
         assert_eq!(variant(&told).as_deref(), Some("unified"));
         assert!(!full().accepts(&told));
         assert!(!full().accepts(&MethodRecord { kind: "renders".to_owned(), ..told }));

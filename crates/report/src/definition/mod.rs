@@ -227,8 +227,7 @@ impl TableDefinition {
     /// [`ReportError::Csv`], [`ReportError::Definition`] where there is no such file.
     pub fn published(&self) -> Result<Published, ReportError> {
         let known = builtin::PUBLISHED.iter().find(|(file, _)| *file == self.published);
-        let (file, text) =
-            known.ok_or_else(|| self.wrong("a file of eval/published", self.published.clone()))?;
+        let (file, text) = known.ok_or_else(|| self.wrong("a file of eval/published", self.published.clone()))?;
         Published::parse(file, text, self)
     }
 

@@ -1,8 +1,8 @@
 use serde::Serialize;
 
 use super::{ColumnGroup, TableDefinition};
-use crate::{ReportError, csv_text};
 use crate::table::Value;
+use crate::{ReportError, csv_text};
 
 /// What a paper printed, in the order in which it did.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -26,13 +26,14 @@ impl Published {
     /// # Errors
     /// [`ReportError::Csv`]; [`ReportError::Definition`] where a column that the definition names is not there.
     pub(super) fn parse(file: &str, text: &str, definition: &TableDefinition) -> Result<Self, ReportError> {
-        let mut records = csv_text::parse(text)
-            .map_err(|problem| ReportError::Csv { file: file.to_owned(), problem })?
-            .into_iter();
+        let mut records =
+            csv_text::parse(text).map_err(|problem| ReportError::Csv { file: file.to_owned(), problem })?.into_iter();
         let header = records.next().unwrap_or_default();
         let place = |name: &str| {
             let found = header.iter().position(|known| known == name);
-            found.ok_or_else(|| definition.wrong(&format!("column {name:?} in eval/published/{file}"), header.join(", ")))
+            found.ok_or_else(|| {
+                definition.wrong(&format!("column {name:?} in eval/published/{file}"), header.join(", "))
+            })
         };
         let of_group = |group: &ColumnGroup| {
             let places = group.columns.iter().map(|column| place(&TableDefinition::published_name(group, column)));
@@ -51,7 +52,10 @@ impl Published {
             };
             rows.push(PublishedRow {
                 labels: definition.labels.iter().map(|label| filled(&label.text)).collect(),
-                values: groups.iter().map(|places| places.iter().map(|at| Value::published(field(*at))).collect()).collect(),
+                values: groups
+                    .iter()
+                    .map(|places| places.iter().map(|at| Value::published(field(*at))).collect())
+                    .collect(),
             });
         }
         Ok(Self { rows })

@@ -101,7 +101,15 @@ mod tests {
 
     #[test]
     fn counts_are_cut_to_thousands_as_papers_cut_them() {
-        for (count, printed) in [(23_040.0, "23K"), (80_640.0, "80K"), (120_960.0, "120K"), (46_080.0, "46K"), (5_898_240.0, "5898K"), (999.0, "999"), (52_928.0, "52K")] {
+        for (count, printed) in [
+            (23_040.0, "23K"),
+            (80_640.0, "80K"),
+            (120_960.0, "120K"),
+            (46_080.0, "46K"),
+            (5_898_240.0, "5898K"),
+            (999.0, "999"),
+            (52_928.0, "52K"),
+        ] {
             assert_eq!(Quantity::Gaussians.print(count, false), printed);
         }
         assert_eq!(Quantity::Gaussians.print(23_040.0, true), "23040");

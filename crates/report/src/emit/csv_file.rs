@@ -33,7 +33,8 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
             Some(Value::Absent) | None => String::new(),
         });
         let interval = cell.and_then(|cell| cell.interval);
-        record.extend([0, 1].map(|end| interval.and_then(|ends| ends.get(end).map(f64::to_string)).unwrap_or_default()));
+        record
+            .extend([0, 1].map(|end| interval.and_then(|ends| ends.get(end).map(f64::to_string)).unwrap_or_default()));
         record.push(cell.and_then(|cell| cell.counts).map_or_else(String::new, |counts| counts.scenes.to_string()));
     }
     record

@@ -39,7 +39,9 @@ impl Terminal {
         for part in self.parts(table) {
             text.push_str(&self.part(table, &part));
         }
-        if !self.styled && table.rows.iter().flat_map(|row| row.cells.iter().flatten()).any(|cell| cell.mark != Mark::Plain) {
+        if !self.styled
+            && table.rows.iter().flat_map(|row| row.cells.iter().flatten()).any(|cell| cell.mark != Mark::Plain)
+        {
             text.push_str("  * best, _ second\n");
         }
         for note in &table.footer {
@@ -63,7 +65,8 @@ impl Terminal {
         let mut used = 0;
         for group in 0..table.groups.len() {
             let own: Vec<(usize, usize)> = columns.iter().filter(|(at, _)| *at == group).copied().collect();
-            let width = |places: &[(usize, usize)]| places.iter().map(|place| self.width_of(table, *place) + 3).sum::<usize>();
+            let width =
+                |places: &[(usize, usize)]| places.iter().map(|place| self.width_of(table, *place) + 3).sum::<usize>();
             let together = width(&own);
             if parts.is_empty() || used + together > self.width {
                 used = lead;
@@ -86,7 +89,12 @@ impl Terminal {
 
     fn width_of(&self, table: &Table, (group, at): (usize, usize)) -> usize {
         let part = self.filled(table, &[(group, at)]);
-        part.heads.iter().map(|head| head.width()).chain(part.rows.iter().flatten().map(|text| text.text.width())).max().unwrap_or(0)
+        part.heads
+            .iter()
+            .map(|head| head.width())
+            .chain(part.rows.iter().flatten().map(|text| text.text.width()))
+            .max()
+            .unwrap_or(0)
     }
 
     fn filled(&self, table: &Table, places: &[(usize, usize)]) -> Part {
@@ -131,7 +139,8 @@ impl Terminal {
         let mut at = 0;
         for (title, count) in &part.groups {
             let own = at..at + count;
-            let room: usize = column_widths.get(own.clone()).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * (count - 1);
+            let room: usize =
+                column_widths.get(own.clone()).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * (count - 1);
             if let Some(last) = column_widths.get_mut(own.end - 1) {
                 *last += title.width().saturating_sub(room);
             }
@@ -147,7 +156,8 @@ impl Terminal {
             let mut cells: Vec<String> = lead_widths.iter().map(|width| " ".repeat(width + 2)).collect();
             let mut at = 0;
             for (title, count) in &part.groups {
-                let room = column_widths.get(at..at + count).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * count - 1;
+                let room =
+                    column_widths.get(at..at + count).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * count - 1;
                 cells.push(centred(title, room));
                 at += count;
             }
@@ -155,7 +165,8 @@ impl Terminal {
         }
         let heads = lead.first().into_iter().flatten().map(|head| (head.clone(), false));
         let heads = heads.chain(part.heads.iter().map(|head| (head.clone(), true)));
-        let cells: Vec<String> = heads.zip(&all).map(|((head, right), width)| self.set(&padded(&head, *width, right), BOLD)).collect();
+        let cells: Vec<String> =
+            heads.zip(&all).map(|((head, right), width)| self.set(&padded(&head, *width, right), BOLD)).collect();
         text.push_str(&format!("│ {} │\n", cells.join(" │ ")));
         text.push_str(&rule('├', '┼', '┤'));
         for (at, row) in table.rows.iter().enumerate() {

@@ -124,7 +124,10 @@ fn marks_are_the_papers() {
     assert_eq!(marked(&cross, 0, lpips, Mark::Best), ["DepthSplat", "iLRM"]);
     assert_eq!(marked(&cross, 0, lpips, Mark::Second), ["Ours"]);
     let re10k = published("re10k");
-    assert_eq!((marked(&re10k, 0, lpips, Mark::Best), marked(&re10k, 0, lpips, Mark::Second)), (vec!["LongLRM".to_owned()], vec!["iLRM".to_owned()]));
+    assert_eq!(
+        (marked(&re10k, 0, lpips, Mark::Best), marked(&re10k, 0, lpips, Mark::Second)),
+        (vec!["LongLRM".to_owned()], vec!["iLRM".to_owned()])
+    );
     assert_eq!(marked(&published("k_scaling"), 0, psnr, Mark::Best), Vec::<String>::new());
 }
 

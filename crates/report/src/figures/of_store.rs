@@ -6,8 +6,8 @@ use atsplat_metrics::{Definition, definitions};
 use atsplat_protocol::{BinRule, OverlapBins, Preset};
 
 use crate::plot::{
-    Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin, OverlapBin, OverlapCurves, OverlapSeries, ScatterPoint,
-    SceneScatter, StageTime, StageTimeRow,
+    Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin, OverlapBin, OverlapCurves, OverlapSeries,
+    ScatterPoint, SceneScatter, StageTime, StageTimeRow,
 };
 use crate::table::Source;
 
@@ -41,14 +41,20 @@ impl<'a> View<'a> {
 
     fn methods(&self) -> impl Iterator<Item = &'a MethodRecord> {
         let ran = |method: &&MethodRecord| {
-            self.results.trials.iter().any(|trial| trial.key.preset == self.preset.name && trial.key.method == method.name)
+            self.results
+                .trials
+                .iter()
+                .any(|trial| trial.key.preset == self.preset.name && trial.key.method == method.name)
         };
         self.results.provenance.methods.iter().filter(ran)
     }
 
     fn metric(&self) -> Option<&'static Definition> {
         let scored = |metric: &&Definition| {
-            self.results.targets.iter().any(|row| row.key.preset == self.preset.name && row.scores.contains_key(metric.id))
+            self.results
+                .targets
+                .iter()
+                .any(|row| row.key.preset == self.preset.name && row.scores.contains_key(metric.id))
         };
         definitions().iter().find(scored)
     }
@@ -56,21 +62,33 @@ impl<'a> View<'a> {
     fn overlap(&self, metric: &'static Definition) -> Option<Drawing> {
         const STEPS: usize = 10;
         let bins = Preset::from_toml(&self.preset.toml).ok()?.overlap_bins?;
-        let overlaps: Vec<f64> = self.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name).filter_map(|trial| trial.overlap).collect();
+        let overlaps: Vec<f64> = self
+            .results
+            .trials
+            .iter()
+            .filter(|trial| trial.key.preset == self.preset.name)
+            .filter_map(|trial| trial.overlap)
+            .collect();
         let (low, high) = (*bins.edges().first()?, *bins.edges().last()?);
         let edges: Vec<f64> = (0..=STEPS).map(|step| low + (high - low) * step as f64 / STEPS as f64).collect();
-        let fine = OverlapBins::new(BinRule::Strict, (0..STEPS).map(|step| step.to_string()).collect(), edges.clone()).ok()?;
+        let fine =
+            OverlapBins::new(BinRule::Strict, (0..STEPS).map(|step| step.to_string()).collect(), edges.clone()).ok()?;
         let series = |method: &'a MethodRecord| {
             let binned = by_overlap(self.results, &self.question(&method.name, metric), &fine);
-            let middles = edges.windows(2).map(|pair| (pair[0] + pair[1]) / 2.0);
-            let points = middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
+            let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
+            let points =
+                middles.zip(&binned.bins).filter_map(|(middle, (_, summary))| Some((middle, estimate(summary)?)));
             OverlapSeries { label: method.title.clone(), points: points.collect(), origin: Origin::Measured }
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
         let scenes = |name: &str| {
             let distinct = self.methods().next().map(|method| method.name.as_str());
-            let trials = self.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name && Some(trial.key.method.as_str()) == distinct);
-            trials.filter(|trial| trial.overlap.is_some_and(|overlap| bins.name_of(overlap) == Some(name))).count() as u64
+            let trials =
+                self.results.trials.iter().filter(|trial| {
+                    trial.key.preset == self.preset.name && Some(trial.key.method.as_str()) == distinct
+                });
+            trials.filter(|trial| trial.overlap.is_some_and(|overlap| bins.name_of(overlap) == Some(name))).count()
+                as u64
         };
         let shown = bins.names().iter().zip(bins.edges().windows(2)).map(|(name, edges)| OverlapBin {
             name: name.clone(),
@@ -79,7 +97,10 @@ impl<'a> View<'a> {
         });
         let plot = OverlapCurves {
             title: format!("{} against overlap", metric.name),
-            subtitle: format!("{}; tenths of the range of overlap, bands are 95 % intervals over scenes", self.preset.title),
+            subtitle: format!(
+                "{}; tenths of the range of overlap, bands are 95 % intervals over scenes",
+                self.preset.title
+            ),
             quality: metric.into(),
             bins: shown.collect(),
             series,
@@ -94,7 +115,10 @@ impl<'a> View<'a> {
         }
         let series = |method: &'a MethodRecord| ExtrapolationSeries {
             label: method.title.clone(),
-            points: by_distance(self.results, &self.question(&method.name, metric)).iter().filter_map(|(distance, summary)| Some((*distance, estimate(summary)?))).collect(),
+            points: by_distance(self.results, &self.question(&method.name, metric))
+                .iter()
+                .filter_map(|(distance, summary)| Some((*distance, estimate(summary)?)))
+                .collect(),
             origin: Origin::Measured,
         };
         let plot = ExtrapolationDecay {
@@ -111,7 +135,9 @@ impl<'a> View<'a> {
         const NAMED: usize = 5;
         const MOST: usize = 4;
         let methods: Vec<&MethodRecord> = self.methods().collect();
-        let Some(own) = methods.iter().find(|method| method.kind == "atsplat").or(methods.first()) else { return Vec::new() };
+        let Some(own) = methods.iter().find(|method| method.kind == "atsplat").or(methods.first()) else {
+            return Vec::new();
+        };
         let means = |method: &'a MethodRecord| scene_means(self.results, &self.question(&method.name, metric));
         let against = |other: &&'a MethodRecord| {
             let (a, b) = (means(own), means(other));
@@ -124,14 +150,18 @@ impl<'a> View<'a> {
             let interval = pair.interval.map_or_else(String::new, |[low, high]| format!(" [{low:+.3}, {high:+.3}]"));
             let plot = SceneScatter {
                 title: format!("{} scene by scene", metric.name),
-                subtitle: format!("{} − {}: {:+.3}{interval} over {} scenes, sign test p = {:.3}", own.title, other.title, pair.difference, pair.scenes, pair.sign_test),
+                subtitle: format!(
+                    "{} − {}: {:+.3}{interval} over {} scenes, sign test p = {:.3}",
+                    own.title, other.title, pair.difference, pair.scenes, pair.sign_test
+                ),
                 quality: metric.into(),
                 x: other.title.clone(),
                 y: own.title.clone(),
                 points,
                 named: NAMED,
             };
-            (!plot.points.is_empty()).then(|| (format!("{}-against-{}", plain(&own.name), plain(&other.name)), plot.draw()))
+            (!plot.points.is_empty())
+                .then(|| (format!("{}-against-{}", plain(&own.name), plain(&other.name)), plot.draw()))
         };
         methods.iter().filter(|other| other.name != own.name).filter_map(against).take(MOST).collect()
     }
@@ -139,7 +169,8 @@ impl<'a> View<'a> {
     fn time(&self) -> Option<Drawing> {
         let row = |method: &MethodRecord| {
             let cost = cost(self.results, &self.preset.name, &method.name);
-            let mut stages: Vec<(String, f64)> = cost.read_secs.map(|secs| ("read".to_owned(), secs)).into_iter().collect();
+            let mut stages: Vec<(String, f64)> =
+                cost.read_secs.map(|secs| ("read".to_owned(), secs)).into_iter().collect();
             match (cost.stages.is_empty(), cost.encode_secs) {
                 (false, _) => stages.extend(in_order(&cost.stages)),
                 (true, encode) => stages.extend(encode.map(|secs| ("encode".to_owned(), secs))),
@@ -151,7 +182,10 @@ impl<'a> View<'a> {
         let provenance = &self.results.provenance;
         let plot = StageTime {
             title: "Where a trial's time goes".to_owned(),
-            subtitle: format!("{}; medians; {}, {} threads", self.preset.title, provenance.processor, provenance.threads),
+            subtitle: format!(
+                "{}; medians; {}, {} threads",
+                self.preset.title, provenance.processor, provenance.threads
+            ),
             rows: self.methods().map(row).filter(|row| !row.stages.is_empty()).collect(),
         };
         (!plot.rows.is_empty()).then(|| plot.draw())
@@ -172,5 +206,7 @@ fn estimate(summary: &Summary) -> Option<Estimate> {
 
 /// A name that any file system takes.
 fn plain(text: &str) -> String {
-    text.chars().map(|letter| if letter.is_ascii_alphanumeric() || ".-_".contains(letter) { letter } else { '-' }).collect()
+    text.chars()
+        .map(|letter| if letter.is_ascii_alphanumeric() || ".-_".contains(letter) { letter } else { '-' })
+        .collect()
 }

@@ -4,8 +4,8 @@ use atsplat_metrics::Definition;
 use super::{estimate, metric_of, place_of};
 use crate::definition::{PlotKind, Quantity, TableDefinition};
 use crate::plot::{
-    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint, KScaling, Origin,
-    OverlapBinMeans, OverlapBinSeries,
+    Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,
+    KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
 };
 use crate::table::{Group, Row, Source, Table, Value};
 
@@ -32,7 +32,14 @@ fn name(row: &Row) -> String {
 }
 
 fn subtitle(table: &Table, group: &Group) -> String {
-    let scenes = table.rows.iter().filter(|row| row.origin == Origin::Measured).flat_map(|row| row.cells.iter().flatten()).filter_map(|cell| cell.counts).map(|counts| counts.scenes).max();
+    let scenes = table
+        .rows
+        .iter()
+        .filter(|row| row.origin == Origin::Measured)
+        .flat_map(|row| row.cells.iter().flatten())
+        .filter_map(|cell| cell.counts)
+        .map(|counts| counts.scenes)
+        .max();
     let scenes = scenes.map_or_else(String::new, |scenes| format!("; measured over {scenes} scenes"));
     let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
     let untrained = if table.rows.iter().any(|row| row.untrained) { "; † untrained" } else { "" };
@@ -43,7 +50,9 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
     let mut plots = Vec::new();
     for (at, group) in table.groups.iter().enumerate() {
         let Some((quality_at, metric)) = metric_of(group) else { continue };
-        for (cost, quantity, word) in [(CostAxis::Gaussians, Quantity::Gaussians, "gaussians"), (CostAxis::Seconds, Quantity::Seconds, "seconds")] {
+        for (cost, quantity, word) in
+            [(CostAxis::Gaussians, Quantity::Gaussians, "gaussians"), (CostAxis::Seconds, Quantity::Seconds, "seconds")]
+        {
             let Some(cost_at) = place_of(group, quantity) else { continue };
             let point = |row: &Row| {
                 let cells = row.cells.get(at)?;
@@ -59,7 +68,8 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
             if points.iter().filter(|point| point.origin == Origin::Measured).count() == 0 {
                 continue;
             }
-            let what = if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are of other machines" };
+            let what =
+                if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are of other machines" };
             let frontier = Frontier {
                 title: format!("{} against {what}", metric.name),
                 subtitle: subtitle(table, group),
@@ -96,22 +106,35 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
             gap: own.zip(own_reference).and_then(|(own, reference)| gap(definition, sources, metric, own, reference)),
         })
     };
-    let rows: Vec<AblationRow> = published.iter().filter(|other| other.labels != reference.labels).filter_map(|other| row(other)).collect();
+    let rows: Vec<AblationRow> =
+        published.iter().filter(|other| other.labels != reference.labels).filter_map(|other| row(other)).collect();
     let reference: Option<AblationRow> = row(reference);
     // Differences are what is drawn: without one there is nothing to see.
     rows.iter().any(|row| row.gap.is_some()).then_some(())?;
-    let ablation = Ablation { title: table.title.clone(), subtitle: subtitle(table, group), quality: metric.into(), reference: reference?, rows };
+    let ablation = Ablation {
+        title: table.title.clone(),
+        subtitle: subtitle(table, group),
+        quality: metric.into(),
+        reference: reference?,
+        rows,
+    };
     Some((table.name.clone(), ablation.draw()))
 }
 
 /// Variant minus reference over the same targets.
-fn gap(definition: &TableDefinition, sources: &[Source<'_>], metric: &Definition, own: &Row, reference: &Row) -> Option<Estimate> {
+fn gap(
+    definition: &TableDefinition,
+    sources: &[Source<'_>],
+    metric: &Definition,
+    own: &Row,
+    reference: &Row,
+) -> Option<Estimate> {
     let preset = definition.groups.first()?.preset.as_ref()?;
     let source = |row: &Row| sources.iter().find(|source| Some(source.label) == row.store.as_deref());
     let (a, b) = (source(own)?, source(reference)?);
     let record = |source: &Source<'_>| {
         let records = &source.results.provenance.presets;
-        records.iter().find(|record| record.preset == *preset).map(|record| record.name.clone())
+        records.iter().find(|record| record.published() == *preset).map(|record| record.name.clone())
     };
     let (first, second) = (record(a)?, record(b)?);
     let question = |preset, method| Question { preset, method, metric: metric.id, leaked: Leaked::Included };
@@ -134,12 +157,18 @@ fn k_scaling(table: &Table) -> Option<(String, Drawing)> {
     };
     let points: Vec<KPoint> = shown(table).filter_map(point).collect();
     let own = points.iter().filter(|point| point.origin == Origin::Measured).count() > 1;
-    let plot = KScaling { title: format!("{} against K", metric.name), subtitle: subtitle(table, group), quality: metric.into(), points };
+    let plot = KScaling {
+        title: format!("{} against K", metric.name),
+        subtitle: subtitle(table, group),
+        quality: metric.into(),
+        points,
+    };
     own.then(|| (table.name.clone(), plot.draw()))
 }
 
 fn overlap_bins(table: &Table) -> Option<(String, Drawing)> {
-    let groups: Vec<(usize, &Group, (usize, &'static Definition))> = table.groups.iter().enumerate().filter_map(|(at, group)| Some((at, group, metric_of(group)?))).collect();
+    let groups: Vec<(usize, &Group, (usize, &'static Definition))> =
+        table.groups.iter().enumerate().filter_map(|(at, group)| Some((at, group, metric_of(group)?))).collect();
     let (_, first, (_, metric)) = groups.first()?;
     let series = |row: &Row| OverlapBinSeries {
         label: format!("{}{}", name(row), if row.origin == Origin::Published { " (paper)" } else { "" }),
@@ -161,18 +190,28 @@ fn budget_histogram(table: &Table, sources: &[Source<'_>]) -> Option<(String, Dr
     let series = |row: &Row| {
         let source = sources.iter().find(|source| Some(source.label) == row.store.as_deref())?;
         let records = &source.results.provenance.presets;
-        let preset = records.iter().find(|record| Some(&record.preset) == group.preset.as_ref())?;
-        let own = source.results.trials.iter().filter(|trial| trial.key.preset == preset.name && Some(&trial.key.method) == row.method.as_ref());
+        let preset = records.iter().find(|record| Some(record.published()) == group.preset.as_deref())?;
+        let own = source
+            .results
+            .trials
+            .iter()
+            .filter(|trial| trial.key.preset == preset.name && Some(&trial.key.method) == row.method.as_ref());
         let gaussians: Vec<f64> = own.filter_map(|trial| trial.gaussians).map(|count| count as f64).collect();
         (!gaussians.is_empty()).then(|| BudgetSeries { label: row.labels.join(", "), gaussians })
     };
-    let rows: Vec<BudgetSeries> = shown(table).filter(|row| row.origin == Origin::Measured).filter_map(series).collect();
+    let rows: Vec<BudgetSeries> =
+        shown(table).filter(|row| row.origin == Origin::Measured).filter_map(series).collect();
     let level = |series: &BudgetSeries| series.gaussians.windows(2).all(|pair| pair[0].total_cmp(&pair[1]).is_eq());
     let (fixed, moving): (Vec<BudgetSeries>, Vec<BudgetSeries>) = rows.into_iter().partition(level);
     if moving.is_empty() {
         return None;
     }
     let fixed = fixed.first().and_then(|series| series.gaussians.first().copied());
-    let plot = BudgetHistogram { title: "Gaussians per scene".to_owned(), subtitle: subtitle(table, group), series: moving, fixed };
+    let plot = BudgetHistogram {
+        title: "Gaussians per scene".to_owned(),
+        subtitle: subtitle(table, group),
+        series: moving,
+        fixed,
+    };
     Some((table.name.clone(), plot.draw()))
 }

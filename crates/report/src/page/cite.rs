@@ -32,24 +32,32 @@ pub(super) fn citation(table: &Table, row: &Row, place: (usize, usize), stores: 
         text.push_str(", untrained");
     }
     if let Some(method) = method {
-        for (what, hash) in [("weights", &method.weights_sha256), ("constants", &method.constants), ("backend", &method.backend)] {
+        for (what, hash) in
+            [("weights", &method.weights_sha256), ("constants", &method.constants), ("backend", &method.backend)]
+        {
             if let Some(hash) = hash {
                 text.push_str(&format!(", {what} {}", short(hash)));
             }
         }
     }
     for preset in &provenance.presets {
-        let asked = group.preset.is_none() || group.preset.as_ref() == Some(&preset.preset);
+        let asked = group.preset.is_none() || group.preset.as_deref() == Some(preset.published());
         if asked {
             let index = preset.index_name.as_deref().unwrap_or("unpublished");
             let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
-            text.push_str(&format!("; protocol {}@{hash}, index {index}@{digest}, {} of {} entries", preset.name, preset.entries, preset.entries_of_index));
+            text.push_str(&format!(
+                "; protocol {}@{hash}, index {index}@{digest}, {} of {} entries",
+                preset.name, preset.entries, preset.entries_of_index
+            ));
         }
     }
     if let Quantity::Metric(metric) = column.quantity {
         text.push_str(&format!("; {}: {}", metric.id, metric.convention));
     }
     let commit = provenance.commit.as_deref().map_or_else(String::new, |commit| format!(" at {}", short(commit)));
-    text.push_str(&format!("; atsplat {}{commit}, {}, {} threads", provenance.atsplat, provenance.processor, provenance.threads));
+    text.push_str(&format!(
+        "; atsplat {}{commit}, {}, {} threads",
+        provenance.atsplat, provenance.processor, provenance.threads
+    ));
     Some(text)
 }

@@ -10,7 +10,8 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let methods: usize = results().map(|results| results.provenance.methods.len()).sum();
     let protocols: usize = results().map(|results| results.provenance.presets.len()).sum();
     let facts = [(protocols, "protocols"), (methods, "methods"), (trials, "trials"), (targets, "target views")];
-    let facts: String = facts.iter().map(|(count, what)| format!("<li><b>{count}</b><span>{what}</span></li>")).collect();
+    let facts: String =
+        facts.iter().map(|(count, what)| format!("<li><b>{count}</b><span>{what}</span></li>")).collect();
     let mut text = format!("<ul class=\"facts\">{facts}</ul>");
     let untrained = results().flat_map(|results| &results.provenance.methods).filter(|method| method.untrained).count();
     if untrained > 0 {
@@ -18,7 +19,8 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
             "<p class=\"warning\">Of {methods} methods {untrained} with random weights: times and counts are real, quality says nothing.</p>"
         ));
     }
-    let compared: Vec<_> = tables.iter().map(|table| (table, verdict(table))).filter(|(_, verdict)| verdict.compared > 0).collect();
+    let compared: Vec<_> =
+        tables.iter().map(|table| (table, verdict(table))).filter(|(_, verdict)| verdict.compared > 0).collect();
     if !compared.is_empty() {
         text.push_str("<ul>");
         for (table, verdict) in compared {
@@ -42,7 +44,14 @@ pub(super) fn origin(stores: &[PageStore<'_>]) -> String {
 fn store(store: &PageStore<'_>) -> String {
     let provenance = &store.source.results.provenance;
     let mut facts = vec![
-        ("atsplat", format!("{} {}", provenance.atsplat, provenance.commit.as_deref().map_or_else(|| "outside its repository".to_owned(), short))),
+        (
+            "atsplat",
+            format!(
+                "{} {}",
+                provenance.atsplat,
+                provenance.commit.as_deref().map_or_else(|| "outside its repository".to_owned(), short)
+            ),
+        ),
         ("Machine", format!("{}, {}, {} threads", provenance.processor, provenance.platform, provenance.threads)),
         ("Command", provenance.command.join(" ")),
         ("Schema", format!("version {}, {}", provenance.schema_version, short(&provenance.schema_hash))),
@@ -64,17 +73,28 @@ fn store(store: &PageStore<'_>) -> String {
         ));
     }
     for method in &provenance.methods {
-        let weights = method.weights_sha256.as_deref().map_or_else(String::new, |hash| format!(", weights {}", short(hash)));
+        let weights =
+            method.weights_sha256.as_deref().map_or_else(String::new, |hash| format!(", weights {}", short(hash)));
         let untrained = if method.untrained { ", untrained" } else { "" };
         facts.push(("Method", format!("{} ({}): {}{weights}{untrained}", method.name, method.kind, method.title)));
     }
     for warning in &provenance.warnings {
-        facts.push(("Warning", format!("{} × {} in {}: {}", warning.count, warning.kind, warning.preset, warning.example)));
+        facts.push((
+            "Warning",
+            format!("{} × {} in {}: {}", warning.count, warning.kind, warning.preset, warning.example),
+        ));
     }
     if let Some(first) = provenance.skipped.first() {
         let count = provenance.skipped.len();
-        facts.push(("Skipped", format!("{count} index entries made no trial; the first: {} {}: {}", first.scene, first.reason, first.detail)));
+        facts.push((
+            "Skipped",
+            format!(
+                "{count} index entries made no trial; the first: {} {}: {}",
+                first.scene, first.reason, first.detail
+            ),
+        ));
     }
-    let facts: String = facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value))).collect();
+    let facts: String =
+        facts.iter().map(|(name, value)| format!("<dt>{name}</dt><dd>{}</dd>", escaped(value))).collect();
     format!("<article class=\"card\"><h3>{}</h3><dl>{facts}</dl></article>\n", escaped(store.source.label))
 }

@@ -66,8 +66,10 @@ impl Page<'_> {
         let pictures = pictures::Album::fill(self.stores, self.budget);
         let mut texts = serde_json::Map::new();
         for table in self.tables {
-            let formats = [("latex", TableFormat::Latex), ("markdown", TableFormat::Markdown), ("csv", TableFormat::Csv)];
-            let written = formats.map(|(name, format)| format.write(table).map(|text| (name.to_owned(), Value::String(text))));
+            let formats =
+                [("latex", TableFormat::Latex), ("markdown", TableFormat::Markdown), ("csv", TableFormat::Csv)];
+            let written =
+                formats.map(|(name, format)| format.write(table).map(|text| (name.to_owned(), Value::String(text))));
             texts.insert(table.name.clone(), Value::Object(written.into_iter().collect::<Result<_, _>>()?));
         }
         let runs = scenes::runs(self.stores, &pictures);
@@ -109,7 +111,11 @@ impl Page<'_> {
             let svg = drawing.to_svg()?;
             let told: Vec<&str> = drawing.texts().take(2).collect();
             let labelled = format!("<svg role=\"img\" aria-label=\"{}\" ", escaped(&told.join(". ")));
-            text.push_str(&format!("<figure id=\"plot-{}\">{}</figure>\n", escaped(name), svg.replacen("<svg ", &labelled, 1)));
+            text.push_str(&format!(
+                "<figure id=\"plot-{}\">{}</figure>\n",
+                escaped(name),
+                svg.replacen("<svg ", &labelled, 1)
+            ));
         }
         text.push_str("</div>");
         Ok(text)
@@ -139,7 +145,12 @@ fn filled(page: &str, slots: &[(&str, String)]) -> String {
 /// JSON that no HTML parser takes for the end of a script.
 fn safe_json(value: &Value) -> Result<String, ReportError> {
     let text = serde_json::to_string(value)?;
-    Ok(text.replace('<', "\\u003c").replace('>', "\\u003e").replace('&', "\\u0026").replace('\u{2028}', "\\u2028").replace('\u{2029}', "\\u2029"))
+    Ok(text
+        .replace('<', "\\u003c")
+        .replace('>', "\\u003e")
+        .replace('&', "\\u0026")
+        .replace('\u{2028}', "\\u2028")
+        .replace('\u{2029}', "\\u2029"))
 }
 
 /// What the page's policy allows: these scripts to the letter, and no other.

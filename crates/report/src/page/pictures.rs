@@ -55,15 +55,16 @@ impl Album {
                     continue;
                 };
                 let known = truths.get(&truth_key).copied();
-                let truth = match known {
-                    Some(_) => String::new(),
-                    None => match uri(&atsplat_eval::runner::picture_path(folder, &truth_key.1, row.frame)) {
+                let truth = if known.is_some() {
+                    String::new()
+                } else {
+                    match uri(&atsplat_eval::runner::picture_path(folder, &truth_key.1, row.frame)) {
                         Some(truth) => truth,
                         None => {
                             album.unreadable += 1;
                             continue;
                         }
-                    },
+                    }
                 };
                 let Some(rest) = left.checked_sub(render.len() + truth.len()) else {
                     album.over_budget += 1;
@@ -94,7 +95,11 @@ impl Album {
         if self.found == 0 {
             return "The stores keep no pictures: run with --keep-pictures to see renders beside truths.".to_owned();
         }
-        let mut text = format!("{} of {} pictures are in this page, those of the worst scenes first.", self.places.len(), self.found);
+        let mut text = format!(
+            "{} of {} pictures are in this page, those of the worst scenes first.",
+            self.places.len(),
+            self.found
+        );
         for (count, why) in [(self.over_budget, "would make it too large"), (self.unreadable, "cannot be read")] {
             if count > 0 {
                 text.push_str(&format!(" {count} {why}."));

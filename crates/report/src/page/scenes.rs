@@ -9,7 +9,11 @@ use super::pictures::Album;
 
 /// Metrics that any target has a score of, in the order of their definitions.
 pub(super) fn metrics(stores: &[PageStore<'_>]) -> Vec<Value> {
-    let scored: BTreeSet<&str> = stores.iter().flat_map(|store| &store.source.results.targets).flat_map(|row| row.scores.keys().map(String::as_str)).collect();
+    let scored: BTreeSet<&str> = stores
+        .iter()
+        .flat_map(|store| &store.source.results.targets)
+        .flat_map(|row| row.scores.keys().map(String::as_str))
+        .collect();
     let known = definitions().iter().filter(|metric| scored.contains(metric.id));
     let written = |metric: &Definition| {
         let decimals = if metric.unit == "dB" { 2 } else { 3 };
@@ -34,7 +38,12 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
             by_run.entry((&trial.key.preset, &trial.key.method)).or_default().push(written);
         }
         for ((preset, method), trials) in by_run {
-            let title = results.provenance.methods.iter().find(|record| record.name == method).map_or(method, |record| &record.title);
+            let title = results
+                .provenance
+                .methods
+                .iter()
+                .find(|record| record.name == method)
+                .map_or(method, |record| &record.title);
             let store = if stores.len() > 1 { format!(" · {}", store.source.label) } else { String::new() };
             runs.push(json!({ "label": format!("{preset} · {title}{store}"), "trials": trials }));
         }
@@ -49,7 +58,8 @@ fn written(trial: &TrialRow, targets: &[&TargetRow], places: &dyn Fn(&TargetRow)
         *sum += score;
         *count += 1;
     }
-    let means: BTreeMap<&str, f64> = sums.into_iter().map(|(metric, (sum, count))| (metric, sum / count as f64)).collect();
+    let means: BTreeMap<&str, f64> =
+        sums.into_iter().map(|(metric, (sum, count))| (metric, sum / count as f64)).collect();
     let pictures = targets.iter().filter_map(|row| {
         let [truth, render] = places(row)?;
         let scores: BTreeMap<&str, f64> = scores(row).collect();
@@ -80,7 +90,11 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
     if stores.iter().all(|store| store.source.results.trials.is_empty()) {
         return "<p class=\"hint\">No trial was run.</p>".to_owned();
     }
-    let heads: String = metrics(stores).iter().filter_map(|metric| metric.get("name")?.as_str()).map(|name| format!("<th>{name}</th>")).collect();
+    let heads: String = metrics(stores)
+        .iter()
+        .filter_map(|metric| metric.get("name")?.as_str())
+        .map(|name| format!("<th>{name}</th>"))
+        .collect();
     format!(
         "<p class=\"hint\">{}</p>\n<div class=\"choose\"><label>Run <select id=\"run\"></select></label>\
          <label>Worst by <select id=\"metric\"></select></label></div>\n\

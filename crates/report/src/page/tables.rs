@@ -12,10 +12,16 @@ pub(super) fn write(tables: &[Table], stores: &[PageStore<'_>]) -> String {
 fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
     let name = escaped(&table.name);
     let buttons: String = [("latex", "LaTeX"), ("markdown", "Markdown"), ("csv", "CSV")]
-        .map(|(format, title)| format!("<button type=\"button\" data-table=\"{name}\" data-copy=\"{format}\">Copy {title}</button>"))
+        .map(|(format, title)| {
+            format!("<button type=\"button\" data-table=\"{name}\" data-copy=\"{format}\">Copy {title}</button>")
+        })
         .concat();
     let verdict = verdict(table);
-    let verdict = if verdict.compared > 0 { format!("<p class=\"verdict\">{}</p>", escaped(&verdict.to_string())) } else { String::new() };
+    let verdict = if verdict.compared > 0 {
+        format!("<p class=\"verdict\">{}</p>", escaped(&verdict.to_string()))
+    } else {
+        String::new()
+    };
     let warnings = table.footer.iter().filter(|note| note.kind == NoteKind::Forced);
     let warnings: String = warnings.map(|note| format!("<p class=\"warning\">{}</p>", escaped(&note.text))).collect();
     let notes: String = table.footer.iter().map(|note| format!("<li>{}</li>", escaped(&note.text))).collect();
@@ -78,7 +84,9 @@ fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
         };
         let printed = escaped(&cell.print(column));
         let inside = match citation(table, row, place, stores) {
-            Some(citation) => format!("<button type=\"button\" data-cite=\"{}\">{printed}</button>", escaped(&citation)),
+            Some(citation) => {
+                format!("<button type=\"button\" data-cite=\"{}\">{printed}</button>", escaped(&citation))
+            }
             None => printed,
         };
         let told = cell.interval.map_or_else(String::new, |[low, high]| {

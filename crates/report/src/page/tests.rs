@@ -49,7 +49,13 @@ impl Sample {
     fn write(&self, budget: PictureBudget, extra: Option<&str>) -> String {
         let source = Source { label: LABEL, results: &self.results };
         let stores = [PageStore { source, folder: Some(self.folder.path()) }];
-        let page = Page { title: format!("Report {HOSTILE}"), tables: &self.tables, plots: &self.plots, stores: &stores, budget };
+        let page = Page {
+            title: format!("Report {HOSTILE}"),
+            tables: &self.tables,
+            plots: &self.plots,
+            stores: &stores,
+            budget,
+        };
         page.write_with(extra).unwrap()
     }
 }
@@ -74,7 +80,8 @@ fn nothing_from_data_becomes_markup() {
     let (_, data) = page.split_once("id=\"data\">").unwrap();
     let (data, _) = data.split_once("</script>").unwrap();
     let data: Value = serde_json::from_str(data).unwrap();
-    let scenes: Vec<&str> = data["runs"][0]["trials"].as_array().unwrap().iter().map(|trial| trial["scene"].as_str().unwrap()).collect();
+    let scenes: Vec<&str> =
+        data["runs"][0]["trials"].as_array().unwrap().iter().map(|trial| trial["scene"].as_str().unwrap()).collect();
     assert!(scenes.contains(&HOSTILE), "and the data is what it was: {scenes:?}");
 }
 
@@ -85,7 +92,11 @@ fn nothing_is_loaded_from_anywhere() {
     for part in page.split(['<', ';']) {
         for loading in ["src=\"", "href=\"", "url(", "@import"] {
             if let Some((_, target)) = part.split_once(loading) {
-                assert!(target.starts_with('#') || target.starts_with("data:"), "{loading}{}", &target[..target.len().min(60)]);
+                assert!(
+                    target.starts_with('#') || target.starts_with("data:"),
+                    "{loading}{}",
+                    &target[..target.len().min(60)]
+                );
             }
         }
     }
@@ -124,8 +135,10 @@ fn slots_are_filled_once() {
 /// Chromium, which has to be there where `CI` is set.
 fn chromium() -> Option<PathBuf> {
     let names = ["chromium", "chromium-browser", "google-chrome"];
-    let folders: Vec<PathBuf> = std::env::var_os("PATH").map(|path| std::env::split_paths(&path).collect()).unwrap_or_default();
-    let found = names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file());
+    let folders: Vec<PathBuf> =
+        std::env::var_os("PATH").map(|path| std::env::split_paths(&path).collect()).unwrap_or_default();
+    let found =
+        names.iter().flat_map(|name| folders.iter().map(move |folder| folder.join(name))).find(|path| path.is_file());
     let required = std::env::var("CI").is_ok_and(|value| value == "true" || value == "1");
     assert!(found.is_some() || !required, "this test needs chromium (Debian package `chromium`), and CI is set");
     if found.is_none() {
@@ -156,7 +169,8 @@ fn a_browser_clicks_through_the_page() {
         });
         let (told, _) = told.split_once("</pre>").unwrap();
         let told: serde_json::Map<String, Value> = serde_json::from_str(&told.replace("&amp;", "&")).unwrap();
-        let failed: Vec<&String> = told.iter().filter(|(_, passed)| **passed != Value::Bool(true)).map(|(name, _)| name).collect();
+        let failed: Vec<&String> =
+            told.iter().filter(|(_, passed)| **passed != Value::Bool(true)).map(|(name, _)| name).collect();
         assert!(failed.is_empty() && told.len() >= 15, "{size}: failed {failed:?} of {told:?}");
     }
 }

@@ -49,7 +49,10 @@ impl Ablation {
             (Some(Ok(value)), Some(reference)) => Some(value - reference),
             _ => None,
         };
-        let gaps = self.rows.iter().flat_map(|row| published_gap(row).into_iter().chain(row.gap.iter().flat_map(|gap| gap.extent())));
+        let gaps = self
+            .rows
+            .iter()
+            .flat_map(|row| published_gap(row).into_iter().chain(row.gap.iter().flat_map(|gap| gap.extent())));
         let axes = Axes {
             inside: Extent::new(250.0, 92.0, 700.0, 92.0 + ROW * self.rows.len() as f64),
             x: Scale::around(gaps.chain([0.0]), 0.06),
@@ -60,11 +63,16 @@ impl Ablation {
             drawing.line([[axes.x_of(tick), top], [axes.x_of(tick), bottom]], Stroke::new(super::theme::GRID, 1.0));
         }
         let unit = if self.quality.unit.is_empty() { String::new() } else { format!(" in {}", self.quality.unit) };
-        axes.draw_x(&mut drawing, &plain(&format!("{}{unit}: difference to “{}”", self.quality.name, self.reference.label)));
+        axes.draw_x(
+            &mut drawing,
+            &plain(&format!("{}{unit}: difference to “{}”", self.quality.name, self.reference.label)),
+        );
         self.key(&mut drawing, right);
         for (at, row) in self.rows.iter().enumerate() {
             let middle = top + ROW * (at as f64 + 0.5);
-            drawing.words(Words::new(shortened(&row.label, 13.0, false, left - 36.0), [left - 14.0, middle]).side(Side::Right));
+            drawing.words(
+                Words::new(shortened(&row.label, 13.0, false, left - 36.0), [left - 14.0, middle]).side(Side::Right),
+            );
             let bar = |drawing: &mut Drawing, gap: f64, y: f64, colour| {
                 let (from, to) = (axes.x_of(0.0), axes.x_of(gap));
                 let (from, to) = if from < to { (from, to) } else { (to, from) };
@@ -85,11 +93,14 @@ impl Ablation {
                 bar(&mut drawing, gap, paper, GREY);
             }
             let told = |value: Option<f64>, gap: Option<f64>| match (value, gap) {
-                (Some(value), Some(gap)) => Some(format!("{} ({})", self.quality.print(value), signed(self.quality, gap))),
+                (Some(value), Some(gap)) => {
+                    Some(format!("{} ({})", self.quality.print(value), signed(self.quality, gap)))
+                }
                 (Some(value), None) => Some(self.quality.print(value)),
                 _ => None,
             };
-            let measured = told(row.measured, row.gap.map(|gap| gap.value)).unwrap_or_else(|| "not measured".to_owned());
+            let measured =
+                told(row.measured, row.gap.map(|gap| gap.value)).unwrap_or_else(|| "not measured".to_owned());
             drawing.words(Words::new(measured, [right + 16.0, own]).size(12.5));
             let published = match &row.published {
                 Some(Ok(value)) => told(Some(*value), published_gap(row)),
@@ -110,7 +121,8 @@ impl Ablation {
             _ => String::new(),
         };
         let mut x = 20.0;
-        for (colour, text) in [(COLOURS[0], format!("measured; full{own}")), (GREY, format!("published; full{paper}"))] {
+        for (colour, text) in [(COLOURS[0], format!("measured; full{own}")), (GREY, format!("published; full{paper}"))]
+        {
             drawing.rectangle(Extent::new(x, 66.0, x + 14.0, 78.0), Fill::solid(colour));
             let words = Words::new(text, [x + 20.0, 72.0]).size(12.0);
             x = words.extent().right + 24.0;

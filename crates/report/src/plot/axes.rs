@@ -36,7 +36,8 @@ impl Axes {
         for tick in &ticks {
             let y = self.y_of(*tick);
             drawing.line([[left, y], [right, y]], Stroke::new(GRID, 1.0));
-            drawing.words(Words::new((text.label)(*tick, &ticks), [left - 8.0, y]).size(12.0).muted().side(Side::Right));
+            drawing
+                .words(Words::new((text.label)(*tick, &ticks), [left - 8.0, y]).size(12.0).muted().side(Side::Right));
         }
         drawing.words(Words::new(text.title, [left, top - 14.0]).size(12.0).muted());
     }
@@ -54,9 +55,13 @@ impl Axes {
         for tick in ticks {
             let x = self.x_of(*tick);
             drawing.line([[x, bottom], [x, bottom + 5.0]], Stroke::new(MUTED, 1.0));
-            drawing.words(Words::new((text.label)(*tick, ticks), [x, bottom + 16.0]).size(12.0).muted().side(Side::Middle));
+            drawing.words(
+                Words::new((text.label)(*tick, ticks), [x, bottom + 16.0]).size(12.0).muted().side(Side::Middle),
+            );
         }
-        drawing.words(Words::new(text.title, [(left + right) / 2.0, bottom + 36.0]).size(12.5).muted().side(Side::Middle));
+        drawing.words(
+            Words::new(text.title, [f64::midpoint(left, right), bottom + 36.0]).size(12.5).muted().side(Side::Middle),
+        );
     }
 }
 

@@ -37,7 +37,11 @@ impl BudgetHistogram {
         drawing.heading(&self.title, &self.subtitle);
         let counts = self.series.iter().flat_map(|series| series.gaussians.iter().copied()).chain(self.fixed);
         let bottom = 80.0 + ROW * self.series.len() as f64;
-        let axes = Axes { inside: Extent::new(210.0, 90.0, 836.0, bottom), x: Scale::around(counts, 0.04), y: Scale::linear(0.0, 1.0) };
+        let axes = Axes {
+            inside: Extent::new(210.0, 90.0, 836.0, bottom),
+            x: Scale::around(counts, 0.04),
+            y: Scale::linear(0.0, 1.0),
+        };
         let label = |count: f64, _: &[f64]| count_label(count);
         for tick in axes.x.ticks(6) {
             drawing.line([[axes.x_of(tick), 90.0], [axes.x_of(tick), bottom]], Stroke::new(GRID, 1.0));
@@ -51,7 +55,10 @@ impl BudgetHistogram {
                 let width = axes.inside.width() / COLUMNS as f64;
                 let left = axes.inside.left + width * column as f64;
                 let height = (ROW - 26.0) * *count as f64 / tallest;
-                drawing.rectangle(Extent::new(left + 0.5, base - height, left + width - 0.5, base), Fill::solid(colour(at)));
+                drawing.rectangle(
+                    Extent::new(left + 0.5, base - height, left + width - 0.5, base),
+                    Fill::solid(colour(at)),
+                );
             }
             drawing.line([[axes.inside.left, base], [axes.inside.right, base]], Stroke::new(MUTED, 1.0));
             let name = shortened(&series.label, 13.0, true, 178.0);
@@ -59,7 +66,11 @@ impl BudgetHistogram {
             if let Some((low, high)) = bounds(series.gaussians.iter().copied()) {
                 let mean = series.gaussians.iter().sum::<f64>() / series.gaussians.len() as f64;
                 let range = format!("{} to {}", count_label(low), count_label(high));
-                drawing.words(Words::new(format!("mean {}", count_label(mean)), [196.0, base - 31.0]).size(12.0).side(Side::Right));
+                drawing.words(
+                    Words::new(format!("mean {}", count_label(mean)), [196.0, base - 31.0])
+                        .size(12.0)
+                        .side(Side::Right),
+                );
                 drawing.words(Words::new(range, [196.0, base - 14.0]).size(12.0).muted().side(Side::Right));
                 let x = axes.x_of(mean);
                 drawing.line([[x, base - ROW + 22.0], [x, base + 6.0]], Stroke::new(INK, 2.0));
@@ -72,7 +83,8 @@ impl BudgetHistogram {
                 drawing.line([[x, y], [x, y + 5.0]], Stroke::new(MUTED, 1.5));
                 y += 10.0;
             }
-            let words = Words::new(format!("fixed ratios {}", count_label(fixed)), [x, 76.0]).size(12.0).side(Side::Middle);
+            let words =
+                Words::new(format!("fixed ratios {}", count_label(fixed)), [x, 76.0]).size(12.0).side(Side::Middle);
             drawing.words(words);
         }
         drawing

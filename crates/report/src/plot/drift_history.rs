@@ -63,7 +63,8 @@ impl DriftHistory {
             }
             from = to;
         }
-        let line: Vec<_> = self.runs.iter().enumerate().map(|(at, run)| axes.place(at as f64, run.quality.value)).collect();
+        let line: Vec<_> =
+            self.runs.iter().enumerate().map(|(at, run)| axes.place(at as f64, run.quality.value)).collect();
         if line.len() > 1 {
             drawing.line(line.clone(), Stroke::new(GREY, 1.5));
         }
@@ -89,7 +90,11 @@ impl DriftHistory {
         drawing.line([[axes.inside.left, bottom], [axes.inside.right, bottom]], Stroke::new(GREY, 1.0));
         for (run, place) in self.runs.iter().zip(&line) {
             if let Some(drift) = &run.drift {
-                labels.place(&mut drawing, Words::new(shortened(drift, 12.5, true, 240.0), [0.0, 0.0]).size(12.5).bold(), *place);
+                labels.place(
+                    &mut drawing,
+                    Words::new(shortened(drift, 12.5, true, 240.0), [0.0, 0.0]).size(12.5).bold(),
+                    *place,
+                );
             }
         }
         let key = [(COLOURS[0], "within limits"), (COLOURS[1], "outside, and what moved it")];

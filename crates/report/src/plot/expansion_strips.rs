@@ -41,6 +41,12 @@ impl ExpansionStrips {
             label: &strip.label,
             cells: strip.pictures.iter().map(|picture| Some((&picture.image, picture.caption.clone()))).collect(),
         });
-        PictureGrid { title: &self.title, subtitle: &self.subtitle, columns: self.columns.clone(), rows: rows.collect() }.draw()
+        PictureGrid {
+            title: &self.title,
+            subtitle: &self.subtitle,
+            columns: self.columns.clone(),
+            rows: rows.collect(),
+        }
+        .draw()
     }
 }

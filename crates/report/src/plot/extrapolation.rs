@@ -35,8 +35,10 @@ impl ExtrapolationDecay {
     pub fn draw(&self) -> Drawing {
         let mut drawing = Drawing::new(860, 500);
         drawing.heading(&self.title, &self.subtitle);
-        let distances = self.series.iter().flat_map(|series| series.points.iter().map(|(distance, _)| *distance as f64));
-        let values = self.series.iter().flat_map(|series| series.points.iter().flat_map(|(_, estimate)| estimate.extent()));
+        let distances =
+            self.series.iter().flat_map(|series| series.points.iter().map(|(distance, _)| *distance as f64));
+        let values =
+            self.series.iter().flat_map(|series| series.points.iter().flat_map(|(_, estimate)| estimate.extent()));
         let axes = Axes {
             inside: Extent::new(64.0, 100.0, 640.0, 440.0),
             x: Scale::around(distances.chain([-1.0, 1.0]), 0.03),
@@ -46,17 +48,25 @@ impl ExtrapolationDecay {
         let window = Extent::new(axes.x_of(-0.5), top, axes.x_of(0.5), bottom);
         drawing.rectangle(window, Fill::solid(GRID));
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));
-        let label = |value: f64, _: &[f64]| if value > 0.0 { format!("+{value:.0}") } else { format!("{value:.0}").replace('-', "−") };
+        let label = |value: f64, _: &[f64]| {
+            if value > 0.0 { format!("+{value:.0}") } else { format!("{value:.0}").replace('-', "−") }
+        };
         let ticks: Vec<f64> = axes.x.ticks(9).into_iter().filter(|tick| tick.fract() == 0.0).collect();
-        let text = super::axes::AxisText { title: "frames outside the window of context frames; 0 is inside", label: &label };
+        let text =
+            super::axes::AxisText { title: "frames outside the window of context frames; 0 is inside", label: &label };
         axes.draw_x_at(&mut drawing, &text, &ticks);
-        let ends: Vec<f64> = self.series.iter().map(|series| series.points.last().map_or(0.0, |(_, end)| axes.y_of(end.value))).collect();
+        let ends: Vec<f64> = self
+            .series
+            .iter()
+            .map(|series| series.points.last().map_or(0.0, |(_, end)| axes.y_of(end.value)))
+            .collect();
         let heights = spread(&ends, 18.0, top + 8.0, bottom - 8.0);
         for (at, series) in self.series.iter().enumerate() {
             let colour = if series.origin == Origin::Published { GREY } else { colour(at) };
             for side in [-1, 1] {
                 let part: Vec<_> = series.points.iter().filter(|(distance, _)| distance.signum() != -side).collect();
-                let band: Vec<_> = part.iter().filter_map(|(x, e)| e.interval.map(|interval| (*x as f64, interval))).collect();
+                let band: Vec<_> =
+                    part.iter().filter_map(|(x, e)| e.interval.map(|interval| (*x as f64, interval))).collect();
                 if band.len() > 1 {
                     let low = band.iter().map(|(x, [low, _])| axes.place(*x, *low));
                     let high = band.iter().rev().map(|(x, [_, high])| axes.place(*x, *high));

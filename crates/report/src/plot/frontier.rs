@@ -49,7 +49,8 @@ impl Frontier {
     pub fn draw(&self) -> Drawing {
         let mut drawing = Drawing::new(860, 520);
         drawing.heading(&self.title, &self.subtitle);
-        let shown: Vec<&FrontierPoint> = self.points.iter().filter(|p| p.cost > 0.0 && p.quality.value.is_finite()).collect();
+        let shown: Vec<&FrontierPoint> =
+            self.points.iter().filter(|p| p.cost > 0.0 && p.quality.value.is_finite()).collect();
         let axes = Axes {
             inside: Extent::new(64.0, 100.0, 836.0, 460.0),
             x: Scale::logarithmic(shown.iter().map(|point| point.cost), 0.12),
@@ -113,10 +114,13 @@ impl Frontier {
     /// What no other point beats in both, cheapest first.
     fn steps<'a>(&self, points: impl Iterator<Item = &'a FrontierPoint>) -> Vec<&'a FrontierPoint> {
         let mut sorted: Vec<&FrontierPoint> = points.collect();
-        sorted.sort_by(|a, b| a.cost.total_cmp(&b.cost).then(match self.quality.better(a.quality.value, b.quality.value) {
-            true => std::cmp::Ordering::Less,
-            false => std::cmp::Ordering::Greater,
-        }));
+        sorted.sort_by(|a, b| {
+            a.cost.total_cmp(&b.cost).then(if self.quality.better(a.quality.value, b.quality.value) {
+                std::cmp::Ordering::Less
+            } else {
+                std::cmp::Ordering::Greater
+            })
+        });
         let mut steps: Vec<&FrontierPoint> = Vec::new();
         for point in sorted {
             if steps.last().is_none_or(|best| self.quality.better(point.quality.value, best.quality.value)) {
@@ -142,7 +146,12 @@ mod tests {
             origin: Origin::Measured,
             highlighted: false,
         };
-        let points = vec![point("dear", 3.0, 30.0), point("cheap", 1.0, 20.0), point("beaten", 2.0, 19.0), point("twin", 1.0, 18.0)];
+        let points = vec![
+            point("dear", 3.0, 30.0),
+            point("cheap", 1.0, 20.0),
+            point("beaten", 2.0, 19.0),
+            point("twin", 1.0, 18.0),
+        ];
         let frontier = |id| Frontier {
             title: String::new(),
             subtitle: String::new(),

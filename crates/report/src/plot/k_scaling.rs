@@ -45,7 +45,10 @@ impl KScaling {
         let mut ks: Vec<f64> = self.points.iter().map(|point| point.k).collect();
         ks.sort_by(f64::total_cmp);
         ks.dedup();
-        let text = AxisText { title: "Gaussians per token, K, logarithmic; beside the marks: Gaussians per scene", label: &|k, _| format!("{k}") };
+        let text = AxisText {
+            title: "Gaussians per token, K, logarithmic; beside the marks: Gaussians per scene",
+            label: &|k, _| format!("{k}"),
+        };
         axes.draw_x_at(&mut drawing, &text, &ks);
         origin_key(&mut drawing);
         let mut labels = Labels::new(Extent::new(axes.inside.left, 84.0, 752.0, axes.inside.bottom - 2.0));

@@ -42,6 +42,7 @@ impl Labels {
     }
 
     /// Writes a name as near to its mark as there is room; the text, size, weight and colour are those of `words`.
+    #[expect(clippy::needless_pass_by_value, reason = "callers make the words for this call")]
     pub(super) fn place(&mut self, drawing: &mut Drawing, words: Words, mark: [f64; 2]) {
         let candidates = GAPS.iter().flat_map(|gap| around(mark, *gap).map(|(at, side)| (*gap, at, side)));
         let placed = candidates.map(|(gap, at, side)| {

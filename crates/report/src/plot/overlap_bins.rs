@@ -53,7 +53,7 @@ impl OverlapBinMeans {
                 drawing.rectangle(Extent::new(left, top, right, bottom), Fill::faint(GRID, 0.4));
             }
             let name = shortened(name, 13.0, false, right - left - 8.0);
-            drawing.words(Words::new(name, [(left + right) / 2.0, bottom + 18.0]).side(Side::Middle));
+            drawing.words(Words::new(name, [f64::midpoint(left, right), bottom + 18.0]).side(Side::Middle));
         }
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));
         drawing.line([[axes.inside.left, bottom], [axes.inside.right, bottom]], Stroke::new(MUTED, 1.0));
@@ -77,7 +77,9 @@ impl OverlapBinMeans {
             let (row, column) = (at / per_row, at % per_row);
             let place = [72.0 + 260.0 * column as f64, bottom + 44.0 + ROW * row as f64];
             mark(&mut drawing, place);
-            drawing.words(Words::new(shortened(&series.label, 12.5, false, 230.0), [place[0] + 12.0, place[1]]).size(12.5));
+            drawing.words(
+                Words::new(shortened(&series.label, 12.5, false, 230.0), [place[0] + 12.0, place[1]]).size(12.5),
+            );
         }
         drawing
     }

@@ -27,7 +27,11 @@ impl PictureGrid<'_> {
         let columns = self.columns.len().clamp(1, usize::MAX) as f64;
         let cell = ((WIDTH - 2.0 * LEFT - GAP * (columns - 1.0)) / columns).clamp(20.0, 320.0);
         let height_of = |row: &GridRow<'_>| {
-            let shapes = row.cells.iter().flatten().map(|(image, _)| f64::from(image.height()) / f64::from(image.width().clamp(1, u32::MAX)));
+            let shapes = row
+                .cells
+                .iter()
+                .flatten()
+                .map(|(image, _)| f64::from(image.height()) / f64::from(image.width().clamp(1, u32::MAX)));
             cell * shapes.fold(0.0, |tallest, shape| if shape > tallest { shape } else { tallest })
         };
         let top = if self.subtitle.is_empty() { 64.0 } else { 84.0 };
@@ -45,7 +49,11 @@ impl PictureGrid<'_> {
         let mut y = top;
         for row in &self.rows {
             if !row.label.is_empty() {
-                drawing.words(Words::new(shortened(row.label, 12.5, false, width - 2.0 * LEFT), [LEFT, y + 11.0]).size(12.5).muted());
+                drawing.words(
+                    Words::new(shortened(row.label, 12.5, false, width - 2.0 * LEFT), [LEFT, y + 11.0])
+                        .size(12.5)
+                        .muted(),
+                );
                 y += 22.0;
             }
             let height = height_of(row);

@@ -189,7 +189,9 @@ where
         let font = (FONT, words.size * self.font * self.scale, style);
         let text = TextStyle::from(font).color(&words.colour).pos(Pos::new(side, VPos::Center));
         let [x, y] = words.at;
-        self.area.draw(&Text::new(words.text.as_str(), self.place([x, y + words.size * self.drop]), text)).map_err(refused)
+        self.area
+            .draw(&Text::new(words.text.as_str(), self.place([x, y + words.size * self.drop]), text))
+            .map_err(refused)
     }
 
     /// Nearest samples, so that a reader sees the pixels that were scored.
@@ -198,7 +200,9 @@ where
         let (width, height) = (self.length(at.width()), self.length(at.height()));
         for row in 0..height {
             for column in 0..width {
-                let from = |at: u32, size: u32, samples: u32| u64::from(at) * u64::from(samples) / u64::from(size.clamp(1, u32::MAX));
+                let from = |at: u32, size: u32, samples: u32| {
+                    u64::from(at) * u64::from(samples) / u64::from(size.clamp(1, u32::MAX))
+                };
                 let source = (from(column, width, image.width()), from(row, height, image.height()));
                 let pixel = u32::try_from(source.0).ok().zip(u32::try_from(source.1).ok());
                 let Some([r, g, b]) = pixel.and_then(|(x, y)| image.pixel(x, y)) else { continue };
@@ -210,7 +214,11 @@ where
     }
 
     fn stroke(&self, stroke: Stroke) -> ShapeStyle {
-        ShapeStyle { color: stroke.colour.to_rgba(), filled: false, stroke_width: self.length(stroke.width).clamp(1, 1000) }
+        ShapeStyle {
+            color: stroke.colour.to_rgba(),
+            filled: false,
+            stroke_width: self.length(stroke.width).clamp(1, 1000),
+        }
     }
 }
 
@@ -218,6 +226,7 @@ fn filled(fill: Fill) -> ShapeStyle {
     fill.colour.mix(fill.opacity).filled()
 }
 
+#[expect(clippy::needless_pass_by_value, reason = "map_err hands errors over")]
 fn refused<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> ReportError {
     ReportError::Plot(error.to_string())
 }

@@ -45,10 +45,12 @@ impl StageTime {
         }
         let label = |secs: f64, _: &[f64]| if secs > 0.0 { seconds_label(secs) } else { "0".to_owned() };
         axes.draw_x(&mut drawing, &AxisText { title: "seconds, one after the other", label: &label });
-        self.key(&mut drawing, &names);
+        Self::key(&mut drawing, &names);
         for (at, row) in self.rows.iter().enumerate() {
             let middle = inside.top + ROW * (at as f64 + 0.5);
-            drawing.words(Words::new(shortened(&row.label, 13.0, false, 160.0), [inside.left - 12.0, middle]).side(Side::Right));
+            drawing.words(
+                Words::new(shortened(&row.label, 13.0, false, 160.0), [inside.left - 12.0, middle]).side(Side::Right),
+            );
             let mut from = 0.0;
             for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {
                 let stage = names.iter().position(|known| known == name).unwrap_or(0);
@@ -58,7 +60,10 @@ impl StageTime {
                 let text = seconds_label(*secs);
                 if width_of(&text, 11.5, true) + 10.0 < part.width() {
                     let light = stage % 6 >= 3;
-                    let words = Words::new(text, [(part.left + part.right) / 2.0, middle]).size(11.5).bold().side(Side::Middle);
+                    let words = Words::new(text, [f64::midpoint(part.left, part.right), middle])
+                        .size(11.5)
+                        .bold()
+                        .side(Side::Middle);
                     drawing.words(Words { colour: if light { ON_LIGHT } else { SURFACE }, ..words });
                 }
                 from += secs;
@@ -68,7 +73,7 @@ impl StageTime {
         drawing
     }
 
-    fn key(&self, drawing: &mut Drawing, names: &[&str]) {
+    fn key(drawing: &mut Drawing, names: &[&str]) {
         let mut x = 20.0;
         for (at, name) in names.iter().enumerate() {
             let words = Words::new(shortened(name, 12.0, false, 160.0), [x + 20.0, 76.0]).size(12.0);

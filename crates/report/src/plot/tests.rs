@@ -31,7 +31,9 @@ fn every_text_is_inside_the_plot_and_covers_no_other() {
 #[test]
 fn every_shape_is_inside_the_plot() {
     for (name, drawing) in gallery() {
-        let inside = |[x, y]: &[f64; 2]| (0.0..=f64::from(drawing.width)).contains(x) && (0.0..=f64::from(drawing.height)).contains(y);
+        let inside = |[x, y]: &[f64; 2]| {
+            (0.0..=f64::from(drawing.width)).contains(x) && (0.0..=f64::from(drawing.height)).contains(y)
+        };
         for shape in &drawing.shapes {
             let fits = match shape {
                 Shape::Line { points, .. } => points.iter().all(inside),
@@ -59,7 +61,10 @@ fn an_svg_asks_for_fonts_that_exist_and_escapes_names() {
     for (name, drawing) in gallery() {
         let svg = drawing.to_svg().unwrap();
         assert!(!svg.contains("\"atsplat\""), "{name} asks for a font that only plotters knows");
-        assert!(svg.starts_with(&format!("<svg width=\"{}\" height=\"{}\" viewBox", drawing.width, drawing.height)), "{name}");
+        assert!(
+            svg.starts_with(&format!("<svg width=\"{}\" height=\"{}\" viewBox", drawing.width, drawing.height)),
+            "{name}"
+        );
     }
     let scatter = SceneScatter {
         title: "<script>alert(1)</script>".to_owned(),

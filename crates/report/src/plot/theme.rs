@@ -13,15 +13,15 @@ pub const COLOURS: [RGBColor; 6] = [
 /// What belongs to none of them: published values, what is outside every bin.
 pub const GREY: RGBColor = RGBColor(150, 150, 150);
 /// What plots are drawn on.
-pub const SURFACE: RGBColor = RGBColor(255, 255, 255);
+pub(crate) const SURFACE: RGBColor = RGBColor(255, 255, 255);
 /// Text.
-pub const INK: RGBColor = RGBColor(31, 35, 40);
+pub(crate) const INK: RGBColor = RGBColor(31, 35, 40);
 /// Text on a light colour, which stays dark on a dark page.
-pub const ON_LIGHT: RGBColor = RGBColor(20, 20, 20);
+pub(crate) const ON_LIGHT: RGBColor = RGBColor(20, 20, 20);
 /// Axes and what is said in passing.
-pub const MUTED: RGBColor = RGBColor(89, 99, 110);
+pub(crate) const MUTED: RGBColor = RGBColor(89, 99, 110);
 /// Lines of a grid.
-pub const GRID: RGBColor = RGBColor(228, 231, 235);
+pub(crate) const GRID: RGBColor = RGBColor(228, 231, 235);
 
 /// The colour of a series; they repeat after six.
 pub fn colour(series: usize) -> RGBColor {

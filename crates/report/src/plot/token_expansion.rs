@@ -38,7 +38,11 @@ impl TokenExpansion {
         let longest = if width > height { width } else { height };
         let scale = LARGEST / longest;
         let inside = Extent::new(20.0, 96.0, 20.0 + width * scale, 96.0 + height * scale);
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "at most the largest side and its margin")]
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            reason = "at most the largest side and its margin"
+        )]
         let mut drawing = Drawing::new(inside.right.clamp(480.0, 2000.0) as u32 + 20, inside.bottom as u32 + 20);
         drawing.heading(&self.title, &self.subtitle);
         if let Some(picture) = &self.picture {
@@ -59,11 +63,11 @@ impl TokenExpansion {
             let own = colour(expansion.block.saturating_sub(1));
             drawing.ring(place(expansion.parent), 3.5, Stroke::new(own, 1.5));
         }
-        self.key(&mut drawing, &shown);
+        Self::key(&mut drawing, &shown);
         drawing
     }
 
-    fn key(&self, drawing: &mut Drawing, shown: &[&Expansion]) {
+    fn key(drawing: &mut Drawing, shown: &[&Expansion]) {
         let blocks = bounds(shown.iter().map(|expansion| expansion.block as f64));
         let mut x = 20.0;
         let mut entry = |drawing: &mut Drawing, text: String, mark: &dyn Fn(&mut Drawing, [f64; 2])| {
@@ -74,7 +78,9 @@ impl TokenExpansion {
         };
         entry(drawing, "parent".to_owned(), &|drawing, at| drawing.ring(at, 3.5, Stroke::new(INK, 1.5)));
         entry(drawing, "child".to_owned(), &|drawing, at| drawing.disc(at, 2.5, Fill::solid(INK)));
-        for block in (0..64usize).filter(|block| blocks.is_some_and(|(low, high)| (low..=high).contains(&(*block as f64)))) {
+        for block in
+            (0..64usize).filter(|block| blocks.is_some_and(|(low, high)| (low..=high).contains(&(*block as f64))))
+        {
             let count = shown.iter().filter(|expansion| expansion.block == block).count();
             let own = colour(block.saturating_sub(1));
             let swatch = move |drawing: &mut Drawing, [x, y]: [f64; 2]| {

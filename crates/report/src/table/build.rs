@@ -60,7 +60,8 @@ fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Opti
         }
     }
     if let Some(edition) = edition.filter(|_| definition.others) {
-        let others = all_methods(edition).into_iter().filter(|method| !claimed.contains(&(method.store, &method.record.name)));
+        let others =
+            all_methods(edition).into_iter().filter(|method| !claimed.contains(&(method.store, &method.record.name)));
         let first = rows.len();
         for method in others {
             rows.extend(measured(definition, edition, None, Some(method)));
@@ -79,7 +80,8 @@ fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Opti
         footer: Vec::new(),
         forced: edition.is_some_and(|edition| edition.mixed),
     };
-    let one_ranking = edition.is_some_and(|edition| edition.parts.iter().all(|part| part.difference().is_none()) && !edition.mixed);
+    let one_ranking =
+        edition.is_some_and(|edition| edition.parts.iter().all(|part| part.difference().is_none()) && !edition.mixed);
     rank(&mut table, definition.marks, one_ranking);
     table.footer = footer(&table, definition, edition);
     table
@@ -93,7 +95,11 @@ fn group(group: &ColumnGroup) -> Group {
         direction: column.quantity.direction(),
         exact: column.exact,
     };
-    Group { title: group.title.clone(), preset: group.preset.clone(), columns: group.columns.iter().map(column).collect() }
+    Group {
+        title: group.title.clone(),
+        preset: group.preset.clone(),
+        columns: group.columns.iter().map(column).collect(),
+    }
 }
 
 fn published_row(row: &PublishedRow, at: usize, known: Option<&RowDefinition>) -> Row {
@@ -122,7 +128,8 @@ fn all_methods<'a>(edition: &Edition<'a>) -> Vec<Candidate<'a>> {
     let mut methods: Vec<Candidate<'a>> = Vec::new();
     for part in &edition.parts {
         for record in &part.source.results.provenance.methods {
-            let known = methods.iter().any(|other| other.store == part.source.label && other.record.name == record.name);
+            let known =
+                methods.iter().any(|other| other.store == part.source.label && other.record.name == record.name);
             if !known {
                 methods.push(Candidate { store: part.source.label, record });
             }
@@ -149,21 +156,30 @@ fn measured(
     answered: Option<(usize, &PublishedRow, &RowDefinition)>,
     method: Option<Candidate<'_>>,
 ) -> Vec<Row> {
-    let preset_of = |group: &ColumnGroup| answered.and_then(|(_, _, row)| row.preset.clone()).or_else(|| group.preset.clone());
+    let preset_of =
+        |group: &ColumnGroup| answered.and_then(|(_, _, row)| row.preset.clone()).or_else(|| group.preset.clone());
     let chosen: Vec<Option<(&Part<'_>, &MethodRecord)>> = definition
         .groups
         .iter()
         .map(|group| {
             let preset = preset_of(group)?;
-            let own = |part: &&Part<'_>| part.preset.preset == preset && method.is_none_or(|method| method.store == part.source.label);
+            let own = |part: &&Part<'_>| {
+                part.preset.published() == preset && method.is_none_or(|method| method.store == part.source.label)
+            };
             edition.parts.iter().filter(own).find_map(|part| {
                 let records = &part.source.results.provenance.methods;
                 let record = match method {
                     Some(method) => records.iter().find(|record| record.name == method.record.name),
-                    None => records.iter().find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record))),
+                    None => {
+                        records.iter().find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record)))
+                    }
                 };
                 let ran = |record: &&MethodRecord| {
-                    part.source.results.trials.iter().any(|trial| trial.key.preset == part.preset.name && trial.key.method == record.name)
+                    part.source
+                        .results
+                        .trials
+                        .iter()
+                        .any(|trial| trial.key.preset == part.preset.name && trial.key.method == record.name)
                 };
                 Some((part, record.filter(ran)?))
             })
@@ -175,7 +191,11 @@ fn measured(
     let empty = |group: &ColumnGroup| vec![Cell::default(); group.columns.len()];
     let cells_of = |leaked| -> Vec<Vec<Cell>> {
         let pairs = definition.groups.iter().zip(&chosen);
-        pairs.map(|(group, chosen)| chosen.map_or_else(|| empty(group), |(part, record)| cells(part, &record.name, group, leaked))).collect()
+        pairs
+            .map(|(group, chosen)| {
+                chosen.map_or_else(|| empty(group), |(part, record)| cells(part, &record.name, group, leaked))
+            })
+            .collect()
     };
     let untrained = chosen.iter().flatten().any(|(_, record)| record.untrained);
     let row = |leaked: Leaked| Row {
@@ -189,7 +209,11 @@ fn measured(
         rule_above: false,
         cells: cells_of(leaked),
     };
-    let asks_for_metrics = definition.groups.iter().flat_map(|group| &group.columns).any(|column| matches!(column.quantity, Quantity::Metric(_)));
+    let asks_for_metrics = definition
+        .groups
+        .iter()
+        .flat_map(|group| &group.columns)
+        .any(|column| matches!(column.quantity, Quantity::Metric(_)));
     let leaked = asks_for_metrics && chosen.iter().flatten().any(|(part, record)| has_leaked(part, &record.name));
     let mut rows = vec![row(Leaked::Included)];
     if leaked {
@@ -199,11 +223,20 @@ fn measured(
 }
 
 /// What a measured row is called; the store tells methods of one title apart.
-fn labels(definition: &TableDefinition, edition: &Edition<'_>, answered: Option<&PublishedRow>, method: Option<Candidate<'_>>) -> Vec<String> {
+fn labels(
+    definition: &TableDefinition,
+    edition: &Edition<'_>,
+    answered: Option<&PublishedRow>,
+    method: Option<Candidate<'_>>,
+) -> Vec<String> {
     let mut labels = vec![String::new(); definition.labels.len()];
     let Some(method) = method else { return answered.map_or(labels, |row| row.labels.clone()) };
     let twins = all_methods(edition).iter().filter(|other| other.record.title == method.record.title).count() > 1;
-    let title = if twins { format!("{} ({}: {})", method.record.title, method.store, method.record.name) } else { method.record.title.clone() };
+    let title = if twins {
+        format!("{} ({}: {})", method.record.title, method.store, method.record.name)
+    } else {
+        method.record.title.clone()
+    };
     match (definition.measured_label, answered) {
         (MeasuredLabel::Published, Some(row)) => {
             labels.clone_from(&row.labels);

@@ -33,10 +33,10 @@ pub(super) fn editions<'a>(definition: &TableDefinition, sources: &[Source<'a>],
     let wanted = presets(definition);
     let mut editions: Vec<Edition<'a>> = Vec::new();
     for source in sources {
-        let own = source.results.provenance.presets.iter().filter(|record| wanted.contains(&record.preset.as_str()));
+        let own = source.results.provenance.presets.iter().filter(|record| wanted.contains(&record.published()));
         let mut by_suffix: BTreeMap<&str, Vec<&PresetRecord>> = BTreeMap::new();
         for record in own {
-            by_suffix.entry(record.name.strip_prefix(record.preset.as_str()).unwrap_or("")).or_default().push(record);
+            by_suffix.entry(suffix_of(record)).or_default().push(record);
         }
         for (suffix, records) in by_suffix {
             let fits = editions.iter().position(|edition| edition.fits(suffix, &records));
@@ -51,12 +51,19 @@ pub(super) fn editions<'a>(definition: &TableDefinition, sources: &[Source<'a>],
             let Some(edition) = editions.get_mut(at) else { continue };
             edition.mixed |= fits.is_none() && !edition.parts.is_empty();
             for preset in records {
-                edition.identities.entry(&preset.preset).or_insert_with(|| Identity::of(preset));
+                edition.identities.entry(preset.published()).or_insert_with(|| Identity::of(preset));
                 edition.parts.push(Part { source: *source, preset });
             }
         }
     }
     editions
+}
+
+/// What tells apart results of one preset that share no table: the dataset that was added to its name, or that it only
+/// stands for the published one.
+fn suffix_of(record: &PresetRecord) -> &str {
+    let own = record.name.strip_prefix(record.preset.as_str()).unwrap_or("");
+    if record.stands_for.is_some() && own.is_empty() { "simulated" } else { own }
 }
 
 /// Every preset that a definition asks for.
@@ -67,7 +74,9 @@ pub(super) fn presets(definition: &TableDefinition) -> Vec<&str> {
 
 impl Edition<'_> {
     fn fits(&self, suffix: &str, records: &[&PresetRecord]) -> bool {
-        let same = |record: &&PresetRecord| self.identities.get(record.preset.as_str()).is_none_or(|known| *known == Identity::of(record));
+        let same = |record: &&PresetRecord| {
+            self.identities.get(record.published()).is_none_or(|known| *known == Identity::of(record))
+        };
         self.suffix == Some(suffix) && records.iter().all(same)
     }
 }
@@ -82,11 +91,17 @@ impl Part<'_> {
     /// Why its numbers are not of the published setting; `None` where they are.
     pub(super) fn difference(&self) -> Option<String> {
         let record = self.preset;
+        if let Some(published) = &record.stands_for {
+            return Some(format!("{} stands for {published}: compare the order and the gaps of rows", record.name));
+        }
         if record.index_name.is_none() {
             return Some(format!("{}: the index is no published one ({})", record.name, record.dataset));
         }
         if record.entries < record.entries_of_index {
-            return Some(format!("{}: {} of {} index entries were run", record.name, record.entries, record.entries_of_index));
+            return Some(format!(
+                "{}: {} of {} index entries were run",
+                record.name, record.entries, record.entries_of_index
+            ));
         }
         let known = atsplat_protocol::Preset::named(&record.preset).and_then(|preset| preset.hash());
         let same = known.is_ok_and(|hash| hash.to_string() == record.hash);

@@ -17,7 +17,11 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     }
     let Some(edition) = edition.filter(|_| table.is_measured()) else { return notes.list };
     if edition.mixed {
-        notes.add(NoteKind::Forced, "rows of different protocols stand in this table because that was asked for; they do not compare".to_owned());
+        notes.add(
+            NoteKind::Forced,
+            "rows of different protocols stand in this table because that was asked for; they do not compare"
+                .to_owned(),
+        );
     }
     protocols(&mut notes, edition);
     metrics(&mut notes, table, edition);
@@ -27,7 +31,11 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
         intervals(&mut notes, table, row);
     }
     if table.rows.iter().any(|row| row.untrained) {
-        notes.add(NoteKind::Untrained, "† untrained: random weights; such rows are not ranked, and their quality says nothing of the method".to_owned());
+        notes.add(
+            NoteKind::Untrained,
+            "† untrained: random weights; such rows are not ranked, and their quality says nothing of the method"
+                .to_owned(),
+        );
     }
     if table.rows.iter().any(|row| row.without_leaked) {
         notes.add(NoteKind::Counts, "‡ without targets that are context frames too".to_owned());
@@ -69,7 +77,10 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
         }
         let skipped = source.results.provenance.skipped.iter().filter(|entry| entry.preset == preset.name).count();
         if skipped > 0 {
-            notes.add(NoteKind::Counts, format!("{}: {skipped} index entries made no trial ({})", preset.name, reasons(part)));
+            notes.add(
+                NoteKind::Counts,
+                format!("{}: {skipped} index entries made no trial ({})", preset.name, reasons(part)),
+            );
         }
     }
     let constants: BTreeSet<(&str, &str)> = edition
@@ -100,7 +111,8 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     for (_, column) in table.columns() {
         if let Quantity::Metric(metric) = column.quantity {
             let records = edition.parts.iter().flat_map(|part| &part.source.results.provenance.metrics);
-            let weights = records.filter(|record| record.id == metric.id).find_map(|record| record.weights_sha256.as_deref());
+            let weights =
+                records.filter(|record| record.id == metric.id).find_map(|record| record.weights_sha256.as_deref());
             let weights = weights.map_or_else(String::new, |hash| format!("; weights {}", short(hash)));
             notes.add(NoteKind::Convention, format!("{}: {}{weights}", metric.name, metric.convention));
         }
@@ -121,7 +133,11 @@ fn times(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     for source in edition.parts.iter().map(|part| part.source) {
         let provenance = &source.results.provenance;
         let timing = provenance.timing;
-        let shared = if timing.alone { "nothing else ran meanwhile" } else { "trials shared the processor: no figures to publish" };
+        let shared = if timing.alone {
+            "nothing else ran meanwhile"
+        } else {
+            "trials shared the processor: no figures to publish"
+        };
         notes.add(
             NoteKind::Convention,
             format!(
@@ -153,7 +169,8 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
 
 /// Columns of one group are about the same targets: the first metric that was computed speaks for all.
 fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
-    let counted: Vec<(&Column, Counts)> = columns.iter().zip(cells).filter_map(|(own, cell)| Some((own, cell.counts?))).collect();
+    let counted: Vec<(&Column, Counts)> =
+        columns.iter().zip(cells).filter_map(|(own, cell)| Some((own, cell.counts?))).collect();
     let (_, counts) = counted.iter().find(|(_, counts)| counts.targets > 0).or(counted.first())?;
     let plural = |count: u64, what: &str| if count == 1 { format!("1 {what}") } else { format!("{count} {what}s") };
     let mut text = format!("{}, {}", plural(counts.scenes, "scene"), plural(counts.targets, "target"));

@@ -32,7 +32,13 @@ fn direction(table: &Table, (group, column): (usize, usize)) -> Option<Direction
     table.groups.get(group)?.columns.get(column)?.direction
 }
 
-fn rank_column(table: &mut Table, place: (usize, usize), direction: Direction, marks: Marks, takes_part: &dyn Fn(&Row) -> bool) {
+fn rank_column(
+    table: &mut Table,
+    place: (usize, usize),
+    direction: Direction,
+    marks: Marks,
+    takes_part: &dyn Fn(&Row) -> bool,
+) {
     let ranked = |row: &Row| takes_part(row) && !row.untrained && !row.without_leaked;
     let mut printed: Vec<(usize, f64)> = Vec::new();
     for (at, row) in table.rows.iter().enumerate().filter(|(_, row)| ranked(row)) {
@@ -58,10 +64,15 @@ fn rank_column(table: &mut Table, place: (usize, usize), direction: Direction, m
     if best.len() == printed.len() {
         return;
     }
-    let seconds = if marks == Marks::BestAndSecond && second.len() <= 2 && printed.len() > 2 { second } else { Vec::new() };
+    let seconds =
+        if marks == Marks::BestAndSecond && second.len() <= 2 && printed.len() > 2 { second } else { Vec::new() };
     for (rows, mark) in [(best, Mark::Best), (seconds, Mark::Second)] {
         for at in rows {
-            let cell = table.rows.get_mut(at).and_then(|row| row.cells.get_mut(place.0)).and_then(|cells| cells.get_mut(place.1));
+            let cell = table
+                .rows
+                .get_mut(at)
+                .and_then(|row| row.cells.get_mut(place.0))
+                .and_then(|cells| cells.get_mut(place.1));
             if let Some(cell) = cell {
                 cell.mark = mark;
             }

@@ -51,9 +51,14 @@ fn a_limited_run_is_no_published_setting_and_is_ranked_alone() {
     let store = store();
     let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
     assert!(notes(&table, NoteKind::Setting).iter().any(|text| text.contains("4 of 7194")), "{:?}", table.footer);
-    let best = |origin| table.rows.iter().filter(|row| row.origin == origin && row.cells[0][0].mark == Mark::Best).count();
+    let best =
+        |origin| table.rows.iter().filter(|row| row.origin == origin && row.cells[0][0].mark == Mark::Best).count();
     assert_eq!((best(Origin::Published), best(Origin::Measured)), (1, 1));
-    assert!(notes(&table, NoteKind::Counts).iter().any(|text| text.contains("failed") && text.contains('3')), "{:?}", table.footer);
+    assert!(
+        notes(&table, NoteKind::Counts).iter().any(|text| text.contains("failed") && text.contains('3')),
+        "{:?}",
+        table.footer
+    );
     assert!(notes(&table, NoteKind::Counts).iter().any(|text| text.contains("missing-frame 1")));
 }
 
@@ -91,7 +96,9 @@ fn protocols_that_differ_are_kept_apart_unless_forced() {
     let mixed = built("re10k", &stores, Mixing::Forced);
     assert_eq!(mixed.len(), 1);
     assert!(mixed[0].forced && notes(&mixed[0], NoteKind::Forced).len() == 1, "and then it says so");
-    assert!(["first", "second"].iter().all(|store| mixed[0].rows.iter().any(|row| row.store.as_deref() == Some(store))));
+    assert!(
+        ["first", "second"].iter().all(|store| mixed[0].rows.iter().any(|row| row.store.as_deref() == Some(store)))
+    );
     let same = store();
     let together = built("re10k", &[("first", &first), ("third", &same)], Mixing::Apart);
     assert_eq!(together.len(), 1, "equal protocols share a table");
@@ -110,11 +117,16 @@ fn another_index_is_another_protocol() {
 fn ablations_take_the_methods_that_they_ask_for() {
     let store = store();
     let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let measured: Vec<_> = table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked).collect();
+    let measured: Vec<_> =
+        table.rows.iter().filter(|row| row.origin == Origin::Measured && !row.without_leaked).collect();
     assert_eq!(measured.iter().map(|row| row.labels[0].as_str()).collect::<Vec<_>>(), ["Random", "Uncertainty"]);
     assert_eq!(measured[0].method.as_deref(), Some("atsplat-random"));
     let found = verdict(&table);
-    assert_eq!((found.compared, found.pairs, found.ordered), (4, 2, 2), "PSNR and SSIM of two rows, in the paper's order: {found}");
+    assert_eq!(
+        (found.compared, found.pairs, found.ordered),
+        (4, 2, 2),
+        "PSNR and SSIM of two rows, in the paper's order: {found}"
+    );
 }
 
 #[test]

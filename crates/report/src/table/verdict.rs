@@ -44,7 +44,9 @@ pub fn verdict(table: &Table) -> Verdict {
         let of = |row: &Row| row.cells.get(place.0)?.get(place.1)?.value.number();
         let figures: Vec<(f64, f64)> = pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, of(own)?))).collect();
         verdict.compared += figures.len() as u64;
-        for (paper, own) in pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, own.cells.get(place.0)?.get(place.1)?))) {
+        for (paper, own) in
+            pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, own.cells.get(place.0)?.get(place.1)?)))
+        {
             let printed = own.value.number().map(|value| column.quantity.print(value, column.exact));
             let alike = printed.is_some_and(|text| text == column.quantity.print(paper, column.exact));
             let inside = own.interval.is_some_and(|[low, high]| (low..=high).contains(&paper));

@@ -71,6 +71,21 @@ impl EffectKind {
     ];
 }
 
+impl EffectKind {
+    /// The name in files and on command lines.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::SoftShadows => "soft-shadows",
+            Self::SpecularReflection => "specular-reflection",
+            Self::IndirectLight => "indirect-light",
+            Self::ExposureDrift => "exposure-drift",
+            Self::LensDistortion => "lens-distortion",
+            Self::MotionBlur => "motion-blur",
+            Self::SensorNoise => "sensor-noise",
+        }
+    }
+}
+
 impl fmt::Display for EffectKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {

@@ -1,13 +1,15 @@
 use std::collections::BTreeMap;
 
 use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_splat::Gaussians;
 use serde::Serialize;
 
 use super::outputs::{
     context, mean_scores, of_gaussians, of_pictures, of_renders, of_scores, of_views, rendered, resized, scored,
     targets,
 };
-use super::{Outputs, Stage, Stages};
+use super::sheet::sheet_view;
+use super::{Outputs, Stage, Stages, View};
 use crate::drift::DriftError;
 
 /// Which stages changed since a baseline, and what each did to the numbers.
@@ -80,20 +82,22 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
         of_pictures(&decoded),
         of_views(&resized_alone),
         of_gaussians(&gaussians),
-        of_renders(&renders),
+        of_renders(&renders, &stages.splat(&inputs.sheet, &sheet_view()?)?),
         of_scores(&scores),
     ];
     let changes = Stage::ALL.into_iter().zip(&alone);
     let changes = changes.map(|(stage, now)| change(stage, &baseline.values(stage), now, same_machine)).collect();
 
-    let from_gaussians = |gaussians, views| scored(stages, &rendered(stages, gaussians, views)?, views);
-    let from_views =
-        |views: &[super::View]| from_gaussians(&stages.model(context(inputs, views))?, targets(inputs, views));
+    let from_gaussians = |gaussians: &Gaussians, views: &[View]| {
+        let targets = targets(inputs, views);
+        Ok::<_, DriftError>(mean_scores(&scored(stages, &rendered(stages, gaussians, targets)?, targets)?))
+    };
+    let from_views = |views: &[View]| from_gaussians(&stages.model(context(inputs, views))?, views);
     // Today's numbers when today's stages take over at each stage, and yesterday's at the end.
     let numbers = [
-        mean_scores(&from_views(&resized(stages, inputs, &decoded)?)?),
-        mean_scores(&from_views(&resized_alone)?),
-        mean_scores(&from_gaussians(&gaussians, targets(inputs, views))?),
+        from_views(&resized(stages, inputs, &decoded)?)?,
+        from_views(&resized_alone)?,
+        from_gaussians(&gaussians, views)?,
         mean_scores(&scored(stages, &renders, targets(inputs, views))?),
         mean_scores(&scores),
         baseline.mean_scores(),

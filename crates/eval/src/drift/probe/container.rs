@@ -11,7 +11,7 @@ const WHAT: &str = "the probe's file";
 
 pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
     let mut file = Writer::default();
-    let Inputs { files, cameras, context } = &outputs.inputs;
+    let Inputs { files, cameras, context, sheet } = &outputs.inputs;
     file.put("context", DType::U8, vec![*context], vec![1; *context])?;
     for (at, (bytes, camera)) in files.iter().zip(cameras).enumerate() {
         file.put(&format!("file.{at}"), DType::U8, vec![bytes.len()], bytes.clone())?;
@@ -24,19 +24,11 @@ pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
         file.picture(&format!("resize.{at}"), &view.picture)?;
         file.doubles(&format!("resize.{at}.camera"), &numbers(&view.camera))?;
     }
-    let parts = outputs.gaussians.parts();
-    for (name, wide, values) in [
-        ("means", 3, parts.means.as_flattened()),
-        ("quaternions", 4, parts.quaternions.as_flattened()),
-        ("log-scales", 3, parts.log_scales.as_flattened()),
-        ("opacity-logits", 1, parts.opacity_logits.as_slice()),
-        ("sh", 3, parts.sh.as_flattened()),
-    ] {
-        file.floats(&format!("model.{name}"), vec![values.len() / wide, wide], values)?;
-    }
+    file.gaussians("model", &outputs.gaussians)?;
+    file.gaussians("sheet", sheet)?;
+    file.render("sheet", &outputs.sheet)?;
     for (at, render) in outputs.renders.iter().enumerate() {
-        let shape = vec![render.height() as usize, render.width() as usize, 3];
-        file.floats(&format!("splatter.{at}"), shape, render.samples())?;
+        file.render(&format!("splatter.{at}"), render)?;
     }
     for (at, scores) in outputs.scores.iter().enumerate() {
         for (id, score) in scores {
@@ -50,8 +42,12 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
     let stored = StoredTensors::parse(SharedBytes::new(bytes.to_vec()));
     let file = Reader(stored.map_err(|error| DriftError::unfit(WHAT, "safetensors", error))?);
     let views = file.count("file");
-    let mut inputs =
-        Inputs { files: Vec::new(), cameras: Vec::new(), context: file.get("context", DType::U8)?.bytes().len() };
+    let mut inputs = Inputs {
+        files: Vec::new(),
+        cameras: Vec::new(),
+        context: file.get("context", DType::U8)?.bytes().len(),
+        sheet: file.gaussians("sheet")?,
+    };
     let (mut decoded, mut resized) = (Vec::new(), Vec::new());
     for at in 0..views {
         inputs.files.push(file.get(&format!("file.{at}"), DType::U8)?.bytes().to_vec());
@@ -60,30 +56,10 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
         let picture = file.picture(&format!("resize.{at}"))?;
         resized.push(View { picture, camera: file.camera(&format!("resize.{at}.camera"))? });
     }
-    let triples = |name: &str| Ok::<_, DriftError>(file.floats(name)?.as_chunks().0.to_vec());
-    let sh = triples("model.sh")?;
-    let means = triples("model.means")?;
-    let per_gaussian = sh.len().checked_div(means.len()).unwrap_or(1);
-    let parts = GaussianParts {
-        quaternions: file.floats("model.quaternions")?.as_chunks().0.to_vec(),
-        log_scales: triples("model.log-scales")?,
-        opacity_logits: file.floats("model.opacity-logits")?,
-        // (degree + 1)² coefficients.
-        sh_degree: (0..=atsplat_splat::MAX_SH_DEGREE)
-            .find(|degree| atsplat_splat::sh_coefficients(*degree) == per_gaussian)
-            .ok_or_else(|| DriftError::unfit("model.sh", "a square number of coefficients", per_gaussian))?,
-        scalars: None,
-        filter_3d: None,
-        means,
-        sh,
-    };
-    let gaussians = Gaussians::new(parts).map_err(|error| DriftError::unfit("model", "Gaussians", error))?;
     let (mut renders, mut scores) = (Vec::new(), Vec::new());
     for at in 0..file.count("splatter") {
         let name = format!("splatter.{at}");
-        let [height, width] = file.size(&name, DType::F32)?;
-        let render = Image::new(width, height, file.floats(&name)?);
-        renders.push(render.map_err(|error| DriftError::unfit("splatter", "a picture", error))?);
+        renders.push(file.render(&name)?);
         let prefix = format!("metric.{at}.");
         let ids = file.0.tensors.keys().filter_map(|name| Some((name, name.strip_prefix(&prefix)?)));
         let score = |(name, id): (&String, &str)| {
@@ -92,7 +68,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
         };
         scores.push(ids.map(score).collect::<Result<_, DriftError>>()?);
     }
-    Ok(Outputs { inputs, decoded, views: resized, gaussians, renders, scores })
+    let (gaussians, sheet) = (file.gaussians("model")?, file.render("sheet")?);
+    Ok(Outputs { inputs, decoded, views: resized, gaussians, renders, sheet, scores })
 }
 
 /// Pose in rows, then intrinsics.
@@ -123,6 +100,25 @@ impl Writer {
         self.put(name, DType::F32, shape, values.iter().flat_map(|v| v.to_le_bytes()).collect())
     }
 
+    fn gaussians(&mut self, stage: &str, gaussians: &Gaussians) -> Result<(), DriftError> {
+        let parts = gaussians.parts();
+        for (name, wide, values) in [
+            ("means", 3, parts.means.as_flattened()),
+            ("quaternions", 4, parts.quaternions.as_flattened()),
+            ("log-scales", 3, parts.log_scales.as_flattened()),
+            ("opacity-logits", 1, parts.opacity_logits.as_slice()),
+            ("sh", 3, parts.sh.as_flattened()),
+        ] {
+            self.floats(&format!("{stage}.{name}"), vec![values.len() / wide, wide], values)?;
+        }
+        Ok(())
+    }
+
+    fn render(&mut self, name: &str, render: &Image) -> Result<(), DriftError> {
+        let shape = vec![render.height() as usize, render.width() as usize, 3];
+        self.floats(name, shape, render.samples())
+    }
+
     fn picture(&mut self, name: &str, picture: &ImageU8) -> Result<(), DriftError> {
         let shape = vec![picture.height() as usize, picture.width() as usize, 3];
         self.put(name, DType::U8, shape, picture.samples().to_vec())
@@ -134,7 +130,8 @@ struct Reader(StoredTensors);
 impl Reader {
     /// How many tensors are called `prefix.0`, `prefix.1` and so on.
     fn count(&self, prefix: &str) -> usize {
-        (0usize..).take_while(|at| self.0.tensors.contains_key(&format!("{prefix}.{at}"))).count()
+        let is_there = |at: &usize| self.0.tensors.contains_key(&format!("{prefix}.{at}"));
+        (0..self.0.tensors.len()).take_while(is_there).count()
     }
 
     fn get(&self, name: &str, dtype: DType) -> Result<&StoredTensor, DriftError> {
@@ -155,7 +152,7 @@ impl Reader {
         let bytes = self.get(name, DType::F64)?.bytes();
         let values: Vec<f64> = bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
         let count = values.len();
-        values.try_into().map_err(|_| DriftError::unfit(WHAT, format!("{COUNT} numbers in {name:?}"), count))
+        values.try_into().ok().ok_or_else(|| DriftError::unfit(WHAT, format!("{COUNT} numbers in {name:?}"), count))
     }
 
     fn camera(&self, name: &str) -> Result<Camera, DriftError> {
@@ -175,6 +172,33 @@ impl Reader {
         let sides =
             sides.ok_or_else(|| DriftError::unfit(WHAT, format!("a picture in {name:?}"), format!("{shape:?}")))?;
         Ok(sides.into())
+    }
+
+    fn gaussians(&self, stage: &str) -> Result<Gaussians, DriftError> {
+        let floats = |field: &str| self.floats(&format!("{stage}.{field}"));
+        let triples = |field: &str| Ok::<_, DriftError>(floats(field)?.as_chunks().0.to_vec());
+        let (means, sh) = (triples("means")?, triples("sh")?);
+        let coefficients = sh.len().checked_div(means.len()).unwrap_or(1);
+        let degrees = 0..=atsplat_splat::MAX_SH_DEGREE;
+        let degree = degrees.into_iter().find(|degree| atsplat_splat::sh_coefficients(*degree) == coefficients);
+        let parts = GaussianParts {
+            quaternions: floats("quaternions")?.as_chunks().0.to_vec(),
+            log_scales: triples("log-scales")?,
+            opacity_logits: floats("opacity-logits")?,
+            sh_degree: degree
+                .ok_or_else(|| DriftError::unfit(WHAT, "a square number of coefficients", coefficients))?,
+            scalars: None,
+            filter_3d: None,
+            means,
+            sh,
+        };
+        Gaussians::new(parts).map_err(|error| DriftError::unfit(WHAT, format!("Gaussians of {stage:?}"), error))
+    }
+
+    fn render(&self, name: &str) -> Result<Image, DriftError> {
+        let [height, width] = self.size(name, DType::F32)?;
+        let render = Image::new(width, height, self.floats(name)?);
+        render.map_err(|error| DriftError::unfit(WHAT, format!("a picture in {name:?}"), error))
     }
 
     fn picture(&self, name: &str) -> Result<ImageU8, DriftError> {

@@ -1,8 +1,10 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use atsplat_pixels::{ImageU8, encode_jpeg, encode_png};
+use atsplat_splat::{Gaussians, RendererConstants};
 use glam::{DMat3, DVec3};
 
 use super::Stage;
+use super::sheet::sheet;
 use crate::drift::DriftError;
 
 /// What the first stage starts from.
@@ -14,6 +16,8 @@ pub struct Inputs {
     pub cameras: Vec<Camera>,
     /// How many of them are context.
     pub context: usize,
+    /// Gaussians that the splatter renders beside the model's, to notice what those are not touched by.
+    pub sheet: Gaussians,
 }
 
 /// A picture and its camera.
@@ -34,14 +38,15 @@ impl View {
 
 impl Inputs {
     /// A pattern that no file is needed for: two context views, a JPEG and a PNG of 112×96 pixels, and a target between
-    /// them, of a plane with edges, fine stripes and slow colours at distance 7.
+    /// them, of a plane with edges, fine stripes and slow colours at distance 7. And Gaussians that every one of these
+    /// constants decides something of.
     ///
     /// # Errors
     /// [`DriftError::Stage`] where pictures cannot be written.
-    pub fn pattern() -> Result<Self, DriftError> {
+    pub fn pattern(constants: &RendererConstants) -> Result<Self, DriftError> {
         let failed = |error: &dyn std::fmt::Display| Stage::Decode.failed()(error);
         let places = [-1.0, 1.0, 0.25];
-        let mut inputs = Self { files: Vec::new(), cameras: Vec::new(), context: 2 };
+        let mut inputs = Self { files: Vec::new(), cameras: Vec::new(), context: 2, sheet: sheet(constants)? };
         for (at, x) in places.into_iter().enumerate() {
             let picture = shot(x).map_err(|error| failed(&error))?;
             let file = if at == 0 { encode_jpeg(&picture, 92) } else { encode_png(&picture) };

@@ -9,6 +9,7 @@ mod inputs;
 mod outputs;
 mod pipeline;
 mod recipe;
+mod sheet;
 #[cfg(test)]
 mod tests;
 

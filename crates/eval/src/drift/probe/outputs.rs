@@ -5,8 +5,10 @@ use atsplat_splat::Gaussians;
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
+use super::sheet::sheet_view;
 use super::{Inputs, Stage, Stages, View, container};
 use crate::drift::DriftError;
+use crate::store::hexadecimal;
 
 /// What every stage gave, and what the first began with.
 #[derive(Clone, Debug, PartialEq)]
@@ -21,6 +23,8 @@ pub struct Outputs {
     pub gaussians: Gaussians,
     /// Of [`Stage::Splatter`], target by target.
     pub renders: Vec<Image>,
+    /// Of [`Stage::Splatter`] too: the inputs' sheet, which is not scored.
+    pub sheet: Image,
     /// Of [`Stage::Metric`], target by target.
     pub scores: Vec<BTreeMap<String, f64>>,
 }
@@ -53,7 +57,8 @@ pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> 
     let gaussians = stages.model(context(inputs, &views))?;
     let renders = rendered(stages, &gaussians, targets(inputs, &views))?;
     let scores = scored(stages, &renders, targets(inputs, &views))?;
-    Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, scores })
+    let sheet = stages.splat(&inputs.sheet, &sheet_view()?)?;
+    Ok(Outputs { inputs: inputs.clone(), decoded, views, gaussians, renders, sheet, scores })
 }
 
 pub(super) fn resized(stages: &dyn Stages, inputs: &Inputs, decoded: &[ImageU8]) -> Result<Vec<View>, DriftError> {
@@ -114,7 +119,7 @@ impl Outputs {
             Stage::Decode => of_pictures(&self.decoded),
             Stage::Resize => of_views(&self.views),
             Stage::Model => of_gaussians(&self.gaussians),
-            Stage::Splatter => of_renders(&self.renders),
+            Stage::Splatter => of_renders(&self.renders, &self.sheet),
             Stage::Metric => of_scores(&self.scores),
         }
     }
@@ -129,7 +134,7 @@ pub(super) fn mean_scores(scores: &[BTreeMap<String, f64>]) -> BTreeMap<String, 
 }
 
 pub(super) fn of_pictures(pictures: &[ImageU8]) -> Vec<f64> {
-    pictures.iter().flat_map(|picture| picture.samples()).map(|&sample| f64::from(sample)).collect()
+    pictures.iter().flat_map(ImageU8::samples).map(|&sample| f64::from(sample)).collect()
 }
 
 /// Samples, then intrinsics: the stage changes both.
@@ -149,8 +154,8 @@ pub(super) fn of_gaussians(gaussians: &Gaussians) -> Vec<f64> {
     flat.chain(parts.sh.as_flattened()).map(|&value| f64::from(value)).collect()
 }
 
-pub(super) fn of_renders(renders: &[Image]) -> Vec<f64> {
-    renders.iter().flat_map(|render| render.samples()).map(|&sample| f64::from(sample)).collect()
+pub(super) fn of_renders(renders: &[Image], sheet: &Image) -> Vec<f64> {
+    renders.iter().chain([sheet]).flat_map(Image::samples).map(|&sample| f64::from(sample)).collect()
 }
 
 pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
@@ -165,6 +170,6 @@ fn fingerprint(stage: Stage, values: &[f64]) -> Fingerprint {
         hash.update(value.to_le_bytes());
         (least, most, sum) = (least.minimum_of(*value), most.maximum_of(*value), sum + value);
     }
-    let sha256 = hash.finalize().iter().map(|byte| format!("{byte:02x}")).collect();
+    let sha256 = hexadecimal(&hash.finalize());
     Fingerprint { stage, sha256, values: values.len() as u64, least, mean: sum / values.len() as f64, most }
 }

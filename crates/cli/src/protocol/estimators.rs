@@ -1,0 +1,212 @@
+//! `atsplat protocol estimators`: estimated overlap against true co-visibility, on simulated scenes.
+
+use std::fmt;
+
+use anyhow::Context as _;
+use atsplat_camera::ImageSize;
+use atsplat_numeric::rank_correlation;
+use atsplat_pixels::{ImageU8, Rounding};
+use atsplat_protocol::overlap::{DepthMap, OverlapEstimator, OverlapView};
+use atsplat_protocol::samplers::SplitMix64;
+use atsplat_protocol::{BinRule, OverlapBins};
+use atsplat_rooms::{Geometry, Request, SceneKind, SceneSeed, Simulation, Split};
+use clap::Args;
+use serde::Serialize;
+
+use super::parse;
+use crate::output::print_report;
+use crate::progress::Progress;
+use crate::render::words;
+
+/// Frames between the two views at least: neighbours see the same.
+const LEAST_GAP: usize = 5;
+
+#[derive(Debug, Args)]
+pub(crate) struct Words {
+    /// How many simulated rooms, and as many yards.
+    #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=10_000))]
+    scenes: u32,
+
+    /// Pairs of views of each scene.
+    #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    pairs: u32,
+
+    /// Size of the pictures and depth maps.
+    #[arg(long, value_name = "WxH", default_value = "160x90", value_parser = words::size)]
+    size: ImageSize,
+
+    /// Seed of the pairs.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    seed: u64,
+
+    /// Print JSON, every pair with its numbers.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Report {
+    scenes: usize,
+    size: ImageSize,
+    pairs: Vec<Pair>,
+    estimators: Vec<Row>,
+}
+
+/// Two views, what they truly share, and what each estimator says.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Pair {
+    kind: SceneKind,
+    scene: String,
+    frames: [usize; 2],
+    truth: f64,
+    /// By the order of the report's estimators; `null` where an estimator has no answer.
+    estimates: Vec<Option<f64>>,
+}
+
+/// How one estimator fares with one kind of scene: what holds indoors need not hold on a walk around a thing.
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct Row {
+    kind: SceneKind,
+    estimator: &'static str,
+    measured: usize,
+    /// Spearman's, of estimates and truth.
+    rank_correlation: Option<f64>,
+    /// Mean of estimate less truth.
+    bias: Option<f64>,
+    /// Mean of the absolute difference.
+    error: Option<f64>,
+    /// Share of pairs that fall into the same of `NoPoSplat`'s bins as the truth.
+    same_bin: Option<f64>,
+}
+
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    let estimators = estimators()?;
+    let kinds = [SceneKind::Rooms, SceneKind::Yards];
+    let progress = Progress::new("scenes", kinds.len() * words.scenes as usize);
+    let mut pairs = Vec::new();
+    for kind in kinds {
+        for number in 0..words.scenes {
+            let seed = SceneSeed { split: Split::Test, number };
+            let simulation = Simulation::new(Request { size: words.size, ..Request::new(kind, seed) })?;
+            for frames in words.draw(&simulation) {
+                pairs.push(measure(&simulation, frames, &estimators)?);
+            }
+            progress.step();
+        }
+    }
+    drop(progress);
+    let rows = kinds.iter().flat_map(|&kind| {
+        let of_kind: Vec<&Pair> = pairs.iter().filter(|pair| pair.kind == kind).collect();
+        let rows = estimators.iter().enumerate().map(move |(at, estimator)| row(kind, estimator.name(), at, &of_kind));
+        rows.collect::<Vec<_>>()
+    });
+    let rows = rows.collect();
+    let scenes = kinds.len() * words.scenes as usize;
+    print_report(&Report { scenes, size: words.size, pairs, estimators: rows }, words.json)?;
+    Ok(true)
+}
+
+impl Words {
+    /// Pairs of frames, every gap as likely as any other.
+    fn draw(&self, simulation: &Simulation) -> Vec<[usize; 2]> {
+        let last = simulation.shots().len() - 1;
+        let mut random = SplitMix64::for_scene(self.seed, &simulation.key());
+        let mut pair = || {
+            let gap = random.within(LEAST_GAP..=last)?;
+            let first = random.within(0..=last - gap)?;
+            Some([first, first + gap])
+        };
+        (0..self.pairs).filter_map(|_| pair()).collect()
+    }
+}
+
+/// All that this build has.
+fn estimators() -> anyhow::Result<Vec<OverlapEstimator>> {
+    let names: &[&str] = if cfg!(feature = "opencv") {
+        &["epipolar-ray", "feature-coverage", "depth-covisibility"]
+    } else {
+        &["epipolar-ray", "depth-covisibility"]
+    };
+    names.iter().map(|name| parse::estimator(name)).collect()
+}
+
+fn measure(simulation: &Simulation, frames: [usize; 2], estimators: &[OverlapEstimator]) -> anyhow::Result<Pair> {
+    let [first, second] = frames;
+    let truth = simulation.covisibility(first, second)?.overlap();
+    let wants_pictures = estimators.iter().any(OverlapEstimator::needs_pictures);
+    let (a, b) = (Seen::of(simulation, first, wants_pictures)?, Seen::of(simulation, second, wants_pictures)?);
+    let (view_a, view_b) = (a.view()?, b.view()?);
+    // An estimator without an answer, as where two pictures share no feature, is a result.
+    let estimates = estimators.iter().map(|estimator| estimator.estimate(&view_a, &view_b).ok()).collect();
+    Ok(Pair { kind: simulation.request().kind, scene: simulation.key(), frames, truth, estimates })
+}
+
+/// A view with all that an estimator may ask for.
+struct Seen {
+    camera: atsplat_camera::Camera,
+    geometry: Geometry,
+    picture: Option<ImageU8>,
+}
+
+impl Seen {
+    fn of(simulation: &Simulation, frame: usize, with_picture: bool) -> anyhow::Result<Self> {
+        let picture = || Ok::<_, anyhow::Error>(simulation.picture(frame)?.to_u8(Rounding::Nearest)?);
+        Ok(Self {
+            camera: simulation.camera(frame)?,
+            geometry: simulation.geometry(frame)?,
+            picture: with_picture.then(picture).transpose()?,
+        })
+    }
+
+    fn view(&self) -> anyhow::Result<OverlapView<'_>> {
+        let depth = DepthMap::new(self.geometry.size, &self.geometry.depth).context("a simulated depth map")?;
+        Ok(OverlapView { camera: &self.camera, picture: self.picture.as_ref(), depth: Some(depth) })
+    }
+}
+
+fn row(kind: SceneKind, estimator: &'static str, at: usize, pairs: &[&Pair]) -> Row {
+    let both = |pair: &&Pair| Some((pair.truth, pair.estimates.get(at).copied().flatten()?));
+    let (truths, estimates): (Vec<f64>, Vec<f64>) = pairs.iter().filter_map(both).unzip();
+    let mean = |value: &dyn Fn(f64, f64) -> f64| {
+        let sum: f64 = truths.iter().zip(&estimates).map(|(truth, estimate)| value(*truth, *estimate)).sum();
+        (!truths.is_empty()).then(|| sum / truths.len() as f64)
+    };
+    let bins = OverlapBins::noposplat(BinRule::Strict);
+    Row {
+        kind,
+        estimator,
+        measured: truths.len(),
+        rank_correlation: rank_correlation(&truths, &estimates),
+        bias: mean(&|truth, estimate| estimate - truth),
+        error: mean(&|truth, estimate| (estimate - truth).abs()),
+        same_bin: mean(&|truth, estimate| f64::from(bins.place(truth) == bins.place(estimate))),
+    }
+}
+
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "{} pairs of views of {} simulated scenes, {}", self.pairs.len(), self.scenes, self.size)?;
+        let [kind, estimator, measured, rank, bias, error, same] =
+            ["scenes", "estimator", "measured", "rank corr.", "bias", "error", "same bin"];
+        writeln!(f, "{kind:<7} {estimator:<20} {measured:>8} {rank:>10} {bias:>7} {error:>7} {same:>8}")?;
+        let number = |value: Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.3}"));
+        for row in &self.estimators {
+            let share = row.same_bin.map_or("-".to_owned(), |share| format!("{:.0} %", share * 100.0));
+            writeln!(
+                f,
+                "{:<7} {:<20} {:>8} {:>10} {:>7} {:>7} {:>8}",
+                row.kind.to_string(),
+                row.estimator,
+                row.measured,
+                number(row.rank_correlation),
+                number(row.bias),
+                number(row.error),
+                share
+            )?;
+        }
+        Ok(())
+    }
+}

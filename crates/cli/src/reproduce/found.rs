@@ -1,0 +1,200 @@
+//! What runs on a user's folder: every dataset in it, under every protocol that fits.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use atsplat_camera::ImageSize;
+use atsplat_eval::runner::{Dataset, PlannedIndex};
+use atsplat_eval::sources::{AlreadyCropped, PresentFrames};
+use atsplat_protocol::Preset;
+use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
+use atsplat_protocol::{EvaluationIndex, IndexLayout, Sha256Digest};
+use atsplat_scene::{
+    Format, NerfstudioOptions, OpenOptions, Picture, PictureFolder, Scene, SceneSource, Warnings, open_with,
+};
+use serde::Serialize;
+
+/// How deep folders are searched.
+const DEEPEST: usize = 4;
+/// Copies of a capture's pictures, by how much smaller they are.
+const COPIES: [u32; 3] = [8, 4, 2];
+
+/// What was found, and what cannot run, with the reason.
+#[derive(Default)]
+pub(super) struct Found {
+    pub(super) datasets: Vec<Dataset>,
+    pub(super) not_run: Vec<NotRun>,
+}
+
+/// A protocol that does not run on a dataset.
+#[derive(Clone, Debug, Serialize)]
+pub(super) struct NotRun {
+    pub(super) what: String,
+    pub(super) why: String,
+}
+
+/// A dataset on disk, opened as it is.
+struct OnDisk {
+    path: PathBuf,
+    format: Format,
+    source: Arc<dyn SceneSource>,
+}
+
+/// Looks through a folder. Index files of published protocols are found by their hash, wherever they lie in it.
+pub(super) fn look(folder: &Path, warnings: &mut Warnings) -> anyhow::Result<Found> {
+    anyhow::ensure!(folder.is_dir(), "{} is no folder", folder.display());
+    let mut found = Found::default();
+    let mut on_disk = Vec::new();
+    search(folder, 0, &mut on_disk);
+    if on_disk.is_empty() {
+        let why = "no RE10K trajectories with frames, .torch chunks, transforms.json or COLMAP model in it".to_owned();
+        found.not_run.push(NotRun { what: folder.display().to_string(), why });
+    }
+    for dataset in &on_disk {
+        fit(folder, dataset, &mut found, warnings)?;
+    }
+    Ok(found)
+}
+
+fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
+    if let Ok(dataset) = open_with(folder, &OpenOptions::default(), &mut Warnings::new()) {
+        let (path, format) = (folder.to_owned(), dataset.format);
+        let source: Arc<dyn SceneSource> = Arc::new(dataset);
+        if source.keys().iter().any(|key| first_picture(source.as_ref(), key).is_some()) {
+            found.push(OnDisk { path, format, source });
+            return;
+        }
+    }
+    if depth >= DEEPEST {
+        return;
+    }
+    let entries = folder.read_dir().into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
+    for folder in folders {
+        search(&folder, depth + 1, found);
+    }
+}
+
+/// Every protocol that fits a dataset: by a published index that names its scenes, else by the protocol's sampler.
+fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnings) -> anyhow::Result<()> {
+    let before = found.datasets.len();
+    for name in Preset::names() {
+        let preset = Preset::named(name)?;
+        if preset.stands_for.is_some() || !suits(dataset.format, &preset) {
+            continue;
+        }
+        let what = format!("{name} on {}", dataset.path.display());
+        let Some((source, preset, told)) = prepared(dataset, &preset) else {
+            let size = preset.preprocessing.expected_size.map_or("any".to_owned(), |size| size.to_string());
+            found.not_run.push(NotRun { what, why: format!("its pictures are not of the protocol's size, {size}") });
+            continue;
+        };
+        match index(folder, &source, &preset, warnings) {
+            Ok((index, source)) => {
+                let taken = found.datasets.iter().any(|other| other.name == name);
+                let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
+                let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
+                found.datasets.push(Dataset { name, preset, source, told, index });
+            }
+            Err(why) => found.not_run.push(NotRun { what, why }),
+        }
+    }
+    // Whatever no protocol knows is still a capture.
+    if found.datasets.len() == before {
+        let preset = Preset::named("photos-3v-256")?;
+        let source: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(&dataset.source)));
+        let what = format!("{} on {}", preset.name, dataset.path.display());
+        match sampled(&source, &preset, warnings) {
+            Ok(index) => {
+                let told = dataset.path.display().to_string();
+                let name =
+                    format!("{}@{}", preset.name, dataset.path.file_name().unwrap_or_default().to_string_lossy());
+                found.datasets.push(Dataset { name, preset, source, told, index });
+            }
+            Err(why) => found.not_run.push(NotRun { what, why }),
+        }
+    }
+    Ok(())
+}
+
+/// Whether a dataset of this format may be one of the preset's.
+fn suits(format: Format, preset: &Preset) -> bool {
+    match preset.dataset.as_str() {
+        "re10k" | "acid" => matches!(format, Format::Re10k | Format::TorchChunks),
+        "dl3dv" => matches!(format, Format::Nerfstudio | Format::TorchChunks),
+        _ => false,
+    }
+}
+
+/// The dataset with pictures that the preset takes: as they are, a smaller copy, or cropped beforehand.
+fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, Preset, String)> {
+    let told = dataset.path.display().to_string();
+    let Some(expected) = preset.preprocessing.expected_size else {
+        return Some((Arc::clone(&dataset.source), preset.clone(), told));
+    };
+    if picture_size(dataset.source.as_ref()) == Some(expected) {
+        return Some((Arc::clone(&dataset.source), preset.clone(), told));
+    }
+    if let Some((source, preset)) = AlreadyCropped::of(&dataset.source, preset) {
+        return Some((Arc::new(source), preset, format!("{told}, pictures cropped beforehand")));
+    }
+    COPIES.into_iter().find_map(|factor| {
+        let pictures = PictureFolder::Downscaled(factor);
+        let nerfstudio = NerfstudioOptions { pictures, ..NerfstudioOptions::default() };
+        let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
+        let source: Arc<dyn SceneSource> = Arc::new(open_with(&dataset.path, &options, &mut Warnings::new()).ok()?);
+        let fits = picture_size(source.as_ref()) == Some(expected);
+        fits.then(|| (source, preset.clone(), format!("{told}, images_{factor}")))
+    })
+}
+
+/// The published index that names a scene of the dataset, or what the preset's sampler chooses.
+fn index(
+    folder: &Path,
+    source: &Arc<dyn SceneSource>,
+    preset: &Preset,
+    warnings: &mut Warnings,
+) -> Result<(PlannedIndex, Arc<dyn SceneSource>), String> {
+    if let Ok(index) = PlannedIndex::read(folder, preset, source.as_ref(), warnings)
+        && index.index.scenes.iter().any(|(key, entries)| !entries.is_empty() && source.keys().contains(key))
+    {
+        return Ok((index, Arc::clone(source)));
+    }
+    // RE10K's name is on the official scenes alone; a capture in DL3DV's layout is what its sampler is for.
+    if preset.dataset != "dl3dv" {
+        return Err("no published index in the folder names one of its scenes".to_owned());
+    }
+    let present: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(source)));
+    sampled(&present, preset, warnings).map(|index| (index, present))
+}
+
+fn sampled(source: &Arc<dyn SceneSource>, preset: &Preset, warnings: &mut Warnings) -> Result<PlannedIndex, String> {
+    let Some(sampler) = &preset.index.sampler else { return Err("the protocol names no sampler".to_owned()) };
+    let mut planned = PlannedIndex::sampled(sampler, source.as_ref(), warnings).map_err(|error| error.to_string())?;
+    if let Some(derivation) = preset.index.derivation {
+        let lengths = scene_lengths(&planned.index, source.as_ref(), &|| (), warnings);
+        planned.index = Extrapolation::from(derivation).split(&planned.index, &lengths).index;
+        planned.sha256 = Sha256Digest::of(planned.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
+        planned.told = format!("{}, its windows with frames before and after them", planned.told);
+    }
+    if is_empty(&planned.index) { Err(format!("{sampler} finds no frames to choose")) } else { Ok(planned) }
+}
+
+fn is_empty(index: &EvaluationIndex) -> bool {
+    index.entries().next().is_none()
+}
+
+fn picture_size(source: &dyn SceneSource) -> Option<ImageSize> {
+    source.keys().iter().find_map(|key| {
+        let (scene, at) = first_picture(source, key)?;
+        scene.frames.get(at)?.size(key, at).ok()
+    })
+}
+
+fn first_picture(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
+    let scene = source.load(key, &mut Warnings::new()).ok()?;
+    let is_there = |picture: &Picture| matches!(picture, Picture::File(_) | Picture::Encoded(_));
+    let at = scene.frames.iter().position(|frame| is_there(&frame.picture))?;
+    Some((scene, at))
+}

@@ -1,0 +1,91 @@
+//! What answers: ATSplat, what the same weights give under other expansions, and two floors.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use atsplat_eval::method::{AtSplat, Method, NearestView, Splatting, Warp, WeightsOf};
+use atsplat_model::ModelConfig;
+use atsplat_model::config::Selection;
+use atsplat_model::network::{Device, Network};
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
+
+use crate::weights::file;
+
+/// A configuration with weights that fit it.
+pub(super) struct Trained {
+    pub(super) config: ModelConfig,
+    tensors: StoredTensors,
+    weights: WeightsOf,
+    /// Where the weights came from, for people.
+    pub(super) told: String,
+}
+
+impl Trained {
+    /// A user's weights file.
+    pub(super) fn read(path: &Path) -> anyhow::Result<Self> {
+        let file = file::open(path, String::new)?;
+        Self::of(&file, path.display().to_string()).with_context(|| path.display().to_string())
+    }
+
+    fn of(file: &TensorFile, told: String) -> anyhow::Result<Self> {
+        let ModelWeights { config, tensors, .. } = ModelWeights::from_stored(&file.stored)?;
+        Ok(Self { config, tensors, weights: WeightsOf::File { sha256: file.sha256.clone() }, told })
+    }
+
+    /// The weights that travel in the binary; where there are none, the small network with random ones.
+    pub(super) fn carried() -> anyhow::Result<Self> {
+        Self::untrained(1)
+    }
+
+    fn untrained(seed: u64) -> anyhow::Result<Self> {
+        let config = ModelConfig::named("nano")?;
+        let tensors = generated(&parameters(&config), seed);
+        let weights = WeightsOf::Random { seed, backbone_sha256: None };
+        Ok(Self { config, tensors, weights, told: format!("random weights, seed {seed}: untrained") })
+    }
+
+    pub(super) const fn is_untrained(&self) -> bool {
+        matches!(self.weights, WeightsOf::Random { .. })
+    }
+
+    /// ATSplat as it was trained, and the floors.
+    pub(super) fn methods(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
+        Ok(vec![self.network("atsplat", &self.config)?, Arc::new(NearestView), Arc::new(Warp)])
+    }
+
+    /// What the same weights give under the expansions of the paper's ablations. Anchors, K and the straight-through
+    /// estimator need weights of their own and are not here.
+    pub(super) fn variants(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
+        let mut variants = vec![
+            self.network("atsplat no expansion", &self.config.with_expansion_in_first(0))?,
+            self.network("atsplat random", &self.selecting(Selection::Random { seed: 0 }))?,
+            self.network("atsplat farthest point", &self.selecting(Selection::FarthestPoint {}))?,
+        ];
+        for thresholds in [[0.1, 0.1, 0.4], [0.05, 0.05, 0.2], [0.01, 0.01, 0.04]] {
+            let name = format!("atsplat {}", thresholds.map(|threshold| threshold.to_string()).join(" "));
+            // A configuration that expands in other blocks has no such thresholds.
+            if let Ok(config) = self.config.with_thresholds(&thresholds) {
+                variants.push(self.network(&name, &config)?);
+            }
+        }
+        Ok(variants)
+    }
+
+    fn selecting(&self, selection: Selection) -> ModelConfig {
+        let mut config = self.config.clone();
+        config.expansion.selection = selection;
+        config
+    }
+
+    fn network(&self, name: &str, config: &ModelConfig) -> anyhow::Result<Arc<dyn Method>> {
+        // A selection that scores nothing has no scorers.
+        let wanted: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
+        let mut tensors = self.tensors.clone();
+        tensors.tensors.retain(|name, _| wanted.contains(name));
+        let network = Network::new(config, &Device::flex())?.with_weights(&tensors)?;
+        Ok(Arc::new(AtSplat::new(name, network, &self.weights, 0, Splatting::default())?))
+    }
+}

@@ -1,0 +1,137 @@
+//! `atsplat reproduce`: everything that can run here, run, and the whole report of it.
+
+mod found;
+mod methods;
+mod suite;
+mod summary;
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use anyhow::Context as _;
+use atsplat_eval::method::{Method, Repetitions};
+use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary, metric_ids, named_metrics};
+use atsplat_eval::{Results, Store};
+use atsplat_metrics::learned::WeightsFolders;
+use atsplat_metrics::{Networks, Suite};
+use atsplat_protocol::trial::{DecodeAhead, Prefetch};
+use atsplat_scene::Warnings;
+use clap::Args;
+
+use crate::output::{complain, print_warnings};
+use crate::progress::Progress;
+use found::{Found, NotRun};
+use methods::Trained;
+use suite::SuiteWord;
+
+/// Presets that the paper's ablations are run on, and the simulated ones in their place.
+const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
+
+#[derive(Debug, Args)]
+pub(crate) struct Words {
+    /// Folder with datasets and evaluation indices, however deep: RE10K, DL3DV, any posed capture. Without it, simulated
+    /// scenes take their place.
+    #[arg(long, value_name = "DIR")]
+    data: Option<PathBuf>,
+
+    /// Weights of ATSplat; by default those that the project trained, or random ones where it carries none.
+    #[arg(long, value_name = "FILE")]
+    weights: Option<PathBuf>,
+
+    /// quick takes a few scenes of each protocol, full all of them.
+    #[arg(long, value_name = "SUITE", default_value = "quick")]
+    suite: SuiteWord,
+
+    /// Folder for results and report; gone on with where it holds an unfinished run.
+    #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
+    out: PathBuf,
+
+    /// Folder with the weights of LPIPS and ST-LPIPS, looked in before torch's cache.
+    #[arg(long, value_name = "DIR")]
+    metric_weights: Option<PathBuf>,
+}
+
+/// Reproduces; `true` where nothing was skipped and nothing failed.
+pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+    let mut warnings = Warnings::new();
+    let Found { datasets, not_run } = words.found(&mut warnings)?;
+    anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", told(&not_run));
+    let trained = match &words.weights {
+        Some(path) => Trained::read(path)?,
+        None => Trained::carried()?,
+    };
+    if trained.is_untrained() {
+        complain("warning: no trained weights: ATSplat's rows are UNTRAINED and show the way and its cost alone");
+    }
+    let of_ablations: Vec<usize> =
+        datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
+    let (results, summary) = words.evaluate("results", &datasets, &trained.methods()?)?;
+    let mut stores = vec![("results", results)];
+    let mut complete = summary.is_complete();
+    if !of_ablations.is_empty() {
+        let all = datasets.into_iter().enumerate();
+        let datasets: Vec<Dataset> = all.filter(|(at, _)| of_ablations.contains(at)).map(|(_, one)| one).collect();
+        let (results, summary) = words.evaluate("ablations", &datasets, &trained.variants()?)?;
+        complete &= summary.is_complete();
+        stores.push(("ablations", results));
+    }
+    let report = summary::write(&words.out, &stores)?;
+    print_warnings(&warnings);
+    summary::print(&report, &stores, &not_run, &trained, &words.out)?;
+    Ok(complete && not_run.is_empty())
+}
+
+fn is_for_ablations(dataset: &Dataset) -> bool {
+    let stands_for = dataset.preset.stands_for.as_deref().unwrap_or(&dataset.preset.name);
+    ABLATIONS.contains(&stands_for)
+}
+
+fn told(not_run: &[NotRun]) -> String {
+    not_run.iter().map(|NotRun { what, why }| format!("{what}: {why}")).collect::<Vec<_>>().join("; ")
+}
+
+impl Words {
+    fn found(&self, warnings: &mut Warnings) -> anyhow::Result<Found> {
+        match &self.data {
+            Some(folder) => found::look(folder, warnings),
+            None => Ok(Found { datasets: suite::simulated_datasets(self.suite)?, not_run: Vec::new() }),
+        }
+    }
+
+    fn evaluate(
+        &self,
+        name: &str,
+        datasets: &[Dataset],
+        methods: &[Arc<dyn Method>],
+    ) -> anyhow::Result<(Results, Summary)> {
+        let suite = self.suite_of(datasets)?;
+        let limit = if self.data.is_some() { self.suite.limit() } else { None };
+        let plan = Plan {
+            datasets,
+            methods,
+            suite: &suite,
+            selection: Selection { limit, shard: None },
+            repetitions: Repetitions::ONCE,
+            alone: false,
+            pictures: KeepPictures::Worst,
+            prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
+        };
+        let here = runner::here(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), std::env::args().collect());
+        let store = Store::resume(&self.store(name), plan.provenance(here)?)?;
+        let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
+        Ok(runner::run(&plan, store, &|| progress.step())?)
+    }
+
+    fn store(&self, name: &str) -> PathBuf {
+        Path::join(&self.out, name)
+    }
+
+    fn suite_of(&self, datasets: &[Dataset]) -> anyhow::Result<Suite> {
+        let ids = datasets.iter().flat_map(|dataset| metric_ids(&dataset.preset.metrics));
+        let definitions = named_metrics(ids)?;
+        let folders = WeightsFolders::new(self.metric_weights.iter().cloned().collect());
+        let networks = Networks::for_definitions(&definitions, &folders.then(WeightsFolders::torch_hub()))?;
+        Ok(Suite::new(definitions, networks, 512 << 20))
+    }
+}

@@ -1,0 +1,77 @@
+//! The report of a run, and what the terminal says of it in the end.
+
+use std::fmt::Write as _;
+use std::path::Path;
+
+use atsplat_eval::Results;
+use atsplat_report::definition::TableDefinition;
+use atsplat_report::emit::TableFormat;
+use atsplat_report::page::{PageStore, PictureBudget};
+use atsplat_report::table::{Mixing, Source, verdict};
+use atsplat_report::{Report, Request};
+
+use super::found::NotRun;
+use super::methods::Trained;
+use crate::output::print_text;
+
+/// Bytes of pictures in the page.
+const PICTURES: usize = 12_000_000;
+
+/// Writes tables, plots and the page of all stores.
+pub(super) fn write(folder: &Path, stores: &[(&str, Results)]) -> anyhow::Result<Report> {
+    let folders: Vec<_> = stores.iter().map(|(name, _)| folder.join(name)).collect();
+    let pages: Vec<PageStore<'_>> = stores
+        .iter()
+        .zip(&folders)
+        .map(|((label, results), folder)| PageStore { source: Source { label, results }, folder: Some(folder) })
+        .collect();
+    let request = Request {
+        title: "Results beside the paper".to_owned(),
+        tables: TableDefinition::names().map(str::to_owned).collect(),
+        formats: vec![
+            TableFormat::Terminal,
+            TableFormat::Markdown,
+            TableFormat::Latex,
+            TableFormat::Csv,
+            TableFormat::Json,
+        ],
+        mixing: Mixing::Apart,
+        budget: PictureBudget { bytes: PICTURES },
+    };
+    let report = Report::new(&request, &pages)?;
+    report.write(folder)?;
+    Ok(report)
+}
+
+/// Every table with its verdict, and what could not be run.
+pub(super) fn print(
+    report: &Report,
+    stores: &[(&str, Results)],
+    not_run: &[NotRun],
+    trained: &Trained,
+    folder: &Path,
+) -> anyhow::Result<()> {
+    let (trials, targets) = stores.iter().fold((0, 0), |(trials, targets), (_, results)| {
+        (trials + results.trials.len(), targets + results.targets.len())
+    });
+    let mut text = format!("{trials} trials, {targets} targets; ATSplat: {}\n\n", trained.told);
+    let width = report.tables.iter().map(|table| table.title.chars().count()).max().unwrap_or_default();
+    for table in &report.tables {
+        writeln!(text, "{:<width$}  {}", table.title, verdict(table))?;
+    }
+    if !report.unmeasured.is_empty() {
+        writeln!(text, "\nnothing measured for: {}", report.unmeasured.join(", "))?;
+    }
+    for (_, results) in stores {
+        for metric in &results.provenance.metrics {
+            if let Some(absent) = &metric.absent {
+                writeln!(text, "{}: {absent}", metric.id)?;
+            }
+        }
+    }
+    for NotRun { what, why } in not_run {
+        writeln!(text, "not run: {what}: {why}")?;
+    }
+    writeln!(text, "\n{}", folder.join("index.html").display())?;
+    print_text(&text)
+}

@@ -1,0 +1,86 @@
+use std::io::{IsTerminal as _, stderr};
+use std::time::{Duration, Instant};
+
+use atsplat_train::Event;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use crate::output::complain;
+
+/// Between plain lines, where standard error is no terminal.
+const PLAIN_EVERY: Duration = Duration::from_secs(30);
+
+/// The live line: a bar on a terminal, now and then a plain line elsewhere.
+#[derive(Debug)]
+pub(super) struct Live {
+    bar: ProgressBar,
+    plain: bool,
+    last_line: Instant,
+    /// Means that forget, for the eye.
+    loss: Option<f64>,
+    secs: Option<f64>,
+}
+
+impl Live {
+    pub(super) fn new(steps: u64, done: u64) -> Self {
+        let bar = ProgressBar::with_draw_target(Some(steps), ProgressDrawTarget::stderr());
+        if let Ok(style) = ProgressStyle::with_template("{bar:24} {pos}/{len} {msg}") {
+            bar.set_style(style);
+        }
+        bar.set_position(done);
+        Self { bar, plain: !stderr().is_terminal(), last_line: Instant::now(), loss: None, secs: None }
+    }
+
+    pub(super) fn hear(&mut self, event: &Event<'_>) {
+        match event {
+            Event::Step(record) => {
+                if let Some(terms) = record.terms {
+                    self.loss = Some(slowly(self.loss, terms.total));
+                }
+                self.secs = Some(slowly(self.secs, record.secs));
+                let line = self.line(record.step + 1, record.rate);
+                self.bar.set_position(record.step + 1);
+                self.bar.set_message(line.clone());
+                if let Some(fault) = &record.fault {
+                    self.say(&format!("skipped: {fault}"));
+                }
+                if self.plain && self.last_line.elapsed() >= PLAIN_EVERY {
+                    self.last_line = Instant::now();
+                    complain(&format!("step {}/{} {line}", record.step + 1, self.bar.length().unwrap_or_default()));
+                }
+            }
+            Event::Evaluation(record) => self.say(&format!(
+                "after {} steps: {:.2} dB, SSIM {:.3} on {} held-out targets; nearest view {:.2} dB, {:.3}; gain {:+.2} dB",
+                record.step,
+                record.psnr,
+                record.ssim,
+                record.targets,
+                record.nearest_view_psnr,
+                record.nearest_view_ssim,
+                record.gain()
+            )),
+            Event::Checkpoint(_) => {}
+            Event::Notice(text) => self.say(text),
+        }
+    }
+
+    fn line(&self, done: u64, rate: f64) -> String {
+        let left = self.bar.length().unwrap_or_default().saturating_sub(done) as f64 * self.secs.unwrap_or_default();
+        let loss = self.loss.map_or_else(|| "none yet".to_owned(), |loss| format!("{loss:.4}"));
+        let minutes = left / 60.0;
+        format!("loss {loss}, rate {rate:.1e}, {:.2} s a step, {minutes:.0} min left", self.secs.unwrap_or_default())
+    }
+
+    fn say(&self, text: &str) {
+        if self.plain { complain(text) } else { self.bar.println(text) }
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+fn slowly(mean: Option<f64>, value: f64) -> f64 {
+    mean.map_or(value, |mean| 0.95 * mean + 0.05 * value)
+}

@@ -1,0 +1,142 @@
+//! `atsplat train` from the outside: killed at any moment, it ends with the same bytes.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[expect(dead_code, reason = "rooms come from seeds")]
+mod common;
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::Duration;
+
+use common::{atsplat, succeed};
+use tempfile::tempdir;
+
+const TINY: &str = r#"
+title = "tiny"
+seed = 3
+steps = 24
+batch = 1
+
+[model]
+base = "nano"
+
+[model.changes]
+transformer = { dim = 32, head-dim = 16 }
+coarse.layers = 1
+fine.layers = 1
+
+[[data]]
+[data.source.rooms]
+scenes-of = "rooms"
+scenes = 1
+size = [32, 32]
+samples = 1
+stride = 30
+views = { context = [2, 2], targets = 2, gaps = { min = 2, max = 3 } }
+
+[evaluation]
+every = 10
+samples = 1
+
+[evaluation.source.rooms]
+scenes-of = "rooms"
+split = "test"
+scenes = 1
+size = [32, 32]
+samples = 1
+stride = 30
+views = { context = [2, 2], targets = 1, gaps = { min = 3, max = 3 }, inset = 1 }
+
+[checkpoints]
+every = 3
+keep = 2
+"#;
+
+fn train(folder: &Path, out: &str, more: &[&str]) -> String {
+    succeed(folder, &[&["train", "--config", "tiny.toml", "--out", out], more].concat())
+}
+
+/// What a run leaves, less wall-clock times.
+fn outcome(folder: &Path, out: &str) -> (Vec<u8>, Vec<u8>, Vec<String>) {
+    let folder = folder.join(out);
+    let without_times = |line: &str| {
+        let (before, after) = line.split_once("\"secs\"").unwrap_or((line, ""));
+        format!("{before}{}", after.rsplit_once("\"fault\"").map_or("", |(_, fault)| fault))
+    };
+    let steps = std::fs::read_to_string(folder.join("steps.jsonl")).unwrap();
+    (
+        std::fs::read(folder.join("checkpoints/step-00000024.safetensors")).unwrap(),
+        std::fs::read(folder.join("weights.safetensors")).unwrap(),
+        steps.lines().map(without_times).collect(),
+    )
+}
+
+#[test]
+fn killed_at_random_moments_it_ends_with_the_same_bytes() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    train(folder.path(), "undisturbed", &[]);
+    let expected = outcome(folder.path(), "undisturbed");
+    assert_eq!(expected.2.len(), 24);
+
+    let words = ["train", "--config", "tiny.toml", "--out", "killed", "--resume"];
+    let steps =
+        || std::fs::read_to_string(folder.path().join("killed/steps.jsonl")).unwrap_or_default().lines().count();
+    let mut state = 0x9e37_79b9u64;
+    let mut killed_within = 0;
+    for _ in 0..10 {
+        let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"))
+            .args(words)
+            .current_dir(folder.path())
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        // Some steps further, then anywhere within a step or a checkpoint.
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        let (before, further) = (steps(), (state >> 60) as usize % 5);
+        while run.try_wait().unwrap().is_none() && steps() < before + further {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        std::thread::sleep(Duration::from_micros((state >> 40) % 20_000));
+        killed_within += usize::from(run.try_wait().unwrap().is_none());
+        // SIGKILL.
+        run.kill().unwrap();
+        run.wait().unwrap();
+    }
+    assert!(killed_within >= 5, "{killed_within} of 10 were killed on the way");
+    train(folder.path(), "killed", &["--resume"]);
+    assert!(outcome(folder.path(), "killed") == expected);
+}
+
+#[test]
+fn a_run_leaves_what_it_promises() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    let told = train(folder.path(), "out", &["--steps", "4"]);
+    assert!(told.contains("4 of 24 steps, 0 skipped") && told.contains("--resume"), "{told}");
+    for file in
+        ["steps.parquet", "evaluations.parquet", "learning-curve.png", "contact-sheet.png", "weights.safetensors"]
+    {
+        assert!(folder.path().join("out").join(file).metadata().unwrap().len() > 200, "{file}");
+    }
+    let told = succeed(folder.path(), &["weights", "inspect", "out/weights.safetensors"]);
+    assert!(told.contains("rooms train 0 to 0 at 32x32"), "{told}");
+    let again = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out"]);
+    assert_eq!(again.code, 1);
+    assert!(again.stderr.contains("expected no run, found one of 4 steps"), "{}", again.stderr);
+    train(folder.path(), "second", &["--steps", "1", "--init", "out/weights.safetensors"]);
+    let wrong = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "x", "--hours", "0"]);
+    assert_eq!(wrong.code, 2);
+}
+
+#[test]
+fn two_threads_and_one_give_the_same_bytes() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    for threads in ["1", "2"] {
+        succeed(folder.path(), &["--threads", threads, "train", "--config", "tiny.toml", "--out", threads]);
+    }
+    assert!(outcome(folder.path(), "1") == outcome(folder.path(), "2"));
+}

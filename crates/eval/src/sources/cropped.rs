@@ -1,0 +1,121 @@
+use std::sync::Arc;
+
+use atsplat_camera::ImageSize;
+use atsplat_protocol::Preset;
+use atsplat_scene::preprocess::{Plan, Preprocessing};
+use atsplat_scene::{Picture, Scene, SceneError, SceneSource, Warnings};
+
+/// A dataset whose pictures went through a preset's preprocessing before, while its cameras still are those of the
+/// pictures that the preset expects. Copies of RE10K are passed on like that, as 256×256 crops beside the official rows.
+#[derive(Clone)]
+pub struct AlreadyCropped {
+    inner: Arc<dyn SceneSource>,
+    plan: Plan,
+}
+
+impl AlreadyCropped {
+    /// The dataset with its cameras cropped too, and the preset that takes its pictures as they are. `None` where pictures
+    /// are of the expected size, or of neither: one frame of the first scene with a picture is looked at.
+    pub fn of(source: &Arc<dyn SceneSource>, preset: &Preset) -> Option<(Self, Preset)> {
+        let expected = preset.preprocessing.expected_size?;
+        let plan = preset.preprocessing.plan(expected).ok()?;
+        let output = plan.output();
+        let found = source.keys().iter().find_map(|key| first_size(source.as_ref(), key))?;
+        if found != output || found == expected {
+            return None;
+        }
+        let preprocessing = Preprocessing {
+            expected_size: Some(output),
+            principal_point: preset.preprocessing.principal_point,
+            steps: Vec::new(),
+        };
+        let preset = Preset { preprocessing, ..preset.clone() };
+        Some((Self { inner: Arc::clone(source), plan }, preset))
+    }
+}
+
+fn first_size(source: &dyn SceneSource, key: &str) -> Option<ImageSize> {
+    let scene = source.load(key, &mut Warnings::new()).ok()?;
+    let has_picture = |picture: &Picture| matches!(picture, Picture::File(_) | Picture::Encoded(_));
+    let at = scene.frames.iter().position(|frame| has_picture(&frame.picture))?;
+    scene.frames.get(at)?.size(key, at).ok()
+}
+
+impl SceneSource for AlreadyCropped {
+    fn keys(&self) -> &[String] {
+        self.inner.keys()
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        let mut scene = self.inner.load(key, warnings)?;
+        for frame in &mut scene.frames {
+            frame.camera = self
+                .plan
+                .camera(&frame.camera)
+                .map_err(|error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) })?;
+            frame.stated_size = Some(self.plan.output());
+        }
+        Ok(scene)
+    }
+}
+
+impl std::fmt::Debug for AlreadyCropped {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "AlreadyCropped({} scenes)", self.keys().len())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+    use atsplat_numeric::Tolerance;
+    use atsplat_pixels::{ImageU8, encode_png};
+    use atsplat_scene::{Frame, SharedBytes};
+
+    use super::*;
+
+    struct One(Vec<String>, ImageSize);
+
+    impl SceneSource for One {
+        fn keys(&self) -> &[String] {
+            &self.0
+        }
+
+        fn load(&self, key: &str, _: &mut Warnings) -> Result<Scene, SceneError> {
+            let ImageSize { width, height } = self.1;
+            let picture = ImageU8::new(width, height, vec![9; (width * height * 3) as usize]).unwrap();
+            let k = NormalizedIntrinsics::new(0.5, 0.9, 0.5, 0.5).unwrap();
+            let frame = Frame {
+                name: "0".to_owned(),
+                timestamp_micros: None,
+                camera: Camera::pinhole(CameraFromWorld::IDENTITY, k),
+                stated_size: None,
+                picture: Picture::Encoded(SharedBytes::new(encode_png(&picture).unwrap())),
+            };
+            Ok(Scene { key: key.to_owned(), url: None, frames: vec![frame] })
+        }
+    }
+
+    fn source(width: u32, height: u32) -> Arc<dyn SceneSource> {
+        Arc::new(One(vec!["a".to_owned()], ImageSize { width, height }))
+    }
+
+    #[test]
+    fn crops_keep_their_pictures_and_get_their_cameras() {
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let (cropped, adapted) = AlreadyCropped::of(&source(256, 256), &preset).unwrap();
+        let scene = cropped.load("a", &mut Warnings::new()).unwrap();
+        let k = scene.frames[0].camera.intrinsics;
+        Tolerance::EXACT.assert([k.fx, k.fy], [0.5 * (455.0 / 256.0), 0.9], "as the papers' crop");
+        assert_eq!(adapted.preprocessing.expected_size, Some(ImageSize { width: 256, height: 256 }));
+        assert_ne!(adapted.hash().unwrap(), preset.hash().unwrap(), "another protocol, strictly");
+    }
+
+    #[test]
+    fn other_pictures_are_left_alone() {
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        assert!(AlreadyCropped::of(&source(640, 360), &preset).is_none());
+        assert!(AlreadyCropped::of(&source(128, 128), &preset).is_none());
+        assert!(AlreadyCropped::of(&source(256, 256), &Preset::named("photos-3v-256").unwrap()).is_none());
+    }
+}

@@ -1,0 +1,33 @@
+use std::sync::Arc;
+
+use atsplat_scene::{Picture, Scene, SceneError, SceneSource, Warnings};
+
+/// A dataset without the frames whose pictures are missing, for indices that are sampled on the spot. Published indices
+/// count all frames of a scene: for them nothing may be left out.
+#[derive(Clone)]
+pub struct PresentFrames(Arc<dyn SceneSource>);
+
+impl PresentFrames {
+    /// Around a dataset.
+    pub fn new(source: Arc<dyn SceneSource>) -> Self {
+        Self(source)
+    }
+}
+
+impl SceneSource for PresentFrames {
+    fn keys(&self) -> &[String] {
+        self.0.keys()
+    }
+
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        let mut scene = self.0.load(key, warnings)?;
+        scene.frames.retain(|frame| matches!(frame.picture, Picture::File(_) | Picture::Encoded(_)));
+        Ok(scene)
+    }
+}
+
+impl std::fmt::Debug for PresentFrames {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        write!(f, "PresentFrames({} scenes)", self.keys().len())
+    }
+}

@@ -1,0 +1,92 @@
+use std::collections::BTreeMap;
+
+use atsplat_protocol::{EvaluationIndex, Preset};
+use atsplat_rooms::{Request, SceneKind, SceneSeed, SimulatedScenes, Split};
+
+use crate::EvalError;
+
+/// The simulated scenes that an index names, with the pictures that it asks for, at the size that the preset expects.
+/// `None` for a preset whose dataset is not simulated.
+///
+/// # Errors
+/// [`EvalError::Settings`] for a scene that no seed makes, and for a preset without a picture size.
+pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<SimulatedScenes>, EvalError> {
+    let kind = match preset.dataset.as_str() {
+        "rooms" => SceneKind::Rooms,
+        "yards" => SceneKind::Yards,
+        _ => return Ok(None),
+    };
+    let size = preset.preprocessing.expected_size.ok_or_else(|| EvalError::Settings {
+        what: "preset of simulated scenes",
+        expected: "preprocessing.expected-size, the size to simulate".to_owned(),
+        found: format!("{} without one", preset.name),
+    })?;
+    let mut wanted: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    for (key, _, entry) in index.entries() {
+        wanted.entry(key).or_default().extend(entry.context.iter().chain(&entry.target));
+    }
+    let mut scenes = SimulatedScenes::new();
+    for (key, frames) in wanted {
+        let seed = seed(kind, key).ok_or_else(|| EvalError::Settings {
+            what: "scene of a simulated dataset",
+            expected: format!("a key as {}", SceneSeed { split: Split::Test, number: 0 }.key(kind)),
+            found: format!("{key:?}"),
+        })?;
+        scenes.add_frames(Request { size, ..Request::new(kind, seed) }, frames);
+    }
+    Ok(Some(scenes))
+}
+
+/// The seed whose key this is.
+fn seed(kind: SceneKind, key: &str) -> Option<SceneSeed> {
+    let number = key.rsplit('-').next()?.parse().ok()?;
+    [Split::Train, Split::Test].map(|split| SceneSeed { split, number }).into_iter().find(|seed| seed.key(kind) == key)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_protocol::IndexFile;
+    use atsplat_scene::{SceneSource, Warnings};
+
+    #[test]
+    fn every_simulated_preset_finds_its_scenes() {
+        for preset in Preset::names().map(|name| Preset::named(name).unwrap()) {
+            let Some(file) = preset.index.accepted.first().and_then(|accepted| IndexFile::carried(&accepted.name))
+            else {
+                assert!(simulated(&preset, &EvaluationIndex::default()).unwrap().is_none(), "{}", preset.name);
+                continue;
+            };
+            let index = file.unwrap().index;
+            let source = simulated(&preset, &index).unwrap().unwrap();
+            assert_eq!(source.keys().len(), index.scenes.len());
+            assert!(index.scenes.keys().all(|key| source.keys().contains(key)), "{}", preset.name);
+        }
+    }
+
+    #[test]
+    fn frames_of_the_index_have_pictures_and_others_have_none() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let mut index = IndexFile::carried("rooms-2v").unwrap().unwrap().index;
+        index.scenes.truncate(1);
+        let source = simulated(&preset, &index).unwrap().unwrap();
+        let key = source.keys()[0].clone();
+        let scene = source.load(&key, &mut Warnings::new()).unwrap();
+        let entry = &index.scenes[&key][0];
+        for (at, frame) in scene.frames.iter().enumerate() {
+            let asked = entry.context.contains(&at) || entry.target.contains(&at);
+            assert_eq!(matches!(frame.picture, atsplat_scene::Picture::Encoded(_)), asked, "frame {at}");
+        }
+    }
+
+    #[test]
+    fn keys_that_no_seed_makes_are_refused() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        for key in ["yards-test-00000001", "rooms-test-1", "rooms-test-", "rooms", ""] {
+            let mut index = EvaluationIndex::default();
+            let entry = atsplat_protocol::IndexEntry { context: vec![0], target: vec![1], overlap: None };
+            index.scenes.insert(key.to_owned(), vec![entry]);
+            assert!(simulated(&preset, &index).is_err(), "{key:?}");
+        }
+    }
+}

@@ -1,0 +1,127 @@
+//! A sweep, run into a store and read as a frontier.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+
+use atsplat_eval::method::{ConstantsChoice, Repetitions, WeightsOf};
+use atsplat_eval::runner::{KeepPictures, Plan, Selection, here, named_metrics, run};
+use atsplat_eval::statistics::Leaked;
+use atsplat_eval::tradeoff::{Sweep, Swept, across, parts, tradeoffs};
+use atsplat_eval::{Results, Store};
+use atsplat_metrics::{Networks, Suite};
+use atsplat_model::ModelConfig;
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::generated;
+use atsplat_protocol::trial::Prefetch;
+use common::{Walls, dataset, entry};
+
+fn swept() -> Swept {
+    let config = ModelConfig::named("nano").unwrap();
+    let tensors = generated(&parameters(&config), 1);
+    let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
+    Swept { config, tensors, weights, call_seed: 0, constants: ConstantsChoice::OfPreset, background: None }
+}
+
+fn sweep(settings: &str) -> Sweep {
+    Sweep::from_toml(&format!("title = 'all knobs'\n{settings}")).unwrap()
+}
+
+#[test]
+fn every_knob_changes_what_it_should() {
+    let sweep = sweep(
+        "[[settings]]\nlabel = 'as it is'\n\
+         [[settings]]\nlabel = 'K 4'\nknobs = { gaussians-per-token = 4 }\n\
+         [[settings]]\nlabel = 'no expansion'\nknobs = { ratios = [0.0, 0.0, 0.0] }\n\
+         [[settings]]\nlabel = 'thresholds'\nknobs = { thresholds = [1e9, 1e9, 1e9] }\n\
+         [[settings]]\nlabel = 'half'\nknobs = { precision = 'half' }\n\
+         [[settings]]\nlabel = 'alpha from a tenth'\nknobs = { renderer = { min-alpha = 0.1 } }\n\
+         [[settings]]\nlabel = 'two views'\nknobs = { views = 2 }\n",
+    );
+    let datasets = [dataset(Walls::new(2, 7), &[entry(&[0, 3, 6], &[2])])];
+    let suite = Suite::new(named_metrics(["psnr"]).unwrap(), Networks::default(), 0);
+    let folder = tempfile::tempdir().unwrap();
+    let parts = parts(&sweep, &swept(), &datasets).unwrap();
+    assert_eq!(parts.iter().map(|part| part.methods.len()).collect::<Vec<_>>(), [6, 1]);
+    for part in &parts {
+        let plan = Plan {
+            datasets: &part.datasets,
+            methods: &part.methods,
+            suite: &suite,
+            selection: Selection::default(),
+            repetitions: Repetitions::ONCE,
+            alone: true,
+            pictures: KeepPictures::Nothing,
+            prefetch: Prefetch::default(),
+        };
+        let store = Store::resume(folder.path(), plan.provenance(here("0", None, Vec::new())).unwrap()).unwrap();
+        run(&plan, store, &|| ()).unwrap();
+    }
+    let results = Results::read(folder.path()).unwrap();
+    assert_eq!((results.trials.len(), results.targets.len()), (14, 14));
+
+    let gaussians = |method: &str| results.trials.iter().find(|trial| trial.key.method == method).unwrap().gaussians;
+    let renders = |method: &str| -> Vec<Option<String>> {
+        let rows = results.targets.iter().filter(|row| row.key.method == method);
+        rows.map(|row| row.render_hash.clone()).collect()
+    };
+    // Three views of 4×4 patches: 48 tokens, 135 after three expansions.
+    for (method, count) in [
+        ("as it is", 135 * 16),
+        ("K 4", 135 * 4),
+        ("no expansion", 48 * 16),
+        ("thresholds", 48 * 16),
+        ("half", 135 * 16),
+        ("alpha from a tenth", 135 * 16),
+        ("two views", 90 * 16),
+    ] {
+        assert_eq!(gaussians(method), Some(count), "{method}");
+        assert_eq!(renders(method) == renders("as it is"), method == "as it is", "{method}");
+    }
+    assert_eq!(renders("thresholds"), renders("no expansion"), "nothing is that uncertain");
+    let record = |name: &str| results.provenance.methods.iter().find(|method| method.name == name).unwrap();
+    assert_eq!(record("half").parameters["weight-precision"], "half");
+    assert_eq!(record("alpha from a tenth").constants.as_deref(), Some("of the preset, min-alpha 0.1"));
+
+    let apart = tradeoffs(&results, &["psnr"], Leaked::Included);
+    let names: Vec<&str> = apart.iter().map(|tradeoff| tradeoff.preset.as_str()).collect();
+    assert_eq!(names, ["walls", "walls-2-views"]);
+    assert_eq!(apart[0].frontiers.iter().map(|frontier| frontier.points.len()).collect::<Vec<_>>(), [6, 6]);
+    assert_eq!(across(&results, "psnr", Leaked::Included).frontiers[0].points.len(), 7);
+}
+
+#[test]
+fn a_knob_that_does_not_fit_stops_the_sweep_before_it_runs() {
+    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
+    for (knobs, told) in [
+        ("views = 3", "views"),
+        ("resolution = [32, 32]", "resolution"),
+        ("ratios = [0.5]", "ratios"),
+        ("renderer = { min-alpha = 2.0 }", "renderer"),
+        ("renderer = { constants = 'none' }", "constants"),
+        ("weights = '/nowhere.safetensors'", "nowhere"),
+    ] {
+        let sweep = sweep(&format!("[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}"));
+        let error = parts(&sweep, &swept(), &datasets).unwrap_err().to_string();
+        assert!(error.contains(told), "{knobs}: {error}");
+    }
+}
+
+#[test]
+fn the_sweeps_of_the_project_are_sweeps() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
+    let nano = ModelConfig::named("nano").unwrap();
+    let mut names = Vec::new();
+    for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {
+        if file.extension().is_some_and(|extension| extension == "toml") {
+            let sweep = Sweep::from_toml(&std::fs::read_to_string(&file).unwrap()).unwrap();
+            for setting in &sweep.settings {
+                setting.knobs.model(&nano).unwrap();
+                setting.knobs.renderer.applied(&atsplat_splat::RendererConstants::default()).unwrap();
+            }
+            names.push(file.file_stem().unwrap().to_str().unwrap().to_owned());
+        }
+    }
+    names.sort();
+    assert_eq!(names, ["budget", "cut-offs"]);
+}

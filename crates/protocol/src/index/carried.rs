@@ -1,0 +1,61 @@
+use super::IndexFile;
+use crate::ProtocolError;
+
+macro_rules! carried {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../../eval/indices/", $name, ".json")))),*]
+    };
+}
+
+/// Indices of the simulated datasets, in `eval/indices/`.
+const CARRIED: &[(&str, &str)] = carried![
+    "rooms-2v",
+    "rooms-overlap",
+    "rooms-extrapolation",
+    "yards-2v",
+    "yards-4v",
+    "yards-6v",
+    "yards-12v",
+    "yards-6v-extrapolation",
+];
+
+impl IndexFile {
+    /// An index that travels inside the binary, by the name that presets accept it under; `None` where there is none.
+    ///
+    /// # Errors
+    /// As [`Self::parse`]; none that is carried has one.
+    pub fn carried(name: &str) -> Option<Result<Self, ProtocolError>> {
+        let (_, text) = CARRIED.iter().find(|(known, _)| *known == name)?;
+        Some(Self::parse(text.as_bytes()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use super::*;
+    use crate::{IndexMatch, Preset};
+
+    #[test]
+    fn presets_of_simulated_scenes_describe_the_indices_that_are_carried() {
+        let mut used = BTreeSet::new();
+        for preset in Preset::names().map(|name| Preset::named(name).unwrap()) {
+            let Some(accepted) = preset.index.accepted.first() else { continue };
+            let Some(file) = IndexFile::carried(&accepted.name) else { continue };
+            let file = file.unwrap();
+            let name = &*preset.name;
+            assert_eq!(preset.index.recognise(&file), IndexMatch::Default { name: &accepted.name }, "{name}");
+            assert_eq!(file.index.scenes.len() as u64, preset.index.scenes, "{name}");
+            let (fewest, most) = preset.index.targets;
+            for (key, _, entry) in file.index.entries() {
+                assert!(key.starts_with(&format!("{}-test-", preset.dataset)), "{name}: {key} is no test scene");
+                assert_eq!(entry.context.len(), preset.index.context_views, "{name}");
+                assert!((fewest..=most).contains(&entry.target.len()), "{name}");
+                assert_eq!(entry.overlap.is_some(), preset.overlap_bins.is_some(), "{name}");
+            }
+            used.insert(accepted.name.clone());
+        }
+        assert_eq!(used, CARRIED.iter().map(|(name, _)| (*name).to_owned()).collect(), "none is carried for nothing");
+    }
+}

@@ -1,0 +1,183 @@
+//! Everything that a run needs to go on as if nothing had happened: a safetensors file per checkpoint.
+
+use std::path::{Path, PathBuf};
+
+use atsplat_model::parameters::Parameter;
+use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
+
+use crate::optimiser::Moments;
+use crate::parameters::Parameters;
+use crate::{TrainConfig, TrainError};
+
+const WHAT: &str = "checkpoint";
+const FORMAT: &str = "1";
+const PARTS: [&str; 3] = ["weights", "first-moment", "second-moment"];
+
+/// A run between two steps.
+#[derive(Clone, Debug)]
+pub struct State {
+    /// Steps done, skipped ones among them.
+    pub step: u64,
+    /// Optimiser updates: steps that were not skipped.
+    pub updates: u64,
+    /// Steps skipped in a row, up to now.
+    pub faults_in_a_row: u32,
+    /// Weights.
+    pub parameters: Parameters,
+    /// The optimiser's, in the order of the parameters.
+    pub moments: Vec<Moments>,
+}
+
+impl State {
+    /// Before the first step.
+    pub fn new(parameters: Parameters) -> Self {
+        let moments = parameters.values().iter().map(|values| Moments::zeros(values.len())).collect();
+        Self { step: 0, updates: 0, faults_in_a_row: 0, parameters, moments }
+    }
+
+    /// Steps that were skipped.
+    pub const fn skipped(&self) -> u64 {
+        self.step - self.updates
+    }
+
+    fn stored(&self, config: &TrainConfig) -> Result<StoredTensors, TrainError> {
+        let mut stored = StoredTensors::default();
+        let list = self.parameters.list().iter().zip(self.parameters.values()).zip(&self.moments);
+        for ((parameter, values), moments) in list {
+            for (part, numbers) in PARTS.into_iter().zip([values, &moments.first, &moments.second]) {
+                let tensor = StoredTensor::from_f32(parameter.shape.clone(), numbers)?;
+                stored.tensors.insert(format!("{part}/{}", parameter.name), tensor);
+            }
+        }
+        stored.metadata = [
+            ("atsplat.checkpoint", FORMAT.to_owned()),
+            ("step", self.step.to_string()),
+            ("updates", self.updates.to_string()),
+            ("faults-in-a-row", self.faults_in_a_row.to_string()),
+            ("configuration", config.to_toml()?),
+            ("tensors-sha256", stored.digest()),
+        ]
+        .map(|(key, value)| (key.to_owned(), value))
+        .into();
+        Ok(stored)
+    }
+
+    /// Takes the weights' frozen part from `fresh`, everything else from the file.
+    fn of_stored(stored: &StoredTensors, config: &TrainConfig, fresh: &Parameters) -> Result<Self, TrainError> {
+        let text = |key: &str| {
+            let found = stored.metadata.get(key);
+            found.ok_or_else(|| TrainError::malformed(WHAT, format!("metadata {key}"), "a value", "no such entry"))
+        };
+        let number = |key: &str| {
+            let found = text(key)?;
+            let malformed = |_| TrainError::malformed(WHAT, format!("metadata {key}"), "a whole number", found);
+            found.parse::<u64>().map_err(malformed)
+        };
+        let expect = |key: &str, expected: &str, what: &str| match text(key)? {
+            found if found == expected => Ok(()),
+            found => Err(TrainError::malformed(WHAT, format!("metadata {key}"), what.to_owned(), found)),
+        };
+        expect("atsplat.checkpoint", FORMAT, FORMAT)?;
+        expect("tensors-sha256", &stored.digest(), "the hash of the tensors")?;
+        let configuration = text("configuration")?;
+        if TrainConfig::from_toml(configuration)? != *config {
+            let expected = "the configuration that the run began with; begin a new one with its weights instead";
+            return Err(TrainError::malformed(WHAT, "configuration", expected, "another"));
+        }
+        let values = |part: &str, parameter: &Parameter| {
+            let name = format!("{part}/{}", parameter.name);
+            let tensor = stored.tensors.get(&name).filter(|tensor| tensor.shape() == parameter.shape);
+            let absent =
+                || TrainError::malformed(WHAT, name.clone(), format!("a tensor of {:?}", parameter.shape), "none");
+            Ok::<_, TrainError>(tensor.ok_or_else(absent)?.to_f32()?)
+        };
+        let mut parameters = fresh.clone();
+        let mut moments = Vec::new();
+        for (position, parameter) in fresh.list().iter().enumerate() {
+            let [weights, first, second] = PARTS.map(|part| values(part, parameter));
+            if let Some(slot) = parameters.values_mut().get_mut(position) {
+                *slot = weights?;
+            }
+            moments.push(Moments { first: first?, second: second? });
+        }
+        let faults_in_a_row = u32::try_from(number("faults-in-a-row")?).unwrap_or(u32::MAX);
+        Ok(Self { step: number("step")?, updates: number("updates")?, faults_in_a_row, parameters, moments })
+    }
+}
+
+/// The folder of a run's checkpoints.
+#[derive(Clone, Debug)]
+pub struct Checkpoints {
+    folder: PathBuf,
+    keep: usize,
+}
+
+impl Checkpoints {
+    /// Of a run's folder, which is made where needed.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`].
+    pub fn new(folder: &Path, keep: usize) -> Result<Self, TrainError> {
+        let folder = folder.join("checkpoints");
+        std::fs::create_dir_all(&folder).map_err(TrainError::io("making a folder", &folder))?;
+        Ok(Self { folder, keep })
+    }
+
+    /// Writes a state, whole or not at all, and removes the oldest ones beyond those that are kept.
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] where a weight is NaN or infinite: such a state is not kept; [`TrainError::Model`] for
+    /// what the file system says.
+    pub fn write(&self, state: &State, config: &TrainConfig) -> Result<PathBuf, TrainError> {
+        if let Some((name, count)) = state.parameters.non_finite().into_iter().next() {
+            let found = format!("{count} numbers that are NaN or infinite");
+            return Err(TrainError::malformed(WHAT, name, "finite weights", found));
+        }
+        let path = self.folder.join(format!("step-{:08}.safetensors", state.step));
+        state.stored(config)?.write(&path)?;
+        let mut all = self.all()?;
+        all.pop();
+        let beyond = all.len().saturating_sub(self.keep.saturating_sub(1));
+        for old in all.iter().take(beyond) {
+            std::fs::remove_file(old).map_err(TrainError::io("removing an old checkpoint", old))?;
+        }
+        Ok(path)
+    }
+
+    /// The newest state, or none where nothing was written yet. One that cannot be read is passed over for the one
+    /// before, and said.
+    ///
+    /// # Errors
+    /// [`TrainError`] of the newest where there are checkpoints and none can be read.
+    pub fn read(&self, config: &TrainConfig, fresh: &Parameters) -> Result<Option<(State, Vec<String>)>, TrainError> {
+        let (mut said, mut first) = (Vec::new(), None);
+        for path in self.all()?.iter().rev() {
+            let state = TensorFile::open(path)
+                .map_err(TrainError::from)
+                .and_then(|file| State::of_stored(&file.stored, config, fresh));
+            match state {
+                Ok(state) => return Ok(Some((state, said))),
+                Err(error) => {
+                    said.push(format!("{}: {error}", path.display()));
+                    first.get_or_insert(error);
+                }
+            }
+        }
+        first.map_or(Ok(None), Err)
+    }
+
+    /// Oldest first.
+    fn all(&self) -> Result<Vec<PathBuf>, TrainError> {
+        let reading = || TrainError::io("listing checkpoints", &self.folder);
+        let mut all = Vec::new();
+        for entry in std::fs::read_dir(&self.folder).map_err(reading())? {
+            let path = entry.map_err(reading())?.path();
+            let name = path.file_name().and_then(std::ffi::OsStr::to_str).unwrap_or_default();
+            if name.starts_with("step-") && name.ends_with(".safetensors") {
+                all.push(path);
+            }
+        }
+        all.sort();
+        Ok(all)
+    }
+}

@@ -1,0 +1,86 @@
+use std::path::Path;
+
+use serde::de::DeserializeOwned;
+use toml::{Table, Value};
+
+use super::WHAT;
+use crate::TrainError;
+
+/// How many files may stand on each other's shoulders.
+const DEEPEST: usize = 8;
+
+/// Reads a file and what it is derived from.
+pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, TrainError> {
+    let table = table(path, DEEPEST)?;
+    let place = path.display().to_string();
+    table.try_into().map_err(|error| TrainError::malformed(WHAT, place, "a training configuration", error))
+}
+
+fn table(path: &Path, deepest: usize) -> Result<Table, TrainError> {
+    let place = || path.display().to_string();
+    let text = std::fs::read_to_string(path).map_err(TrainError::io("reading a training configuration", path))?;
+    let mut table: Table =
+        text.parse().map_err(|error: toml::de::Error| TrainError::malformed(WHAT, place(), "TOML", error))?;
+    let base = match table.remove("base") {
+        None => return Ok(table),
+        Some(Value::String(base)) => base,
+        Some(other) => return Err(TrainError::malformed(WHAT, place(), "a path as `base`", other)),
+    };
+    let Some(deepest) = deepest.checked_sub(1) else {
+        return Err(TrainError::malformed(
+            WHAT,
+            place(),
+            format!("at most {DEEPEST} files, each based on the next"),
+            "more",
+        ));
+    };
+    let mut base = self::table(&path.with_file_name(base), deepest)?;
+    merge(&mut base, table);
+    Ok(base)
+}
+
+/// Tables are merged, anything else is replaced.
+pub(super) fn merge(base: &mut Table, changes: Table) {
+    for (key, change) in changes {
+        match (base.get_mut(&key), change) {
+            (Some(Value::Table(old)), Value::Table(new)) if !is_choice(old, &new) => merge(old, new),
+            (_, change) => {
+                base.insert(key, change);
+            }
+        }
+    }
+}
+
+/// Whether two tables choose different kinds of a thing, whose fields do not mix.
+fn is_choice(old: &Table, new: &Table) -> bool {
+    let tagged = ["kind", "rule"].into_iter().any(|tag| new.get(tag).is_some_and(|kind| old.get(tag) != Some(kind)));
+    tagged || ["rooms", "dataset"].into_iter().any(|source| new.contains_key(source) && !old.contains_key(source))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn merged(base: &str, changes: &str) -> Table {
+        let mut base = base.parse().unwrap();
+        merge(&mut base, changes.parse().unwrap());
+        base
+    }
+
+    #[test]
+    fn fields_are_changed_one_by_one_and_kinds_as_a_whole() {
+        let base =
+            "a = 1\nlist = [1, 2]\n[t]\nx = 1\ny = 2\n[choice]\nkind = 'p'\nonly-p = 1\n[source.rooms]\nscenes = 3";
+        let same =
+            |changes: &str, expected: &str| assert_eq!(merged(base, changes), expected.parse().unwrap(), "{changes}");
+        same("", base);
+        same("t.y = 3\nlist = [5]", &base.replace("y = 2", "y = 3").replace("[1, 2]", "[5]"));
+        same("choice = { kind = 'q' }", &base.replace("'p'\nonly-p = 1", "'q'"));
+        same("choice.only-p = 2", &base.replace("only-p = 1", "only-p = 2"));
+        same("source.rooms.scenes = 4", &base.replace("scenes = 3", "scenes = 4"));
+        same(
+            "source.dataset = { path = 'x' }",
+            &base.replace("[source.rooms]\nscenes = 3", "[source.dataset]\npath = 'x'"),
+        );
+    }
+}

@@ -1,0 +1,38 @@
+use std::path::PathBuf;
+
+use atsplat_model::ModelConfig;
+use serde::{Deserialize, Serialize};
+use toml::Table;
+
+use super::{WHAT, derived};
+use crate::TrainError;
+
+/// A network by name or path, and what is different about it.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ModelChoice {
+    /// Built-in name, or a path that ends in `.toml`.
+    pub base: String,
+    /// Pretrained DINOv2 weights, for a network whose backbone is frozen.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub backbone: Option<PathBuf>,
+    /// Fields of the model's configuration that are other here.
+    #[serde(default)]
+    pub changes: Table,
+}
+
+impl ModelChoice {
+    /// The network's whole configuration.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`] where there is no such network, [`TrainError::Malformed`] where changes do not fit it.
+    pub fn config(&self) -> Result<ModelConfig, TrainError> {
+        let base = ModelConfig::resolve(&self.base)?.to_toml()?;
+        let mut table: Table =
+            base.parse().map_err(|error: toml::de::Error| TrainError::malformed(WHAT, "model.base", "TOML", error))?;
+        derived::merge(&mut table, self.changes.clone());
+        let text = toml::to_string(&table)
+            .map_err(|error| TrainError::malformed(WHAT, "model.changes", "what TOML can say", error))?;
+        Ok(ModelConfig::from_toml(&text)?)
+    }
+}

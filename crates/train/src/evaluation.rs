@@ -1,0 +1,105 @@
+//! How good a network is on fixed samples, beside copying the nearest context view.
+
+use std::time::Instant;
+
+use atsplat_metrics::ssim::{Ssim, ssim};
+use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
+use atsplat_model::network::Network;
+use atsplat_pixels::Image;
+use atsplat_splat::RenderOptions;
+use atsplat_splat::cpu::CpuRenderer;
+use rayon::prelude::*;
+
+use crate::TrainError;
+use crate::journal::EvaluationRecord;
+use crate::objective::target_views;
+use crate::samples::{Draw, Posed, Sample, Source};
+
+/// Fixed samples.
+#[derive(Debug)]
+pub struct Evaluation {
+    samples: Vec<Sample>,
+    background: [f64; 3],
+}
+
+/// Scores of one picture.
+#[derive(Clone, Copy, Debug, Default)]
+struct Scores {
+    psnr: f64,
+    ssim: f64,
+}
+
+impl Evaluation {
+    /// The first samples of a source, at the end of its curriculum.
+    ///
+    /// # Errors
+    /// As [`Source::sample`].
+    pub fn new(source: &dyn Source, seed: u64, count: u64, background: [f64; 3]) -> Result<Self, TrainError> {
+        let samples = (0..count).into_par_iter().map(|number| source.sample(Draw { seed, number, step: u64::MAX }));
+        Ok(Self { samples: samples.collect::<Result<_, _>>()?, background })
+    }
+
+    /// Of samples that are at hand.
+    pub const fn of(samples: Vec<Sample>, background: [f64; 3]) -> Self {
+        Self { samples, background }
+    }
+
+    /// The samples.
+    pub fn samples(&self) -> &[Sample] {
+        &self.samples
+    }
+
+    /// Scores a network; `step` is for the record. The same for any number of threads.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`], [`TrainError::Splat`], [`TrainError::Metric`] for renders that are not finite.
+    pub fn run(&self, network: &Network, step: u64) -> Result<EvaluationRecord, TrainError> {
+        let start = Instant::now();
+        let scored = self.samples.par_iter().map(|sample| {
+            let renders = self.renders(network, sample)?;
+            let pairs = renders.iter().zip(sample.nearest()).enumerate().map(|(target, (render, nearest))| {
+                let truth = picture(&sample.targets, target)?;
+                Ok([scores(render, &truth)?, scores(&picture(&sample.context, nearest)?, &truth)?])
+            });
+            pairs.collect::<Result<Vec<[Scores; 2]>, TrainError>>()
+        });
+        let scored = scored.collect::<Result<Vec<_>, TrainError>>()?.concat();
+        let mean = |of: &dyn Fn(&[Scores; 2]) -> f64| scored.iter().map(of).sum::<f64>() / scored.len().max(1) as f64;
+        Ok(EvaluationRecord {
+            step,
+            psnr: mean(&|[render, _]| render.psnr),
+            ssim: mean(&|[render, _]| render.ssim),
+            nearest_view_psnr: mean(&|[_, nearest]| nearest.psnr),
+            nearest_view_ssim: mean(&|[_, nearest]| nearest.ssim),
+            targets: scored.len(),
+            secs: start.elapsed().as_secs_f64(),
+        })
+    }
+
+    /// What the network makes of each target of a sample.
+    ///
+    /// # Errors
+    /// [`TrainError::Model`], [`TrainError::Splat`], [`TrainError::Pixels`].
+    pub fn renders(&self, network: &Network, sample: &Sample) -> Result<Vec<Image>, TrainError> {
+        let gaussians = network.forward(&[sample.context.views()?], 0)?.gaussians.scene(0)?;
+        let options = RenderOptions { background: self.background, ..RenderOptions::default() };
+        let views = target_views(sample, usize::MAX);
+        let rendered = CpuRenderer::default().render_many(&gaussians, &views, &options)?;
+        let image = |rendering: atsplat_splat::Rendering<f32>| {
+            Ok(Image::new(rendering.size.width, rendering.size.height, rendering.rgb.into_flattened())?)
+        };
+        rendered.into_iter().map(image).collect()
+    }
+}
+
+/// One of a sample's pictures.
+pub(crate) fn picture(posed: &Posed, view: usize) -> Result<Image, TrainError> {
+    let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
+    Ok(Image::new(side(posed.size.width), side(posed.size.height), posed.picture(view).to_vec())?)
+}
+
+fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {
+    let pair = Pair::new(render, truth)?;
+    let ssim = ssim(&pair, Values::Clipped, Ssim::SKIMAGE_GAUSSIAN)?;
+    Ok(Scores { psnr: psnr(&pair, Values::Clipped).capped(DECIBEL_CAP).unwrap_or(f64::NAN), ssim })
+}

@@ -1,0 +1,184 @@
+//! What happened, step by step: lines of JSON that are appended as it happens, and Parquet in the end.
+
+use std::fs::{File, OpenOptions};
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use polars::prelude::{Column, DataFrame, ParquetWriter};
+use serde::de::DeserializeOwned;
+use serde::{Deserialize, Serialize};
+
+use crate::TrainError;
+use crate::objective::{Seconds, Terms};
+
+/// One step.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct StepRecord {
+    /// Counted from 0.
+    pub step: u64,
+    /// Mean over the step's samples; absent where the step was skipped.
+    pub terms: Option<Terms>,
+    /// Length of the gradient before clipping; absent likewise.
+    pub gradient_norm: Option<f64>,
+    /// Learning rate.
+    pub rate: f64,
+    /// Wall-clock seconds of the whole step.
+    pub secs: f64,
+    /// Seconds of its parts, summed over samples, which run beside each other.
+    pub parts: Seconds,
+    /// Why it was skipped.
+    pub fault: Option<String>,
+}
+
+/// One evaluation.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct EvaluationRecord {
+    /// Steps done before it.
+    pub step: u64,
+    /// Mean PSNR of renders over all targets, in dB, clipped to [0, 1].
+    pub psnr: f64,
+    /// Mean SSIM of renders (scikit-image's, Gaussian window).
+    pub ssim: f64,
+    /// Mean PSNR of the nearest context view in a target's place, in dB.
+    pub nearest_view_psnr: f64,
+    /// Mean SSIM of the same.
+    pub nearest_view_ssim: f64,
+    /// Targets.
+    pub targets: usize,
+    /// Wall-clock seconds of the evaluation.
+    pub secs: f64,
+}
+
+impl EvaluationRecord {
+    /// How much better than copying the nearest context view, in dB.
+    pub const fn gain(&self) -> f64 {
+        self.psnr - self.nearest_view_psnr
+    }
+}
+
+/// A record that knows when it was made.
+pub trait Dated: Serialize + DeserializeOwned {
+    /// Whether it belongs to a run of which so many steps are done.
+    fn is_within(&self, steps: u64) -> bool;
+}
+
+impl Dated for StepRecord {
+    fn is_within(&self, steps: u64) -> bool {
+        self.step < steps
+    }
+}
+
+impl Dated for EvaluationRecord {
+    fn is_within(&self, steps: u64) -> bool {
+        self.step <= steps
+    }
+}
+
+/// A file of lines.
+#[derive(Debug)]
+pub struct Journal {
+    path: PathBuf,
+    file: File,
+}
+
+impl Journal {
+    /// Opens a file for a run of which `steps` are done: what is later, and a line that was torn when the run was killed,
+    /// is taken out. Gives what was kept.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`].
+    pub fn open<R: Dated>(path: &Path, steps: u64) -> Result<(Self, Vec<R>), TrainError> {
+        let kept: Vec<R> = read(path)?.into_iter().filter(|record: &R| record.is_within(steps)).collect();
+        let partial = path.with_extension("partial");
+        let mut text = String::new();
+        for record in &kept {
+            text.push_str(&line(record)?);
+        }
+        std::fs::write(&partial, text).map_err(TrainError::io("writing a log", &partial))?;
+        std::fs::rename(&partial, path).map_err(TrainError::io("writing a log", path))?;
+        let file = OpenOptions::new().append(true).open(path).map_err(TrainError::io("writing a log", path))?;
+        Ok((Self { path: path.to_owned(), file }, kept))
+    }
+
+    /// Appends one line in one write.
+    ///
+    /// # Errors
+    /// [`TrainError::Io`].
+    pub fn append<R: Dated>(&mut self, record: &R) -> Result<(), TrainError> {
+        self.file.write_all(line(record)?.as_bytes()).map_err(TrainError::io("writing a log", &self.path))
+    }
+}
+
+fn line<R: Dated>(record: &R) -> Result<String, TrainError> {
+    let text = serde_json::to_string(record)
+        .map_err(|error| TrainError::malformed("log", "record", "what JSON can say", error))?;
+    Ok(text + "\n")
+}
+
+/// All whole lines of a log; none where there is no file.
+///
+/// # Errors
+/// [`TrainError::Io`].
+pub fn read<R: Dated>(path: &Path) -> Result<Vec<R>, TrainError> {
+    match std::fs::read_to_string(path) {
+        Ok(text) => Ok(text.lines().map_while(|line| serde_json::from_str(line).ok()).collect()),
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
+        Err(error) => Err(TrainError::io("reading a log", path)(error)),
+    }
+}
+
+/// Writes steps as Parquet, a row each; what a skipped step lacks is null.
+///
+/// # Errors
+/// [`TrainError::Io`], [`TrainError::Columns`].
+pub fn write_steps(path: &Path, records: &[StepRecord]) -> Result<(), TrainError> {
+    let numbers = |name: &str, of: &dyn Fn(&StepRecord) -> Option<f64>| {
+        Column::new(name.into(), records.iter().map(of).collect::<Vec<Option<f64>>>())
+    };
+    let mut columns = vec![Column::new("step".into(), records.iter().map(|record| record.step).collect::<Vec<u64>>())];
+    for (position, (name, _)) in Terms::default().named().into_iter().enumerate() {
+        columns.push(numbers(name, &|record| Some(record.terms?.named().get(position)?.1)));
+    }
+    columns.push(numbers("gradient-norm", &|record| record.gradient_norm));
+    columns.push(numbers("rate", &|record| Some(record.rate)));
+    columns.push(numbers("secs", &|record| Some(record.secs)));
+    columns.push(numbers("sample-secs", &|record| Some(record.parts.sample)));
+    columns.push(numbers("forward-secs", &|record| Some(record.parts.forward)));
+    columns.push(numbers("splat-secs", &|record| Some(record.parts.splat)));
+    columns.push(numbers("losses-secs", &|record| Some(record.parts.losses)));
+    columns.push(numbers("backward-secs", &|record| Some(record.parts.backward)));
+    let faults = records.iter().map(|record| record.fault.clone()).collect::<Vec<Option<String>>>();
+    columns.push(Column::new("fault".into(), faults));
+    write_frame(path, columns)
+}
+
+/// Writes evaluations as Parquet, a row each.
+///
+/// # Errors
+/// [`TrainError::Io`], [`TrainError::Columns`].
+pub fn write_evaluations(path: &Path, records: &[EvaluationRecord]) -> Result<(), TrainError> {
+    let numbers = |name: &str, of: fn(&EvaluationRecord) -> f64| {
+        Column::new(name.into(), records.iter().map(of).collect::<Vec<f64>>())
+    };
+    let columns = vec![
+        Column::new("step".into(), records.iter().map(|record| record.step).collect::<Vec<u64>>()),
+        numbers("psnr", |record| record.psnr),
+        numbers("ssim", |record| record.ssim),
+        numbers("nearest-view-psnr", |record| record.nearest_view_psnr),
+        numbers("nearest-view-ssim", |record| record.nearest_view_ssim),
+        Column::new("targets".into(), records.iter().map(|record| record.targets as u64).collect::<Vec<u64>>()),
+        numbers("secs", |record| record.secs),
+    ];
+    write_frame(path, columns)
+}
+
+/// Whole under its name, or not at all.
+fn write_frame(path: &Path, columns: Vec<Column>) -> Result<(), TrainError> {
+    let mut frame = DataFrame::new_infer_height(columns)?;
+    let partial = path.with_extension("partial");
+    let file = File::create(&partial).map_err(TrainError::io("writing a log", &partial))?;
+    ParquetWriter::new(file).finish(&mut frame)?;
+    std::fs::rename(&partial, path).map_err(TrainError::io("writing a log", path))
+}

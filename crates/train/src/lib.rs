@@ -1,0 +1,32 @@
+//! Trials into weights: the paper's losses, optimiser, curricula and data, in runs that can be killed at any moment.
+//!
+//! A run is a folder: `checkpoints/`, `weights.safetensors`, `steps.jsonl`, `evaluations.jsonl`. What a step does depends
+//! on the configuration and the step's number alone: a resumed run ends with the same bits as an undisturbed one, on any
+//! number of threads.
+
+mod checkpoint;
+mod config;
+mod error;
+mod evaluation;
+mod fault;
+pub mod journal;
+pub mod losses;
+mod objective;
+pub mod optimiser;
+mod parameters;
+pub mod samples;
+mod sheet;
+mod trainer;
+
+pub use checkpoint::{Checkpoints, State};
+pub use config::{
+    CheckpointConfig, DataConfig, EvaluationConfig, LossConfig, ModelChoice, PerceptualChoice, SourceConfig,
+    TrainConfig,
+};
+pub use error::TrainError;
+pub use evaluation::Evaluation;
+pub use fault::{Diagnosis, Fault, FaultKind};
+pub use objective::{Lesson, Objective, Seconds, Terms};
+pub use parameters::Parameters;
+pub use sheet::contact_sheet;
+pub use trainer::{Event, Limits, Start, Trainer};

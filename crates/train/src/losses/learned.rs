@@ -1,0 +1,170 @@
+//! LPIPS and ST-LPIPS as a loss: the metric's network once more, on tensors that know their gradient.
+
+use std::path::Path;
+
+use atsplat_metrics::learned::{Network, SCALING, Step, carried_heads};
+use atsplat_model::weights::{StoredTensors, TensorFile};
+use burn::Tensor;
+use burn::tensor::module::{conv2d, max_pool2d};
+use burn::tensor::ops::{ConvOptions, MaxPoolOptions};
+use burn::tensor::{Device, TensorData, activation};
+
+use super::{Loss, Stack};
+use crate::TrainError;
+
+/// What a feature's length is at least: lpips `normalize_tensor`.
+const SHORTEST: f64 = 1e-10;
+
+/// A learned loss with its weights.
+#[derive(Debug)]
+pub struct Learned {
+    network: Network,
+    sha256: String,
+    layers: Vec<Layer>,
+    /// One weight per channel of each tap, `[1, channels, 1, 1]`.
+    heads: Vec<Tensor<4>>,
+}
+
+#[derive(Debug)]
+enum Layer {
+    Convolution(Box<Convolution>),
+    Other(Step),
+}
+
+#[derive(Debug)]
+struct Convolution {
+    weight: Tensor<4>,
+    bias: Tensor<1>,
+    options: ConvOptions<2>,
+    relu: bool,
+}
+
+impl Learned {
+    /// Reads a network's weights as the metric does: torchvision's state dict for LPIPS, the package's own file for
+    /// ST-LPIPS.
+    ///
+    /// # Errors
+    /// [`TrainError::Malformed`] for a tensor that is absent or of another shape.
+    pub fn read(network: Network, path: &Path) -> Result<Self, TrainError> {
+        let file = TensorFile::open(path)?;
+        let heads = match carried_heads(network) {
+            Some(heads) => heads.map_err(|error| TrainError::malformed("heads", network.name(), "tensors", error))?,
+            None => file.stored.clone(),
+        };
+        Self::new(network, &file.stored, &heads, file.sha256)
+    }
+
+    /// Of tensors that were read already.
+    ///
+    /// # Errors
+    /// As [`Self::read`].
+    pub fn new(
+        network: Network,
+        weights: &StoredTensors,
+        heads: &StoredTensors,
+        sha256: String,
+    ) -> Result<Self, TrainError> {
+        // Weights are constants; the picture alone has a gradient.
+        let device = Device::flex().autodiff();
+        let numbers = |stored: &StoredTensors, name: &str, shape: &[usize]| {
+            let tensor = stored.tensors.get(name).filter(|tensor| tensor.shape() == shape);
+            let absent = || TrainError::malformed(network.name(), name, format!("a tensor of shape {shape:?}"), "none");
+            Ok::<_, TrainError>(TensorData::new(tensor.ok_or_else(absent)?.to_f32()?, shape))
+        };
+        let layer = |step| match step {
+            Step::Convolution { name, channels_in, channels_out, kernel, stride, padding, relu } => {
+                let shape = [channels_out, channels_in, kernel, kernel];
+                let weight = Tensor::from_data(numbers(weights, &format!("{name}.weight"), &shape)?, &device);
+                let bias = Tensor::from_data(numbers(weights, &format!("{name}.bias"), &[channels_out])?, &device);
+                let options = ConvOptions::new([stride; 2], [padding; 2], [1; 2], 1);
+                Ok(Layer::Convolution(Box::new(Convolution { weight, bias, options, relu })))
+            }
+            other => Ok(Layer::Other(other)),
+        };
+        let layers = network.steps().into_iter().map(layer).collect::<Result<_, TrainError>>()?;
+        let heads = Network::heads()
+            .into_iter()
+            .zip(network.channels())
+            .map(|(name, channels)| Ok(Tensor::from_data(numbers(heads, &name, &[1, channels, 1, 1])?, &device)));
+        let heads = heads.collect::<Result<_, TrainError>>()?;
+        Ok(Self { network, sha256, layers, heads })
+    }
+
+    /// Which network, and the hash of its weights.
+    pub fn name(&self) -> String {
+        format!("{}, weights {}", self.network.name(), self.sha256)
+    }
+
+    /// The distance, mean over views; pictures are taken as they are, as while LPIPS itself was trained.
+    pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
+        let device = Device::flex().autodiff();
+        let Stack { views, height, width } = stack;
+        let pictures = |values: &[f32]| {
+            Tensor::<4>::from_data(TensorData::new(values.to_vec(), [views, height, width, 3]), &device)
+        };
+        let render = pictures(render).require_grad();
+        let (ours, theirs) = (self.features(render.clone()), self.features(pictures(truth)));
+        let mut distance = Tensor::<1>::zeros([1], &device);
+        for ((ours, theirs), head) in ours.into_iter().zip(theirs).zip(&self.heads) {
+            let [_, _, height, width] = ours.dims();
+            let difference = ours - theirs.detach();
+            let weighted = difference.clone() * difference * head.clone();
+            distance = distance + weighted.sum() / (views * height * width) as f64;
+        }
+        let value = f64::from(distance.clone().into_scalar::<f32>());
+        let gradient = render.grad(&distance.backward());
+        let gradient = gradient.map(|gradient| gradient.into_data_as::<f32>().as_slice().unwrap_or_default().to_vec());
+        Loss { value, gradient: gradient.unwrap_or_default() }
+    }
+
+    /// `[views, height, width, 3]` to five maps, normalised over the channels of each pixel.
+    fn features(&self, pictures: Tensor<4>) -> Vec<Tensor<4>> {
+        let device = pictures.device();
+        let [shift, scale] = SCALING.map(|numbers| Tensor::<1>::from_floats(numbers, &device).reshape([1, 1, 1, 3]));
+        let scaled = (pictures * 2.0 - 1.0 - shift) / scale;
+        let mut at = scaled.permute([0, 3, 1, 2]);
+        let mut taps = Vec::new();
+        for layer in &self.layers {
+            at = match layer {
+                Layer::Convolution(layer) => {
+                    let Convolution { weight, bias, options, relu } = layer.as_ref();
+                    let at = conv2d(at, weight.clone(), Some(bias.clone()), options.clone());
+                    if *relu { activation::relu(at) } else { at }
+                }
+                Layer::Other(Step::Largest { kernel, stride }) => {
+                    max_pool2d(at, MaxPoolOptions::new([*kernel; 2]).with_stride([*stride; 2]))
+                }
+                Layer::Other(Step::Blurred) => blurred(&at),
+                Layer::Other(Step::Tap) => {
+                    taps.push(normalised(at.clone()));
+                    at
+                }
+                Layer::Other(_) => activation::relu(at),
+            };
+        }
+        taps
+    }
+}
+
+/// Clamped before the root, whose derivative at zero is infinite: features of nothing but zeros are common.
+fn normalised(map: Tensor<4>) -> Tensor<4> {
+    let length = (map.clone() * map.clone()).sum_dim(1).clamp_min(SHORTEST * SHORTEST).sqrt() + SHORTEST;
+    map / length
+}
+
+/// (1 2 1)⊗(1 2 1) / 16 at every second pixel, two reflected pixels around.
+fn blurred(map: &Tensor<4>) -> Tensor<4> {
+    let [_, channels, ..] = map.dims();
+    let row = [1.0, 2.0, 1.0];
+    let kernel = row.map(|y| row.map(|x| y * x / 16.0));
+    let kernel = Tensor::<2>::from_floats(kernel, &map.device()).reshape([1, 1, 3, 3]).repeat_dim(0, channels);
+    conv2d(reflected(&reflected(map, 2), 3), kernel, None, ConvOptions::new([2; 2], [0; 2], [1; 2], channels))
+}
+
+/// Two mirrored lines at each end of a dimension; the outermost is not repeated.
+fn reflected(map: &Tensor<4>, dimension: usize) -> Tensor<4> {
+    let side = map.dims().get(dimension).copied().unwrap_or_default();
+    let line = |at: usize| map.clone().slice_dim(dimension, at..at + 1);
+    let after = side.saturating_sub(2);
+    Tensor::cat(vec![line(2), line(1), map.clone(), line(after), line(after.saturating_sub(1))], dimension)
+}

@@ -1,0 +1,44 @@
+use super::learned::Learned;
+use super::{Loss, Stack, d_ssim};
+use crate::TrainError;
+use crate::config::PerceptualChoice;
+
+/// The perceptual term of the final renders.
+#[derive(Debug)]
+pub enum Perceptual {
+    /// `1 − SSIM`.
+    DSsim,
+    /// LPIPS or ST-LPIPS.
+    Learned(Box<Learned>),
+}
+
+impl Perceptual {
+    /// Reads what the choice needs.
+    ///
+    /// # Errors
+    /// As [`Learned::read`].
+    pub fn new(choice: &PerceptualChoice) -> Result<Self, TrainError> {
+        match choice {
+            PerceptualChoice::DSsim => Ok(Self::DSsim),
+            PerceptualChoice::Learned { network, weights } => {
+                Ok(Self::Learned(Box::new(Learned::read(*network, weights)?)))
+            }
+        }
+    }
+
+    /// What it is, for provenance.
+    pub fn name(&self) -> String {
+        match self {
+            Self::DSsim => "D-SSIM (1 − SSIM, Gaussian window of 11) in the place of a learned loss".to_owned(),
+            Self::Learned(learned) => learned.name(),
+        }
+    }
+
+    /// Its mean over views.
+    pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
+        match self {
+            Self::DSsim => d_ssim(render, truth, stack).loss,
+            Self::Learned(learned) => learned.evaluate(render, truth, stack),
+        }
+    }
+}

@@ -1,0 +1,68 @@
+use serde::{Deserialize, Serialize};
+
+/// Adam with decoupled weight decay (Loshchilov and Hutter 2017), in PyTorch's order of operations.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
+pub struct AdamW {
+    /// Decay of the first and the second moment; iLRM's.
+    pub betas: [f64; 2],
+    /// Added to the root of the second moment.
+    pub epsilon: f64,
+    /// Share of a matrix, times the learning rate, that is taken off at every step; vectors do not decay.
+    pub weight_decay: f64,
+}
+
+impl Default for AdamW {
+    fn default() -> Self {
+        Self { betas: [0.9, 0.95], epsilon: 1e-8, weight_decay: 0.05 }
+    }
+}
+
+/// What all parameters share in one step.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Update {
+    /// Counts steps from 1.
+    pub number: u64,
+    /// Of this step.
+    pub learning_rate: f64,
+    /// What gradients are multiplied with: the mean over samples, and clipping.
+    pub scale: f64,
+}
+
+/// Running means of one parameter's gradient and of its square.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Moments {
+    /// Of the gradient.
+    pub first: Vec<f32>,
+    /// Of its square.
+    pub second: Vec<f32>,
+}
+
+impl Moments {
+    /// Before the first step.
+    pub fn zeros(count: usize) -> Self {
+        Self { first: vec![0.0; count], second: vec![0.0; count] }
+    }
+}
+
+impl AdamW {
+    /// Moves one parameter.
+    pub fn step(&self, update: Update, parameter: &mut [f32], gradient: &[f32], moments: &mut Moments, decays: bool) {
+        let Update { number, learning_rate, scale } = update;
+        let [beta1, beta2] = self.betas;
+        let corrections = [beta1, beta2].map(|beta| 1.0 - beta.powf(number as f64));
+        let kept = if decays { 1.0 - learning_rate * self.weight_decay } else { 1.0 };
+        let [size, root] = [learning_rate / corrections[0], corrections[1].sqrt()];
+        let state = moments.first.iter_mut().zip(&mut moments.second);
+        for ((parameter, gradient), (first, second)) in parameter.iter_mut().zip(gradient).zip(state) {
+            let gradient = f64::from(*gradient) * scale;
+            let mean = beta1 * f64::from(*first) + (1.0 - beta1) * gradient;
+            let square = beta2 * f64::from(*second) + (1.0 - beta2) * gradient * gradient;
+            let moved = f64::from(*parameter) * kept - size * mean / (square.sqrt() / root + self.epsilon);
+            #[expect(clippy::cast_possible_truncation, reason = "the state is f32")]
+            {
+                (*parameter, *first, *second) = (moved as f32, mean as f32, square as f32);
+            }
+        }
+    }
+}

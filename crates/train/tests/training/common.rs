@@ -1,0 +1,111 @@
+//! A network so small that a step takes milliseconds, and samples that need no simulation.
+
+use std::path::Path;
+
+use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
+use atsplat_model::ImageSize;
+use atsplat_protocol::samplers::SplitMix64;
+use atsplat_train::samples::{Draw, Posed, Sample, Source};
+use atsplat_train::{Start, TrainConfig, TrainError, Trainer};
+use glam::{DMat3, DVec3};
+
+pub(crate) const SIZE: ImageSize = ImageSize::new(32, 32);
+
+/// The smallest run; `more` is TOML after its fields.
+pub(crate) fn config(more: &str) -> TrainConfig {
+    let text = format!(
+        r#"
+title = "tiny"
+seed = 3
+steps = 12
+batch = 2
+{more}
+
+[model]
+base = "nano"
+
+[model.changes]
+transformer = {{ dim = 32, head-dim = 16 }}
+coarse.layers = 1
+fine.layers = 1
+head.scale = {{ kind = "exp-clamped", shift = -2.0, max = 0.5 }}
+
+[[data]]
+[data.source.rooms]
+scenes-of = "rooms"
+scenes = 2
+size = [32, 32]
+samples = 1
+stride = 10
+cache-mib = 4
+views = {{ context = [2, 2], targets = 2, gaps = {{ min = 3, max = 4 }} }}
+
+[schedule]
+learning-rate = 1e-3
+warm-up-steps = 3
+
+[checkpoints]
+every = 4
+keep = 2
+"#
+    );
+    TrainConfig::from_toml(&text).unwrap()
+}
+
+/// A camera that looks along +z from beside the origin.
+pub(crate) fn camera(x: f64) -> Camera {
+    let pose = WorldFromCamera::new(DMat3::from_rotation_y(-0.1 * x), DVec3::new(x, 0.1 * x, 0.0)).unwrap();
+    Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.48, 0.5).unwrap())
+}
+
+/// Two context views and two targets of noise that a draw decides.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Noise {
+    /// Changes what was drawn.
+    pub(crate) spoil: fn(u64, &mut Sample),
+}
+
+impl Noise {
+    pub(crate) const CLEAN: Self = Self { spoil: |_, _| () };
+}
+
+pub(crate) fn sample(number: u64) -> Sample {
+    let posed = |name: &str, places: [f64; 2]| {
+        let mut random = SplitMix64::for_scene(number, name);
+        let count = 2 * SIZE.height * SIZE.width * 3;
+        let pictures = (0..count).map(|_| (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32).collect();
+        Posed { size: SIZE, pictures, cameras: places.map(camera).to_vec() }
+    };
+    Sample {
+        name: format!("noise {number}"),
+        context: posed("context", [-1.0, 1.0]),
+        targets: posed("targets", [-0.3, 0.4]),
+    }
+}
+
+impl Source for Noise {
+    fn name(&self) -> String {
+        "noise".to_owned()
+    }
+
+    fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
+        let mut sample = sample(draw.number);
+        (self.spoil)(draw.number, &mut sample);
+        Ok(sample)
+    }
+}
+
+pub(crate) fn trainer(config: TrainConfig, folder: &Path, start: &Start, source: Noise) -> Trainer {
+    Trainer::with_samples(config, Box::new(source), folder, start).unwrap()
+}
+
+/// Weights as bits.
+pub(crate) fn bits(trainer: &Trainer) -> Vec<Vec<u32>> {
+    trainer
+        .state()
+        .parameters
+        .values()
+        .iter()
+        .map(|values| values.iter().map(|value| value.to_bits()).collect())
+        .collect()
+}

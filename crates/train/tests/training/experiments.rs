@@ -1,0 +1,86 @@
+//! Every configuration in `eval/experiments/` is one: it reads, builds its network and does a step, in a tiny size.
+
+use std::path::{Path, PathBuf};
+
+use atsplat_model::ImageSize;
+use atsplat_model::config::{AnchorDesign, Selection};
+use atsplat_train::{SourceConfig, Start, TrainConfig, Trainer};
+use tempfile::tempdir;
+
+fn experiments() -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/experiments");
+    let mut paths: Vec<PathBuf> = std::fs::read_dir(folder).unwrap().map(|entry| entry.unwrap().path()).collect();
+    paths.retain(|path| path.extension().is_some_and(|extension| extension == "toml"));
+    paths.sort();
+    paths
+}
+
+/// The same experiment on a network and pictures that a test has time for.
+fn tiny(mut config: TrainConfig) -> TrainConfig {
+    let changes =
+        "transformer = { dim = 32, head-dim = 16 }\ncoarse.layers = 1\nfine.layers = 1".parse::<toml::Table>();
+    for (key, value) in changes.unwrap() {
+        config.model.changes.insert(key, value);
+    }
+    for data in &mut config.data {
+        if let SourceConfig::Rooms(rooms) = &mut data.source {
+            (rooms.size, rooms.samples, rooms.scenes) = (ImageSize::new(32, 32), 1, 1.try_into().unwrap());
+        }
+    }
+    config.evaluation = None;
+    config
+}
+
+#[test]
+fn every_experiment_does_a_step() {
+    for path in experiments() {
+        let name = path.display();
+        let config = TrainConfig::read(&path).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!(TrainConfig::from_toml(&config.to_toml().unwrap()).unwrap(), config, "{name}");
+        config.model.config().unwrap_or_else(|error| panic!("{name}: {error}"));
+        let folder = tempdir().unwrap();
+        let mut trainer = Trainer::new(tiny(config), folder.path(), &Start::Fresh).unwrap();
+        let before = trainer.state().parameters.values().to_vec();
+        trainer.step(&mut |_| ()).unwrap();
+        assert_eq!((trainer.state().updates, trainer.state().skipped()), (1, 0), "{name}");
+        assert!(trainer.state().parameters.non_finite().is_empty(), "{name}");
+        assert!(trainer.state().parameters.values() != before, "{name}");
+    }
+}
+
+#[test]
+fn the_papers_ablations_are_there() {
+    let model = |name: &str| {
+        let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../eval/experiments/ablation-{name}.toml"));
+        TrainConfig::read(&path).unwrap().model.config().unwrap()
+    };
+    assert!(matches!(model("anchor-ray-depth").anchors.design, AnchorDesign::RayDepth {}));
+    assert!(matches!(model("anchor-learnable").anchors.design, AnchorDesign::LearnableTokens { .. }));
+    assert!(matches!(model("anchor-direct-xyz").anchors.design, AnchorDesign::DirectXyz {}));
+    assert!(matches!(model("expansion-random").expansion.selection, Selection::Random { .. }));
+    assert!(matches!(model("expansion-farthest-point").expansion.selection, Selection::FarthestPoint {}));
+    assert!(matches!(model("expansion-straight-through").expansion.selection, Selection::StraightThrough {}));
+    let none = model("expansion-none");
+    assert!(none.decoder.blocks.iter().all(|block| block.expansion.is_none()));
+    let base = TrainConfig::read(&experiments().into_iter().find(|path| path.ends_with("nano-rooms.toml")).unwrap());
+    let layers = |model: &atsplat_model::ModelConfig| -> Vec<usize> {
+        model.decoder.blocks.iter().map(|block| block.layers).collect()
+    };
+    assert_eq!(layers(&none), layers(&base.unwrap().model.config().unwrap()), "nothing else differs");
+}
+
+#[test]
+fn what_is_wrong_with_a_configuration_is_said() {
+    let folder = tempdir().unwrap();
+    let read = |text: &str| {
+        let path = folder.path().join("run.toml");
+        std::fs::write(&path, text).unwrap();
+        TrainConfig::read(&path).unwrap_err().to_string()
+    };
+    let whole = std::fs::read_to_string(&experiments()[experiments().len() - 1]).unwrap();
+    assert!(read(&whole.replace("seed = 1", "sead = 1")).contains("sead"));
+    assert!(read(&whole.replace("learning-rate = ", "learning-rate = -")).contains("a positive number"));
+    assert!(read("base = \"run.toml\"").contains("at most 8 files"));
+    assert!(read("base = 3").contains("a path as `base`"));
+    assert!(read("base = \"absent.toml\"").contains("absent.toml"));
+}

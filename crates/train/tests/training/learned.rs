@@ -1,0 +1,91 @@
+//! The learned loss against the metric of the same network, and its gradient against differences.
+
+use atsplat_metrics::learned::{Network, Perceptual, Step, WeightsHashes};
+use atsplat_metrics::{Pair, Values};
+use atsplat_model::weights::{StoredTensor, StoredTensors};
+use atsplat_numeric::Tolerance;
+use atsplat_pixels::Image;
+use atsplat_protocol::samplers::SplitMix64;
+use atsplat_train::losses::{Learned, Stack};
+
+/// f32 convolutions that add in another order.
+const VALUE: Tolerance = Tolerance::relative(1e-4);
+const DIFFERENCES: Tolerance = Tolerance::relative(0.02);
+
+fn numbers(name: &str, count: usize, bound: f32) -> Vec<f32> {
+    let mut random = SplitMix64::for_scene(11, name);
+    (0..count).map(|_| ((random.next_u64() >> 40) as f32 / (1u32 << 23) as f32 - 1.0) * bound).collect()
+}
+
+/// Weights of a seed, loud enough that every layer says something.
+fn weights(network: Network) -> [StoredTensors; 2] {
+    let [mut weights, mut heads] = [StoredTensors::default(), StoredTensors::default()];
+    let add = |into: &mut StoredTensors, name: String, shape: Vec<usize>, bound: f32, least: f32| {
+        let values: Vec<f32> = numbers(&name, shape.iter().product(), bound).into_iter().map(|v| v + least).collect();
+        into.tensors.insert(name, StoredTensor::from_f32(shape, &values).unwrap());
+    };
+    for step in network.steps() {
+        let Step::Convolution { name, channels_in, channels_out, kernel, .. } = step else { continue };
+        let bound = (6.0 / (channels_in * kernel * kernel) as f32).sqrt();
+        add(&mut weights, format!("{name}.weight"), vec![channels_out, channels_in, kernel, kernel], bound, 0.0);
+        add(&mut weights, format!("{name}.bias"), vec![channels_out], 0.05, 0.0);
+    }
+    for (name, channels) in Network::heads().into_iter().zip(network.channels()) {
+        add(&mut heads, name, vec![1, channels, 1, 1], 0.5, 0.5);
+    }
+    [weights, heads]
+}
+
+#[test]
+fn a_learned_loss_is_the_metric_with_its_gradient() {
+    const SIDE: usize = 36;
+    let stack = Stack { views: 1, height: SIDE, width: SIDE };
+    let picture = |name: &str| -> Vec<f32> { numbers(name, stack.samples(), 0.5).iter().map(|v| v + 0.5).collect() };
+    let (render, truth) = (picture("render"), picture("truth"));
+    let image = |samples: &[f32]| Image::new(36, 36, samples.to_vec()).unwrap();
+    for network in Network::ALL {
+        let [weights, heads] = weights(network);
+        let loss = Learned::new(network, &weights, &heads, "seeded".to_owned()).unwrap();
+        let hashes = WeightsHashes { network: String::new(), heads: String::new(), is_published: None };
+        let metric = Perceptual::from_tensors(network, &weights, &heads, hashes).unwrap();
+        let evaluated = loss.evaluate(&render, &truth, stack);
+        let (render_image, truth_image) = (image(&render), image(&truth));
+        let expected = metric.compare(&Pair::new(&render_image, &truth_image).unwrap(), Values::AsRendered).unwrap();
+        assert!(expected > 1e-3, "{network:?} sees a difference: {expected}");
+        VALUE.assert([evaluated.value], [expected], network.name());
+
+        let length = evaluated.gradient.iter().map(|g| f64::from(*g).powi(2)).sum::<f64>().sqrt();
+        let at = |step: f64| {
+            #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
+            let moved: Vec<f32> = render
+                .iter()
+                .zip(&evaluated.gradient)
+                .map(|(value, gradient)| (f64::from(*value) + step * f64::from(*gradient) / length) as f32)
+                .collect();
+            loss.evaluate(&moved, &truth, stack).value
+        };
+        let slope = (at(0.05) - at(-0.05)) / 0.1;
+        DIFFERENCES.assert([slope], [length], network.name());
+    }
+}
+
+#[test]
+fn the_same_picture_has_no_distance_and_a_finite_gradient() {
+    let stack = Stack { views: 2, height: 36, width: 36 };
+    let [weights, heads] = weights(Network::LpipsAlex);
+    let loss = Learned::new(Network::LpipsAlex, &weights, &heads, String::new()).unwrap();
+    for value in [0.0, 0.7] {
+        let picture = vec![value; stack.samples()];
+        let evaluated = loss.evaluate(&picture, &picture, stack);
+        Tolerance::EXACT.assert([evaluated.value], [0.0], "distance");
+        assert!(evaluated.gradient.len() == stack.samples() && evaluated.gradient.iter().all(|g| g.is_finite()));
+    }
+}
+
+#[test]
+fn absent_weights_are_named() {
+    let [mut weights, heads] = weights(Network::LpipsAlex);
+    weights.tensors.shift_remove("features.3.bias");
+    let error = Learned::new(Network::LpipsAlex, &weights, &heads, String::new()).unwrap_err().to_string();
+    assert!(error.contains("features.3.bias") && error.contains("[192]"), "{error}");
+}

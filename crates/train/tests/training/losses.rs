@@ -1,0 +1,155 @@
+//! Losses and optimiser against PyTorch (`oracle/make_fixtures.py`), and what must hold of any of them.
+
+use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_train::losses::{Stack, d_ssim, mse, uncertainty};
+use atsplat_train::optimiser::{AdamW, Moments, Schedule, Update, clip, norm};
+use proptest::prelude::*;
+use serde::Deserialize;
+
+/// What is promised, of the largest number in a gradient.
+const PROMISED: f64 = 1e-4;
+/// What f32 gradients of f64 sums should reach.
+const REACHED: f64 = 1e-6;
+
+#[derive(Deserialize)]
+struct Case {
+    views: usize,
+    height: usize,
+    width: usize,
+    render: Vec<f32>,
+    truth: Vec<f32>,
+    scalar: Vec<f32>,
+    mse: f64,
+    mse_gradient: Vec<f64>,
+    d_ssim: f64,
+    d_ssim_gradient: Vec<f64>,
+    d_ssim_map: Vec<f64>,
+    uncertainty: f64,
+    uncertainty_gradient: Vec<f64>,
+}
+
+fn close(actual: &[f32], expected: &[f64], what: &str) {
+    let largest = expected.iter().map(|value| value.abs()).fold(0.0, f64::maximum_of);
+    const { assert!(REACHED < PROMISED) };
+    let actual = actual.iter().copied().map(f64::from);
+    Tolerance::absolute(REACHED * largest).assert(actual, expected.iter().copied(), what);
+}
+
+#[test]
+fn losses_are_pytorchs() {
+    let cases: Vec<Case> = serde_json::from_str(include_str!("fixtures/losses.json")).unwrap();
+    assert_eq!(cases.len(), 3);
+    for case in &cases {
+        let stack = Stack { views: case.views, height: case.height, width: case.width };
+        let error = mse(&case.render, &case.truth);
+        close(&error.gradient, &case.mse_gradient, "MSE's gradient");
+        let dissimilarity = d_ssim(&case.render, &case.truth, stack);
+        close(&dissimilarity.loss.gradient, &case.d_ssim_gradient, "D-SSIM's gradient");
+        close(&dissimilarity.map, &case.d_ssim_map, "D-SSIM's map");
+        let unsure = uncertainty(&case.scalar, &dissimilarity.map);
+        close(&unsure.gradient, &case.uncertainty_gradient, "uncertainty's gradient");
+        let values = [error.value, dissimilarity.loss.value, unsure.value];
+        Tolerance::relative(REACHED).assert(values, [case.mse, case.d_ssim, case.uncertainty], "values");
+    }
+}
+
+#[test]
+fn equal_pictures_cost_nothing_and_pull_at_nothing() {
+    let stack = Stack { views: 1, height: 12, width: 13 };
+    for value in [0.0, 0.5, 1.0] {
+        let picture = vec![value; stack.samples()];
+        let dissimilarity = d_ssim(&picture, &picture, stack);
+        Tolerance::F64.assert([dissimilarity.loss.value], [0.0], "D-SSIM of a picture with itself");
+        let pulls = dissimilarity.loss.gradient.iter().copied().map(f64::from);
+        Tolerance::absolute(1e-9).assert(pulls, vec![0.0; stack.samples()], "its gradient");
+        Tolerance::EXACT.assert([mse(&picture, &picture).value], [0.0], "MSE");
+    }
+}
+
+#[test]
+fn what_is_not_finite_stays_so() {
+    let stack = Stack { views: 1, height: 6, width: 6 };
+    let truth = vec![0.5; stack.samples()];
+    for broken in [f32::NAN, f32::INFINITY] {
+        let mut render = truth.clone();
+        render[40] = broken;
+        assert!(!mse(&render, &truth).value.is_finite());
+        assert!(!d_ssim(&render, &truth, stack).loss.value.is_finite());
+        assert!(!uncertainty(&render, &truth).value.is_finite());
+    }
+    assert!(norm([[f32::NAN].as_slice()]).is_nan());
+}
+
+proptest! {
+    /// Each view by itself, and on any number of threads, to the bit.
+    #[test]
+    fn views_do_not_see_each_other(seed in 0u32..1000, height in 1usize..20, width in 1usize..20) {
+        let stack = Stack { views: 3, height, width };
+        let numbers = |salt: u32| -> Vec<f32> {
+            (0u32..).take(stack.samples()).map(|at| ((at ^ salt).wrapping_mul(2_654_435_761) >> 8) as f32 / 1e7).collect()
+        };
+        let (render, truth) = (numbers(seed), numbers(seed + 7));
+        let together = d_ssim(&render, &truth, stack);
+        let one = Stack { views: 1, ..stack };
+        let length = one.samples();
+        for view in 0..3 {
+            let part = view * length..(view + 1) * length;
+            let alone = d_ssim(&render[part.clone()], &truth[part.clone()], one);
+            prop_assert_eq!(&alone.map[..], &together.map[view * one.pixels()..(view + 1) * one.pixels()]);
+        }
+        let pool = rayon_pool(1);
+        prop_assert_eq!(pool.install(|| d_ssim(&render, &truth, stack)), together);
+    }
+
+    #[test]
+    fn a_clipped_gradient_is_never_longer(values in prop::collection::vec(-1e3f32..1e3, 1..50), most in 0.01f64..10.0) {
+        let length = norm([values.as_slice()]);
+        let scale = clip(length, most);
+        prop_assert!(scale <= 1.0 && length * scale <= most * (1.0 + 1e-12));
+    }
+}
+
+fn rayon_pool(threads: usize) -> rayon::ThreadPool {
+    rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap()
+}
+
+#[derive(Deserialize)]
+struct Optimised {
+    start: Vec<Vec<f32>>,
+    steps: Vec<Step>,
+}
+
+#[derive(Deserialize)]
+struct Step {
+    rate: f64,
+    gradients: Vec<Vec<f32>>,
+    norm: f64,
+    after: Vec<Vec<f64>>,
+}
+
+#[test]
+fn adam_w_and_clipping_are_pytorchs() {
+    let run: Optimised = serde_json::from_str(include_str!("fixtures/adam_w.json")).unwrap();
+    let optimiser = AdamW::default();
+    let mut parameters = run.start;
+    let mut moments: Vec<Moments> = parameters.iter().map(|values| Moments::zeros(values.len())).collect();
+    for (step, update) in run.steps.iter().zip(1..) {
+        let length = norm(step.gradients.iter().map(Vec::as_slice));
+        Tolerance::relative(1e-6).assert([length], [step.norm], "norm");
+        let scale = clip(length, 1.0);
+        for (position, (values, moments)) in parameters.iter_mut().zip(&mut moments).enumerate() {
+            let update = Update { number: update, learning_rate: step.rate, scale };
+            optimiser.step(update, values, &step.gradients[position], moments, position == 0);
+            close(values, &step.after[position], "parameters");
+        }
+    }
+}
+
+#[test]
+fn the_rate_climbs_and_falls() {
+    let schedule = Schedule { learning_rate: 1.0, warm_up_steps: 10, final_share: 0.1 };
+    let rates: Vec<f64> = [0, 4, 9, 10, 60, 110, 500].into_iter().map(|step| schedule.rate(step, 110)).collect();
+    Tolerance::F64.assert(rates, [0.1, 0.5, 1.0, 1.0, 0.55, 0.1, 0.1], "rates");
+    let short = Schedule { warm_up_steps: 0, ..schedule };
+    assert!((0..20).all(|step| short.rate(step, 0).is_finite() && short.rate(step, 1).is_finite()));
+}

@@ -1,0 +1,12 @@
+//! Training, from its losses to whole runs.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod experiments;
+mod learned;
+mod losses;
+mod mirror;
+mod objective;
+mod runs;
+mod sources;

@@ -1,0 +1,80 @@
+//! A mirrored scene under mirrored cameras renders the mirrored picture.
+
+use crate::common::sample;
+use atsplat_camera::{ImageSize, PoseNormalisation, WorldFromCamera, normalise};
+use atsplat_numeric::Tolerance;
+use atsplat_protocol::samplers::SplitMix64;
+use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
+use atsplat_train::samples::{Sample, mirrored};
+
+/// Depth orders of equally deep Gaussians may differ; f32 throughout.
+const RENDERED: Tolerance = Tolerance::absolute(2e-5);
+
+fn gaussians(mirror: bool) -> Gaussians {
+    let mut random = SplitMix64::new(5);
+    let mut unit = || (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32;
+    let mut parts = GaussianParts::default();
+    let side = if mirror { -1.0 } else { 1.0 };
+    for _ in 0..60 {
+        parts.means.push([side * (4.0 * unit() - 2.0), 3.0 * unit() - 1.5, 3.0 + 3.0 * unit()]);
+        // A rotation's axis is a pseudovector.
+        parts.quaternions.push([unit() + 0.2, unit() - 0.5, side * (unit() - 0.5), side * (unit() - 0.5)]);
+        parts.log_scales.push([unit() * 2.0 - 3.0, unit() * 2.0 - 3.0, unit() * 2.0 - 3.0]);
+        parts.opacity_logits.push(unit() * 4.0 - 1.0);
+        parts.sh.push([unit() - 0.5, unit() - 0.5, unit() - 0.5]);
+    }
+    Gaussians::new(parts).unwrap()
+}
+
+fn rendered(gaussians: &Gaussians, sample: &Sample) -> Vec<Vec<[f32; 3]>> {
+    let size = ImageSize { width: 32, height: 32 };
+    let views: Vec<View> = sample.targets.cameras.iter().map(|&camera| View { camera, size }).collect();
+    let images = CpuRenderer::default().render_many(gaussians, &views, &RenderOptions::default()).unwrap();
+    images.into_iter().map(|image| image.rgb).collect()
+}
+
+#[test]
+fn a_mirrored_scene_renders_mirrored() {
+    let sample = sample(1);
+    let flipped = mirrored(&sample).unwrap();
+    let (straight, mirrored) = (rendered(&gaussians(false), &sample), rendered(&gaussians(true), &flipped));
+    for (straight, mirrored) in straight.iter().zip(&mirrored) {
+        assert!(straight.iter().any(|pixel| pixel[0] > 0.1), "something is seen");
+        let back: Vec<f64> =
+            mirrored.chunks_exact(32).flat_map(|row| row.iter().rev().flatten().copied().map(f64::from)).collect();
+        RENDERED.assert(back, straight.as_flattened().iter().copied().map(f64::from), "renders");
+    }
+}
+
+#[test]
+fn two_mirrors_change_nothing() {
+    let sample = sample(2);
+    let twice = mirrored(&mirrored(&sample).unwrap()).unwrap();
+    assert_eq!((twice.context.pictures, twice.targets.pictures), (sample.context.pictures, sample.targets.pictures));
+    for (back, camera) in twice.targets.cameras.iter().zip(&sample.targets.cameras) {
+        Tolerance::F64.assert(back.camera_from_world.to_rows(), camera.camera_from_world.to_rows(), "pose");
+        let centre = |camera: &atsplat_camera::Camera| [camera.intrinsics.cx, camera.intrinsics.cy];
+        Tolerance::F64.assert(centre(back), centre(camera), "principal point");
+    }
+}
+
+/// It does not matter whether a sample is mirrored before or after its poses are normalised.
+#[test]
+fn normalised_poses_mirror_too() {
+    let sample = sample(3);
+    let rule = PoseNormalisation::mean_camera(atsplat_camera::MeanCameraScale::LongLrm);
+    let poses = |sample: &Sample| -> Vec<WorldFromCamera> {
+        sample.context.cameras.iter().map(|camera| camera.camera_from_world.inverse()).collect()
+    };
+    let before = normalise(&poses(&mirrored(&sample).unwrap()), &[], &rule).unwrap().context;
+    let mut moved = sample.clone();
+    let normal = normalise(&poses(&sample), &[], &rule).unwrap().context;
+    for (camera, pose) in moved.context.cameras.iter_mut().zip(normal) {
+        camera.camera_from_world = pose.inverse();
+    }
+    let after = poses(&mirrored(&moved).unwrap());
+    for (before, after) in before.iter().zip(&after) {
+        Tolerance::F64.assert(before.to_rows(), after.to_rows(), "pose");
+    }
+}

@@ -1,0 +1,231 @@
+//! Runs: the same bits whatever happens to them, and never a silent NaN.
+
+use std::path::Path;
+
+use crate::common::{Noise, bits, config, trainer};
+use atsplat_numeric::Extremes as _;
+use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
+use atsplat_train::{Limits, Start, TrainConfig, TrainError, Trainer};
+use tempfile::tempdir;
+
+fn run(trainer: &mut Trainer, steps: Option<u64>) -> Result<bool, TrainError> {
+    trainer.run(Limits { steps, time: None }, &mut |_| ())
+}
+
+fn whole(config: &TrainConfig, source: Noise) -> Vec<Vec<u32>> {
+    let folder = tempdir().unwrap();
+    let mut trainer = trainer(config.clone(), folder.path(), &Start::Fresh, source);
+    assert!(run(&mut trainer, None).unwrap());
+    bits(&trainer)
+}
+
+fn steps(folder: &Path) -> Vec<StepRecord> {
+    journal::read(&folder.join("steps.jsonl")).unwrap()
+}
+
+#[test]
+fn interrupted_and_resumed_is_undisturbed() {
+    let (config, folder) = (config(""), tempdir().unwrap());
+    let expected = whole(&config, Noise::CLEAN);
+    for (stop, start) in [(3, Start::Fresh), (4, Start::Resume), (9, Start::Resume), (12, Start::Resume)] {
+        let mut trainer = trainer(config.clone(), folder.path(), &start, Noise::CLEAN);
+        assert_eq!(run(&mut trainer, Some(stop)).unwrap(), stop == 12);
+        if stop == 12 {
+            assert_eq!(bits(&trainer), expected);
+        }
+    }
+    assert_eq!(steps(folder.path()).iter().map(|record| record.step).collect::<Vec<_>>(), (0..12).collect::<Vec<_>>());
+    assert_eq!(std::fs::read_dir(folder.path().join("checkpoints")).unwrap().count(), 2, "the last two are kept");
+}
+
+#[test]
+fn threads_change_no_bit() {
+    let config = config("");
+    let on = |threads| {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+        pool.install(|| whole(&config, Noise::CLEAN))
+    };
+    let one = on(1);
+    for threads in [2, 3] {
+        assert!(on(threads) == one, "{threads} threads");
+    }
+}
+
+#[test]
+fn another_seed_gives_other_weights() {
+    let config = config("");
+    let other = TrainConfig { seed: config.seed + 1, ..config.clone() };
+    assert!(whole(&config, Noise::CLEAN) != whole(&other, Noise::CLEAN));
+}
+
+#[test]
+fn training_lowers_the_loss() {
+    let config = config("distinct = 2");
+    let folder = tempdir().unwrap();
+    let mut trainer =
+        trainer(TrainConfig { steps: 60.try_into().unwrap(), ..config }, folder.path(), &Start::Fresh, Noise::CLEAN);
+    run(&mut trainer, None).unwrap();
+    let totals: Vec<f64> = steps(folder.path()).iter().map(|record| record.terms.unwrap().total).collect();
+    assert!(totals[59] < 0.9 * totals[0], "{} to {}", totals[0], totals[59]);
+}
+
+#[test]
+fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number == 5 {
+                sample.targets.pictures[9] = f32::NAN;
+            }
+        },
+    };
+    let folder = tempdir().unwrap();
+    let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, spoilt);
+    assert!(run(&mut trainer, None).unwrap());
+    assert_eq!((trainer.state().skipped(), trainer.state().updates), (1, 11));
+    assert!(trainer.state().parameters.non_finite().is_empty());
+    let records = steps(folder.path());
+    let fault = records[2].fault.as_ref().unwrap();
+    assert!(fault.contains("target picture 0") && fault.contains("noise 5") && fault.contains("step 2"), "{fault}");
+    assert!(records[2].terms.is_none() && records[3].terms.is_some());
+}
+
+#[test]
+fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number >= 6 {
+                sample.context.pictures[0] = f32::INFINITY;
+            }
+        },
+    };
+    let folder = tempdir().unwrap();
+    let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, spoilt);
+    let error = run(&mut stopped, None).unwrap_err();
+    let TrainError::Stopped(diagnosis) = &error else { panic!("{error}") };
+    assert_eq!(diagnosis.faults.iter().map(|fault| fault.step).collect::<Vec<_>>(), [3, 4, 5]);
+    assert!(diagnosis.parameters.is_empty());
+    let text = error.to_string();
+    assert!(text.contains("context picture 0") && text.contains("all weights are finite"), "{text}");
+    // What was learnt before is there.
+    let again = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, Noise::CLEAN);
+    assert_eq!(again.state().step, 4);
+}
+
+#[test]
+fn a_broken_weight_is_named_and_never_kept() {
+    let folder = tempdir().unwrap();
+    let mut broken = trainer(config("most-faults = 2"), folder.path(), &Start::Fresh, Noise::CLEAN);
+    run(&mut broken, Some(4)).unwrap();
+    let place = broken.state().parameters.list().iter().position(|p| p.name == "coarse.fuse.weight").unwrap();
+    broken.state_mut().parameters.values_mut()[place][7] = f32::NAN;
+    let text = run(&mut broken, None).unwrap_err().to_string();
+    assert!(text.contains("coarse.fuse.weight holds 1 number"), "{text}");
+    let text = broken.keep_now().unwrap_err().to_string();
+    assert!(text.contains("coarse.fuse.weight") && text.contains("finite weights"), "{text}");
+    let resumed = trainer(config("most-faults = 2"), folder.path(), &Start::Resume, Noise::CLEAN);
+    assert_eq!(resumed.state().step, 4);
+    assert!(resumed.state().parameters.non_finite().is_empty());
+}
+
+/// All of a token's Gaussians in one place, of one shape: the derivative is finite and they learn to part.
+#[test]
+fn collapsed_gaussians_still_learn() {
+    let folder = tempdir().unwrap();
+    let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
+    let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
+    let rows = &mut trainer.state_mut().parameters.values_mut()[place];
+    let one = rows[..rows.len() / 16].to_vec();
+    rows.copy_from_slice(&one.repeat(16));
+    assert!(run(&mut trainer, None).unwrap());
+    assert_eq!(trainer.state().skipped(), 0);
+    assert!(trainer.state().parameters.values()[place] != one.repeat(16));
+}
+
+/// A head of nothing but zeros makes Gaussians without a rotation, which are not drawn: no error, no NaN.
+#[test]
+fn gaussians_without_a_rotation_are_survived() {
+    let folder = tempdir().unwrap();
+    let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
+    let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
+    trainer.state_mut().parameters.values_mut()[place].fill(0.0);
+    assert!(run(&mut trainer, None).unwrap());
+    assert_eq!(trainer.state().skipped(), 0);
+    assert!(trainer.state().parameters.non_finite().is_empty());
+}
+
+#[test]
+fn a_torn_checkpoint_falls_back_to_the_one_before() {
+    let (config, folder) = (config(""), tempdir().unwrap());
+    run(&mut trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN), Some(8)).unwrap();
+    let newest = folder.path().join("checkpoints/step-00000008.safetensors");
+    let mut bytes = std::fs::read(&newest).unwrap();
+    let last = bytes.len() - 5;
+    bytes[last] ^= 1;
+    std::fs::write(&newest, bytes).unwrap();
+    let mut resumed = trainer(config.clone(), folder.path(), &Start::Resume, Noise::CLEAN);
+    assert_eq!(resumed.state().step, 4);
+    run(&mut resumed, None).unwrap();
+    assert_eq!(bits(&resumed), whole(&config, Noise::CLEAN));
+}
+
+#[test]
+fn a_run_is_not_written_over_or_mixed_with_another() {
+    let (tiny, folder) = (config(""), tempdir().unwrap());
+    run(&mut trainer(tiny.clone(), folder.path(), &Start::Fresh, Noise::CLEAN), Some(4)).unwrap();
+    let open = |config: &TrainConfig, start: &Start| {
+        Trainer::with_samples(config.clone(), Box::new(Noise::CLEAN), folder.path(), start).map(drop)
+    };
+    assert!(open(&tiny, &Start::Fresh).unwrap_err().to_string().contains("one of 4 steps"));
+    let other = TrainConfig { clip: 2.0, ..tiny.clone() };
+    assert!(open(&other, &Start::Resume).unwrap_err().to_string().contains("configuration"));
+    open(&tiny, &Start::Resume).unwrap();
+}
+
+#[test]
+fn weights_of_a_run_begin_another() {
+    let (config, folder, second) = (config(""), tempdir().unwrap(), tempdir().unwrap());
+    let mut first = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
+    run(&mut first, None).unwrap();
+    let start = Start::Weights(folder.path().join("weights.safetensors"));
+    let second = trainer(config, second.path(), &start, Noise::CLEAN);
+    let far =
+        first.state().parameters.values().iter().flatten().zip(second.state().parameters.values().iter().flatten());
+    assert!(far.map(|(a, b)| (a - b).abs()).fold(0.0, f32::maximum_of) < 1e-3, "f16 weights");
+    assert_eq!(second.state().step, 0);
+}
+
+#[test]
+fn logs_become_parquet() {
+    use polars::prelude::*;
+    let folder = tempdir().unwrap();
+    let spoilt = Noise {
+        spoil: |number, sample| {
+            if number == 4 {
+                sample.targets.pictures[9] = f32::NAN;
+            }
+        },
+    };
+    run(&mut trainer(config(""), folder.path(), &Start::Fresh, spoilt), Some(4)).unwrap();
+    let path = folder.path().join("steps.parquet");
+    journal::write_steps(&path, &steps(folder.path())).unwrap();
+    let frame = ParquetReader::new(std::fs::File::open(&path).unwrap()).finish().unwrap();
+    assert_eq!(frame.height(), 4);
+    let totals: Vec<Option<f64>> = frame.column("total").unwrap().f64().unwrap().iter().collect();
+    assert!(totals[0].is_some() && totals[2].is_none());
+    let none: Vec<EvaluationRecord> = journal::read(&folder.path().join("nothing.jsonl")).unwrap();
+    journal::write_evaluations(&path, &none).unwrap();
+}
+
+/// A line that was torn in the middle is dropped with everything after the checkpoint.
+#[test]
+fn a_torn_line_is_dropped() {
+    let folder = tempdir().unwrap();
+    run(&mut trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN), Some(5)).unwrap();
+    let path = folder.path().join("steps.jsonl");
+    let text = std::fs::read_to_string(&path).unwrap();
+    std::fs::write(&path, &text[..text.len() - 20]).unwrap();
+    assert_eq!(steps(folder.path()).len(), 4);
+    let mut resumed = trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN);
+    run(&mut resumed, None).unwrap();
+    assert_eq!(steps(folder.path()).last().unwrap().step, 11);
+}

@@ -1,0 +1,134 @@
+//! Samples: a function of seed and number, in the network's frame.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use atsplat_camera::{MeanCameraScale, PoseNormalisation};
+use atsplat_numeric::{Extremes as _, Tolerance};
+use atsplat_protocol::Preset;
+use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_scene::Warnings;
+use atsplat_train::samples::{
+    DatasetConfig, DatasetSource, Draw, Mixture, RoomsConfig, RoomsSource, Sample, Source, ViewChoice,
+};
+use tempfile::tempdir;
+
+const RULE: PoseNormalisation = PoseNormalisation::mean_camera(MeanCameraScale::LongLrm);
+const VIEWS: &str = "{ context = [2, 2], targets = 3, gaps = { min = 3, max = 5 }, inset = 1 }";
+
+fn rooms(scenes: u32, more: &str) -> RoomsSource {
+    let text = format!(
+        "scenes-of = 'rooms'\nscenes = {scenes}\nsize = [32, 32]\nsamples = 1\nstride = 10\n{more}\nviews = {VIEWS}"
+    );
+    RoomsSource::new(toml::from_str::<RoomsConfig>(&text).unwrap(), RULE)
+}
+
+fn draw(number: u64) -> Draw {
+    Draw { seed: 4, number, step: 0 }
+}
+
+fn same(a: &Sample, b: &Sample) -> bool {
+    (&a.name, &a.context, &a.targets) == (&b.name, &b.context, &b.targets)
+}
+
+#[test]
+fn a_sample_is_a_function_of_its_draw() {
+    let (source, small) = (rooms(3, ""), rooms(3, "cache-mib = 0"));
+    for number in [0, 5, 2, 5, 0] {
+        let sample = source.sample(draw(number)).unwrap();
+        assert!(same(&sample, &rooms(3, "").sample(draw(number)).unwrap()), "a fresh source");
+        assert!(same(&sample, &small.sample(draw(number)).unwrap()), "a source that keeps nothing");
+        let other = source.sample(Draw { seed: 5, ..draw(number) }).unwrap();
+        assert!(!same(&sample, &other), "another seed");
+        let largest = sample
+            .context
+            .cameras
+            .iter()
+            .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
+        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+    }
+}
+
+#[test]
+fn training_scenes_are_no_test_scenes() {
+    let train = rooms(1, "").sample(draw(0)).unwrap();
+    let test = rooms(1, "split = 'test'").sample(draw(0)).unwrap();
+    assert!(train.name.contains("train") && test.name.contains("test"));
+    assert_ne!(train.context.pictures, test.context.pictures);
+}
+
+#[test]
+fn a_mixture_keeps_its_shares_mirrors_half_and_repeats() {
+    let mixture = |flips, distinct| {
+        let sources: Vec<(f64, Box<dyn Source>)> =
+            vec![(3.0, Box::new(rooms(1, ""))), (1.0, Box::new(rooms(1, "split = 'test'")))];
+        Mixture::new(sources, flips, distinct).unwrap()
+    };
+    let (flipping, straight) = (mixture(true, None), mixture(false, None));
+    let names: Vec<String> = (0..200).map(|number| flipping.sample(draw(number)).unwrap().name).collect();
+    let count = |word: &str| names.iter().filter(|name| name.contains(word)).count();
+    assert!((30..=70).contains(&count("test")), "{} of 200 from a share of a quarter", count("test"));
+    assert!((70..=130).contains(&count("mirrored")), "{} of 200 are mirrored", count("mirrored"));
+    assert!((0..50).all(|number| !straight.sample(draw(number)).unwrap().name.contains("mirrored")));
+    let repeating = mixture(true, Some(3));
+    assert!(same(&repeating.sample(draw(1)).unwrap(), &repeating.sample(draw(7)).unwrap()));
+    assert!(Mixture::new(Vec::new(), false, None).is_err());
+    assert!(Mixture::new(vec![(0.0, Box::new(rooms(1, "")))], false, None).is_err());
+}
+
+/// The same frames from files as from the simulation.
+#[test]
+fn a_dataset_on_disk_gives_the_same_samples() {
+    let folder = tempdir().unwrap();
+    let (data, preset) = (folder.path().join("data"), folder.path().join("tiny.toml"));
+    write_rooms(&data);
+    // The field's preset for pictures of a test's size: what is cropped is nothing.
+    let text = Preset::text_of("re10k-2v-256").unwrap();
+    let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
+    let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
+    std::fs::write(&preset, text).unwrap();
+    let views = VIEWS.replace("min = 3, max = 5", "min = 4, max = 9");
+    let views: BTreeMap<String, ViewChoice> = toml::from_str(&format!("v = {views}")).unwrap();
+    let config = DatasetConfig {
+        path: data.join("train"),
+        preset: preset.to_string_lossy().into_owned(),
+        views: views["v"].clone(),
+    };
+    let open = || DatasetSource::open(config.clone(), RULE, &mut Warnings::new()).unwrap();
+    let simulated = rooms(1, "").sample(draw(0)).unwrap();
+    for number in 0..4 {
+        let sample = open().sample(draw(number)).unwrap();
+        assert!(same(&sample, &open().sample(draw(number)).unwrap()));
+        assert_eq!((sample.context.cameras.len(), sample.targets.cameras.len()), (2, 3));
+        assert_eq!((sample.context.size, sample.targets.size), (simulated.context.size, simulated.targets.size));
+        let largest = sample
+            .context
+            .cameras
+            .iter()
+            .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
+        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+        assert!(sample.context.pictures.iter().all(|value| (0.0..=1.0).contains(value)));
+        assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
+        assert_eq!(sample.nearest().len(), 3);
+    }
+    let nothing = DatasetConfig { path: folder.path().join("absent"), ..config.clone() };
+    assert!(DatasetSource::open(nothing, RULE, &mut Warnings::new()).is_err());
+    let mut impossible = config;
+    impossible.views.gaps.min = 500;
+    impossible.views.gaps.max = 600;
+    let error = DatasetSource::open(impossible, RULE, &mut Warnings::new()).unwrap().sample(draw(0)).unwrap_err();
+    assert!(error.to_string().contains("needs"), "{error}");
+}
+
+fn write_rooms(folder: &Path) {
+    let requests: Vec<Request> = [0, 1]
+        .map(|number| {
+            let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number });
+            request.size = atsplat_camera::ImageSize { width: 32, height: 32 };
+            (request.samples, request.frames) = (1, 12);
+            request
+        })
+        .into();
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+    write_dataset(folder, requests, &options, &mut Warnings::new(), |_, _| ()).unwrap();
+}
