@@ -44,6 +44,12 @@ impl Similarity {
         Ok(WorldFromCamera::from_parts(self.rotation * old.rotation(), centre))
     }
 
+    /// The change back: what [`Self::old_from_new`] does, as a change of its own.
+    #[must_use]
+    pub fn inverse(&self) -> Self {
+        Self { rotation: self.rotation.inverse(), origin: self.new_from_old(DVec3::ZERO), scale: self.scale.recip() }
+    }
+
     /// First `self`, then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
@@ -71,6 +77,17 @@ mod tests {
             change().old_from_new(change().new_from_old(point)).to_array(),
             point.to_array(),
             "round trip",
+        );
+        let back = change().inverse();
+        Tolerance::F64.assert(
+            back.new_from_old(point).to_array(),
+            change().old_from_new(point).to_array(),
+            "the change back",
+        );
+        Tolerance::F64.assert(
+            back.inverse().new_from_old(point).to_array(),
+            change().new_from_old(point).to_array(),
+            "and forth again",
         );
     }
 

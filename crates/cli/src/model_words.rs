@@ -1,9 +1,10 @@
 //! Which network, in words: a configuration by name or path, what of it is changed, what a hash should be.
 
 use anyhow::Context as _;
-use atsplat_model::config::{BlockExpansion, SelectionRatio};
+use atsplat_model::config::SelectionRatio;
+use atsplat_model::network::{Device, Processor};
 use atsplat_model::{ModelConfig, ModelError};
-use clap::Args;
+use clap::{Args, ValueEnum};
 
 use crate::render::words::not_negative;
 
@@ -24,6 +25,30 @@ pub(crate) struct ChangeWords {
     expand_first: Option<usize>,
 }
 
+/// What a network computes on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum ProcessorWord {
+    /// Every core.
+    Cpu,
+    /// A graphics processor.
+    Wgpu,
+}
+
+impl From<ProcessorWord> for Processor {
+    fn from(word: ProcessorWord) -> Self {
+        match word {
+            ProcessorWord::Cpu => Self::Cpu,
+            ProcessorWord::Wgpu => Self::Wgpu,
+        }
+    }
+}
+
+impl ProcessorWord {
+    pub(crate) fn open(self) -> anyhow::Result<Device> {
+        Processor::from(self).open().context("--device")
+    }
+}
+
 impl ChangeWords {
     /// The configuration with the changes.
     pub(crate) fn applied(&self, config: &ModelConfig) -> anyhow::Result<ModelConfig> {
@@ -32,7 +57,7 @@ impl ChangeWords {
             config = config.with_thresholds(&self.thresholds).context("--thresholds")?;
         }
         if !self.ratios.is_empty() {
-            set_ratios(&mut config, &self.ratios).context("--ratios")?;
+            config = config.with_ratios(&self.ratios).context("--ratios")?;
         }
         if let Some(blocks) = self.expand_first {
             config = config.with_expansion_in_first(blocks);
@@ -44,17 +69,6 @@ impl ChangeWords {
     pub(crate) const fn is_empty(&self) -> bool {
         self.thresholds.is_empty() && self.ratios.is_empty() && self.expand_first.is_none()
     }
-}
-
-fn set_ratios(config: &mut ModelConfig, ratios: &[SelectionRatio]) -> anyhow::Result<()> {
-    let blocks: Vec<_> = config.decoder.blocks.iter_mut().filter_map(|block| block.expansion.as_mut()).collect();
-    let (expected, found) = (blocks.len(), ratios.len());
-    anyhow::ensure!(expected == found, "expected {expected} ratios, one for each block that expands, found {found}");
-    for (block, &ratio) in blocks.into_iter().zip(ratios) {
-        *block = BlockExpansion::Ratio(ratio);
-    }
-    config.validate()?;
-    Ok(())
 }
 
 /// A configuration's name, or the path of one. A path is read when the work begins: a broken file is no wrong word.

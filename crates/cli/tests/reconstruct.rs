@@ -14,6 +14,7 @@ use atsplat_model::network::{Device, Network, Reconstruction, Views};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, Precision, generated};
 use atsplat_model::{ImageSize, ModelConfig};
+use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use atsplat_scene::{SceneSource as _, Warnings};
 use atsplat_splat::{Gaussians, files};
@@ -110,6 +111,33 @@ fn the_file_holds_what_the_library_makes() {
     assert_eq!(record["input"]["views"][1], json!({ "frame": 2, "name": "002" }));
     assert!(text.starts_with("UNTRAINED") && text.contains("block  tokens in") && text.contains("decoder"), "{text}");
     assert!(text.contains("memory of the network, by formula"), "{text}");
+}
+
+/// A graphics processor makes nearly the same Gaussians. Where there is none, or the build has no network for it, that is
+/// what is told, before anything is written.
+#[test]
+fn a_graphics_processor_is_used_or_told_to_be_missing() {
+    let folder = capture();
+    let here = folder.path();
+    let tiny = tiny();
+    let words = untrained(tiny.to_str().unwrap(), &["--frame", "network", "--device", "wgpu"]);
+    let outcome = atsplat(here, &words);
+    if outcome.code == 0 {
+        assert!(cfg!(feature = "gpu-network") && record(here)["device"] == "wgpu");
+        let (ours, theirs) = (gaussians(&here.join("scene.ply")), by_hand(here, &[0, 2, 5]).gaussians);
+        let wide =
+            |scene: &Gaussians| scene.parts().means.as_flattened().iter().map(|x| f64::from(*x)).collect::<Vec<_>>();
+        Tolerance { absolute: 1e-3, relative: 1e-3 }.assert(wide(&ours), wide(&theirs), "centres");
+        return;
+    }
+    let told = if cfg!(feature = "gpu-network") { "adapter" } else { "--features gpu-network" };
+    assert!(outcome.code == 1 && outcome.stderr.contains(told), "{}", outcome.stderr);
+    assert!(!here.join("scene.ply").exists());
+    let required = cfg!(feature = "gpu-network") && std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1");
+    assert!(!required, "{}", outcome.stderr);
+    let outcome = atsplat(here, &["budget", "--model", "nano", "--run", "--device", "wgpu"]);
+    assert!(outcome.code == 1 && outcome.stderr.contains(told), "{}", outcome.stderr);
+    assert_ne!(atsplat(here, &["budget", "--device", "wgpu"]).code, 0, "nothing runs without --run");
 }
 
 /// The dataset's own cameras see the Gaussians as the normalised ones do.

@@ -1,12 +1,15 @@
 //! How many tokens and Gaussians a configuration makes, and how much memory that takes, before anything runs:
 //! the paper's "Total Gaussian Budgets" by formula.
 
+use serde::Serialize;
+
 use crate::ModelError;
 use crate::config::{AnchorDesign, BackboneConfig, BlockExpansion, DinoArchitecture, ImageSize, ModelConfig};
 use crate::parameters::{Parameter, parameters};
 
 /// Tokens through the decoder.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct Budget {
     /// `N_init`: tokens that enter the first block.
     pub initial_tokens: usize,
@@ -21,7 +24,7 @@ pub struct Budget {
 }
 
 /// The least and the most that a configuration may come to; equal where all blocks expand a fixed ratio.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BudgetRange {
     /// If no token exceeds any threshold.
     pub least: Budget,
@@ -101,7 +104,8 @@ pub fn budget(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<
 }
 
 /// An estimate of memory while a scene is reconstructed in f32, without gradients.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct MemoryEstimate {
     /// Weights in bytes.
     pub weight_bytes: u64,

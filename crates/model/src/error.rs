@@ -61,6 +61,15 @@ pub enum ModelError {
     #[cfg(feature = "network")]
     #[error("rendering: {0}")]
     Splat(#[from] atsplat_splat::SplatError),
+    /// A network cannot compute there.
+    #[cfg(feature = "network")]
+    #[error("the network on {processor}: {why}")]
+    Processor {
+        /// Where.
+        processor: crate::network::Processor,
+        /// What stands in the way, and what helps.
+        why: String,
+    },
     /// A file is not what `torch.save` writes.
     #[error("checkpoint: {0}")]
     Torch(#[from] TorchError),
@@ -102,7 +111,9 @@ impl ModelError {
         move |source| Self::Io { action, path, source }
     }
 
-    pub(crate) fn in_file(self, path: impl Into<PathBuf>) -> Self {
+    /// The same error, with the file that it is in.
+    #[must_use]
+    pub fn in_file(self, path: impl Into<PathBuf>) -> Self {
         Self::InFile { path: path.into(), source: Box::new(self) }
     }
 }

@@ -1,7 +1,9 @@
 //! What an operation asks of a backend.
 
+#[cfg(feature = "gpu-network")]
+use burn::backend::Cube;
 use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
-use burn::backend::{Backend, ExtensionType, backend_extension};
+use burn::backend::{Backend, ExtensionType, Flex, backend_extension};
 
 use crate::generic;
 use crate::kernels::gather::Sizes as GatherSizes;
@@ -26,6 +28,15 @@ pub(crate) enum Parameter<B: Backend> {
     Absent,
 }
 
+impl<B: Backend> Parameter<B> {
+    pub(crate) fn into_option(self) -> Option<FloatTensor<B>> {
+        match self {
+            Self::Given(tensor) => Some(tensor),
+            Self::Absent => None,
+        }
+    }
+}
+
 /// Keys to ignore, `[batch, keys]`.
 #[derive(Clone, Debug, ExtensionType)]
 pub(crate) enum KeyMask<B: Backend> {
@@ -43,7 +54,7 @@ impl<B: Backend> KeyMask<B> {
 }
 
 /// The operations, differentiable on `Autodiff`.
-#[backend_extension(Flex, Autodiff)]
+#[backend_extension(Cube: cfg(feature = "gpu-network"), Flex, Autodiff)]
 pub(crate) trait FusedOps: Backend {
     fn fused_linear(
         x: FloatTensor<Self>,
@@ -70,6 +81,58 @@ pub(crate) trait FusedOps: Backend {
 
     fn gather_max(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self>;
 }
+
+/// The operations without gradients: the kernels' forward passes.
+macro_rules! fused_by_kernels {
+    ($backend:ty) => {
+        impl FusedOps for $backend {
+            fn fused_linear(
+                x: FloatTensor<Self>,
+                weight: FloatTensor<Self>,
+                bias: Parameter<Self>,
+            ) -> FloatTensor<Self> {
+                Self::affine(x, weight, bias.into_option())
+            }
+
+            fn fused_gelu(x: FloatTensor<Self>) -> FloatTensor<Self> {
+                Self::gelu_erf(x)
+            }
+
+            fn fused_norm(
+                x: FloatTensor<Self>,
+                gamma: FloatTensor<Self>,
+                beta: Parameter<Self>,
+                segments: Segments,
+            ) -> FloatTensor<Self> {
+                Self::norm(x, gamma, beta.into_option(), segments)
+            }
+
+            fn fused_attention(
+                inputs: AttentionInputs<Self>,
+                mask: KeyMask<Self>,
+                sizes: AttentionSizes,
+            ) -> FloatTensor<Self> {
+                Self::attend(inputs, mask.into_option(), sizes).0
+            }
+
+            fn gather_rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
+                Self::rows(x, indices, sizes)
+            }
+
+            fn gather_max(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
+                Self::max_rows(x, indices, sizes).0
+            }
+        }
+    };
+}
+
+fused_by_kernels!(Flex);
+
+#[cfg(feature = "gpu-network")]
+fused_by_kernels!(Cube);
+
+#[cfg(feature = "gpu-network")]
+impl Kernels for Cube {}
 
 /// Each operation's forward and backward pass. The bodies here are the generic fall-back.
 pub(crate) trait Kernels: Backend {

@@ -6,44 +6,13 @@ use burn::backend::{DType, Flex, IntDType, TensorMetadata};
 use burn::tensor::{Bytes, Shape};
 use burn_flex::{FlexTensor, Layout};
 
-use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, Kernels, KeyMask, Parameter};
+use crate::backend::{AttentionInputs, AttentionSizes, Kernels};
 use crate::generic;
 use crate::kernels::attention::{Inputs, Tokens};
 use crate::kernels::attention_backward::{self, HeadGradients};
 use crate::kernels::gather::Sizes as GatherSizes;
 use crate::kernels::norm::Segments;
 use crate::kernels::{attention, gather, gelu, linear, norm};
-
-impl FusedOps for Flex {
-    fn fused_linear(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Parameter<Self>) -> FloatTensor<Self> {
-        Self::affine(x, weight, option(bias))
-    }
-
-    fn fused_gelu(x: FloatTensor<Self>) -> FloatTensor<Self> {
-        Self::gelu_erf(x)
-    }
-
-    fn fused_norm(
-        x: FloatTensor<Self>,
-        gamma: FloatTensor<Self>,
-        beta: Parameter<Self>,
-        segments: Segments,
-    ) -> FloatTensor<Self> {
-        Self::norm(x, gamma, option(beta), segments)
-    }
-
-    fn fused_attention(inputs: AttentionInputs<Self>, mask: KeyMask<Self>, sizes: AttentionSizes) -> FloatTensor<Self> {
-        Self::attend(inputs, mask.into_option(), sizes).0
-    }
-
-    fn gather_rows(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
-        Self::rows(x, indices, sizes)
-    }
-
-    fn gather_max(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self> {
-        Self::max_rows(x, indices, sizes).0
-    }
-}
 
 impl Kernels for Flex {
     fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
@@ -273,13 +242,6 @@ impl Packed {
             ignored,
             sizes,
         })
-    }
-}
-
-fn option(parameter: Parameter<Flex>) -> Option<FlexTensor> {
-    match parameter {
-        Parameter::Given(tensor) => Some(tensor),
-        Parameter::Absent => None,
     }
 }
 

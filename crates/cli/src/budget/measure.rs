@@ -21,12 +21,16 @@ pub(super) struct Measured {
 }
 
 /// Keeps the last network: rows of one table often differ in their views alone.
-#[derive(Default)]
 pub(super) struct Measurer {
     network: Option<Network>,
+    device: Device,
 }
 
 impl Measurer {
+    pub(super) const fn new(device: Device) -> Self {
+        Self { network: None, device }
+    }
+
     /// Fresh weights, so that counts are the network's own and quality is none.
     pub(super) fn run(&mut self, config: &ModelConfig, views: usize, size: ImageSize) -> anyhow::Result<Measured> {
         let start = Instant::now();
@@ -34,7 +38,7 @@ impl Measurer {
         memory::forget_peak();
         let network = match kept {
             Some(network) => network,
-            None => Network::new(config, &Device::flex())?,
+            None => Network::new(config, &self.device)?,
         };
         let views = synthetic(views, size)?;
         let making_secs = start.elapsed().as_secs_f64();

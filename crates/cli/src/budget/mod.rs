@@ -11,7 +11,7 @@ use atsplat_model::budget::{BudgetRange, MemoryEstimate, budget, memory};
 use atsplat_model::{ImageSize, ModelConfig};
 use clap::Args;
 
-use crate::model_words::{ChangeWords, model};
+use crate::model_words::{ChangeWords, ProcessorWord, model};
 use crate::output::{complain, print_report};
 use crate::progress::Progress;
 use crate::render::words;
@@ -42,6 +42,10 @@ pub(crate) struct Words {
     #[arg(long)]
     run: bool,
 
+    /// What --run computes on; wgpu needs a build with `--features gpu-network`. The peak is that of the host's memory.
+    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", requires = "run")]
+    processor: ProcessorWord,
+
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -60,7 +64,7 @@ struct Case {
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let cases = words.cases()?;
     let mut rows = Vec::with_capacity(cases.len());
-    let mut measurer = Measurer::default();
+    let mut measurer = Measurer::new(words.processor.open()?);
     let progress = words.run.then(|| Progress::new("networks", cases.len()));
     for case in cases {
         let Case { dataset, config, views, size, published } = case;

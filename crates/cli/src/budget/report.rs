@@ -32,8 +32,8 @@ pub(super) struct Row {
     most: Tokens,
     published: Option<Published>,
     verdict: Verdict,
-    weight_bytes: u64,
-    activation_bytes: u64,
+    #[serde(flatten)]
+    memory: MemoryEstimate,
     #[serde(skip_serializing_if = "Option::is_none")]
     run: Option<Run>,
 }
@@ -100,8 +100,7 @@ impl Row {
             let keeps_to_formula = tokens.is_between(&least, &most);
             Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), making_secs, peak_bytes }
         });
-        let MemoryEstimate { weight_bytes, activation_bytes } = memory;
-        Self { dataset, model, views, size, least, most, published, verdict, weight_bytes, activation_bytes, run }
+        Self { dataset, model, views, size, least, most, published, verdict, memory, run }
     }
 }
 
@@ -178,7 +177,7 @@ impl Row {
             Verdict::NotPublished => "-",
         };
         let (dataset, size) = (dataset.unwrap_or("-"), self.size.to_string());
-        let memory = for_people(self.weight_bytes + self.activation_bytes);
+        let memory = for_people(self.memory.peak_bytes());
         writeln!(
             f,
             "{dataset:<7} {model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>15}  {told:>15}  {verdict:<8}  {memory:>9}"

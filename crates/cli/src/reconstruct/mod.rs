@@ -10,7 +10,7 @@ mod report;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_model::network::{Device, Reconstruction};
+use atsplat_model::network::Reconstruction;
 use atsplat_model::{ImageSize, budget};
 use atsplat_scene::Warnings;
 use clap::{Args, ValueEnum};
@@ -68,6 +68,7 @@ enum FrameWord {
 /// Reconstructs; `true`, since nothing is skipped.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     words.check()?;
+    let device = words.network.processor.open()?;
     let mut clock = Clock::default();
     let format = SceneFormat::of_path(&words.out).map_err(anyhow::Error::msg)?;
     let record_file = PendingFile::open(&output::record_path(&words.out))?;
@@ -81,7 +82,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let size = input.size()?;
     // What does not fit is told before weights and pictures are read.
     budget::budget(&source.config, input.trial.context().len(), size)?;
-    let (network, weights) = clock.time("weights", || source.load(&Device::flex()))?;
+    let (network, weights) = clock.time("weights", || source.load(&device))?;
     let views = clock.time("pictures", || input.views(size))?;
     let made = network.reconstruct(&views, words.network.seed).context("reconstructing")?;
     clock.extend(made.seconds.stages());
@@ -90,7 +91,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let output = clock.time("writing", || {
         let in_scene = match words.frame {
             FrameWord::Network => None,
-            FrameWord::Scene => Some(made.gaussians.transformed(&output::inverse(&normalisation.new_from_old))?),
+            FrameWord::Scene => Some(made.gaussians.transformed(&normalisation.new_from_old.inverse())?),
         };
         output::write(&words.out, in_scene.as_ref().unwrap_or(&made.gaussians), format, words.frame)
     })?;
@@ -101,6 +102,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         model: source.record()?,
         weights,
         seed: words.network.seed,
+        device: words.network.processor.into(),
         tokens: TokenRecord::of(&made),
         output,
         renders,

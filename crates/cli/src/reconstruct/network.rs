@@ -15,8 +15,7 @@ use atsplat_protocol::Sha256Digest;
 use clap::Args;
 use serde::Serialize;
 
-use crate::model_words::{ChangeWords, model};
-use crate::weights::file;
+use crate::model_words::{ChangeWords, ProcessorWord, model};
 
 /// What `random:SEED` runs where no model is named.
 const SMALLEST: &str = "nano";
@@ -47,6 +46,10 @@ pub(crate) struct NetworkWords {
 
     #[command(flatten)]
     changes: ChangeWords,
+
+    /// What the network computes on; wgpu needs a build with `--features gpu-network`.
+    #[arg(long = "device", value_name = "DEVICE", default_value = "cpu")]
+    pub(super) processor: ProcessorWord,
 
     /// What random selection of tokens draws with.
     #[arg(long, value_name = "N", default_value_t = 0)]
@@ -165,9 +168,22 @@ impl NetworkWords {
             WeightsWord::Untrained(_) => (asked.map_or_else(|| ModelConfig::named(SMALLEST), Ok)?, None),
             WeightsWord::File(path) => {
                 let advised = asked.clone().map_or_else(|| ModelConfig::named("paper-re10k"), Ok)?;
-                let file = file::open(path, || file::advice(&advised, self.sha256.as_ref()))?;
-                file::check_sha256(path, &file, self.sha256.as_ref())?;
-                let own = file::config(path, &file)?;
+                let asked_hash = self.sha256.map(|hash| hash.to_string());
+                let file = TensorFile::find(path, || {
+                    let advice = ModelWeights::advice(&advised, asked_hash.as_deref());
+                    format!("{advice}; `random:SEED` in place of a file runs the network untrained")
+                })?;
+                file.check_sha256(asked_hash.as_deref())?;
+                if !ModelWeights::is_one(&file.stored) {
+                    bail!(
+                        "weights: expected a file of this toolkit, found {} tensors without its metadata: `atsplat \
+                         weights import {} --model NAME --out FILE` makes one ({})",
+                        file.stored.tensors.len(),
+                        path.display(),
+                        path.display()
+                    );
+                }
+                let own = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
                 (asked.unwrap_or_else(|| own.clone()), Some((file, own)))
             }
         };
@@ -184,10 +200,10 @@ impl Source<'_> {
         let network = Network::new(&self.config, device)?;
         match (self.weights, &self.file) {
             (WeightsWord::File(path), Some((file, _))) => {
-                let weights = ModelWeights::from_stored(&file.stored).map_err(|error| file::in_file(path, error))?;
-                // Other configurations may run on the same parameters; they have to be the very same ones.
-                let weights = ModelWeights::new(self.config.clone(), weights.provenance, &weights.tensors)
-                    .map_err(|error| file::in_file(path, error))?;
+                // Other configurations may run on the same parameters.
+                let weights = ModelWeights::of_file(file)?
+                    .for_network(self.config.clone())
+                    .map_err(|error| error.in_file(path))?;
                 let record = WeightsRecord::File {
                     file: path.clone(),
                     sha256: file.sha256.clone(),

@@ -2,10 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use atsplat_camera::Similarity;
 use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
-use glam::DVec3;
 use serde::Serialize;
 
 use super::FrameWord;
@@ -72,29 +70,4 @@ pub(super) fn write(
         gaussians: gaussians.len(),
         sh_degree: gaussians.sh_degree(),
     })
-}
-
-/// The way back: `old = Rᵀ · new / scale + origin`.
-pub(super) fn inverse(change: &Similarity) -> Similarity {
-    Similarity {
-        rotation: change.rotation.inverse(),
-        origin: change.new_from_old(DVec3::ZERO),
-        scale: change.scale.recip(),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use atsplat_numeric::Tolerance;
-    use glam::DMat3;
-
-    #[test]
-    fn the_inverse_undoes() {
-        let rotation = DMat3::from_rotation_y(0.7) * DMat3::from_rotation_x(-0.3);
-        let change = Similarity { rotation, origin: DVec3::new(1.0, -2.0, 3.0), scale: 0.4 };
-        let point = DVec3::new(-0.3, 5.0, 2.0);
-        let back = inverse(&change).new_from_old(change.new_from_old(point));
-        Tolerance::F64.assert(back.to_array(), point.to_array(), "there and back");
-    }
 }

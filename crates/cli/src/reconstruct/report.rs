@@ -7,7 +7,7 @@ use std::time::Instant;
 use atsplat_camera::{Fallback, PoseNormalisation};
 use atsplat_model::ImageSize;
 use atsplat_model::budget::MemoryEstimate;
-use atsplat_model::network::Reconstruction;
+use atsplat_model::network::{Processor, Reconstruction};
 use atsplat_protocol::trial::AppliedNormalisation;
 use atsplat_protocol::{NearFar, Sha256Digest};
 use serde::Serialize;
@@ -28,6 +28,8 @@ pub(super) struct Record {
     pub(super) weights: WeightsRecord,
     /// What random selection drew with.
     pub(super) seed: u64,
+    /// What the network computed on: others round otherwise.
+    pub(super) device: Processor,
     pub(super) tokens: TokenRecord,
     pub(super) output: OutputRecord,
     pub(super) renders: Option<RendersRecord>,
@@ -155,10 +157,9 @@ impl Clock {
 /// Bytes.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-#[expect(clippy::struct_field_names, reason = "JSON has no other place for the unit")]
 pub(super) struct MemoryRecord {
-    weight_bytes: u64,
-    activation_bytes: u64,
+    #[serde(flatten)]
+    estimate: MemoryEstimate,
     estimated_peak_bytes: u64,
     /// What the process held at most, weights as read and pictures included.
     measured_peak_bytes: Option<u64>,
@@ -166,8 +167,7 @@ pub(super) struct MemoryRecord {
 
 impl MemoryRecord {
     pub(super) fn of(estimate: MemoryEstimate, measured_peak_bytes: Option<u64>) -> Self {
-        let MemoryEstimate { weight_bytes, activation_bytes } = estimate;
-        Self { weight_bytes, activation_bytes, estimated_peak_bytes: estimate.peak_bytes(), measured_peak_bytes }
+        Self { estimate, estimated_peak_bytes: estimate.peak_bytes(), measured_peak_bytes }
     }
 }
 
@@ -223,7 +223,8 @@ impl Report {
             writeln!(f, "{stage:<10}  {seconds:>8.3}")?;
         }
         writeln!(f, "{:<10}  {:>8.3}", "all", self.seconds.stages.iter().map(|(_, seconds)| seconds).sum::<f64>())?;
-        let MemoryRecord { weight_bytes, activation_bytes, estimated_peak_bytes, measured_peak_bytes } = self.memory;
+        let MemoryRecord { estimate, estimated_peak_bytes, measured_peak_bytes } = self.memory;
+        let MemoryEstimate { weight_bytes, activation_bytes } = estimate;
         let [all, weights, values] = [estimated_peak_bytes, weight_bytes, activation_bytes].map(for_people);
         write!(f, "\nmemory of the network, by formula: {all} ({weights} of weights, {values} of values)")?;
         match measured_peak_bytes {

@@ -1,9 +1,8 @@
 //! Which DINOv2 a file holds, told by its names and shapes.
 
+use atsplat_model::ModelError;
 use atsplat_model::config::{BackboneConfig, DinoSize};
-use atsplat_model::parameters::{Parameter, parameters};
-use atsplat_model::weights::{KeyMap, StoredTensors};
-use atsplat_model::{ModelConfig, ModelError};
+use atsplat_model::weights::StoredTensors;
 use serde::Serialize;
 
 /// A published network that a file holds whole.
@@ -20,25 +19,15 @@ pub(super) struct Backbone {
 }
 
 impl Backbone {
-    /// The one whose every parameter the file has, finite and of its shape; the largest where several fit.
     pub(super) fn in_file(stored: &StoredTensors) -> Result<Option<Self>, ModelError> {
-        let mut config = ModelConfig::named("paper-re10k")?;
-        for key_map in ["dinov2-official", "dinov2-hugging-face"] {
-            let map = KeyMap::resolve(key_map)?;
-            for size in [DinoSize::Large, DinoSize::Base, DinoSize::Small, DinoSize::Tiny] {
-                for registers in [true, false] {
-                    config.backbone = BackboneConfig::DinoV2 { size, registers };
-                    let frozen: Vec<Parameter> =
-                        parameters(&config).into_iter().filter(|parameter| !parameter.trained).collect();
-                    let (_, report) = map.apply(stored, &frozen);
-                    if report.is_complete() {
-                        let (parameters, left_over) = (report.matched.len(), report.left_over.len());
-                        return Ok(Some(Self { size, registers, key_map: key_map.to_owned(), parameters, left_over }));
-                    }
-                }
+        let found = BackboneConfig::in_file(stored)?;
+        Ok(found.and_then(|(backbone, report)| match backbone {
+            BackboneConfig::DinoV2 { size, registers } => {
+                let (parameters, left_over) = (report.matched.len(), report.left_over.len());
+                Some(Self { size, registers, key_map: report.key_map, parameters, left_over })
             }
-        }
-        Ok(None)
+            BackboneConfig::Patch { .. } => None,
+        }))
     }
 }
 

@@ -1,11 +1,10 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use atsplat_model::weights::{KeyMap, ModelWeights};
+use atsplat_model::weights::{KeyMap, ModelWeights, TensorFile};
 use clap::Args;
 use serde::Serialize;
 
-use super::file;
 use super::import::key_map;
 use crate::output::{PendingFile, print_report};
 
@@ -44,9 +43,8 @@ struct Report {
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let map = KeyMap::resolve(&words.key_map)?;
     let out = PendingFile::open(&words.out)?;
-    let source = file::open(&words.file, || "a weights file of this toolkit".to_owned())?;
-    let in_file = |error| file::in_file(&words.file, error);
-    let mut weights = ModelWeights::from_stored(&source.stored).map_err(in_file)?;
+    let source = TensorFile::find(&words.file, || "a weights file of this toolkit".to_owned())?;
+    let mut weights = ModelWeights::of_file(&source)?;
     weights.tensors.tensors.retain(|name, _| name.starts_with(&words.only));
     let exported = map.export(&weights.tensors)?;
     out.finish(&exported.to_safetensors()?)?;

@@ -6,12 +6,11 @@ use anyhow::{Context as _, bail};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ImportReport, KeyMap, KnownFile, ModelWeights, read_backbone};
+use atsplat_model::weights::{ImportReport, KeyMap, KnownFile, ModelWeights, TensorFile, read_backbone};
 use atsplat_protocol::Sha256Digest;
 use clap::Args;
 use serde::Serialize;
 
-use super::file;
 use super::precision::PrecisionWord;
 use crate::model_words::{is_toml, model};
 use crate::output::{PendingFile, complain, print_report};
@@ -65,43 +64,11 @@ struct Report {
     file: PathBuf,
     sha256: String,
     model: String,
-    key_map: String,
     complete: bool,
-    matched: Vec<MatchedRow>,
-    missing: Vec<MissingRow>,
-    mismatched: Vec<MismatchedRow>,
-    left_over: Vec<LeftOverRow>,
-    ignored: Vec<String>,
+    #[serde(flatten)]
+    found: ImportReport,
     backbone: Option<BackboneRow>,
     out: Option<PathBuf>,
-    #[serde(skip)]
-    text: String,
-}
-
-#[derive(Debug, Serialize)]
-struct MatchedRow {
-    parameter: String,
-    sources: Vec<String>,
-}
-
-#[derive(Debug, Serialize)]
-struct MissingRow {
-    parameter: String,
-    shape: Vec<usize>,
-}
-
-#[derive(Debug, Serialize)]
-struct MismatchedRow {
-    parameter: String,
-    sources: Vec<String>,
-    expected: String,
-    found: String,
-}
-
-#[derive(Debug, Serialize)]
-struct LeftOverRow {
-    tensor: String,
-    found: String,
 }
 
 #[derive(Debug, Serialize)]
@@ -120,8 +87,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         bail!("--backbone: the model {} has no DINOv2 backbone", config.name);
     }
     let out = words.out.as_deref().map(PendingFile::open).transpose()?;
-    let source = file::open(&words.file, || "a checkpoint or safetensors to import".to_owned())?;
-    file::check_sha256(&words.file, &source, words.sha256.as_ref())?;
+    let source = TensorFile::find(&words.file, || "a checkpoint or safetensors to import".to_owned())?;
+    source.check_sha256(words.sha256.map(|hash| hash.to_string()).as_deref())?;
     let backbone = match &words.backbone {
         Some(path) => {
             let asked = words.backbone_sha256.map(|hash| hash.to_string());
@@ -135,14 +102,22 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     }
     let (mut tensors, found) = map.apply(&source.stored, &expected);
     let complete = found.is_complete();
-    let lacks_backbone = found.missing.iter().any(|(name, _)| name.starts_with("backbone."));
+    let lacks_backbone = found.missing.iter().any(|missing| missing.parameter.starts_with("backbone."));
     let row = words.backbone.clone().zip(backbone.as_ref()).map(|(file, backbone)| BackboneRow {
         file,
         sha256: backbone.sha256.clone(),
         known: backbone.known.map(|known| known.what),
         matched: backbone.report.matched.len(),
     });
-    let mut report = Report::new(words, &config, source.sha256, found, row);
+    let mut report = Report {
+        file: words.file.clone(),
+        sha256: source.sha256,
+        model: config.name.clone(),
+        complete,
+        found,
+        backbone: row,
+        out: None,
+    };
     if !complete {
         print_report(&report, words.json)?;
         if lacks_backbone && let BackboneConfig::DinoV2 { .. } = config.backbone {
@@ -154,7 +129,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         let provenance = report.provenance(&words.note);
         tensors.tensors.extend(backbone.into_iter().flat_map(|backbone| backbone.tensors.tensors));
         let weights = ModelWeights::new(config, provenance, &tensors)?;
-        let bytes = words.precision.stored(&weights).context("--precision")?.to_safetensors()?;
+        let bytes = weights.to_stored(words.precision.into()).context("--precision")?.to_safetensors()?;
         out.finish(&bytes)?;
         report.out.clone_from(&words.out);
     }
@@ -163,41 +138,6 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
 }
 
 impl Report {
-    fn new(
-        words: &Words,
-        config: &ModelConfig,
-        sha256: String,
-        found: ImportReport,
-        backbone: Option<BackboneRow>,
-    ) -> Self {
-        let matched = found.matched.iter();
-        let mismatched = found.mismatched.iter();
-        Self {
-            file: words.file.clone(),
-            sha256,
-            model: config.name.clone(),
-            key_map: found.key_map.clone(),
-            complete: found.is_complete(),
-            text: found.to_string(),
-            matched: matched
-                .map(|row| MatchedRow { parameter: row.parameter.clone(), sources: row.sources.clone() })
-                .collect(),
-            mismatched: mismatched
-                .map(|row| MismatchedRow {
-                    parameter: row.parameter.clone(),
-                    sources: row.sources.clone(),
-                    expected: row.expected.clone(),
-                    found: row.found.clone(),
-                })
-                .collect(),
-            missing: found.missing.into_iter().map(|(parameter, shape)| MissingRow { parameter, shape }).collect(),
-            left_over: found.left_over.into_iter().map(|(tensor, found)| LeftOverRow { tensor, found }).collect(),
-            ignored: found.ignored,
-            backbone,
-            out: None,
-        }
-    }
-
     /// What the file will say of itself; notes of the user's come last and win.
     fn provenance(&self, notes: &[(String, String)]) -> BTreeMap<String, String> {
         let name = self.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -205,7 +145,7 @@ impl Report {
             ("imported-by".to_owned(), format!("atsplat {}", env!("CARGO_PKG_VERSION"))),
             ("imported-from".to_owned(), name),
             ("imported-sha256".to_owned(), self.sha256.clone()),
-            ("key-map".to_owned(), self.key_map.clone()),
+            ("key-map".to_owned(), self.found.key_map.clone()),
         ]);
         if let Some(BackboneRow { sha256, known: what, .. }) = &self.backbone {
             known.insert("backbone-sha256".to_owned(), sha256.clone());
@@ -218,7 +158,7 @@ impl Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "{} (sha256 {})\n{}", self.file.display(), self.sha256, self.text)?;
+        writeln!(f, "{} (sha256 {})\n{}", self.file.display(), self.sha256, self.found)?;
         if let Some(BackboneRow { file, sha256, known, matched }) = &self.backbone {
             let known = known.unwrap_or("a file of no hash that is known");
             writeln!(f, "backbone: {matched} parameters of {} (sha256 {sha256}): {known}", file.display())?;

@@ -7,7 +7,6 @@ use clap::Args;
 use serde::Serialize;
 
 use super::backbone::Backbone;
-use super::file;
 use crate::memory::for_people;
 use crate::output::print_report;
 
@@ -72,15 +71,15 @@ struct TensorRow {
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let file = file::open(&words.file, || "a file of weights".to_owned())?;
+    let file = TensorFile::find(&words.file, || "a file of weights".to_owned())?;
     print_report(&Report::of(words, file)?, words.json)?;
     Ok(true)
 }
 
 impl Report {
     fn of(words: &Words, file: TensorFile) -> anyhow::Result<Self> {
-        let TensorFile { sha256, stored } = file;
-        let what = if stored.metadata.contains_key(file::FORMAT_KEY) {
+        let TensorFile { sha256, stored, .. } = file;
+        let what = if ModelWeights::is_one(&stored) {
             match ModelWeights::from_stored(&stored) {
                 Ok(weights) => What::Atsplat { model: weights.config.name.clone(), hash: weights.config.hash()? },
                 Err(error) => What::Broken { fault: error.to_string() },

@@ -2,7 +2,6 @@
 
 mod backbone;
 mod export;
-pub(crate) mod file;
 mod import;
 mod inspect;
 mod precision;

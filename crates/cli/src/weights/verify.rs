@@ -4,13 +4,12 @@ use std::path::PathBuf;
 use anyhow::bail;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
-use atsplat_model::weights::{KnownFile, ModelWeights, read_backbone};
+use atsplat_model::weights::{KnownFile, ModelWeights, TensorFile, read_backbone};
 use atsplat_protocol::Sha256Digest;
 use clap::Args;
 use serde::Serialize;
 
 use super::backbone::Backbone;
-use super::file;
 use crate::model_words::model;
 use crate::output::print_report;
 
@@ -49,14 +48,14 @@ struct Report {
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let config = words.model.as_deref().map(ModelConfig::resolve).transpose()?;
-    let wanted = config.clone();
-    let file = file::open(&words.file, || match &wanted {
-        Some(config) => file::advice(config, words.sha256.as_ref()),
+    let asked = words.sha256.map(|hash| hash.to_string());
+    let file = TensorFile::find(&words.file, || match &config {
+        Some(config) => ModelWeights::advice(config, asked.as_deref()),
         None => "a file of weights".to_owned(),
     })?;
-    file::check_sha256(&words.file, &file, words.sha256.as_ref())?;
-    let (what, parameters) = if file.stored.metadata.contains_key(file::FORMAT_KEY) {
-        own(words, &file, config.as_ref())?
+    file.check_sha256(asked.as_deref())?;
+    let (what, parameters) = if ModelWeights::is_one(&file.stored) {
+        own(&file, config.as_ref())?
     } else {
         backbone(words, &file, config.as_ref())?
     };
@@ -74,25 +73,17 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
 }
 
 /// The toolkit's own: every tensor is there, of its shape, finite, and what was hashed when the file was written.
-fn own(
-    words: &Words,
-    file: &atsplat_model::weights::TensorFile,
-    config: Option<&ModelConfig>,
-) -> anyhow::Result<(String, usize)> {
-    let in_file = |error| file::in_file(&words.file, error);
-    let weights = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
+fn own(file: &TensorFile, config: Option<&ModelConfig>) -> anyhow::Result<(String, usize)> {
+    let weights = ModelWeights::of_file(file)?;
+    let (what, parameters) = (format!("weights of the model {}", weights.config.name), weights.tensors.tensors.len());
     if let Some(config) = config {
-        ModelWeights::new(config.clone(), weights.provenance, &weights.tensors).map_err(in_file)?;
+        weights.for_network(config.clone()).map_err(|error| error.in_file(&file.path))?;
     }
-    Ok((format!("weights of the model {}", weights.config.name), weights.tensors.tensors.len()))
+    Ok((what, parameters))
 }
 
 /// Somebody else's: a whole backbone, of the model's where one was asked for.
-fn backbone(
-    words: &Words,
-    file: &atsplat_model::weights::TensorFile,
-    config: Option<&ModelConfig>,
-) -> anyhow::Result<(String, usize)> {
+fn backbone(words: &Words, file: &TensorFile, config: Option<&ModelConfig>) -> anyhow::Result<(String, usize)> {
     match config {
         Some(config) if matches!(config.backbone, BackboneConfig::DinoV2 { .. }) => {
             read_backbone(&words.file, config, None)?;

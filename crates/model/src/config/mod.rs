@@ -190,14 +190,30 @@ impl ModelConfig {
     /// # Errors
     /// [`ModelError::Malformed`] where their number differs.
     pub fn with_thresholds(&self, thresholds: &[f64]) -> Result<Self, ModelError> {
+        self.with_expansions("thresholds", thresholds.iter().copied().map(BlockExpansion::Threshold))
+    }
+
+    /// The same network that expands these shares of the tokens: one ratio for each block that expands, in order.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where their number differs.
+    pub fn with_ratios(&self, ratios: &[SelectionRatio]) -> Result<Self, ModelError> {
+        self.with_expansions("ratios", ratios.iter().copied().map(BlockExpansion::Ratio))
+    }
+
+    fn with_expansions(
+        &self,
+        what: &str,
+        expansions: impl ExactSizeIterator<Item = BlockExpansion>,
+    ) -> Result<Self, ModelError> {
         let mut config = self.clone();
         let expanding: Vec<_> = config.decoder.blocks.iter_mut().filter_map(|block| block.expansion.as_mut()).collect();
-        if expanding.len() != thresholds.len() {
-            let expected = format!("{} thresholds, one for each block that expands", expanding.len());
-            return Err(ModelError::malformed(validate::WHAT, "decoder.blocks", expected, thresholds.len()));
+        if expanding.len() != expansions.len() {
+            let expected = format!("{} {what}, one for each block that expands", expanding.len());
+            return Err(ModelError::malformed(validate::WHAT, "decoder.blocks", expected, expansions.len()));
         }
-        for (block, &threshold) in expanding.into_iter().zip(thresholds) {
-            *block = BlockExpansion::Threshold(threshold);
+        for (block, expansion) in expanding.into_iter().zip(expansions) {
+            *block = expansion;
         }
         config.validate()?;
         Ok(config)

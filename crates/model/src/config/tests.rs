@@ -67,6 +67,19 @@ fn hashes_ignore_prose_and_nothing_else() {
 }
 
 #[test]
+fn ratios_replace_those_of_the_blocks_that_expand() {
+    let config = ModelConfig::named("paper-re10k").unwrap();
+    let ratios = |shares: &[f64]| shares.iter().map(|&share| SelectionRatio::new(share).unwrap()).collect::<Vec<_>>();
+    assert_eq!(config.with_ratios(&ratios(&[0.5, 0.5, 0.25])).unwrap(), config);
+    let most = |config: &ModelConfig| crate::budget::budget(config, 2, config.resolution).unwrap().most.final_tokens;
+    assert_eq!(most(&config.with_ratios(&ratios(&[1.0, 0.5, 0.0])).unwrap()), 512 * 3);
+    for wrong in [&[][..], &[0.5], &[0.5; 4]] {
+        let error = config.with_ratios(&ratios(wrong)).unwrap_err().to_string();
+        assert!(error.contains("expected 3 ratios, one for each block that expands"), "{error}");
+    }
+}
+
+#[test]
 fn every_variant_is_a_matter_of_configuration() {
     for (from, to) in [
         ("design = { kind = \"patch-depth\" }", "design = { kind = \"patch-depth\" }"),

@@ -6,6 +6,8 @@ use atsplat_splat::cpu::{CpuRenderer, Recording};
 use atsplat_splat::{
     Census, GaussianParts, Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View,
 };
+#[cfg(feature = "gpu-network")]
+use burn::backend::Cube;
 use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
 use burn::backend::autodiff::grads::Gradients as Graph;
 use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
@@ -17,7 +19,7 @@ use burn::tensor::{Shape, TensorData, try_read_sync};
 const INPUTS: usize = 6;
 
 /// Differentiable on `Autodiff`.
-#[backend_extension(Flex, Autodiff)]
+#[backend_extension(Cube: cfg(feature = "gpu-network"), Flex, Autodiff)]
 pub(super) trait Splatting: Backend {
     /// `[1, Gaussians, …]` each, scalars `[Gaussians]`; into `[views, height, width, channels]`.
     fn splat(
@@ -134,21 +136,30 @@ impl Request {
     }
 }
 
-impl Splatting for Flex {
-    fn splat(
-        means: FloatTensor<Self>,
-        quaternions: FloatTensor<Self>,
-        log_scales: FloatTensor<Self>,
-        opacity_logits: FloatTensor<Self>,
-        sh: FloatTensor<Self>,
-        scalars: FloatTensor<Self>,
-        request: Arc<Request>,
-    ) -> FloatTensor<Self> {
-        let device = means.device();
-        let gaussians = request.gaussians::<Self>([means, quaternions, log_scales, opacity_logits, sh, scalars]);
-        tensor::<Self>(request.render(gaussians), request.shape(), &device)
-    }
+macro_rules! without_gradients {
+    ($backend:ty) => {
+        impl Splatting for $backend {
+            fn splat(
+                means: FloatTensor<Self>,
+                quaternions: FloatTensor<Self>,
+                log_scales: FloatTensor<Self>,
+                opacity_logits: FloatTensor<Self>,
+                sh: FloatTensor<Self>,
+                scalars: FloatTensor<Self>,
+                request: Arc<Request>,
+            ) -> FloatTensor<Self> {
+                let device = means.device();
+                let gaussians =
+                    request.gaussians::<Self>([means, quaternions, log_scales, opacity_logits, sh, scalars]);
+                tensor::<Self>(request.render(gaussians), request.shape(), &device)
+            }
+        }
+    };
 }
+
+without_gradients!(Flex);
+#[cfg(feature = "gpu-network")]
+without_gradients!(Cube);
 
 impl<B: Backend, C: CheckpointStrategy> Splatting for Autodiff<B, C> {
     fn splat(

@@ -4,6 +4,7 @@
 //! Files are mapped and never executed. Any bytes give weights that are whole, finite and of the right shapes, or
 //! a typed error; nothing is loaded half-way.
 
+mod backbone;
 mod generated;
 mod key_map;
 mod known_files;
@@ -14,11 +15,12 @@ mod stored;
 mod tensor;
 
 pub use atsplat_pickle::DType;
+pub use backbone::{BackboneWeights, read_backbone};
 pub use generated::generated;
 pub use key_map::KeyMap;
 pub use known_files::KnownFile;
-pub use model_weights::{BackboneWeights, ModelWeights, Precision, read_backbone};
-pub use report::{ImportReport, Matched, Mismatched};
+pub use model_weights::{ModelWeights, Precision};
+pub use report::{ImportReport, LeftOver, Matched, Mismatched, Missing};
 pub use stored::{StoredTensors, TensorFile};
 pub use tensor::StoredTensor;
 

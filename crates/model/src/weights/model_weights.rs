@@ -1,10 +1,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use super::{ImportReport, KeyMap, KnownFile, StoredTensors, TensorFile};
+use super::{KeyMap, KnownFile, LeftOver, StoredTensors, TensorFile};
 use crate::ModelError;
-use crate::config::ModelConfig;
-use crate::parameters::{Parameter, parameters};
+use crate::config::{BackboneConfig, ModelConfig};
+use crate::parameters::parameters;
 
 const WHAT: &str = "ATSplat weights";
 const FORMAT_KEY: &str = "atsplat.format";
@@ -24,8 +24,10 @@ pub struct ModelWeights {
     pub config: ModelConfig,
     /// How the weights came to be: data, steps, seed, commit, command, and whatever else matters.
     pub provenance: BTreeMap<String, String>,
-    /// Every parameter of the network, f32 or f16. Empty metadata.
+    /// Every parameter of the network, in the element types of the file. Empty metadata.
     pub tensors: StoredTensors,
+    /// sha256 of the file that they were read from, in hexadecimal; none where they were not.
+    pub sha256: Option<String>,
 }
 
 /// Which numbers a file stores.
@@ -33,8 +35,10 @@ pub struct ModelWeights {
 pub enum Precision {
     /// f32, as trained.
     Single,
-    /// f16, half the size.
+    /// f16, half the size: four digits, up to 65504.
     Half,
+    /// bf16, half the size: the range of f32, three digits.
+    Brain,
 }
 
 impl ModelWeights {
@@ -49,10 +53,10 @@ impl ModelWeights {
         stored: &StoredTensors,
     ) -> Result<Self, ModelError> {
         let (tensors, report) = KeyMap::identity().import(stored, &parameters(&config))?;
-        if let Some((name, tensor)) = report.left_over.first() {
-            return Err(ModelError::malformed(WHAT, format!("tensor {name}"), "a parameter of the network", tensor));
+        if let Some(LeftOver { tensor, found }) = report.left_over.first() {
+            return Err(ModelError::malformed(WHAT, format!("tensor {tensor}"), "a parameter of the network", found));
         }
-        Ok(Self { config, provenance, tensors })
+        Ok(Self { config, provenance, tensors, sha256: None })
     }
 
     /// Reads the toolkit's own file. Nothing is returned unless every tensor is there, of its shape, finite,
@@ -62,8 +66,59 @@ impl ModelWeights {
     /// [`ModelError::MissingWeights`] where there is no file, [`ModelError::InFile`] around the errors of
     /// [`Self::from_stored`].
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let file = open(path, || "a weights file of this toolkit".to_owned())?;
-        Self::from_stored(&file.stored).map_err(|error| error.in_file(path))
+        let expected =
+            "a weights file of this toolkit, which `atsplat weights import` makes of a checkpoint of PyTorch";
+        Self::of_file(&TensorFile::find(path, || expected.to_owned())?)
+    }
+
+    /// [`Self::read`], of a file that is open already.
+    ///
+    /// # Errors
+    /// [`ModelError::InFile`] around the errors of [`Self::from_stored`].
+    pub fn of_file(file: &TensorFile) -> Result<Self, ModelError> {
+        let weights = Self::from_stored(&file.stored).map_err(|error| error.in_file(&file.path))?;
+        Ok(Self { sha256: Some(file.sha256.clone()), ..weights })
+    }
+
+    /// Whether a file says that it is one of this toolkit.
+    pub fn is_one(stored: &StoredTensors) -> bool {
+        stored.metadata.contains_key(FORMAT_KEY)
+    }
+
+    /// The configuration that a file says it was written for; its tensors are not looked at.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] where the metadata are not this toolkit's, or hold no configuration.
+    pub fn config_of(stored: &StoredTensors) -> Result<ModelConfig, ModelError> {
+        let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
+        if format != FORMAT {
+            return Err(ModelError::malformed(WHAT, format!("metadata {FORMAT_KEY}"), FORMAT, format));
+        }
+        ModelConfig::from_toml(entry(stored, CONFIGURATION_KEY, "a model configuration")?)
+    }
+
+    /// What to tell a user who lacks the weights of a network, and their hash where one is known.
+    pub fn advice(config: &ModelConfig, sha256: Option<&str>) -> String {
+        let hash = sha256.map_or_else(String::new, |hash| format!(" of sha256 {hash}"));
+        let name = &config.name;
+        let mut text = format!(
+            "a weights file{hash} of the model {name}, which `atsplat weights import CHECKPOINT --model {name}` makes of \
+             a checkpoint of PyTorch"
+        );
+        if let BackboneConfig::DinoV2 { .. } = config.backbone {
+            text.push_str("; its frozen backbone is ");
+            text.push_str(&KnownFile::advice(&config.backbone));
+        }
+        text
+    }
+
+    /// The same numbers as weights of another network, whose parameters have to be the very same ones.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn for_network(self, config: ModelConfig) -> Result<Self, ModelError> {
+        let sha256 = self.sha256;
+        Ok(Self { sha256, ..Self::new(config, self.provenance, &self.tensors)? })
     }
 
     /// What [`Self::to_stored`] gave.
@@ -72,16 +127,8 @@ impl ModelWeights {
     /// [`ModelError::Malformed`] where the metadata are not this toolkit's or the hash differs, and as
     /// [`Self::new`].
     pub fn from_stored(stored: &StoredTensors) -> Result<Self, ModelError> {
-        let text = |key: &str, expected: &str| {
-            let found = stored.metadata.get(key).map(String::as_str);
-            found.ok_or_else(|| ModelError::malformed(WHAT, format!("metadata {key}"), expected, "no such entry"))
-        };
-        let format = text(FORMAT_KEY, "the format's version; other files are imported by a key map")?;
-        if format != FORMAT {
-            return Err(ModelError::malformed(WHAT, format!("metadata {FORMAT_KEY}"), FORMAT, format));
-        }
-        let config = ModelConfig::from_toml(text(CONFIGURATION_KEY, "a model configuration")?)?;
-        let (digest, found) = (text(DIGEST_KEY, "a sha256")?, stored.digest());
+        let config = Self::config_of(stored)?;
+        let (digest, found) = (entry(stored, DIGEST_KEY, "a sha256")?, stored.digest());
         if digest != found {
             return Err(ModelError::malformed(WHAT, "tensors", format!("sha256 {digest}, as written"), found));
         }
@@ -95,13 +142,14 @@ impl ModelWeights {
     /// The contents of a file, which [`Self::from_stored`] takes back.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where a number does not fit f16.
+    /// [`ModelError::Malformed`] where a number is beyond the precision's range.
     pub fn to_stored(&self, precision: Precision) -> Result<StoredTensors, ModelError> {
         let mut stored = StoredTensors::default();
         for (name, tensor) in &self.tensors.tensors {
             let tensor = match precision {
                 Precision::Single => super::StoredTensor::from_f32(tensor.shape().to_vec(), &tensor.to_f32()?)?,
                 Precision::Half => tensor.to_half()?,
+                Precision::Brain => tensor.to_brain()?,
             };
             stored.tensors.insert(name.clone(), tensor);
         }
@@ -123,61 +171,7 @@ impl ModelWeights {
     }
 }
 
-/// The frozen backbone of a configuration, read from a published file.
-#[derive(Clone, Debug)]
-pub struct BackboneWeights {
-    /// Parameters whose names begin with `backbone.`.
-    pub tensors: StoredTensors,
-    /// What became of the file's tensors.
-    pub report: ImportReport,
-    /// sha256 of the file, to be recorded with every result.
-    pub sha256: String,
-    /// What the file is, if its hash is known.
-    pub known: Option<&'static KnownFile>,
-}
-
-/// Reads the frozen backbone from the authors' file or from Hugging Face's, told apart by the names in it.
-///
-/// # Errors
-/// [`ModelError::MissingWeights`] with where to get them, [`ModelError::InFile`] around
-/// [`ModelError::Unfit`], or around [`ModelError::Malformed`] where the file's sha256 is not `expected_sha256`.
-pub fn read_backbone(
-    path: &Path,
-    config: &ModelConfig,
-    expected_sha256: Option<&str>,
-) -> Result<BackboneWeights, ModelError> {
-    let file = open(path, || KnownFile::advice(&config.backbone))?;
-    if let Some(expected) = expected_sha256.filter(|expected| !expected.eq_ignore_ascii_case(&file.sha256)) {
-        let expected = format!("sha256 {expected}");
-        return Err(ModelError::malformed("weights", "file", expected, &file.sha256).in_file(path));
-    }
-    let expected: Vec<Parameter> = parameters(config).into_iter().filter(|parameter| !parameter.trained).collect();
-    let maps = ["dinov2-official", "dinov2-hugging-face"].map(KeyMap::resolve);
-    let mut best: Option<(StoredTensors, ImportReport)> = None;
-    for map in maps {
-        let outcome = map?.apply(&file.stored, &expected);
-        // Of two maps that fail, the one that knows more of the file's names has the better report.
-        if best.as_ref().is_none_or(|(_, report)| report.missing.len() > outcome.1.missing.len()) {
-            best = Some(outcome);
-        }
-    }
-    match best {
-        Some((tensors, report)) if report.is_complete() => {
-            let known = KnownFile::with_sha256(&file.sha256);
-            Ok(BackboneWeights { tensors, report, sha256: file.sha256, known })
-        }
-        best => {
-            let report = best.map(|(_, report)| report).unwrap_or_default();
-            Err(ModelError::Unfit(Box::new(report)).in_file(path))
-        }
-    }
-}
-
-fn open(path: &Path, expected: impl FnOnce() -> String) -> Result<TensorFile, ModelError> {
-    TensorFile::open(path).map_err(|error| match error {
-        ModelError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
-            ModelError::MissingWeights { expected: expected(), path: path.to_owned() }
-        }
-        other => other,
-    })
+fn entry<'a>(stored: &'a StoredTensors, key: &str, expected: &str) -> Result<&'a str, ModelError> {
+    let found = stored.metadata.get(key).map(String::as_str);
+    found.ok_or_else(|| ModelError::malformed(WHAT, format!("metadata {key}"), expected, "no such entry"))
 }

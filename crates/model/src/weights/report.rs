@@ -1,21 +1,24 @@
 use std::fmt;
 
+use serde::Serialize;
+
 use super::StoredTensor;
 
 /// How many names of a kind a printed report shows.
 const SHOWN: usize = 12;
 
 /// What became of every tensor of a file, and of every parameter of the network.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
 pub struct ImportReport {
     /// The key map that was used.
     pub key_map: String,
     /// Parameters that were found, in the network's order.
     pub matched: Vec<Matched>,
-    /// Parameters that no tensor became: name and shape.
-    pub missing: Vec<(String, Vec<usize>)>,
-    /// Tensors that became no parameter, in the file's order: name, type and shape.
-    pub left_over: Vec<(String, String)>,
+    /// Parameters that no tensor became.
+    pub missing: Vec<Missing>,
+    /// Tensors that became no parameter, in the file's order.
+    pub left_over: Vec<LeftOver>,
     /// Tensors that the key map knows and does not need.
     pub ignored: Vec<String>,
     /// Tensors that became a parameter of another shape, or could not.
@@ -23,7 +26,7 @@ pub struct ImportReport {
 }
 
 /// A parameter and the tensors it came from.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Matched {
     /// The parameter.
     pub parameter: String,
@@ -31,8 +34,26 @@ pub struct Matched {
     pub sources: Vec<String>,
 }
 
+/// A parameter that the file does not have.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct Missing {
+    /// The parameter.
+    pub parameter: String,
+    /// Its shape.
+    pub shape: Vec<usize>,
+}
+
+/// A tensor that the network does not have.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+pub struct LeftOver {
+    /// Name in the file.
+    pub tensor: String,
+    /// Its type and shape.
+    pub found: String,
+}
+
 /// A parameter that cannot be what the file holds.
-#[derive(Clone, Debug, PartialEq, Eq)]
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Mismatched {
     /// The parameter.
     pub parameter: String,
@@ -51,7 +72,7 @@ impl ImportReport {
     }
 
     pub(super) fn left_over(&mut self, name: &str, tensor: &StoredTensor) {
-        self.left_over.push((name.to_owned(), tensor.to_string()));
+        self.left_over.push(LeftOver { tensor: name.to_owned(), found: tensor.to_string() });
     }
 }
 
@@ -67,12 +88,12 @@ impl fmt::Display for ImportReport {
             self.left_over.len(),
             self.ignored.len(),
         )?;
-        list(f, "missing", &self.missing, |(name, shape)| format!("{name} {shape:?}"))?;
+        list(f, "missing", &self.missing, |Missing { parameter, shape }| format!("{parameter} {shape:?}"))?;
         list(f, "another shape", &self.mismatched, |mismatch| {
             let Mismatched { parameter, sources, expected, found } = mismatch;
             format!("{parameter}: expected {expected}, found {found} ({})", sources.join(", "))
         })?;
-        list(f, "left over", &self.left_over, |(name, tensor)| format!("{name} {tensor}"))
+        list(f, "left over", &self.left_over, |LeftOver { tensor, found }| format!("{tensor} {found}"))
     }
 }
 

@@ -1,5 +1,5 @@
 use std::collections::BTreeMap;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use atsplat_pickle::{Dict, Key, SharedBytes, Tensor, Value, shortened};
 use indexmap::IndexMap;
@@ -26,6 +26,8 @@ pub struct StoredTensors {
 /// A file of tensors that was read, not yet asked what it means.
 #[derive(Clone, Debug)]
 pub struct TensorFile {
+    /// Where it is.
+    pub path: PathBuf,
     /// sha256 of the whole file, in hexadecimal.
     pub sha256: String,
     /// What it holds.
@@ -43,7 +45,34 @@ impl TensorFile {
         let file = atsplat_pickle::map(path).map_err(ModelError::io("reading weights", path))?;
         let sha256 = crate::hexadecimal(&Sha256::digest(&*file));
         let stored = StoredTensors::parse(file).map_err(|error| error.in_file(path))?;
-        Ok(Self { sha256, stored })
+        Ok(Self { path: path.to_owned(), sha256, stored })
+    }
+
+    /// [`Self::open`] for a file that somebody has to get: where it is absent, `expected` says what it is and where from.
+    ///
+    /// # Errors
+    /// [`ModelError::MissingWeights`], and as [`Self::open`].
+    pub fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<Self, ModelError> {
+        Self::open(path).map_err(|error| match error {
+            ModelError::Io { ref source, .. } if source.kind() == std::io::ErrorKind::NotFound => {
+                ModelError::MissingWeights { expected: expected(), path: path.to_owned() }
+            }
+            other => other,
+        })
+    }
+
+    /// Refuses a file of another hash than the one that was asked for, if one was.
+    ///
+    /// # Errors
+    /// [`ModelError::InFile`] around [`ModelError::Malformed`].
+    pub fn check_sha256(&self, asked: Option<&str>) -> Result<(), ModelError> {
+        match asked.filter(|asked| !asked.eq_ignore_ascii_case(&self.sha256)) {
+            None => Ok(()),
+            Some(asked) => {
+                let expected = format!("a file of sha256 {asked}");
+                Err(ModelError::malformed("weights", "file", expected, &self.sha256).in_file(&self.path))
+            }
+        }
     }
 }
 

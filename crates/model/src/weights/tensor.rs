@@ -76,12 +76,39 @@ impl StoredTensor {
     /// # Errors
     /// [`ModelError::Malformed`] for integers, and where a finite number overflows.
     pub fn to_half(&self) -> Result<Self, ModelError> {
-        let values = self.to_f32()?;
-        if let Some(value) = values.iter().find(|value| value.is_finite() && !f16::from_f32(**value).is_finite()) {
-            return Err(ModelError::malformed(WHAT, "tensor", "numbers that f16 can hold, up to 65504", value));
+        self.to_halves(DType::F16, "numbers that f16 can hold, up to 65504", |value| {
+            let half = f16::from_f32(value);
+            (half.is_finite(), half.to_le_bytes())
+        })
+    }
+
+    /// The same numbers as bf16, rounded to nearest even: the range of f32, three digits.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`] for integers, and where a finite number overflows.
+    pub fn to_brain(&self) -> Result<Self, ModelError> {
+        self.to_halves(DType::Bf16, "numbers that bf16 can hold, up to 3.3895e38", |value| {
+            let brain = bf16::from_f32(value);
+            (brain.is_finite(), brain.to_le_bytes())
+        })
+    }
+
+    /// `round` says whether its result is finite, and gives its bytes.
+    fn to_halves(
+        &self,
+        dtype: DType,
+        expected: &str,
+        round: impl Fn(f32) -> (bool, [u8; 2]),
+    ) -> Result<Self, ModelError> {
+        let mut bytes = Vec::with_capacity(self.bytes.len());
+        for value in self.to_f32()? {
+            let (is_finite, rounded) = round(value);
+            if value.is_finite() && !is_finite {
+                return Err(ModelError::malformed(WHAT, "tensor", expected, value));
+            }
+            bytes.extend_from_slice(&rounded);
         }
-        let bytes: Vec<u8> = values.iter().flat_map(|value| f16::from_f32(*value).to_le_bytes()).collect();
-        Self::new(DType::F16, self.shape.clone(), SharedBytes::new(bytes))
+        Self::new(dtype, self.shape.clone(), SharedBytes::new(bytes))
     }
 
     /// The matrix with rows and columns exchanged.
@@ -217,5 +244,9 @@ mod tests {
         assert!(StoredTensor::new(DType::U8, vec![usize::MAX, 2], SharedBytes::new(vec![])).is_err());
         assert!(StoredTensor::from_f32(vec![1], &[1e6]).unwrap().to_half().is_err(), "f16 ends at 65504");
         assert_values(&StoredTensor::from_f32(vec![1], &[65504.0]).unwrap().to_half().unwrap(), &[65504.0]);
+        // 257 and 259 lie half-way between numbers of eight digits: to the even one.
+        let brain = StoredTensor::from_f32(vec![3], &[257.0, 259.0, -1e30]).unwrap().to_brain().unwrap();
+        assert_values(&brain, &[256.0, 260.0, f64::from(bf16::from_f32(-1e30).to_f32())]);
+        assert!(StoredTensor::from_f32(vec![1], &[f32::MAX]).unwrap().to_brain().is_err(), "rounds to infinity");
     }
 }

@@ -35,6 +35,7 @@ fn weights_come_back_as_they_were_written() {
     let read = ModelWeights::read(&path).unwrap();
     assert_eq!((&read.config, &read.provenance), (&weights.config, &weights.provenance));
     assert_eq!(read.tensors.digest(), weights.tensors.digest());
+    assert_eq!((read.sha256.as_ref(), weights.sha256.as_ref()), (Some(&TensorFile::open(&path).unwrap().sha256), None));
     read.write(&again, Precision::Single).unwrap();
     assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&again).unwrap(), "the same bytes");
     assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing partial is left");
@@ -54,6 +55,59 @@ fn the_reference_implementation_reads_what_we_write() {
     assert_eq!(metadata.metadata().as_ref().unwrap()["atsplat.format"], "1");
     let rewritten = ::safetensors::serialize(theirs.iter(), None).unwrap();
     assert_eq!(StoredTensors::parse(shared(rewritten)).unwrap().digest(), stored.digest(), "and we what it writes");
+}
+
+#[test]
+fn every_precision_is_read_back() {
+    let weights = nano();
+    for (precision, dtype, relative) in [
+        (Precision::Single, DType::F32, 0.0),
+        (Precision::Half, DType::F16, 2f64.powi(-11)),
+        (Precision::Brain, DType::Bf16, 2f64.powi(-8)),
+    ] {
+        let stored = weights.to_stored(precision).unwrap();
+        let read = ModelWeights::from_stored(&StoredTensors::parse(shared(stored.to_safetensors().unwrap())).unwrap());
+        for (name, tensor) in &read.unwrap().tensors.tensors {
+            assert_eq!(tensor.dtype(), dtype, "{name}");
+            let wanted = weights.tensors.tensors[name].to_f32().unwrap();
+            for (found, wanted) in tensor.to_f32().unwrap().into_iter().zip(wanted) {
+                // Below 6.1e-5, f16 has fewer digits.
+                let bound = relative * f64::from(wanted.abs()) + 2f64.powi(-25);
+                assert!(f64::from((found - wanted).abs()) <= bound, "{name}: {found} for {wanted}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_file_tells_its_network_before_its_numbers_are_read() {
+    let mut stored = nano().to_stored(Precision::Brain).unwrap();
+    stored.tensors.clear();
+    assert_eq!(ModelWeights::config_of(&stored).unwrap().name, "nano");
+    assert!(ModelWeights::is_one(&stored));
+    stored.metadata.remove("atsplat.format");
+    assert!(!ModelWeights::is_one(&stored) && ModelWeights::config_of(&stored).is_err());
+}
+
+#[test]
+fn numbers_serve_every_network_of_the_same_parameters() {
+    let other = nano().config.with_expansion_in_first(1);
+    assert_eq!(nano().for_network(other.clone()).unwrap().config, other);
+    assert!(nano().for_network(ModelConfig::named("mini").unwrap()).is_err());
+}
+
+#[test]
+fn absent_weights_of_a_network_say_which_and_where_from() {
+    let advice = |name: &str, hash| ModelWeights::advice(&ModelConfig::named(name).unwrap(), hash);
+    let paper = advice("paper-dl3dv", Some("00ff"));
+    for part in ["model paper-dl3dv", "sha256 00ff", "weights import", "dinov2_vitb14_pretrain.pth", "https://"] {
+        assert!(paper.contains(part), "{paper}");
+    }
+    let mut config = ModelConfig::named("nano").unwrap();
+    config.backbone = crate::config::BackboneConfig::Patch { layers: 1 };
+    assert!(!ModelWeights::advice(&config, None).contains("backbone"));
+    let error = ModelWeights::read("no/such.safetensors".as_ref()).unwrap_err();
+    assert!(matches!(error, ModelError::MissingWeights { .. }) && error.to_string().contains("import"), "{error}");
 }
 
 #[test]
@@ -93,7 +147,7 @@ fn files_without_our_metadata_are_not_taken_for_ours() {
     stored.tensors.swap_remove(&name);
     stored.metadata.insert("atsplat.tensors-sha256".to_owned(), stored.digest());
     let error = ModelWeights::from_stored(&stored).unwrap_err();
-    assert!(matches!(&error, ModelError::Unfit(report) if report.missing[0].0 == name), "{error}");
+    assert!(matches!(&error, ModelError::Unfit(report) if report.missing[0].parameter == name), "{error}");
 }
 
 #[test]
@@ -110,7 +164,7 @@ fn absent_and_wrong_backbones_say_where_the_right_one_is() {
     let error = read_backbone(&path, &config, None).unwrap_err().to_string();
     assert!(error.contains("174 missing") && error.contains("nano.safetensors"), "{error}");
     let error = read_backbone(&path, &config, Some("00ff")).unwrap_err().to_string();
-    assert!(error.contains("expected sha256 00ff, found "), "{error}");
+    assert!(error.contains("expected a file of sha256 00ff, found "), "{error}");
 }
 
 #[test]

@@ -3,7 +3,7 @@ use indexmap::IndexMap;
 use super::{KeyMap, Rule};
 use crate::ModelError;
 use crate::parameters::Parameter;
-use crate::weights::{ImportReport, Matched, Mismatched, StoredTensor, StoredTensors};
+use crate::weights::{ImportReport, Matched, Mismatched, Missing, StoredTensor, StoredTensors};
 
 /// What a file has for one parameter.
 #[derive(Default)]
@@ -35,7 +35,7 @@ impl KeyMap {
             let Some(candidate) = candidates.swap_remove(parameter.name.as_str()) else { continue };
             let name = parameter.name.clone();
             if candidate.sources.is_empty() {
-                report.missing.push((name, parameter.shape.clone()));
+                report.missing.push(Missing { parameter: name, shape: parameter.shape.clone() });
                 continue;
             }
             let sources = candidate.sources.clone();

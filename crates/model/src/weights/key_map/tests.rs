@@ -1,7 +1,7 @@
 use super::*;
 use crate::config::{BackboneConfig, DinoSize, ModelConfig};
 use crate::parameters::{Parameter, parameters};
-use crate::weights::{StoredTensor, StoredTensors, generated};
+use crate::weights::{LeftOver, Missing, StoredTensor, StoredTensors, generated};
 
 fn dino(size: DinoSize, registers: bool) -> Vec<Parameter> {
     let mut config = ModelConfig::named("paper-re10k").unwrap();
@@ -36,6 +36,11 @@ fn dinov2_survives_a_journey_through_both_naming_schemes() {
             let (again, report) = map.import(&foreign, &expected).unwrap();
             assert_eq!(again.digest(), ours.digest(), "{report}");
             assert!(report.left_over.is_empty() && report.ignored.is_empty(), "{report}");
+            let (found, report) = BackboneConfig::in_file(&foreign).unwrap().unwrap();
+            assert_eq!((found, &report.key_map), (BackboneConfig::DinoV2 { size, registers }, &map.name));
+            let mut lacking = foreign.clone();
+            lacking.tensors.pop();
+            assert_eq!(BackboneConfig::in_file(&lacking).unwrap(), None);
         }
     }
 }
@@ -74,8 +79,12 @@ fn the_report_says_what_is_missing_left_over_and_of_another_shape() {
     let expected = [parameter("a", &[2, 3]), parameter("b", &[2, 2]), parameter("d", &[7])];
     let (found, report) = map.apply(&file, &expected);
     assert_eq!(found.tensors.keys().collect::<Vec<_>>(), ["a"]);
-    assert_eq!(report.missing, [("d".to_owned(), vec![7])]);
-    assert_eq!(report.left_over, [("c".to_owned(), "float32 [1]".to_owned())]);
+    assert_eq!(report.missing, [Missing { parameter: "d".to_owned(), shape: vec![7] }]);
+    let left_over = LeftOver { tensor: "c".to_owned(), found: "float32 [1]".to_owned() };
+    assert_eq!(report.left_over, [left_over]);
+    let json = serde_json::to_value(&report).unwrap();
+    assert_eq!(json["missing"], serde_json::json!([{ "parameter": "d", "shape": [7] }]));
+    assert_eq!(json["left-over"], serde_json::json!([{ "tensor": "c", "found": "float32 [1]" }]));
     assert_eq!(report.ignored, ["unneeded.x.y"]);
     let error = map.import(&file, &expected).unwrap_err().to_string();
     for part in ["b: expected [2, 2], found [4] (module.b)", "missing: d [7]", "left over: c float32 [1]"] {
