@@ -10,7 +10,7 @@ pub struct MethodRule {
     /// As [`MethodRecord::kind`].
     #[serde(default)]
     pub kind: Option<String>,
-    /// Which ablation, see [`variant`].
+    /// Which ablation, by the name that `variant` gives a configuration.
     #[serde(default)]
     pub variant: Option<String>,
     /// Uncertainty thresholds of the blocks that expand; `variant` is `thresholds` then.
