@@ -1,4 +1,4 @@
-//! Every operation on a graphics processor, with its gradients, against f64 on the central processor.
+//! Every operation on a graphics processor, with its gradients, against burn's own in f64 on the central processor.
 //!
 //! Without an adapter this says so and passes; with `ATSPLAT_REQUIRE_GPU=1` it fails.
 
@@ -12,7 +12,7 @@ use atsplat_numeric::Tolerance;
 use burn::Tensor;
 use burn::tensor::{DType, Device, TensorData};
 
-use cases::{Case, all};
+use cases::{Function, all};
 
 /// f32 against f64, on values of order one with sums of up to a few hundred terms.
 const SINGLE: Tolerance = Tolerance { absolute: 2e-5, relative: 2e-5 };
@@ -28,8 +28,8 @@ fn every_operation_and_its_gradients_on_wgpu() {
         }
     };
     for case in all() {
-        let expected = differentiated(&case, &Device::flex().autodiff(), DType::F64);
-        let found = differentiated(&case, &device, DType::F32);
+        let expected = differentiated(case.burns, &case.inputs, &Device::flex().autodiff(), DType::F64);
+        let found = differentiated(case.ours, &case.inputs, &device, DType::F32);
         for (at, (found, expected)) in found.into_iter().zip(expected).enumerate() {
             SINGLE.assert(found, expected, &format!("{}, result and gradients, number {at}", case.name));
         }
@@ -37,14 +37,14 @@ fn every_operation_and_its_gradients_on_wgpu() {
 }
 
 /// The result, and the gradients of a fixed weighted sum of it by each input.
-fn differentiated(case: &Case, device: &Device, dtype: DType) -> Vec<Vec<f64>> {
+fn differentiated(operation: Function, sizes: &[usize], device: &Device, dtype: DType) -> Vec<Vec<f64>> {
     let tensor = |values: Vec<f64>| {
         let count = values.len();
         Tensor::<1>::from_data(TensorData::new(values, [count]), (device, dtype))
     };
-    let inputs = case.inputs.iter().zip(1..);
+    let inputs = sizes.iter().zip(1..);
     let inputs: Vec<Tensor<1>> = inputs.map(|(&count, seed)| tensor(uniform(count, seed)).require_grad()).collect();
-    let out = (case.ours)(&inputs);
+    let out = operation(&inputs);
     let gradients = (out.clone() * tensor(uniform(out.dims()[0], 99))).sum().backward();
     let values = |tensor: Tensor<1>| tensor.into_data_as::<f64>().try_to_vec().unwrap();
     let mut all = vec![values(out)];

@@ -4,15 +4,12 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
-use anyhow::Context as _;
 use atsplat_eval::method::{AtSplat, Method, NearestView, Splatting, Warp, WeightsOf};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::Selection;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
-
-use crate::weights::file;
 
 /// A configuration with weights that fit it.
 pub(super) struct Trained {
@@ -26,12 +23,12 @@ pub(super) struct Trained {
 impl Trained {
     /// A user's weights file.
     pub(super) fn read(path: &Path) -> anyhow::Result<Self> {
-        let file = file::open(path, String::new)?;
-        Self::of(&file, path.display().to_string()).with_context(|| path.display().to_string())
+        let wanted = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
+        Self::of(&TensorFile::find(path, wanted)?, path.display().to_string())
     }
 
     fn of(file: &TensorFile, told: String) -> anyhow::Result<Self> {
-        let ModelWeights { config, tensors, .. } = ModelWeights::from_stored(&file.stored)?;
+        let ModelWeights { config, tensors, .. } = ModelWeights::of_file(file)?;
         Ok(Self { config, tensors, weights: WeightsOf::File { sha256: file.sha256.clone() }, told })
     }
 

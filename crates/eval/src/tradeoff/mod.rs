@@ -1,7 +1,7 @@
 //! Accuracy against time: knobs swept, frontiers, what the next step of quality costs, and where it becomes dear.
 //!
 //! A [`Sweep`] is a TOML list of settings ([`Knobs`]) to run one method at. What comes back is read as [`Sample`]s, of which
-//! [`frontier`] says which are worth choosing.
+//! [`frontier()`] says which are worth choosing.
 
 mod frontier;
 mod knobs;
