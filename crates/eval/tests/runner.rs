@@ -287,7 +287,7 @@ fn pictures_are_kept_where_asked_for() {
     for (keep, scenes) in [(KeepPictures::All, 12), (KeepPictures::Worst, 10)] {
         let folder = tempfile::tempdir().unwrap();
         let setting = Setting { pictures: keep, ..Setting::new(Walls::new(12, 8), vec![Arc::new(Warp)]) };
-        setting.run(folder.path()).unwrap();
+        let (results, _) = setting.run(folder.path()).unwrap();
         let kept = |method: &str, frame| {
             (0..12).filter(|scene| picture_path(folder.path(), &key(method, *scene), frame).is_file()).count()
         };
@@ -295,6 +295,20 @@ fn pictures_are_kept_where_asked_for() {
             [kept("warp", 1), kept("truth", 6), kept("context", 0), kept("context", 1)],
             [scenes, scenes, scenes, 0]
         );
+        let (mut worst, mut others) = (Vec::new(), Vec::new());
+        for trial in &results.trials {
+            let rows = results.targets.iter().filter(|row| row.key == trial.key);
+            let psnr: Vec<f64> = rows.clone().map(|row| row.scores["psnr"]).collect();
+            let are_kept = rows.clone().all(|row| picture_path(folder.path(), &row.key, row.frame).is_file());
+            let mean = psnr.iter().sum::<f64>() / psnr.len() as f64;
+            if are_kept {
+                worst.push(mean);
+            } else {
+                others.push(mean);
+            }
+        }
+        assert_eq!(worst.len(), scenes);
+        assert!(others.iter().all(|other| worst.iter().all(|worst| worst <= other)));
     }
 }
 

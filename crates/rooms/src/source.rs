@@ -1,20 +1,27 @@
-use std::collections::BTreeSet;
+use std::collections::{BTreeSet, HashMap};
+use std::fmt;
 use std::path::PathBuf;
+use std::sync::{Arc, Mutex, PoisonError};
 
-use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
+use atsplat_camera::ImageSize;
+use atsplat_pixels::{ImageU8, Rounding};
+use atsplat_scene::{Frame, MadePicture, Picture, Scene, SceneError, SceneSource, Warnings};
 use indexmap::IndexMap;
 
-use crate::dataset::{PictureCoding, scene_with};
 use crate::{Request, RoomsError, Simulation};
 
-/// Simulated scenes as a dataset that lies on no disk: each is simulated when it is loaded.
+/// Bytes of pictures that are kept, so that those who walk the scenes again do not simulate them again.
+const KEPT: usize = 512 << 20;
+
+/// Simulated scenes as a dataset that lies on no disk.
 ///
-/// Pictures cost the most, so a scene may be asked for some of its frames alone; the others keep their cameras and
-/// places. Pictures are stored without loss.
+/// A scene is built when it is loaded, and each of its pictures is rendered when it is asked for. A scene may be asked for
+/// some of its frames alone; the others keep their cameras and places.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedScenes {
     keys: Vec<String>,
     requests: IndexMap<String, (Request, Wanted)>,
+    kept: Arc<Kept>,
 }
 
 #[derive(Clone, Debug)]
@@ -43,7 +50,31 @@ impl SimulatedScenes {
         let key = request.seed.key(request.kind);
         if self.requests.insert(key.clone(), (request, wanted)).is_none() {
             self.keys.push(key);
+        } else {
+            // What was kept may be of another request.
+            self.kept = Arc::default();
         }
+    }
+
+    fn frame(&self, key: &str, simulation: &Arc<Simulation>, at: usize, wanted: &Wanted) -> Result<Frame, RoomsError> {
+        let timestamp = simulation.shot(at)?.timestamp_micros;
+        let is_wanted = match wanted {
+            Wanted::Every => true,
+            Wanted::These(frames) => frames.contains(&at),
+        };
+        let made = || SimulatedPicture {
+            key: key.to_owned(),
+            frame: at,
+            simulation: Arc::clone(simulation),
+            kept: Arc::clone(&self.kept),
+        };
+        Ok(Frame {
+            name: timestamp.to_string(),
+            timestamp_micros: Some(timestamp),
+            camera: simulation.camera(at)?,
+            stated_size: Some(simulation.request().size),
+            picture: if is_wanted { Picture::Made(Arc::new(made())) } else { Picture::Absent },
+        })
     }
 }
 
@@ -55,13 +86,76 @@ impl SceneSource for SimulatedScenes {
     fn load(&self, key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: PathBuf::from("simulated scenes") };
         let (request, wanted) = self.requests.get(key).ok_or_else(unknown)?;
-        let making = |error: RoomsError| SceneError::Making { scene: key.to_owned(), source: Box::new(error) };
-        let simulation = Simulation::new(request.clone()).map_err(making)?;
-        let has_picture = |frame: usize| match wanted {
-            Wanted::Every => true,
-            Wanted::These(frames) => frames.contains(&frame),
-        };
-        scene_with(&simulation, PictureCoding::Png, has_picture).map_err(making)
+        let simulation = Arc::new(Simulation::new(request.clone()).map_err(making(key))?);
+        let frames = (0..simulation.shots().len()).map(|at| self.frame(key, &simulation, at, wanted));
+        let frames = frames.collect::<Result<_, _>>().map_err(making(key))?;
+        Ok(Scene { key: simulation.key(), url: None, frames })
+    }
+}
+
+/// A frame that is rendered when it is asked for, and remembered.
+struct SimulatedPicture {
+    key: String,
+    frame: usize,
+    simulation: Arc<Simulation>,
+    kept: Arc<Kept>,
+}
+
+impl MadePicture for SimulatedPicture {
+    fn size(&self) -> ImageSize {
+        self.simulation.request().size
+    }
+
+    fn make(&self) -> Result<ImageU8, SceneError> {
+        if let Some(picture) = self.kept.get(&self.key, self.frame) {
+            return Ok(picture);
+        }
+        let picture = self.simulation.picture(self.frame).map_err(making(&self.key))?;
+        let picture = picture.to_u8(Rounding::Nearest).map_err(|error| making(&self.key)(error.into()))?;
+        self.kept.put(&self.key, self.frame, &picture);
+        Ok(picture)
+    }
+}
+
+impl fmt::Debug for SimulatedPicture {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "SimulatedPicture({} {})", self.key, self.frame)
+    }
+}
+
+fn making(key: &str) -> impl Fn(RoomsError) -> SceneError {
+    move |error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) }
+}
+
+/// Pictures that were rendered, up to [`KEPT`] bytes; what comes later is rendered anew each time.
+#[derive(Default)]
+struct Kept(Mutex<Pictures>);
+
+#[derive(Default)]
+struct Pictures {
+    bytes: usize,
+    /// By scene and frame.
+    all: HashMap<(String, usize), ImageU8>,
+}
+
+impl Kept {
+    fn get(&self, key: &str, frame: usize) -> Option<ImageU8> {
+        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        kept.all.get(&(key.to_owned(), frame)).cloned()
+    }
+
+    fn put(&self, key: &str, frame: usize, picture: &ImageU8) {
+        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let bytes = picture.samples().len();
+        if kept.bytes + bytes <= KEPT && kept.all.insert((key.to_owned(), frame), picture.clone()).is_none() {
+            kept.bytes += bytes;
+        }
+    }
+}
+
+impl fmt::Debug for Kept {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("Kept")
     }
 }
 

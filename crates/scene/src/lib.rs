@@ -35,5 +35,5 @@ pub use files::is_plain_name;
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};
-pub use scene::{Frame, Picture, PictureFolder, Scene};
+pub use scene::{Frame, MadePicture, Picture, PictureFolder, Scene};
 pub use warnings::{Warning, WarningKind, Warnings};

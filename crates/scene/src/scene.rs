@@ -1,5 +1,7 @@
 use std::borrow::Cow;
+use std::fmt;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::{DecodeLimits, ImageU8, PixelError};
@@ -21,6 +23,27 @@ pub enum Picture {
     File(PathBuf),
     /// Encoded bytes inside a chunk, shared and not copied.
     Encoded(SharedBytes),
+    /// Made whenever it is asked for, as simulated scenes are.
+    Made(Arc<dyn MadePicture>),
+}
+
+impl Picture {
+    /// Whether there is something to decode.
+    pub const fn is_there(&self) -> bool {
+        matches!(self, Self::File(_) | Self::Encoded(_) | Self::Made(_))
+    }
+}
+
+/// A picture that lies nowhere until somebody asks for it.
+pub trait MadePicture: fmt::Debug + Send + Sync {
+    /// Its size, told without making it.
+    fn size(&self) -> ImageSize;
+
+    /// The picture; the same each time.
+    ///
+    /// # Errors
+    /// [`SceneError::Making`].
+    fn make(&self) -> Result<ImageU8, SceneError>;
 }
 
 /// Which copy of a capture's pictures to take, where it comes in several sizes.
@@ -89,19 +112,25 @@ impl Frame {
     /// [`SceneError::NoPicture`], [`SceneError::Io`], and [`SceneError::Pixels`] for bytes that are no
     /// picture or exceed `limits`.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
+        if let Picture::Made(picture) = &self.picture {
+            return picture.make();
+        }
         let bytes = self.bytes(scene, position)?;
         atsplat_pixels::decode(&bytes, limits).map_err(in_frame(scene, position))
     }
 
-    /// The encoded picture: read from its file, or borrowed from its chunk.
+    /// The encoded picture: read from its file, borrowed from its chunk, or made and encoded as PNG.
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`], [`SceneError::Io`].
+    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::Making`].
     pub fn bytes(&self, scene: &str, position: usize) -> Result<Cow<'_, [u8]>, SceneError> {
         let no_picture = |reason: String| SceneError::NoPicture { scene: scene.to_owned(), frame: position, reason };
         match &self.picture {
             Picture::File(path) => Ok(Cow::Owned(read_file("reading a picture", path)?)),
             Picture::Encoded(bytes) => Ok(Cow::Borrowed(bytes)),
+            Picture::Made(picture) => {
+                atsplat_pixels::encode_png(&picture.make()?).map(Cow::Owned).map_err(in_frame(scene, position))
+            }
             Picture::Absent => Err(no_picture("the trajectory came without pictures".to_owned())),
             Picture::Missing(path) => Err(no_picture(format!("the file is missing ({})", path.display()))),
         }
@@ -114,6 +143,9 @@ impl Frame {
     pub fn size(&self, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
         if let Picture::File(path) = &self.picture {
             return size_of_file(path, in_frame(scene, position));
+        }
+        if let Picture::Made(picture) = &self.picture {
+            return Ok(picture.size());
         }
         atsplat_pixels::size_of(&self.bytes(scene, position)?).map(image_size).map_err(in_frame(scene, position))
     }

@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::{
     Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
 };
-use atsplat_scene::{Picture, SceneSource as _, Warnings};
+use atsplat_scene::{SceneSource as _, Warnings};
 use atsplat_splat::{Exposure, View};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -150,10 +150,7 @@ fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // A picture that cannot be read only leaves the size open.
-        let of_picture = || match frame.picture {
-            Picture::File(_) | Picture::Encoded(_) => frame.size(key, number).ok(),
-            Picture::Absent | Picture::Missing(_) => None,
-        };
+        let of_picture = || if frame.picture.is_there() { frame.size(key, number).ok() } else { None };
         let size = frame.stated_size.or_else(of_picture);
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }
     });

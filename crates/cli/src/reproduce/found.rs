@@ -9,9 +9,7 @@ use atsplat_eval::sources::{AlreadyCropped, PresentFrames};
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexLayout, Sha256Digest};
-use atsplat_scene::{
-    Format, NerfstudioOptions, OpenOptions, Picture, PictureFolder, Scene, SceneSource, Warnings, open_with,
-};
+use atsplat_scene::{Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneSource, Warnings, open_with};
 use serde::Serialize;
 
 /// How deep folders are searched.
@@ -194,7 +192,6 @@ fn picture_size(source: &dyn SceneSource) -> Option<ImageSize> {
 
 fn first_picture(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> {
     let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let is_there = |picture: &Picture| matches!(picture, Picture::File(_) | Picture::Encoded(_));
-    let at = scene.frames.iter().position(|frame| is_there(&frame.picture))?;
+    let at = scene.frames.iter().position(|frame| frame.picture.is_there())?;
     Some((scene, at))
 }

@@ -12,7 +12,7 @@ use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{TargetPictures, Trial};
 use rayon::prelude::*;
 
-use super::pictures::{self, CONTEXT, TRUTH};
+use super::pictures::{self, CONTEXT, Keeping, TRUTH};
 use super::scored::{blank, compare, hash_of_bytes};
 use crate::method::{Answer, Cost, Method, Question, Refusal, Rendered, Repetitions};
 use crate::{EvalError, Seconds, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
@@ -28,8 +28,8 @@ pub(super) struct Evaluation<'a> {
     pub(super) repetitions: Repetitions,
     /// Whether nothing else runs: targets come one by one.
     pub(super) alone: bool,
-    /// The store that pictures are kept in.
-    pub(super) pictures: Option<&'a Path>,
+    /// Which pictures are kept.
+    pub(super) pictures: Keeping<'a>,
 }
 
 /// A trial with all of its pictures.
@@ -66,10 +66,12 @@ impl Evaluation<'_> {
             let truth_hash = decoded.truths.get(at).and_then(|truth| truth.as_ref().ok()).map(|t| hash_of_bytes(t));
             TargetRow { truth_hash, ..blank(&key, trial, target, at) }
         });
+        if let Some(store) = self.pictures.all() {
+            keep_given(store, &key, decoded)?;
+        }
         let mut made = Made { rows: blanks.collect(), ..Made::default() };
-        self.keep_given(&key, decoded)?;
         // A method's bug costs its trial and no other.
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.fill(&mut made, decoded, method)));
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.fill(&key, &mut made, decoded, method)));
         let refusal = match outcome {
             Ok(filled) => filled?.err(),
             Err(_panic) => Some(Refusal::Failed("the method panicked".to_owned())),
@@ -81,7 +83,13 @@ impl Evaluation<'_> {
         Ok(made.into_rows(key, decoded, refusal))
     }
 
-    fn fill(&self, made: &mut Made, decoded: &Decoded, method: &dyn Method) -> Result<Result<(), Refusal>, EvalError> {
+    fn fill(
+        &self,
+        key: &TrialKey,
+        made: &mut Made,
+        decoded: &Decoded,
+        method: &dyn Method,
+    ) -> Result<Result<(), Refusal>, EvalError> {
         let pictures = match &decoded.context {
             Ok(pictures) => pictures,
             Err(detail) => return Ok(Err(Refusal::Failed(format!("a context picture: {detail}")))),
@@ -108,6 +116,10 @@ impl Evaluation<'_> {
             made.drawn.extend(drawn);
             made.effects.extend(effects);
             made.score_secs += score_secs;
+        }
+        if let Some(store) = self.pictures.worst(key, &made.rows) {
+            keep_given(store, key, decoded)?;
+            keep_renders(store, key, decoded, answer.as_ref())?;
         }
         Ok(Ok(()))
     }
@@ -151,24 +163,37 @@ impl Evaluation<'_> {
         }
         let score_secs = start.elapsed().as_secs_f64();
         row.render_secs = median(&secs);
-        if let Some(store) = self.pictures {
+        if let Some(store) = self.pictures.all() {
             pictures::keep(store, &row.key, row.frame, &image)?;
         }
         Ok(Scored { row, secs, drawn, effects, score_secs })
     }
+}
 
-    /// Keeps what methods have in common: true and context pictures.
-    fn keep_given(&self, key: &TrialKey, decoded: &Decoded) -> Result<(), EvalError> {
-        let Some(store) = self.pictures else { return Ok(()) };
-        let truths = decoded.trial.targets().iter().map(|target| target.frame).zip(&decoded.truths);
-        let truths = truths.filter_map(|(frame, truth)| Some((TRUTH, frame, truth.as_ref().ok()?)));
-        let context = decoded.trial.context().iter().zip(decoded.context.iter().flatten());
-        let context = context.map(|(view, picture)| (CONTEXT, view.frame, picture));
-        for (method, frame, picture) in truths.chain(context) {
-            pictures::keep_bytes(store, &pictures::common(key, method), frame as u64, picture)?;
-        }
-        Ok(())
+/// Keeps what methods have in common: true and context pictures.
+fn keep_given(store: &Path, key: &TrialKey, decoded: &Decoded) -> Result<(), EvalError> {
+    let truths = decoded.trial.targets().iter().map(|target| target.frame).zip(&decoded.truths);
+    let truths = truths.filter_map(|(frame, truth)| Some((TRUTH, frame, truth.as_ref().ok()?)));
+    let context = decoded.trial.context().iter().zip(decoded.context.iter().flatten());
+    let context = context.map(|(view, picture)| (CONTEXT, view.frame, picture));
+    for (method, frame, picture) in truths.chain(context) {
+        pictures::keep_bytes(store, &pictures::common(key, method), frame as u64, picture)?;
     }
+    Ok(())
+}
+
+/// Renders once more, since a trial's score is known after its renders are gone, and keeps them.
+fn keep_renders(store: &Path, key: &TrialKey, decoded: &Decoded, answer: &dyn Answer) -> Result<(), EvalError> {
+    let targets = decoded.trial.targets();
+    let positions: Vec<usize> = (0..targets.len()).collect();
+    for together in positions.chunks(TOGETHER) {
+        for (position, rendered) in together.iter().zip(answer.render(together)) {
+            if let (Some(target), Ok(rendered)) = (targets.get(*position), rendered) {
+                pictures::keep(store, key, target.frame as u64, &rendered.image)?;
+            }
+        }
+    }
+    Ok(())
 }
 
 /// A target that was rendered and scored.

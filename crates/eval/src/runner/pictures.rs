@@ -3,8 +3,9 @@ use std::path::{Path, PathBuf};
 
 use atsplat_pixels::{Image, ImageU8, Rounding, encode_png};
 
+use super::worst::WorstSoFar;
 use crate::store::disk;
-use crate::{EvalError, TrialKey};
+use crate::{EvalError, TargetRow, TrialKey};
 
 /// The method under whose name true pictures are kept.
 pub const TRUTH: &str = "truth";
@@ -26,10 +27,47 @@ pub enum KeepPictures {
 /// Where a store keeps a picture: `pictures/<preset>/<method>/<scene>-<entry>/<frame>.png`. Truths are under the method
 /// `truth`, context views under `context`; slashes in keys become underscores.
 pub fn picture_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
-    let plain = |text: &str| text.replace(['/', '\\'], "_");
-    let scene = format!("{}-{}", plain(&key.scene), key.entry);
-    let folder = store.join("pictures").join(plain(&key.preset)).join(plain(&key.method)).join(scene);
-    folder.join(format!("{frame:06}.png"))
+    folder(store, key).join(format!("{frame:06}.png"))
+}
+
+/// Where the pictures of a trial are.
+pub(super) fn folder(store: &Path, key: &TrialKey) -> PathBuf {
+    folder_of_method(store, &key.preset, &key.method).join(format!("{}-{}", plain(&key.scene), key.entry))
+}
+
+/// Where the pictures of a method's trials are.
+pub(super) fn folder_of_method(store: &Path, preset: &str, method: &str) -> PathBuf {
+    store.join("pictures").join(plain(preset)).join(plain(method))
+}
+
+fn plain(text: &str) -> String {
+    text.replace(['/', '\\'], "_")
+}
+
+/// [`KeepPictures`], with what deciding takes.
+#[derive(Clone, Copy, Debug)]
+pub(super) enum Keeping<'a> {
+    Nothing,
+    Worst(&'a Path, &'a WorstSoFar),
+    All(&'a Path),
+}
+
+impl<'a> Keeping<'a> {
+    /// The store, if all pictures are kept in it.
+    pub(super) const fn all(self) -> Option<&'a Path> {
+        match self {
+            Self::All(store) => Some(store),
+            Self::Nothing | Self::Worst(..) => None,
+        }
+    }
+
+    /// The store, if a trial's pictures are to be kept in it now that its rows are known.
+    pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow]) -> Option<&'a Path> {
+        match self {
+            Self::Worst(store, worst) if worst.admits(key, rows) => Some(store),
+            Self::Nothing | Self::Worst(..) | Self::All(_) => None,
+        }
+    }
 }
 
 /// Keeps a render, rounded to 8 bits; nothing where it has samples that no byte stands for.

@@ -1,7 +1,8 @@
+use super::pictures::Keeping;
 use super::plan::{Plan, Summary};
 use super::selection::Selected;
 use super::walk::{Walk, groups};
-use super::worst::keep_worst;
+use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepPictures};
 use crate::{EvalError, Results, Store, TargetStatus, TrialStatus};
 
@@ -13,6 +14,13 @@ use crate::{EvalError, Results, Store, TargetStatus, TrialStatus};
 pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, Summary), EvalError> {
     let mut findings = Findings::default();
     let mut summary = Summary::default();
+    let worst = WorstSoFar::default();
+    let folder = store.folder().to_owned();
+    let keeping = match plan.pictures {
+        KeepPictures::Nothing => Keeping::Nothing,
+        KeepPictures::Worst => Keeping::Worst(&folder, &worst),
+        KeepPictures::All => Keeping::All(&folder),
+    };
     for dataset in plan.datasets {
         let Selected { index, not_there } = plan.selected(dataset);
         summary.not_there += not_there.len() as u64;
@@ -25,7 +33,7 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
             );
         }
         for methods in groups(&dataset.preset, plan.methods) {
-            let walk = Walk { plan, dataset, methods, store: &store, step };
+            let walk = Walk { plan, dataset, methods, store: &store, keeping, step };
             walk.run(&index, &mut findings, &mut summary)?;
         }
     }
@@ -36,7 +44,6 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
     findings.skipped.extend(before.skipped.iter().filter(|found| !is_run(&found.preset)).cloned());
     let findings = findings.in_order();
     store.set_findings(findings);
-    let folder = store.folder().to_owned();
     let results = store.finish()?;
     let incomplete = |status| matches!(status, TrialStatus::Failed | TrialStatus::Partial | TrialStatus::NotApplicable);
     summary.incomplete = results.trials.iter().filter(|trial| incomplete(trial.status)).count() as u64;
@@ -44,9 +51,7 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
     summary.non_finite = results.targets.iter().filter(|target| non_finite(target.status)).count() as u64;
     if plan.pictures == KeepPictures::Worst {
         for dataset in plan.datasets {
-            for methods in groups(&dataset.preset, plan.methods) {
-                keep_worst(plan, dataset, &methods, &results, &folder)?;
-            }
+            prune(&folder, &dataset.name, &results)?;
         }
     }
     Ok((results, summary))

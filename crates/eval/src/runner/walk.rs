@@ -4,9 +4,10 @@ use atsplat_protocol::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, Tria
 use atsplat_protocol::{EvaluationIndex, Preset};
 use rayon::prelude::*;
 
+use super::Findings;
 use super::evaluate::{Decoded, Evaluation};
+use super::pictures::Keeping;
 use super::plan::{Dataset, Plan, Summary};
-use super::{Findings, KeepPictures};
 use crate::method::Method;
 use crate::{EvalError, Store, TrialKey};
 
@@ -44,6 +45,7 @@ pub(super) struct Walk<'a> {
     pub(super) dataset: &'a Dataset,
     pub(super) methods: Vec<Arc<dyn Method>>,
     pub(super) store: &'a Store,
+    pub(super) keeping: Keeping<'a>,
     pub(super) step: &'a (dyn Fn() + Sync),
 }
 
@@ -139,13 +141,12 @@ impl Walk<'_> {
     fn evaluate(&self, trial: Trial, targets: &TargetPictures) -> Result<(u64, u64), EvalError> {
         let decoded = Decoded::new(trial, targets);
         let missing = self.missing(&decoded.trial);
-        let keep = (self.plan.pictures == KeepPictures::All).then(|| self.store.folder());
         let evaluation = Evaluation {
             preset: &self.dataset.preset,
             suite: self.plan.suite,
             repetitions: self.plan.repetitions,
             alone: self.plan.alone,
-            pictures: keep,
+            pictures: self.keeping,
         };
         let before = (self.methods.len() - missing.len()) as u64;
         (0..before).for_each(|_| (self.step)());

@@ -1,62 +1,81 @@
 use std::collections::{BTreeMap, BTreeSet};
-use std::path::Path;
-use std::sync::Arc;
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::sync::{Mutex, PoisonError};
 
-use atsplat_protocol::EvaluationIndex;
-use atsplat_protocol::trial::Trials;
-
-use super::evaluate::{Decoded, Evaluation};
-use super::plan::{Dataset, Plan};
-use super::walk::{key_of, recipe};
-use crate::method::{Method, Repetitions};
-use crate::{EvalError, Results, TrialKey};
+use super::pictures::{self, CONTEXT, TRUTH};
+use crate::{EvalError, Results, TargetRow, TrialKey};
 
 /// Trials that are kept with pictures where only the worst are.
 const WORST: usize = 10;
 
-/// Makes the pictures of each method's worst trials once more, and keeps them.
-pub(super) fn keep_worst(
-    plan: &Plan<'_>,
-    dataset: &Dataset,
-    methods: &[Arc<dyn Method>],
-    results: &Results,
-    folder: &Path,
-) -> Result<(), EvalError> {
-    for method in methods {
-        let name = method.record().name;
-        let worst = worst(results, &dataset.name, &name);
-        let of = |scene: &&String| Some(((*scene).clone(), dataset.index.index.scenes.get(*scene)?.clone()));
-        let scenes: BTreeSet<&String> = worst.iter().map(|key| &key.scene).collect();
-        let index = EvaluationIndex { scenes: scenes.iter().filter_map(of).collect() };
-        let recipe = recipe(dataset, methods);
-        for (trial, targets) in Trials::new(Arc::clone(&dataset.source), &index, recipe, plan.prefetch).flatten() {
-            let key = key_of(dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            if worst.contains(&key) {
-                let evaluation = Evaluation {
-                    preset: &dataset.preset,
-                    suite: plan.suite,
-                    repetitions: Repetitions::ONCE,
-                    alone: false,
-                    pictures: Some(folder),
-                };
-                evaluation.rows(key, &Decoded::new(trial, &targets), method.as_ref())?;
-            }
+/// The lowest mean PSNRs of each method under each preset, as far as a run has come.
+///
+/// A trial that is among the worst in the end was among the worst when it came, so that its pictures were kept; those of
+/// others are [pruned](prune).
+#[derive(Debug, Default)]
+pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), Vec<f64>>>);
+
+impl WorstSoFar {
+    /// Whether a trial is among the worst now.
+    pub(super) fn admits(&self, key: &TrialKey, rows: &[TargetRow]) -> bool {
+        let Some(mean) = mean_psnr(rows) else { return false };
+        let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let lowest = all.entry((key.preset.clone(), key.method.clone())).or_default();
+        let place = lowest.partition_point(|known| known.total_cmp(&mean).is_lt());
+        if place >= WORST {
+            return false;
         }
+        lowest.insert(place, mean);
+        lowest.truncate(WORST);
+        true
+    }
+}
+
+/// Removes the pictures of trials that others turned out worse than.
+pub(super) fn prune(store: &Path, preset: &str, results: &Results) -> Result<(), EvalError> {
+    let methods: BTreeSet<&str> = results
+        .trials
+        .iter()
+        .filter(|trial| trial.key.preset == preset)
+        .map(|trial| trial.key.method.as_str())
+        .collect();
+    let folder = |key: &TrialKey| pictures::folder(store, key);
+    let mut common = BTreeSet::new();
+    for method in methods {
+        let worst = worst(results, preset, method);
+        common.extend(worst.iter().flat_map(|key| [TRUTH, CONTEXT].map(|name| folder(&pictures::common(key, name)))));
+        retain(&pictures::folder_of_method(store, preset, method), &worst.iter().map(folder).collect())?;
+    }
+    for name in [TRUTH, CONTEXT] {
+        retain(&pictures::folder_of_method(store, preset, name), &common)?;
     }
     Ok(())
 }
 
-/// Keys of the trials with the lowest mean PSNR, whichever the protocol means, the worst first.
-fn worst(results: &Results, preset: &str, method: &str) -> Vec<TrialKey> {
-    let mut sums: BTreeMap<&TrialKey, (f64, u64)> = BTreeMap::new();
-    for row in results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method) {
-        if let Some((_, score)) = row.scores.iter().find(|(id, _)| id.starts_with("psnr")) {
-            let (sum, count) = sums.entry(&row.key).or_default();
-            *sum += score;
-            *count += 1;
-        }
+fn retain(folder: &Path, kept: &BTreeSet<PathBuf>) -> Result<(), EvalError> {
+    let Ok(entries) = fs::read_dir(folder) else { return Ok(()) };
+    for path in entries.flatten().map(|entry| entry.path()).filter(|path| !kept.contains(path)) {
+        fs::remove_dir_all(&path).map_err(EvalError::io("removing pictures", &path))?;
     }
-    let mut means: Vec<(f64, &TrialKey)> = sums.into_iter().map(|(key, (sum, n))| (sum / n as f64, key)).collect();
+    Ok(())
+}
+
+/// Keys of the trials with the lowest mean PSNR, the worst first.
+fn worst(results: &Results, preset: &str, method: &str) -> Vec<TrialKey> {
+    let mut rows: BTreeMap<&TrialKey, Vec<TargetRow>> = BTreeMap::new();
+    for row in results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method) {
+        rows.entry(&row.key).or_default().push(row.clone());
+    }
+    let mut means: Vec<(f64, &TrialKey)> =
+        rows.into_iter().filter_map(|(key, rows)| Some((mean_psnr(&rows)?, key))).collect();
     means.sort_by(|(a, _), (b, _)| a.total_cmp(b));
     means.into_iter().take(WORST).map(|(_, key)| key.clone()).collect()
+}
+
+/// Whichever PSNR the protocol means, over the targets that have one.
+fn mean_psnr(rows: &[TargetRow]) -> Option<f64> {
+    let score = |row: &TargetRow| row.scores.iter().find(|(id, _)| id.starts_with("psnr")).map(|(_, score)| *score);
+    let scores: Vec<f64> = rows.iter().filter_map(score).collect();
+    (!scores.is_empty()).then(|| scores.iter().sum::<f64>() / scores.len() as f64)
 }

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use atsplat_camera::ImageSize;
 use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
-use atsplat_scene::{Picture, Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 
 /// A dataset whose pictures went through a preset's preprocessing before, while its cameras still are those of the
 /// pictures that the preset expects. Copies of RE10K are passed on like that, as 256×256 crops beside the official rows.
@@ -36,8 +36,7 @@ impl AlreadyCropped {
 
 fn first_size(source: &dyn SceneSource, key: &str) -> Option<ImageSize> {
     let scene = source.load(key, &mut Warnings::new()).ok()?;
-    let has_picture = |picture: &Picture| matches!(picture, Picture::File(_) | Picture::Encoded(_));
-    let at = scene.frames.iter().position(|frame| has_picture(&frame.picture))?;
+    let at = scene.frames.iter().position(|frame| frame.picture.is_there())?;
     scene.frames.get(at)?.size(key, at).ok()
 }
 
@@ -90,7 +89,7 @@ mod tests {
                 timestamp_micros: None,
                 camera: Camera::pinhole(CameraFromWorld::IDENTITY, k),
                 stated_size: None,
-                picture: Picture::Encoded(SharedBytes::new(encode_png(&picture).unwrap())),
+                picture: atsplat_scene::Picture::Encoded(SharedBytes::new(encode_png(&picture).unwrap())),
             };
             Ok(Scene { key: key.to_owned(), url: None, frames: vec![frame] })
         }

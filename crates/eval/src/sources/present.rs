@@ -1,6 +1,6 @@
 use std::sync::Arc;
 
-use atsplat_scene::{Picture, Scene, SceneError, SceneSource, Warnings};
+use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 
 /// A dataset without the frames whose pictures are missing, for indices that are sampled on the spot. Published indices
 /// count all frames of a scene: for them nothing may be left out.
@@ -21,7 +21,7 @@ impl SceneSource for PresentFrames {
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.0.load(key, warnings)?;
-        scene.frames.retain(|frame| matches!(frame.picture, Picture::File(_) | Picture::Encoded(_)));
+        scene.frames.retain(|frame| frame.picture.is_there());
         Ok(scene)
     }
 }

@@ -75,7 +75,7 @@ mod tests {
         let entry = &index.scenes[&key][0];
         for (at, frame) in scene.frames.iter().enumerate() {
             let asked = entry.context.contains(&at) || entry.target.contains(&at);
-            assert_eq!(matches!(frame.picture, atsplat_scene::Picture::Encoded(_)), asked, "frame {at}");
+            assert_eq!(matches!(frame.picture, atsplat_scene::Picture::Made(_)), asked, "frame {at}");
         }
     }
 

@@ -1,5 +1,5 @@
 use std::fmt;
-use std::sync::{Arc, OnceLock};
+use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::{DecodeLimits, ImageU8};
@@ -7,6 +7,7 @@ use atsplat_scene::Scene;
 use atsplat_scene::preprocess::Plan;
 
 use super::prefetch::Reservation;
+use super::unwaited::Unwaited;
 use crate::{ProtocolError, Sha256Digest};
 
 /// A view that a method is given.
@@ -71,17 +72,16 @@ pub(super) struct LazyPicture {
     frame: usize,
     plan: Arc<Plan>,
     limits: DecodeLimits,
-    decoded: OnceLock<Result<Arc<ImageU8>, Arc<ProtocolError>>>,
+    decoded: Unwaited<Result<Arc<ImageU8>, Arc<ProtocolError>>>,
 }
 
 impl LazyPicture {
     pub(super) const fn new(scene: Arc<Scene>, frame: usize, plan: Arc<Plan>, limits: DecodeLimits) -> Self {
-        Self { scene, frame, plan, limits, decoded: OnceLock::new() }
+        Self { scene, frame, plan, limits, decoded: Unwaited::new() }
     }
 
     pub(super) fn get(&self) -> Result<Arc<ImageU8>, ProtocolError> {
-        let decoded = self.decoded.get_or_init(|| self.decode().map(Arc::new).map_err(Arc::new));
-        decoded.clone().map_err(ProtocolError::Picture)
+        self.decoded.get(|| self.decode().map(Arc::new).map_err(Arc::new)).map_err(ProtocolError::Picture)
     }
 
     /// Bytes that the preprocessed picture takes: three a pixel.
@@ -107,7 +107,7 @@ impl fmt::Debug for ContextView {
             .field("frame", frame)
             .field("camera", camera)
             .field("size", size)
-            .field("decoded", &picture.decoded.get().is_some())
+            .field("decoded", &picture.decoded.is_made())
             .finish()
     }
 }

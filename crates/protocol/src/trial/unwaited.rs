@@ -33,6 +33,11 @@ impl<T: Clone> Unwaited<T> {
         made
     }
 
+    /// Whether somebody made it.
+    pub(super) fn is_made(&self) -> bool {
+        matches!(&*self.state(), State::Made(_))
+    }
+
     fn state(&self) -> MutexGuard<'_, State<T>> {
         self.state.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -21,6 +21,6 @@ pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RoomsError> {
 pub(super) fn encoded(frame: &Frame) -> &[u8] {
     match &frame.picture {
         Picture::Encoded(bytes) => bytes,
-        Picture::File(_) | Picture::Missing(_) | Picture::Absent => &[],
+        Picture::File(_) | Picture::Made(_) | Picture::Missing(_) | Picture::Absent => &[],
     }
 }

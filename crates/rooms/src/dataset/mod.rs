@@ -95,15 +95,6 @@ struct Manifest<'a> {
 /// # Errors
 /// As [`Simulation::picture`], and [`RoomsError::Pixels`] for a JPEG quality outside 1 to 100.
 pub fn encoded_scene(simulation: &Simulation, coding: PictureCoding) -> Result<Scene, RoomsError> {
-    scene_with(simulation, coding, |_| true)
-}
-
-/// As [`encoded_scene`], with the pictures of some frames alone; the others have a camera and no picture.
-pub(crate) fn scene_with(
-    simulation: &Simulation,
-    coding: PictureCoding,
-    has_picture: impl Fn(usize) -> bool + Sync,
-) -> Result<Scene, RoomsError> {
     let encode = |at| -> Result<Picture, RoomsError> {
         let picture = simulation.picture(at)?.to_u8(Rounding::Nearest)?;
         let bytes = match coding {
@@ -119,7 +110,7 @@ pub(crate) fn scene_with(
             timestamp_micros: Some(timestamp),
             camera: simulation.camera(at)?,
             stated_size: Some(simulation.request().size),
-            picture: if has_picture(at) { encode(at)? } else { Picture::Absent },
+            picture: encode(at)?,
         })
     });
     let frames = frames.collect::<Result<Vec<_>, RoomsError>>()?;

@@ -133,11 +133,11 @@ impl<'a> Columns<'a> {
             "absent" => Ok(Some(Picture::Absent)),
             "missing" => Ok(Some(Picture::Missing(path()?))),
             "file" => Ok(Some(Picture::File(path()?))),
-            "encoded" => Ok(None),
+            "encoded" | "made" => Ok(None),
             found => Err(ColumnsError::UnknownWord {
                 column: "picture",
                 row,
-                expected: "absent, missing, file or encoded",
+                expected: "absent, missing, file, encoded or made",
                 found: shortened(found),
             }),
         }

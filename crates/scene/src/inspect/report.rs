@@ -59,7 +59,7 @@ pub struct SceneCounts {
 pub struct PictureCounts {
     /// In a file of their own.
     pub files: u64,
-    /// Encoded in a chunk.
+    /// Encoded in a chunk, or made when asked for.
     pub encoded: u64,
     /// Listed, but the file is not there.
     pub missing: u64,

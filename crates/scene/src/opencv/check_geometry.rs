@@ -155,8 +155,7 @@ pub fn check_geometry(
 }
 
 fn frames_with_pictures(scene: &Scene) -> Vec<usize> {
-    let has_picture = |frame: &crate::Frame| matches!(frame.picture, Picture::File(_) | Picture::Encoded(_));
-    (0..).zip(&scene.frames).filter(|(_, frame)| has_picture(frame)).map(|(position, _)| position).collect()
+    (0..).zip(&scene.frames).filter(|(_, frame)| frame.picture.is_there()).map(|(position, _)| position).collect()
 }
 
 /// `count` positions evenly spread over `length`, without repetition.

@@ -101,6 +101,7 @@ impl ChunkScene {
             stored.images.push(match &frame.picture {
                 Picture::Encoded(bytes) => bytes.clone(),
                 Picture::File(file) => SharedBytes::new(read_file("reading a picture", file)?),
+                Picture::Made(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
                 Picture::Missing(file) => return Err(lacking(format!("no file {}", file.display()))),
                 Picture::Absent => return Err(lacking("the trajectory came without pictures".to_owned())),
             });
