@@ -50,22 +50,22 @@ impl Trained {
 
     /// ATSplat as it was trained, and the floors.
     pub(super) fn methods(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
-        Ok(vec![self.network("atsplat", &self.config)?, Arc::new(NearestView), Arc::new(Warp)])
+        Ok(vec![Arc::new(self.network("atsplat", &self.config)?), Arc::new(NearestView), Arc::new(Warp)])
     }
 
     /// What the same weights give under the expansions of the paper's ablations. Anchors, K and the straight-through
     /// estimator need weights of their own and are not here.
     pub(super) fn variants(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
         let mut variants = vec![
-            self.network("atsplat no expansion", &self.config.with_expansion_in_first(0))?,
-            self.network("atsplat random", &self.selecting(Selection::Random { seed: 0 }))?,
-            self.network("atsplat farthest point", &self.selecting(Selection::FarthestPoint {}))?,
+            self.variant("no expansion", &self.config.with_expansion_in_first(0))?,
+            self.variant("random", &self.selecting(Selection::Random { seed: 0 }))?,
+            self.variant("farthest point", &self.selecting(Selection::FarthestPoint {}))?,
         ];
         for thresholds in [[0.1, 0.1, 0.4], [0.05, 0.05, 0.2], [0.01, 0.01, 0.04]] {
-            let name = format!("atsplat {}", thresholds.map(|threshold| threshold.to_string()).join(" "));
+            let name = thresholds.map(|threshold| threshold.to_string()).join(" ");
             // A configuration that expands in other blocks has no such thresholds.
             if let Ok(config) = self.config.with_thresholds(&thresholds) {
-                variants.push(self.network(&name, &config)?);
+                variants.push(self.variant(&name, &config)?);
             }
         }
         Ok(variants)
@@ -77,12 +77,16 @@ impl Trained {
         config
     }
 
-    fn network(&self, name: &str, config: &ModelConfig) -> anyhow::Result<Arc<dyn Method>> {
+    fn variant(&self, name: &str, config: &ModelConfig) -> anyhow::Result<Arc<dyn Method>> {
+        Ok(Arc::new(self.network(&format!("atsplat {name}"), config)?.variant(name)))
+    }
+
+    fn network(&self, name: &str, config: &ModelConfig) -> anyhow::Result<AtSplat> {
         // A selection that scores nothing has no scorers.
         let wanted: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
         let mut tensors = self.tensors.clone();
         tensors.tensors.retain(|name, _| wanted.contains(name));
         let network = Network::new(config, &Device::flex())?.with_weights(&tensors)?;
-        Ok(Arc::new(AtSplat::new(name, network, &self.weights, 0, Splatting::default())?))
+        Ok(AtSplat::new(name, network, &self.weights, 0, Splatting::default())?)
     }
 }

@@ -49,11 +49,10 @@ impl AtSplat {
     ) -> Result<Self, EvalError> {
         let config = network.config();
         let untrained = matches!(weights, WeightsOf::Random { .. });
-        let title = if untrained { format!("ATSplat ({}, untrained)", config.name) } else { "ATSplat".to_owned() };
         let mut record = MethodRecord {
             name: name.to_owned(),
             kind: "atsplat".to_owned(),
-            title,
+            title: title(&config.name, None, untrained),
             parameters: parameters([
                 ("model", config.name.clone().into()),
                 ("model-hash", config.hash()?.into()),
@@ -83,6 +82,13 @@ impl AtSplat {
         self
     }
 
+    /// The same, told apart in tables and plots by what it changes of its weights' own configuration.
+    #[must_use]
+    pub fn variant(mut self, name: &str) -> Self {
+        self.record.title = title(&self.network.config().name, Some(name), self.record.untrained);
+        self
+    }
+
     fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>), Refusal> {
         let context = question.trial.context();
         let size = one_size(context.iter().map(|view| view.size))?;
@@ -94,6 +100,13 @@ impl AtSplat {
         let made = question.repetitions.of(|| self.network.reconstruct(&views, self.call_seed));
         made.map_err(|error| refusal(&error))
     }
+}
+
+/// What tables call it: the paper's own configurations need no name.
+fn title(config: &str, variant: Option<&str>, untrained: bool) -> String {
+    let config = (!config.starts_with("paper-")).then_some(config);
+    let told: Vec<&str> = config.into_iter().chain(variant).chain(untrained.then_some("untrained")).collect();
+    if told.is_empty() { "ATSplat".to_owned() } else { format!("ATSplat ({})", told.join(", ")) }
 }
 
 /// The whole configuration: a table that asks for a variant reads it.

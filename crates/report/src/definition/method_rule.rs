@@ -96,6 +96,11 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
     }
 }
 
+/// Whether a method is a row of an ablation's table: those of benchmarks leave it out.
+pub(crate) fn is_ablation(record: &MethodRecord) -> bool {
+    variant(record).is_some_and(|variant| variant != "full" && variant != "other-ratios")
+}
+
 fn thresholds(config: &ModelConfig) -> Vec<f64> {
     let active = config.decoder.blocks.iter().filter_map(atsplat_model::config::BlockConfig::active_expansion);
     let threshold = |expansion| match expansion {

@@ -11,6 +11,7 @@ mod tests;
 use serde::{Deserialize, Serialize};
 
 pub use method_rule::MethodRule;
+pub(crate) use method_rule::is_ablation;
 pub use published::{Published, PublishedRow};
 pub use quantity::Quantity;
 
@@ -44,7 +45,7 @@ pub struct TableDefinition {
     /// Labels of the row that the others are compared with.
     #[serde(default)]
     pub reference: Option<Vec<String>>,
-    /// Whether methods that no row asks for get rows of their own.
+    /// Whether methods that no row asks for get rows of their own; those of ablations do not.
     #[serde(default)]
     pub others: bool,
     /// What a reader must know.

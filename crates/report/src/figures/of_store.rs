@@ -151,8 +151,8 @@ impl<'a> View<'a> {
             let plot = SceneScatter {
                 title: format!("{} scene by scene", metric.name),
                 subtitle: format!(
-                    "{} − {}: {:+.3}{interval} over {} scenes, sign test p = {:.3}",
-                    own.title, other.title, pair.difference, pair.scenes, pair.sign_test
+                    "difference {:+.3}{interval} over {} scenes, sign test p = {:.3}",
+                    pair.difference, pair.scenes, pair.sign_test
                 ),
                 quality: metric.into(),
                 x: other.title.clone(),

@@ -1,3 +1,5 @@
+use atsplat_numeric::Extremes as _;
+
 use super::axes::{Axes, AxisText};
 use super::font::{shortened, width_of};
 use super::scale::{Scale, seconds_label};
@@ -38,7 +40,9 @@ impl StageTime {
         let mut drawing = Drawing::new(900, (160.0 + ROW * self.rows.len() as f64) as u32);
         drawing.heading(&self.title, &self.subtitle);
         let totals = self.rows.iter().map(|row| row.stages.iter().map(|(_, secs)| secs).sum::<f64>());
-        let inside = Extent::new(190.0, 104.0, 800.0, 104.0 + ROW * self.rows.len() as f64);
+        let longest = self.rows.iter().map(|row| width_of(&row.label, 13.0, false)).fold(0.0, f64::maximum_of);
+        let room = longest.clamp(80.0, 300.0);
+        let inside = Extent::new(room + 34.0, 104.0, 800.0, 104.0 + ROW * self.rows.len() as f64);
         let axes = Axes { inside, x: Scale::from_zero(totals), y: Scale::linear(0.0, 1.0) };
         for tick in axes.x.ticks(7) {
             drawing.line([[axes.x_of(tick), inside.top], [axes.x_of(tick), inside.bottom]], Stroke::new(GRID, 1.0));
@@ -49,7 +53,7 @@ impl StageTime {
         for (at, row) in self.rows.iter().enumerate() {
             let middle = inside.top + ROW * (at as f64 + 0.5);
             drawing.words(
-                Words::new(shortened(&row.label, 13.0, false, 160.0), [inside.left - 12.0, middle]).side(Side::Right),
+                Words::new(shortened(&row.label, 13.0, false, room), [inside.left - 12.0, middle]).side(Side::Right),
             );
             let mut from = 0.0;
             for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {

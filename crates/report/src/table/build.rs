@@ -7,7 +7,9 @@ use super::measure::{cells, has_leaked};
 use super::rank::rank;
 use super::{Cell, Column, Group, Row, Source, Table, Value};
 use crate::ReportError;
-use crate::definition::{ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition};
+use crate::definition::{
+    ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, is_ablation,
+};
 use crate::plot::Origin;
 
 /// What becomes of results whose protocols differ.
@@ -60,8 +62,9 @@ fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Opti
         }
     }
     if let Some(edition) = edition.filter(|_| definition.others) {
-        let others =
-            all_methods(edition).into_iter().filter(|method| !claimed.contains(&(method.store, &method.record.name)));
+        let others = all_methods(edition)
+            .into_iter()
+            .filter(|method| !claimed.contains(&(method.store, &method.record.name)) && !is_ablation(method.record));
         let first = rows.len();
         for method in others {
             rows.extend(measured(definition, edition, None, Some(method)));
@@ -222,7 +225,7 @@ fn measured(
     rows
 }
 
-/// What a measured row is called; the store tells methods of one title apart.
+/// What a measured row is called; name and store tells methods of one title apart.
 fn labels(
     definition: &TableDefinition,
     edition: &Edition<'_>,
@@ -231,11 +234,18 @@ fn labels(
 ) -> Vec<String> {
     let mut labels = vec![String::new(); definition.labels.len()];
     let Some(method) = method else { return answered.map_or(labels, |row| row.labels.clone()) };
-    let twins = all_methods(edition).iter().filter(|other| other.record.title == method.record.title).count() > 1;
-    let title = if twins {
-        format!("{} ({}: {})", method.record.title, method.store, method.record.name)
-    } else {
-        method.record.title.clone()
+    let all = all_methods(edition);
+    let named = |name: Option<&str>| {
+        let twin = |other: &&Candidate<'_>| {
+            other.record.title == method.record.title && name.is_none_or(|name| other.record.name == name)
+        };
+        all.iter().filter(twin).count()
+    };
+    let twins = named(None) > 1;
+    let title = match (twins, named(Some(&method.record.name)) > 1) {
+        (false, _) => method.record.title.clone(),
+        (true, false) => format!("{} ({})", method.record.title, method.record.name),
+        (true, true) => format!("{} ({}: {})", method.record.title, method.store, method.record.name),
     };
     match (definition.measured_label, answered) {
         (MeasuredLabel::Published, Some(row)) => {

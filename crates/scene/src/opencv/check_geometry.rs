@@ -9,7 +9,7 @@ use super::matching::{Features, MatchOptions, detect, epipolar_inliers, match_mu
 use crate::geometry::{
     Convention, ConventionScore, MatchedPair, PointMatch, Verdict, View, median, score_conventions, verdict,
 };
-use crate::{Picture, Scene, SceneError, WarningKind, Warnings};
+use crate::{Scene, SceneError, WarningKind, Warnings};
 
 /// Gaps that a spread choice tries, widest first: a wide baseline tells readings apart, a narrow one still
 /// matches.
