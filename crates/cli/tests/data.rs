@@ -10,6 +10,9 @@ use atsplat_pixels::{ImageU8, encode_png};
 use atsplat_scene::torch::{Chunk, ChunkScene, ChunkWriter};
 use atsplat_scene::{SharedBytes, Warnings};
 
+use atsplat_numeric::Tolerance;
+use atsplat_rooms::ClipMotion;
+use atsplat_tests::shared_data;
 use common::{atsplat, succeed, write_trajectory};
 
 #[test]
@@ -174,4 +177,59 @@ fn a_simulated_camera_follows_a_given_route() {
     let told = succeed(here, &words);
     assert!(told.starts_with("rooms-test-00000003: ") && told.contains("1 scenes, 5 frames"), "{told}");
     assert_eq!(here.join("out/depth/rooms-test-00000003").read_dir().unwrap().count(), 5);
+}
+
+#[test]
+fn motion_of_a_known_camera_and_of_simulated_ones() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    std::fs::create_dir(here.join("data")).unwrap();
+    write_trajectory(&here.join("data/long.txt"), 200);
+    write_trajectory(&here.join("data/short.txt"), 3);
+    let words = ["data", "motion", "data", "--simulated", "3", "--plot", "motion.svg"];
+    let report: serde_json::Value = serde_json::from_str(&succeed(here, &[&words[..], &["--json"]].concat())).unwrap();
+    let [simulated, real] = report["groups"].as_array().unwrap().as_slice() else { panic!("{report}") };
+    assert_eq!(simulated["clips"][2]["clip"], "rooms-train-00000002", "{simulated}");
+    assert_eq!((&real["clips"][0]["frames"], &real["too-short"]), (&200.into(), &1.into()), "{real}");
+    let plot = || std::fs::read_to_string(here.join("motion.svg")).unwrap();
+    let first = plot();
+    assert!(first.contains("simulated rooms: median") && first.contains("turn rate"), "{first}");
+    let table = succeed(here, &[&words[..], &["--threads", "1"]].concat());
+    assert!(table.contains("baseline, 135 frames"), "{table}");
+    assert_eq!(plot(), first, "the same clips give the same bytes on any number of threads");
+    assert_eq!(atsplat(here, &["--strict", "data", "motion", "data"]).code, 4, "a clip was left out");
+    assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the carried clips");
+}
+
+/// `data/measure_motion.py` printed speeds, lengths and ratios with four decimals, turn rates with three, angles with two,
+/// of files whose rotations the loader makes orthonormal.
+#[test]
+fn motion_of_real_clips_is_what_numpy_measured() {
+    let Some(shared) = shared_data("motion_of_real_clips_is_what_numpy_measured") else { return };
+    let shared = shared.canonicalize().unwrap();
+    let folders = [shared.join("trajectories/cameractrl_16f"), shared.join("re10k/000c3ab189999a83")];
+    let here = tempfile::tempdir().unwrap();
+    let [short, whole] = folders.each_ref().map(|folder| folder.to_str().unwrap());
+    let report = succeed(here.path(), &["data", "motion", short, whole, "--json"]);
+    let report: serde_json::Value = serde_json::from_str(&report).unwrap();
+    let groups = report["groups"].as_array().unwrap();
+    let clips = groups.iter().flat_map(|group| group["clips"].as_array().unwrap());
+    let mut found: Vec<ClipMotion> = clips.map(|clip| serde_json::from_value(clip.clone()).unwrap()).collect();
+    found.sort_by(|a, b| a.clip.cmp(&b.clip));
+    let expected = ClipMotion::real().unwrap();
+    let names = |clips: &[ClipMotion]| clips.iter().map(|clip| (clip.clip.clone(), clip.frames)).collect::<Vec<_>>();
+    assert_eq!(names(&found), names(&expected));
+    let printed = |decimals: i32| Tolerance::absolute(0.6 * 10f64.powi(-decimals));
+    for (found, expected) in found.iter().zip(&expected) {
+        let check = |tolerance: Tolerance, read: &dyn Fn(&ClipMotion) -> Vec<f64>| {
+            tolerance.assert(read(found), read(expected), &found.clip);
+        };
+        check(printed(6), &|clip| vec![clip.fx, clip.fy]);
+        check(printed(3), &|clip| vec![clip.seconds, clip.turn_degrees_per_second]);
+        check(printed(2), &|clip| Vec::from_iter(clip.travel_to_axis_degrees));
+        check(printed(4), &|clip| {
+            let lengths = [clip.straightness, clip.baseline_45, clip.baseline_90, clip.baseline_135];
+            std::iter::once(clip.speed).chain(lengths.into_iter().flatten()).collect()
+        });
+    }
 }

@@ -145,6 +145,12 @@ fn estimators_of_overlap_are_judged_by_true_covisibility() {
         let ordered = [of("epipolar-ray"), of("depth-covisibility")];
         assert!(ordered[1] > 0.85 && ordered[1] > ordered[0], "{kind}: depth knows more than cameras do: {ordered:?}");
     }
-    let text = succeed(here, &words);
+    let text = succeed(here, &[&words[..], &["--plot", "estimators.svg"]].concat());
     assert!(text.starts_with("36 pairs of views of 6 simulated scenes"), "{text}");
+    let plot = || std::fs::read_to_string(here.join("estimators.svg")).unwrap();
+    let first = plot();
+    assert!(first.contains("depth-covisibility") && first.contains("yards: rank correlation"), "{first}");
+    succeed(here, &[&words[..], &["--plot", "estimators.svg", "--threads", "1"]].concat());
+    assert_eq!(plot(), first, "the same pairs give the same bytes on any number of threads");
+    assert_eq!(atsplat(here, &[&words[..], &["--plot", "estimators.pdf"]].concat()).code, 2);
 }

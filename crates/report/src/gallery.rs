@@ -5,10 +5,10 @@ use atsplat_pixels::ImageU8;
 
 use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, DriftHistory, DriftRun, Estimate,
-    Expansion, ExpansionStrip, ExpansionStrips, ExtrapolationDecay, ExtrapolationSeries, Figure, Frontier,
-    FrontierPoint, KPoint, KScaling, Origin, OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves,
-    OverlapSeries, ScatterPoint, SceneScatter, StageTime, StageTimeRow, StripPicture, TokenExpansion, UncertaintyRow,
-    UncertaintyTriplets,
+    EstimatePoint, EstimatorPanel, EstimatorScatter, Expansion, ExpansionStrip, ExpansionStrips, ExtrapolationDecay,
+    ExtrapolationSeries, Figure, Frontier, FrontierPoint, HistogramPanel, Histograms, KPoint, KScaling, Origin,
+    OverlapBin, OverlapBinMeans, OverlapBinSeries, OverlapCurves, OverlapSeries, ScatterPoint, SceneScatter, StageTime,
+    StageTimeRow, StripPicture, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
 };
 
 const MADE_UP: &str = "made-up data";
@@ -31,6 +31,8 @@ pub fn gallery() -> Vec<(&'static str, Drawing)> {
     ];
     plots.push(("expansion-strips", strips().draw()));
     plots.push(("uncertainty", uncertainty().draw()));
+    plots.push(("estimators", estimators().draw()));
+    plots.push(("histograms", histograms().draw()));
     plots
 }
 
@@ -49,6 +51,11 @@ pub fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     let mut named = overlap_curves();
     named.series.iter_mut().for_each(|series| series.label.clone_from(&long));
     let mut empty = [overlap_curves(), overlap_curves()];
+    let mut lost = estimators();
+    lost.panels.iter_mut().for_each(|panel| panel.points.iter_mut().for_each(|point| point.truth = f64::NAN));
+    let mut level_groups = histograms();
+    level_groups.panels.iter_mut().for_each(|panel| panel.values = vec![vec![f64::NAN], vec![2.0; 5]]);
+    level_groups.groups.iter_mut().for_each(|name| name.clone_from(&long));
     empty[0].series.clear();
     empty[1].series.iter_mut().for_each(|series| series.points.clear());
     vec![
@@ -73,6 +80,10 @@ pub fn odd_gallery() -> Vec<(&'static str, Drawing)> {
             TokenExpansion { picture: None, size: [0.0, 0.0], expansions: Vec::new(), ..token_expansion() }.draw(),
         ),
         ("no strips", ExpansionStrips { columns: Vec::new(), strips: Vec::new(), ..strips() }.draw()),
+        ("no truth", lost.draw()),
+        ("no estimators", EstimatorScatter { panels: Vec::new(), ..estimators() }.draw()),
+        ("equal clips", level_groups.draw()),
+        ("no measures", Histograms { panels: Vec::new(), ..histograms() }.draw()),
         ("no triplets", UncertaintyTriplets { rows: Vec::new(), ..uncertainty() }.draw()),
     ]
 }
@@ -291,6 +302,51 @@ fn scatter() -> SceneScatter {
         y: "ATSplat".to_owned(),
         points: (0..140).map(point).collect(),
         named: 5,
+    }
+}
+
+fn estimators() -> EstimatorScatter {
+    let panel = |estimator: &str, blur: f64, salt: usize| EstimatorPanel {
+        estimator: estimator.to_owned(),
+        points: (0..240)
+            .map(|at| {
+                let truth = noise(at * 5 + salt);
+                let estimate = (truth + blur * (noise(at * 5 + salt + 1) - 0.4)).clamp(0.0, 1.0);
+                EstimatePoint { kind: at % 2, truth, estimate }
+            })
+            .collect(),
+        rank_correlations: vec![Some(1.0 - blur), None],
+    };
+    EstimatorScatter {
+        title: "Estimated overlap against the truth".to_owned(),
+        subtitle: format!("240 pairs of views; {MADE_UP}"),
+        kinds: vec!["rooms".to_owned(), "yards".to_owned()],
+        bins: ["small", "medium", "large"].map(str::to_owned).to_vec(),
+        edges: vec![0.05, 0.3, 0.55, 0.8],
+        panels: vec![
+            panel("epipolar-ray", 0.6, 1),
+            panel("feature-coverage", 0.3, 2),
+            panel("depth-covisibility", 0.1, 3),
+        ],
+    }
+}
+
+fn histograms() -> Histograms {
+    let panel = |measure: &str, middle: f64, salt: usize| {
+        let of = |count: usize, salt: usize| (0..count).map(|at| middle * (0.5 + noise(at * 7 + salt))).collect();
+        HistogramPanel { measure: measure.to_owned(), values: vec![of(300, salt), of(11, salt + 1)] }
+    };
+    Histograms {
+        title: "How cameras move".to_owned(),
+        subtitle: format!("heights: share of the clips; {MADE_UP}"),
+        groups: vec!["simulated".to_owned(), "real".to_owned()],
+        panels: vec![
+            panel("speed, units/s", 0.4, 1),
+            panel("turn rate, °/s", 6.0, 2),
+            panel("straightness", 0.9, 3),
+            panel("baseline over 45 frames", 0.6, 4),
+            panel("focal length over width", 0.48, 5),
+        ],
     }
 }
 

@@ -48,12 +48,12 @@ def measure(path):
         "fx": round(float(rows[0, 1]), 6),
         "fy": round(float(rows[0, 2]), 6),
         "speed": round(float(arc / times[-1]), 4),
-        "turn_degrees_per_second": round(turned / float(seconds[near[-1]]), 3),
+        "turn-degrees-per-second": round(turned / float(seconds[near[-1]]), 3),
         "straightness": round(float(np.linalg.norm(at[-1] - at[0]) / arc), 4),
-        "travel_to_axis_degrees": round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 2),
-        "baseline_45": baseline(45),
-        "baseline_90": baseline(90),
-        "baseline_135": baseline(135),
+        "travel-to-axis-degrees": round(float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), 2),
+        "baseline-45": baseline(45),
+        "baseline-90": baseline(90),
+        "baseline-135": baseline(135),
     }
 
 

@@ -1,168 +1,243 @@
-use glam::{DVec3, Vec3A};
+use glam::{DVec3, Vec3A, Vec4};
 
 use crate::form::{Object, RaySegment};
 
-/// A box around the objects `first .. first + count` of a run, or around two nodes, the left one next in line.
-#[derive(Clone, Copy, Debug)]
-struct Node {
-    low: Vec3A,
-    high: Vec3A,
-    /// First object of a leaf, or the right node.
-    link: u32,
-    /// Objects of a leaf; 0 for a node of nodes.
-    count: u32,
-}
-
-/// A tree of boxes over objects, split where the surface area heuristic says.
+/// A tree of boxes over objects, four to a node, split where the surface area heuristic says. A box of one object stands
+/// for it: what a ray's packet of four box tests lets through is tested exactly.
 #[derive(Clone, Debug)]
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
-    order: Vec<u32>,
 }
 
-const LEAF: usize = 2;
-const DEPTH: usize = 64;
+/// Four boxes side by side.
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    /// Per axis the planes that a ray meets first, if it runs up the axis, and last.
+    planes: [[Vec4; 2]; 3],
+    /// What each box holds: an object, marked by [`OBJECT`], or a node.
+    links: [u32; WIDTH],
+}
+
+const WIDTH: usize = 4;
+const OBJECT: u32 = 1 << 31;
+/// Levels that the heuristic may shape; below them halves keep the tree from growing deeper.
+const SHAPED: usize = 12;
+/// A walk holds three boxes a level, and half of 2³¹ objects are gone after a level of halves.
+const HELD: usize = (WIDTH - 1) * (SHAPED + 8);
 /// Boxes are f32: larger than their content by more than f32 loses at this distance, in metres.
 const MARGIN: f32 = 1e-4;
 
 impl Bvh {
     pub(crate) fn new(objects: &[Object]) -> Self {
-        let mut order: Vec<u32> = (0u32..).take(objects.len()).collect();
-        let mut nodes = Vec::with_capacity(objects.len());
-        if !order.is_empty() {
-            build(objects, &mut order, 0, &mut nodes, 0);
+        let mut bvh = Self { nodes: Vec::new() };
+        let mut leaves: Vec<Leaf> = (0u32..).zip(objects).map(|(index, object)| Leaf::new(index, object)).collect();
+        if !leaves.is_empty() {
+            bvh.grow(&mut leaves, 0);
         }
-        Self { nodes, order }
+        bvh
+    }
+
+    /// Adds the node of a run of objects and all below it; tells its number.
+    #[expect(clippy::cast_possible_truncation, reason = "a scene has far fewer than 2^31 objects")]
+    fn grow(&mut self, run: &mut [Leaf], depth: usize) -> u32 {
+        let me = self.nodes.len();
+        self.nodes.push(Node::EMPTY);
+        let mut runs = vec![run];
+        while runs.len() < WIDTH {
+            let largest = (0..runs.len()).filter(|&at| runs[at].len() > 1);
+            let Some(largest) = largest.max_by(|&a, &b| area(runs[a]).total_cmp(&area(runs[b]))) else { break };
+            let run = runs.swap_remove(largest);
+            let at = if depth < SHAPED { cheapest_split(run) } else { run.len() / 2 };
+            let (left, right) = run.split_at_mut(at);
+            runs.extend([left, right]);
+        }
+        let mut node = Node::EMPTY;
+        for (slot, run) in runs.into_iter().enumerate() {
+            let (low, high) = bounds(run);
+            let link = match &*run {
+                [leaf] => leaf.index | OBJECT,
+                _ => self.grow(run, depth + 1),
+            };
+            node.put(slot, low, high, link);
+        }
+        if let Some(place) = self.nodes.get_mut(me) {
+            *place = node;
+        }
+        me as u32
     }
 
     /// The nearest hit and its object; of hits at the same distance, that of the first object.
     pub(crate) fn closest(&self, objects: &[Object], ray: &RaySegment) -> Option<(f64, usize)> {
         let mut best: Option<(f64, usize)> = None;
         let mut ray = *ray;
-        self.walk(ray, |run, farthest| {
-            for &index in run {
-                let index = index as usize;
+        let slabs = Slabs::new(&ray);
+        let mut limit = limit(ray.farthest);
+        let mut held = [(0u32, 0f32); HELD];
+        let mut top = usize::from(!self.nodes.is_empty());
+        while let Some(&(link, enter)) = top.checked_sub(1).and_then(|last| held.get(last)) {
+            top -= 1;
+            if enter > limit {
+                continue;
+            }
+            if link & OBJECT != 0 {
+                let index = (link & !OBJECT) as usize;
                 let Some(t) = objects.get(index).and_then(|object| object.hit(&ray)) else { continue };
-                let nearer = best.is_none_or(|(held, other)| t < held || (t <= held && index < other));
-                if nearer {
+                if best.is_none_or(|(held, other)| t < held || (t <= held && index < other)) {
                     best = Some((t, index));
                     // A hair beyond, so that an equal hit is compared and not lost.
                     ray.farthest = t * (1.0 + f64::EPSILON) + f64::MIN_POSITIVE;
-                    *farthest = ray.farthest;
+                    limit = self::limit(ray.farthest);
                 }
+                continue;
             }
-            false
-        });
+            let Some(node) = self.nodes.get(link as usize) else { continue };
+            let (enters, met) = slabs.enter(node, limit);
+            let first = top;
+            for slot in (0..WIDTH).filter(|slot| met >> slot & 1 == 1) {
+                // Nearest on top: an insertion among at most four.
+                let mut at = top;
+                while at > first && held.get(at - 1).is_some_and(|(_, other)| *other < enters[slot]) {
+                    held.swap(at, at - 1);
+                    at -= 1;
+                }
+                held[at] = (node.links[slot], enters[slot]);
+                top += 1;
+            }
+        }
         best
     }
 
     /// Whether anything stands within the ray's limits.
     pub(crate) fn blocked(&self, objects: &[Object], ray: &RaySegment) -> bool {
-        self.walk(*ray, |run, _| {
-            run.iter().any(|&index| objects.get(index as usize).is_some_and(|object| object.hit(ray).is_some()))
-        })
-    }
-
-    /// Visits runs of objects, near boxes first; `visit` may shorten the ray, and ends the walk by `true`.
-    fn walk(&self, ray: RaySegment, mut visit: impl FnMut(&[u32], &mut f64) -> bool) -> bool {
-        let origin = ray.origin.as_vec3a();
-        let inverse = ray.inverse.as_vec3a();
-        let enters = |node: &Node, farthest: f32| {
-            let (a, b) = ((node.low - origin) * inverse, (node.high - origin) * inverse);
-            let (enter, leave) = (a.min(b).max_element(), a.max(b).min_element());
-            (leave >= enter && leave >= 0.0 && enter <= farthest).then_some(enter)
-        };
-        let mut farthest = ray.farthest;
-        let mut stack = [0u32; DEPTH];
-        let mut held = usize::from(self.nodes.first().is_some_and(|root| enters(root, f32::INFINITY).is_some()));
-        while held > 0 {
-            held -= 1;
-            let mut at = stack.get(held).copied().unwrap_or_default();
-            while let Some(node) = self.nodes.get(at as usize) {
-                if node.count > 0 {
-                    let run = self.order.get(node.link as usize..(node.link + node.count) as usize);
-                    if visit(run.unwrap_or_default(), &mut farthest) {
-                        return true;
-                    }
-                    break;
+        let slabs = Slabs::new(ray);
+        let limit = limit(ray.farthest);
+        let mut held = [0u32; HELD];
+        let mut top = usize::from(!self.nodes.is_empty());
+        while let Some(node) =
+            top.checked_sub(1).and_then(|last| held.get(last)).and_then(|&at| self.nodes.get(at as usize))
+        {
+            top -= 1;
+            let (_, met) = slabs.enter(node, limit);
+            for slot in (0..WIDTH).filter(|slot| met >> slot & 1 == 1) {
+                let link = node.links[slot];
+                if link & OBJECT == 0 {
+                    held[top] = link;
+                    top += 1;
+                } else if objects.get((link & !OBJECT) as usize).is_some_and(|object| object.hit(ray).is_some()) {
+                    return true;
                 }
-                #[expect(clippy::cast_possible_truncation, reason = "boxes carry a margin for f32")]
-                let limit = farthest as f32 * 1.000_001 + MARGIN;
-                let (left, right) = (at + 1, node.link);
-                let near = |index: u32| self.nodes.get(index as usize).and_then(|node| enters(node, limit));
-                at = match (near(left), near(right)) {
-                    (Some(l), Some(r)) => {
-                        let (first, second) = if l <= r { (left, right) } else { (right, left) };
-                        if let Some(slot) = stack.get_mut(held) {
-                            *slot = second;
-                            held += 1;
-                        }
-                        first
-                    }
-                    (Some(_), None) => left,
-                    (None, Some(_)) => right,
-                    (None, None) => break,
-                };
             }
         }
         false
     }
 }
 
-fn bounds(objects: &[Object], run: &[u32]) -> (Vec3A, Vec3A) {
-    let mut low = DVec3::INFINITY;
-    let mut high = DVec3::NEG_INFINITY;
-    for object in run.iter().filter_map(|&index| objects.get(index as usize)) {
-        let half = object.half_extent();
-        low = low.min(object.centre - half);
-        high = high.max(object.centre + half);
+impl Node {
+    /// Boxes that no ray meets.
+    const EMPTY: Self =
+        Self { planes: [[Vec4::splat(f32::INFINITY), Vec4::splat(f32::NEG_INFINITY)]; 3], links: [0; WIDTH] };
+
+    fn put(&mut self, slot: usize, low: Vec3A, high: Vec3A, link: u32) {
+        for (axis, [lows, highs]) in self.planes.iter_mut().enumerate() {
+            (lows[slot], highs[slot]) = (low[axis], high[axis]);
+        }
+        self.links[slot] = link;
     }
-    (low.as_vec3a() - Vec3A::splat(MARGIN), high.as_vec3a() + Vec3A::splat(MARGIN))
 }
 
-fn area(objects: &[Object], run: &[u32]) -> f32 {
-    let (low, high) = bounds(objects, run);
+/// A ray as boxes want it.
+struct Slabs {
+    origin: [Vec4; 3],
+    inverse: [Vec4; 3],
+    /// Per axis which of a node's planes is met first.
+    first: [usize; 3],
+}
+
+impl Slabs {
+    fn new(ray: &RaySegment) -> Self {
+        let (origin, inverse) = (ray.origin.as_vec3(), ray.inverse.as_vec3());
+        Self {
+            origin: origin.to_array().map(Vec4::splat),
+            inverse: inverse.to_array().map(Vec4::splat),
+            first: inverse.to_array().map(|inverse| usize::from(inverse < 0.0)),
+        }
+    }
+
+    /// Where the ray enters each box, and a bit for each that it meets before `limit`.
+    fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
+        let plane = |axis: usize, side: usize| (node.planes[axis][side] - self.origin[axis]) * self.inverse[axis];
+        let [x, y, z] = self.first;
+        let enter = plane(0, x).max(plane(1, y)).max(plane(2, z));
+        let leave = plane(0, 1 - x).min(plane(1, 1 - y)).min(plane(2, 1 - z));
+        let met = leave.cmpge(enter) & leave.cmpge(Vec4::ZERO) & enter.cmple(Vec4::splat(limit));
+        (enter.to_array(), met.bitmask())
+    }
+}
+
+/// What boxes are compared with for hits nearer than `farthest`.
+#[expect(clippy::cast_possible_truncation, reason = "boxes carry a margin for f32")]
+fn limit(farthest: f64) -> f32 {
+    farthest as f32 * 1.000_001 + MARGIN
+}
+
+/// An object while the tree grows.
+#[derive(Clone, Copy)]
+struct Leaf {
+    low: Vec3A,
+    high: Vec3A,
+    centre: DVec3,
+    index: u32,
+}
+
+impl Leaf {
+    fn new(index: u32, object: &Object) -> Self {
+        let half = object.half_extent();
+        let margin = Vec3A::splat(MARGIN);
+        let (low, high) = ((object.centre - half).as_vec3a() - margin, (object.centre + half).as_vec3a() + margin);
+        Self { low, high, centre: object.centre, index }
+    }
+}
+
+fn bounds(run: &[Leaf]) -> (Vec3A, Vec3A) {
+    let none = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+    run.iter().fold(none, |(low, high), leaf| (low.min(leaf.low), high.max(leaf.high)))
+}
+
+fn area(run: &[Leaf]) -> f32 {
+    area_of(bounds(run))
+}
+
+fn area_of((low, high): (Vec3A, Vec3A)) -> f32 {
     let side = high - low;
     side.x * side.y + side.y * side.z + side.z * side.x
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "a scene has far fewer than 2^32 objects")]
-fn build(objects: &[Object], run: &mut [u32], first: usize, nodes: &mut Vec<Node>, depth: usize) {
-    let (low, high) = bounds(objects, run);
-    let me = nodes.len();
-    nodes.push(Node { low, high, link: first as u32, count: run.len() as u32 });
-    // The stack of a walk holds one node a level.
-    if run.len() <= LEAF || depth + 1 >= DEPTH {
-        return;
-    }
-    let sort = |run: &mut [u32], axis: usize| {
-        let key = |&index: &u32| objects.get(index as usize).map_or(0.0, |o| o.centre.to_array()[axis]);
-        run.sort_by(|a, b| key(a).total_cmp(&key(b)).then(a.cmp(b)));
+/// Sorts a run of two or more along the axis where its parts cost least, and tells where to part it.
+fn cheapest_split(run: &mut [Leaf]) -> usize {
+    let sort = |run: &mut [Leaf], axis: usize| {
+        run.sort_by(|a, b| a.centre[axis].total_cmp(&b.centre[axis]).then(a.index.cmp(&b.index)));
     };
     let mut best = (f32::INFINITY, 0, run.len() / 2);
     for axis in 0..3 {
         sort(run, axis);
-        for eighth in 1..8 {
-            let at = run.len() * eighth / 8;
-            let (left, right) = run.split_at(at);
-            if left.is_empty() || right.is_empty() {
-                continue;
-            }
-            let cost = area(objects, left) * left.len() as f32 + area(objects, right) * right.len() as f32;
+        let mut held = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        let mut of_last = |leaf: &Leaf| {
+            held = (held.0.min(leaf.low), held.1.max(leaf.high));
+            area_of(held)
+        };
+        let mut right: Vec<f32> = run.iter().rev().map(&mut of_last).collect();
+        right.reverse();
+        let mut held = (Vec3A::INFINITY, Vec3A::NEG_INFINITY);
+        for at in 1..run.len() {
+            held = (held.0.min(run[at - 1].low), held.1.max(run[at - 1].high));
+            let cost = area_of(held) * at as f32 + right[at] * (run.len() - at) as f32;
             if cost < best.0 {
                 best = (cost, axis, at);
             }
         }
     }
     sort(run, best.1);
-    let at = best.2.clamp(1, run.len() - 1);
-    let (left, right) = run.split_at_mut(at);
-    build(objects, left, first, nodes, depth + 1);
-    let link = nodes.len() as u32;
-    build(objects, right, first + at, nodes, depth + 1);
-    if let Some(node) = nodes.get_mut(me) {
-        (node.link, node.count) = (link, 0);
-    }
+    best.2
 }
 
 #[cfg(test)]

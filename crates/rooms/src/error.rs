@@ -36,6 +36,9 @@ pub enum RoomsError {
     /// A scene that cannot be stored.
     #[error(transparent)]
     Scene(#[from] SceneError),
+    /// Carried figures of real clips that cannot be read.
+    #[error("reading the motion of real clips: {0}")]
+    Motion(#[from] serde_json::Error),
     /// A file that cannot be written.
     #[error("{action} {}: {source}", path.display())]
     Io {

@@ -20,16 +20,25 @@ impl Lamp {
     /// Irradiance over π at a surface that sees all of the lamp, from its middle.
     pub(crate) fn reaches(&self, point: DVec3, normal: DVec3) -> Vec3 {
         let gathered = |towards: DVec3, area: f64, shines: f64| {
+            let facing = normal.dot(towards);
+            if facing <= 0.0 || shines <= 0.0 {
+                return 0.0;
+            }
             let squared = towards.length_squared();
-            let cosine = normal.dot(towards) / squared.sqrt();
+            let cosine = facing / squared.sqrt();
             // Close up a lamp is no point: at most as much as it would give from its own radius.
             cosine.clamp(0.0, 1.0) * shines * area / (std::f64::consts::PI * squared + area)
         };
         match *self {
             Self::Panel { centre, half_u, half_v, radiance } => {
                 let (towards, face) = (centre - point, half_u.cross(half_v));
-                let shines = -towards.dot(face) / (towards.length() * face.length());
-                radiance * as_colour(gathered(towards, 4.0 * face.length(), shines.clamp(0.0, 1.0)))
+                let along = -towards.dot(face);
+                if along <= 0.0 {
+                    return Vec3::ZERO;
+                }
+                let size = face.length();
+                let shines = along / (towards.length() * size);
+                radiance * as_colour(gathered(towards, 4.0 * size, shines.clamp(0.0, 1.0)))
             }
             Self::Bulb { centre, radius, radiance } => {
                 radiance * as_colour(gathered(centre - point, std::f64::consts::PI * radius * radius, 1.0))
@@ -49,10 +58,10 @@ impl Lamp {
             }
             Self::Bulb { centre, radius, .. } => {
                 // The side that can be seen: a disc across the way.
-                let (right, up) = (centre - point).normalize_or(DVec3::Z).any_orthonormal_pair();
+                let away = (centre - point).normalize_or(DVec3::Z);
+                let (right, up) = away.any_orthonormal_pair();
                 let (sin, cos) = (std::f64::consts::TAU * dice.y).sin_cos();
-                let nearer = (point - centre).normalize_or(DVec3::Z) * radius;
-                centre + nearer + (right * cos + up * sin) * (radius * dice.x.sqrt())
+                centre - away * radius + (right * cos + up * sin) * (radius * dice.x.sqrt())
             }
             Self::Sun { direction, radius, .. } => {
                 return (direction + sphere_point(dice) * radius).normalize() * 1e3;

@@ -28,7 +28,7 @@ pub use covisibility::Covisibility;
 pub use dataset::{Layout, ManifestScene, PictureCoding, WriteOptions, encoded_scene, write_dataset};
 pub use effects::{CalledEffect, EffectChoice, EffectKind, TOLERANCE};
 pub use error::RoomsError;
-pub use path::Motion;
+pub use path::{ClipMotion, Motion};
 pub use render::{Geometry, View};
 pub use seed::{SceneKind, SceneSeed, Split};
 pub use shot::Shot;

@@ -22,10 +22,11 @@ pub(crate) const fn unit(bits: u32) -> f32 {
 /// Smooth value noise in [−1, 1], one feature a unit.
 #[expect(clippy::cast_possible_truncation, reason = "texture coordinates are a few thousand units at most")]
 pub(crate) fn value_noise(p: Vec3, seed: u32) -> f32 {
-    let cell = p.floor();
-    let f = p - cell;
+    // Not `floor`, which is a call where the processor is only known to be any of its kind.
+    let below = |x: f32| x as i32 - i32::from((x as i32) as f32 > x);
+    let (x, y, z) = (below(p.x), below(p.y), below(p.z));
+    let f = p - Vec3::new(x as f32, y as f32, z as f32);
     let s = f * f * (Vec3::splat(3.0) - 2.0 * f);
-    let (x, y, z) = (cell.x as i32, cell.y as i32, cell.z as i32);
     let at = |dx, dy, dz| unit(lattice(x + dx, y + dy, z + dz, seed));
     let mix = |a: f32, b: f32, t: f32| a + (b - a) * t;
     let plane = |dz| mix(mix(at(0, 0, dz), at(1, 0, dz), s.x), mix(at(0, 1, dz), at(1, 1, dz), s.x), s.y);

@@ -4,6 +4,7 @@ mod export;
 mod frames;
 mod geometry;
 mod inspect;
+mod motion;
 mod simulate;
 mod undistort;
 
@@ -13,6 +14,8 @@ use clap::Subcommand;
 pub(crate) enum Command {
     /// Print what a path holds: format, counts, sizes, intrinsics, baselines, problems.
     Inspect(inspect::Words),
+    /// Measure how cameras move: speed, turn rate, straightness, baselines, focal length; simulated beside real.
+    Motion(motion::Words),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
     Export(export::Words),
     /// Simulate scenes from seeds into a dataset, with exact depth.
@@ -27,6 +30,7 @@ pub(crate) enum Command {
 pub(crate) fn run(command: &Command) -> anyhow::Result<bool> {
     match command {
         Command::Inspect(words) => inspect::run(words),
+        Command::Motion(words) => motion::run(words),
         Command::Export(words) => export::run(words),
         Command::Simulate(words) => simulate::run(words),
         Command::Frames(words) => frames::run(words),

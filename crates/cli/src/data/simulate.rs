@@ -83,13 +83,13 @@ pub(crate) struct Words {
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum KindWord {
+pub(super) enum KindWord {
     Rooms,
     Yards,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-enum SplitWord {
+pub(super) enum SplitWord {
     Train,
     Test,
 }

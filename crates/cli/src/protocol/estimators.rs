@@ -9,15 +9,19 @@ use atsplat_pixels::{ImageU8, Rounding};
 use atsplat_protocol::overlap::{DepthMap, OverlapEstimator, OverlapView};
 use atsplat_protocol::samplers::SplitMix64;
 use atsplat_protocol::{BinRule, OverlapBins};
+use atsplat_report::plot::{EstimatePoint, EstimatorPanel, EstimatorScatter};
 use atsplat_rooms::{Geometry, Request, SceneKind, SceneSeed, Simulation, Split};
 use clap::Args;
 use serde::Serialize;
 
 use super::parse;
-use crate::output::print_report;
+use crate::output::{PendingFile, print_report};
+use crate::plot::PlotFile;
 use crate::progress::Progress;
 use crate::render::words;
 
+/// Judged each by itself: what holds indoors need not hold on a walk around a thing.
+const KINDS: [SceneKind; 2] = [SceneKind::Rooms, SceneKind::Yards];
 /// Frames between the two views at least: neighbours see the same.
 const LEAST_GAP: usize = 5;
 
@@ -38,6 +42,10 @@ pub(crate) struct Words {
     /// Seed of the pairs.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
+
+    /// Plot of every estimate against the truth, .svg or .png.
+    #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
+    plot: Option<PlotFile>,
 
     /// Print JSON, every pair with its numbers.
     #[arg(long)]
@@ -65,7 +73,7 @@ struct Pair {
     estimates: Vec<Option<f64>>,
 }
 
-/// How one estimator fares with one kind of scene: what holds indoors need not hold on a walk around a thing.
+/// How one estimator fares with one kind of scene.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
@@ -84,10 +92,13 @@ struct Row {
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let estimators = estimators()?;
-    let kinds = [SceneKind::Rooms, SceneKind::Yards];
-    let progress = Progress::new("scenes", kinds.len() * words.scenes as usize);
+    let plot = match &words.plot {
+        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
+        None => None,
+    };
+    let progress = Progress::new("scenes", KINDS.len() * words.scenes as usize);
     let mut pairs = Vec::new();
-    for kind in kinds {
+    for kind in KINDS {
         for number in 0..words.scenes {
             let seed = SceneSeed { split: Split::Test, number };
             let simulation = Simulation::new(Request { size: words.size, ..Request::new(kind, seed) })?;
@@ -98,14 +109,18 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         }
     }
     drop(progress);
-    let rows = kinds.iter().flat_map(|&kind| {
+    let rows = KINDS.into_iter().flat_map(|kind| {
         let of_kind: Vec<&Pair> = pairs.iter().filter(|pair| pair.kind == kind).collect();
         let rows = estimators.iter().enumerate().map(move |(at, estimator)| row(kind, estimator.name(), at, &of_kind));
         rows.collect::<Vec<_>>()
     });
     let rows = rows.collect();
-    let scenes = kinds.len() * words.scenes as usize;
-    print_report(&Report { scenes, size: words.size, pairs, estimators: rows }, words.json)?;
+    let scenes = KINDS.len() * words.scenes as usize;
+    let report = Report { scenes, size: words.size, pairs, estimators: rows };
+    if let Some((file, format)) = plot {
+        file.finish(&scatter(&report, &estimators).draw().encode(format)?)?;
+    }
+    print_report(&report, words.json)?;
     Ok(true)
 }
 
@@ -183,6 +198,39 @@ fn row(kind: SceneKind, estimator: &'static str, at: usize, pairs: &[&Pair]) -> 
         bias: mean(&|truth, estimate| estimate - truth),
         error: mean(&|truth, estimate| (estimate - truth).abs()),
         same_bin: mean(&|truth, estimate| f64::from(bins.place(truth) == bins.place(estimate))),
+    }
+}
+
+fn scatter(report: &Report, estimators: &[OverlapEstimator]) -> EstimatorScatter {
+    let bins = OverlapBins::noposplat(BinRule::Strict);
+    let point = |pair: &Pair, at: usize| {
+        let kind = KINDS.iter().position(|kind| *kind == pair.kind)?;
+        let estimate = pair.estimates.get(at).copied().flatten()?;
+        Some(EstimatePoint { kind, truth: pair.truth, estimate })
+    };
+    let panel = |(at, estimator): (usize, &OverlapEstimator)| {
+        let rank = |kind: SceneKind| {
+            let mut rows = report.estimators.iter();
+            rows.find(|row| row.kind == kind && row.estimator == estimator.name())?.rank_correlation
+        };
+        EstimatorPanel {
+            estimator: estimator.name().to_owned(),
+            points: report.pairs.iter().filter_map(|pair| point(pair, at)).collect(),
+            rank_correlations: KINDS.map(rank).to_vec(),
+        }
+    };
+    EstimatorScatter {
+        title: "Estimated overlap against true co-visibility".to_owned(),
+        subtitle: format!(
+            "{} pairs of views of {} simulated scenes, {}; tinted squares: both in the same of NoPoSplat's bins",
+            report.pairs.len(),
+            report.scenes,
+            report.size
+        ),
+        kinds: KINDS.map(|kind| kind.to_string()).to_vec(),
+        bins: bins.names().to_vec(),
+        edges: bins.edges().to_vec(),
+        panels: estimators.iter().enumerate().map(panel).collect(),
     }
 }
 

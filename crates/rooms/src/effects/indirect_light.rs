@@ -98,10 +98,9 @@ impl IndirectLight {
         }
         let last = DVec3::from(self.count.map(|count| (count - 1) as f64));
         let place = ((point + normal * 0.2 - self.low) / self.step).clamp(DVec3::ZERO, last - DVec3::splat(1e-6));
-        let cell = place.floor();
-        let share = (place - cell).as_vec3();
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "inside the grid")]
-        let (x, y, z) = (cell.x as usize, cell.y as usize, cell.z as usize);
+        let [x, y, z] = place.to_array().map(|place| place as u32 as usize);
+        let share = (place - DVec3::new(x as f64, y as f64, z as f64)).as_vec3();
         let n = normal.as_vec3();
         let squared = n * n;
         let sides = [usize::from(n.x < 0.0), 2 + usize::from(n.y < 0.0), 4 + usize::from(n.z < 0.0)];

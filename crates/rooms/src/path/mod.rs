@@ -1,5 +1,6 @@
 //! Where the camera goes.
 
+mod clip_motion;
 mod glide;
 mod place;
 mod statistics;
@@ -14,6 +15,7 @@ use crate::rng::{Rng, sphere_point};
 use crate::shot::Shot;
 use crate::world::World;
 use crate::{RoomsError, SceneKind};
+pub use clip_motion::ClipMotion;
 pub(crate) use place::place;
 pub use statistics::Motion;
 

@@ -57,9 +57,9 @@ mod tests {
         let fields = [
             ("fy", Motion::FY),
             ("speed", Motion::SPEED),
-            ("turn_degrees_per_second", Motion::TURN),
+            ("turn-degrees-per-second", Motion::TURN),
             ("straightness", Motion::STRAIGHTNESS),
-            ("travel_to_axis_degrees", Motion::TRAVEL_TO_AXIS),
+            ("travel-to-axis-degrees", Motion::TRAVEL_TO_AXIS),
         ];
         for (field, motion) in fields {
             Tolerance::EXACT.assert(motion.observed, sorted(field), field);

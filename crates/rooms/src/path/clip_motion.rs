@@ -1,0 +1,152 @@
+use atsplat_camera::{Camera, WorldFromCamera};
+use glam::DVec3;
+use serde::{Deserialize, Serialize};
+
+use crate::{RoomsError, Shot};
+
+/// How the camera of one clip moves, as `data/measure_motion.py` measures it. Lengths are in the clip's own units: for
+/// real clips those of structure from motion, whose scale differs from clip to clip.
+///
+/// Speeds are path length over time, so that a clip of which every eighth frame is kept counts like a whole one.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct ClipMotion {
+    /// The clip's name.
+    pub clip: String,
+    /// Its frames.
+    pub frames: usize,
+    /// From the first frame to the last.
+    pub seconds: f64,
+    /// Focal length of the first frame over the picture's width.
+    pub fx: f64,
+    /// Focal length of the first frame over the picture's height.
+    pub fy: f64,
+    /// Units a second along the path through places a quarter of a second apart: closer ones measure the noise of
+    /// structure from motion.
+    pub speed: f64,
+    /// Between frames nearest to half seconds.
+    pub turn_degrees_per_second: f64,
+    /// Distance between the ends over length of the path, in [0, 1]; `None` for a camera that stands.
+    pub straightness: Option<f64>,
+    /// Between the way from the first place to the last and the mean optical axis, in [0, 180]; `None` for a camera
+    /// that ends where it began.
+    pub travel_to_axis_degrees: Option<f64>,
+    /// Mean distance of places 45 frames of 1/30 s apart; `None` for a shorter clip.
+    pub baseline_45: Option<f64>,
+    /// The same for 90 frames.
+    pub baseline_90: Option<f64>,
+    /// The same for 135 frames.
+    pub baseline_135: Option<f64>,
+}
+
+/// Seconds between the places of a path, between directions, and between the starts of baselines.
+const PATH_STEP: f64 = 0.25;
+const TURN_STEP: f64 = 0.5;
+const BASELINE_STEP: f64 = 0.1;
+
+impl ClipMotion {
+    /// Measures cameras with their times in microseconds, in any order. `None` where they last less than half a second.
+    pub fn of(clip: &str, cameras: impl IntoIterator<Item = (i64, Camera)>) -> Option<Self> {
+        let mut cameras: Vec<(i64, Camera)> = cameras.into_iter().collect();
+        cameras.sort_by_key(|(micros, _)| *micros);
+        let (first, k) = cameras.first().map(|(micros, camera)| (*micros, camera.intrinsics))?;
+        let track = Track {
+            seconds: cameras.iter().map(|(micros, _)| (micros - first) as f64 / 1e6).collect(),
+            poses: cameras.iter().map(|(_, camera)| camera.camera_from_world.inverse()).collect(),
+        };
+        let seconds = track.seconds.last().copied().filter(|seconds| *seconds >= TURN_STEP)?;
+
+        let times = arange(seconds, PATH_STEP);
+        let places: Vec<DVec3> = times.iter().map(|time| track.place(*time)).collect();
+        let arc: f64 = places.windows(2).map(|pair| pair[0].distance(pair[1])).sum();
+        let near: Vec<usize> = arange(seconds, TURN_STEP).iter().map(|time| track.nearest(*time)).collect();
+        let turned: f64 =
+            near.windows(2).map(|pair| degrees_between(&track.poses[pair[0]], &track.poses[pair[1]])).sum();
+        let chord = |places: &[DVec3]| places.last().zip(places.first()).map(|(last, first)| *last - *first);
+        let between_ends = chord(&places)?.length();
+        let centres: Vec<DVec3> = track.poses.iter().map(WorldFromCamera::centre).collect();
+        let travelled = chord(&centres)?;
+        let axis: DVec3 = track.poses.iter().map(WorldFromCamera::forward).sum();
+        let cosine = travelled.dot(axis) / (travelled.length() * axis.length());
+        let turned_for = near.last().and_then(|at| track.seconds.get(*at)).copied()?;
+        Some(Self {
+            clip: clip.to_owned(),
+            frames: cameras.len(),
+            seconds,
+            fx: k.fx,
+            fy: k.fy,
+            speed: arc / times.last()?,
+            turn_degrees_per_second: if turned_for > 0.0 { turned / turned_for } else { 0.0 },
+            straightness: (arc > 0.0).then(|| between_ends / arc),
+            travel_to_axis_degrees: cosine.is_finite().then(|| cosine.clamp(-1.0, 1.0).acos().to_degrees()),
+            baseline_45: track.baseline(45),
+            baseline_90: track.baseline(90),
+            baseline_135: track.baseline(135),
+        })
+    }
+
+    /// Measures a simulated clip, or what of its shots is given. `None` as [`Self::of`].
+    pub fn of_shots(clip: &str, shots: &[Shot]) -> Option<Self> {
+        Self::of(clip, shots.iter().map(|shot| (shot.timestamp_micros, shot.camera)))
+    }
+
+    /// The eleven real RE10K clips that `data/re10k_motion.json` tells of; what trajectories are drawn from.
+    ///
+    /// # Errors
+    /// [`RoomsError::Motion`] where the carried file is broken.
+    pub fn real() -> Result<Vec<Self>, RoomsError> {
+        #[derive(Deserialize)]
+        struct File {
+            clips: Vec<ClipMotion>,
+        }
+        let file: File = serde_json::from_str(include_str!("../../data/re10k_motion.json"))?;
+        Ok(file.clips)
+    }
+}
+
+/// Poses at times that increase, in seconds from the first.
+struct Track {
+    seconds: Vec<f64>,
+    poses: Vec<WorldFromCamera>,
+}
+
+impl Track {
+    /// Where the camera is at a time of the clip, on the straight line between two frames.
+    fn place(&self, time: f64) -> DVec3 {
+        let later =
+            self.seconds.partition_point(|own| *own <= time).clamp(1, self.seconds.len().clamp(2, usize::MAX) - 1);
+        match (self.seconds.get(later - 1..=later), self.poses.get(later - 1..=later)) {
+            (Some([from, to]), Some([a, b])) => {
+                let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
+                a.centre().lerp(b.centre(), share)
+            }
+            _ => self.poses.first().map_or(DVec3::ZERO, WorldFromCamera::centre),
+        }
+    }
+
+    /// The first of the frames nearest to a time.
+    fn nearest(&self, time: f64) -> usize {
+        let far = |at: usize| self.seconds.get(at).map_or(f64::INFINITY, |own| (own - time).abs());
+        (0..self.seconds.len()).fold(0, |best, at| if far(at) < far(best) { at } else { best })
+    }
+
+    fn baseline(&self, frames: u32) -> Option<f64> {
+        let span = f64::from(frames) / 30.0;
+        let starts = arange(self.seconds.last()? - span, BASELINE_STEP);
+        let distances = starts.iter().map(|start| self.place(start + span).distance(self.place(*start)));
+        (!starts.is_empty()).then(|| distances.sum::<f64>() / starts.len() as f64)
+    }
+}
+
+/// Multiples of `step` from 0 to `last`, as `numpy.arange(0, last + 1e-9, step)` has them.
+fn arange(last: f64, step: f64) -> Vec<f64> {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps; floats saturate")]
+    let count = ((last + 1e-9) / step).ceil() as usize;
+    (0..count).map(|at| at as f64 * step).collect()
+}
+
+fn degrees_between(a: &WorldFromCamera, b: &WorldFromCamera) -> f64 {
+    let turn = a.rotation().transpose() * b.rotation();
+    let trace = turn.x_axis.x + turn.y_axis.y + turn.z_axis.z;
+    (0.5 * (trace - 1.0)).clamp(-1.0, 1.0).acos().to_degrees()
+}
