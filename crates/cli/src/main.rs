@@ -8,6 +8,7 @@ mod data;
 mod dataset_words;
 mod drift;
 mod exit;
+mod expansion;
 mod machine;
 mod memory;
 mod model_words;

@@ -127,6 +127,30 @@ fn a_baseline_is_accepted_kept_and_left() {
 }
 
 #[test]
+fn a_history_is_drawn_from_acceptance_to_acceptance() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    for (name, shift, why) in [("a", 0.0, "the first numbers"), ("b", 0.5, "a better decoder")] {
+        store(&at.join(name), shift);
+        succeed(at, &["drift", "accept", name, "--baseline", "quick.json", "--why", why, "--no-probe"]);
+    }
+    store(&at.join("now"), 0.25);
+    let words = ["drift", "now", "--baseline", "quick.json", "--history", "plots/psnr.svg"];
+    let outcome = atsplat(at, &words);
+    assert_eq!(outcome.code, 3, "{}", outcome.stderr);
+    let svg = std::fs::read_to_string(at.join("plots/psnr.svg")).unwrap();
+    for text in ["fine on p; now: drifted", "+0.500 dB: a better decoder", "−0.250 dB"] {
+        assert!(svg.contains(text), "{text}: {svg}");
+    }
+    assert!(!svg.contains("the first numbers"), "nothing moved then");
+    succeed(at, &["drift", "b", "--baseline", "quick.json", "--history", "b.png", "--method", "coarse"]);
+    assert!(std::fs::read(at.join("b.png")).unwrap().starts_with(b"\x89PNG"));
+    let outcome = atsplat(at, &[&words[..], &["--metric", "beauty"]].concat());
+    assert!(outcome.code == 1 && outcome.stderr.contains("psnr of fine under p"), "{}", outcome.stderr);
+    assert_eq!(atsplat(at, &["drift", "now", "--baseline", "quick.json", "--metric", "psnr"]).code, 2);
+}
+
+#[test]
 fn wrong_words_and_broken_files_are_told() {
     let folder = tempfile::tempdir().unwrap();
     let at = folder.path();

@@ -342,6 +342,35 @@ fn wrong_words_are_told_before_anything_is_made() {
     assert!(strict.code == 2 && strict.stderr.contains("skips nothing"), "{}", strict.stderr);
 }
 
+/// Without truths, tokens alone; with them, renders and uncertainty too. Untrained weights are called so in each.
+#[test]
+fn plots_of_expansion() {
+    let folder = capture();
+    let here = folder.path();
+    let tiny = tiny();
+    let tiny = tiny.to_str().unwrap();
+    let names = |folder: &str| {
+        let entries = fs::read_dir(here.join(folder)).unwrap();
+        let mut names: Vec<String> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+        names.sort();
+        names
+    };
+    succeed(here, &untrained(tiny, &["--plots", "alone"]));
+    assert_eq!(names("alone"), ["token-expansion-1.png", "token-expansion-1.svg"]);
+    let text = succeed(here, &untrained(tiny, &["--plots", "plots", "--targets", "1,3"]));
+    assert!(text.contains("6 plots into plots"), "{text}");
+    let stems = ["expansion-strips", "token-expansion-1", "uncertainty"];
+    assert_eq!(names("plots"), stems.map(|stem| [format!("{stem}.png"), format!("{stem}.svg")]).concat());
+    assert_eq!(record(here)["plots"]["files"].as_array().unwrap().len(), 6);
+    for stem in stems {
+        let svg = fs::read_to_string(here.join(format!("plots/{stem}.svg"))).unwrap();
+        assert!(svg.contains("UNTRAINED") && svg.contains("data:image/png"), "{stem}");
+    }
+    let strips = fs::read_to_string(here.join("plots/expansion-strips.svg")).unwrap();
+    assert!(["no expansion", "block 2", "blocks 2–3", "blocks 2–4", "truth"].iter().all(|name| strips.contains(name)));
+    assert_eq!(strips.matches(" dB · ").count(), 8, "{strips}");
+}
+
 /// Pictures that `render` wrote are photos with known cameras.
 #[test]
 fn what_was_rendered_can_be_reconstructed() {

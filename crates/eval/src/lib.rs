@@ -6,6 +6,7 @@
 
 pub mod drift;
 mod error;
+pub mod expansion;
 pub mod method;
 mod rows;
 pub mod runner;

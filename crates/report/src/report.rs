@@ -3,7 +3,7 @@ use std::path::{Path, PathBuf};
 use crate::definition::TableDefinition;
 use crate::emit::TableFormat;
 use crate::figures::{of_store, of_table};
-use crate::page::{Page, PageStore, PictureBudget};
+use crate::page::{Page, PageStore, PictureBudget, PlotSection};
 use crate::plot::{Drawing, PlotFormat};
 use crate::table::{Mixing, Source, Table, tables};
 use crate::{ReportError, page};
@@ -21,6 +21,8 @@ pub struct Request {
     pub mixing: Mixing,
     /// How many bytes of pictures the page may hold.
     pub budget: PictureBudget,
+    /// Plots of more than stores hold.
+    pub sections: Vec<PlotSection>,
 }
 
 /// A report, ready to be written.
@@ -30,7 +32,7 @@ pub struct Report {
     pub tables: Vec<Table>,
     /// Tables that were asked for and that nothing was measured for.
     pub unmeasured: Vec<String>,
-    /// Plots by name.
+    /// Plots by name, those of sections last.
     pub plots: Vec<(String, Drawing)>,
     html: String,
     formats: Vec<TableFormat>,
@@ -56,9 +58,10 @@ impl Report {
             }
         }
         plots.extend(sources.iter().flat_map(of_store));
-        let page =
-            Page { title: request.title.clone(), tables: &measured, plots: &plots, stores, budget: request.budget };
+        let (title, sections) = (request.title.clone(), request.sections.as_slice());
+        let page = Page { title, tables: &measured, plots: &plots, sections, stores, budget: request.budget };
         let html = page.write()?;
+        plots.extend(sections.iter().flat_map(|section| section.plots.iter().cloned()));
         Ok(Self { tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
     }
 

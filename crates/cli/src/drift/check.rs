@@ -20,6 +20,7 @@ pub(super) fn run(words: &Words, store: &Path, baseline_path: &Path) -> anyhow::
         None => report,
         Some((recipe, outputs)) => with_probe(report, &baseline, &asked.unwrap_or(recipe), &outputs),
     };
+    words.history.draw(&baseline, &results, &report)?;
     print_report(&report, words.json)?;
     Ok(if report.drifted() { Exit::Drifted } else { Exit::Done })
 }

@@ -2,6 +2,7 @@
 
 mod accept;
 mod check;
+mod history;
 
 use std::path::{Path, PathBuf};
 
@@ -32,6 +33,9 @@ pub(crate) struct Words {
     /// Compare rows alone, and attribute nothing.
     #[arg(long)]
     no_probe: bool,
+
+    #[command(flatten)]
+    history: history::HistoryWords,
 
     /// Print JSON.
     #[arg(long)]

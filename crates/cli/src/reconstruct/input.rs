@@ -8,7 +8,7 @@ use atsplat_camera::{Camera, Distortion, ImageSize as CameraSize, PrincipalPoint
 use atsplat_model::network::Views;
 use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_pixels::{DecodeLimits, ImageU8};
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, TrialRecipe, Trials};
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Filters, IndexEntry, MeanCameraScale, NearFar, PoseNormalisation, Preset};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
@@ -38,7 +38,7 @@ pub(super) struct InputWords {
     #[arg(long, value_name = "SEL", required = true)]
     views: Selection,
 
-    /// Views to render too, in the same count; of their photos only the size is read.
+    /// Views to render too, in the same count; without --plots only the size of their photos is read.
     #[arg(long, value_name = "SEL")]
     targets: Option<Selection>,
 
@@ -65,9 +65,10 @@ pub(super) struct InputWords {
 }
 
 /// The photos of one scene, prepared.
-#[derive(Debug)]
 pub(super) struct Input {
     pub(super) trial: Trial,
+    /// What the targets' photos show; nothing that the network may see.
+    pub(super) truths: TargetPictures,
     names: IndexMap<usize, String>,
 }
 
@@ -93,8 +94,8 @@ impl InputWords {
         let source = Arc::new(OneScene { keys: vec![scene.key.clone()], scene });
         let nothing_ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
         let trial = Trials::new(source, &index, self.recipe(config)?, nothing_ahead).next();
-        let (trial, _) = trial.context("no view")?.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
-        Ok(Input { trial, names })
+        let (trial, truths) = trial.context("no view")?.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
+        Ok(Input { trial, truths, names })
     }
 
     fn scene(&self, warnings: &mut Warnings) -> anyhow::Result<Scene> {

@@ -3,6 +3,7 @@
 mod input;
 pub(crate) mod network;
 mod output;
+mod plots;
 mod rendered;
 mod renders;
 mod report;
@@ -16,11 +17,13 @@ use atsplat_scene::Warnings;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 
+use crate::expansion::UNTRAINED;
 use crate::memory;
 use crate::output::{PendingFile, complain, print_report, print_warnings};
 use input::InputWords;
 use network::NetworkWords;
 use output::SceneFormat;
+use plots::PlotWords;
 use renders::RenderWords;
 use report::{Clock, Record, Report, TokenRecord};
 
@@ -49,6 +52,9 @@ pub(crate) struct Words {
     #[command(flatten, next_help_heading = "Output")]
     renders: RenderWords,
 
+    #[command(flatten, next_help_heading = "Output")]
+    plots: PlotWords,
+
     /// Print tokens and Gaussians of each block, seconds of each stage, and memory.
     #[arg(long, help_heading = "Output")]
     explain: bool,
@@ -75,6 +81,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     // The file itself is tried before long work too.
     drop(PendingFile::open(&words.out)?);
     words.renders.open()?;
+    words.plots.open()?;
 
     let mut warnings = Warnings::new();
     let source = words.network.source()?;
@@ -96,6 +103,14 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         output::write(&words.out, in_scene.as_ref().unwrap_or(&made.gaussians), format, words.frame)
     })?;
     let renders = clock.time("renders", || words.renders.render(&made.gaussians, &input))?;
+    let subject = match weights.untrained() {
+        Some(_) => format!("{} ({UNTRAINED})", source.config.name),
+        None => source.config.name.clone(),
+    };
+    let plots = clock.time("plots", || {
+        let options = words.renders.options(input.trial.near_far())?;
+        words.plots.draw(&network, &input, options, words.network.seed, &subject)
+    })?;
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
         input: input.record(&words.input),
@@ -106,6 +121,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         tokens: TokenRecord::of(&made),
         output,
         renders,
+        plots,
         warnings: notes(&made, &input),
     };
     let text = serde_json::to_string_pretty(&record)?;
@@ -154,7 +170,8 @@ fn notes(made: &Reconstruction, input: &input::Input) -> Vec<String> {
 impl Words {
     /// Words that do not fit together, told before any file is read or made.
     fn check(&self) -> Result<(), clap::Error> {
-        let told = self.network.check().and_then(|()| self.renders.check(self.input.has_targets()));
+        let told =
+            self.network.check().and_then(|()| self.renders.check(self.input.has_targets() && !self.plots.asked()));
         told.map_err(|text| clap::Command::new("atsplat").error(clap::error::ErrorKind::ValueValidation, text))
     }
 }

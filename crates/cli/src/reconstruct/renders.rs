@@ -47,7 +47,7 @@ pub(super) struct RendersRecord {
 impl RenderWords {
     pub(super) fn check(&self, has_targets: bool) -> Result<(), String> {
         match (&self.renders, has_targets) {
-            (None, true) => Err("--targets are views to render: add --renders DIR".to_owned()),
+            (None, true) => Err("--targets are views to render: add --renders DIR or --plots DIR".to_owned()),
             _ => Ok(()),
         }
     }
@@ -58,12 +58,8 @@ impl RenderWords {
         PendingFile::open(&folder.join("inputs").join(file_name(0, "png"))).map(drop)
     }
 
-    /// Renders what was asked for.
-    pub(super) fn render(&self, gaussians: &Gaussians, input: &Input) -> anyhow::Result<Option<RendersRecord>> {
-        let Some(folder) = &self.renders else { return Ok(None) };
-        let trial = &input.trial;
-        let mut renderer: Box<dyn Renderer> = Box::<CpuRenderer>::default();
-        let near_far = trial.near_far();
+    /// How the Gaussians are rendered, in the network's unit of length.
+    pub(super) fn options(&self, near_far: NearFar) -> anyhow::Result<RenderOptions> {
         let mut options = RenderOptions {
             constants: words::constants(&self.constants)?,
             background: self.background,
@@ -71,6 +67,16 @@ impl RenderWords {
         };
         (options.constants.near, options.constants.far) = (near_far.near, near_far.far);
         options.constants.name = format!("{} with near {} and far {}", self.constants, near_far.near, near_far.far);
+        Ok(options)
+    }
+
+    /// Renders what was asked for.
+    pub(super) fn render(&self, gaussians: &Gaussians, input: &Input) -> anyhow::Result<Option<RendersRecord>> {
+        let Some(folder) = &self.renders else { return Ok(None) };
+        let trial = &input.trial;
+        let mut renderer: Box<dyn Renderer> = Box::<CpuRenderer>::default();
+        let near_far = trial.near_far();
+        let options = self.options(near_far)?;
         let mut files = Vec::new();
         for view in trial.context() {
             files.push(write(folder, "inputs", view.frame, &encode_png(view.picture()?.as_ref())?)?);

@@ -15,6 +15,7 @@ use serde::Serialize;
 use super::FrameWord;
 use super::network::{ModelRecord, WeightsRecord};
 use super::output::OutputRecord;
+use super::plots::PlotsRecord;
 use super::renders::RendersRecord;
 use crate::memory::for_people;
 
@@ -33,6 +34,7 @@ pub(super) struct Record {
     pub(super) tokens: TokenRecord,
     pub(super) output: OutputRecord,
     pub(super) renders: Option<RendersRecord>,
+    pub(super) plots: Option<PlotsRecord>,
     pub(super) warnings: Vec<String>,
 }
 
@@ -187,7 +189,7 @@ pub(super) struct Report {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Record { input, model, weights, output, renders, .. } = &self.record;
+        let Record { input, model, weights, output, renders, plots, .. } = &self.record;
         if let Some(told) = weights.untrained() {
             writeln!(f, "UNTRAINED: {told}")?;
         }
@@ -202,6 +204,9 @@ impl fmt::Display for Report {
         writeln!(f, "{count} Gaussians of degree {degree} in {whose} into {file}")?;
         if let Some(renders) = renders {
             writeln!(f, "{} pictures into {}", renders.files.len(), renders.folder.display())?;
+        }
+        if let Some(plots) = plots {
+            writeln!(f, "{} plots into {}", plots.files.len(), plots.folder.display())?;
         }
         if self.explain { self.explained(f) } else { Ok(()) }
     }

@@ -103,6 +103,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         formats: words.format.iter().map(|format| (*format).into()).collect(),
         mixing: if words.force { Mixing::Forced } else { Mixing::Apart },
         budget: PictureBudget { bytes: usize::from(words.pictures) * 1_000_000 },
+        sections: Vec::new(),
     };
     let report = Report::new(&request, &stores)?;
     let files = report.write(&words.out)?;

@@ -82,11 +82,15 @@ impl Trained {
     }
 
     fn network(&self, name: &str, config: &ModelConfig) -> anyhow::Result<AtSplat> {
+        Ok(AtSplat::new(name, self.bare(config)?, &self.weights, 0, Splatting::default())?)
+    }
+
+    /// The weights under a configuration.
+    pub(super) fn bare(&self, config: &ModelConfig) -> anyhow::Result<Network> {
         // A selection that scores nothing has no scorers.
         let wanted: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
         let mut tensors = self.tensors.clone();
         tensors.tensors.retain(|name, _| wanted.contains(name));
-        let network = Network::new(config, &Device::flex())?.with_weights(&tensors)?;
-        Ok(AtSplat::new(name, network, &self.weights, 0, Splatting::default())?)
+        Ok(Network::new(config, &Device::flex())?.with_weights(&tensors)?)
     }
 }

@@ -1,5 +1,6 @@
 //! `atsplat reproduce`: everything that can run here, run, and the whole report of it.
 
+mod expansion;
 mod found;
 mod methods;
 mod suite;
@@ -55,7 +56,7 @@ pub(crate) struct Words {
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
     let mut warnings = Warnings::new();
-    let Found { datasets, not_run } = words.found(&mut warnings)?;
+    let Found { datasets, mut not_run } = words.found(&mut warnings)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", told(&not_run));
     let trained = match &words.weights {
         Some(path) => Trained::read(path)?,
@@ -67,6 +68,13 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let of_ablations: Vec<usize> =
         datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
     let (results, summary) = words.evaluate("results", &datasets, &trained.methods()?)?;
+    let sections = match expansion::section(&datasets, &trained) {
+        Ok(section) => vec![section],
+        Err(error) => {
+            not_run.push(NotRun { what: "plots of expansion".to_owned(), why: format!("{error:#}") });
+            Vec::new()
+        }
+    };
     let mut stores = vec![("results", results)];
     let mut complete = summary.is_complete();
     if !of_ablations.is_empty() {
@@ -76,7 +84,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         complete &= summary.is_complete();
         stores.push(("ablations", results));
     }
-    let report = summary::write(&words.out, &stores)?;
+    let report = summary::write(&words.out, &stores, sections)?;
     print_warnings(&warnings);
     summary::print(&report, &stores, &not_run, &trained, &words.out)?;
     Ok(complete && not_run.is_empty())

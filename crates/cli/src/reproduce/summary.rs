@@ -6,7 +6,7 @@ use std::path::Path;
 use atsplat_eval::Results;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
-use atsplat_report::page::{PageStore, PictureBudget};
+use atsplat_report::page::{PageStore, PictureBudget, PlotSection};
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
 
@@ -18,7 +18,7 @@ use crate::output::print_text;
 const PICTURES: usize = 12_000_000;
 
 /// Writes tables, plots and the page of all stores.
-pub(super) fn write(folder: &Path, stores: &[(&str, Results)]) -> anyhow::Result<Report> {
+pub(super) fn write(folder: &Path, stores: &[(&str, Results)], sections: Vec<PlotSection>) -> anyhow::Result<Report> {
     let folders: Vec<_> = stores.iter().map(|(name, _)| folder.join(name)).collect();
     let pages: Vec<PageStore<'_>> = stores
         .iter()
@@ -37,6 +37,7 @@ pub(super) fn write(folder: &Path, stores: &[(&str, Results)]) -> anyhow::Result
         ],
         mixing: Mixing::Apart,
         budget: PictureBudget { bytes: PICTURES },
+        sections,
     };
     let report = Report::new(&request, &pages)?;
     report.write(folder)?;

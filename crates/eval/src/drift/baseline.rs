@@ -6,17 +6,21 @@ use serde::{Deserialize, Serialize};
 
 use super::limits::limits;
 use super::probe::{Fingerprint, Outputs, Recipe};
-use super::{Acceptance, DriftError, Limit};
+use super::{Acceptance, AcceptedNumber, DriftError, Limit, compare, numbers};
 use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
-/// The layout that is written, and the only one that is read.
-const FORMAT: u32 = 1;
+/// The layout that is written.
+const FORMAT: u32 = 2;
+/// The oldest that is read; it has no numbers of earlier acceptances.
+const OLDEST: u32 = 1;
 
 /// What numbers should be.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Baseline {
     /// Why it is what it is, the latest last.
     pub history: Vec<Acceptance>,
+    /// The means of every acceptance, oldest first, as far back as they were kept.
+    pub numbers: Vec<AcceptedNumber>,
     /// What made the numbers.
     pub provenance: Provenance,
     /// How far numbers that are not deterministic may move.
@@ -87,6 +91,8 @@ struct Written {
     limits: Vec<Limit>,
     probe: Option<ProbeRecord>,
     #[serde(default)]
+    numbers: Vec<AcceptedNumber>,
+    #[serde(default)]
     trials: Vec<BaselineTrial>,
     #[serde(default)]
     targets: Vec<BaselineTarget>,
@@ -111,7 +117,8 @@ impl Baseline {
         let mut targets: Vec<BaselineTarget> = results.targets.iter().map(target).collect();
         trials.sort_by(|a, b| a.key.cmp(&b.key));
         targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
-        Self { history: vec![acceptance], provenance, limits: limits(&runs), probe: None, trials, targets }
+        let (history, limits) = (vec![acceptance], limits(&runs));
+        Self { history, numbers: Vec::new(), provenance, limits, probe: None, trials, targets }.with_numbers_of_rows()
     }
 
     /// The baseline of another run, whose history goes on from this one's.
@@ -119,6 +126,8 @@ impl Baseline {
     pub fn accept(&self, results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let mut next = Self::new(results, repeats, acceptance);
         next.history = self.history.iter().cloned().chain(next.history).collect();
+        let own = numbers::of_rows(&next, Some(&compare(results, self)));
+        next.numbers = self.numbers.iter().cloned().chain(own).collect();
         next
     }
 
@@ -137,11 +146,14 @@ impl Baseline {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: Written =
             serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "a baseline", error))?;
-        let Written { format, history, provenance, limits, probe, trials, targets } = written;
-        if format != FORMAT {
-            return Err(DriftError::malformed(path, format!("format {FORMAT}"), format!("format {format}")));
+        let Written { format, history, provenance, limits, probe, numbers, trials, targets } = written;
+        if !(OLDEST..=FORMAT).contains(&format) {
+            let expected = format!("format {OLDEST} to {FORMAT}");
+            return Err(DriftError::malformed(path, expected, format!("format {format}")));
         }
-        Ok(Self { history, provenance, limits, probe, trials, targets })
+        let read = Self { history, numbers, provenance, limits, probe, trials, targets };
+        // What an older file does not say of its last acceptance is in its rows.
+        Ok(if format == OLDEST { read.with_numbers_of_rows() } else { read })
     }
 
     /// Writes the baseline; the file appears whole under its name, or not at all.
@@ -188,22 +200,24 @@ impl Baseline {
             provenance: self.provenance.clone(),
             limits: self.limits.clone(),
             probe: self.probe.clone(),
+            numbers: Vec::new(),
             trials: Vec::new(),
             targets: Vec::new(),
         };
         let unfit = |error: serde_json::Error| DriftError::malformed(path, "numbers that JSON has", error);
         let mut text = serde_json::to_string_pretty(&head).map_err(unfit)?;
-        // The two empty lists end the head; they are filled line by line.
-        let end = text.rfind("\"trials\": []").unwrap_or(text.len());
+        // The three empty lists end the head; they are filled line by line.
+        let end = text.rfind("\"numbers\": []").unwrap_or(text.len());
         text.truncate(end);
         let lines = |rows: Vec<Result<String, serde_json::Error>>| {
             let rows = rows.into_iter().collect::<Result<Vec<_>, _>>().map_err(unfit)?;
             let inside = if rows.is_empty() { String::new() } else { format!("\n    {}\n  ", rows.join(",\n    ")) };
             Ok::<_, DriftError>(format!("[{inside}]"))
         };
+        let numbers = lines(self.numbers.iter().map(serde_json::to_string).collect())?;
         let trials = lines(self.trials.iter().map(serde_json::to_string).collect())?;
         let targets = lines(self.targets.iter().map(serde_json::to_string).collect())?;
-        Ok(format!("{text}\"trials\": {trials},\n  \"targets\": {targets}\n}}\n"))
+        Ok(format!("{text}\"numbers\": {numbers},\n  \"trials\": {trials},\n  \"targets\": {targets}\n}}\n"))
     }
 }
 

@@ -158,7 +158,7 @@ fn files_keep_every_bit_and_the_history() {
     assert_eq!(rows, 1 + 3, "a row a line:\n{text}");
     assert_eq!(second.read_probe(&path).unwrap(), None);
     for broken in [
-        text.replace("\"format\": 1", "\"format\": 2"),
+        text.replace("\"format\": 2", "\"format\": 3"),
         text.replace("\"limits\"", "\"limit\""),
         text[..text.len() / 2].to_owned(),
     ] {
@@ -166,6 +166,64 @@ fn files_keep_every_bit_and_the_history() {
         assert!(matches!(Baseline::read(&path), Err(DriftError::Malformed { .. })));
     }
     assert!(matches!(Baseline::read(&folder.path().join("none")), Err(DriftError::Io { .. })));
+}
+
+#[test]
+fn every_acceptance_leaves_its_numbers() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("quick.json");
+    let first = Baseline::new(&moved(0.0), &[], acceptance("first"));
+    let second = first.accept(&moved(0.5), &[], acceptance("a better filter"));
+    let third = second.accept(&moved(0.5), &[], acceptance("a new machine"));
+    let now = moved(0.25);
+    let history = |baseline: &Baseline| {
+        let mut all = histories(baseline, &now, &compare(&now, baseline));
+        assert_eq!(all.len(), 1);
+        all.remove(0)
+    };
+    let found = history(&third);
+    let mean = first.numbers[0].mean;
+    let moves: Vec<_> = found.runs.iter().map(|run| (run.moved, run.verdict, run.why.as_deref())).collect();
+    assert_eq!(
+        moves,
+        [
+            (None, None, Some("first")),
+            (Some(0.5), Some(Verdict::Drifted), Some("a better filter")),
+            (Some(0.0), Some(Verdict::Same), Some("a new machine")),
+            (Some(-0.25), Some(Verdict::Drifted), None),
+        ]
+    );
+    let limits: Vec<_> = found.runs.iter().map(|run| run.limits).collect();
+    assert_eq!(limits, [None, Some([mean; 2]), Some([mean + 0.5; 2]), Some([mean + 0.5; 2])], "every bit counts");
+    assert_eq!((found.unknown, found.verdict, found.runs[3].label.as_str()), (0, Verdict::Drifted, "now"));
+
+    // A file from before numbers were kept knows its last acceptance by its rows, and goes on from there.
+    third.write(&path).unwrap();
+    let text = std::fs::read_to_string(&path).unwrap();
+    let (head, rest) = text.split_once("  \"numbers\": [").unwrap();
+    let (_, tail) = rest.split_once("],\n").unwrap();
+    std::fs::write(&path, format!("{head}{tail}").replace("\"format\": 2", "\"format\": 1")).unwrap();
+    let old = Baseline::read(&path).unwrap();
+    assert_eq!((&old.trials, &old.targets), (&third.trials, &third.targets));
+    let found = history(&old.accept(&moved(0.0), &[], acceptance("back")));
+    let known: Vec<_> = found.runs.iter().map(|run| (run.why.as_deref(), run.moved)).collect();
+    assert_eq!(known, [(Some("a new machine"), None), (Some("back"), Some(-0.5)), (None, Some(0.25))]);
+    assert_eq!(found.unknown, 2);
+}
+
+#[test]
+fn limits_of_a_history_are_those_of_the_baseline_before() {
+    let runs: Vec<Results> = (0..3).map(|seed| store(false, 12, 0.3, seed)).collect();
+    let baseline = Baseline::new(&runs[0], &runs[1..], acceptance("first"));
+    let limit = baseline.limits[0].limit;
+    let report = compare(&runs[1], &baseline);
+    let found = histories(&baseline, &runs[1], &report).remove(0);
+    let mean = found.runs[0].mean;
+    assert_eq!(found.runs[1].limits, Some([mean - limit, mean + limit]));
+    assert_eq!(found.runs[1].verdict, Some(Verdict::Within));
+    let nothing = Results { targets: Vec::new(), ..runs[1].clone() };
+    let found = histories(&baseline, &nothing, &compare(&nothing, &baseline)).remove(0);
+    assert_eq!(found.runs.len(), 1, "a number that is gone has no present");
 }
 
 /// A store whose rows the probe's own stages made, its baseline on disk, and a constant that is a thousandth larger: the

@@ -108,4 +108,25 @@ impl GaussianTensors {
         Gaussians::new(parts)
             .map_err(|error| ModelError::malformed("network", "Gaussians", "arrays of one length", error))
     }
+
+    /// As [`Self::scene`].
+    ///
+    /// # Errors
+    /// As [`Self::scene`]; [`ModelError::NonFinite`] where a number is NaN or infinite.
+    pub fn finite_scene(&self, scene: usize) -> Result<Gaussians, ModelError> {
+        let gaussians = self.scene(scene)?;
+        match non_finite(&gaussians) {
+            0 => Ok(gaussians),
+            count => Err(ModelError::NonFinite { location: "Gaussians".to_owned(), count }),
+        }
+    }
+}
+
+/// How many values are NaN or infinite.
+fn non_finite(gaussians: &Gaussians) -> usize {
+    let GaussianParts { means, quaternions, log_scales, opacity_logits, sh, .. } = gaussians.parts();
+    let (means, quaternions, log_scales) =
+        (means.as_flattened(), quaternions.as_flattened(), log_scales.as_flattened());
+    let numbers = [means, quaternions, log_scales, opacity_logits, sh.as_flattened()];
+    numbers.into_iter().flatten().filter(|number| !number.is_finite()).count()
 }

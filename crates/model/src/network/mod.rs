@@ -18,6 +18,7 @@ mod reconstruction;
 mod render;
 mod resize;
 mod splatting;
+mod trace;
 mod views;
 
 use std::time::Instant;
@@ -34,6 +35,7 @@ pub use gaussians::GaussianTensors;
 pub use processor::Processor;
 pub use reconstruction::{BlockOutcome, Reconstruction};
 pub use render::RenderedTensors;
+pub use trace::Trace;
 pub use views::Views;
 
 use crate::ModelError;

@@ -1,4 +1,4 @@
-use atsplat_splat::{GaussianParts, Gaussians};
+use atsplat_splat::Gaussians;
 use burn::Tensor;
 use serde::Serialize;
 
@@ -65,12 +65,13 @@ impl Network {
     /// poses beyond all measure bring about.
     pub fn reconstruct(&self, views: &Views, call_seed: u64) -> Result<Reconstruction, ModelError> {
         let forward = self.forward(std::slice::from_ref(views), call_seed)?;
+        self.told(forward, views)
+    }
+
+    /// A forward pass of one scene in plain numbers.
+    pub(super) fn told(&self, forward: Forward, views: &Views) -> Result<Reconstruction, ModelError> {
         let config = self.config();
-        let gaussians = forward.gaussians.scene(0)?;
-        let count = non_finite(&gaussians);
-        if count > 0 {
-            return Err(ModelError::NonFinite { location: "Gaussians".to_owned(), count });
-        }
+        let gaussians = forward.gaussians.finite_scene(0)?;
         let [_, initial_tokens, _] = forward.initial.features.dims();
         let blocks = outcomes(&forward);
         let expanded: Vec<usize> = blocks.iter().map(|block| block.selected.len()).collect();
@@ -100,15 +101,6 @@ fn outcomes(forward: &Forward) -> Vec<BlockOutcome> {
         BlockOutcome { scores: scores.map(|scores| numbers(scores.slice_dim(0, 0..1))), selected, parents }
     };
     forward.blocks.iter().map(outcome).collect()
-}
-
-/// How many values are NaN or infinite.
-fn non_finite(gaussians: &Gaussians) -> usize {
-    let GaussianParts { means, quaternions, log_scales, opacity_logits, sh, .. } = gaussians.parts();
-    let (means, quaternions, log_scales) =
-        (means.as_flattened(), quaternions.as_flattened(), log_scales.as_flattened());
-    let numbers = [means, quaternions, log_scales, opacity_logits, sh.as_flattened()];
-    numbers.into_iter().flatten().filter(|number| !number.is_finite()).count()
 }
 
 fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {

@@ -1,8 +1,12 @@
-//! Which plots a table and a store call for.
+//! Which plots a table, a store, a study of expansion and a baseline's history call for.
 
+mod of_drift;
+mod of_expansion;
 mod of_store;
 mod of_table;
 
+pub use of_drift::of_drift;
+pub use of_expansion::{ExpansionScene, ExpansionTarget, of_expansion};
 pub use of_store::of_store;
 pub use of_table::of_table;
 

@@ -31,10 +31,23 @@ pub struct Page<'a> {
     pub tables: &'a [Table],
     /// Plots by name, in order.
     pub plots: &'a [(String, Drawing)],
+    /// Further plots, each group under a heading of its own.
+    pub sections: &'a [PlotSection],
     /// The stores, each with the folder that may hold pictures.
     pub stores: &'a [PageStore<'a>],
     /// How many bytes of pictures the page may hold.
     pub budget: PictureBudget,
+}
+
+/// Plots under a heading of their own.
+#[derive(Clone, Debug)]
+pub struct PlotSection {
+    /// The heading.
+    pub title: String,
+    /// What the plots show, in a sentence.
+    pub hint: String,
+    /// Plots by name, in order.
+    pub plots: Vec<(String, Drawing)>,
 }
 
 /// A store and the folder that it lies in.
@@ -92,7 +105,9 @@ impl Page<'_> {
             ("title", escaped(&self.title)),
             ("summary", facts::summary(self.tables, self.stores)),
             ("tables", tables::write(self.tables, self.stores)),
-            ("plots", self.plots()?),
+            ("plots", figures(self.plots)?),
+            ("sections", self.sections()?),
+            ("links", self.links()),
             ("scenes", scenes::section(self.stores, &pictures)),
             ("origin", facts::origin(self.stores)),
             ("data", safe_json(&data)?),
@@ -102,24 +117,45 @@ impl Page<'_> {
         Ok(filled(PAGE, &slots))
     }
 
-    fn plots(&self) -> Result<String, ReportError> {
-        if self.plots.is_empty() {
-            return Ok("<p class=\"hint\">These results have nothing to plot.</p>".to_owned());
-        }
-        let mut text = String::from("<div class=\"plots\">\n");
-        for (name, drawing) in self.plots {
-            let svg = drawing.to_svg()?;
-            let told: Vec<&str> = drawing.texts().take(2).collect();
-            let labelled = format!("<svg role=\"img\" aria-label=\"{}\" ", escaped(&told.join(". ")));
-            text.push_str(&format!(
-                "<figure id=\"plot-{}\">{}</figure>\n",
-                escaped(name),
-                svg.replacen("<svg ", &labelled, 1)
-            ));
-        }
-        text.push_str("</div>");
-        Ok(text)
+    fn shown(&self) -> impl Iterator<Item = (usize, &PlotSection)> {
+        self.sections.iter().enumerate().filter(|(_, section)| !section.plots.is_empty())
     }
+
+    fn sections(&self) -> Result<String, ReportError> {
+        let section = |(at, PlotSection { title, hint, plots }): (usize, &PlotSection)| {
+            let (title, hint, figures) = (escaped(title), escaped(hint), figures(plots)?);
+            Ok(format!(
+                "<section id=\"section-{at}\" aria-labelledby=\"section-{at}-head\">\n  <h2 id=\"section-{at}-head\">{title}</h2>\n  \
+                 <p class=\"hint\">{hint}</p>\n  {figures}\n</section>\n"
+            ))
+        };
+        self.shown().map(section).collect()
+    }
+
+    fn links(&self) -> String {
+        self.shown()
+            .map(|(at, section)| format!("<a href=\"#section-{at}\">{}</a>\n      ", escaped(&section.title)))
+            .collect()
+    }
+}
+
+fn figures(plots: &[(String, Drawing)]) -> Result<String, ReportError> {
+    if plots.is_empty() {
+        return Ok("<p class=\"hint\">These results have nothing to plot.</p>".to_owned());
+    }
+    let mut text = String::from("<div class=\"plots\">\n");
+    for (name, drawing) in plots {
+        let svg = drawing.to_svg()?;
+        let told: Vec<&str> = drawing.texts().take(2).collect();
+        let labelled = format!("<svg role=\"img\" aria-label=\"{}\" ", escaped(&told.join(". ")));
+        text.push_str(&format!(
+            "<figure id=\"plot-{}\">{}</figure>\n",
+            escaped(name),
+            svg.replacen("<svg ", &labelled, 1)
+        ));
+    }
+    text.push_str("</div>");
+    Ok(text)
 }
 
 /// The page with its slots filled, in one pass: what fills a slot is not searched for others.

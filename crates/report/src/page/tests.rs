@@ -53,6 +53,7 @@ impl Sample {
             title: format!("Report {HOSTILE}"),
             tables: &self.tables,
             plots: &self.plots,
+            sections: &[],
             stores: &stores,
             budget,
         };

@@ -6,6 +6,9 @@ use super::series::{Estimate, Figure, plain, whisker};
 use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
 use super::theme::{COLOURS, GREY, INK};
 
+/// Height of a band, in pixels, that can still be seen.
+const THINNEST: f64 = 4.0;
+
 /// A metric over runs, against the baseline that was accepted at the time.
 #[derive(Clone, Debug)]
 pub struct DriftHistory {
@@ -28,16 +31,8 @@ pub struct DriftRun {
     pub quality: Estimate,
     /// What the baseline's limits were: low, high.
     pub limits: Option<[f64; 2]>,
-    /// What moved the number, where drift was found.
+    /// Where drift was found: what moved the number, or nothing where it is told already.
     pub drift: Option<String>,
-}
-
-impl DriftRun {
-    /// Whether drift was found, or the mean lies outside the limits.
-    fn is_outside(&self) -> bool {
-        let inside = |[low, high]: [f64; 2]| (low..=high).contains(&self.quality.value);
-        self.drift.is_some() || !self.limits.is_none_or(inside)
-    }
 }
 
 impl DriftHistory {
@@ -58,7 +53,9 @@ impl DriftHistory {
             let to = from + runs.len() as f64;
             if let Some(limits) = runs.first().and_then(|run| run.limits) {
                 let [low, high] = limits.map(|limit| axes.y_of(limit));
-                let band = Extent::new(axes.x_of(from - 0.5), high, axes.x_of(to - 0.5), low);
+                // Where every bit counts the limits are one number.
+                let thin = if low - high < THINNEST { (THINNEST - (low - high)) / 2.0 } else { 0.0 };
+                let band = Extent::new(axes.x_of(from - 0.5), high - thin, axes.x_of(to - 0.5), low + thin);
                 drawing.rectangle(band, Fill::faint(COLOURS[2], 0.18));
             }
             from = to;
@@ -77,7 +74,7 @@ impl DriftHistory {
                 whisker(&mut drawing, place[0], interval.map(|value| axes.y_of(value)), Stroke::new(COLOURS[0], 1.5));
             }
             labels.avoid(*place, 8.0);
-            if run.is_outside() {
+            if run.drift.is_some() {
                 drawing.disc(*place, 7.0, Fill::solid(COLOURS[1]));
             } else {
                 drawing.disc(*place, 4.5, Fill::solid(COLOURS[0]));
@@ -89,7 +86,7 @@ impl DriftHistory {
         }
         drawing.line([[axes.inside.left, bottom], [axes.inside.right, bottom]], Stroke::new(GREY, 1.0));
         for (run, place) in self.runs.iter().zip(&line) {
-            if let Some(drift) = &run.drift {
+            if let Some(drift) = run.drift.as_ref().filter(|drift| !drift.is_empty()) {
                 labels.place(
                     &mut drawing,
                     Words::new(shortened(drift, 12.5, true, 240.0), [0.0, 0.0]).size(12.5).bold(),
@@ -97,7 +94,7 @@ impl DriftHistory {
                 );
             }
         }
-        let key = [(COLOURS[0], "within limits"), (COLOURS[1], "outside, and what moved it")];
+        let key = [(COLOURS[0], "no drift"), (COLOURS[1], "drift, and what moved the number")];
         let mut x = axes.inside.left;
         for (colour, text) in key {
             drawing.disc([x + 6.0, bottom + 48.0], 5.0, Fill::solid(colour));

@@ -1,0 +1,94 @@
+//! The report's section on expansion: two scenes, looked at block by block.
+
+use std::sync::Arc;
+
+use atsplat_eval::method::constants_of;
+use atsplat_eval::runner::Dataset;
+use atsplat_protocol::EvaluationIndex;
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
+use atsplat_report::figures::{ExpansionScene, of_expansion};
+use atsplat_report::page::PlotSection;
+use atsplat_splat::RenderOptions;
+
+use super::methods::Trained;
+use crate::expansion::{UNTRAINED, studied};
+
+/// The protocol that the paper's figures of expansion are on.
+const PROTOCOL: &str = "re10k-2v-256";
+/// Scenes that are shown.
+const SCENES: usize = 2;
+/// Scenes that are tried, where pictures of the first are missing.
+const TRIED: usize = 8;
+
+/// The first scenes of the protocol or its stand-in, else of a dataset like it, else of any.
+pub(super) fn section(datasets: &[Dataset], trained: &Trained) -> anyhow::Result<PlotSection> {
+    let published =
+        |dataset: &&Dataset| dataset.preset.stands_for.as_deref().unwrap_or(&dataset.preset.name) == PROTOCOL;
+    let alike = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
+    let found = datasets.iter().find(published).or_else(|| datasets.iter().find(alike)).or_else(|| datasets.first());
+    let Some(dataset) = found else { anyhow::bail!("no dataset") };
+    let network = trained.bare(&trained.config)?;
+    let mut first_skipped = None;
+    let mut scenes: Vec<ExpansionScene> = Vec::new();
+    for outcome in trials(dataset) {
+        match outcome {
+            Ok((trial, truths)) => {
+                let options = RenderOptions {
+                    constants: constants_of(&dataset.preset.renderer, trial.near_far()),
+                    background: dataset.preset.renderer.background,
+                    ..RenderOptions::default()
+                };
+                scenes.push(studied(&network, (&trial, &truths), options, 0, 1)?);
+            }
+            Err(skipped) => first_skipped = first_skipped.or(Some(skipped)),
+        }
+        if scenes.len() == SCENES {
+            break;
+        }
+    }
+    if let (true, Some(skipped)) = (scenes.is_empty(), first_skipped) {
+        anyhow::bail!("{skipped}");
+    }
+    let untrained = if trained.is_untrained() { format!(" ({UNTRAINED})") } else { String::new() };
+    let subject = format!("{}{untrained} on {}", trained.config.name, dataset.name);
+    Ok(PlotSection {
+        title: "Expansion".to_owned(),
+        hint: format!(
+            "Where tokens expand, what each expansion adds, and whether the predicted uncertainty is where the error is; \
+             of {}, {}.",
+            dataset.name, dataset.told
+        ),
+        plots: of_expansion(&subject, &scenes)?,
+    })
+}
+
+/// The first question of each of the first scenes.
+fn trials(dataset: &Dataset) -> Trials {
+    let asked = dataset.index.index.scenes.iter().filter(|(key, _)| dataset.source.keys().contains(key));
+    let first = asked.filter_map(|(key, entries)| Some((key.clone(), vec![entries.first()?.clone()])));
+    let index = EvaluationIndex { scenes: first.take(TRIED).collect() };
+    let nothing_ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+    Trials::new(Arc::clone(&dataset.source), &index, TrialRecipe::of(&dataset.preset, "ATSplat"), nothing_ahead)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reproduce::suite::{SuiteWord, simulated_datasets};
+
+    #[test]
+    fn the_stand_in_of_the_papers_protocol_is_looked_at() {
+        let datasets = simulated_datasets(SuiteWord::Quick).unwrap();
+        let trained = Trained::carried().unwrap();
+        let section = section(&datasets, &trained).unwrap();
+        let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["token-expansion-1", "token-expansion-2", "expansion-strips", "uncertainty"]);
+        let stand_in = datasets.iter().find(|own| own.preset.stands_for.as_deref() == Some(PROTOCOL)).unwrap();
+        for (name, drawing) in &section.plots {
+            let subtitle = drawing.texts().nth(1).unwrap();
+            assert_eq!(subtitle.contains(UNTRAINED), trained.is_untrained(), "{name}: {subtitle}");
+            assert!(subtitle.contains(&stand_in.name), "{name}: {subtitle}");
+        }
+        assert!(super::section(&[], &trained).is_err());
+    }
+}

@@ -1,0 +1,172 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_protocol::Aggregation;
+use serde::{Deserialize, Serialize};
+
+use super::probe::Attribution;
+use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
+use crate::Results;
+use crate::statistics::{Outcome, Picked, score_of, summary_of};
+
+/// One number of an accepted run, as a baseline remembers it when its rows are gone.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct AcceptedNumber {
+    /// Which entry of the baseline's history, from 0.
+    pub acceptance: usize,
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// Mean over scenes.
+    pub mean: f64,
+    /// Its 95 % interval; `None` with one scene.
+    pub interval: Option<[f64; 2]>,
+    /// How far the mean of a later run may move; `None` of a deterministic method, whose every bit counts.
+    pub limit: Option<f64>,
+    /// Of this number against the acceptance before; `None` where there was none to compare with.
+    pub verdict: Option<Verdict>,
+}
+
+/// How one number moved from acceptance to acceptance, and to the present run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct NumberHistory {
+    /// Name of the preset.
+    pub preset: String,
+    /// Name of the method.
+    pub method: String,
+    /// Id of the metric.
+    pub metric: String,
+    /// Accepted runs, oldest first, then the present one where it has the number.
+    pub runs: Vec<HistoricRun>,
+    /// Acceptances of which the number is not known: from before numbers were kept, or without it.
+    pub unknown: usize,
+    /// The verdict on the present run.
+    pub verdict: Verdict,
+}
+
+/// A number of one run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct HistoricRun {
+    /// The day of its acceptance; `now`.
+    pub label: String,
+    /// Mean over scenes.
+    pub mean: f64,
+    /// Its 95 % interval.
+    pub interval: Option<[f64; 2]>,
+    /// Between which means the baseline of the time wanted it.
+    pub limits: Option<[f64; 2]>,
+    /// The verdict against that baseline.
+    pub verdict: Option<Verdict>,
+    /// Mean less that baseline's.
+    pub moved: Option<f64>,
+    /// Why it was accepted; of the present run, the first stage that changed on the probe.
+    pub why: Option<String>,
+}
+
+type Name = (String, String, String);
+
+/// Mean and interval of every metric of every method under every preset.
+fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> {
+    let mut names: BTreeSet<(&str, &str, &str)> = BTreeSet::new();
+    let mut groups: BTreeMap<(&str, &str), Vec<&BaselineTarget>> = BTreeMap::new();
+    for row in targets {
+        let (preset, method) = (row.key.preset.as_str(), row.key.method.as_str());
+        names.extend(row.scores.keys().map(|metric| (preset, method, metric.as_str())));
+        groups.entry((preset, method)).or_default().push(row);
+    }
+    for rows in groups.values_mut() {
+        rows.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
+    }
+    let of = |(preset, method, metric): (&str, &str, &str)| {
+        let picked = groups.get(&(preset, method))?.iter().filter_map(|row| picked(row, metric));
+        let summary = summary_of(&picked.collect::<Vec<_>>(), Aggregation::SceneMeans);
+        Some(((preset.to_owned(), method.to_owned(), metric.to_owned()), (summary.mean?, summary.interval)))
+    };
+    names.into_iter().filter_map(of).collect()
+}
+
+fn picked<'a>(row: &'a BaselineTarget, metric: &str) -> Option<Picked<'a>> {
+    Some(Picked {
+        scene: &row.key.scene,
+        entry: row.key.entry,
+        target: row.target,
+        distance: None,
+        overlap: None,
+        outcome: Outcome::Score {
+            value: score_of(row.status, row.scores.get(metric).copied(), metric)?,
+            identical: false,
+        },
+    })
+}
+
+impl Baseline {
+    /// With what its rows say of the last acceptance, and nothing of earlier ones.
+    pub(super) fn with_numbers_of_rows(self) -> Self {
+        Self { numbers: of_rows(&self, None), ..self }
+    }
+}
+
+/// The numbers of a baseline's own rows, as those of its last acceptance. `report` compares them with the one before.
+pub(super) fn of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<AcceptedNumber> {
+    let acceptance = baseline.history.len().saturating_sub(1);
+    let number = |((preset, method, metric), (mean, interval)): (Name, _)| {
+        let same = |own: (&String, &String, &String)| own == (&preset, &method, &metric);
+        let limit = baseline.limits.iter().find(|own| same((&own.preset, &own.method, &own.metric)));
+        let compared = report
+            .and_then(|report| report.comparisons.iter().find(|own| same((&own.preset, &own.method, &own.metric))));
+        let (limit, verdict) = (limit.map(|limit| limit.limit), compared.map(|own| own.verdict));
+        AcceptedNumber { acceptance, preset, method, metric, mean, interval, limit, verdict }
+    };
+    means(&baseline.targets).into_iter().map(number).collect()
+}
+
+/// The history of every number that a report compares, in its order.
+pub fn histories(baseline: &Baseline, results: &Results, report: &DriftReport) -> Vec<NumberHistory> {
+    let now = means(&results.targets.iter().map(BaselineTarget::from).collect::<Vec<_>>());
+    report.comparisons.iter().map(|comparison| history(baseline, comparison, &now, report)).collect()
+}
+
+fn history(
+    baseline: &Baseline,
+    comparison: &Comparison,
+    now: &BTreeMap<Name, (f64, Option<[f64; 2]>)>,
+    report: &DriftReport,
+) -> NumberHistory {
+    let Comparison { preset, method, metric, verdict, .. } = comparison;
+    let own = |number: &&AcceptedNumber| (&number.preset, &number.method, &number.metric) == (preset, method, metric);
+    let numbers: Vec<&AcceptedNumber> = baseline.numbers.iter().filter(own).collect();
+    let around = |mean: f64, limit: Option<f64>| limit.map_or([mean; 2], |limit| [mean - limit, mean + limit]);
+    let mut runs = Vec::new();
+    let mut before: Option<&AcceptedNumber> = None;
+    for number in &numbers {
+        let accepted = baseline.history.get(number.acceptance);
+        runs.push(HistoricRun {
+            label: accepted.map_or_else(|| number.acceptance.to_string(), |accepted| accepted.date.clone()),
+            mean: number.mean,
+            interval: number.interval,
+            limits: before.map(|before| around(before.mean, before.limit)),
+            verdict: number.verdict,
+            moved: before.map(|before| number.mean - before.mean),
+            why: accepted.map(|accepted| accepted.reason.clone()),
+        });
+        before = Some(number);
+    }
+    let unknown = baseline.history.len().saturating_sub(runs.len());
+    if let Some((mean, interval)) = now.get(&(preset.clone(), method.clone(), metric.clone())) {
+        let stage = report.attribution.as_ref().and_then(Attribution::first);
+        runs.push(HistoricRun {
+            label: "now".to_owned(),
+            mean: *mean,
+            interval: *interval,
+            limits: before.map(|before| around(before.mean, comparison.limit)),
+            verdict: Some(*verdict),
+            moved: before.map(|before| mean - before.mean),
+            why: stage.map(|stage| stage.name().to_owned()),
+        });
+    }
+    let (preset, method, metric) = (preset.clone(), method.clone(), metric.clone());
+    NumberHistory { preset, method, metric, runs, unknown, verdict: *verdict }
+}

@@ -1,0 +1,75 @@
+use std::collections::BTreeMap;
+
+use atsplat_model::network::Trace;
+use atsplat_splat::{Gaussians, View};
+use glam::DVec3;
+
+use super::ExpansionError;
+
+/// An expanded token and its children, each at the mean centre of the Gaussians that the head makes of it: of the parent
+/// as it entered its block, of the children as they left it. They share an anchor, so that what parts them was learned.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Family {
+    /// Which of the decoder's blocks expanded it, from 1.
+    pub block: usize,
+    /// Predicted uncertainty, where the block scores tokens.
+    pub score: Option<f32>,
+    /// In the world of the context's cameras.
+    pub parent: DVec3,
+    /// As many as the configuration says.
+    pub children: Vec<DVec3>,
+}
+
+/// A [`Family`] in a picture, in pixels: +x right, +y down, the centre of the first pixel at (0.5, 0.5).
+#[derive(Clone, Debug, PartialEq)]
+pub struct SeenFamily {
+    /// As [`Family::block`].
+    pub block: usize,
+    /// Inside the picture.
+    pub parent: [f64; 2],
+    /// Those in front of the camera; they may lie outside the picture.
+    pub children: Vec<[f64; 2]>,
+}
+
+/// Every expanded token, block by block.
+pub(super) fn families(trace: &Trace) -> Vec<Family> {
+    let made = &trace.made;
+    let per_token = made.budget.gaussians.checked_div(made.budget.final_tokens).unwrap_or_default();
+    let mut families = Vec::new();
+    for (at, (block, entering)) in made.blocks.iter().zip(&trace.entering).enumerate() {
+        let mut children: BTreeMap<usize, Vec<DVec3>> =
+            block.selected.iter().map(|&token| (token, Vec::new())).collect();
+        for (token, parent) in block.parents.iter().enumerate() {
+            if let Some(of_parent) = children.get_mut(parent) {
+                of_parent.extend(mean_centre(trace.leaving(at), token, per_token));
+            }
+        }
+        families.extend(children.into_iter().filter_map(|(token, children)| {
+            let score = block.scores.as_ref().and_then(|scores| scores.get(token)).copied();
+            Some(Family { block: at + 1, score, parent: mean_centre(entering, token, per_token)?, children })
+        }));
+    }
+    families
+}
+
+/// `None` where a token has no Gaussians.
+fn mean_centre(gaussians: &Gaussians, token: usize, per_token: usize) -> Option<DVec3> {
+    let means = gaussians.parts().means.chunks_exact(per_token.max(1)).nth(token)?;
+    let sum: DVec3 = means.iter().map(|mean| DVec3::from(mean.map(f64::from))).sum();
+    Some(sum / means.len() as f64)
+}
+
+/// Families whose parent a picture shows, whatever stands before it.
+///
+/// # Errors
+/// [`ExpansionError::Camera`] for a lens that maps nothing.
+pub fn seen_by(families: &[Family], view: &View) -> Result<Vec<SeenFamily>, ExpansionError> {
+    let projector = view.camera.projector()?;
+    let seen = |family: &Family| {
+        let parent = projector.project(family.parent).ok().filter(atsplat_camera::Projected::is_inside)?;
+        let children = family.children.iter().filter_map(|&child| projector.project(child).ok());
+        let children = children.map(|child| child.pixel(view.size).to_array()).collect();
+        Some(SeenFamily { block: family.block, parent: parent.pixel(view.size).to_array(), children })
+    };
+    Ok(families.iter().filter_map(seen).collect())
+}

@@ -1,0 +1,52 @@
+use std::borrow::Cow;
+
+use atsplat_metrics::{DECIBEL_CAP, Values, psnr};
+use atsplat_model::network::{Network, Trace};
+use atsplat_pixels::Image;
+use atsplat_splat::Gaussians;
+
+use super::{ExpansionError, Subject, compared, image, render};
+
+/// A target rendered with expansion in some of the decoder's blocks.
+#[derive(Clone, Debug)]
+pub struct Stage {
+    /// The blocks that expanded, from 1.
+    pub blocks: Vec<usize>,
+    /// All Gaussians.
+    pub gaussians: usize,
+    /// The render, not clipped.
+    pub image: Image,
+    /// In dB, of the clipped render; [`DECIBEL_CAP`] where it equals the truth.
+    pub psnr: f64,
+}
+
+/// Stages by target: expansion in none of the blocks that expand, the first, …, all, which is the trace.
+pub(super) fn stages(network: &Network, trace: &Trace, subject: &Subject) -> Result<Vec<Vec<Stage>>, ExpansionError> {
+    let (mut by_target, mut enabled) = (vec![Vec::new(); subject.targets.len()], Vec::new());
+    let mut remaining = prefixes(network);
+    while let Some((blocks, first)) = remaining.next() {
+        enabled.extend(blocks);
+        let gaussians: Cow<'_, Gaussians> = if remaining.len() == 0 {
+            Cow::Borrowed(&trace.made.gaussians)
+        } else {
+            let fewer = network.with_expansion_in_first(first);
+            Cow::Owned(fewer.reconstruct(&subject.views, subject.call_seed)?.gaussians)
+        };
+        for (target, stages) in subject.targets.iter().zip(&mut by_target) {
+            let image = image(&render(&gaussians, &target.view, &subject.options)?)?;
+            let score = compared(&image, target, |pair| psnr(pair, Values::Clipped))?;
+            let psnr = score.capped(DECIBEL_CAP).unwrap_or(f64::NAN);
+            stages.push(Stage { blocks: enabled.clone(), gaussians: gaussians.len(), image, psnr });
+        }
+    }
+    Ok(by_target)
+}
+
+/// For each stage the block that it enables beyond the one before, from 1, and how many of the blocks with weights to
+/// expand that makes. A block that the configuration switched off is never enabled.
+fn prefixes(network: &Network) -> std::vec::IntoIter<(Option<usize>, usize)> {
+    let blocks = network.config().decoder.blocks.iter().enumerate().filter(|(_, block)| block.expansion.is_some());
+    let active = blocks.enumerate().filter(|(_, (_, block))| block.active_expansion().is_some());
+    let enabled = active.map(|(before, (at, _))| (Some(at + 1), before + 1));
+    std::iter::once((None, 0)).chain(enabled).collect::<Vec<_>>().into_iter()
+}

@@ -1,0 +1,78 @@
+use std::sync::Arc;
+
+use atsplat_camera::ImageSize;
+use atsplat_model::network::Views;
+use atsplat_pixels::ImageU8;
+use atsplat_protocol::trial::{TargetPictures, Trial};
+use atsplat_splat::{RenderOptions, View};
+
+use super::ExpansionError;
+
+/// A scene as network and renderer take it.
+#[derive(Clone, Debug)]
+pub struct Subject {
+    /// The context.
+    pub views: Views,
+    /// What random selection draws with.
+    pub call_seed: u64,
+    /// How targets are rendered.
+    pub options: RenderOptions,
+    /// What is rendered; without any, families alone are found.
+    pub targets: Vec<Target>,
+}
+
+/// A view with its truth.
+#[derive(Clone, Debug)]
+pub struct Target {
+    /// Position of the frame in the scene.
+    pub frame: usize,
+    /// Camera in the context's world, and size of the picture.
+    pub view: View,
+    /// What is to be seen.
+    pub truth: Arc<ImageU8>,
+}
+
+impl Subject {
+    /// A trial with some of its targets, by position; pictures are decoded now.
+    ///
+    /// # Errors
+    /// [`ExpansionError::Protocol`] for a picture that cannot be read, [`ExpansionError::Unfit`] for a context without a
+    /// picture, with pictures of several sizes, and for a target that is none of the trial's.
+    pub fn of(
+        trial: &Trial,
+        truths: &TargetPictures,
+        positions: &[usize],
+        options: RenderOptions,
+        call_seed: u64,
+    ) -> Result<Self, ExpansionError> {
+        let target = |&position: &usize| {
+            let (target, truth) =
+                trial.targets().get(position).zip(truths.get(position)).ok_or_else(|| ExpansionError::Unfit {
+                    what: "target",
+                    expected: format!("one of {}", trial.targets().len()),
+                    found: position.to_string(),
+                })?;
+            Ok(Target { frame: target.frame, view: View { camera: target.camera, size: target.size }, truth: truth? })
+        };
+        let targets = positions.iter().map(target).collect::<Result<_, ExpansionError>>()?;
+        Ok(Self { views: views(trial)?, call_seed, options, targets })
+    }
+}
+
+fn views(trial: &Trial) -> Result<Views, ExpansionError> {
+    let sizes: Vec<ImageSize> = trial.context().iter().map(|view| view.size).collect();
+    let size = match sizes.as_slice() {
+        [first, rest @ ..] if rest.iter().all(|size| size == first) => *first,
+        _ => {
+            let found = sizes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+            let expected = "one picture or more, of one size".to_owned();
+            return Err(ExpansionError::Unfit { what: "context", expected, found });
+        }
+    };
+    let decoded = trial.context().iter().map(atsplat_protocol::trial::ContextView::picture);
+    let decoded = decoded.collect::<Result<Vec<Arc<ImageU8>>, _>>()?;
+    let samples = decoded.iter().flat_map(|picture| picture.samples()).map(|&sample| f32::from(sample) / 255.0);
+    let cameras = trial.context().iter().map(|view| view.camera).collect();
+    let size = atsplat_model::ImageSize::new(size.height as usize, size.width as usize);
+    Ok(Views::new(size, samples.collect(), cameras)?)
+}

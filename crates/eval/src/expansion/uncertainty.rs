@@ -1,0 +1,68 @@
+use atsplat_camera::ImageSize;
+use atsplat_metrics::{Ssim, Values, ssim_map};
+use atsplat_model::network::Trace;
+use atsplat_numeric::rank_correlation;
+use atsplat_pixels::Image;
+use atsplat_splat::{Channels, Gaussians, RenderOptions};
+
+use super::{ExpansionError, Target, compared, image, render};
+
+/// Where the intermediate Gaussians that enter a block err, where the network expects them to, and what it expands.
+/// Maps have one number a pixel, row by row.
+#[derive(Clone, Debug)]
+pub struct Uncertainty {
+    /// Which of the decoder's blocks, from 1.
+    pub block: usize,
+    /// In pixels.
+    pub size: ImageSize,
+    /// The intermediate Gaussians, not clipped.
+    pub render: Image,
+    /// `1 − SSIM` of the render, as 3DGS's training computes it: what the scores were trained to predict.
+    pub error: Vec<f64>,
+    /// The tokens' scores, composited like a colour on 0.
+    pub predicted: Vec<f64>,
+    /// Opacity of the Gaussians of the selected tokens alone.
+    pub selected_alpha: Vec<f64>,
+    /// Tokens that the block expanded.
+    pub selected: usize,
+    /// Tokens that entered it.
+    pub tokens: usize,
+    /// Spearman's rank correlation of error and prediction over pixels; `None` where one of them is the same everywhere.
+    pub correlation: Option<f64>,
+}
+
+/// Of the last block that scores its tokens.
+pub(super) fn uncertainty(
+    trace: &Trace,
+    target: &Target,
+    options: &RenderOptions,
+) -> Result<Option<Uncertainty>, ExpansionError> {
+    let blocks = trace.made.blocks.iter().zip(&trace.entering).enumerate();
+    let mut scored = blocks.filter_map(|(at, (block, gaussians))| Some((at, block, gaussians, block.scores.as_ref()?)));
+    let Some((at, block, gaussians, scores)) = scored.next_back() else { return Ok(None) };
+    let per_token = gaussians.len().checked_div(scores.len()).unwrap_or_default();
+
+    let mut parts = gaussians.parts().clone();
+    parts.scalars = Some(scores.iter().flat_map(|&score| std::iter::repeat_n(score, per_token)).collect());
+    let channels = Channels { scalar: true, ..Channels::default() };
+    let rendering = render(&Gaussians::new(parts)?, &target.view, &RenderOptions { channels, ..options.clone() })?;
+    let seen = image(&rendering)?;
+    let similarity = compared(&seen, target, |pair| ssim_map(pair, Values::AsRendered, Ssim::INRIA))??;
+    let error: Vec<f64> = similarity.values().iter().map(|similarity| 1.0 - similarity).collect();
+    let predicted: Vec<f64> = rendering.scalar.iter().flatten().copied().map(f64::from).collect();
+
+    let of_selected: Vec<usize> =
+        block.selected.iter().flat_map(|token| token * per_token..(token + 1) * per_token).collect();
+    let chosen = render(&gaussians.select(&of_selected)?, &target.view, options)?;
+    Ok(Some(Uncertainty {
+        block: at + 1,
+        size: rendering.size,
+        render: seen,
+        correlation: rank_correlation(&error, &predicted),
+        error,
+        predicted,
+        selected_alpha: chosen.alpha.into_iter().map(f64::from).collect(),
+        selected: block.selected.len(),
+        tokens: scores.len(),
+    }))
+}

@@ -1,0 +1,196 @@
+use std::sync::Arc;
+
+use atsplat_eval::expansion::{SeenFamily, Stage, TargetStudy, Uncertainty};
+use atsplat_eval::runner::spread;
+use atsplat_metrics::Ramp;
+use atsplat_numeric::Extremes as _;
+use atsplat_pixels::{ImageU8, PixelError, Rounding};
+
+use crate::ReportError;
+use crate::plot::{
+    Drawing, Expansion, ExpansionStrip, ExpansionStrips, StripPicture, TokenExpansion, UncertaintyRow,
+    UncertaintyTriplets,
+};
+
+/// Families that one picture holds without becoming a thicket.
+const FAMILIES: usize = 160;
+
+/// What expansion did in a scene, as seen by one of its cameras.
+#[derive(Clone, Debug)]
+pub struct ExpansionScene {
+    /// For people: the scene's key.
+    pub label: String,
+    /// The frame that families are drawn over.
+    pub frame: usize,
+    /// Its picture.
+    pub picture: Arc<ImageU8>,
+    /// Families in it.
+    pub families: Vec<SeenFamily>,
+    /// Families in all.
+    pub expanded: usize,
+    /// Targets with their truths.
+    pub targets: Vec<ExpansionTarget>,
+}
+
+/// A target with its truth.
+#[derive(Clone, Debug)]
+pub struct ExpansionTarget {
+    /// Position of the frame in the scene.
+    pub frame: usize,
+    /// What is to be seen.
+    pub truth: Arc<ImageU8>,
+    /// What was found.
+    pub study: TargetStudy,
+}
+
+/// Plots by name: tokens scene by scene, then strips and uncertainty of all targets, as far as there is something to draw.
+/// `subject` says whose expansion it is: model, weights, protocol.
+///
+/// # Errors
+/// [`ReportError::Picture`] for renders that are not finite, and for maps that are not of their size.
+pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(String, Drawing)>, ReportError> {
+    let mut plots = Vec::new();
+    for (at, scene) in scenes.iter().enumerate().filter(|(_, scene)| !scene.families.is_empty()) {
+        plots.push((format!("token-expansion-{}", at + 1), tokens(subject, scene).draw()));
+    }
+    let targets = || scenes.iter().flat_map(|scene| scene.targets.iter().map(move |target| (scene, target)));
+    let told = |scene: &ExpansionScene, target: &ExpansionTarget| format!("{}, frame {}", scene.label, target.frame);
+    let rows = targets().map(|(scene, target)| {
+        let truth = StripPicture { image: target.truth.as_ref().clone(), caption: String::new() };
+        let stages = target.study.stages.iter().map(stage);
+        let pictures = stages.chain([Ok(truth)]).collect::<Result<_, ReportError>>()?;
+        Ok(ExpansionStrip { label: told(scene, target), pictures })
+    });
+    let strips = rows.collect::<Result<Vec<_>, ReportError>>()?;
+    if let Some((_, first)) = targets().next() {
+        let names = first.study.stages.iter().map(|stage| blocks(&stage.blocks));
+        let plot = ExpansionStrips {
+            title: "Expansion, block by block".to_owned(),
+            subtitle: format!("{subject}; the same weights with expansion enabled in ever more blocks"),
+            columns: names.chain(["truth".to_owned()]).collect(),
+            strips,
+        };
+        plots.push(("expansion-strips".to_owned(), plot.draw()));
+    }
+    let rows = targets().filter_map(|(scene, target)| Some((told(scene, target), target.study.uncertainty.as_ref()?)));
+    let rows = rows.map(|(label, own)| triplet(&label, own)).collect::<Result<Vec<_>, _>>()?;
+    if !rows.is_empty() {
+        let plot = UncertaintyTriplets {
+            title: "Error, prediction, selection".to_owned(),
+            subtitle: format!("{subject}; before the last block that expands; dark is zero"),
+            rows,
+        };
+        plots.push(("uncertainty".to_owned(), plot.draw()));
+    }
+    Ok(plots)
+}
+
+fn tokens(subject: &str, scene: &ExpansionScene) -> TokenExpansion {
+    let ExpansionScene { label, frame, picture, families, expanded, .. } = scene;
+    let drawn = spread(families.len(), FAMILIES);
+    let expansions = drawn.iter().filter_map(|&at| families.get(at)).map(|family| Expansion {
+        block: family.block,
+        parent: family.parent,
+        children: family.children.clone(),
+    });
+    let place = format!("{label} from frame {frame}");
+    TokenExpansion {
+        title: "Children around their parents".to_owned(),
+        subtitle: format!("{subject}; {place}: {} of {expanded} expanded tokens", drawn.len()),
+        picture: Some(picture.as_ref().clone()),
+        size: [picture.width(), picture.height()].map(f64::from),
+        expansions: expansions.collect(),
+    }
+}
+
+fn stage(stage: &Stage) -> Result<StripPicture, ReportError> {
+    let gaussians = stage.gaussians as f64;
+    let count = if gaussians < 1e3 { format!("{gaussians:.0}") } else { format!("{:.1}K", gaussians / 1e3) };
+    Ok(StripPicture {
+        image: stage.image.to_u8(Rounding::Nearest)?,
+        caption: format!("{:.2} dB · {count}", stage.psnr),
+    })
+}
+
+/// `no expansion`, `block 2`, `blocks 2–4`, `blocks 2, 4`.
+fn blocks(blocks: &[usize]) -> String {
+    match blocks {
+        [] => "no expansion".to_owned(),
+        [only] => format!("block {only}"),
+        [first, .., last] if last - first + 1 == blocks.len() => format!("blocks {first}–{last}"),
+        _ => format!("blocks {}", blocks.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ")),
+    }
+}
+
+fn triplet(label: &str, own: &Uncertainty) -> Result<UncertaintyRow, ReportError> {
+    // The prediction was trained to equal the error: one scale shows how far off it is.
+    let brightest = brightest(&own.error).maximum_of(brightest(&own.predicted)).maximum_of(1e-6);
+    let heat = |values: &[f64]| map(own, values, |value| Ramp::Viridis.colour(value / brightest));
+    let share = 100.0 * own.selected as f64 / own.tokens.max(1) as f64;
+    let agreement = own.correlation.map_or("no rank correlation".to_owned(), |found| format!("Spearman {found:.2}"));
+    Ok(UncertaintyRow {
+        label: format!("{label}, block {}; yellow from {brightest:.2}", own.block),
+        render: own.render.to_u8(Rounding::Nearest)?,
+        error: heat(&own.error)?,
+        predicted: heat(&own.predicted)?,
+        selected_alpha: map(own, &own.selected_alpha, |alpha| Ramp::Grey.colour(alpha))?,
+        captions: [
+            format!("mean {:.3}", mean(&own.error)),
+            format!("mean {:.3} · {agreement}", mean(&own.predicted)),
+            format!("{} of {} tokens ({share:.0} %)", own.selected, own.tokens),
+        ],
+    })
+}
+
+/// What all but a hundredth of the values stay below.
+fn brightest(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted.get(sorted.len() * 99 / 100).copied().unwrap_or_default()
+}
+
+fn mean(values: &[f64]) -> f64 {
+    values.iter().sum::<f64>() / values.len().max(1) as f64
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "colours are in [0, 1]")]
+fn map(own: &Uncertainty, values: &[f64], colour: impl Fn(f64) -> [f32; 3]) -> Result<ImageU8, PixelError> {
+    let samples = values.iter().flat_map(|value| colour(*value).map(|share| (share * 255.0).round() as u8));
+    ImageU8::new(own.size.width, own.size.height, samples.collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blocks_are_named_as_people_would() {
+        let cases: [(&[usize], &str); 4] =
+            [(&[], "no expansion"), (&[2], "block 2"), (&[2, 3, 4], "blocks 2–4"), (&[2, 4], "blocks 2, 4")];
+        for (given, expected) in cases {
+            assert_eq!(blocks(given), expected);
+        }
+    }
+
+    #[test]
+    fn nothing_to_see_is_no_plot() {
+        assert!(of_expansion("nobody", &[]).unwrap().is_empty());
+        let picture = Arc::new(ImageU8::new(2, 1, vec![7; 6]).unwrap());
+        let scene = ExpansionScene {
+            label: "s".to_owned(),
+            frame: 0,
+            picture,
+            families: Vec::new(),
+            expanded: 3,
+            targets: Vec::new(),
+        };
+        assert!(of_expansion("nobody", &[scene]).unwrap().is_empty());
+    }
+
+    #[test]
+    fn one_in_a_hundred_may_be_brighter() {
+        let values: Vec<f64> = (0..1000).map(f64::from).collect();
+        assert_eq!(brightest(&values).to_bits(), 990.0f64.to_bits());
+        assert_eq!(brightest(&[]).to_bits(), 0.0f64.to_bits());
+    }
+}
