@@ -4,6 +4,7 @@
 
 mod adapters;
 mod budget;
+mod carried;
 mod data;
 mod dataset_words;
 mod drift;

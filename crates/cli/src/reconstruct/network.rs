@@ -15,6 +15,7 @@ use atsplat_protocol::Sha256Digest;
 use clap::Args;
 use serde::Serialize;
 
+use crate::carried;
 use crate::model_words::{ChangeWords, ProcessorWord, model};
 
 /// What `random:SEED` runs where no model is named.
@@ -22,9 +23,9 @@ const SMALLEST: &str = "nano";
 
 #[derive(Debug, Args)]
 pub(crate) struct NetworkWords {
-    /// A weights file of this toolkit (`atsplat weights import` makes one), or `random:SEED`: an untrained network, to try
-    /// the way and its cost without weights.
-    #[arg(long, value_name = "FILE|random:SEED")]
+    /// A weights file of this toolkit (`atsplat weights import` makes one); `nano-rooms`, a small network that the binary
+    /// carries; or `random:SEED`: an untrained network, to try the way and its cost without weights.
+    #[arg(long, value_name = "FILE|nano-rooms|random:SEED")]
     weights: Option<WeightsWord>,
 
     /// sha256 that the weights file must have.
@@ -169,7 +170,7 @@ impl NetworkWords {
             WeightsWord::File(path) => {
                 let advised = asked.clone().map_or_else(|| ModelConfig::named("paper-re10k"), Ok)?;
                 let asked_hash = self.sha256.map(|hash| hash.to_string());
-                let file = TensorFile::find(path, || {
+                let file = carried::find(path, || {
                     let advice = ModelWeights::advice(&advised, asked_hash.as_deref());
                     format!("{advice}; `random:SEED` in place of a file runs the network untrained")
                 })?;

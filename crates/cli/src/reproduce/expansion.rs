@@ -11,7 +11,7 @@ use atsplat_report::page::PlotSection;
 use atsplat_splat::RenderOptions;
 
 use super::methods::Trained;
-use crate::expansion::{UNTRAINED, studied};
+use crate::expansion::studied;
 
 /// The protocol that the paper's figures of expansion are on.
 const PROTOCOL: &str = "re10k-2v-256";
@@ -49,8 +49,7 @@ pub(super) fn section(datasets: &[Dataset], trained: &Trained) -> anyhow::Result
     if let (true, Some(skipped)) = (scenes.is_empty(), first_skipped) {
         anyhow::bail!("{skipped}");
     }
-    let untrained = if trained.is_untrained() { format!(" ({UNTRAINED})") } else { String::new() };
-    let subject = format!("{}{untrained} on {}", trained.config.name, dataset.name);
+    let subject = format!("{} on {}", trained.config.name, dataset.name);
     Ok(PlotSection {
         title: "Expansion".to_owned(),
         hint: format!(
@@ -86,7 +85,6 @@ mod tests {
         let stand_in = datasets.iter().find(|own| own.preset.stands_for.as_deref() == Some(PROTOCOL)).unwrap();
         for (name, drawing) in &section.plots {
             let subtitle = drawing.texts().nth(1).unwrap();
-            assert_eq!(subtitle.contains(UNTRAINED), trained.is_untrained(), "{name}: {subtitle}");
             assert!(subtitle.contains(&stand_in.name), "{name}: {subtitle}");
         }
         assert!(super::section(&[], &trained).is_err());

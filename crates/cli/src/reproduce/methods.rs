@@ -4,12 +4,15 @@ use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 
+use anyhow::Context as _;
 use atsplat_eval::method::{AtSplat, Method, NearestView, Splatting, Warp, WeightsOf};
 use atsplat_model::ModelConfig;
 use atsplat_model::config::Selection;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
+use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
+
+use crate::carried::{NANO_ROOMS, carried, find};
 
 /// A configuration with weights that fit it.
 pub(super) struct Trained {
@@ -24,7 +27,7 @@ impl Trained {
     /// A user's weights file.
     pub(super) fn read(path: &Path) -> anyhow::Result<Self> {
         let wanted = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
-        Self::of(&TensorFile::find(path, wanted)?, path.display().to_string())
+        Self::of(&find(path, wanted)?, path.display().to_string())
     }
 
     fn of(file: &TensorFile, told: String) -> anyhow::Result<Self> {
@@ -32,20 +35,10 @@ impl Trained {
         Ok(Self { config, tensors, weights: WeightsOf::File { sha256: file.sha256.clone() }, told })
     }
 
-    /// The weights that travel in the binary; where there are none, the small network with random ones.
+    /// The weights that travel in the binary.
     pub(super) fn carried() -> anyhow::Result<Self> {
-        Self::untrained(1)
-    }
-
-    fn untrained(seed: u64) -> anyhow::Result<Self> {
-        let config = ModelConfig::named("nano")?;
-        let tensors = generated(&parameters(&config), seed);
-        let weights = WeightsOf::Random { seed, backbone_sha256: None };
-        Ok(Self { config, tensors, weights, told: format!("random weights, seed {seed}: untrained") })
-    }
-
-    pub(super) const fn is_untrained(&self) -> bool {
-        matches!(self.weights, WeightsOf::Random { .. })
+        let file = carried(NANO_ROOMS).with_context(|| format!("this build carries no weights {NANO_ROOMS}"))??;
+        Self::of(&file, format!("{NANO_ROOMS}, which the binary carries"))
     }
 
     /// ATSplat as it was trained, and the floors.

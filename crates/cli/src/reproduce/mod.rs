@@ -19,7 +19,7 @@ use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
 use clap::Args;
 
-use crate::output::{complain, print_warnings};
+use crate::output::print_warnings;
 use crate::progress::Progress;
 use found::{Found, NotRun};
 use methods::Trained;
@@ -35,7 +35,8 @@ pub(crate) struct Words {
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
 
-    /// Weights of ATSplat; by default those that the project trained, or random ones where it carries none.
+    /// Weights of ATSplat: a file that `atsplat train` or `atsplat weights import` wrote; by default those that the binary
+    /// carries, a small network trained on simulated rooms.
     #[arg(long, value_name = "FILE")]
     weights: Option<PathBuf>,
 
@@ -62,9 +63,6 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         Some(path) => Trained::read(path)?,
         None => Trained::carried()?,
     };
-    if trained.is_untrained() {
-        complain("warning: no trained weights: ATSplat's rows are UNTRAINED and show the way and its cost alone");
-    }
     let of_ablations: Vec<usize> =
         datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
     let (results, summary) = words.evaluate("results", &datasets, &trained.methods()?)?;

@@ -1,7 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use atsplat_model::weights::{KeyMap, ModelWeights, TensorFile};
+use atsplat_model::weights::{KeyMap, ModelWeights};
 use clap::Args;
 use serde::Serialize;
 
@@ -43,7 +43,7 @@ struct Report {
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let map = KeyMap::resolve(&words.key_map)?;
     let out = PendingFile::open(&words.out)?;
-    let source = TensorFile::find(&words.file, || "a weights file of this toolkit".to_owned())?;
+    let source = crate::carried::find(&words.file, || "a weights file of this toolkit".to_owned())?;
     let mut weights = ModelWeights::of_file(&source)?;
     weights.tensors.tensors.retain(|name, _| name.starts_with(&words.only));
     let exported = map.export(&weights.tensors)?;

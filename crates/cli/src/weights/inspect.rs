@@ -71,7 +71,7 @@ struct TensorRow {
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let file = TensorFile::find(&words.file, || "a file of weights".to_owned())?;
+    let file = crate::carried::find(&words.file, || "a file of weights".to_owned())?;
     print_report(&Report::of(words, file)?, words.json)?;
     Ok(true)
 }

@@ -49,7 +49,7 @@ struct Report {
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let config = words.model.as_deref().map(ModelConfig::resolve).transpose()?;
     let asked = words.sha256.map(|hash| hash.to_string());
-    let file = TensorFile::find(&words.file, || match &config {
+    let file = crate::carried::find(&words.file, || match &config {
         Some(config) => ModelWeights::advice(config, asked.as_deref()),
         None => "a file of weights".to_owned(),
     })?;

@@ -43,9 +43,17 @@ impl TensorFile {
     /// [`ModelError::Io`], or [`ModelError::InFile`] around the errors of [`StoredTensors::parse`].
     pub fn open(path: &Path) -> Result<Self, ModelError> {
         let file = atsplat_pickle::map(path).map_err(ModelError::io("reading weights", path))?;
-        let sha256 = crate::hexadecimal(&Sha256::digest(&*file));
-        let stored = StoredTensors::parse(file).map_err(|error| error.in_file(path))?;
-        Ok(Self { path: path.to_owned(), sha256, stored })
+        Self::parse(path.to_owned(), file)
+    }
+
+    /// [`Self::open`], of bytes that are at hand; `path` is what messages call them.
+    ///
+    /// # Errors
+    /// [`ModelError::InFile`] around the errors of [`StoredTensors::parse`].
+    pub fn parse(path: PathBuf, bytes: SharedBytes) -> Result<Self, ModelError> {
+        let sha256 = crate::hexadecimal(&Sha256::digest(&*bytes));
+        let stored = StoredTensors::parse(bytes).map_err(|error| error.in_file(&path))?;
+        Ok(Self { path, sha256, stored })
     }
 
     /// [`Self::open`] for a file that somebody has to get: where it is absent, `expected` says what it is and where from.
