@@ -201,8 +201,11 @@ fn motion_of_a_known_camera_and_of_simulated_ones() {
     assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the carried clips");
 }
 
-/// `data/measure_motion.py` printed speeds, lengths and ratios with four decimals, turn rates with three, angles with two,
-/// of files whose rotations the loader makes orthonormal.
+/// The loader makes rotations orthonormal, which moves their trace by 1e-9 or so; half a degree, a step of half a second,
+/// has a cosine that makes 1e-3 degrees a second of it.
+const TURNS: Tolerance = Tolerance::absolute(2e-3);
+
+/// `data/measure_motion.py` printed speeds, lengths and ratios with four decimals, seconds with three, angles with two.
 #[test]
 fn motion_of_real_clips_is_what_numpy_measured() {
     let Some(shared) = shared_data("motion_of_real_clips_is_what_numpy_measured") else { return };
@@ -225,7 +228,8 @@ fn motion_of_real_clips_is_what_numpy_measured() {
             tolerance.assert(read(found), read(expected), &found.clip);
         };
         check(printed(6), &|clip| vec![clip.fx, clip.fy]);
-        check(printed(3), &|clip| vec![clip.seconds, clip.turn_degrees_per_second]);
+        check(printed(3), &|clip| vec![clip.seconds]);
+        check(TURNS, &|clip| vec![clip.turn_degrees_per_second]);
         check(printed(2), &|clip| Vec::from_iter(clip.travel_to_axis_degrees));
         check(printed(4), &|clip| {
             let lengths = [clip.straightness, clip.baseline_45, clip.baseline_90, clip.baseline_135];

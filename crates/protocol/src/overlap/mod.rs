@@ -1,6 +1,10 @@
 //! How much two views see of each other: three named estimators, each a number in [0, 1] that is the
 //! smaller of its two directions. They measure different things; numbers of different estimators, and the
 //! numbers that NoPoSplat ships (`RoMa` matches, code never released), do not belong into one set of bins.
+//!
+//! Against the true co-visibility of simulated scenes (`atsplat protocol estimators`: 192 pairs of rooms, 192 of yards)
+//! Spearman's rank correlation is 0.49 in rooms and −0.26 in yards for rays along epipolar lines, and 1.00 and 0.94 for
+//! depth. Epipolar lines know no walls: around a thing in the middle nearly every ray of one view crosses the other.
 
 mod annotate;
 mod covisibility;

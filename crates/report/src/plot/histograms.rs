@@ -70,7 +70,7 @@ impl Histograms {
             } else {
                 drawing.line([[left, y], [left + 12.0, y]], Stroke::new(colour(group), 2.0));
             }
-            let told = shortened(&format!("{name}: median {median} of {}", values.len()), 12.0, false, WIDTH - 18.0);
+            let told = shortened(&format!("{name}: median {median}"), 12.0, false, WIDTH - 18.0);
             drawing.words(Words::new(told, [left + 18.0, y]).size(12.0));
         }
     }
