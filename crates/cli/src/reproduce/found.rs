@@ -1,5 +1,6 @@
 //! What runs on a user's folder: every dataset in it, under every protocol that fits.
 
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -54,23 +55,27 @@ pub(super) fn look(folder: &Path, warnings: &mut Warnings) -> anyhow::Result<Fou
     Ok(found)
 }
 
+/// A folder that is a dataset, and datasets below it. Folders of a collection's scenes are not looked into, since they would
+/// be found a second time; others beside them are.
 fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
+    let entries = folder.read_dir().into_iter().flatten().flatten();
+    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
+    folders.sort();
     if let Ok(dataset) = open_with(folder, &OpenOptions::default(), &mut Warnings::new()) {
         let (path, format) = (folder.to_owned(), dataset.format);
         let source: Arc<dyn SceneSource> = Arc::new(dataset);
         if source.keys().iter().any(|key| first_picture(source.as_ref(), key).is_some()) {
-            found.push(OnDisk { path, format, source });
-            return;
+            let scenes: BTreeSet<&str> = source.keys().iter().filter_map(|key| key.split('/').next()).collect();
+            let is_scene = |path: &PathBuf| {
+                path.file_name().and_then(|name| name.to_str()).is_some_and(|name| scenes.contains(name))
+            };
+            let is_collection = folders.iter().any(is_scene);
+            folders.retain(|path| is_collection && !is_scene(path));
+            found.push(OnDisk { path, format, source: Arc::clone(&source) });
         }
     }
-    if depth >= DEEPEST {
-        return;
-    }
-    let entries = folder.read_dir().into_iter().flatten().flatten();
-    let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
-    folders.sort();
-    for folder in folders {
-        search(&folder, depth + 1, found);
+    if depth < DEEPEST {
+        folders.iter().for_each(|folder| search(folder, depth + 1, found));
     }
 }
 
@@ -194,4 +199,32 @@ fn first_picture(source: &dyn SceneSource, key: &str) -> Option<(Scene, usize)> 
     let scene = source.load(key, &mut Warnings::new()).ok()?;
     let at = scene.frames.iter().position(|frame| frame.picture.is_there())?;
     Some((scene, at))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn capture(folder: &Path) {
+        std::fs::create_dir_all(folder).unwrap();
+        let picture = atsplat_pixels::ImageU8::new(2, 2, vec![9; 12]).unwrap();
+        std::fs::write(folder.join("0.png"), atsplat_pixels::encode_png(&picture).unwrap()).unwrap();
+        let pose = "[[1,0,0,0],[0,1,0,0],[0,0,1,0],[0,0,0,1]]";
+        let frame = format!(r#"{{"file_path":"0.png","transform_matrix":{pose}}}"#);
+        let intrinsics = r#""w":2,"h":2,"fl_x":2,"fl_y":2,"cx":1,"cy":1"#;
+        std::fs::write(folder.join("transforms.json"), format!(r#"{{{intrinsics},"frames":[{frame}]}}"#)).unwrap();
+    }
+
+    #[test]
+    fn every_scene_is_found_once_however_deep() {
+        let root = tempfile::tempdir().unwrap();
+        for scene in ["a", "captures/b", "captures/c", "captures/more/d"] {
+            capture(&root.path().join(scene));
+        }
+        let mut found = Vec::new();
+        search(root.path(), 0, &mut found);
+        let mut keys: Vec<String> = found.iter().flat_map(|dataset| dataset.source.keys().to_vec()).collect();
+        keys.sort();
+        assert_eq!(keys, ["a", "b", "c", "d"]);
+    }
 }
