@@ -54,12 +54,11 @@ fn a_limited_run_is_no_published_setting_and_is_ranked_alone() {
     let best =
         |origin| table.rows.iter().filter(|row| row.origin == origin && row.cells[0][0].mark == Mark::Best).count();
     assert_eq!((best(Origin::Published), best(Origin::Measured)), (1, 1));
-    assert!(
-        notes(&table, NoteKind::Counts).iter().any(|text| text.contains("failed") && text.contains('3')),
-        "{:?}",
-        table.footer
-    );
     assert!(notes(&table, NoteKind::Counts).iter().any(|text| text.contains("missing-frame 1")));
+    let ablation = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let told = notes(&ablation, NoteKind::Counts);
+    assert!(told.iter().any(|text| text.contains("failed") && text.contains('3')), "{told:?}");
+    assert!(table.rows.iter().all(|row| row.method.as_deref() != Some("atsplat-random")), "an ablation's row");
 }
 
 #[test]
