@@ -75,7 +75,9 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
         }
     }
     if depth < DEEPEST {
-        folders.iter().for_each(|folder| search(folder, depth + 1, found));
+        for folder in &folders {
+            search(folder, depth + 1, found);
+        }
     }
 }
 
