@@ -30,6 +30,7 @@
     check('another-scene', other.getAttribute('aria-selected') === 'true' && at('detail').textContent.includes(other.querySelector('button').title));
     const pictured = all('#list tr').find(row => row.lastElementChild.textContent === '▣');
     pictured.click();
+    for (let tries = 0; tries < 100 && !all('.slider img').every(image => image.naturalWidth > 0); tries += 1) await wait(50);
     await wait(200);
     const range = document.querySelector('.slider input');
     range.value = 20;
@@ -43,6 +44,8 @@
       for (let i = 0; i < data.length; i += 4) sum += data[i];
       return sum;
     };
+    // Pictures are decoded while the page goes on.
+    for (let tries = 0; tries < 100 && bright() === 0; tries += 1) await wait(50);
     const dim = bright();
     const gain = document.querySelector('.maps input');
     gain.value = 20;
