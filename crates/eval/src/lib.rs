@@ -4,6 +4,7 @@
 //! targets, whatever happened: a failure is a row too. [`Results`] are the rows of one store with their [`Provenance`].
 //! How a table looks is not known here.
 
+mod context;
 pub mod drift;
 mod error;
 pub mod expansion;
@@ -17,6 +18,7 @@ pub mod statistics;
 pub mod store;
 pub mod tradeoff;
 
+pub use context::network_views;
 pub use error::EvalError;
 pub use rows::{
     IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, Shard, SkippedEntry, TargetRow,

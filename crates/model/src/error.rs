@@ -47,6 +47,16 @@ pub enum ModelError {
         /// How many values.
         count: usize,
     },
+    /// One network takes pictures of one size.
+    #[error("model input: picture {picture}: expected {expected}, the size of picture 0, found {found}")]
+    SizesDiffer {
+        /// Which picture, counted from 0.
+        picture: usize,
+        /// The first one's.
+        expected: ImageSize,
+        /// Its own.
+        found: ImageSize,
+    },
     /// Patches do not divide a picture.
     #[error("model input: {branch} branch, picture size: expected height and width that {step} divides, found {found}")]
     Indivisible {

@@ -4,7 +4,8 @@ use std::path::PathBuf;
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use atsplat_camera::{Camera, Distortion, ImageSize as CameraSize, PrincipalPointRule};
+use atsplat_camera::{Distortion, ImageSize as CameraSize, PrincipalPointRule};
+use atsplat_eval::network_views;
 use atsplat_model::network::Views;
 use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_pixels::{DecodeLimits, ImageU8};
@@ -141,13 +142,11 @@ impl Input {
     }
 
     /// Pictures and cameras as the network takes them.
-    pub(super) fn views(&self, size: ImageSize) -> anyhow::Result<Views> {
+    pub(super) fn views(&self) -> anyhow::Result<Views> {
         let decoded: Result<Vec<Arc<ImageU8>>, _> =
             self.trial.context().par_iter().map(atsplat_protocol::trial::ContextView::picture).collect();
-        let decoded = decoded?;
-        let pictures = decoded.iter().flat_map(|picture| picture.samples()).map(|&sample| f32::from(sample) / 255.0);
-        let cameras: Vec<Camera> = self.trial.context().iter().map(|view| view.camera).collect();
-        Ok(Views::new(size, pictures.collect(), cameras)?)
+        let cameras = self.trial.context().iter().map(|view| view.camera).collect();
+        Ok(network_views(decoded?.iter().map(AsRef::as_ref), cameras)?)
     }
 
     /// What the dataset calls a frame.

@@ -90,7 +90,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     // What does not fit is told before weights and pictures are read.
     budget::budget(&source.config, input.trial.context().len(), size)?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
-    let views = clock.time("pictures", || input.views(size))?;
+    let views = clock.time("pictures", || input.views())?;
     let made = network.reconstruct(&views, words.network.seed).context("reconstructing")?;
     clock.extend(made.seconds.stages());
 

@@ -9,6 +9,7 @@ use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, PictureBudget, PlotSection};
 use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
+use indexmap::IndexSet;
 
 use super::found::NotRun;
 use super::methods::Trained;
@@ -56,19 +57,22 @@ pub(super) fn print(
         (trials + results.trials.len(), targets + results.targets.len())
     });
     let mut text = format!("{trials} trials, {targets} targets; ATSplat: {}\n\n", trained.told);
-    let width = report.tables.iter().map(|table| table.title.chars().count()).max().unwrap_or_default();
     for table in &report.tables {
-        writeln!(text, "{:<width$}  {}", table.title, verdict(table))?;
+        let verdict = verdict(table);
+        writeln!(text, "{}", table.title)?;
+        if let Some(headline) = &verdict.headline {
+            writeln!(text, "    {headline}")?;
+        }
+        writeln!(text, "    {verdict}")?;
     }
     if !report.unmeasured.is_empty() {
         writeln!(text, "\nnothing measured for: {}", report.unmeasured.join(", "))?;
     }
-    for (_, results) in stores {
-        for metric in &results.provenance.metrics {
-            if let Some(absent) = &metric.absent {
-                writeln!(text, "{}: {absent}", metric.id)?;
-            }
-        }
+    let metrics = stores.iter().flat_map(|(_, results)| &results.provenance.metrics);
+    let absent: IndexSet<String> =
+        metrics.filter_map(|metric| Some(format!("{}: {}", metric.id, metric.absent.as_ref()?))).collect();
+    for line in absent {
+        writeln!(text, "{line}")?;
     }
     for NotRun { what, why } in not_run {
         writeln!(text, "not run: {what}: {why}")?;

@@ -6,6 +6,7 @@ use atsplat_report::plot::{COLOURS, FONT, GREY, register_fonts};
 use atsplat_train::Terms;
 use atsplat_train::journal::{EvaluationRecord, StepRecord};
 use plotters::coord::Shift;
+use plotters::coord::ranged1d::ValueFormatter;
 use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (1000, 900);
@@ -37,20 +38,10 @@ fn losses(title: &str, steps: &[StepRecord], area: &Area<'_>) -> anyhow::Result<
     let (low, high) = range(values());
     let last = steps.last().map_or(1.0, |record| record.step as f64 + 1.0);
     let (low, high) = if low < high { (low * 0.9, high * 1.1) } else { (1e-4, 1.0) };
-    let mut chart = ChartBuilder::on(area)
-        .caption(title, (FONT, 22))
-        .margin(12)
-        .x_label_area_size(32)
-        .y_label_area_size(72)
-        .build_cartesian_2d(0.0..last, (low..high).log_scale())?;
-    chart
-        .configure_mesh()
-        .y_desc("loss, by term")
-        .label_style((FONT, 15))
-        .axis_desc_style((FONT, 16))
-        .light_line_style(WHITE)
-        .x_label_formatter(&|step| format!("{step:.0}"))
-        .draw()?;
+    let mut builder = builder(area);
+    builder.caption(title, (FONT, 22)).x_label_area_size(32);
+    let mut chart = builder.build_cartesian_2d(0.0..last, (low..high).log_scale())?;
+    mesh(&mut chart, "", "loss, by term")?;
     for (position, (name, points)) in names.into_iter().zip(curves).enumerate() {
         let colour = COLOURS.get(position % COLOURS.len()).copied().unwrap_or(GREY);
         if points.is_empty() {
@@ -67,20 +58,8 @@ fn scores(evaluations: &[EvaluationRecord], area: &Area<'_>) -> anyhow::Result<(
     let all = || evaluations.iter().flat_map(|record| [record.psnr, record.nearest_view_psnr]);
     let (low, high) = range(all());
     let (low, high) = if low <= high { (low - 1.0, high + 1.0) } else { (0.0, 1.0) };
-    let mut chart = ChartBuilder::on(area)
-        .margin(12)
-        .x_label_area_size(44)
-        .y_label_area_size(72)
-        .build_cartesian_2d(0.0..last, low..high)?;
-    chart
-        .configure_mesh()
-        .x_desc("steps")
-        .y_desc("PSNR in dB, fixed samples")
-        .label_style((FONT, 15))
-        .axis_desc_style((FONT, 16))
-        .light_line_style(WHITE)
-        .x_label_formatter(&|step| format!("{step:.0}"))
-        .draw()?;
+    let mut chart = builder(area).x_label_area_size(44).build_cartesian_2d(0.0..last, low..high)?;
+    mesh(&mut chart, "steps", "PSNR in dB, fixed samples")?;
     let renders: Vec<f64> = evaluations.iter().map(|record| record.psnr).collect();
     let copies: Vec<f64> = evaluations.iter().map(|record| record.nearest_view_psnr).collect();
     for (name, colour, values) in [("renders", COLOURS[0], renders), ("nearest context view", GREY, copies)] {
@@ -89,6 +68,28 @@ fn scores(evaluations: &[EvaluationRecord], area: &Area<'_>) -> anyhow::Result<(
         series.label(name).legend(move |(x, y)| PathElement::new([(x, y), (x + 16, y)], colour.stroke_width(2)));
     }
     legend(&mut chart)
+}
+
+/// Room for labels; on the right for half of the last step's.
+fn builder<'a, 'b>(area: &'a Area<'b>) -> ChartBuilder<'a, 'b, BitMapBackend<'b>> {
+    let mut builder = ChartBuilder::on(area);
+    builder.margin(12).margin_right(32).y_label_area_size(72);
+    builder
+}
+
+fn mesh<X, Y>(
+    chart: &mut ChartContext<'_, BitMapBackend<'_>, Cartesian2d<X, Y>>,
+    across: &str,
+    upwards: &str,
+) -> anyhow::Result<()>
+where
+    X: Ranged<ValueType = f64> + ValueFormatter<f64>,
+    Y: Ranged<ValueType = f64> + ValueFormatter<f64>,
+{
+    let mut mesh = chart.configure_mesh();
+    mesh.x_desc(across).y_desc(upwards).label_style((FONT, 15)).axis_desc_style((FONT, 16)).light_line_style(WHITE);
+    mesh.x_label_formatter(&|step| format!("{step:.0}")).draw()?;
+    Ok(())
 }
 
 fn legend<'a, X, Y>(chart: &mut ChartContext<'a, BitMapBackend<'a>, Cartesian2d<X, Y>>) -> anyhow::Result<()>

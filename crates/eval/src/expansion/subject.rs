@@ -1,12 +1,12 @@
 use std::sync::Arc;
 
-use atsplat_camera::ImageSize;
 use atsplat_model::network::Views;
 use atsplat_pixels::ImageU8;
-use atsplat_protocol::trial::{TargetPictures, Trial};
+use atsplat_protocol::trial::{ContextView, TargetPictures, Trial};
 use atsplat_splat::{RenderOptions, View};
 
 use super::ExpansionError;
+use crate::network_views;
 
 /// A scene as network and renderer take it.
 #[derive(Clone, Debug)]
@@ -36,8 +36,8 @@ impl Subject {
     /// A trial with some of its targets, by position; pictures are decoded now.
     ///
     /// # Errors
-    /// [`ExpansionError::Protocol`] for a picture that cannot be read, [`ExpansionError::Unfit`] for a context without a
-    /// picture, with pictures of several sizes, and for a target that is none of the trial's.
+    /// [`ExpansionError::Protocol`] for a picture that cannot be read, [`ExpansionError::Model`] for a context without a
+    /// picture or with pictures of several sizes, [`ExpansionError::Unfit`] for a target that is none of the trial's.
     pub fn of(
         trial: &Trial,
         truths: &TargetPictures,
@@ -60,19 +60,7 @@ impl Subject {
 }
 
 fn views(trial: &Trial) -> Result<Views, ExpansionError> {
-    let sizes: Vec<ImageSize> = trial.context().iter().map(|view| view.size).collect();
-    let size = match sizes.as_slice() {
-        [first, rest @ ..] if rest.iter().all(|size| size == first) => *first,
-        _ => {
-            let found = sizes.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
-            let expected = "one picture or more, of one size".to_owned();
-            return Err(ExpansionError::Unfit { what: "context", expected, found });
-        }
-    };
-    let decoded = trial.context().iter().map(atsplat_protocol::trial::ContextView::picture);
-    let decoded = decoded.collect::<Result<Vec<Arc<ImageU8>>, _>>()?;
-    let samples = decoded.iter().flat_map(|picture| picture.samples()).map(|&sample| f32::from(sample) / 255.0);
+    let decoded: Vec<Arc<ImageU8>> = trial.context().iter().map(ContextView::picture).collect::<Result<_, _>>()?;
     let cameras = trial.context().iter().map(|view| view.camera).collect();
-    let size = atsplat_model::ImageSize::new(size.height as usize, size.width as usize);
-    Ok(Views::new(size, samples.collect(), cameras)?)
+    Ok(network_views(decoded.iter().map(AsRef::as_ref), cameras)?)
 }

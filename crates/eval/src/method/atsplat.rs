@@ -1,13 +1,9 @@
-use std::sync::Arc;
-
-use atsplat_camera::ImageSize;
-use atsplat_model::network::{Network, Reconstruction, Views};
+use atsplat_model::network::{Network, Reconstruction};
 use atsplat_model::{ModelConfig, ModelError};
-use atsplat_pixels::ImageU8;
 
 use super::splatting::{Splatting, parameters};
 use super::{Answer, Cost, Method, Question, Refusal};
-use crate::{EvalError, MethodRecord};
+use crate::{EvalError, MethodRecord, network_views};
 
 /// ATSplat, in any variant.
 #[derive(Debug)]
@@ -90,13 +86,9 @@ impl AtSplat {
     }
 
     fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>), Refusal> {
-        let context = question.trial.context();
-        let size = one_size(context.iter().map(|view| view.size))?;
-        let samples = question.pictures.iter().flat_map(|picture: &Arc<ImageU8>| picture.samples());
-        let pictures = samples.map(|&sample| f32::from(sample) / 255.0).collect();
-        let cameras = context.iter().map(|view| view.camera).collect();
-        let size = atsplat_model::ImageSize::new(size.height as usize, size.width as usize);
-        let views = Views::new(size, pictures, cameras).map_err(|error| refusal(&error))?;
+        let cameras = question.trial.context().iter().map(|view| view.camera).collect();
+        let views =
+            network_views(question.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| refusal(&error))?;
         let made = question.repetitions.of(|| self.network.reconstruct(&views, self.call_seed));
         made.map_err(|error| refusal(&error))
     }
@@ -142,19 +134,9 @@ impl Method for AtSplat {
     }
 }
 
-fn one_size(mut sizes: impl Iterator<Item = ImageSize>) -> Result<ImageSize, Refusal> {
-    let first = sizes.next().ok_or_else(|| Refusal::NotApplicable("no context view".to_owned()))?;
-    match sizes.find(|size| *size != first) {
-        None => Ok(first),
-        Some(other) => {
-            Err(Refusal::NotApplicable(format!("context pictures of one size are needed, found {first} and {other}")))
-        }
-    }
-}
-
 fn refusal(error: &ModelError) -> Refusal {
     match error {
-        ModelError::Indivisible { .. } => Refusal::NotApplicable(error.to_string()),
+        ModelError::Indivisible { .. } | ModelError::SizesDiffer { .. } => Refusal::NotApplicable(error.to_string()),
         _ => Refusal::Failed(error.to_string()),
     }
 }

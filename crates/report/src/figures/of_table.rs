@@ -40,7 +40,8 @@ fn subtitle(table: &Table, group: &Group) -> String {
         .filter_map(|cell| cell.counts)
         .map(|counts| counts.scenes)
         .max();
-    let scenes = scenes.map_or_else(String::new, |scenes| format!("; measured over {scenes} scenes"));
+    let place = group.measured_on.as_ref().map_or_else(String::new, |name| format!(" on {name}"));
+    let scenes = scenes.map_or_else(String::new, |scenes| format!("; measured{place} over {scenes} scenes"));
     let group = if group.title.is_empty() { String::new() } else { format!(", {}", group.title) };
     let untrained = if table.rows.iter().any(|row| row.untrained) { "; † untrained" } else { "" };
     format!("{}{group}{scenes}{untrained}", table.title)

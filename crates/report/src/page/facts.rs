@@ -24,11 +24,12 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     if !compared.is_empty() {
         text.push_str("<ul>");
         for (table, verdict) in compared {
+            let headline = verdict.headline.as_ref().map_or_else(String::new, |headline| format!("{headline}. "));
             text.push_str(&format!(
                 "<li><a href=\"#table-{}\">{}</a>: {}</li>",
                 escaped(&table.name),
                 escaped(&table.title),
-                escaped(&verdict.to_string())
+                escaped(&format!("{headline}{verdict}"))
             ));
         }
         text.push_str("</ul>");

@@ -78,7 +78,7 @@ fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Opti
         title: definition.title.clone(),
         caption: definition.caption.clone(),
         labels: definition.labels.iter().map(|label| label.title.clone()).collect(),
-        groups: definition.groups.iter().map(group).collect(),
+        groups: definition.groups.iter().map(|own| group(own, edition)).collect(),
         rows,
         footer: Vec::new(),
         forced: edition.is_some_and(|edition| edition.mixed),
@@ -90,7 +90,7 @@ fn table(definition: &TableDefinition, published: &[PublishedRow], edition: Opti
     table
 }
 
-fn group(group: &ColumnGroup) -> Group {
+fn group(group: &ColumnGroup, edition: Option<&Edition<'_>>) -> Group {
     let column = |column: &crate::definition::ColumnDefinition| Column {
         name: TableDefinition::published_name(group, column),
         title: column.title.clone().unwrap_or_else(|| column.quantity.title().to_owned()),
@@ -101,6 +101,7 @@ fn group(group: &ColumnGroup) -> Group {
     Group {
         title: group.title.clone(),
         preset: group.preset.clone(),
+        measured_on: edition.and_then(|edition| edition.other_setting(group.preset.as_deref())),
         columns: group.columns.iter().map(column).collect(),
     }
 }

@@ -1,4 +1,4 @@
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::PresetRecord;
 
@@ -78,6 +78,14 @@ impl Edition<'_> {
             self.identities.get(record.published()).is_none_or(|known| *known == Identity::of(record))
         };
         self.suffix == Some(suffix) && records.iter().all(same)
+    }
+
+    /// Names of what was run in place of a published preset, or of any; `None` where all is as published.
+    pub(super) fn other_setting(&self, preset: Option<&str>) -> Option<String> {
+        let asked = |part: &&Part<'_>| preset.is_none_or(|preset| part.preset.published() == preset);
+        let others = self.parts.iter().filter(asked).filter(|part| part.difference().is_some());
+        let names: BTreeSet<&str> = others.map(|part| part.preset.name.as_str()).collect();
+        (!names.is_empty()).then(|| Vec::from_iter(names).join(", "))
     }
 }
 

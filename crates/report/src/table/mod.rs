@@ -15,7 +15,7 @@ use serde::Serialize;
 
 pub use build::{Mixing, tables};
 pub(crate) use footer::short;
-pub use verdict::{Verdict, verdict};
+pub use verdict::{Headline, Verdict, verdict};
 
 use crate::definition::Quantity;
 use crate::plot::Origin;
@@ -59,6 +59,8 @@ pub struct Group {
     pub title: String,
     /// The preset that is measured; `None` where rows choose.
     pub preset: Option<String>,
+    /// What was run where that is another setting than the published one.
+    pub measured_on: Option<String>,
     /// The columns.
     pub columns: Vec<Column>,
 }

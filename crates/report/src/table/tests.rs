@@ -146,7 +146,9 @@ fn settings_are_rows_where_a_table_says_so() {
     assert_eq!(row.labels, ["RE10K", "256×256", "2"]);
     let counts: Vec<_> = row.cells[0].iter().map(|cell| cell.value.number().unwrap()).collect();
     Tolerance::EXACT.assert(counts, [512.0, 1440.0, 23_040.0], "counts");
-    assert_eq!(verdict(&table).agreeing, 3);
+    let found = verdict(&table);
+    assert_eq!(found.agreeing, 3);
+    assert_eq!(found.headline.unwrap().to_string(), "RE10K 256×256 2, N init.: measured 512; published 512");
 }
 
 #[test]

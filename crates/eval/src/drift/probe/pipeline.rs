@@ -1,11 +1,10 @@
 use std::collections::BTreeMap;
 
-use atsplat_camera::Camera;
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Score, Suite, definition};
-use atsplat_model::network::{Device, Network, Views};
+use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
-use atsplat_model::{ImageSize, ModelConfig, parameters::parameters};
+use atsplat_model::{ModelConfig, parameters::parameters};
 use atsplat_pixels::{DecodeLimits, Image, ImageU8, decode};
 use atsplat_scene::preprocess::Preprocessing;
 use atsplat_splat::cpu::CpuRenderer;
@@ -13,6 +12,7 @@ use atsplat_splat::{Gaussians, RenderOptions, RendererConstants};
 
 use super::{ProbeWeights, Recipe, Stage, Stages, View};
 use crate::drift::DriftError;
+use crate::network_views;
 
 /// The stages as this atsplat does them, on the processor.
 #[derive(Debug)]
@@ -88,12 +88,8 @@ impl Stages for Pipeline {
 
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
         let made = || {
-            let size = context.first().map(View::size);
-            let side = |side: Option<u32>| side.map_or(0, |side| side as usize);
-            let size = ImageSize::new(side(size.map(|size| size.height)), side(size.map(|size| size.width)));
-            let samples = context.iter().flat_map(|view| view.picture.samples());
-            let cameras: Vec<Camera> = context.iter().map(|view| view.camera).collect();
-            let views = Views::new(size, samples.map(|&sample| f32::from(sample) / 255.0).collect(), cameras)?;
+            let cameras = context.iter().map(|view| view.camera).collect();
+            let views = network_views(context.iter().map(|view| &view.picture), cameras)?;
             self.network.reconstruct(&views, 0)
         };
         made().map(|made| made.gaussians).map_err(|error| Stage::Model.failed()(&error))
