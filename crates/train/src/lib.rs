@@ -9,6 +9,7 @@ mod config;
 mod error;
 mod evaluation;
 mod fault;
+mod features;
 pub mod journal;
 pub mod losses;
 mod objective;
@@ -26,6 +27,7 @@ pub use config::{
 pub use error::TrainError;
 pub use evaluation::Evaluation;
 pub use fault::{Diagnosis, Fault, FaultKind};
+pub use features::FeatureCache;
 pub use objective::{Lesson, Objective, Seconds, Terms};
 pub use parameters::Parameters;
 pub use sheet::contact_sheet;

@@ -10,11 +10,11 @@ use burn::tensor::TensorData;
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use crate::TrainError;
 use crate::config::LossConfig;
 use crate::fault::FaultKind;
 use crate::losses::{Perceptual, Stack, d_ssim, mse, uncertainty};
 use crate::samples::Sample;
+use crate::{FeatureCache, TrainError};
 
 /// What a sample costs, term by term, unweighted but for the total; means over sets where there are several.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -125,15 +125,26 @@ impl Objective {
     }
 
     /// Runs the network on a sample, renders every set of Gaussians, and goes back. The network must have been made with
-    /// a device that differentiates. `call_seed` is what random selection draws with.
+    /// a device that differentiates. A frozen backbone's `features` come from there. `call_seed` is what random selection
+    /// draws with.
     ///
     /// # Errors
     /// [`FaultKind`] where the step is of no use; nothing was changed.
-    pub fn learn(&self, network: &Network, sample: &Sample, call_seed: u64) -> Result<Lesson, FaultKind> {
+    pub fn learn(
+        &self,
+        network: &Network,
+        sample: &Sample,
+        features: Option<&FeatureCache>,
+        call_seed: u64,
+    ) -> Result<Lesson, FaultKind> {
         finite_pictures(sample)?;
         let mut clock = Clock::start();
         let mut lesson = Lesson::default();
-        let views = sample.context.views().map_err(|error| FaultKind::Refused(error.to_string()))?;
+        let views = match features {
+            Some(features) => features.views(network, &sample.context),
+            None => sample.context.views(),
+        };
+        let views = views.map_err(|error| FaultKind::Refused(error.to_string()))?;
         let forward = network.forward(&[views], call_seed).map_err(|error| FaultKind::Refused(error.to_string()))?;
         lesson.seconds.forward = clock.lap();
 

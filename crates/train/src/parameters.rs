@@ -69,6 +69,11 @@ impl Parameters {
         &mut self.values
     }
 
+    /// A pretrained backbone's, which training does not move.
+    pub const fn frozen(&self) -> &StoredTensors {
+        &self.frozen
+    }
+
     /// How many numbers.
     pub fn count(&self) -> usize {
         self.values.iter().map(Vec::len).sum()

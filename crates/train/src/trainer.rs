@@ -18,7 +18,7 @@ use crate::objective::{Lesson, Objective, Seconds, Terms};
 use crate::optimiser::{Update, clip, norm};
 use crate::parameters::{Parameters, decays};
 use crate::samples::{Draw, Source};
-use crate::{TrainConfig, TrainError};
+use crate::{FeatureCache, TrainConfig, TrainError};
 
 /// Where a run ends before its last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -60,6 +60,7 @@ pub struct Trainer {
     model: ModelConfig,
     samples: Box<dyn Source>,
     objective: Objective,
+    features: Option<FeatureCache>,
     evaluation: Option<Evaluation>,
     /// Without weights; every sample's network is made like it.
     like: Network,
@@ -104,6 +105,10 @@ impl Trainer {
                 Parameters::fresh(&model, config.seed, frozen)
             }
         };
+        let features = match &config.model.feature_cache {
+            Some(folder) => Some(FeatureCache::open(folder, &model, fresh.frozen())?),
+            None => None,
+        };
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get())?;
         let found = checkpoints.read(&config, &fresh)?;
         let state = match (found, start) {
@@ -131,6 +136,7 @@ impl Trainer {
             model,
             samples,
             objective,
+            features,
             evaluation,
             like,
             checkpoints,
@@ -257,7 +263,7 @@ impl Trainer {
         let sample_secs = start.elapsed().as_secs_f64();
         let network = self.like.clone().with_weights(weights);
         let network = network.map_err(|error| fault(&sample.name, FaultKind::Refused(error.to_string())))?;
-        let lesson = self.objective.learn(&network, &sample, number);
+        let lesson = self.objective.learn(&network, &sample, self.features.as_ref(), number);
         let mut lesson = lesson.map_err(|what| fault(&sample.name, what))?;
         lesson.seconds.sample = sample_secs;
         Ok(lesson)

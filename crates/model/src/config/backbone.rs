@@ -85,6 +85,11 @@ impl DinoArchitecture {
 }
 
 impl BackboneConfig {
+    /// Whether its weights come from elsewhere and stay as they are.
+    pub const fn is_frozen(&self) -> bool {
+        matches!(self, Self::DinoV2 { .. })
+    }
+
     /// Channels of the backbone's patch features, in a network of `dim` channels.
     pub const fn dim(&self, dim: usize) -> usize {
         match self {

@@ -39,9 +39,18 @@ impl Backbone {
     }
 
     /// `[views, patches, channels]`.
-    fn forward(&self, views: &Views, patch_size: usize, grid: Grid, device: &Device) -> Result<Tensor<3>, ModelError> {
+    pub(super) fn forward(
+        &self,
+        views: &Views,
+        patch_size: usize,
+        grid: Grid,
+        device: &Device,
+    ) -> Result<Tensor<3>, ModelError> {
         match (&self.dino, &self.patch) {
-            (Some(dino), _) => Ok(dino.forward(views, grid, device)),
+            (Some(dino), _) => {
+                let known = views.features([views.len(), grid.len(), dino.dim()], device);
+                known.unwrap_or_else(|| Ok(dino.forward(views, grid, device)))
+            }
             (None, Some(patch)) => {
                 let x = patch.embed.forward(views.colours_and_plucker(patch_size, device)?);
                 Ok(patch.layers.iter().fold(x, |x, layer| layer.forward(x, None)))

@@ -51,6 +51,11 @@ impl Dino {
         }
     }
 
+    /// Channels of a token.
+    pub(super) const fn dim(&self) -> usize {
+        self.architecture.dim
+    }
+
     /// Normalised patch tokens of the last layer, `[views, patches, channels]`, for views that are resized to a patch of
     /// 14 pixels for each cell of the grid.
     pub(super) fn forward(&self, views: &Views, grid: Grid, device: &Device) -> Tensor<3> {

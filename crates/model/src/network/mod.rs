@@ -185,6 +185,19 @@ impl Network {
         Ok(Forward { gaussians, coarse, fine, initial, blocks, seconds })
     }
 
+    /// What the backbone makes of each view by itself, `[views, patches, channels]` in one row; for a frozen backbone the
+    /// same whenever it is asked, so that a training run may keep it for [`Views::with_frozen_features`].
+    ///
+    /// # Errors
+    /// As [`Self::forward`].
+    pub fn frozen_features(&self, views: &Views) -> Result<Vec<f32>, ModelError> {
+        let (settings, device) = (&self.config.coarse, &self.device());
+        let grid = self.config.coarse_grid(views.size())?;
+        let seen = views.smaller(settings.image_downscale);
+        let features = self.backbone.forward(&seen, settings.patch_size, grid, device)?;
+        Ok(features.into_data_as::<f32>().as_slice::<f32>().unwrap_or_default().to_vec())
+    }
+
     /// The Gaussians of tokens: those of the last block, or the intermediate ones of any other.
     pub fn gaussians(&self, tokens: &Tokens) -> GaussianTensors {
         gaussians::gaussians(&self.config, &self.head, tokens)

@@ -17,6 +17,8 @@ pub struct Views {
     /// View by view, row by row, red, green, blue in 0…1.
     pub(super) pictures: Vec<f32>,
     pub(super) cameras: Vec<Camera>,
+    /// What a frozen backbone makes of the pictures.
+    features: Option<Vec<f32>>,
 }
 
 impl Views {
@@ -36,7 +38,24 @@ impl Views {
         for (view, picture) in pictures.chunks_exact((size.height * size.width * RGB).max(1)).enumerate() {
             all_finite(picture, || format!("picture {view}"))?;
         }
-        Ok(Self { size, pictures, cameras })
+        Ok(Self { size, pictures, cameras, features: None })
+    }
+
+    /// The same views, which need not go through a frozen backbone any more: `features` are those of
+    /// [`Network::frozen_features`](super::Network::frozen_features), view after view.
+    #[must_use]
+    pub fn with_frozen_features(self, features: Vec<f32>) -> Self {
+        Self { features: Some(features), ..self }
+    }
+
+    /// Features that came along, `[views, patches, channels]`.
+    pub(super) fn features(&self, shape: [usize; 3], device: &Device) -> Option<Result<Tensor<3>, ModelError>> {
+        let features = self.features.as_ref()?;
+        if features.len() != shape.iter().product::<usize>() {
+            let expected = format!("{shape:?} numbers");
+            return Some(Err(ModelError::malformed(WHAT, "features of the frozen backbone", expected, features.len())));
+        }
+        Some(Ok(Tensor::from_data(TensorData::new(features.clone(), shape), device)))
     }
 
     /// How many.
@@ -56,13 +75,14 @@ impl Views {
 
     /// The same views, smaller by a whole factor.
     pub(super) fn smaller(&self, factor: usize) -> Self {
-        self.resized(ImageSize::new(self.size.height / factor.max(1), self.size.width / factor.max(1)))
+        let size = ImageSize::new(self.size.height / factor.max(1), self.size.width / factor.max(1));
+        Self { features: self.features.clone(), ..self.resized(size) }
     }
 
     /// The same views in another size.
     pub(super) fn resized(&self, size: ImageSize) -> Self {
         let pictures = self.each().flat_map(|picture| resized(picture, self.size, size, RGB)).collect();
-        Self { size, pictures, cameras: self.cameras.clone() }
+        Self { size, pictures, cameras: self.cameras.clone(), features: None }
     }
 
     /// Colours of every patch as `2 rgb − 1`: `[views, patches, patch² · 3]`, a patch row by row.

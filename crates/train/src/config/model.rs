@@ -16,6 +16,10 @@ pub struct ModelChoice {
     /// Pretrained DINOv2 weights, for a network whose backbone is frozen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub backbone: Option<PathBuf>,
+    /// Folder for what a frozen backbone makes of pictures, so that each goes through it once. It grows by the pictures that
+    /// are drawn: at 256×256 with ViT-B, 0.8 MB each.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub feature_cache: Option<PathBuf>,
     /// Fields of the model's configuration that are other here.
     #[serde(default)]
     pub changes: Table,

@@ -4,6 +4,7 @@
 
 mod common;
 mod experiments;
+mod features;
 mod learned;
 mod losses;
 mod mirror;

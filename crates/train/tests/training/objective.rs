@@ -14,7 +14,7 @@ fn network() -> Network {
 }
 
 fn learn(losses: LossConfig, sample: &Sample) -> Result<Lesson, FaultKind> {
-    Objective::new(losses).unwrap().learn(&network(), sample, 0)
+    Objective::new(losses).unwrap().learn(&network(), sample, None, 0)
 }
 
 /// Names of parameters that something pulls at.

@@ -1,0 +1,157 @@
+//! Runs parts of a training step on request, so that a script can alternate with another library in one run.
+//!
+//! Lines on standard input, each answered by one line of JSON:
+//! - `model`: the network's configuration;
+//! - `network SAMPLES`: seconds of the network on samples side by side: forward, then back from every set of Gaussians and
+//!   every score;
+//! - `splatting SAMPLES`: the same of the splatter alone, on the Gaussians that the network made;
+//! - `steps SAMPLES COUNT`: whole steps of so many samples each, with a part's seconds summed over samples; sample and
+//!   network are those of `eval/experiments/nano-rooms.toml`.
+
+use std::error::Error;
+use std::io::{BufRead, Write, stdin, stdout};
+use std::num::NonZeroUsize;
+use std::time::Instant;
+
+use atsplat_camera::ImageSize;
+use atsplat_model::network::{Device, Forward, GaussianTensors, Network};
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::generated;
+use atsplat_scene::Warnings;
+use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
+use atsplat_train::samples::{Draw, Sample, Source as _};
+use atsplat_train::{Event, Start, TrainConfig, Trainer};
+use burn::Tensor;
+use rayon::prelude::*;
+use serde_json::json;
+
+/// Targets of the final set, and of each set before it.
+const TARGETS: [usize; 2] = [3, 1];
+
+type Failure = Box<dyn Error + Send + Sync>;
+
+fn main() -> Result<(), Failure> {
+    let config = TrainConfig::from_toml(include_str!("../../../eval/experiments/nano-rooms.toml"))?;
+    let model = config.model.config()?;
+    let network = Network::new(&model, &Device::flex().autodiff())?.with_weights(&generated(&parameters(&model), 1))?;
+    let source = config.samples(&mut Warnings::new())?;
+    let sample = |number| source.sample(Draw { seed: 1, number, step: 0 });
+    for line in stdin().lock().lines() {
+        let line = line?;
+        let words: Vec<&str> = line.split_whitespace().collect();
+        let timed = |count: &str, part: &Part| -> Result<serde_json::Value, Failure> {
+            let samples = (0..count.parse()?).map(sample).collect::<Result<Vec<Sample>, _>>()?;
+            side_by_side(&samples, |sample| part(&network, sample))
+        };
+        let answer = match *words.as_slice() {
+            ["model"] => serde_json::to_value(&model)?,
+            ["network", count] => timed(count, &network_alone)?,
+            ["splatting", count] => timed(count, &splatting_alone)?,
+            ["steps", batch, count] => steps(&config, batch.parse()?, count.parse()?)?,
+            _ => return Err(format!("{line}: expected model, network N, splatting N or steps N COUNT").into()),
+        };
+        writeln!(stdout(), "{answer}")?;
+        stdout().flush()?;
+    }
+    Ok(())
+}
+
+/// Seconds forward and backward of one sample.
+type Part = dyn Fn(&Network, &Sample) -> Result<[f64; 2], Failure> + Sync;
+
+fn side_by_side(
+    samples: &[Sample],
+    part: impl Fn(&Sample) -> Result<[f64; 2], Failure> + Send + Sync,
+) -> Result<serde_json::Value, Failure> {
+    let start = Instant::now();
+    let parts: Vec<[f64; 2]> = samples.par_iter().map(part).collect::<Result<_, _>>()?;
+    let total = start.elapsed().as_secs_f64();
+    let [forward, backward] = [0, 1].map(|part| parts.iter().map(|parts| parts[part]).sum::<f64>());
+    Ok(json!({ "total": total, "forward": forward, "backward": backward }))
+}
+
+/// Every set that is rendered in training, the final one first; those before it with the scores of the next block.
+fn sets(network: &Network, made: &Forward) -> Vec<(GaussianTensors, Option<Tensor<2>>)> {
+    let mut sets = vec![(made.gaussians.clone(), None)];
+    for pair in made.blocks.windows(2) {
+        let scores = pair[1].expanded.as_ref().and_then(|expanded| expanded.scores.clone());
+        sets.push((network.gaussians(&pair[0].tokens), scores));
+    }
+    sets
+}
+
+fn network_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failure> {
+    let start = Instant::now();
+    let made = network.forward(&[sample.context.views()?], 0)?;
+    let sets = sets(network, &made);
+    let forward = start.elapsed().as_secs_f64();
+    let start = Instant::now();
+    let sums = sets.into_iter().flat_map(|(gaussians, scores)| {
+        let GaussianTensors { means, quaternions, log_scales, opacity_logits, sh, .. } = gaussians;
+        let flat = [means, quaternions, log_scales, sh].map(Tensor::sum);
+        flat.into_iter().chain([opacity_logits.sum()]).chain(scores.map(Tensor::sum))
+    });
+    let sum = sums.reduce(|a, b| a + b).ok_or("no Gaussians")?;
+    let gradients = network.gradients(&sum.backward());
+    if gradients.is_empty() {
+        return Err("no gradients".into());
+    }
+    Ok([forward, start.elapsed().as_secs_f64()])
+}
+
+fn splatting_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failure> {
+    let made = network.forward(&[sample.context.views()?], 0)?;
+    let mut seconds = [0.0, 0.0];
+    for (at, (gaussians, scores)) in sets(network, &made).into_iter().enumerate() {
+        let leaf = |tensor: Tensor<3>| tensor.detach().require_grad();
+        let gaussians = GaussianTensors {
+            means: leaf(gaussians.means),
+            quaternions: leaf(gaussians.quaternions),
+            log_scales: leaf(gaussians.log_scales),
+            opacity_logits: gaussians.opacity_logits.detach().require_grad(),
+            sh: leaf(gaussians.sh),
+            sh_degree: gaussians.sh_degree,
+        };
+        let [_, count, _] = gaussians.means.dims();
+        let scalars = scores.map(|scores| {
+            let [_, tokens] = scores.dims();
+            let scores = scores.detach().require_grad();
+            scores.unsqueeze_dim::<3>(2).repeat_dim(2, count / tokens.max(1)).reshape([count])
+        });
+        let options = RenderOptions {
+            channels: Channels { scalar: scalars.is_some(), ..Channels::default() },
+            gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
+            ..RenderOptions::default()
+        };
+        let side = |side: usize| u32::try_from(side);
+        let size = ImageSize { width: side(sample.targets.size.width)?, height: side(sample.targets.size.height)? };
+        let targets = sample.targets.cameras.iter().take(TARGETS[at.min(1)]);
+        let views: Vec<View> = targets.map(|&camera| View { camera, size }).collect();
+        let start = Instant::now();
+        let images = gaussians.render(0, &views, &options, scalars)?;
+        seconds[0] += start.elapsed().as_secs_f64();
+        let start = Instant::now();
+        let sum = images.rgb.sum() + images.scalar.map_or_else(|| images.alpha.sum() * 0.0, Tensor::sum);
+        let gradients = sum.backward();
+        if gaussians.means.grad(&gradients).is_none() {
+            return Err("no gradients".into());
+        }
+        seconds[1] += start.elapsed().as_secs_f64();
+    }
+    Ok(seconds)
+}
+
+fn steps(config: &TrainConfig, batch: NonZeroUsize, count: u64) -> Result<serde_json::Value, Failure> {
+    let folder = tempfile::tempdir()?;
+    let config = TrainConfig { batch, evaluation: None, ..config.clone() };
+    let mut trainer = Trainer::new(config, folder.path(), &Start::Fresh)?;
+    let mut records = Vec::new();
+    for _ in 0..count {
+        trainer.step(&mut |event| {
+            if let Event::Step(record) = event {
+                records.push((*record).clone());
+            }
+        })?;
+    }
+    Ok(serde_json::to_value(&records)?)
+}

@@ -1,0 +1,101 @@
+//! The cache of a frozen backbone's features changes how long a step takes, and nothing else.
+
+use std::collections::BTreeMap;
+use std::path::{Path, PathBuf};
+
+use atsplat_model::ModelConfig;
+use atsplat_model::network::{Device, Network};
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, generated};
+use atsplat_train::{FeatureCache, Start, TrainConfig};
+use tempfile::tempdir;
+
+use crate::common::{Noise, bits, config, sample, trainer};
+
+const BACKBONE: &str = "backbone.";
+
+fn with_dino() -> TrainConfig {
+    let mut config = config("");
+    let backbone = r#"{ kind = "dino-v2", size = "tiny", registers = true }"#;
+    let changes = &mut config.model.changes;
+    changes
+        .insert("backbone".to_owned(), toml::from_str::<toml::Table>(&format!("b = {backbone}")).unwrap()["b"].clone());
+    config
+}
+
+fn backbone(weights: &StoredTensors) -> StoredTensors {
+    let mut frozen = weights.clone();
+    frozen.tensors.retain(|name, _| name.starts_with(BACKBONE));
+    frozen
+}
+
+fn files(folder: &Path) -> Vec<PathBuf> {
+    let below = |folder: &Path| folder.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect::<Vec<_>>();
+    let mut files: Vec<PathBuf> = below(folder).iter().flat_map(|folder| below(folder)).collect();
+    files.sort();
+    files
+}
+
+#[test]
+fn features_from_disk_are_those_of_the_backbone() {
+    let config: ModelConfig = with_dino().model.config().unwrap();
+    let weights = generated(&parameters(&config), 1);
+    let network = Network::new(&config, &Device::flex()).unwrap().with_weights(&weights).unwrap();
+    let sample = sample(0);
+    let means = |views| {
+        let made = network.forward(&[views], 0).unwrap().gaussians;
+        made.means.into_data_as::<f32>().as_slice::<f32>().unwrap().to_vec()
+    };
+    let expected = means(sample.context.views().unwrap());
+
+    let folder = tempdir().unwrap();
+    let open = |frozen: &StoredTensors| FeatureCache::open(folder.path(), &config, frozen).unwrap();
+    let cache = open(&backbone(&weights));
+    assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "while they are kept");
+    let kept = files(folder.path());
+    assert_eq!(kept.len(), sample.context.cameras.len(), "a file a picture");
+    let written = || kept.iter().map(|path| path.metadata().unwrap().modified().unwrap()).collect::<Vec<_>>();
+    let first = written();
+    assert_eq!(means(open(&backbone(&weights)).views(&network, &sample.context).unwrap()), expected, "from disk");
+    assert_eq!(written(), first, "nothing was made again");
+
+    let mut bytes = std::fs::read(&kept[0]).unwrap();
+    let last = bytes.len() - 1;
+    bytes[last] ^= 1;
+    std::fs::write(&kept[0], &bytes).unwrap();
+    std::fs::write(&kept[1], b"half a f").unwrap();
+    assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "damaged files are made again");
+
+    let other = backbone(&generated(&parameters(&config), 2));
+    open(&other).views(&network, &sample.context).unwrap();
+    assert_eq!(files(folder.path()).len(), 2 * kept.len(), "other weights have other files");
+}
+
+#[test]
+fn training_with_the_cache_gives_the_same_bits() {
+    let folder = tempdir().unwrap();
+    let plain = with_dino();
+    let mut cached = plain.clone();
+    cached.model.feature_cache = Some(folder.path().join("features"));
+    let model = plain.model.config().unwrap();
+    let start = folder.path().join("start.safetensors");
+    let weights = ModelWeights::new(model.clone(), BTreeMap::new(), &generated(&parameters(&model), 1)).unwrap();
+    weights.write(&start, Precision::Single).unwrap();
+    let trained = |config: TrainConfig, name: &str| {
+        let mut trainer = trainer(config, &folder.path().join(name), &Start::Weights(start.clone()), Noise::CLEAN);
+        for _ in 0..3 {
+            trainer.step(&mut |_| ()).unwrap();
+        }
+        assert_eq!(trainer.state().skipped(), 0);
+        bits(&trainer)
+    };
+    assert_eq!(trained(plain, "plain"), trained(cached, "cached"));
+    assert!(!files(&folder.path().join("features")).is_empty());
+}
+
+#[test]
+fn a_backbone_that_learns_is_not_cached() {
+    let config = ModelConfig::named("nano").unwrap();
+    let error = FeatureCache::open(tempdir().unwrap().path(), &config, &StoredTensors::default()).unwrap_err();
+    assert!(error.to_string().contains("model.feature-cache: expected a frozen backbone, found Patch"), "{error}");
+}
