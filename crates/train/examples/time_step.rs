@@ -5,26 +5,29 @@
 //! - `network SAMPLES`: seconds of the network on samples side by side: forward, then back from every set of Gaussians and
 //!   every score;
 //! - `splatting SAMPLES`: the same of the splatter alone, on the Gaussians that the network made;
-//! - `steps SAMPLES COUNT`: whole steps of so many samples each, with a part's seconds summed over samples; sample and
-//!   network are those of `eval/experiments/nano-rooms.toml`.
+//! - `steps SAMPLES COUNT`: whole steps of so many samples each, with a part's seconds summed over samples.
+//!
+//! Samples and network are those of `eval/experiments/nano-rooms.toml`, with the weights that it led to.
 
 use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
-use std::num::NonZeroUsize;
+use std::num::{NonZeroU32, NonZeroUsize};
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use atsplat_camera::ImageSize;
 use atsplat_model::network::{Device, Forward, GaussianTensors, Network};
-use atsplat_model::parameters::parameters;
-use atsplat_model::weights::generated;
+use atsplat_model::weights::ModelWeights;
 use atsplat_scene::Warnings;
 use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
 use atsplat_train::samples::{Draw, Sample, Source as _};
-use atsplat_train::{Event, Start, TrainConfig, Trainer};
+use atsplat_train::{Event, SourceConfig, Start, TrainConfig, Trainer};
 use burn::Tensor;
 use rayon::prelude::*;
 use serde_json::json;
 
+/// Gaussians are as large and as many as in the middle of a run.
+const WEIGHTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/nano-rooms.safetensors");
 /// Targets of the final set, and of each set before it.
 const TARGETS: [usize; 2] = [3, 1];
 
@@ -33,7 +36,8 @@ type Failure = Box<dyn Error + Send + Sync>;
 fn main() -> Result<(), Failure> {
     let config = TrainConfig::from_toml(include_str!("../../../eval/experiments/nano-rooms.toml"))?;
     let model = config.model.config()?;
-    let network = Network::new(&model, &Device::flex().autodiff())?.with_weights(&generated(&parameters(&model), 1))?;
+    let weights = ModelWeights::read(Path::new(WEIGHTS))?.tensors;
+    let network = Network::new(&model, &Device::flex().autodiff())?.with_weights(&weights)?;
     let source = config.samples(&mut Warnings::new())?;
     let sample = |number| source.sample(Draw { seed: 1, number, step: 0 });
     for line in stdin().lock().lines() {
@@ -141,10 +145,16 @@ fn splatting_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failu
     Ok(seconds)
 }
 
+/// Few scenes, so that after the first steps their clips are at hand, as in a long run.
 fn steps(config: &TrainConfig, batch: NonZeroUsize, count: u64) -> Result<serde_json::Value, Failure> {
     let folder = tempfile::tempdir()?;
-    let config = TrainConfig { batch, evaluation: None, ..config.clone() };
-    let mut trainer = Trainer::new(config, folder.path(), &Start::Fresh)?;
+    let mut config = TrainConfig { batch, evaluation: None, ..config.clone() };
+    for data in &mut config.data {
+        if let SourceConfig::Rooms(rooms) = &mut data.source {
+            rooms.scenes = NonZeroU32::MIN;
+        }
+    }
+    let mut trainer = Trainer::new(config, folder.path(), &Start::Weights(PathBuf::from(WEIGHTS)))?;
     let mut records = Vec::new();
     for _ in 0..count {
         trainer.step(&mut |event| {
