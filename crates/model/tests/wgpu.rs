@@ -7,13 +7,14 @@
 
 use std::path::Path;
 
-use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
+use atsplat_camera::{Camera, ImageSize as CameraSize, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::ModelConfig;
 use atsplat_model::network::{BlockOutcome, Device, Network, Processor, Reconstruction, Views};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{TensorFile, generated};
 use atsplat_numeric::Tolerance;
-use atsplat_splat::GaussianParts;
+use atsplat_splat::{Channels, GaussianParts, RenderOptions, View};
+use burn::Tensor;
 use glam::{DMat3, DVec3};
 
 /// What `Processor::Wgpu` publishes.
@@ -42,17 +43,22 @@ fn wgpu() -> Option<Device> {
     }
 }
 
-/// Waves of colour, and cameras that look inwards from an arc.
-fn views(config: &ModelConfig) -> Views {
-    let (count, size) = (config.views, config.resolution);
-    let samples = count * size.height * size.width * 3;
-    let pictures = (0..samples).map(|at| 0.5 + 0.5 * (at as f32 * 0.37).sin() * (at as f32 * 0.000_91).cos()).collect();
+/// Cameras that look inwards from an arc.
+fn cameras(config: &ModelConfig) -> Vec<Camera> {
     let camera = |view: usize| {
         let angle = 0.25 * view as f64;
         let pose = WorldFromCamera::new(DMat3::from_rotation_y(-angle), DVec3::new(2.0 * angle.sin(), 0.0, 0.0));
         Camera::pinhole(pose.unwrap().inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).unwrap())
     };
-    Views::new(size, pictures, (0..count).map(camera).collect()).unwrap()
+    (0..config.views).map(camera).collect()
+}
+
+/// Waves of colour.
+fn views(config: &ModelConfig) -> Views {
+    let (count, size) = (config.views, config.resolution);
+    let samples = count * size.height * size.width * 3;
+    let pictures = (0..samples).map(|at| 0.5 + 0.5 * (at as f32 * 0.37).sin() * (at as f32 * 0.000_91).cos()).collect();
+    Views::new(size, pictures, cameras(config)).unwrap()
 }
 
 fn made(config: &ModelConfig, device: &Device) -> Reconstruction {
@@ -123,4 +129,57 @@ fn assert_same(ours: &[f32], theirs: &[f32], what: &str) {
     let shares = ours.iter().zip(&theirs).map(|(ours, theirs)| (ours - theirs).abs() / (1.0 + theirs.abs()));
     println!("{what}: at most {:.1e} of 1 + the number", shares.max_by(f64::total_cmp).unwrap_or_default());
     PUBLISHED.assert(ours, theirs, what);
+}
+
+/// Images, depth, scores, and what all of them pull at every parameter.
+#[test]
+fn the_splatter_beside_burn_is_the_processors() {
+    let Some(device) = wgpu() else { return };
+    assert!(Processor::Wgpu.renders(), "the splatter does not pass its self-test there");
+    let config = ModelConfig::named("nano").unwrap();
+    let [ours, theirs] = [device, Device::flex()].map(|device| pulled(&config, &device.autodiff()));
+    for ((what, ours), (_, theirs)) in ours.iter().zip(&theirs) {
+        let largest = theirs.iter().fold(0.0f32, |largest, value| largest.max(value.abs())).max(1e-6);
+        let scaled = |values: &[f32]| values.iter().map(|value| value / largest).collect::<Vec<f32>>();
+        assert_same(&scaled(ours), &scaled(theirs), what);
+    }
+    assert!(ours.len() > 50 && ours.iter().all(|(_, values)| values.iter().any(|value| *value != 0.0)));
+}
+
+/// Images by name, then gradients by parameter.
+fn pulled(config: &ModelConfig, device: &Device) -> Vec<(String, Vec<f32>)> {
+    let network = Network::new(config, device).unwrap().with_weights(&generated(&parameters(config), 1)).unwrap();
+    let made = network.forward(&[views(config)], 0).unwrap();
+    let size = CameraSize { width: 40, height: 24 };
+    let targets: Vec<View> = cameras(config).into_iter().map(|camera| View { camera, size }).collect();
+    let options = RenderOptions {
+        channels: Channels { depth: true, scalar: true, ..Channels::default() },
+        ..RenderOptions::default()
+    };
+    // The scores of a block's tokens, on the Gaussians that those tokens would become.
+    let (before, after) = (&made.blocks[0], &made.blocks[1]);
+    let gaussians = network.gaussians(&before.tokens);
+    let scores = after.expanded.as_ref().unwrap().scores.clone().unwrap();
+    let [_, tokens] = scores.dims();
+    let count = gaussians.means.dims()[1];
+    let scalars = scores.unsqueeze_dim::<3>(2).repeat_dim(2, count / tokens).reshape([count]);
+    let images = gaussians.render(0, &targets, &options, Some(scalars)).unwrap();
+    let last = made.gaussians.render(0, &targets[..1], &RenderOptions::default(), None).unwrap();
+    assert_eq!(images.census.len(), targets.len());
+    let (depth, scalar) = (images.depth.unwrap(), images.scalar.unwrap());
+    let numbers = |tensor: Tensor<3>| tensor.into_data_as::<f32>().as_slice::<f32>().unwrap().to_vec();
+    let flat = |rgb: &Tensor<4>| numbers(rgb.clone().flatten(1, 2));
+    let mut found = vec![
+        ("colour".to_owned(), flat(&images.rgb)),
+        ("colour of the last set".to_owned(), flat(&last.rgb)),
+        ("alpha".to_owned(), numbers(images.alpha.clone())),
+        ("depth".to_owned(), numbers(depth.clone())),
+        ("scores".to_owned(), numbers(scalar.clone())),
+    ];
+    let sum = (images.rgb.clone() * images.rgb).sum() + (last.rgb.clone() * last.rgb).sum();
+    let sum = sum + images.alpha.sum() * 0.3 + depth.sum() * 0.05 + scalar.sum() * 0.2;
+    found.extend(
+        network.gradients(&sum.backward()).into_iter().map(|(name, values)| (format!("gradient {name}"), values)),
+    );
+    found
 }

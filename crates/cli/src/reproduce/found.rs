@@ -95,7 +95,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
             found.not_run.push(NotRun { what, why: format!("its pictures are not of the protocol's size, {size}") });
             continue;
         };
-        match index(folder, &source, &preset, warnings) {
+        match index(folder, dataset.format, &source, &preset, warnings) {
             Ok((index, source)) => {
                 let taken = found.datasets.iter().any(|other| other.name == name);
                 let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
@@ -157,6 +157,7 @@ fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, 
 /// The published index that names a scene of the dataset, or what the preset's sampler chooses.
 fn index(
     folder: &Path,
+    format: Format,
     source: &Arc<dyn SceneSource>,
     preset: &Preset,
     warnings: &mut Warnings,
@@ -166,8 +167,9 @@ fn index(
     {
         return Ok((index, Arc::clone(source)));
     }
-    // RE10K's name is on the official scenes alone; a capture in DL3DV's layout is what its sampler is for.
-    if preset.dataset != "dl3dv" {
+    // RE10K's name is on the official scenes alone; a capture in DL3DV's layout is what its sampler is for. Whose scenes a
+    // chunk holds nobody says.
+    if preset.dataset != "dl3dv" || format == Format::TorchChunks {
         return Err("no published index in the folder names one of its scenes".to_owned());
     }
     let present: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(source)));

@@ -43,7 +43,9 @@ impl Trained {
 
     /// ATSplat as it was trained, and the floors.
     pub(super) fn methods(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
-        Ok(vec![Arc::new(self.network("atsplat", &self.config)?), Arc::new(NearestView), Arc::new(Warp)])
+        let large = self.bare(&self.config.for_high_resolution()?)?;
+        let atsplat = self.network("atsplat", &self.config)?.with_high_resolution(large)?;
+        Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
 
     /// What the same weights give under the expansions of the paper's ablations. Anchors, K and the straight-through

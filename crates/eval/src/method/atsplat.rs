@@ -5,10 +5,16 @@ use super::splatting::{Splatting, parameters};
 use super::{Answer, Cost, Method, Question, Refusal};
 use crate::{EvalError, MethodRecord, network_views};
 
+/// Pixels of a picture from which on the paper's configuration for high resolution is meant: it uses it at 512×960, and not
+/// at 256×448.
+pub const HIGH_RESOLUTION: usize = 400_000;
+
 /// ATSplat, in any variant.
 #[derive(Debug)]
 pub struct AtSplat {
     network: Network,
+    /// Takes the place of `network` on large pictures.
+    high_resolution: Option<Network>,
     splatting: Splatting,
     call_seed: u64,
     record: MethodRecord,
@@ -68,7 +74,7 @@ impl AtSplat {
             }
         }
         splatting.describe(&mut record);
-        Ok(Self { network, splatting, call_seed, record })
+        Ok(Self { network, high_resolution: None, splatting, call_seed, record })
     }
 
     /// The same under a record that says one thing more.
@@ -76,6 +82,17 @@ impl AtSplat {
     pub fn with_parameter(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
         self.record.parameters.insert(name.to_owned(), value.into());
         self
+    }
+
+    /// The same with another network for pictures of [`HIGH_RESOLUTION`] pixels and more: what the paper's configuration for
+    /// them makes of the same weights.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] for a configuration that JSON cannot hold.
+    pub fn with_high_resolution(mut self, network: Network) -> Result<Self, EvalError> {
+        self.record.parameters.insert("high-resolution".to_owned(), as_json(network.config())?);
+        self.high_resolution = Some(network);
+        Ok(self)
     }
 
     /// The same, told apart in tables and plots by what it changes of its weights' own configuration.
@@ -89,7 +106,9 @@ impl AtSplat {
         let cameras = question.trial.context().iter().map(|view| view.camera).collect();
         let views =
             network_views(question.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| refusal(&error))?;
-        let made = question.repetitions.of(|| self.network.reconstruct(&views, self.call_seed));
+        let pixels = views.size().height * views.size().width;
+        let network = self.high_resolution.as_ref().filter(|_| pixels >= HIGH_RESOLUTION).unwrap_or(&self.network);
+        let made = question.repetitions.of(|| network.reconstruct(&views, self.call_seed));
         made.map_err(|error| refusal(&error))
     }
 }

@@ -19,7 +19,7 @@ use atsplat_protocol::Preset;
 use atsplat_protocol::trial::Trial;
 use thiserror::Error;
 
-pub use atsplat::{AtSplat, WeightsOf};
+pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsOf};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
 pub use nearest_view::NearestView;
 pub use ply::{GaussianFrame, Ply};

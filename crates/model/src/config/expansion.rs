@@ -62,6 +62,8 @@ pub struct SelectionRatio {
 
 impl SelectionRatio {
     const WHOLE: u32 = 1_000_000;
+    /// Of the first block that expands at high resolution (paper, supplement, "High-Resolution").
+    pub const FOUR_FIFTHS: Self = Self { millionths: 800_000 };
 
     /// The share nearest to `ratio`; `None` unless it is within 1e-9 of a number of millionths from 0 to 1.
     pub fn new(ratio: f64) -> Option<Self> {

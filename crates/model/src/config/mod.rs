@@ -201,6 +201,24 @@ impl ModelConfig {
         self.with_expansions("ratios", ratios.iter().copied().map(BlockExpansion::Ratio))
     }
 
+    /// The same network as the paper runs it on large pictures (supplement, "High-Resolution"): the coarse branch sees them at
+    /// half their size, and the first block that expands a share of the tokens expands four fifths. Weights stay the same.
+    ///
+    /// # Errors
+    /// [`ModelError::Malformed`], for no configuration that was valid before.
+    pub fn for_high_resolution(&self) -> Result<Self, ModelError> {
+        let mut config = self.clone();
+        config.coarse.image_downscale = 2;
+        let expansions = config.decoder.blocks.iter_mut().filter_map(|block| block.expansion.as_mut());
+        for expansion in expansions.take(1) {
+            if let BlockExpansion::Ratio(ratio) = expansion {
+                *ratio = SelectionRatio::FOUR_FIFTHS;
+            }
+        }
+        config.validate()?;
+        Ok(config)
+    }
+
     fn with_expansions(
         &self,
         what: &str,

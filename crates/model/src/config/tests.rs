@@ -176,3 +176,10 @@ fn names_and_paths_are_told_apart() {
     let error = ModelConfig::resolve("no/such.toml").unwrap_err().to_string();
     assert!(error.starts_with("reading a model configuration: ") && error.ends_with("(no/such.toml)"), "{error}");
 }
+
+#[test]
+fn high_resolution_is_a_way_to_run_a_network() {
+    let [own, high] = ["paper-dl3dv", "paper-dl3dv-hr"].map(|name| ModelConfig::named(name).unwrap());
+    assert_eq!(own.for_high_resolution().unwrap().hash().unwrap(), high.hash().unwrap());
+    assert_eq!(high.for_high_resolution().unwrap(), high);
+}

@@ -19,6 +19,19 @@ pub enum Processor {
 }
 
 impl Processor {
+    /// Whether [`GaussianTensors::render`](super::GaussianTensors::render) renders there too, forward and backward, without
+    /// its numbers coming to the host. On an adapter that fails the splatter's self-test it does not, nor before
+    /// [`Self::open`].
+    pub fn renders(self) -> bool {
+        match self {
+            Self::Cpu => true,
+            #[cfg(feature = "gpu-network")]
+            Self::Wgpu => super::splatting::is_shared(),
+            #[cfg(not(feature = "gpu-network"))]
+            Self::Wgpu => false,
+        }
+    }
+
     /// The device, for [`Network::new`](super::Network::new).
     ///
     /// wgpu takes the fastest adapter that it finds; the environment variable `CUBECL_WGPU_DEFAULT_DEVICE` names another
@@ -54,6 +67,10 @@ fn wgpu() -> Result<Device, ModelError> {
 #[cfg(feature = "gpu-network")]
 fn wgpu() -> Result<Device, ModelError> {
     static OPENED: std::sync::OnceLock<Result<Device, String>> = std::sync::OnceLock::new();
-    let opened = OPENED.get_or_init(|| Device::wgpu_options().init().map_err(|error| error.to_string()));
+    let opened = OPENED.get_or_init(|| {
+        let (device, setup) = Device::wgpu_options().init_with_setup().map_err(|error| error.to_string())?;
+        super::splatting::share(&device, &setup);
+        Ok(device)
+    });
     opened.clone().map_err(|why| ModelError::Processor { processor: Processor::Wgpu, why })
 }

@@ -5,6 +5,8 @@ use burn::Tensor;
 use burn::backend::Dispatch;
 
 use super::GaussianTensors;
+#[cfg(doc)]
+use super::Processor;
 use super::splatting::{Request, Splatting};
 use crate::ModelError;
 
@@ -24,7 +26,7 @@ pub struct RenderedTensors {
 }
 
 impl GaussianTensors {
-    /// Renders one scene of the batch to views of one size, on the processor.
+    /// Renders one scene of the batch to views of one size, where the tensors are: see [`Processor::renders`].
     ///
     /// `scalars`, `[Gaussians]`, are what the channel `scalar` composites, e.g. the uncertainty of the tokens;
     /// [`atsplat_splat::GradientReach`] says how far its gradient reaches. Where the derivative of a rendering fails for

@@ -1,3 +1,5 @@
+use std::collections::BTreeSet;
+
 use serde::Serialize;
 
 use super::{Column, NoteKind, Row, Table};
@@ -24,6 +26,8 @@ pub struct Verdict {
     pub untrained: bool,
     /// Whether what was run is what was published: index, entries, preset.
     pub same_setting: bool,
+    /// What was run where it is not.
+    pub measured_on: Vec<String>,
 }
 
 /// One quantity of the published row that is answered last, which is where papers print their own, as tables print it: a
@@ -53,7 +57,9 @@ impl std::fmt::Display for Headline {
 /// part in figures alone.
 pub fn verdict(table: &Table) -> Verdict {
     let same_setting = !table.footer.iter().any(|note| note.kind == NoteKind::Setting);
-    let mut verdict = Verdict { table: table.name.clone(), same_setting, ..Verdict::default() };
+    let places: BTreeSet<&String> = table.groups.iter().filter_map(|group| group.measured_on.as_ref()).collect();
+    let measured_on = places.into_iter().cloned().collect();
+    let mut verdict = Verdict { table: table.name.clone(), same_setting, measured_on, ..Verdict::default() };
     let published = table.rows.iter().filter(|row| row.origin == Origin::Published);
     let answer = |row: &Row| {
         let mut answers = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
@@ -125,6 +131,9 @@ impl std::fmt::Display for Verdict {
         }
         if !self.same_setting {
             write!(f, ", not the published setting")?;
+            if !self.measured_on.is_empty() {
+                write!(f, ": measured on {}", self.measured_on.join(", "))?;
+            }
         }
         Ok(())
     }

@@ -151,7 +151,7 @@ impl GpuGaussians {
 }
 
 /// Gaussians of which the longest array still is one binding, whole workgroups of them.
-fn part_length(context: &Context, sh_degree: u8) -> usize {
+pub(super) fn part_length(context: &Context, sh_degree: u8) -> usize {
     // Records of the derivative take 96 bytes.
     let widest = (12 * sh_coefficients(sh_degree) as u64).max(96);
     let fitting = context.binding_limit / widest / 64 * 64;

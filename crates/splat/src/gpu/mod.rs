@@ -225,6 +225,11 @@ impl GpuRenderer {
         })
     }
 
+    /// Gaussians of the longest part that the adapter can bind.
+    pub fn part_length(&self, sh_degree: u8) -> usize {
+        gaussians::part_length(&self.context, sh_degree)
+    }
+
     /// First row and number of rows of the strips that a picture is cut into.
     ///
     /// # Errors

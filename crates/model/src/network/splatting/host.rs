@@ -1,0 +1,175 @@
+//! On the central processor: any backend's numbers come to the host and go back.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use atsplat_splat::cpu::{CpuRenderer, Recording};
+use atsplat_splat::{Census, GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, SplatError};
+use burn::backend::tensor::{Device, FloatTensor};
+use burn::backend::{Backend, Flex, TensorMetadata};
+use burn::tensor::{Shape, TensorData, try_read_sync};
+
+use super::{INPUTS, Inputs, Request, Splatter};
+
+/// One of each view; Gaussians are shared by all of them.
+pub(super) type Recorded = Arc<Mutex<Vec<Recording<Arc<Gaussians>>>>>;
+
+impl Splatter for Flex {
+    type Recorded = Recorded;
+
+    fn render(inputs: Inputs<Self>, request: &Request) -> FloatTensor<Self> {
+        render::<Self>(inputs, request)
+    }
+
+    fn record(inputs: Inputs<Self>, request: &Request) -> (Recorded, FloatTensor<Self>) {
+        record::<Self>(inputs, request)
+    }
+
+    fn differentiate(
+        recorded: Recorded,
+        images: FloatTensor<Self>,
+        shapes: &[Shape; INPUTS],
+        request: &Request,
+    ) -> Inputs<Self> {
+        differentiate::<Self>(&recorded, images, shapes, request)
+    }
+}
+
+pub(super) fn render<B: Backend>(inputs: Inputs<B>, request: &Request) -> FloatTensor<B> {
+    let device = inputs[0].device();
+    let render = |gaussians| CpuRenderer::default().render_many(&gaussians, &request.views, &request.options);
+    let rendered = gaussians::<B>(inputs, request).and_then(render);
+    let images = rendered.map(|images| images.iter().map(|image| (image.census, request.interleaved(image))).unzip());
+    tensor::<B>(request.finish(images), request.shape(), &device)
+}
+
+pub(super) fn record<B: Backend>(inputs: Inputs<B>, request: &Request) -> (Recorded, FloatTensor<B>) {
+    let device = inputs[0].device();
+    let recorded = gaussians::<B>(inputs, request).and_then(|gaussians| {
+        let gaussians = Arc::new(gaussians);
+        let mut renderer = CpuRenderer::default();
+        let record = |view| renderer.record(Arc::clone(&gaussians), view, &request.options);
+        request.views.iter().map(record).collect::<Result<Vec<_>, SplatError>>()
+    });
+    let (recordings, images) = match recorded {
+        Ok(recordings) => {
+            let images = recordings.iter().map(Recording::rendering);
+            let images = images.map(|image| (image.census, request.interleaved(image))).unzip();
+            (recordings, request.finish(Ok(images)))
+        }
+        Err(error) => (Vec::new(), request.finish(Err(error))),
+    };
+    (Arc::new(Mutex::new(recordings)), tensor::<B>(images, request.shape(), &device))
+}
+
+pub(super) fn differentiate<B: Backend>(
+    recorded: &Recorded,
+    images: FloatTensor<B>,
+    shapes: &[Shape; INPUTS],
+    request: &Request,
+) -> Inputs<B> {
+    let device = images.device();
+    let pixels = numbers::<B>(images);
+    let mut recordings = recorded.lock().unwrap_or_else(PoisonError::into_inner);
+    let per_view = request.shape().iter().skip(1).product::<usize>().max(1);
+    let mut sums: [Vec<f32>; INPUTS] = Default::default();
+    let mut failed = recordings.is_empty();
+    // Views are added up in their order.
+    for (recording, pixels) in recordings.iter_mut().zip(pixels.chunks_exact(per_view)) {
+        match recording.backward(&request.image_gradients(pixels)) {
+            Ok(gradients) => add(&mut sums, gradients),
+            Err(_) => failed = true,
+        }
+    }
+    let mut shapes = shapes.iter();
+    sums.map(|sum| {
+        let shape = shapes.next().cloned().unwrap_or_else(|| Shape::new([0]));
+        let sum = match (failed, sum.is_empty()) {
+            (true, _) => vec![f32::NAN; shape.num_elements()],
+            // No scalars were rendered, so nothing depends on them.
+            (false, true) => vec![0.0; shape.num_elements()],
+            (false, false) => sum,
+        };
+        B::float_from_data(TensorData::new(sum, shape), &device)
+    })
+}
+
+/// Gaussians as the renderer on the host takes them, checked.
+pub(super) fn gaussians<B: Backend>(inputs: Inputs<B>, request: &Request) -> Result<Gaussians, SplatError> {
+    let [means, quaternions, log_scales, opacity_logits, sh, scalars] = inputs.map(numbers::<B>);
+    Gaussians::new(GaussianParts {
+        means: means.as_chunks().0.to_vec(),
+        quaternions: quaternions.as_chunks().0.to_vec(),
+        log_scales: log_scales.as_chunks().0.to_vec(),
+        opacity_logits,
+        sh_degree: request.sh_degree,
+        sh: sh.as_chunks().0.to_vec(),
+        scalars: request.options.channels.scalar.then_some(scalars),
+        filter_3d: None,
+    })
+}
+
+impl Request {
+    /// Notes the outcome; zeros where there is no image.
+    fn finish(&self, images: Result<(Vec<Census>, Vec<Vec<f32>>), SplatError>) -> Vec<f32> {
+        let (outcome, images) = match images {
+            Ok((census, images)) => (Ok(census), images.concat()),
+            Err(error) => (Err(error), vec![0.0; self.shape().iter().product()]),
+        };
+        self.note(outcome);
+        images
+    }
+
+    fn interleaved(&self, image: &Rendering<f32>) -> Vec<f32> {
+        let mut pixels = Vec::with_capacity(image.alpha.len() * self.channels());
+        for (at, (rgb, alpha)) in image.rgb.iter().zip(&image.alpha).enumerate() {
+            pixels.extend(rgb);
+            pixels.push(*alpha);
+            let extra = [&image.depth, &image.scalar].into_iter().flatten();
+            pixels.extend(extra.filter_map(|image| image.get(at)));
+        }
+        pixels
+    }
+
+    /// Derivatives by the images of one view.
+    fn image_gradients(&self, pixels: &[f32]) -> ImageGradients<f32> {
+        let pixels = || pixels.chunks_exact(self.channels());
+        let channel =
+            |at: usize| pixels().map(|pixel| pixel.get(at).copied().unwrap_or_default()).collect::<Vec<f32>>();
+        let depth = self.options.channels.depth;
+        ImageGradients {
+            rgb: pixels().filter_map(|pixel| pixel.first_chunk().copied()).collect(),
+            alpha: Some(channel(3)),
+            depth: depth.then(|| channel(4)),
+            scalar: self.options.channels.scalar.then(|| channel(4 + usize::from(depth))),
+        }
+    }
+}
+
+fn add(sums: &mut [Vec<f32>; INPUTS], gradients: Gradients<f32>) {
+    let Gradients { means, quaternions, log_scales, opacity_logits, sh, scalars, .. } = gradients;
+    let parts = [
+        means.into_flattened(),
+        quaternions.into_flattened(),
+        log_scales.into_flattened(),
+        opacity_logits,
+        sh.into_flattened(),
+        scalars,
+    ];
+    for (sum, part) in sums.iter_mut().zip(parts) {
+        if sum.is_empty() {
+            *sum = part;
+        } else {
+            sum.iter_mut().zip(part).for_each(|(sum, part)| *sum += part);
+        }
+    }
+}
+
+fn tensor<B: Backend>(values: Vec<f32>, shape: [usize; 4], device: &Device<B>) -> FloatTensor<B> {
+    B::float_from_data(TensorData::new(values, shape), device)
+}
+
+/// The tensor's numbers, row-major; none where a device failed.
+fn numbers<B: Backend>(tensor: FloatTensor<B>) -> Vec<f32> {
+    let data = try_read_sync(B::float_into_data(tensor)).and_then(Result::ok);
+    data.and_then(|data| data.convert::<f32>().try_into_vec().ok()).unwrap_or_default()
+}

@@ -1,0 +1,166 @@
+//! The splatter as an operation in burn's graph: Gaussians into images forward, image gradients into gradients backward.
+
+#[cfg(feature = "gpu-network")]
+mod device;
+mod host;
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use atsplat_splat::{Census, RenderOptions, SplatError, View};
+#[cfg(feature = "gpu-network")]
+use burn::backend::Cube;
+use burn::backend::autodiff::checkpoint::{base::Checkpointer, strategy::CheckpointStrategy};
+use burn::backend::autodiff::grads::Gradients as Graph;
+use burn::backend::autodiff::ops::{Backward, Ops, OpsKind};
+use burn::backend::tensor::FloatTensor;
+use burn::backend::{Autodiff, Backend, Flex, TensorMetadata, backend_extension};
+use burn::tensor::Shape;
+#[cfg(feature = "gpu-network")]
+pub(super) use device::{is_shared, share};
+
+/// Means, quaternions, logarithms of scales, opacity logits, spherical harmonics, scalars.
+const INPUTS: usize = 6;
+
+type Inputs<B> = [FloatTensor<B>; INPUTS];
+
+/// Differentiable on `Autodiff`.
+#[backend_extension(Cube: cfg(feature = "gpu-network"), Flex, Autodiff)]
+pub(super) trait Splatting: Backend {
+    /// `[1, Gaussians, …]` each, scalars `[Gaussians]`; into `[views, height, width, channels]`.
+    fn splat(
+        means: FloatTensor<Self>,
+        quaternions: FloatTensor<Self>,
+        log_scales: FloatTensor<Self>,
+        opacity_logits: FloatTensor<Self>,
+        sh: FloatTensor<Self>,
+        scalars: FloatTensor<Self>,
+        request: Arc<Request>,
+    ) -> FloatTensor<Self>;
+}
+
+/// How a backend renders tensors of its own, and goes back.
+pub(super) trait Splatter: Backend {
+    /// What the way back needs.
+    type Recorded: Clone + std::fmt::Debug + Send + 'static;
+
+    /// Images alone.
+    fn render(inputs: Inputs<Self>, request: &Request) -> FloatTensor<Self>;
+
+    /// Images, and what the way back needs.
+    fn record(inputs: Inputs<Self>, request: &Request) -> (Self::Recorded, FloatTensor<Self>);
+
+    /// Derivatives by inputs of these shapes from those by images; NaN where they cannot be had.
+    fn differentiate(
+        recorded: Self::Recorded,
+        images: FloatTensor<Self>,
+        shapes: &[Shape; INPUTS],
+        request: &Request,
+    ) -> Inputs<Self>;
+}
+
+/// What to render, and what became of it: an operation gives a tensor and nothing else.
+#[derive(Debug)]
+pub(super) struct Request {
+    views: Vec<View>,
+    options: RenderOptions,
+    sh_degree: u8,
+    outcome: Mutex<Option<Result<Vec<Census>, SplatError>>>,
+}
+
+impl Request {
+    pub(super) const fn new(views: Vec<View>, options: RenderOptions, sh_degree: u8) -> Self {
+        Self { views, options, sh_degree, outcome: Mutex::new(None) }
+    }
+
+    /// What became of the Gaussians in each view.
+    pub(super) fn outcome(&self) -> Result<Vec<Census>, SplatError> {
+        self.outcome.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_else(|| Ok(Vec::new()))
+    }
+
+    fn note(&self, outcome: Result<Vec<Census>, SplatError>) {
+        *self.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
+    }
+
+    /// Colour, alpha, then depth and scalar where asked for.
+    fn channels(&self) -> usize {
+        4 + usize::from(self.options.channels.depth) + usize::from(self.options.channels.scalar)
+    }
+
+    fn shape(&self) -> [usize; 4] {
+        let size = self.views.first().map(|view| view.size);
+        let [height, width] = size.map_or([0, 0], |size| [size.height as usize, size.width as usize]);
+        [self.views.len(), height, width, self.channels()]
+    }
+}
+
+macro_rules! without_gradients {
+    ($backend:ty) => {
+        impl Splatting for $backend {
+            fn splat(
+                means: FloatTensor<Self>,
+                quaternions: FloatTensor<Self>,
+                log_scales: FloatTensor<Self>,
+                opacity_logits: FloatTensor<Self>,
+                sh: FloatTensor<Self>,
+                scalars: FloatTensor<Self>,
+                request: Arc<Request>,
+            ) -> FloatTensor<Self> {
+                Self::render([means, quaternions, log_scales, opacity_logits, sh, scalars], &request)
+            }
+        }
+    };
+}
+
+without_gradients!(Flex);
+#[cfg(feature = "gpu-network")]
+without_gradients!(Cube);
+
+impl<B: Splatter, C: CheckpointStrategy> Splatting for Autodiff<B, C> {
+    fn splat(
+        means: FloatTensor<Self>,
+        quaternions: FloatTensor<Self>,
+        log_scales: FloatTensor<Self>,
+        opacity_logits: FloatTensor<Self>,
+        sh: FloatTensor<Self>,
+        scalars: FloatTensor<Self>,
+        request: Arc<Request>,
+    ) -> FloatTensor<Self> {
+        let nodes =
+            [means.node(), quaternions.node(), log_scales.node(), opacity_logits.node(), sh.node(), scalars.node()];
+        let inputs = [means, quaternions, log_scales, opacity_logits, sh, scalars];
+        let inputs = inputs.map(|input| input.primitive().clone());
+        let shapes = inputs.each_ref().map(TensorMetadata::shape);
+        match Splat.prepare::<C>(nodes).compute_bound().stateful() {
+            OpsKind::Tracked(prepared) => {
+                let (recorded, images) = B::record(inputs, &request);
+                prepared.finish(State::<B> { recorded, shapes, request }, images)
+            }
+            OpsKind::UnTracked(prepared) => prepared.finish(B::render(inputs, &request)),
+        }
+    }
+}
+
+/// What the backward pass needs again.
+#[derive(Clone, Debug)]
+struct State<B: Splatter> {
+    recorded: B::Recorded,
+    shapes: [Shape; INPUTS],
+    request: Arc<Request>,
+}
+
+#[derive(Debug)]
+struct Splat;
+
+impl<B: Splatter> Backward<B, INPUTS> for Splat {
+    type State = State<B>;
+
+    fn backward(self, ops: Ops<Self::State, INPUTS>, grads: &mut Graph, _: &mut Checkpointer) {
+        let State { recorded, shapes, request } = ops.state;
+        let images = grads.consume::<B>(&ops.node);
+        let derivatives = B::differentiate(recorded, images, &shapes, &request);
+        for (node, derivative) in ops.parents.into_iter().zip(derivatives) {
+            let Some(node) = node else { continue };
+            grads.register::<B>(node.id, derivative);
+        }
+    }
+}
