@@ -34,6 +34,10 @@ impl Processor {
 
     /// The device, for [`Network::new`](super::Network::new).
     ///
+    /// On Mesa's software Vulkan the numbers of a network on wgpu are within 2e-5 of those here, absolute or relative, images of
+    /// its Gaussians within 5e-5, and a parameter's gradients through them within 5e-4 of the largest; a score nearer than
+    /// 1e-6 to the last that is selected may fall on the other side.
+    ///
     /// wgpu takes the fastest adapter that it finds; the environment variable `CUBECL_WGPU_DEFAULT_DEVICE` names another
     /// (`DiscreteGpu(1)`, `IntegratedGpu(0)`, `Cpu`).
     ///

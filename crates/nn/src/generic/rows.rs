@@ -71,23 +71,25 @@ pub(crate) fn norm<B: Backend>(
     beta: Option<FloatTensor<B>>,
     segments: Segments,
 ) -> FloatTensor<B> {
-    let x = flat(Array::<B>(x));
+    let x = Array::<B>(x);
+    let (shape, x) = (x.dims(), flat(x));
     let normalised = standard(segmented(x.clone(), &segments), &segments).0 * per_part(Array(gamma), &segments);
     let normalised = match beta {
         Some(beta) => normalised + per_part(Array(beta), &segments),
         None => normalised,
     };
-    replace_segments(x, normalised, &segments).0
+    replace_segments(x, normalised, &segments).reshape(&shape).0
 }
 
-/// The gradients of `x`, `gamma` and `beta` of [`norm`]; rows are flat.
+/// The gradients of `x`, `gamma` and `beta` of [`norm`].
 pub(crate) fn norm_backward<B: Backend>(
     x: FloatTensor<B>,
     gamma: FloatTensor<B>,
     grad: FloatTensor<B>,
     segments: Segments,
 ) -> (FloatTensor<B>, FloatTensor<B>, FloatTensor<B>) {
-    let (x, all_grad) = (flat(Array::<B>(x)), flat(Array::<B>(grad)));
+    let x = Array::<B>(x);
+    let (shape, x, all_grad) = (x.dims(), flat(x), flat(Array::<B>(grad)));
     let (standard, scale) = standard(segmented(x, &segments), &segments);
     let grad = segmented(all_grad.clone(), &segments);
     let over_rows = |sums: Array<B>| sums.sum(0).sum(2).reshape(&[segments.parts, segments.length]).0;
@@ -101,7 +103,7 @@ pub(crate) fn norm_backward<B: Backend>(
         NormKind::Rms => scaled,
     };
     let by_x = (across - standard * along) * scale;
-    (replace_segments(all_grad, by_x, &segments).0, by_gamma, by_beta)
+    (replace_segments(all_grad, by_x, &segments).reshape(&shape).0, by_gamma, by_beta)
 }
 
 /// `[rows, parts, heads, length]` of the segments that are normalised.

@@ -91,9 +91,9 @@ impl Splatter for Cube {
             Recorded::Host(recorded) => return host::differentiate::<Self>(&recorded, images, shapes, request),
             Recorded::Device(gaussians) => gaussians,
         };
-        let derivatives = gaussians
-            .zip(shared(&images))
-            .and_then(|(gaussians, mut renderer)| derivatives(&mut renderer, &gaussians, images, shapes, request).ok());
+        let derivatives = gaussians.zip(shared(&images)).and_then(|(gaussians, mut renderer)| {
+            derivatives(&mut renderer, &gaussians, &images, shapes, request).ok()
+        });
         let unknown = |shape: &Shape| Self::float_full(shape.clone(), f32::NAN.into(), &device, FloatDType::F32);
         derivatives.unwrap_or_else(|| shapes.each_ref().map(unknown))
     }
@@ -163,9 +163,9 @@ fn image(
     let mut copies = Copies::new(renderer);
     for strip in &rendering.strips {
         let (first, length) = (4 * strip.first_row as usize * width, 4 * strip.rows as usize * width);
-        copies.into_tensor(&strip.colours, &colours, first, length)?;
+        copies.fill_tensor(&strip.colours, &colours, first, length)?;
         if let Some((buffer, tensor)) = strip.extras.as_ref().zip(extras.as_ref()) {
-            copies.into_tensor(buffer, tensor, first, length)?;
+            copies.fill_tensor(buffer, tensor, first, length)?;
         }
     }
     copies.submit(like)?;
@@ -181,7 +181,7 @@ fn image(
 fn derivatives(
     renderer: &mut GpuRenderer,
     gaussians: &GpuGaussians,
-    images: FloatTensor<Cube>,
+    images: &FloatTensor<Cube>,
     shapes: &[Shape; INPUTS],
     request: &Request,
 ) -> Result<Inputs<Cube>, SplatError> {
@@ -189,7 +189,7 @@ fn derivatives(
     let mut sums: Option<Inputs<Cube>> = None;
     for (at, view) in request.views.iter().enumerate() {
         let own = Cube::float_slice(images.clone(), &[Slice::from(at..at + 1)]);
-        let by_images = image_gradients(renderer, own, view, request)?;
+        let by_images = image_gradients(renderer, &own, view, request)?;
         let made = renderer.backward_resident(gaussians, view, &request.options, &by_images)?;
         let own = tensors(renderer, &made, shapes, &device)?;
         sums = Some(match sums {
@@ -210,7 +210,7 @@ fn derivatives(
 /// Derivatives by one picture, `[1, height, width, channels]`, strip by strip.
 fn image_gradients(
     renderer: &GpuRenderer,
-    pixels: FloatTensor<Cube>,
+    pixels: &FloatTensor<Cube>,
     view: &View,
     request: &Request,
 ) -> Result<GpuImageGradients, SplatError> {
@@ -262,7 +262,7 @@ fn tensors(
         ];
         for ((buffer, each), tensor) in fields.into_iter().zip(&tensors) {
             if let Some(buffer) = buffer {
-                copies.into_tensor(buffer, tensor, first * each, count * each)?;
+                copies.fill_tensor(buffer, tensor, first * each, count * each)?;
             }
         }
         first += count;
@@ -317,7 +317,7 @@ impl<'a> Copies<'a> {
     }
 
     /// The beginning of a buffer into a tensor, whose numbers lie one after the other.
-    fn into_tensor(
+    fn fill_tensor(
         &mut self,
         buffer: &wgpu::Buffer,
         tensor: &FloatTensor<Cube>,
