@@ -48,6 +48,10 @@ pub(crate) struct Words {
     #[arg(long, short, value_name = "DIR", default_value = "reports/reproduced")]
     out: PathBuf,
 
+    /// How many megabytes of pictures the page may hold.
+    #[arg(long, value_name = "MB", default_value_t = 12)]
+    pictures: u16,
+
     /// Folder with the weights of LPIPS and ST-LPIPS, looked in before torch's cache.
     #[arg(long, value_name = "DIR")]
     metric_weights: Option<PathBuf>,
@@ -82,7 +86,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         complete &= summary.is_complete();
         stores.push(("ablations", results));
     }
-    let report = summary::write(&words.out, &stores, sections)?;
+    let report = summary::write(&words.out, &stores, sections, words.pictures)?;
     print_warnings(&warnings);
     summary::print(&report, &stores, &not_run, &trained, &words.out)?;
     Ok(complete && not_run.is_empty())

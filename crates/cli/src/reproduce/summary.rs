@@ -15,11 +15,13 @@ use super::found::NotRun;
 use super::methods::Trained;
 use crate::output::print_text;
 
-/// Bytes of pictures in the page.
-const PICTURES: usize = 12_000_000;
-
-/// Writes tables, plots and the page of all stores.
-pub(super) fn write(folder: &Path, stores: &[(&str, Results)], sections: Vec<PlotSection>) -> anyhow::Result<Report> {
+/// Writes tables, plots and the page of all stores, which holds so many megabytes of pictures.
+pub(super) fn write(
+    folder: &Path,
+    stores: &[(&str, Results)],
+    sections: Vec<PlotSection>,
+    pictures: u16,
+) -> anyhow::Result<Report> {
     let folders: Vec<_> = stores.iter().map(|(name, _)| folder.join(name)).collect();
     let pages: Vec<PageStore<'_>> = stores
         .iter()
@@ -37,7 +39,7 @@ pub(super) fn write(folder: &Path, stores: &[(&str, Results)], sections: Vec<Plo
             TableFormat::Json,
         ],
         mixing: Mixing::Apart,
-        budget: PictureBudget { bytes: PICTURES },
+        budget: PictureBudget { bytes: usize::from(pictures) * 1_000_000 },
         sections,
     };
     let report = Report::new(&request, &pages)?;

@@ -200,12 +200,13 @@ fn burns_softmax_is_what_attention_computes() {
 /// f64 takes the form that any device understands.
 #[test]
 fn generic_operations_keep_shapes() {
+    type Operation = fn(Tensor<3>, Tensor<1>, Tensor<2>) -> Tensor<3>;
     let device = Device::flex().autodiff();
     let numbers: Vec<f64> = (0..24).map(f64::from).collect();
     let x = || tensor(&numbers, [2, 3, 4], DType::F64, &device).require_grad();
     let ones = || tensor(&[1.0; 4], [4], DType::F64, &device);
     let weight = || tensor(&[0.5; 20], [4, 5], DType::F64, &device);
-    let cases: [(fn(Tensor<3>, Tensor<1>, Tensor<2>) -> Tensor<3>, usize); 4] = [
+    let cases: [(Operation, usize); 4] = [
         (|x, gamma, _| ops::layer_norm(x, gamma, None, 1e-5), 4),
         (|x, gamma, _| ops::rms_norm(x, gamma, 1e-5), 4),
         (|x, _, weight| ops::linear(x, weight, None), 5),
