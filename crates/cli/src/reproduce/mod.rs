@@ -19,6 +19,7 @@ use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
 use clap::Args;
 
+use crate::machine::here;
 use crate::output::print_warnings;
 use crate::progress::Progress;
 use found::{Found, NotRun};
@@ -127,8 +128,7 @@ impl Words {
             pictures: KeepPictures::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };
-        let here = runner::here(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), std::env::args().collect());
-        let store = Store::resume(&self.store(name), plan.provenance(here)?)?;
+        let store = Store::resume(&self.store(name), plan.provenance(here())?)?;
         let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
         Ok(runner::run(&plan, store, &|| progress.step())?)
     }

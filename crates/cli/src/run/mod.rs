@@ -16,6 +16,7 @@ use atsplat_eval::{Results, Store};
 use atsplat_scene::Warnings;
 use clap::Args;
 
+use crate::machine::here;
 use crate::output::{print_report, print_warnings};
 use crate::progress::Progress;
 use methods::{MethodWord, MethodWords};
@@ -71,8 +72,7 @@ fn evaluate(
         pictures: settings.pictures(),
         prefetch: SettingWords::prefetch(),
     };
-    let here = runner::here(env!("CARGO_PKG_VERSION"), option_env!("ATSPLAT_COMMIT"), std::env::args().collect());
-    let store = Store::resume(settings.out(), plan.provenance(here)?)?;
+    let store = Store::resume(settings.out(), plan.provenance(here())?)?;
     let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
     let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
     drop(progress);

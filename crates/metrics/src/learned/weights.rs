@@ -1,4 +1,4 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use atsplat_model::ModelError;
 use serde::Serialize;
@@ -55,7 +55,16 @@ fn list(paths: &[PathBuf]) -> String {
     if paths.is_empty() {
         return "no folder".to_owned();
     }
-    paths.iter().map(|path| path.display().to_string()).collect::<Vec<_>>().join(", ")
+    let home = std::env::var_os("HOME").map(PathBuf::from);
+    paths.iter().map(|path| shown(path, home.as_deref())).collect::<Vec<_>>().join(", ")
+}
+
+/// Results are published: whose home it was need not be in them.
+fn shown(path: &Path, home: Option<&Path>) -> String {
+    match home.filter(|home| !home.as_os_str().is_empty()).and_then(|home| path.strip_prefix(home).ok()) {
+        Some(below) => Path::new("~").join(below).display().to_string(),
+        None => path.display().to_string(),
+    }
 }
 
 impl Network {
@@ -138,7 +147,6 @@ impl WeightsFolders {
 
 #[cfg(test)]
 mod tests {
-    use std::path::Path;
 
     use super::*;
 
@@ -166,5 +174,14 @@ mod tests {
         }
         std::fs::write(folder.path().join("vgg16-397923af.pth"), b"").unwrap();
         assert!(folders.find(Network::LpipsVgg).is_ok());
+    }
+
+    #[test]
+    fn homes_are_not_told() {
+        let home = Some(Path::new("/home/somebody"));
+        assert_eq!(shown(Path::new("/home/somebody/.cache/torch"), home), "~/.cache/torch");
+        assert_eq!(shown(Path::new("/data/weights"), home), "/data/weights");
+        assert_eq!(shown(Path::new("/data"), None), "/data");
+        assert_eq!(shown(Path::new("/data"), Some(Path::new(""))), "/data");
     }
 }
