@@ -147,7 +147,6 @@ impl WeightsFolders {
 
 #[cfg(test)]
 mod tests {
-
     use super::*;
 
     #[test]
