@@ -13,7 +13,7 @@ use atsplat_model::network::{BlockOutcome, Device, Network, Processor, Reconstru
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{TensorFile, generated};
 use atsplat_numeric::{Extremes as _, Tolerance};
-use atsplat_splat::{Channels, GaussianParts, RenderOptions, View};
+use atsplat_splat::{Channels, GaussianParts, GradientReach, RenderOptions, View};
 use burn::Tensor;
 use glam::{DMat3, DVec3};
 use indexmap::IndexMap;
@@ -171,6 +171,8 @@ fn pulled(config: &ModelConfig, device: &Device) -> Pulled {
     let targets: Vec<View> = cameras(config).into_iter().map(|camera| View { camera, size }).collect();
     let options = RenderOptions {
         channels: Channels { depth: true, scalar: true, ..Channels::default() },
+        // As in training.
+        gradients: GradientReach { scalar_stops: true, ..GradientReach::default() },
         ..RenderOptions::default()
     };
     // The scores of a block's tokens, on the Gaussians that those tokens would become.

@@ -1,10 +1,14 @@
 //! From the device's memory to the host's.
 
+use std::time::Duration;
+
 use super::GpuError;
 use super::context::Context;
 
 /// Bytes of the largest staging buffer.
 const MOST_STAGED: u64 = 64 << 20;
+/// How long an answer may take once the device is done.
+const ANSWER: Duration = Duration::from_mins(1);
 
 /// A run of bytes of one of the buffers that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,7 +65,9 @@ impl Context {
             sender.send(outcome).ok();
         });
         self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| fault(error.to_string()))?;
-        let outcome = receiver.try_recv().map_err(|error| fault(format!("no answer when mapping: {error}")))?;
+        // Another thread that waits for the same device may be the one that gives the answer.
+        let outcome =
+            receiver.recv_timeout(ANSWER).map_err(|error| fault(format!("no answer when mapping: {error}")))?;
         outcome.map_err(|error| fault(error.to_string()))?;
         {
             let view = staging.get_mapped_range(..at).map_err(|error| fault(error.to_string()))?;
