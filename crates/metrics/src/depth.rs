@@ -1,3 +1,4 @@
+use atsplat_numeric::median;
 use serde::{Deserialize, Serialize};
 
 use crate::{Mask, MetricError};
@@ -100,14 +101,13 @@ pub fn depth_error(
             missing += 1;
         }
     }
-    if compared.is_empty() {
+    let medians = [0, 1].map(|at| median(compared.iter().map(|pair| pair[at])));
+    let [Some(render), Some(truth)] = medians else {
         return Err(MetricError::NothingInMask { expected: "at least one pixel with a rendered and a true depth" });
-    }
+    };
     let scale = match scale {
         DepthScale::Metric => 1.0,
-        DepthScale::Median => {
-            median(compared.iter().map(|[_, truth]| *truth)) / median(compared.iter().map(|[d, _]| *d))
-        }
+        DepthScale::Median => truth / render,
     };
     Ok(summarise(&compared, missing, scale))
 }
@@ -142,19 +142,6 @@ fn summarise(compared: &[[f64; 2]], missing: u64, scale: f64) -> DepthError {
         rmse: squares.sqrt(),
         rmse_log: logarithms.sqrt(),
         delta: within.map(|n| n as f64 / count),
-    }
-}
-
-/// As `numpy.median`: the mean of the middle two where there is no middle one.
-fn median(values: impl Iterator<Item = f64>) -> f64 {
-    let mut sorted: Vec<f64> = values.collect();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted.len() / 2;
-    let upper = sorted.get(middle).copied().unwrap_or(f64::NAN);
-    if sorted.len() % 2 == 1 {
-        upper
-    } else {
-        sorted.get(middle.wrapping_sub(1)).map_or(upper, |lower| (lower + upper) / 2.0)
     }
 }
 

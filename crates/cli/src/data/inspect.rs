@@ -59,7 +59,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         per_scene: words.scenes,
     };
     let progress = Progress::new("scenes", dataset.keys().len());
-    let inspection = inspect(&dataset, dataset.format.name(), &options, &mut warnings, &|| progress.step())?;
+    let inspection = inspect(&dataset, dataset.format.name(), &options, &mut warnings, &|| progress.step());
     drop(progress);
     let mut of_geometry = Warnings::new();
     let geometry = if words.check_geometry {

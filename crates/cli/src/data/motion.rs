@@ -4,6 +4,7 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use atsplat_camera::ImageSize;
+use atsplat_numeric::quantile;
 use atsplat_report::plot::{HistogramPanel, Histograms};
 use atsplat_rooms::{ClipMotion, EffectChoice, Request, RoomsError, SceneSeed, Simulation};
 use atsplat_scene::{Scene, SceneSource as _, WarningKind, Warnings};
@@ -204,15 +205,6 @@ fn rows(groups: &[Group]) -> Vec<Row> {
     MEASURES.iter().flat_map(|measure| groups.iter().map(|group| row(*measure, group))).collect()
 }
 
-/// Of ascending values, between neighbours in proportion.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a position among the values")]
-fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let place = share * (sorted.len().checked_sub(1)? as f64);
-    let low = sorted.get(place.floor() as usize)?;
-    let high = sorted.get(place.ceil() as usize)?;
-    Some(low + (high - low) * place.fract())
-}
-
 fn histograms(groups: &[Group]) -> Histograms {
     let panel = |(measure, read): Measure| HistogramPanel {
         measure: measure.to_owned(),
@@ -243,21 +235,5 @@ impl fmt::Display for Report {
             writeln!(f)?;
         }
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use atsplat_numeric::Tolerance;
-
-    use super::*;
-
-    #[test]
-    fn quantiles_lie_between_neighbours() {
-        let sorted = [1.0, 2.0, 4.0];
-        let found = [0.0, 0.25, 0.5, 0.75, 1.0].map(|share| quantile(&sorted, share).unwrap());
-        Tolerance::F64.assert(found, [1.0, 1.5, 2.0, 3.0, 4.0], "quantiles");
-        assert_eq!(quantile(&[], 0.5), None);
-        assert_eq!(quantile(&[7.0], 0.9), Some(7.0));
     }
 }

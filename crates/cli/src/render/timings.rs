@@ -1,5 +1,6 @@
 use std::fmt;
 
+use atsplat_numeric::median;
 use indexmap::IndexSet;
 use serde::Serialize;
 
@@ -53,18 +54,10 @@ impl Row {
         let mut ms = secs.map(|secs| 1e3 * secs);
         let first_ms = ms.next()?;
         let rest: Vec<f64> = ms.collect();
-        let median_ms = median(rest.clone());
-        let mad_ms = median_ms.and_then(|middle| median(rest.iter().map(|ms| (ms - middle).abs()).collect()));
+        let median_ms = median(rest.iter().copied());
+        let mad_ms = median_ms.and_then(|middle| median(rest.iter().map(|ms| (ms - middle).abs())));
         Some(Self { stage, first_ms, median_ms, mad_ms })
     }
-}
-
-/// The middle value, the mean of both where there are two.
-fn median(mut values: Vec<f64>) -> Option<f64> {
-    values.sort_by(f64::total_cmp);
-    let upper = values.get(values.len() / 2).copied()?;
-    let lower = values.get((values.len() - 1) / 2).copied()?;
-    Some(lower.midpoint(upper))
 }
 
 impl fmt::Display for Timings {

@@ -7,6 +7,7 @@ use std::sync::Arc;
 use std::time::Instant;
 
 use atsplat_metrics::Suite;
+use atsplat_numeric::median;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{TargetPictures, Trial};
@@ -162,7 +163,7 @@ impl Evaluation<'_> {
             Err(detail) => row.detail = Some(detail.clone()),
         }
         let score_secs = start.elapsed().as_secs_f64();
-        row.render_secs = median(&secs);
+        row.render_secs = median(secs.iter().copied());
         if let Some(store) = self.pictures.all() {
             pictures::keep(store, &row.key, row.frame, &image)?;
         }
@@ -251,8 +252,8 @@ impl Made {
             gaussians_drawn: mean(&drawn),
             seconds: Seconds {
                 read: decoded.read_secs,
-                encode: median(&cost.encode_samples),
-                render: median(&render_samples),
+                encode: median(cost.encode_samples.iter().copied()),
+                render: median(render_samples.iter().copied()),
                 score: score_secs,
                 encode_samples: cost.encode_samples,
                 render_samples,
@@ -268,16 +269,4 @@ impl Made {
 
 fn mean(counts: &[u64]) -> Option<f64> {
     (!counts.is_empty()).then(|| counts.iter().sum::<u64>() as f64 / counts.len() as f64)
-}
-
-/// `None` of nothing.
-fn median(samples: &[f64]) -> Option<f64> {
-    let mut sorted = samples.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted.len() / 2;
-    let upper = sorted.get(middle).copied()?;
-    if sorted.len() % 2 == 1 {
-        return Some(upper);
-    }
-    Some(0.5 * (upper + sorted.get(middle.checked_sub(1)?).copied()?))
 }

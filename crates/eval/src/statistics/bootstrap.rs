@@ -1,3 +1,4 @@
+use atsplat_numeric::quantile;
 use atsplat_protocol::samplers::SplitMix64;
 use rayon::prelude::*;
 
@@ -52,15 +53,4 @@ pub(super) fn interval_of_resamples(clusters: &[[f64; 2]], resamples: usize) -> 
     let tail = normal_tail((count / (count - 1.0)).sqrt() * student);
     let interval = [quantile(&means, tail)?, quantile(&means, 1.0 - tail)?];
     interval.iter().all(|end| end.is_finite()).then_some(interval)
-}
-
-/// Between the two nearest values, as `numpy.quantile`'s default.
-pub(super) fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let place = share * sorted.len().checked_sub(1)? as f64;
-    let below = place.floor();
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place within the slice")]
-    let at = below as usize;
-    let low = *sorted.get(at)?;
-    let high = sorted.get(at + 1).copied().unwrap_or(low);
-    Some(low + (high - low) * (place - below))
 }

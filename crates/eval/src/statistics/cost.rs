@@ -1,8 +1,8 @@
 use std::collections::BTreeMap;
 
+use atsplat_numeric::quantile;
 use serde::Serialize;
 
-use super::bootstrap::quantile;
 use crate::{Results, TrialRow, TrialStatus};
 
 /// What one method's answers under one preset took.

@@ -1,3 +1,5 @@
+use atsplat_numeric::median;
+
 use super::axes::{Axes, AxisText};
 use super::font::shortened;
 use super::scale::{Scale, label};
@@ -64,7 +66,7 @@ impl Histograms {
         for (group, name) in self.groups.iter().enumerate() {
             let y = y + LINE * (group as f64 + 1.0);
             let values = finite(panel.values.get(group).map_or(&[][..], Vec::as_slice));
-            let median = median(&values).map_or("-".to_owned(), three_digits);
+            let median = median(values.iter().copied()).map_or("-".to_owned(), three_digits);
             if group == 0 {
                 drawing.rectangle(Extent::new(left, y - 4.5, left + 12.0, y + 4.5), filled(group));
             } else {
@@ -130,14 +132,6 @@ fn finite(values: &[f64]) -> Vec<f64> {
     values.iter().copied().filter(|value| value.is_finite()).collect()
 }
 
-fn median(finite: &[f64]) -> Option<f64> {
-    let mut sorted = finite.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let upper = sorted.get(sorted.len() / 2)?;
-    let lower = sorted.get((sorted.len() - 1) / 2)?;
-    Some(f64::midpoint(*lower, *upper))
-}
-
 fn three_digits(value: f64) -> String {
     let decimals = match value.abs() {
         size if size >= 99.95 => 0,
@@ -158,7 +152,6 @@ mod tests {
     fn shares_of_a_group_sum_to_one_and_what_is_no_number_counts_nowhere() {
         let shares = shares(&[0.0, 0.1, 13.0, 14.0, f64::NAN], Scale::linear(0.0, 14.0));
         Tolerance::F64.assert([shares[0], shares[13], shares.iter().sum()], [0.5, 0.5, 1.0], "shares");
-        assert_eq!((median(&[3.0, 1.0]), median(&[5.0]), median(&[])), (Some(2.0), Some(5.0), None));
         assert_eq!([0.0471, 0.4166, 5.82, 15.243, 178.0].map(three_digits), ["0.047", "0.417", "5.82", "15.2", "178"]);
     }
 }

@@ -93,17 +93,6 @@ fn from_line(residual: f64, line: DVec3) -> f64 {
     if slope == 0.0 && residual == 0.0 { 0.0 } else { residual.abs() / slope }
 }
 
-/// The middle value, or the mean of the two in the middle; NaN where any value is NaN, `None` of nothing.
-pub fn median(mut values: Vec<f64>) -> Option<f64> {
-    if values.iter().any(|value| value.is_nan()) {
-        return Some(f64::NAN);
-    }
-    values.sort_by(f64::total_cmp);
-    let upper = *values.get(values.len() / 2)?;
-    let lower = *values.get((values.len() - 1) / 2)?;
-    Some(f64::midpoint(lower, upper))
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -223,14 +212,5 @@ mod tests {
         if let Some(geometry) = EpipolarGeometry::new(&first, &second) {
             assert!(geometry.fundamental().is_finite());
         }
-    }
-
-    #[test]
-    fn medians() {
-        assert_eq!(median(vec![]), None);
-        assert_eq!(median(vec![3.0, 1.0, 2.0]), Some(2.0));
-        assert_eq!(median(vec![4.0, 1.0, 2.0, 3.0]), Some(2.5));
-        assert_eq!(median(vec![f64::INFINITY, f64::INFINITY]), Some(f64::INFINITY));
-        assert!(median(vec![1.0, f64::NAN]).unwrap().is_nan());
     }
 }

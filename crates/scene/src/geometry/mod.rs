@@ -10,7 +10,7 @@ mod verdict;
 mod view;
 
 pub use convention::Convention;
-pub use epipolar::{EpipolarGeometry, median};
+pub use epipolar::EpipolarGeometry;
 pub use score::{ConventionScore, MatchedPair, score_conventions};
 pub use verdict::{Verdict, verdict};
 pub use view::{PointMatch, View};

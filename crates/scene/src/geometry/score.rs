@@ -1,6 +1,7 @@
+use atsplat_numeric::median;
 use serde::Serialize;
 
-use super::{Convention, EpipolarGeometry, PointMatch, View, median};
+use super::{Convention, EpipolarGeometry, PointMatch, View};
 
 /// Two views as declared and the points that were matched between their pictures, as they were found:
 /// in pixels, through the lens.

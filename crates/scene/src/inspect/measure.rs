@@ -21,15 +21,15 @@ pub(super) struct SceneMeasure {
 
 /// The numbers of one frame.
 pub(super) struct FrameMeasure {
-    /// In the order of [`FrameMeasure::PINHOLE`].
-    pub(super) pinhole: [f64; FrameMeasure::PINHOLE.len()],
-    /// In the order of [`FrameMeasure::MOTION`]; none for a scene's first frame.
-    pub(super) motion: Option<[f64; FrameMeasure::MOTION.len()]>,
+    /// `fx`, `fy`, `cx`, `cy`, and the field of view across and down in degrees.
+    pub(super) pinhole: [f64; Self::PINHOLE],
+    /// Distance and angle in degrees from the frame before; none for a scene's first frame.
+    pub(super) motion: Option<[f64; Self::MOTION]>,
 }
 
 impl FrameMeasure {
-    pub(super) const PINHOLE: [&str; 6] = ["fx", "fy", "cx", "cy", "fov_x_degrees", "fov_y_degrees"];
-    pub(super) const MOTION: [&str; 2] = ["step", "rotation_degrees"];
+    pub(super) const PINHOLE: usize = 6;
+    pub(super) const MOTION: usize = 2;
 
     fn of(camera: &Camera, motion: Option<[f64; 2]>) -> Self {
         let (k, fov) = (camera.intrinsics, camera.intrinsics.field_of_view());

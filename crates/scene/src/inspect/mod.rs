@@ -1,7 +1,6 @@
 //! What a dataset is, before anything is run on it: counts, picture sizes, intrinsics, baselines, problems.
 
 mod aggregate;
-mod error;
 mod measure;
 mod report;
 mod table;
@@ -12,7 +11,6 @@ use crate::{SceneSource, WarningKind, Warnings};
 use aggregate::Gathered;
 use measure::SceneMeasure;
 
-pub use error::InspectError;
 pub use report::{
     Baselines, Inspection, Intrinsics, LensCounts, PictureCounts, Problem, SceneCounts, SceneSummary, SizeCount,
     Summary,
@@ -52,18 +50,15 @@ pub enum SizeSampling {
 /// report for the dataset's format; `warnings` may already hold what opening it found, and everything in
 /// it is among the inspection's problems. `progress` is called after each scene, from any thread.
 ///
-/// The report is the same for any number of threads.
-///
-/// # Errors
-/// [`InspectError`] where the statistics cannot be computed; a scene that cannot be read is a problem in the
-/// report, not an error.
+/// The report is the same for any number of threads. A scene that cannot be read is a problem in the report, not an
+/// error.
 pub fn inspect(
     source: &dyn SceneSource,
     format: &str,
     options: &InspectOptions,
     warnings: &mut Warnings,
     progress: &(dyn Fn() + Sync),
-) -> Result<Inspection, InspectError> {
+) -> Inspection {
     let mut gathered = Gathered::default();
     for keys in source.keys().chunks(SCENES_AT_ONCE) {
         let measured: Vec<_> = keys

@@ -13,7 +13,7 @@ fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warni
     let step = || {
         steps.fetch_add(1, Ordering::Relaxed);
     };
-    let report = inspect(source, "in memory", &options, &mut warnings, &step).unwrap();
+    let report = inspect(source, "in memory", &options, &mut warnings, &step);
     assert_eq!(steps.into_inner(), source.keys().len(), "one step a scene");
     (report, warnings)
 }

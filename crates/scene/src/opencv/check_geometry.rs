@@ -2,12 +2,13 @@ use std::collections::BTreeMap;
 use std::fmt;
 
 use atsplat_camera::ImageSize;
+use atsplat_numeric::median;
 use atsplat_pixels::ImageU8;
 use serde::{Deserialize, Serialize};
 
 use super::matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutual};
 use crate::geometry::{
-    Convention, ConventionScore, MatchedPair, PointMatch, Verdict, View, median, score_conventions, verdict,
+    Convention, ConventionScore, MatchedPair, PointMatch, Verdict, View, score_conventions, verdict,
 };
 use crate::{Scene, SceneError, WarningKind, Warnings};
 

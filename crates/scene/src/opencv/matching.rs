@@ -166,8 +166,9 @@ pub fn match_pair(first: &ImageU8, second: &ImageU8, options: &MatchOptions) -> 
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::median;
+
     use super::*;
-    use crate::geometry::median;
     use crate::opencv::test_pictures::{blobs, shifted_noise};
 
     #[test]

@@ -2,6 +2,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
+use atsplat_numeric::median;
 use serde::{Deserialize, Serialize};
 
 use ::opencv::core::{Mat, Vector};
@@ -10,7 +11,6 @@ use ::opencv::prelude::*;
 use ::opencv::videoio::{CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_POS_MSEC, VideoCapture};
 
 use super::called;
-use crate::geometry::median;
 use crate::{SceneError, is_plain_name};
 
 const FORMAT: &str = "video";

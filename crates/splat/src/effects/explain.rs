@@ -58,7 +58,7 @@ impl EffectPlan {
                 let mut without = self.asked().clone();
                 effect.leave_out(&mut without);
                 let differences = in_turn(renderer, gaussians, [self.asked(), &without], pairs)?;
-                Some(median(differences.iter().map(|[with, without]| with - without).collect()))
+                Some(median(differences.iter().map(|[with, without]| with - without)))
             };
             effects.push(Cost { decision: decision.clone(), ms });
         }
@@ -68,8 +68,8 @@ impl EffectPlan {
             tolerance: self.tolerance(),
             effects,
             plan_ms: 1e3 * self.secs(),
-            asked_ms: median(both.iter().map(|[asked, _]| *asked).collect()),
-            reduced_ms: median(both.iter().map(|[_, reduced]| *reduced).collect()),
+            asked_ms: median(both.iter().map(|[asked, _]| *asked)),
+            reduced_ms: median(both.iter().map(|[_, reduced]| *reduced)),
             pairs,
         })
     }
@@ -97,11 +97,9 @@ fn in_turn(
     Ok(times)
 }
 
-fn median(mut values: Vec<f64>) -> f64 {
-    values.sort_by(f64::total_cmp);
-    let middle = values.len() / 2;
-    let at = |position: usize| values.get(position).copied().unwrap_or_default();
-    if values.len() % 2 == 1 { at(middle) } else { 0.5 * (at(middle.saturating_sub(1)) + at(middle)) }
+#[expect(clippy::expect_used, reason = "callers time at least one pair")]
+fn median(values: impl Iterator<Item = f64>) -> f64 {
+    atsplat_numeric::median(values).expect("at least one pair was timed")
 }
 
 impl Display for Verdict {
@@ -133,17 +131,5 @@ impl Display for Explanation {
              (medians of {} pairs; tolerance {:.1e} of display range, in colour alone)",
             self.renderer, self.asked_ms, self.reduced_ms, self.plan_ms, self.pairs, self.tolerance
         )
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn medians() {
-        for (values, expected) in [(vec![3.0, 1.0, 2.0], 2.0), (vec![4.0, 1.0, 2.0, 3.0], 2.5), (vec![], 0.0)] {
-            atsplat_numeric::Tolerance::EXACT.assert([median(values)], [expected], "median");
-        }
     }
 }

@@ -1,0 +1,48 @@
+/// The middle value, or the mean of the two in the middle, as `numpy.median`; NaN where any value is NaN, `None` of
+/// nothing.
+pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
+    let mut sorted: Vec<f64> = values.into_iter().collect();
+    if sorted.iter().any(|value| value.is_nan()) {
+        return Some(f64::NAN);
+    }
+    sorted.sort_by(f64::total_cmp);
+    let upper = *sorted.get(sorted.len() / 2)?;
+    let lower = *sorted.get((sorted.len() - 1) / 2)?;
+    Some(f64::midpoint(lower, upper))
+}
+
+/// The value below which `share` (0 to 1) of ascending values lie, between the two nearest in proportion, as
+/// `numpy.quantile` by default; `None` of nothing.
+pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
+    let place = share * sorted.len().checked_sub(1)? as f64;
+    let below = place.floor();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place within the slice")]
+    let at = below as usize;
+    let low = *sorted.get(at)?;
+    let high = sorted.get(at + 1).copied().unwrap_or(low);
+    Some(low + (high - low) * (place - below))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn medians_of_odd_and_even_counts() {
+        assert_eq!(median([]), None);
+        assert_eq!(median([3.0, 1.0, 2.0]), Some(2.0));
+        assert_eq!(median([4.0, 1.0, 2.0, 3.5]), Some(2.75));
+        assert_eq!(median([f64::INFINITY, f64::INFINITY]), Some(f64::INFINITY));
+        assert!(median([1.0, f64::NAN]).is_some_and(f64::is_nan));
+    }
+
+    #[test]
+    fn quantiles_lie_between_neighbours() {
+        let sorted = [0.0, 1.0, 4.0, 10.0];
+        assert_eq!(quantile(&sorted, 0.0), Some(0.0));
+        assert_eq!(quantile(&sorted, 0.5), Some(2.5));
+        assert_eq!(quantile(&sorted, 0.75), Some(5.5));
+        assert_eq!(quantile(&sorted, 1.0), Some(10.0));
+        assert_eq!(quantile(&[], 0.5), None);
+    }
+}
