@@ -18,7 +18,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, ImageU8, decode, encode_png};
 use atsplat_scene::{SceneSource as _, Warnings};
 use atsplat_splat::{Gaussians, files};
-use atsplat_tests::shared_data;
+use atsplat_tests::{graphics_required, shared_data};
 use serde_json::{Value, json};
 
 use common::{atsplat, succeed};
@@ -133,7 +133,7 @@ fn a_graphics_processor_is_used_or_told_to_be_missing() {
     let told = if cfg!(feature = "gpu-network") { "adapter" } else { "--features gpu-network" };
     assert!(outcome.code == 1 && outcome.stderr.contains(told), "{}", outcome.stderr);
     assert!(!here.join("scene.ply").exists());
-    let required = cfg!(feature = "gpu-network") && std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1");
+    let required = cfg!(feature = "gpu-network") && graphics_required();
     assert!(!required, "{}", outcome.stderr);
     let outcome = atsplat(here, &["budget", "--model", "nano", "--run", "--device", "wgpu"]);
     assert!(outcome.code == 1 && outcome.stderr.contains(told), "{}", outcome.stderr);

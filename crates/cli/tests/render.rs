@@ -14,6 +14,7 @@ use atsplat_pixels::exr::{self, Values};
 use atsplat_pixels::{DecodeLimits, Image, Rounding, decode};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Channels, Exposure, RenderOptions, Renderer, RendererConstants, Rendering, View, files};
+use atsplat_tests::graphics_required;
 use serde_json::{Value, json};
 
 use common::{atsplat, succeed, write_trajectory};
@@ -471,7 +472,7 @@ fn an_adapter_renders_or_the_processor_takes_over() {
     let backend = record(&here.join("gpu"))["backend"].as_str().unwrap().to_owned();
     let taken_over = outcome.stderr.lines().any(|line| line.contains("cpu, ") && line.contains(" renders: "));
     assert_eq!(backend.starts_with("cpu"), taken_over, "{backend}: {}", outcome.stderr);
-    let required = std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1");
+    let required = graphics_required();
     assert!(!required || backend.starts_with("gpu"), "{backend}: {}", outcome.stderr);
     let picture = |name: &str| exr::read_rgb(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap().0;
     let wide = |image: &Image| image.samples().iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();

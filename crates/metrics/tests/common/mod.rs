@@ -3,7 +3,7 @@
 #![allow(dead_code, reason = "every test file uses a part")]
 #![expect(clippy::unwrap_used, reason = "a fixture that does not parse fails the test")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use atsplat_pixels::{DecodeLimits, Image, decode};
 
@@ -66,23 +66,4 @@ pub(crate) fn seeded(width: u32, height: u32, seed: u64) -> Image {
 /// What `work` gives on these many threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
-}
-
-/// The folder of real data, or `None` with a visible line.
-pub(crate) fn shared_data(test: &str) -> Option<PathBuf> {
-    let beside = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data");
-    let folder = std::env::var_os("ATSPLAT_SHARED_DATA").map_or(beside, PathBuf::from);
-    if folder.is_dir() {
-        return Some(folder);
-    }
-    let required = std::env::var_os("ATSPLAT_REQUIRE_SHARED_DATA").is_some();
-    assert!(!required, "{test}: real data is required but absent ({})", folder.display());
-    skip(test, &format!("no real data ({})", folder.display()));
-    None
-}
-
-/// Written past the test harness's capture: a skipped test must be seen.
-pub(crate) fn skip(test: &str, why: &str) {
-    use std::io::Write;
-    std::io::stderr().write_all(format!("SKIPPED {test}: {why}\n").as_bytes()).ok();
 }

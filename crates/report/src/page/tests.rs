@@ -6,6 +6,7 @@ use std::process::Command;
 use atsplat_eval::runner::picture_path;
 use atsplat_eval::{Results, TrialKey};
 use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_tests::skip;
 
 use super::*;
 use crate::definition::TableDefinition;
@@ -143,7 +144,7 @@ fn chromium() -> Option<PathBuf> {
     let required = std::env::var("CI").is_ok_and(|value| value == "true" || value == "1");
     assert!(found.is_some() || !required, "this test needs chromium (Debian package `chromium`), and CI is set");
     if found.is_none() {
-        eprintln!("SKIPPED: no chromium on the path");
+        skip("a_browser_clicks_through_the_page", "no chromium on the path");
     }
     found
 }

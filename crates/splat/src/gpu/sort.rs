@@ -77,6 +77,7 @@ pub(super) fn words(values: &[u64; 4]) -> Vec<u8> {
 
 #[cfg(test)]
 mod tests {
+    use atsplat_tests::skip_without_graphics;
     use proptest::prelude::*;
 
     use super::*;
@@ -90,8 +91,7 @@ mod tests {
         match choose(&AdapterChoice::Automatic) {
             Ok((adapter, description)) => Some(Context::open(&adapter, &description, &GpuOptions::default()).unwrap()),
             Err(error @ GpuError::NoAdapter { .. }) => {
-                assert!(std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() != Ok("1"), "{error}");
-                eprintln!("SKIPPED, no graphics adapter: {error}");
+                skip_without_graphics("splat::gpu::sort", error);
                 None
             }
             Err(error) => panic!("{error}"),

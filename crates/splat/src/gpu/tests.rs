@@ -1,5 +1,7 @@
 //! What only shows from within: limits that drivers set, and what is kept.
 
+use atsplat_tests::{skip, skip_without_graphics};
+
 use super::context::Context;
 use super::kernels::{Kernel, Pipelines, Pool};
 use super::record::Recorder;
@@ -11,8 +13,7 @@ fn opened<T>(opened: Result<T, GpuError>) -> Option<T> {
     match opened {
         Ok(opened) => Some(opened),
         Err(error @ GpuError::NoAdapter { .. }) => {
-            assert!(std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() != Ok("1"), "{error}");
-            eprintln!("SKIPPED, no graphics adapter: {error}");
+            skip_without_graphics("splat::gpu", error);
             None
         }
         Err(error) => panic!("{error}"),
@@ -83,7 +84,7 @@ fn a_pool_keeps_within_the_limit() {
 fn all_of_a_stage_is_timed() {
     let Some(context) = context(&GpuOptions::default()) else { return };
     if !context.timestamps {
-        eprintln!("SKIPPED, this adapter cannot time");
+        skip("all_of_a_stage_is_timed", "this adapter cannot time");
         return;
     }
     let mut pipelines = Pipelines::default();

@@ -1,6 +1,7 @@
 use atsplat_splat::cpu::CpuOptions;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threads, adapters, with_fallback};
 use atsplat_splat::{RenderOptions, Renderer, RendererConstants, SplatError, reference};
+use atsplat_tests::skip;
 
 use crate::scenes::{assert_bound, cloud, everything, gpu, narrow, open, ripples, view};
 
@@ -37,13 +38,13 @@ fn many_and_few_threads_give_the_same_pixels() {
 #[test]
 fn opengl_too() {
     if std::env::var("ATSPLAT_TEST_OPENGL").as_deref() != Ok("1") {
-        eprintln!("SKIPPED, ATSPLAT_TEST_OPENGL is not 1");
+        skip("opengl_too", "ATSPLAT_TEST_OPENGL is not 1");
         return;
     }
     let mut gl = match GpuRenderer::new(&AdapterChoice::Name("(gl)".to_owned()), GpuOptions::default()) {
         Ok(gl) => gl,
         Err(error @ GpuError::NoAdapter { .. }) => {
-            eprintln!("SKIPPED, no OpenGL adapter: {error}");
+            skip("opengl_too", format!("no OpenGL adapter: {error}"));
             return;
         }
         Err(error) => panic!("{error}"),
