@@ -7,9 +7,9 @@ use atsplat_model::weights::TensorFile;
 use atsplat_scene::SharedBytes;
 
 /// Trained on simulated rooms; what `reproduce` runs where nobody names weights.
-pub(crate) const NANO_ROOMS: &str = "nano-rooms";
+pub(crate) const MICRO_ROOMS: &str = "micro-rooms";
 
-const FILES: [(&str, &[u8]); 1] = [(NANO_ROOMS, include_bytes!("../../../eval/checkpoints/nano-rooms.safetensors"))];
+const FILES: [(&str, &[u8]); 1] = [(MICRO_ROOMS, include_bytes!("../../../eval/checkpoints/micro-rooms.safetensors"))];
 
 /// The weights of a name; `None` where it is no name of any.
 pub(crate) fn carried(name: &str) -> Option<Result<TensorFile, ModelError>> {
@@ -33,15 +33,17 @@ mod tests {
         for (name, _) in FILES {
             let weights = ModelWeights::of_file(&carried(name).unwrap().unwrap()).unwrap();
             assert_eq!(weights.config.name, name);
-            assert!(weights.provenance.contains_key("training-configuration"), "{:?}", weights.provenance);
+            for key in ["title", "data", "steps", "seed"] {
+                assert!(weights.provenance.contains_key(key), "{key}: {:?}", weights.provenance);
+            }
         }
-        assert!(carried("nano-gardens").is_none());
+        assert!(carried("micro-gardens").is_none());
     }
 
     #[test]
     fn a_name_stands_for_what_is_carried_and_a_path_does_not() {
-        let found = find(Path::new(NANO_ROOMS), String::new).unwrap();
-        assert_eq!(found.sha256, carried(NANO_ROOMS).unwrap().unwrap().sha256);
-        assert!(matches!(find(Path::new("./nano-rooms"), String::new), Err(ModelError::MissingWeights { .. })));
+        let found = find(Path::new(MICRO_ROOMS), String::new).unwrap();
+        assert_eq!(found.sha256, carried(MICRO_ROOMS).unwrap().unwrap().sha256);
+        assert!(matches!(find(Path::new("./micro-rooms"), String::new), Err(ModelError::MissingWeights { .. })));
     }
 }

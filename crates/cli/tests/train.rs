@@ -22,6 +22,7 @@ batch = 1
 base = "nano"
 
 [model.changes]
+resolution = [32, 32]
 transformer = { dim = 32, head-dim = 16 }
 coarse.layers = 1
 fine.layers = 1

@@ -13,10 +13,10 @@ use atsplat_eval::method::{
     Splatting, Warp, WeightsOf, constants_of,
 };
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
-use atsplat_model::ModelConfig;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
+use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_pixels::{Image, ImageU8, encode_png, exr};
 use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
@@ -232,4 +232,23 @@ fn an_untrained_network_says_so_and_counts_its_tokens() {
     let rendered = answer.render(&[0]).remove(0).unwrap();
     assert_eq!(rendered.secs.len(), 3);
     assert!(rendered.image.samples().iter().all(|sample| sample.is_finite()));
+}
+
+/// A picture of 64×64 has 16 patches of a network that was trained at such, and 4 of one that was trained at 32×32.
+#[test]
+fn a_network_sees_the_scale_it_was_trained_at_and_renders_the_protocols() {
+    let weights = WeightsOf::File { sha256: "0".repeat(64) };
+    let asked = asked(&[entry(&[0, 4], &[2])]).remove(0);
+    let smaller = "the network saw context pictures of 64x64 at 32x32".to_owned();
+    for (trained, tokens, notes) in [(32, 2 * 4, vec![smaller]), (64, 2 * 16, vec![])] {
+        let network = nano().trained_at(ImageSize::new(trained, trained));
+        let method = AtSplat::new("atsplat", network, &weights, 0, Splatting::default()).unwrap();
+        assert_eq!(method.record().parameters["context-at-scale-of"], format!("{trained}x{trained}"));
+        let answer = method.begin(asked.question()).unwrap();
+        assert_eq!((answer.cost().initial_tokens, &answer.cost().notes), (Some(tokens), &notes));
+        let rendered = answer.render(&[0]).remove(0).unwrap().image;
+        assert_eq!((rendered.width(), rendered.height()), (SIZE.width, SIZE.height));
+    }
+    let as_given = AtSplat::new("atsplat", nano(), &weights, 0, Splatting::default()).unwrap();
+    assert!(!as_given.record().parameters.contains_key("context-at-scale-of"));
 }

@@ -20,7 +20,8 @@ fn swept() -> Swept {
     let config = ModelConfig::named("nano").unwrap();
     let tensors = generated(&parameters(&config), 1);
     let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
-    Swept { config, tensors, weights, call_seed: 0, constants: ConstantsChoice::OfPreset, background: None }
+    let constants = ConstantsChoice::OfPreset;
+    Swept { config, tensors, weights, trained_at: None, call_seed: 0, constants, background: None }
 }
 
 fn sweep(settings: &str) -> Sweep {

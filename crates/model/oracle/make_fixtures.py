@@ -1,12 +1,13 @@
 """Writes `../tests/fixtures/network/*.safetensors`: what the twin makes of tiny scenes in every variant.
 
-    python make_fixtures.py
+    python make_fixtures.py [VARIANT...]
 
 A file holds cameras, Gaussians, selections and the stages between; its metadata hold the configuration (TOML),
 the seeds that weights and picture come from, and the names and shapes of all parameters that the twin asked for.
 """
 
 import json
+import sys
 import tomllib
 from pathlib import Path
 
@@ -54,6 +55,7 @@ VARIANTS = [
     ("depth_exp", [('"log-sigmoid", near = 0.1, far = 500.0, shift = 0.0', '"exp", shift = 0.5')], 2, 32, 48),
     ("activations", [('kind = "linear", gain = 1.0', 'kind = "inverse-log", gain = 0.5'), ('"normalize"', '"normalize-from-identity"'),
                      ('"exp-clamped", shift = -6.9, max = -1.2', '"softplus", shift = -1.0, gain = 0.01')], 2, 32, 48),
+    ("patch_frame", [("token = 4", "token = 8"), ("sh-degree = 0", 'sh-degree = 0\nframe = "patch"')], 2, 32, 48),
 ]
 # Stages that only this variant keeps, for finding where two networks part.
 STAGES = {"base", "dino", "high_resolution"}
@@ -72,9 +74,12 @@ def scene(seed, views, height, width):
 
 
 def main():
+    """All variants, or those that are named."""
     OUT.mkdir(parents=True, exist_ok=True)
     base = (HERE / "tiny.toml").read_text()
     for number, (name, replacements, views, height, width) in enumerate(VARIANTS):
+        if sys.argv[1:] and name not in sys.argv[1:]:
+            continue
         text = base.replace("views = 2", f"views = {views}").replace("[32, 48]", f"[{height}, {width}]")
         for old, new in replacements:
             assert old in text, (name, old)

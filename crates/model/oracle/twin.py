@@ -224,7 +224,8 @@ def pointnet(config, layers, p, tokens, anchors, seen):
 
 
 def initial_tokens(config, layers, p, scene, coarse, grid, seen):
-    """Tokens [N, D], anchors [N, 3] or None, rays of each token's Gaussians ([N, K, 3], [N, K, 3]) or None."""
+    """Tokens [N, D], anchors [N, 3] or None; and, each or None, what is handed on with a token: rays of its Gaussians
+    ([N, K, 3], [N, K, 3]), or in the patch's frame its camera's rotation and its footprint ([N, 3, 3], [N])."""
     settings, p = config["anchors"], p.below("anchors")
     kind, size = settings["design"]["kind"], config["coarse"]["patch-size"]
     if kind == "learnable-tokens":
@@ -250,7 +251,13 @@ def initial_tokens(config, layers, p, scene, coarse, grid, seen):
     seen["depths"], seen["anchors"] = depths[:, 0], anchors
     if settings["context"]["kind"] == "point-net":
         tokens = pointnet(config, layers, p.below("context"), tokens, anchors, seen)
-    return tokens, anchors, None
+    if config["head"].get("frame", "world") == "world":
+        return tokens, anchors, None
+    # Patch width over focal length, both in pixels.
+    slope = size / (scene.intrinsics[:, 0] * scene.pictures.shape[2])
+    per_view = grid[0] * grid[1]
+    footprints = depths[:, 0] * slope.repeat_interleave(per_view)
+    return tokens, anchors, (scene.poses[:, :3, :3].repeat_interleave(per_view, 0), footprints)
 
 
 def how_many(ratio, tokens, rounding):
@@ -305,6 +312,14 @@ def expand(config, layers, p, tokens, selected):
     return torch.cat([tokens[~chosen], children.flatten(0, 1)]), origin
 
 
+def cells_of(count):
+    """Centres of a patch's cells, [K, 3]: right, down and forward of the patch's centre in units of its width; columns."""
+    rows = max(r for r in range(1, count + 1) if count % r == 0 and r * r <= count)
+    columns = count // rows
+    cells = [[(column + 0.5) / columns - 0.5, (row + 0.5) / rows - 0.5, 0] for row in range(rows) for column in range(columns)]
+    return torch.tensor(cells).double(), columns
+
+
 def gaussians(config, layers, p, tokens, anchors, rays):
     """Means [G, 3], quaternions wxyz [G, 4], log scales [G, 3], opacity logits [G], SH [G, coefficients, 3]."""
     settings, design = config["head"], config["anchors"]["design"]["kind"]
@@ -312,8 +327,14 @@ def gaussians(config, layers, p, tokens, anchors, rays):
     place = 1 if design == "ray-depth" else 3
     x = layers.head(p.below("head"), tokens, count * (place + 8 + 3 * coefficients))
     centre, quaternion, scale, opacity, sh = x.unflatten(-1, (count, -1)).split([place, 4, 3, 1, 3 * coefficients], -1)
+    in_patch = settings.get("frame", "world") == "patch"
     if design == "ray-depth":
         means = rays[0] + depth_of(config["anchors"]["depth"], centre) * rays[1]
+    elif in_patch:
+        world_from_camera, footprints = rays
+        cells, columns = cells_of(count)
+        in_camera = (cells + 0.5 * centre) * footprints[:, None, None]
+        means = anchors[:, None] + in_camera @ world_from_camera.transpose(1, 2)
     else:
         offset = settings["offset"]
         means = centre if offset["kind"] == "linear" else centre.sign() * (centre.abs().exp() - 1)
@@ -324,7 +345,11 @@ def gaussians(config, layers, p, tokens, anchors, rays):
         quaternion = quaternion + torch.tensor([1.0, 0, 0, 0]).double()
     quaternion = F.normalize(quaternion, dim=-1)
     kind = settings["scale"]
-    if kind["kind"] == "exp-clamped":
+    if in_patch:
+        log_scale = (scale + math.log(0.6 / columns)).clamp(max=0.7)
+        assert 0 < (log_scale == 0.7).sum() < log_scale.numel(), "scales on one side of the cut-off"
+        log_scale = log_scale + footprints.log()[:, None, None]
+    elif kind["kind"] == "exp-clamped":
         log_scale = (scale + kind["shift"]).clamp(max=kind["max"])
     else:
         log_scale = (kind["gain"] * F.softplus(scale + kind["shift"])).log()

@@ -65,7 +65,7 @@ def main():
     twin.select = without_gradient(twin.select)
     rounds = int(sys.argv[2]) if len(sys.argv) > 2 else 15
     environment = dict(os.environ, RAYON_NUM_THREADS=str(forward.THREADS))
-    ours = subprocess.Popen([sys.argv[1]], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
+    ours = subprocess.Popen([sys.argv[1], HERE / "../../../eval/experiments/nano-rooms.toml"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
 
     def ask(line):
         ours.stdin.write(line + "\n")

@@ -1,7 +1,7 @@
 """Prints samples a second against threads and batch, and what each part of a step takes.
 
     cargo build --release -p atsplat-train --example time_step
-    python crates/train/benches/steps.py target/release/examples/time_step
+    python crates/train/benches/steps.py target/release/examples/time_step EXPERIMENT [WEIGHTS]
 """
 
 import json
@@ -15,7 +15,7 @@ COUNT, WARM_UP = 16, 4
 
 def ask(threads, *lines):
     environment = dict(os.environ, RAYON_NUM_THREADS=str(threads))
-    answer = subprocess.run([sys.argv[1]], input="\n".join(lines) + "\n", capture_output=True, text=True,
+    answer = subprocess.run(sys.argv[1:], input="\n".join(lines) + "\n", capture_output=True, text=True,
                             check=True, env=environment)
     return [json.loads(line) for line in answer.stdout.splitlines()]
 

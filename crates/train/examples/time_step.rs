@@ -7,36 +7,39 @@
 //! - `splatting SAMPLES`: the same of the splatter alone, on the Gaussians that the network made;
 //! - `steps SAMPLES COUNT`: whole steps of so many samples each, with a part's seconds summed over samples.
 //!
-//! Samples and network are those of `eval/experiments/nano-rooms.toml`, with the weights that it led to.
+//! Samples and network are those of an experiment, `time_step EXPERIMENT [WEIGHTS]`: with the weights of a file, or fresh ones.
 
 use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::num::{NonZeroU32, NonZeroUsize};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use atsplat_camera::ImageSize;
 use atsplat_model::network::{Device, Forward, GaussianTensors, Network};
-use atsplat_model::weights::ModelWeights;
+use atsplat_model::weights::{ModelWeights, StoredTensors};
 use atsplat_scene::Warnings;
 use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
 use atsplat_train::samples::{Draw, Sample, Source as _};
-use atsplat_train::{Event, SourceConfig, Start, TrainConfig, Trainer};
+use atsplat_train::{Event, Parameters, SourceConfig, Start, TrainConfig, Trainer};
 use burn::Tensor;
 use rayon::prelude::*;
 use serde_json::json;
 
-/// Gaussians are as large and as many as in the middle of a run.
-const WEIGHTS: &str = concat!(env!("CARGO_MANIFEST_DIR"), "/../../eval/checkpoints/nano-rooms.safetensors");
 /// Targets of the final set, and of each set before it.
 const TARGETS: [usize; 2] = [3, 1];
 
 type Failure = Box<dyn Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
-    let config = TrainConfig::from_toml(include_str!("../../../eval/experiments/nano-rooms.toml"))?;
+    let mut words = std::env::args().skip(1).map(PathBuf::from);
+    let config = TrainConfig::read(&words.next().ok_or("expected the file of an experiment")?)?;
+    let start = words.next().map_or(Start::Fresh, Start::Weights);
     let model = config.model.config()?;
-    let weights = ModelWeights::read(Path::new(WEIGHTS))?.tensors;
+    let weights = match &start {
+        Start::Weights(path) => ModelWeights::read(path)?.tensors,
+        _ => Parameters::fresh(&model, config.seed, StoredTensors::default()).stored()?,
+    };
     let network = Network::new(&model, &Device::flex().autodiff())?.with_weights(&weights)?;
     let source = config.samples(&mut Warnings::new())?;
     let sample = |number| source.sample(Draw { seed: 1, number, step: 0 });
@@ -51,7 +54,7 @@ fn main() -> Result<(), Failure> {
             ["model"] => serde_json::to_value(&model)?,
             ["network", count] => timed(count, &network_alone)?,
             ["splatting", count] => timed(count, &splatting_alone)?,
-            ["steps", batch, count] => steps(&config, batch.parse()?, count.parse()?)?,
+            ["steps", batch, count] => steps(&config, &start, batch.parse()?, count.parse()?)?,
             _ => return Err(format!("{line}: expected model, network N, splatting N or steps N COUNT").into()),
         };
         writeln!(stdout(), "{answer}")?;
@@ -146,7 +149,7 @@ fn splatting_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failu
 }
 
 /// Few scenes, so that after the first steps their clips are at hand, as in a long run.
-fn steps(config: &TrainConfig, batch: NonZeroUsize, count: u64) -> Result<serde_json::Value, Failure> {
+fn steps(config: &TrainConfig, start: &Start, batch: NonZeroUsize, count: u64) -> Result<serde_json::Value, Failure> {
     let folder = tempfile::tempdir()?;
     let mut config = TrainConfig { batch, evaluation: None, ..config.clone() };
     for data in &mut config.data {
@@ -154,7 +157,7 @@ fn steps(config: &TrainConfig, batch: NonZeroUsize, count: u64) -> Result<serde_
             rooms.scenes = NonZeroU32::MIN;
         }
     }
-    let mut trainer = Trainer::new(config, folder.path(), &Start::Weights(PathBuf::from(WEIGHTS)))?;
+    let mut trainer = Trainer::new(config, folder.path(), start)?;
     let mut records = Vec::new();
     for _ in 0..count {
         trainer.step(&mut |event| {

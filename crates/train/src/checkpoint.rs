@@ -12,6 +12,8 @@ use crate::{TrainConfig, TrainError};
 const WHAT: &str = "checkpoint";
 const FORMAT: &str = "1";
 const PARTS: [&str; 3] = ["weights", "first-moment", "second-moment"];
+const AVERAGE: &str = "average";
+const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
 
 /// A run between two steps.
 #[derive(Clone, Debug)]
@@ -26,13 +28,32 @@ pub struct State {
     pub parameters: Parameters,
     /// The optimiser's, in the order of the parameters.
     pub moments: Vec<Moments>,
+    /// Moving averages of the weights, in the same order, where the configuration asks for them.
+    pub average: Option<Vec<Vec<f32>>>,
+    /// SHA-256 of the weights file that the run began with, where it did.
+    pub initial_weights: Option<String>,
 }
 
 impl State {
     /// Before the first step.
     pub fn new(parameters: Parameters) -> Self {
         let moments = parameters.values().iter().map(|values| Moments::zeros(values.len())).collect();
-        Self { step: 0, updates: 0, faults_in_a_row: 0, parameters, moments }
+        Self { step: 0, updates: 0, faults_in_a_row: 0, parameters, moments, average: None, initial_weights: None }
+    }
+
+    /// The same with averages that begin at the weights.
+    #[must_use]
+    pub fn with_average(self) -> Self {
+        Self { average: Some(self.parameters.values().to_vec()), ..self }
+    }
+
+    /// What the run has come to: the averages where there are any.
+    pub fn result(&self) -> Parameters {
+        let mut result = self.parameters.clone();
+        for (values, average) in result.values_mut().iter_mut().zip(self.average.iter().flatten()) {
+            values.clone_from(average);
+        }
+        result
     }
 
     /// Steps that were skipped.
@@ -49,6 +70,10 @@ impl State {
                 stored.tensors.insert(format!("{part}/{}", parameter.name), tensor);
             }
         }
+        for (parameter, values) in self.parameters.list().iter().zip(self.average.iter().flatten()) {
+            let tensor = StoredTensor::from_f32(parameter.shape.clone(), values)?;
+            stored.tensors.insert(format!("{AVERAGE}/{}", parameter.name), tensor);
+        }
         stored.metadata = [
             ("atsplat.checkpoint", FORMAT.to_owned()),
             ("step", self.step.to_string()),
@@ -59,6 +84,9 @@ impl State {
         ]
         .map(|(key, value)| (key.to_owned(), value))
         .into();
+        if let Some(hash) = &self.initial_weights {
+            stored.metadata.insert(INITIAL_WEIGHTS.to_owned(), hash.clone());
+        }
         Ok(stored)
     }
 
@@ -93,15 +121,21 @@ impl State {
         };
         let mut parameters = fresh.clone();
         let mut moments = Vec::new();
+        let mut average = config.average.map(|_| Vec::new());
         for (position, parameter) in fresh.list().iter().enumerate() {
             let [weights, first, second] = PARTS.map(|part| values(part, parameter));
             if let Some(slot) = parameters.values_mut().get_mut(position) {
                 *slot = weights?;
             }
             moments.push(Moments { first: first?, second: second? });
+            if let Some(average) = &mut average {
+                average.push(values(AVERAGE, parameter)?);
+            }
         }
         let faults_in_a_row = u32::try_from(number("faults-in-a-row")?).unwrap_or(u32::MAX);
-        Ok(Self { step: number("step")?, updates: number("updates")?, faults_in_a_row, parameters, moments })
+        let initial_weights = stored.metadata.get(INITIAL_WEIGHTS).cloned();
+        let (step, updates) = (number("step")?, number("updates")?);
+        Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights })
     }
 }
 

@@ -4,18 +4,20 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use atsplat_model::ModelConfig;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, read_backbone};
+use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_scene::Warnings;
+use burn::module::Module as _;
 use rayon::prelude::*;
 
 use crate::checkpoint::{Checkpoints, State};
+use crate::config::{SourceConfig, WHAT};
 use crate::evaluation::Evaluation;
 use crate::fault::{Diagnosis, Fault, FaultKind};
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::{Lesson, Objective, Seconds, Terms};
-use crate::optimiser::{Update, clip, norm};
+use crate::optimiser::{Update, average, clip, kept, norm};
 use crate::parameters::{Parameters, decays};
 use crate::samples::{Draw, Source};
 use crate::{FeatureCache, TrainConfig, TrainError};
@@ -62,7 +64,7 @@ pub struct Trainer {
     objective: Objective,
     features: Option<FeatureCache>,
     evaluation: Option<Evaluation>,
-    /// Without weights; every sample's network is made like it.
+    /// Without weights; every step's network is made like it.
     like: Network,
     checkpoints: Checkpoints,
     steps: Journal,
@@ -94,9 +96,15 @@ impl Trainer {
     ) -> Result<Self, TrainError> {
         let model = config.model.config()?;
         let objective = Objective::new(config.losses.clone())?;
+        at_the_size_of_the_model(&config, &model)?;
         let like = Network::new(&model, &Device::flex().autodiff())?;
+        let mut initial_weights = None;
         let fresh = match start {
-            Start::Weights(path) => Parameters::of_weights(&model, &ModelWeights::read(path)?.tensors)?,
+            Start::Weights(path) => {
+                let weights = ModelWeights::read(path)?;
+                initial_weights = weights.sha256;
+                Parameters::of_weights(&model, &weights.tensors)?
+            }
             Start::Fresh | Start::Resume => {
                 let frozen = match &config.model.backbone {
                     Some(path) => read_backbone(path, &model, None)?.tensors,
@@ -113,7 +121,10 @@ impl Trainer {
         let found = checkpoints.read(&config, &fresh)?;
         let state = match (found, start) {
             (Some((state, _)), Start::Resume) => state,
-            (None, _) => State::new(fresh),
+            (None, _) => {
+                let state = State { initial_weights, ..State::new(fresh) };
+                if config.average.is_some() { state.with_average() } else { state }
+            }
             (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
                 let found = format!("one of {} steps", state.step);
                 return Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found));
@@ -168,13 +179,13 @@ impl Trainer {
         self.evaluation.as_ref()
     }
 
-    /// The network as it is now, without gradients.
+    /// What the network has come to, without gradients: with averaged weights where the configuration asks for them.
     ///
     /// # Errors
     /// [`TrainError::Model`].
     pub fn network(&self) -> Result<Network, TrainError> {
         let like = Network::new(&self.model, &Device::flex())?;
-        self.state.parameters.network(&like)
+        self.state.result().network(&like)
     }
 
     /// Trains until the configuration's last step or a limit; gives whether the last step was done. The folder then holds
@@ -214,8 +225,8 @@ impl Trainer {
         let rate = self.config.schedule.rate(step, self.config.steps.get());
         let first = step * self.config.batch.get() as u64;
         let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
-        let weights = self.state.parameters.stored()?;
-        let lesson = |number: &u64| self.lesson(*number, &weights);
+        let network = self.state.parameters.network(&self.like)?;
+        let lesson = |number: &u64| self.lesson(*number, &network);
         let lessons: Vec<Result<Lesson, Fault>> = numbers.par_iter().map(lesson).collect();
         let mut record = StepRecord {
             step,
@@ -251,8 +262,8 @@ impl Trainer {
         Ok(())
     }
 
-    /// Each sample has a network of its own, whose graph shares no tensor with another's: samples run beside each other.
-    fn lesson(&self, number: u64, weights: &StoredTensors) -> Result<Lesson, Fault> {
+    /// Each sample has a graph of its own over the same numbers: samples run beside each other.
+    fn lesson(&self, number: u64, network: &Network) -> Result<Lesson, Fault> {
         let step = self.state.step;
         let fault = |sample: &str, what| Fault { step, sample: sample.to_owned(), what };
         let start = Instant::now();
@@ -261,8 +272,7 @@ impl Trainer {
         let sample =
             sample.map_err(|error| fault(&format!("sample {number}"), FaultKind::Refused(error.to_string())))?;
         let sample_secs = start.elapsed().as_secs_f64();
-        let network = self.like.clone().with_weights(weights);
-        let network = network.map_err(|error| fault(&sample.name, FaultKind::Refused(error.to_string())))?;
+        let network = network.clone().fork(&network.device());
         let lesson = self.objective.learn(&network, &sample, self.features.as_ref(), number);
         let mut lesson = lesson.map_err(|what| fault(&sample.name, what))?;
         lesson.seconds.sample = sample_secs;
@@ -292,11 +302,15 @@ impl Trainer {
         let optimiser = self.config.optimiser;
         let update = Update { number: self.state.updates + 1, learning_rate: rate, scale };
         let decays: Vec<bool> = list.iter().map(decays).collect();
-        let State { parameters, moments, .. } = &mut self.state;
+        let State { parameters, moments, average: means, updates, .. } = &mut self.state;
         let values = parameters.values_mut().par_iter_mut().zip(moments).zip(gradients.par_iter().zip(decays));
         values.for_each(|((values, moments), (gradient, decays))| {
             optimiser.step(update, values, gradient, moments, decays);
         });
+        if let (Some(means), Some(decay)) = (means, self.config.average) {
+            let kept = kept(decay, *updates);
+            means.par_iter_mut().zip(parameters.values()).for_each(|(mean, values)| average(mean, values, kept));
+        }
         let terms: Vec<Terms> = lessons.iter().map(|lesson| lesson.terms).collect();
         record.terms = Some(Terms::mean(&terms));
         record.gradient_norm = Some(length);
@@ -327,7 +341,7 @@ impl Trainer {
 
     fn keep(&self, tell: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
         let path = self.checkpoints.write(&self.state, &self.config)?;
-        let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &self.state.parameters.stored()?)?;
+        let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &self.state.result().stored()?)?;
         weights.write(&self.folder.join("weights.safetensors"), Precision::Half)?;
         tell(&Event::Checkpoint(&path));
         Ok(())
@@ -347,6 +361,25 @@ impl Trainer {
             ("training-configuration", self.config.to_toml()?),
             ("version", env!("CARGO_PKG_VERSION").to_owned()),
         ];
-        Ok(entries.map(|(key, value)| (key.to_owned(), value)).into())
+        let mut provenance: BTreeMap<String, String> = entries.map(|(key, value)| (key.to_owned(), value)).into();
+        if let Some(hash) = &self.state.initial_weights {
+            provenance.insert("initial-weights-sha256".to_owned(), hash.clone());
+        }
+        Ok(provenance)
     }
+}
+
+/// Whoever runs the weights shows them pictures at the scale of the model's resolution: that has to be the one that they learn
+/// at.
+fn at_the_size_of_the_model(config: &TrainConfig, model: &ModelConfig) -> Result<(), TrainError> {
+    let shorter = |size: ImageSize| size.height.min(size.width);
+    for data in &config.data {
+        if let SourceConfig::Rooms(rooms) = &data.source
+            && shorter(rooms.size) != shorter(model.resolution)
+        {
+            let expected = format!("the shorter side of the model's resolution, {}", model.resolution);
+            return Err(TrainError::malformed(WHAT, "data.source.rooms.size", expected, rooms.size));
+        }
+    }
+    Ok(())
 }

@@ -88,7 +88,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let input = clock.time("cameras", || words.input.read(&source.config, &mut warnings))?;
     let size = input.size()?;
     // What does not fit is told before weights and pictures are read.
-    budget::budget(&source.config, input.trial.context().len(), size)?;
+    budget::budget(&source.config, input.trial.context().len(), source.sees(size))?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
     let views = clock.time("pictures", || input.views())?;
     let made = network.reconstruct(&views, words.network.seed).context("reconstructing")?;
@@ -118,6 +118,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         weights,
         seed: words.network.seed,
         device: words.network.processor.into(),
+        seen_at: made.seen_at,
         tokens: TokenRecord::of(&made),
         output,
         renders,

@@ -6,13 +6,13 @@ use std::str::FromStr;
 
 use anyhow::bail;
 use atsplat_eval::method::WeightsOf;
-use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone};
+use atsplat_model::{ImageSize, ModelConfig};
 use atsplat_protocol::Sha256Digest;
-use clap::Args;
+use clap::{Args, ValueEnum};
 use serde::Serialize;
 
 use crate::carried;
@@ -23,16 +23,16 @@ const SMALLEST: &str = "nano";
 
 #[derive(Debug, Args)]
 pub(crate) struct NetworkWords {
-    /// A weights file of this toolkit (`atsplat weights import` makes one); `nano-rooms`, a small network that the binary
+    /// A weights file of this toolkit (`atsplat weights import` makes one); `micro-rooms`, a small network that the binary
     /// carries; or `random:SEED`: an untrained network, to try the way and its cost without weights.
-    #[arg(long, value_name = "FILE|nano-rooms|random:SEED")]
+    #[arg(long, value_name = "FILE|micro-rooms|random:SEED")]
     weights: Option<WeightsWord>,
 
     /// sha256 that the weights file must have.
     #[arg(long, value_name = "HEX")]
     sha256: Option<Sha256Digest>,
 
-    /// Configuration: paper-re10k, paper-dl3dv, paper-dl3dv-224, paper-dl3dv-hr, mini, nano, or a path that ends in .toml;
+    /// Configuration: paper-re10k, paper-dl3dv, paper-dl3dv-224, paper-dl3dv-hr, mini, micro, nano, or a path that ends in .toml;
     /// by default the one in the weights file, or nano for random weights.
     #[arg(long, value_name = "NAME|FILE", value_parser = model)]
     model: Option<String>,
@@ -48,6 +48,12 @@ pub(crate) struct NetworkWords {
     #[command(flatten)]
     changes: ChangeWords,
 
+    /// Size at which the network sees the photos: the one that its weights were trained at (the shorter side; the longer one
+    /// in proportion, in whole patches), or the photos' own after cropping and scaling. Pictures are rendered at the photos'
+    /// size in either case. Nothing was learned at any size by random weights: they see photos as given.
+    #[arg(long, value_name = "SIZE", default_value = "trained")]
+    context_size: ContextSize,
+
     /// What the network computes on; wgpu needs a build with `--features gpu-network`.
     #[arg(long = "device", value_name = "DEVICE", default_value = "cpu")]
     pub(super) processor: ProcessorWord,
@@ -55,6 +61,13 @@ pub(crate) struct NetworkWords {
     /// What random selection of tokens draws with.
     #[arg(long, value_name = "N", default_value_t = 0)]
     pub(crate) seed: u64,
+}
+
+/// Size at which a network sees its context.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+enum ContextSize {
+    Trained,
+    Given,
 }
 
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -196,9 +209,24 @@ impl NetworkWords {
 }
 
 impl Source<'_> {
+    /// What size of pictures the weights were trained at, unless the network is to see pictures as given.
+    fn trained_at(&self) -> Option<ImageSize> {
+        let own = self.file.as_ref().map(|(_, own)| own.resolution);
+        own.filter(|_| self.words.context_size == ContextSize::Trained)
+    }
+
+    /// The size at which the network will see pictures of a size.
+    pub(crate) fn sees(&self, given: ImageSize) -> ImageSize {
+        self.trained_at().map_or(given, |trained| self.config.context_size(given, trained))
+    }
+
     /// The network with its weights, whole or not at all.
     pub(crate) fn load(&self, device: &Device) -> anyhow::Result<(Network, WeightsRecord)> {
         let network = Network::new(&self.config, device)?;
+        let network = match self.trained_at() {
+            Some(size) => network.trained_at(size),
+            None => network,
+        };
         match (self.weights, &self.file) {
             (WeightsWord::File(path), Some((file, _))) => {
                 // Other configurations may run on the same parameters.

@@ -31,6 +31,8 @@ pub(super) struct Record {
     pub(super) seed: u64,
     /// What the network computed on: others round otherwise.
     pub(super) device: Processor,
+    /// Height and width at which the network saw the photos.
+    pub(super) seen_at: ImageSize,
     pub(super) tokens: TokenRecord,
     pub(super) output: OutputRecord,
     pub(super) renders: Option<RendersRecord>,
@@ -195,7 +197,9 @@ impl fmt::Display for Report {
         }
         let frames: Vec<String> = input.views.iter().map(|view| view.frame.to_string()).collect();
         let (scene, frames, model) = (&input.scene, frames.join(", "), model.name());
-        writeln!(f, "scene {scene}, frames {frames}, {} (height x width), model {model}", self.size)?;
+        let seen_at = self.record.seen_at;
+        let seen = if seen_at == self.size { String::new() } else { format!(" seen at {seen_at}") };
+        writeln!(f, "scene {scene}, frames {frames}, {}{seen} (height x width), model {model}", self.size)?;
         let whose = match output.frame {
             FrameWord::Scene => "the dataset's frame",
             FrameWord::Network => "the network's frame",

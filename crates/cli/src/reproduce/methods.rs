@@ -12,10 +12,11 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
-use crate::carried::{NANO_ROOMS, carried, find};
+use crate::carried::{MICRO_ROOMS, carried, find};
 
 /// A configuration with weights that fit it.
 pub(super) struct Trained {
+    /// As the weights file has it.
     pub(super) config: ModelConfig,
     tensors: StoredTensors,
     weights: WeightsOf,
@@ -37,13 +38,13 @@ impl Trained {
 
     /// The weights that travel in the binary.
     pub(super) fn carried() -> anyhow::Result<Self> {
-        let file = carried(NANO_ROOMS).with_context(|| format!("this build carries no weights {NANO_ROOMS}"))??;
-        Self::of(&file, format!("{NANO_ROOMS}, which the binary carries"))
+        let file = carried(MICRO_ROOMS).with_context(|| format!("this build carries no weights {MICRO_ROOMS}"))??;
+        Self::of(&file, format!("{MICRO_ROOMS}, which the binary carries"))
     }
 
     /// ATSplat as it was trained, and the floors.
     pub(super) fn methods(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
-        let large = self.bare(&self.config.for_high_resolution()?)?;
+        let large = self.bare(&self.config.for_high_resolution()?)?.seeing_as_given();
         let atsplat = self.network("atsplat", &self.config)?.with_high_resolution(large)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
@@ -86,6 +87,6 @@ impl Trained {
         let wanted: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
         let mut tensors = self.tensors.clone();
         tensors.tensors.retain(|name, _| wanted.contains(name));
-        Ok(Network::new(config, &Device::flex())?.with_weights(&tensors)?)
+        Ok(Network::new(config, &Device::flex())?.with_weights(&tensors)?.trained_at(self.config.resolution))
     }
 }

@@ -85,6 +85,7 @@ fn swept(words: &NetworkWords) -> anyhow::Result<Swept> {
         config: network.config().clone(),
         tensors: network.weights()?,
         weights: record.weights(),
+        trained_at: network.trained_size(),
         call_seed: words.seed,
         constants: ConstantsChoice::OfPreset,
         background: None,

@@ -1,5 +1,5 @@
 use atsplat_model::network::{Network, Reconstruction};
-use atsplat_model::{ModelConfig, ModelError};
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
 
 use super::splatting::{Splatting, parameters};
 use super::{Answer, Cost, Method, Question, Refusal};
@@ -73,6 +73,9 @@ impl AtSplat {
                 }
             }
         }
+        if let Some(size) = network.trained_size() {
+            record.parameters.insert("context-at-scale-of".to_owned(), size.to_string().into());
+        }
         splatting.describe(&mut record);
         Ok(Self { network, high_resolution: None, splatting, call_seed, record })
     }
@@ -102,14 +105,24 @@ impl AtSplat {
         self
     }
 
-    fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>), Refusal> {
+    fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>, Option<String>), Refusal> {
         let cameras = question.trial.context().iter().map(|view| view.camera).collect();
         let views =
             network_views(question.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| refusal(&error))?;
-        let pixels = views.size().height * views.size().width;
-        let network = self.high_resolution.as_ref().filter(|_| pixels >= HIGH_RESOLUTION).unwrap_or(&self.network);
+        let network = self.network_for(views.size());
         let made = question.repetitions.of(|| network.reconstruct(&views, self.call_seed));
-        made.map_err(|error| refusal(&error))
+        let (made, samples) = made.map_err(|error| refusal(&error))?;
+        let note = (made.seen_at != views.size())
+            .then(|| format!("the network saw context pictures of {} at {}", views.size(), made.seen_at));
+        Ok((made, samples, note))
+    }
+
+    /// Large pictures go to the configuration for high resolution, whose coarse branch sees them at half their size, where
+    /// that is what the weights were trained at.
+    fn network_for(&self, size: ImageSize) -> &Network {
+        let half = ImageSize::new(size.height / 2, size.width / 2);
+        let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION && self.network.sees(half) == half;
+        self.high_resolution.as_ref().filter(|_| is_large).unwrap_or(&self.network)
     }
 }
 
@@ -139,7 +152,7 @@ impl Method for AtSplat {
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        let (made, encode_samples) = self.reconstruct(&question)?;
+        let (made, encode_samples, note) = self.reconstruct(&question)?;
         let stages = made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
         let cost = Cost {
             initial_tokens: Some(made.budget.initial_tokens as u64),
@@ -147,6 +160,7 @@ impl Method for AtSplat {
             encode_samples,
             stages: stages.into_iter().collect(),
             peak_bytes: Some(made.memory.peak_bytes()),
+            notes: note.into_iter().collect(),
             ..Cost::default()
         };
         Ok(self.splatting.answer(question, made.gaussians, cost))

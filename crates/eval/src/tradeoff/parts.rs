@@ -3,7 +3,7 @@ use std::sync::Arc;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
-use atsplat_model::{ModelConfig, ModelError};
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_protocol::{IndexLayout, Sha256Digest};
 use atsplat_splat::effects::EffectSelection;
 
@@ -21,6 +21,8 @@ pub struct Swept {
     pub tensors: StoredTensors,
     /// Where they came from.
     pub weights: WeightsOf,
+    /// What size of pictures they were trained at, and the network therefore sees; `None` shows it pictures as they are.
+    pub trained_at: Option<ImageSize>,
     /// What random selection of tokens draws with.
     pub call_seed: u64,
     /// Rules of the rasterizer.
@@ -64,17 +66,23 @@ impl Swept {
     /// The network at a setting.
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
         let knobs = &setting.knobs;
-        let (config, tensors, weights) = match &knobs.weights {
-            None => (knobs.model(&self.config)?, self.tensors.clone(), self.weights.clone()),
+        let (config, tensors, weights, trained_at) = match &knobs.weights {
+            None => (knobs.model(&self.config)?, self.tensors.clone(), self.weights.clone(), self.trained_at),
             Some(path) => {
                 let file = TensorFile::open(path)?;
                 let in_file = |source| ModelError::InFile { path: path.clone(), source: Box::new(source) };
                 let read = ModelWeights::from_stored(&file.stored).map_err(in_file)?;
-                (knobs.model(&read.config)?, read.tensors, WeightsOf::File { sha256: file.sha256 })
+                let trained_at = self.trained_at.map(|_| read.config.resolution);
+                (knobs.model(&read.config)?, read.tensors, WeightsOf::File { sha256: file.sha256 }, trained_at)
             }
         };
         let tensors = knobs.weights(fitting(&config, tensors, &weights))?;
         let network = Network::new(&config, &Device::flex())?.with_weights(&tensors)?;
+        // Where a sweep asks for a resolution, the network is meant to see it.
+        let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
+            Some(size) => network.trained_at(size),
+            None => network,
+        };
         let constants = if knobs.renderer.is_empty() {
             self.constants.clone()
         } else {

@@ -50,6 +50,7 @@ fn nominal_sizes_of_the_presets_are_the_papers() {
         ("paper-dl3dv-224", 52_928),
         ("paper-dl3dv-hr", 311_040),
         ("mini", 23_040),
+        ("micro", 23_040),
         ("nano", 23_040),
     ] {
         let config = preset(name);

@@ -6,4 +6,4 @@ macro_rules! texts {
 
 /// The configurations that travel inside the binary.
 pub(super) const TEXTS: &[(&str, &str)] =
-    texts!["paper-re10k", "paper-dl3dv", "paper-dl3dv-224", "paper-dl3dv-hr", "mini", "nano"];
+    texts!["paper-re10k", "paper-dl3dv", "paper-dl3dv-224", "paper-dl3dv-hr", "mini", "micro", "nano"];

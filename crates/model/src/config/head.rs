@@ -1,6 +1,6 @@
 use serde::{Deserialize, Serialize};
 
-use super::{OffsetActivation, OpacityActivation, QuaternionActivation, ScaleActivation};
+use super::{Grid, OffsetActivation, OpacityActivation, QuaternionActivation, ScaleActivation};
 
 /// The Gaussian head: layer norm and a 2-layer MLP, from a token to `K` Gaussians (paper, "Anchors to local
 /// 3D Gaussians").
@@ -15,17 +15,52 @@ pub struct HeadConfig {
     pub gaussians_per_token: usize,
     /// Degree of the spherical harmonics, up to 4; iLRM's code uses 0 alone. Their coefficients are the raw outputs.
     pub sh_degree: u8,
-    /// Offset from the anchor, or centre.
+    /// What offsets and scales are measured in.
+    #[serde(default, skip_serializing_if = "HeadFrame::is_world")]
+    pub frame: HeadFrame,
+    /// Offset from the anchor, or centre; in the world's frame.
     pub offset: OffsetActivation,
     /// Rotation.
     pub quaternion: QuaternionActivation,
-    /// Standard deviations.
+    /// Standard deviations; in the world's frame.
     pub scale: ScaleActivation,
     /// Opacity.
     pub opacity: OpacityActivation,
 }
 
+/// What a Gaussian's offset from its anchor and its standard deviations are measured in. Rotations are in the world's
+/// axes in both.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum HeadFrame {
+    /// The world's axes and scene units: [`HeadConfig::offset`] and [`HeadConfig::scale`] say how.
+    #[default]
+    World,
+    /// The axes of the context camera whose patch the token came from, in units of the patch's footprint, which is the
+    /// anchor's depth · patch width / focal length. The patch is divided into as many cells as a token has Gaussians
+    /// ([`HeadConfig::cells`]); an offset is `cell + 0.5 · x`, where `cell` is the way from the patch's centre to its cell's,
+    /// and a scale is `e^min(x + ln(0.6 / columns), 0.7)`. Both are multiplied by the footprint; [`HeadConfig::offset`] and
+    /// [`HeadConfig::scale`] are not used. Children keep their parent's frame.
+    Patch,
+}
+
+impl HeadFrame {
+    /// Whether it is the world's.
+    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks by reference")]
+    pub const fn is_world(&self) -> bool {
+        matches!(self, Self::World)
+    }
+}
+
 impl HeadConfig {
+    /// As many cells of a patch as a token has Gaussians: as square as their number allows, and no more rows than columns.
+    pub fn cells(&self) -> Grid {
+        let count = self.gaussians_per_token;
+        let divides = |rows: &usize| count.is_multiple_of(*rows) && rows * rows <= count;
+        let rows = (1..=count).take_while(|rows| rows * rows <= count).filter(divides).last().unwrap_or(1);
+        Grid { rows, columns: count / rows }
+    }
+
     /// Spherical-harmonics coefficients per colour channel.
     pub const fn sh_coefficients(&self) -> usize {
         (self.sh_degree as usize + 1) * (self.sh_degree as usize + 1)

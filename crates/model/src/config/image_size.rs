@@ -41,6 +41,18 @@ impl ImageSize {
         Self { height, width }
     }
 
+    /// A picture of this one's aspect at the scale of another: the shorter side becomes as long as the other's shorter side,
+    /// the longer one in proportion, and both whole multiples of `step`, the nearest there are.
+    #[must_use]
+    pub fn at_scale_of(self, other: Self, step: usize) -> Self {
+        let step = step.max(1);
+        let whole = |side: usize| (side + step / 2).checked_div(step).unwrap_or(1).max(1).saturating_mul(step);
+        let shorter = other.height.min(other.width);
+        let own = self.height.min(self.width).max(1);
+        let side = |side: usize| whole((side.saturating_mul(shorter) + own / 2) / own);
+        Self { height: side(self.height), width: side(self.width) }
+    }
+
     /// The patches of this picture after it was made `downscale` times smaller.
     pub(super) fn grid(self, patch: usize, downscale: usize, branch: &'static str) -> Result<Grid, ModelError> {
         let step = patch.saturating_mul(downscale);
@@ -68,5 +80,34 @@ impl From<ImageSize> for [usize; 2] {
 impl fmt::Display for ImageSize {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}x{}", self.height, self.width)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shorter_side_decides_the_scale_and_both_are_whole_patches() {
+        let trained = ImageSize::new(128, 128);
+        for (given, expected) in [
+            ([256, 256], [128, 128]),
+            ([128, 128], [128, 128]),
+            ([112, 112], [128, 128]),
+            ([256, 448], [128, 224]),
+            ([448, 256], [224, 128]),
+            ([512, 960], [128, 240]),
+            // 1920 · 128 / 1080 is 227.6; 228 lies between 224 and 232, and the upper is taken.
+            ([1080, 1920], [128, 232]),
+            ([100, 130], [128, 168]),
+            ([1, 3], [128, 384]),
+        ] {
+            assert_eq!(ImageSize::from(given).at_scale_of(trained, 8), ImageSize::from(expected), "{given:?}");
+        }
+        let wide = ImageSize::new(256, 448);
+        assert_eq!(ImageSize::new(512, 512).at_scale_of(wide, 16), ImageSize::new(256, 256));
+        assert_eq!(wide.at_scale_of(wide, 16), wide);
+        // A network whose patches do not divide what it was trained at sees the nearest that they divide.
+        assert_eq!(ImageSize::new(90, 90).at_scale_of(ImageSize::new(100, 100), 16), ImageSize::new(96, 96));
     }
 }

@@ -28,7 +28,7 @@ pub use backbone::{BackboneConfig, DinoArchitecture, DinoSize, PositionInterpola
 pub use decoder::{BlockConfig, DecoderConfig};
 pub use encoder::{CoarseConfig, FineConfig, Upsampling};
 pub use expansion::{BlockExpansion, ExpansionConfig, RatioRounding, Selection, SelectionRatio};
-pub use head::HeadConfig;
+pub use head::{HeadConfig, HeadFrame};
 pub use image_size::{Grid, ImageSize};
 pub use transformer::{QueryKeyNorm, TransformerConfig};
 
@@ -50,7 +50,8 @@ pub struct ModelConfig {
     pub inferred: Vec<String>,
     /// Context views that the paper's numbers are for. Any other number runs too.
     pub views: usize,
-    /// Height and width in pixels that the paper's numbers are for. Any other that the patches divide runs too.
+    /// Height and width in pixels that the paper's numbers are for; in a weights file, what the weights were trained at. Any
+    /// other that the patches divide runs too.
     pub resolution: ImageSize,
     /// Width and make of every transformer layer but the backbone's.
     pub transformer: TransformerConfig,
@@ -172,6 +173,13 @@ impl ModelConfig {
     /// [`ModelError::Malformed`] where patches do not divide the picture.
     pub fn fine_grid(&self, picture: ImageSize) -> Result<Grid, ModelError> {
         picture.grid(self.fine.patch_size, self.fine.image_downscale, "fine")
+    }
+
+    /// The size at which a network with weights that were trained at one size sees pictures of another: at the scale of the
+    /// trained one, in whole coarse patches ([`ImageSize::at_scale_of`]).
+    #[must_use]
+    pub fn context_size(&self, given: ImageSize, trained_at: ImageSize) -> ImageSize {
+        given.at_scale_of(trained_at, self.coarse.patch_size.saturating_mul(self.coarse.image_downscale))
     }
 
     /// Fine patches along a coarse patch: 2, and 4 at high resolution.

@@ -67,6 +67,24 @@ fn hashes_ignore_prose_and_nothing_else() {
 }
 
 #[test]
+fn the_frame_of_offsets_is_part_of_the_hash_and_the_worlds_goes_without_saying() {
+    let world = ModelConfig::named("nano").unwrap();
+    assert!(!world.to_toml().unwrap().contains("frame ="));
+    let mut patch = world.clone();
+    patch.head.frame = HeadFrame::Patch;
+    assert_ne!(patch.hash().unwrap(), world.hash().unwrap());
+    assert_eq!(ModelConfig::from_toml(&patch.to_toml().unwrap()).unwrap(), patch);
+}
+
+#[test]
+fn cells_are_as_square_as_their_number_allows_and_never_higher_than_wide() {
+    for (count, rows, columns) in [(1, 1, 1), (3, 1, 3), (4, 2, 2), (8, 2, 4), (12, 3, 4), (16, 4, 4), (32, 4, 8)] {
+        let head = HeadConfig { gaussians_per_token: count, ..ModelConfig::named("micro").unwrap().head };
+        assert_eq!(head.cells(), Grid { rows, columns }, "{count}");
+    }
+}
+
+#[test]
 fn ratios_replace_those_of_the_blocks_that_expand() {
     let config = ModelConfig::named("paper-re10k").unwrap();
     let ratios = |shares: &[f64]| shares.iter().map(|&share| SelectionRatio::new(share).unwrap()).collect::<Vec<_>>();
@@ -103,6 +121,7 @@ fn every_variant_is_a_matter_of_configuration() {
         ("upsampling = \"bilinear\"", "upsampling = \"nearest\""),
         ("gaussians-per-token = 16", "gaussians-per-token = 64"),
         ("sh-degree = 0", "sh-degree = 4"),
+        ("sh-degree = 0", "sh-degree = 0\nframe = \"patch\""),
     ] {
         changed(from, to).unwrap_or_else(|error| panic!("{to}: {error}"));
     }
@@ -137,6 +156,7 @@ fn contradictions_name_their_field() {
         ("sh-degree = 0", "sh-degree = 5", "field head.sh-degree: expected 0 to 4, found 5"),
         ("gain = 1.0", "gain = inf", "field head.offset.gain"),
         ("shift = -2.0", "shift = nan", "field head.opacity.shift"),
+        ("sh-degree = 0", "sh-degree = 0\nframe = \"camera\"", "unknown variant `camera`"),
     ] {
         let error = changed(from, to).unwrap_err().to_string();
         assert!(error.contains(expected), "{error}");
@@ -150,6 +170,9 @@ fn contradictions_name_their_field() {
     let text = text.replace("kind = \"patch-depth\"", "kind = \"direct-xyz\"");
     let error = ModelConfig::from_toml(&text.replace("kind = \"point-net\", neighbours = 16", "kind = \"none\""));
     assert!(error.unwrap_err().to_string().contains("field expansion.selection"));
+    let text = ModelConfig::text_of("micro").unwrap().replace("kind = \"patch-depth\"", "kind = \"ray-depth\"");
+    let error = ModelConfig::from_toml(&text.replace("kind = \"point-net\", neighbours = 16", "kind = \"none\""));
+    assert!(error.unwrap_err().to_string().contains("field head.frame: expected world"));
 }
 
 #[test]

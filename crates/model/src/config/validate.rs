@@ -1,8 +1,8 @@
 use std::fmt::Display;
 
 use super::{
-    AnchorContext, AnchorDesign, BackboneConfig, BlockExpansion, DepthActivation, ModelConfig, OffsetActivation,
-    QueryKeyNorm, ScaleActivation, Selection,
+    AnchorContext, AnchorDesign, BackboneConfig, BlockExpansion, DepthActivation, HeadFrame, ModelConfig,
+    OffsetActivation, QueryKeyNorm, ScaleActivation, Selection,
 };
 use crate::ModelError;
 
@@ -122,6 +122,8 @@ fn head(config: &ModelConfig) -> Result<(), ModelError> {
     counted("head.gaussians-per-token", head.gaussians_per_token, 1, MOST_GAUSSIANS)?;
     let degree = head.sh_degree <= HIGHEST_SH_DEGREE;
     ensure(degree, "head.sh-degree", &format!("0 to {HIGHEST_SH_DEGREE}"), &head.sh_degree)?;
+    let placed = head.frame == HeadFrame::World || config.anchors.design.has_anchors();
+    ensure(placed, "head.frame", "world, because tokens of this design have no patch's depth", &"patch")?;
     match head.offset {
         OffsetActivation::Linear { gain } | OffsetActivation::InverseLog { gain } => {
             positive("head.offset.gain", gain)?;

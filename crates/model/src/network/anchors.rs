@@ -7,8 +7,9 @@ use burn::tensor::{Device, Int, TensorData, activation};
 
 use super::Views;
 use super::layers::{Head, Maker};
+use super::patch_frame::PatchFrames;
 use crate::ModelError;
-use crate::config::{AnchorContext, AnchorDesign, DepthActivation, Grid, ModelConfig};
+use crate::config::{AnchorContext, AnchorDesign, DepthActivation, Grid, HeadFrame, ModelConfig};
 use crate::neighbours::nearest_neighbours;
 
 /// What makes tokens of coarse features.
@@ -41,6 +42,8 @@ pub struct Tokens {
     pub rays: Option<[Tensor<3>; 2]>,
     /// Depths along the anchors' rays, `[scenes, tokens]`; of the initial tokens of the design `patch-depth`.
     pub depths: Option<Tensor<2>>,
+    /// Where `head.frame` is the patch's, what the Gaussians of each token are measured in.
+    pub frames: Option<PatchFrames>,
 }
 
 impl Anchors {
@@ -74,13 +77,13 @@ impl Anchors {
         grid: Grid,
         device: &Device,
     ) -> Result<Tokens, ModelError> {
-        let without_place = |features| Tokens { features, anchors: None, rays: None, depths: None };
+        let without_place = |features| Tokens { features, anchors: None, rays: None, depths: None, frames: None };
         match (config.anchors.design, &self.tokens, &self.depth) {
             (AnchorDesign::LearnableTokens { .. }, Some(tokens), _) => {
                 Ok(without_place(tokens.val().unsqueeze::<3>().repeat_dim(0, scenes.len())))
             }
             (AnchorDesign::RayDepth {}, ..) => {
-                let rays = cell_rays(scenes, grid, config.head.gaussians_per_token, device)?;
+                let rays = cell_rays(scenes, grid, config.head.cells(), device)?;
                 Ok(Tokens { rays: Some(rays), ..without_place(coarse) })
             }
             (AnchorDesign::PatchDepth {}, _, Some(head)) => {
@@ -91,7 +94,14 @@ impl Anchors {
                     Some(context) => context.forward(coarse, &anchors, device)?,
                     None => coarse,
                 };
-                Ok(Tokens { features, anchors: Some(anchors), rays: None, depths: Some(depths.squeeze_dim(2)) })
+                let frames = (config.head.frame == HeadFrame::Patch)
+                    .then(|| PatchFrames::new(scenes, grid, config.coarse.patch_size, &depths, device));
+                Ok(Tokens {
+                    anchors: Some(anchors),
+                    depths: Some(depths.squeeze_dim(2)),
+                    frames,
+                    ..without_place(features)
+                })
             }
             _ => Ok(without_place(coarse)),
         }
@@ -144,10 +154,8 @@ fn rays(scenes: &[Views], grid: Grid, device: &Device) -> Result<[Tensor<3>; 2],
 }
 
 /// Rays through the centres of a patch's cells, as many as a token has Gaussians; each `[scenes, tokens, K · 3]`.
-fn cell_rays(scenes: &[Views], grid: Grid, count: usize, device: &Device) -> Result<[Tensor<3>; 2], ModelError> {
-    // As square as the count allows.
-    let rows = (1..=count).rev().find(|rows| count.is_multiple_of(*rows) && rows * rows <= count).unwrap_or(1);
-    let columns = count / rows;
+fn cell_rays(scenes: &[Views], grid: Grid, cells: Grid, device: &Device) -> Result<[Tensor<3>; 2], ModelError> {
+    let (count, Grid { rows, columns }) = (cells.len(), cells);
     let fine = Grid { rows: grid.rows * rows, columns: grid.columns * columns };
     let mut all = Vec::new();
     for views in scenes {

@@ -127,6 +127,7 @@ impl Expansion {
             anchors: tokens.anchors.map(&carried),
             rays: tokens.rays.map(|rays| rays.map(&carried)),
             depths: tokens.depths.map(|depths| carried(depths.unsqueeze_dim(2)).squeeze_dim(2)),
+            frames: tokens.frames.map(|frames| frames.map(carried)),
         }
     }
 }

@@ -45,7 +45,11 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
         }
         (None, Some(anchors)) => {
             let repeated = anchors.clone().unsqueeze_dim::<4>(2).repeat_dim(2, per_token);
-            offset(settings.offset, centre) + repeated.reshape([scenes, count * per_token, 3])
+            let offsets = match &tokens.frames {
+                Some(frames) => frames.offsets(settings.cells(), centre),
+                None => offset(settings.offset, centre),
+            };
+            offsets + repeated.reshape([scenes, count * per_token, 3])
         }
         (None, None) => offset(settings.offset, centre),
     };
@@ -59,9 +63,10 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
     // Clamped before the root, whose derivative at zero is infinite.
     let length = (rotation.clone() * rotation.clone()).sum_dim(2).clamp_min(SHORTEST * SHORTEST).sqrt();
     let scale = part(place + 4, 3);
-    let log_scales = match settings.scale {
-        ScaleActivation::ExpClamped { shift, max } => (scale + shift).clamp_max(max),
-        ScaleActivation::Softplus { shift, gain } => (activation::softplus(scale + shift, 1.0) * gain).log(),
+    let log_scales = match (&tokens.frames, settings.scale) {
+        (Some(frames), _) => frames.log_scales(settings.cells(), scale),
+        (None, ScaleActivation::ExpClamped { shift, max }) => (scale + shift).clamp_max(max),
+        (None, ScaleActivation::Softplus { shift, gain }) => (activation::softplus(scale + shift, 1.0) * gain).log(),
     };
     let OpacityActivation::Sigmoid { shift } = settings.opacity;
     GaussianTensors {

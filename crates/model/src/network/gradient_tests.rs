@@ -8,6 +8,7 @@ use indexmap::IndexMap;
 
 use super::*;
 use crate::ImageSize;
+use crate::config::HeadFrame;
 use crate::hash::Stream;
 use crate::parameters::parameters;
 use crate::weights::{StoredTensor, StoredTensors, generated};
@@ -142,6 +143,26 @@ fn gradients_are_what_differences_say() {
     for block in 1..4 {
         let name = format!("decoder.blocks.{block}.expansion.score.mlp.fc1.weight");
         check(&config, &weights, &name, &by_uncertainty, &start.selected, |losses| losses.uncertainty);
+    }
+}
+
+/// Of the depth head alone the differences are made of Gaussians that change places; `patch_frame` has its derivative in
+/// closed form.
+#[test]
+fn gradients_in_the_patchs_frame_are_what_differences_say() {
+    let mut config = config();
+    config.head.frame = HeadFrame::Patch;
+    let weights = generated(&parameters(&config), 3);
+    let tracked = network(&config, &weights, &Device::flex().autodiff());
+    let start = losses(&tracked);
+    let gradients = tracked.gradients(&start.pictures.backward());
+    for name in [
+        "coarse.plucker.weight",
+        "decoder.blocks.2.expansion.children.weight",
+        "head.norm.weight",
+        "head.mlp.fc2.weight",
+    ] {
+        check(&config, &weights, name, &gradients, &start.selected, |losses| losses.pictures);
     }
 }
 

@@ -13,6 +13,7 @@ mod fine;
 mod gaussians;
 mod layers;
 mod names;
+mod patch_frame;
 mod processor;
 mod reconstruction;
 mod render;
@@ -32,6 +33,7 @@ pub use anchors::Tokens;
 pub use coarse::CoarseStages;
 pub use expansion::Expanded;
 pub use gaussians::GaussianTensors;
+pub use patch_frame::PatchFrames;
 pub use processor::Processor;
 pub use reconstruction::{BlockOutcome, Reconstruction};
 pub use render::RenderedTensors;
@@ -39,7 +41,7 @@ pub use trace::Trace;
 pub use views::Views;
 
 use crate::ModelError;
-use crate::config::ModelConfig;
+use crate::config::{ImageSize, ModelConfig};
 use anchors::Anchors;
 use coarse::{Backbone, Coarse};
 use decoder::Decoder;
@@ -57,6 +59,9 @@ pub struct Network {
     head: Head,
     #[module(skip)]
     config: ModelConfig,
+    /// What size of pictures its weights were trained at.
+    #[module(skip)]
+    trained_at: Option<ImageSize>,
 }
 
 /// What the network made of a batch of scenes, as tensors through which gradients flow.
@@ -130,7 +135,33 @@ impl Network {
             decoder: Decoder::new(config, make),
             head: make.head(config.head.gaussians_per_token * channels),
             config: config.clone(),
+            trained_at: None,
         })
+    }
+
+    /// The same network with weights that were trained on pictures of this size: from now on [`Self::reconstruct`] and
+    /// [`Self::trace`] bring context pictures to its scale first ([`Self::sees`]), because a patch that shows more or less of
+    /// a scene than those it learnt from is strange to it. [`Self::forward`] takes pictures as they are.
+    #[must_use]
+    pub fn trained_at(self, size: ImageSize) -> Self {
+        Self { trained_at: Some(size), ..self }
+    }
+
+    /// The same network seeing context pictures as they are.
+    #[must_use]
+    pub fn seeing_as_given(self) -> Self {
+        Self { trained_at: None, ..self }
+    }
+
+    /// The size that context pictures of `given` size are brought to ([`ModelConfig::context_size`]); the given one where
+    /// it is unknown what the weights were trained at.
+    pub fn sees(&self, given: ImageSize) -> ImageSize {
+        self.trained_at.map_or(given, |trained| self.config.context_size(given, trained))
+    }
+
+    /// What size of pictures its weights were trained at, where that is known.
+    pub const fn trained_size(&self) -> Option<ImageSize> {
+        self.trained_at
     }
 
     /// The configuration.

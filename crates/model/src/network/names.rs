@@ -169,12 +169,14 @@ impl ModuleMapper for Load<'_> {
     }
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        let shape = param.val().dims();
+        // Neither shape nor device asks for a value: that would draw one at random first.
+        let shape = param.lazy_shape().dims::<D>();
         match self.values(&shape) {
-            Ok(values) => param.map(|old| {
-                let new = Tensor::from_data(TensorData::new(values, shape), &old.device());
-                new.set_require_grad(old.is_require_grad())
-            }),
+            Ok(values) => {
+                let tensor = Tensor::from_data(TensorData::new(values, shape), &param.lazy_device());
+                let id = param.id;
+                param.transform_for_load(tensor, id)
+            }
             Err(fault) => {
                 self.fault.get_or_insert(fault);
                 param
@@ -204,6 +206,15 @@ impl ModuleVisitor for Save {
 
 /// `[rows, columns]` to `[columns, rows]`.
 fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
-    let at = |column: usize, row: usize| values.get(row * columns + column).copied().unwrap_or_default();
-    (0..columns).flat_map(|column| (0..rows).map(move |row| at(column, row))).collect()
+    // So many rows are read side by side: their parts stay in the cache until the next column needs them.
+    const ROWS: usize = 16;
+    let mut out = vec![0.0; values.len()];
+    for (at, some) in values.chunks((ROWS * columns).max(1)).enumerate() {
+        for (column, out) in out.chunks_exact_mut(rows.max(1)).enumerate() {
+            for (out, row) in out.iter_mut().skip(at * ROWS).zip(some.chunks_exact(columns)) {
+                *out = row.get(column).copied().unwrap_or_default();
+            }
+        }
+    }
+    out
 }

@@ -1,11 +1,13 @@
+use std::borrow::Cow;
+
 use atsplat_splat::Gaussians;
 use burn::Tensor;
 use serde::Serialize;
 
 use super::{Forward, Network, StageSeconds, Views};
-use crate::ModelError;
 use crate::budget::{Budget, MemoryEstimate, memory};
 use crate::selection;
+use crate::{ImageSize, ModelError};
 
 /// What the network made of one scene, as plain numbers.
 #[derive(Clone, Debug)]
@@ -19,6 +21,8 @@ pub struct Reconstruction {
     pub depths: Option<Vec<f32>>,
     /// What each block of the decoder did.
     pub blocks: Vec<BlockOutcome>,
+    /// Size at which the network saw the pictures ([`Network::sees`]).
+    pub seen_at: ImageSize,
     /// Tokens and Gaussians.
     pub budget: Budget,
     /// Wall-clock seconds of each stage.
@@ -58,14 +62,22 @@ impl Reconstruction {
 }
 
 impl Network {
-    /// Gaussians of one scene, with what was decided on the way. `call_seed` is what random selection draws with.
+    /// Gaussians of one scene, with what was decided on the way. The network sees the pictures at the scale that its weights
+    /// were trained at, where that is known ([`Network::sees`]). `call_seed` is what random selection draws with.
     ///
     /// # Errors
     /// As [`Network::forward`]; [`ModelError::NonFinite`] where a Gaussian is NaN or infinite, which only weights or
     /// poses beyond all measure bring about.
     pub fn reconstruct(&self, views: &Views, call_seed: u64) -> Result<Reconstruction, ModelError> {
+        let views = &*self.seen(views);
         let forward = self.forward(std::slice::from_ref(views), call_seed)?;
         self.told(forward, views)
+    }
+
+    /// Views as the network sees them.
+    pub(super) fn seen<'a>(&self, views: &'a Views) -> Cow<'a, Views> {
+        let size = self.sees(views.size());
+        if size == views.size() { Cow::Borrowed(views) } else { Cow::Owned(views.resized(size)) }
     }
 
     /// A forward pass of one scene in plain numbers.
@@ -80,6 +92,7 @@ impl Network {
             anchors: forward.initial.anchors.map(|anchors| numbers(anchors).as_chunks().0.to_vec()),
             depths: forward.initial.depths.map(numbers),
             blocks,
+            seen_at: views.size(),
             budget: Budget::of_selections(config, initial_tokens, &expanded)?,
             seconds: forward.seconds,
             memory: memory(config, views.len(), views.size())?,

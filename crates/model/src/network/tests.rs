@@ -170,6 +170,31 @@ fn a_scene_does_not_depend_on_its_batch_nor_on_threads() {
     assert_eq!(single.gaussians.scene(0).unwrap(), alone.gaussians.scene(0).unwrap());
 }
 
+/// Both branches of another network see half of each picture, by its configuration; its patches and rays are the same ones.
+#[test]
+fn pictures_are_seen_at_the_scale_that_the_weights_were_trained_at() {
+    let device = Device::flex();
+    let fixture = base();
+    let large = ImageSize::new(64, 96);
+    let views = Views::new(large, picture(9, 2, large), fixture.views().cameras).unwrap();
+    let trained = fixture.network(&device).trained_at(fixture.config.resolution);
+    let mut halved = fixture.config.clone();
+    (halved.coarse.image_downscale, halved.fine.image_downscale, halved.resolution) = (2, 2, large);
+    let weights = generated(&parameters(&halved), fixture.seed);
+    let halved = Network::new(&halved, &device).unwrap().with_weights(&weights).unwrap();
+
+    let made = trained.reconstruct(&views, 0).unwrap();
+    assert_eq!(made.seen_at, fixture.config.resolution);
+    assert_eq!(made.gaussians, halved.reconstruct(&views, 0).unwrap().gaussians);
+    assert_eq!(made.gaussians, trained.trace(&views, 0).unwrap().made.gaussians);
+    let given = trained.clone().seeing_as_given().reconstruct(&views, 0).unwrap();
+    assert_eq!((given.seen_at, given.budget.initial_tokens), (large, 4 * made.budget.initial_tokens));
+    // Another aspect keeps its own, in whole patches; what patches do not divide is seen all the same.
+    let odd = views.resized(ImageSize::new(50, 60));
+    assert_eq!(trained.reconstruct(&odd, 0).unwrap().seen_at, ImageSize::new(32, 32));
+    assert!(trained.seeing_as_given().reconstruct(&odd, 0).is_err());
+}
+
 #[test]
 fn gradients_reach_every_parameter_but_the_frozen_and_the_detached() {
     let device = Device::flex().autodiff();

@@ -26,6 +26,7 @@ impl Network {
     /// # Errors
     /// As [`Network::reconstruct`]; intermediate Gaussians have to be finite too.
     pub fn trace(&self, views: &Views, call_seed: u64) -> Result<Trace, ModelError> {
+        let views = &*self.seen(views);
         let forward = self.forward(std::slice::from_ref(views), call_seed)?;
         let Forward { initial, blocks, .. } = &forward;
         let last = blocks.len().saturating_sub(1);

@@ -60,6 +60,10 @@ pub struct TrainConfig {
     /// Gradients longer than this are shortened to it.
     #[serde(default = "unit")]
     pub clip: f64,
+    /// Decay of an exponential moving average of the weights, such as 0.999: the run's weights and evaluations are then the
+    /// average's. Without it they are those of the last step.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub average: Option<f64>,
     /// What is measured on the way.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationConfig>,
@@ -183,6 +187,9 @@ impl TrainConfig {
             if !(0.0..1.0).contains(&beta) {
                 return Err(TrainError::malformed(WHAT, field, "a number from 0 to below 1", beta));
             }
+        }
+        if let Some(decay) = self.average.filter(|decay| !(0.0..1.0).contains(decay)) {
+            return Err(TrainError::malformed(WHAT, "average", "a number from 0 to below 1", decay));
         }
         self.losses.validate()
     }

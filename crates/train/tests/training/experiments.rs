@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_model::ImageSize;
-use atsplat_model::config::{AnchorDesign, Selection};
+use atsplat_model::config::{AnchorDesign, HeadFrame, Selection};
+use atsplat_model::weights::ModelWeights;
 use atsplat_train::{SourceConfig, Start, TrainConfig, Trainer};
 use tempfile::tempdir;
 
@@ -18,7 +19,8 @@ fn experiments() -> Vec<PathBuf> {
 /// The same experiment on a network and pictures that a test has time for.
 fn tiny(mut config: TrainConfig) -> TrainConfig {
     let changes =
-        "transformer = { dim = 32, head-dim = 16 }\ncoarse.layers = 1\nfine.layers = 1".parse::<toml::Table>();
+        "resolution = [32, 32]\ntransformer = { dim = 32, head-dim = 16 }\ncoarse.layers = 1\nfine.layers = 1"
+            .parse::<toml::Table>();
     for (key, value) in changes.unwrap() {
         config.model.changes.insert(key, value);
     }
@@ -67,6 +69,17 @@ fn the_papers_ablations_are_there() {
         model.decoder.blocks.iter().map(|block| block.layers).collect()
     };
     assert_eq!(layers(&none), layers(&base.unwrap().model.config().unwrap()), "nothing else differs");
+}
+
+/// So that `--init` goes on with the embedded weights, and they score what they did when they were trained.
+#[test]
+fn the_embedded_weights_are_of_the_experiments_network() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval");
+    let weights = ModelWeights::read(&folder.join("checkpoints/micro-rooms.safetensors")).unwrap();
+    let model = TrainConfig::read(&folder.join("experiments/micro-rooms.toml")).unwrap().model.config().unwrap();
+    assert_eq!(weights.config.hash().unwrap(), model.hash().unwrap());
+    assert_eq!(weights.config.resolution, model.resolution);
+    assert_eq!(weights.config.head.frame, HeadFrame::Patch);
 }
 
 #[test]

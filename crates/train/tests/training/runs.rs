@@ -4,7 +4,8 @@ use std::num::NonZeroU64;
 use std::path::Path;
 
 use crate::common::{Noise, bits, config, trainer};
-use atsplat_numeric::Extremes as _;
+use atsplat_model::weights::ModelWeights;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::journal::{self, EvaluationRecord, StepRecord};
 use atsplat_train::{Limits, Start, TrainConfig, TrainError, Trainer};
 use tempfile::tempdir;
@@ -229,4 +230,64 @@ fn a_torn_line_is_dropped() {
     let mut resumed = trainer(config(""), folder.path(), &Start::Resume, Noise::CLEAN);
     run(&mut resumed, None).unwrap();
     assert_eq!(steps(folder.path()).last().unwrap().step, 11);
+}
+
+/// The mean of every step's weights, by the recurrence written out.
+#[test]
+fn averaged_weights_are_the_average_of_every_steps_and_resume_to_the_same_bits() {
+    let config = config("average = 0.5");
+    let folder = tempdir().unwrap();
+    let mut undisturbed = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
+    let mut mean: Vec<f64> = undisturbed.state().parameters.values().concat().into_iter().map(f64::from).collect();
+    for step in 0..12 {
+        undisturbed.step(&mut |_| ()).unwrap();
+        let kept = ((1.0 + f64::from(step)) / (10.0 + f64::from(step))).minimum_of(0.5);
+        let values = undisturbed.state().parameters.values().concat();
+        mean.iter_mut().zip(values).for_each(|(mean, value)| *mean = kept * *mean + (1.0 - kept) * f64::from(value));
+    }
+    let average = undisturbed.state().result().values().concat();
+    let close = Tolerance { absolute: 1e-6, relative: 1e-5 };
+    close.assert(average.iter().copied().map(f64::from), mean, "average");
+    assert!(undisturbed.state().parameters.values().concat() != average);
+
+    let folder = tempdir().unwrap();
+    for (stop, start) in [(5, Start::Fresh), (12, Start::Resume)] {
+        let mut resumed = trainer(config.clone(), folder.path(), &start, Noise::CLEAN);
+        run(&mut resumed, Some(stop)).unwrap();
+        if stop == 12 {
+            assert!(resumed.state().result().values().concat() == average);
+        }
+    }
+    let kept = ModelWeights::read(&folder.path().join("weights.safetensors")).unwrap();
+    let kept = kept.tensors.tensors["head.mlp.fc2.weight"].to_f32().unwrap();
+    let state = undisturbed.state();
+    let at = state.parameters.list().iter().position(|parameter| parameter.name == "head.mlp.fc2.weight").unwrap();
+    let halves = Tolerance { absolute: 1e-6, relative: 1e-3 };
+    halves.assert(kept.into_iter().map(f64::from), state.result().values()[at].iter().copied().map(f64::from), "f16");
+}
+
+#[test]
+fn the_weights_that_a_run_began_with_stay_in_its_provenance() {
+    let first = tempdir().unwrap();
+    run(&mut trainer(config(""), first.path(), &Start::Fresh, Noise::CLEAN), None).unwrap();
+    let path = first.path().join("weights.safetensors");
+    let initial = ModelWeights::read(&path).unwrap();
+    let folder = tempdir().unwrap();
+    for start in [Start::Weights(path), Start::Resume] {
+        let mut trainer = trainer(config(""), folder.path(), &start, Noise::CLEAN);
+        let steps = trainer.state().step + 3;
+        run(&mut trainer, Some(steps)).unwrap();
+        let made = ModelWeights::read(&folder.path().join("weights.safetensors")).unwrap();
+        assert_eq!(made.provenance.get("initial-weights-sha256"), initial.sha256.as_ref());
+    }
+    assert!(!initial.provenance.contains_key("initial-weights-sha256"));
+}
+
+#[test]
+fn rooms_of_another_size_than_the_models_are_refused() {
+    let text = config("").to_toml().unwrap().replace("resolution = [32, 32]", "resolution = [64, 64]");
+    let folder = tempdir().unwrap();
+    let error =
+        Trainer::new(TrainConfig::from_toml(&text).unwrap(), folder.path(), &Start::Fresh).unwrap_err().to_string();
+    assert!(error.contains("data.source.rooms.size") && error.contains("64x64, found 32x32"), "{error}");
 }

@@ -1,0 +1,43 @@
+use atsplat_numeric::Extremes as _;
+
+/// The share of the average that a step keeps: `decay`, and less while so few steps went into it that the first weights would
+/// outweigh the later ones; `step` counts from 0.
+pub fn kept(decay: f64, step: u64) -> f64 {
+    decay.minimum_of((1.0 + step as f64) / (10.0 + step as f64))
+}
+
+/// Moves an average towards new values.
+pub fn average(mean: &mut [f32], values: &[f32], kept: f64) {
+    for (mean, value) in mean.iter_mut().zip(values) {
+        let moved = f64::from(*mean) + (1.0 - kept) * (f64::from(*value) - f64::from(*mean));
+        #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
+        {
+            *mean = moved as f32;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use atsplat_numeric::Tolerance;
+
+    #[test]
+    fn an_average_forgets_by_powers_of_what_it_keeps() {
+        let (mut mean, history) = (vec![1.0f32, -2.0], [[3.0f32, 0.0], [5.0, 1.0], [-4.0, 8.0]]);
+        for values in &history {
+            average(&mut mean, values, 0.75);
+        }
+        let [a, b, c] = history.map(|values| values.map(f64::from));
+        let expected = [(1.0, 0), (-2.0, 1)].map(|(first, at): (f64, usize)| {
+            0.75f64.powi(3) * first + 0.25 * (0.75f64.powi(2) * a[at] + 0.75 * b[at] + c[at])
+        });
+        Tolerance::relative(1e-6).assert(mean.into_iter().map(f64::from), expected, "average");
+    }
+
+    #[test]
+    fn a_young_average_follows_quickly() {
+        let found: Vec<f64> = [0, 8, 1_000_000].map(|step| kept(0.999, step)).to_vec();
+        Tolerance::relative(1e-12).assert(found, [0.1, 0.5, 0.999], "kept");
+    }
+}
