@@ -5,38 +5,13 @@
 
 mod evaluation;
 
-use std::fmt::Write as _;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use std::thread::sleep;
 use std::time::{Duration, Instant};
 
 use atsplat_eval::Results;
-use atsplat_pixels::{ImageU8, encode_png};
-use evaluation::{bare, write_index, write_preset};
-
-const FRAMES: u32 = 40;
-
-/// Scenes of noise: nothing has to be rendered to make them.
-fn data(here: &Path, scenes: u8) {
-    let keys: Vec<String> = (0..scenes).map(|scene| format!("scene-{scene:02}")).collect();
-    for (scene, key) in (0..).zip(&keys) {
-        std::fs::create_dir_all(here.join("data").join(key)).unwrap();
-        let mut text = "https://example.org/video\n".to_owned();
-        for frame in 0..FRAMES {
-            let x = -0.02 * f64::from(frame);
-            writeln!(text, "{} 0.5 0.5 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0", frame * 33_367).unwrap();
-            let byte = |at: u32| u8::try_from((at * (7 + frame) + at / 61 * (scene + 3)) % 251).unwrap();
-            let picture = ImageU8::new(32, 32, (0..32 * 32 * 3).map(byte).collect()).unwrap();
-            let path = here.join("data").join(key).join(format!("{}.png", frame * 33_367));
-            std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
-        }
-        std::fs::write(here.join("data").join(format!("{key}.txt")), text).unwrap();
-    }
-    write_preset(here, 32);
-    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
-    write_index(&here.join("data"), &keys, "[0, 20]", "[1, 3, 5, 7, 9, 11, 13, 15]");
-}
+use evaluation::{FRAMES, bare, write_noise};
 
 fn command(here: &Path, out: &str) -> Command {
     let mut command = Command::new(env!("CARGO_BIN_EXE_atsplat"));
@@ -62,7 +37,7 @@ fn killed_after(here: &Path, out: &str, delay: Duration) {
 fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    data(here, 16);
+    write_noise(here, 16);
     let start = Instant::now();
     let expected = finished(here, "undisturbed");
     let whole = start.elapsed();
@@ -86,7 +61,7 @@ fn killed_at_twenty_moments_and_resumed_it_ends_the_same() {
 fn killed_again_and_again_it_ends_the_same() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    data(here, 12);
+    write_noise(here, 12);
     let start = Instant::now();
     let expected = finished(here, "undisturbed");
     let whole = start.elapsed();
@@ -110,7 +85,7 @@ fn with_a_full_disk(here: &Path, out: &str) -> Output {
 fn a_full_disk_ends_the_run_and_loses_nothing() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    data(here, 3);
+    write_noise(here, 3);
     // One scene asks for more than a file may hold.
     let frames: Vec<String> = (1..FRAMES).map(|frame| frame.to_string()).collect();
     let (few, many) = ("[1, 2]", format!("[{}]", frames.join(", ")));

@@ -18,7 +18,12 @@ fn store(path: &Path, shift: f64) {
     let mut results = Results {
         provenance: Provenance {
             processor: "some".to_owned(),
-            presets: vec![PresetRecord { name: "p".to_owned(), hash: "h".to_owned(), ..PresetRecord::default() }],
+            presets: vec![PresetRecord {
+                name: "p".to_owned(),
+                hash: "h".to_owned(),
+                toml: atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned(),
+                ..PresetRecord::default()
+            }],
             metrics: vec![MetricRecord { id: "psnr".to_owned(), ..MetricRecord::default() }],
             ..Provenance::default()
         },
@@ -42,6 +47,8 @@ fn store(path: &Path, shift: f64) {
                 key: key.clone(),
                 trial_hash: format!("trial {scene}"),
                 pose_hash: "poses".to_owned(),
+                data_hash: None,
+                input_hash: None,
                 status: TrialStatus::Done,
                 detail: None,
                 context: vec![0, 9],

@@ -81,14 +81,14 @@ fn killed_at_random_moments_it_ends_with_the_same_bytes() {
     let expected = outcome(folder.path(), "undisturbed");
     assert_eq!(expected.2.len(), 24);
 
-    let words = ["train", "--config", "tiny.toml", "--out", "killed", "--resume"];
+    let mut words = vec!["train", "--config", "tiny.toml", "--out", "killed"];
     let steps =
         || std::fs::read_to_string(folder.path().join("killed/steps.jsonl")).unwrap_or_default().lines().count();
     let mut state = 0x9e37_79b9u64;
     let mut killed_within = 0;
     for _ in 0..10 {
         let mut run = Command::new(env!("CARGO_BIN_EXE_atsplat"))
-            .args(words)
+            .args(&words)
             .current_dir(folder.path())
             .stdout(Stdio::null())
             .stderr(Stdio::null())
@@ -105,6 +105,9 @@ fn killed_at_random_moments_it_ends_with_the_same_bytes() {
         // SIGKILL.
         run.kill().unwrap();
         run.wait().unwrap();
+        if words.len() == 5 && folder.path().join("killed/steps.jsonl").exists() {
+            words.push("--resume");
+        }
     }
     assert!(killed_within >= 5, "{killed_within} of 10 were killed on the way");
     train(folder.path(), "killed", &["--resume"]);
@@ -140,4 +143,38 @@ fn two_threads_and_one_give_the_same_bytes() {
         succeed(folder.path(), &["--threads", threads, "train", "--config", "tiny.toml", "--out", threads]);
     }
     assert!(outcome(folder.path(), "1") == outcome(folder.path(), "2"));
+}
+
+#[test]
+fn nothing_is_no_run_to_go_on_with() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    std::fs::create_dir(folder.path().join("empty")).unwrap();
+    for out in ["empty", "absent"] {
+        let refused = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", out, "--resume"]);
+        let told = refused.stderr.contains("expected a run that was begun there") && refused.stderr.contains(out);
+        assert!(refused.code == 1 && told, "{}", refused.stderr);
+    }
+    assert!(!folder.path().join("absent").exists());
+    assert_eq!(std::fs::read_dir(folder.path().join("empty")).unwrap().count(), 0);
+}
+
+/// A run that was stopped before its first checkpoint begins again, and says so; a damaged checkpoint is passed over, and
+/// named.
+#[test]
+fn what_going_on_cannot_use_is_told() {
+    let folder = tempdir().unwrap();
+    std::fs::write(folder.path().join("tiny.toml"), TINY).unwrap();
+    std::fs::create_dir_all(folder.path().join("out")).unwrap();
+    std::fs::write(folder.path().join("out/steps.jsonl"), "").unwrap();
+    let resumed = |steps: &str| {
+        let words = ["train", "--config", "tiny.toml", "--out", "out", "--resume", "--steps", steps];
+        let outcome = atsplat(folder.path(), &words);
+        assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+        outcome.stderr
+    };
+    assert!(resumed("6").contains("no checkpoint was written: the run begins again at step 0"));
+    std::fs::write(folder.path().join("out/checkpoints/step-00000006.safetensors"), "torn").unwrap();
+    let told = resumed("7");
+    assert!(told.contains("a checkpoint was passed over") && told.contains("step-00000006"), "{told}");
 }

@@ -81,6 +81,49 @@ pub enum EvalError {
         /// What the second says.
         second: String,
     },
+    /// The protocol that a record holds as text is none.
+    #[error("presets, {name}, toml: {source}")]
+    Preset {
+        /// Name of the preset in the rows.
+        name: String,
+        /// The field, what was expected and found.
+        source: Box<atsplat_protocol::ProtocolError>,
+    },
+    /// Another process writes into the store.
+    #[error(
+        "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into a \
+         folder of its own, with --shard 1/2 and --shard 2/2, and put the parts together with `atsplat merge`",
+        folder.display()
+    )]
+    InUse {
+        /// The store.
+        folder: PathBuf,
+        /// Which process, on which machine, since when.
+        by: String,
+    },
+    /// Results that a run would leave beside new ones were made from other data than there is now.
+    #[error("{count} results were made from other data than there is now: {first}; {advice}, or choose another folder")]
+    DataChanged {
+        /// How many.
+        count: usize,
+        /// The first, and what became of its data.
+        first: String,
+        /// What to do about it.
+        advice: &'static str,
+    },
+    /// A store holds rows of one trial that were made from different data.
+    #[error(
+        "results of one trial were made from different {what}: {first}, and {second}; a run of these methods into the same \
+         folder computes again what is out of date"
+    )]
+    MixedData {
+        /// What differs.
+        what: &'static str,
+        /// One result.
+        first: String,
+        /// Another.
+        second: String,
+    },
     /// A number that no row may hold.
     #[error("{key}: {field} is {value}, and only finite numbers are kept")]
     NotFinite {

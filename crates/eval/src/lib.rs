@@ -8,6 +8,7 @@ mod context;
 pub mod drift;
 mod error;
 pub mod expansion;
+mod file_name;
 pub mod method;
 mod rows;
 pub mod runner;

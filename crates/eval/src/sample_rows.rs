@@ -47,6 +47,8 @@ pub(crate) fn trial(method: &str, scene: &str, entry: u32, targets: usize) -> Tr
         key: key(method, scene, entry),
         trial_hash: format!("trial {scene} {entry}"),
         pose_hash: format!("poses {scene} {entry}"),
+        data_hash: Some(format!("data {scene} {entry}")),
+        input_hash: None,
         status: TrialStatus::Done,
         detail: None,
         context: vec![0, 9],

@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use atsplat_camera::Similarity;
 use atsplat_eval::method::{
-    AtSplat, ConstantsChoice, GaussianFrame, Method, NearestView, Ply, Question, Refusal, Renders, Repetitions,
-    Splatting, Warp, WeightsOf, constants_of,
+    AtSplat, GaussianFrame, Method, NearestView, Ply, Question, Refusal, Renders, Repetitions, Splatting, Warp,
+    WeightsOf, constants_of,
 };
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_model::network::{Device, Network};
@@ -216,8 +216,11 @@ fn nano() -> Network {
 #[test]
 fn an_untrained_network_says_so_and_counts_its_tokens() {
     let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
-    let splatting =
-        Splatting { constants: ConstantsChoice::default(), effects: EffectSelection::Auto, ..Splatting::default() };
+    let splatting = Splatting {
+        effects: EffectSelection::Auto,
+        passed_over: Some("cpu renders: no adapter".to_owned()),
+        ..Splatting::default()
+    };
     let method = AtSplat::new("atsplat", nano(), &weights, 0, splatting).unwrap();
     let record = method.record();
     assert!(record.untrained && record.title.contains("untrained") && record.weights_sha256.is_none());
@@ -229,6 +232,7 @@ fn an_untrained_network_says_so_and_counts_its_tokens() {
     assert_eq!(cost.encode_samples.len(), 3);
     assert_eq!(cost.gaussians.unwrap() % cost.final_tokens.unwrap(), 0);
     assert_eq!(cost.stages.len(), 5);
+    assert_eq!(cost.notes, ["cpu renders: no adapter"], "why another renderer took over is in every row");
     let rendered = answer.render(&[0]).remove(0).unwrap();
     assert_eq!(rendered.secs.len(), 3);
     assert!(rendered.image.samples().iter().all(|sample| sample.is_finite()));

@@ -161,7 +161,7 @@ fn whatever_happens_is_a_row() {
     let expected = [
         (TrialStatus::NotApplicable, "two views are too few"),
         (TrialStatus::Failed, "out of memory"),
-        (TrialStatus::Failed, "the method panicked"),
+        (TrialStatus::Failed, "the method panicked: a bug"),
         (TrialStatus::Partial, "1 of 3 targets failed: no picture"),
         (TrialStatus::Done, ""),
         (TrialStatus::Partial, "expected a picture of 64×64, found 63×64"),

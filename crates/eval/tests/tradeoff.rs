@@ -84,11 +84,11 @@ fn every_knob_changes_what_it_should() {
     assert_eq!(record("half").parameters["weight-precision"], "half");
     assert_eq!(record("alpha from a tenth").constants.as_deref(), Some("of the preset, min-alpha 0.1"));
 
-    let apart = tradeoffs(&results, &["psnr"], Leaked::Included);
+    let apart = tradeoffs(&results, &["psnr"], Leaked::Included).unwrap();
     let names: Vec<&str> = apart.iter().map(|tradeoff| tradeoff.preset.as_str()).collect();
     assert_eq!(names, ["walls", "walls-2-views"]);
     assert_eq!(apart[0].frontiers.iter().map(|frontier| frontier.points.len()).collect::<Vec<_>>(), [6, 6]);
-    assert_eq!(across(&results, "psnr", Leaked::Included).frontiers[0].points.len(), 7);
+    assert_eq!(across(&results, "psnr", Leaked::Included).unwrap().frontiers[0].points.len(), 7);
 }
 
 #[test]

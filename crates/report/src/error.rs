@@ -1,5 +1,6 @@
 use std::path::PathBuf;
 
+use atsplat_eval::EvalError;
 use atsplat_pixels::PixelError;
 use atsplat_protocol::ProtocolError;
 
@@ -52,6 +53,9 @@ pub enum ReportError {
     /// A protocol in the store is broken.
     #[error(transparent)]
     Protocol(#[from] ProtocolError),
+    /// A store does not hold what it should.
+    #[error(transparent)]
+    Store(#[from] EvalError),
     /// A value cannot become JSON.
     #[error("writing JSON: {0}")]
     Json(#[from] serde_json::Error),

@@ -57,7 +57,9 @@ impl Report {
                 }
             }
         }
-        plots.extend(sources.iter().flat_map(of_store));
+        for source in &sources {
+            plots.extend(of_store(source)?);
+        }
         let (title, sections) = (request.title.clone(), request.sections.as_slice());
         let page = Page { title, tables: &measured, plots: &plots, sections, stores, budget: request.budget };
         let html = page.write()?;

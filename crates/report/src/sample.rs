@@ -117,6 +117,8 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         key: key.clone(),
         trial_hash: format!("trial {at}"),
         pose_hash: format!("poses {at}"),
+        data_hash: Some(format!("data {at}")),
+        input_hash: None,
         status: if failed { TrialStatus::Failed } else { TrialStatus::Done },
         detail: failed.then(|| "the network said NaN".to_owned()),
         context: vec![0, 30],

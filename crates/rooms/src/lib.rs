@@ -32,5 +32,5 @@ pub use path::{ClipMotion, Motion};
 pub use render::{Geometry, View};
 pub use seed::{SceneKind, SceneSeed, Split};
 pub use shot::Shot;
-pub use simulation::{EffectCost, Request, Route, Simulation};
+pub use simulation::{EffectCost, GENERATOR, Request, Route, Simulation};
 pub use source::SimulatedScenes;

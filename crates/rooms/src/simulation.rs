@@ -11,6 +11,10 @@ use crate::shot::Shot;
 use crate::world::World;
 use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 
+/// Which generator makes the pictures. It is raised with every change of a pixel, so that whoever keeps what was computed
+/// from a simulated picture need not render it again to know that it is the same.
+pub const GENERATOR: &str = "atsplat rooms 1";
+
 /// Where the camera goes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Route {

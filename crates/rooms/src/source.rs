@@ -8,7 +8,7 @@ use atsplat_pixels::{ImageU8, Rounding};
 use atsplat_scene::{Frame, MadePicture, Picture, Scene, SceneError, SceneSource, Warnings};
 use indexmap::IndexMap;
 
-use crate::{Request, RoomsError, Simulation};
+use crate::{GENERATOR, Request, RoomsError, Simulation};
 
 /// Bytes of pictures that are kept, so that those who walk the scenes again do not simulate them again.
 const KEPT: usize = 512 << 20;
@@ -104,6 +104,10 @@ struct SimulatedPicture {
 impl MadePicture for SimulatedPicture {
     fn size(&self) -> ImageSize {
         self.simulation.request().size
+    }
+
+    fn fingerprint(&self) -> String {
+        format!("{GENERATOR}, frame {} of {:?}", self.frame, self.simulation.request())
     }
 
     fn make(&self) -> Result<ImageU8, SceneError> {

@@ -39,6 +39,9 @@ pub trait MadePicture: fmt::Debug + Send + Sync {
     /// Its size, told without making it.
     fn size(&self) -> ImageSize;
 
+    /// All that the picture depends on, as text: equal texts, equal pictures. Told without making it.
+    fn fingerprint(&self) -> String;
+
     /// The picture; the same each time.
     ///
     /// # Errors
@@ -115,8 +118,20 @@ impl Frame {
         if let Picture::Made(picture) = &self.picture {
             return picture.make();
         }
-        let bytes = self.bytes(scene, position)?;
-        atsplat_pixels::decode(&bytes, limits).map_err(in_frame(scene, position))
+        Self::decode_bytes(&self.bytes(scene, position)?, scene, position, limits)
+    }
+
+    /// Decodes what [`Self::bytes`] gave.
+    ///
+    /// # Errors
+    /// [`SceneError::Pixels`] for bytes that are no picture or exceed `limits`.
+    pub fn decode_bytes(
+        bytes: &[u8],
+        scene: &str,
+        position: usize,
+        limits: &DecodeLimits,
+    ) -> Result<ImageU8, SceneError> {
+        atsplat_pixels::decode(bytes, limits).map_err(in_frame(scene, position))
     }
 
     /// The encoded picture: read from its file, borrowed from its chunk, or made and encoded as PNG.

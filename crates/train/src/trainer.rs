@@ -51,9 +51,12 @@ pub enum Start {
     Fresh,
     /// With the weights of a file, in a folder without a run.
     Weights(PathBuf),
-    /// Where the folder's run stopped; from the beginning where it has not written a checkpoint.
+    /// Where the folder's run stopped; from its beginning, which is told, where it had not come to a checkpoint.
     Resume,
 }
+
+/// The log of a run's steps, which is there from its beginning.
+const STEPS: &str = "steps.jsonl";
 
 /// A run in a folder.
 #[derive(Debug)]
@@ -71,6 +74,8 @@ pub struct Trainer {
     evaluations: Journal,
     state: State,
     faults: Vec<Fault>,
+    /// What is to be told when the run goes on.
+    notices: Vec<String>,
     folder: PathBuf,
 }
 
@@ -80,6 +85,7 @@ impl Trainer {
     /// # Errors
     /// [`TrainError`] where anything that the run needs is not as it should be, before long work starts.
     pub fn new(config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
+        require_begun(folder, start)?;
         let samples = Box::new(config.samples(&mut Warnings::new())?);
         Self::with_samples(config, samples, folder, start)
     }
@@ -94,6 +100,7 @@ impl Trainer {
         folder: &Path,
         start: &Start,
     ) -> Result<Self, TrainError> {
+        require_begun(folder, start)?;
         let model = config.model.config()?;
         let objective = Objective::new(config.losses.clone())?;
         at_the_size_of_the_model(&config, &model)?;
@@ -119,18 +126,25 @@ impl Trainer {
         };
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get())?;
         let found = checkpoints.read(&config, &fresh)?;
-        let state = match (found, start) {
-            (Some((state, _)), Start::Resume) => state,
-            (None, _) => {
-                let state = State { initial_weights, ..State::new(fresh) };
-                if config.average.is_some() { state.with_average() } else { state }
+        let begun = |fresh| {
+            let state = State { initial_weights: initial_weights.clone(), ..State::new(fresh) };
+            if config.average.is_some() { state.with_average() } else { state }
+        };
+        let (state, notices) = match (found, start) {
+            (Some((state, passed_over)), Start::Resume) => {
+                let notice = passed_over.into_iter().map(|why| format!("a checkpoint was passed over: {why}"));
+                (state, notice.collect())
             }
+            (None, Start::Resume) => {
+                (begun(fresh), vec!["no checkpoint was written: the run begins again at step 0".to_owned()])
+            }
+            (None, Start::Fresh | Start::Weights(_)) => (begun(fresh), Vec::new()),
             (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
                 let found = format!("one of {} steps", state.step);
                 return Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found));
             }
         };
-        let (steps, _) = Journal::open::<StepRecord>(&folder.join("steps.jsonl"), state.step)?;
+        let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
         let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
         let evaluation = match &config.evaluation {
             Some(settings) => {
@@ -155,6 +169,7 @@ impl Trainer {
             evaluations,
             state,
             faults,
+            notices,
             folder,
         })
     }
@@ -195,6 +210,7 @@ impl Trainer {
     /// [`TrainError::Stopped`] where steps go wrong one after the other, and what the file system says.
     pub fn run(&mut self, limits: Limits, tell: &mut dyn FnMut(&Event<'_>)) -> Result<bool, TrainError> {
         let (start, all) = (Instant::now(), self.config.steps.get());
+        self.notices.drain(..).for_each(|notice| tell(&Event::Notice(&notice)));
         let last = limits.steps.map_or(all, |steps| steps.min(all));
         if self.state.step == 0 {
             self.evaluate(tell)?;
@@ -382,4 +398,14 @@ fn at_the_size_of_the_model(config: &TrainConfig, model: &ModelConfig) -> Result
         }
     }
     Ok(())
+}
+
+/// To go on takes something to go on with.
+fn require_begun(folder: &Path, start: &Start) -> Result<(), TrainError> {
+    let is_begun = folder.join(STEPS).is_file() || folder.join("checkpoints").is_dir();
+    if *start != Start::Resume || is_begun {
+        return Ok(());
+    }
+    let expected = "a run that was begun there; one begins without `--resume`";
+    Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
 }

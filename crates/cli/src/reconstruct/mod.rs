@@ -11,7 +11,7 @@ mod report;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_model::network::Reconstruction;
+use atsplat_model::network::{Processor, Reconstruction};
 use atsplat_model::{ImageSize, budget};
 use atsplat_scene::Warnings;
 use clap::{Args, ValueEnum};
@@ -123,7 +123,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         output,
         renders,
         plots,
-        warnings: notes(&made, &input),
+        warnings: notes(&made, &input, words.network.processor.into()),
     };
     let text = serde_json::to_string_pretty(&record)?;
     record_file.finish(format!("{text}\n").as_bytes())?;
@@ -146,8 +146,9 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
 }
 
 /// What a user should know.
-fn notes(made: &Reconstruction, input: &input::Input) -> Vec<String> {
-    let mut notes = Vec::new();
+fn notes(made: &Reconstruction, input: &input::Input, processor: Processor) -> Vec<String> {
+    let refused = |why| format!("the graphics processor makes no pictures of the network's Gaussians: {why}");
+    let mut notes: Vec<String> = processor.refusal().map(refused).into_iter().collect();
     let fallbacks = &input.trial.normalisation().fallbacks;
     if !fallbacks.is_empty() {
         let names: Vec<String> = fallbacks.iter().map(|fallback| format!("{fallback:?}")).collect();

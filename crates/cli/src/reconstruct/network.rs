@@ -54,7 +54,7 @@ pub(crate) struct NetworkWords {
     #[arg(long, value_name = "SIZE", default_value = "trained")]
     context_size: ContextSize,
 
-    /// What the network computes on; wgpu needs a build with `--features gpu-network`.
+    /// What the network computes on; wgpu needs a build with `--features gpu-network`, and is for `reconstruct` alone.
     #[arg(long = "device", value_name = "DEVICE", default_value = "cpu")]
     pub(super) processor: ProcessorWord,
 
@@ -170,6 +170,19 @@ impl NetworkWords {
             return Err("--sha256 is that of a weights file, and random weights have none".to_owned());
         }
         Ok(())
+    }
+
+    /// [`Self::check`] for commands that evaluate networks: results are computed on the central processor alone.
+    pub(crate) fn check_for_evaluation(&self) -> Result<(), clap::Error> {
+        let on_cpu = match self.processor {
+            ProcessorWord::Cpu => Ok(()),
+            ProcessorWord::Wgpu => Err("--device wgpu: evaluations run on the central processor alone so far, whose bits \
+                                        a baseline can be compared with; leave --device out, or reconstruct single scenes \
+                                        with `atsplat reconstruct --device wgpu`"
+                .to_owned()),
+        };
+        let told = on_cpu.and_then(|()| self.check());
+        told.map_err(|text| clap::Command::new("atsplat").error(clap::error::ErrorKind::ValueValidation, text))
     }
 
     /// Reads the configuration and, of a file, what it says of itself.

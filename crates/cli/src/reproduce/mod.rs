@@ -56,6 +56,10 @@ pub(crate) struct Words {
     /// Folder with the weights of LPIPS and ST-LPIPS, looked in before torch's cache.
     #[arg(long, value_name = "DIR")]
     metric_weights: Option<PathBuf>,
+
+    /// Read every picture again to tell whether it changed since its results were made.
+    #[arg(long)]
+    verify: bool,
 }
 
 /// Reproduces; `true` where nothing was skipped and nothing failed.
@@ -128,7 +132,10 @@ impl Words {
             pictures: KeepPictures::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };
-        let store = Store::resume(&self.store(name), plan.provenance(here())?)?;
+        let mut store = Store::resume(&self.store(name), plan.provenance(here())?)?;
+        if self.verify {
+            store = store.reread_pictures()?;
+        }
         let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
         Ok(runner::run(&plan, store, &|| progress.step())?)
     }

@@ -9,7 +9,7 @@ use clap::Args;
 
 use super::read;
 use super::report::Report;
-use crate::output::print_report;
+use crate::output::{complain, print_report};
 
 #[derive(Debug, Args)]
 pub(crate) struct Words {
@@ -31,12 +31,32 @@ pub(crate) struct Words {
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let Merged { results, missing_shards } = Results::merge(read(&words.stores)?)?;
+    each_once(&words.stores)?;
+    let Merged { results, missing_shards, repeated } = Results::merge(read(&words.stores)?)?;
     if !missing_shards.is_empty() && !words.partial {
         let missing: Vec<String> = missing_shards.iter().map(ToString::to_string).collect();
         bail!("shards {} are missing: --partial merges what is there", missing.join(", "));
     }
     results.write(&words.out)?;
     print_report(&Report::of(&results, None, &words.out), words.json)?;
+    if repeated > 0 {
+        complain(&format!(
+            "warning: {repeated} results stood in several stores, the same in each, and were taken once"
+        ));
+    }
     Ok(missing_shards.is_empty())
+}
+
+/// Refuses a store that is named twice, by whichever paths.
+fn each_once(stores: &[PathBuf]) -> anyhow::Result<()> {
+    let mut seen: Vec<(PathBuf, &PathBuf)> = Vec::new();
+    for store in stores {
+        // One that is not there is told when it is read.
+        let place = store.canonicalize().unwrap_or_else(|_| store.clone());
+        if let Some((_, first)) = seen.iter().find(|(known, _)| *known == place) {
+            bail!("{} is the same store as {}: name each store once", store.display(), first.display());
+        }
+        seen.push((place, store));
+    }
+    Ok(())
 }

@@ -118,6 +118,11 @@ enum FrameWord {
 }
 
 impl MethodWords {
+    /// Words that do not fit together, told before anything is read.
+    pub(super) fn check(&self) -> Result<(), clap::Error> {
+        self.network.check_for_evaluation()
+    }
+
     /// The methods, ready to run.
     pub(super) fn methods(&self, words: &[MethodWord]) -> anyhow::Result<Vec<Arc<dyn Method>>> {
         words.iter().map(|word| self.method(word)).collect()
@@ -126,7 +131,6 @@ impl MethodWords {
     fn method(&self, MethodWord { name, kind }: &MethodWord) -> anyhow::Result<Arc<dyn Method>> {
         match kind {
             Kind::AtSplat => {
-                self.network.check().map_err(anyhow::Error::msg)?;
                 let source = self.network.source().context("--method atsplat")?;
                 let (network, record) = source.load(&Device::flex())?;
                 let weights = record.weights();
@@ -162,17 +166,17 @@ impl GaussianWords {
             Some(name) => ConstantsChoice::These(words::constants(name)?),
             None => ConstantsChoice::OfPreset,
         };
-        let backend = match self.backend {
-            BackendWord::Cpu => Backend::default(),
+        let (backend, passed_over) = match self.backend {
+            BackendWord::Cpu => (Backend::default(), None),
             other => {
                 let chosen = backend(other, None)?;
-                if let Some(note) = chosen.note {
-                    crate::output::complain(&note);
+                if let Some(note) = &chosen.note {
+                    crate::output::complain(&format!("warning: {note}"));
                 }
-                Backend::One(Mutex::new(chosen.renderer))
+                (Backend::One(Mutex::new(chosen.renderer)), chosen.note)
             }
         };
-        Ok(Splatting { constants, background: self.background, effects: self.effects.clone(), backend })
+        Ok(Splatting { constants, background: self.background, effects: self.effects.clone(), backend, passed_over })
     }
 }
 

@@ -10,9 +10,9 @@ pub(crate) mod settings;
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use atsplat_eval::Results;
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Plan};
-use atsplat_eval::{Results, Store};
 use atsplat_scene::Warnings;
 use clap::Args;
 
@@ -49,6 +49,7 @@ pub(crate) struct Words {
 
 /// Runs methods; `true` where nothing was skipped and nothing failed.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+    words.sources.check()?;
     let methods = words.sources.methods(&words.methods)?;
     evaluate(&words.protocols, &methods, &words.settings)
 }
@@ -72,7 +73,7 @@ fn evaluate(
         pictures: settings.pictures(),
         prefetch: SettingWords::prefetch(),
     };
-    let store = Store::resume(settings.out(), plan.provenance(here())?)?;
+    let store = settings.store(plan.provenance(here())?)?;
     let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
     let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
     drop(progress);

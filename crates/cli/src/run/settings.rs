@@ -5,7 +5,7 @@ use std::str::FromStr;
 
 use atsplat_eval::method::Repetitions;
 use atsplat_eval::runner::{Dataset, KeepPictures, Selection, metric_ids, named_metrics};
-use atsplat_eval::{EvalError, Shard};
+use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
@@ -53,6 +53,11 @@ pub(crate) struct SettingWords {
     #[arg(long, value_name = "WHICH", default_value = "none")]
     keep_pictures: KeepWord,
 
+    /// Read every picture again to tell whether it changed since its results were made; otherwise those of the same size and
+    /// time of modification are taken for the same.
+    #[arg(long)]
+    verify: bool,
+
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,
@@ -82,6 +87,12 @@ impl FromStr for ShardWord {
 impl SettingWords {
     pub(crate) fn out(&self) -> &Path {
         &self.out
+    }
+
+    /// The store, gone on with or new.
+    pub(crate) fn store(&self, provenance: Provenance) -> Result<Store, EvalError> {
+        let store = Store::resume(&self.out, provenance)?;
+        if self.verify { store.reread_pictures() } else { Ok(store) }
     }
 
     pub(crate) fn selection(&self) -> Selection {

@@ -58,9 +58,9 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let leaked = if words.without_leaked { Leaked::Excluded } else { Leaked::Included };
     let metrics: Vec<&str> = words.metric.iter().map(String::as_str).collect();
     let tradeoffs = if words.across {
-        metrics.iter().map(|metric| across(&results, metric, leaked)).collect()
+        metrics.iter().map(|metric| across(&results, metric, leaked)).collect::<Result<_, _>>()?
     } else {
-        tradeoffs(&results, &metrics, leaked)
+        tradeoffs(&results, &metrics, leaked)?
     };
     print_report(&Report { tradeoffs }, words.json)?;
     Ok(true)

@@ -1,11 +1,11 @@
 use std::path::PathBuf;
 
 use anyhow::Context as _;
+use atsplat_eval::Results;
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::tradeoff::{Part, Sweep, Swept, across, parts, tradeoffs};
-use atsplat_eval::{Results, Store};
 use atsplat_metrics::Suite;
 use atsplat_model::network::Device;
 use atsplat_scene::Warnings;
@@ -36,6 +36,7 @@ pub(super) struct Words {
 }
 
 pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
+    words.network.check_for_evaluation()?;
     let reading = || format!("reading {}", words.sweep.display());
     let text = std::fs::read_to_string(&words.sweep).with_context(reading)?;
     let sweep = Sweep::from_toml(&text).with_context(reading)?;
@@ -49,7 +50,7 @@ pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
     let mut complete = true;
     for part in &parts {
         let plan = plan(words, &suite, part);
-        let store = Store::resume(words.settings.out(), plan.provenance(here())?)?;
+        let store = words.settings.store(plan.provenance(here())?)?;
         let (_, summary) = runner::run(&plan, store, &|| progress.step())?;
         complete &= summary.is_complete();
     }
@@ -57,8 +58,8 @@ pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
     let results = Results::read(words.settings.out())?;
     let metrics: Vec<&str> = suite.definitions().iter().map(|definition| definition.id).collect();
     let tradeoffs = match parts.len() {
-        1 => tradeoffs(&results, &metrics, Leaked::Included),
-        _ => metrics.iter().map(|metric| across(&results, metric, Leaked::Included)).collect(),
+        1 => tradeoffs(&results, &metrics, Leaked::Included)?,
+        _ => metrics.iter().map(|metric| across(&results, metric, Leaked::Included)).collect::<Result<_, _>>()?,
     };
     print_report(&Report { tradeoffs }, words.settings.json)?;
     print_warnings(&warnings);
@@ -79,7 +80,6 @@ fn plan<'a>(words: &Words, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
 }
 
 fn swept(words: &NetworkWords) -> anyhow::Result<Swept> {
-    words.check().map_err(anyhow::Error::msg)?;
     let (network, record) = words.source()?.load(&Device::flex())?;
     Ok(Swept {
         config: network.config().clone(),

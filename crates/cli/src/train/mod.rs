@@ -58,7 +58,9 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<()> {
         (None, true) => Start::Resume,
         (None, false) => Start::Fresh,
     };
-    std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+    if !words.resume {
+        std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
+    }
     let steps = config.steps.get();
     let mut trainer = Trainer::new(config, &words.out, &start)?;
     let mut live = Live::new(words.steps.map_or(steps, |most| most.min(steps)), trainer.state().step);

@@ -41,6 +41,8 @@ struct Report {
     sha256_expected: bool,
     /// What is whole.
     what: String,
+    /// Whether a hash covers the metadata: configuration and provenance. `None` for files without such metadata.
+    metadata_covered: Option<bool>,
     /// Parameters that were found, finite and of their shape.
     parameters: usize,
     fits: Option<String>,
@@ -54,10 +56,12 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         None => "a file of weights".to_owned(),
     })?;
     file.check_sha256(asked.as_deref())?;
-    let (what, parameters) = if ModelWeights::is_one(&file.stored) {
-        own(&file, config.as_ref())?
+    let (what, parameters, metadata_covered) = if ModelWeights::is_one(&file.stored) {
+        let (what, parameters, covered) = own(&file, config.as_ref())?;
+        (what, parameters, Some(covered))
     } else {
-        backbone(words, &file, config.as_ref())?
+        let (what, parameters) = backbone(words, &file, config.as_ref())?;
+        (what, parameters, None)
     };
     let known = KnownFile::with_sha256(&file.sha256);
     let report = Report {
@@ -65,6 +69,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         sha256_expected: words.sha256.is_some() || known.is_some(),
         sha256: file.sha256,
         what: known.map_or(what.clone(), |known| format!("{what}; {}", known.what)),
+        metadata_covered,
         parameters,
         fits: config.map(|config| config.name),
     };
@@ -72,14 +77,16 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     Ok(true)
 }
 
-/// The toolkit's own: every tensor is there, of its shape, finite, and what was hashed when the file was written.
-fn own(file: &TensorFile, config: Option<&ModelConfig>) -> anyhow::Result<(String, usize)> {
+/// The toolkit's own: every tensor is there, of its shape, finite, and what was hashed when the file was written; and whether
+/// the metadata were hashed too.
+fn own(file: &TensorFile, config: Option<&ModelConfig>) -> anyhow::Result<(String, usize, bool)> {
     let weights = ModelWeights::of_file(file)?;
     let (what, parameters) = (format!("weights of the model {}", weights.config.name), weights.tensors.tensors.len());
+    let covered = weights.metadata_covered;
     if let Some(config) = config {
         weights.for_network(config.clone()).map_err(|error| error.in_file(&file.path))?;
     }
-    Ok((what, parameters))
+    Ok((what, parameters, covered))
 }
 
 /// Somebody else's: a whole backbone, of the model's where one was asked for.
@@ -112,7 +119,13 @@ impl fmt::Display for Report {
         let expected =
             if self.sha256_expected { "as expected" } else { "not compared: none is known, and none was given" };
         writeln!(f, "{}\nsha256 {}, {expected}", self.file.display(), self.sha256)?;
-        writeln!(f, "whole: {}; {} parameters, finite and of their shape", self.what, self.parameters)?;
+        let (what, parameters) = (&self.what, self.parameters);
+        if self.metadata_covered == Some(false) {
+            writeln!(f, "{what}; {parameters} parameters, as they were written, finite and of their shape")?;
+            writeln!(f, "configuration and provenance: no hash recorded, so that they may have been edited")?;
+        } else {
+            writeln!(f, "whole: {what}; {parameters} parameters, finite and of their shape")?;
+        }
         match &self.fits {
             Some(model) => writeln!(f, "fits the model {model}"),
             None => Ok(()),

@@ -1,10 +1,37 @@
 //! Small protocols and what two runs of them have in common.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![allow(dead_code, reason = "each test takes what it needs")]
 
+use std::fmt::Write as _;
 use std::path::Path;
 
 use atsplat_eval::{Results, TargetRow, TrialRow};
+use atsplat_pixels::{ImageU8, encode_png};
+
+/// Frames of a scene of [`write_noise`].
+pub(crate) const FRAMES: u32 = 40;
+
+/// Scenes of noise in `data`, with their index: nothing has to be rendered to make them.
+pub(crate) fn write_noise(here: &Path, scenes: u8) {
+    let keys: Vec<String> = (0..scenes).map(|scene| format!("scene-{scene:02}")).collect();
+    for (scene, key) in (0..).zip(&keys) {
+        std::fs::create_dir_all(here.join("data").join(key)).unwrap();
+        let mut text = "https://example.org/video\n".to_owned();
+        for frame in 0..FRAMES {
+            let x = -0.02 * f64::from(frame);
+            writeln!(text, "{} 0.5 0.5 0.5 0.5 0 0 1 0 0 {x} 0 1 0 0 0 0 1 0", frame * 33_367).unwrap();
+            let byte = |at: u32| u8::try_from((at * (7 + frame) + at / 61 * (scene + 3)) % 251).unwrap();
+            let picture = ImageU8::new(32, 32, (0..32 * 32 * 3).map(byte).collect()).unwrap();
+            let path = here.join("data").join(key).join(format!("{}.png", frame * 33_367));
+            std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
+        }
+        std::fs::write(here.join("data").join(format!("{key}.txt")), text).unwrap();
+    }
+    write_preset(here, 32);
+    let keys: Vec<&str> = keys.iter().map(String::as_str).collect();
+    write_index(&here.join("data"), &keys, "[0, 20]", "[1, 3, 5, 7, 9, 11, 13, 15]");
+}
 
 /// Writes `tiny.toml`: RE10K's two-view protocol on pictures of `side`².
 pub(crate) fn write_preset(here: &Path, side: u32) {

@@ -28,6 +28,7 @@ pub use splatting::{Backend, Splatting};
 pub use warp::Warp;
 
 use crate::MethodRecord;
+use crate::file_name::file_name;
 
 /// A way to answer trials.
 pub trait Method: Debug + Send + Sync {
@@ -43,6 +44,12 @@ pub trait Method: Debug + Send + Sync {
     /// Whether one trial takes so much memory that it wants to be the only one.
     fn is_heavy(&self) -> bool {
         false
+    }
+
+    /// The files that answer a trial where a method brings its answers along, `None` for each that is missing: rows are
+    /// made again when one of them changes.
+    fn files(&self, _trial: &Trial) -> Vec<Option<PathBuf>> {
+        Vec::new()
     }
 
     /// Looks at the context.
@@ -161,10 +168,17 @@ pub enum Refusal {
     Failed(String),
 }
 
-/// The file names of a scene: those of this entry, and for the first entry those without its number.
+/// The file names of a scene: those of this entry, for the first entry those without its number, and the one that a store
+/// keeps pictures under.
 pub(crate) fn names_of(trial: &Trial) -> Vec<String> {
-    let numbered = format!("{}-{}", trial.scene(), trial.entry_number());
-    if trial.entry_number() == 0 { vec![trial.scene().to_owned(), numbered] } else { vec![numbered] }
+    let (scene, entry) = (trial.scene(), trial.entry_number());
+    let bare = (entry == 0).then(|| scene.to_owned());
+    let mut names: Vec<String> = bare.into_iter().chain([format!("{scene}-{entry}")]).collect();
+    let kept = format!("{}-{entry}", file_name(scene));
+    if !names.contains(&kept) {
+        names.push(kept);
+    }
+    names
 }
 
 /// A path below a folder; `None` for one that leads out of it.

@@ -105,6 +105,10 @@ impl Method for Ply {
         record
     }
 
+    fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {
+        vec![self.find(trial).ok()]
+    }
+
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
         let (gaussians, notes) = self.read(question.trial).map_err(Refusal::Failed)?;
         Ok(self.splatting.answer(question, gaussians, Cost { notes, ..Cost::default() }))

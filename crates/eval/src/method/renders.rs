@@ -86,6 +86,10 @@ impl Method for Renders {
         }
     }
 
+    fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {
+        trial.targets().iter().map(|target| self.find(trial, target.frame).ok()).collect()
+    }
+
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
         Ok(Box::new(Imported { renders: self, trial: question.trial, cost: Cost::default() }))
     }

@@ -21,6 +21,8 @@ pub struct Splatting {
     pub effects: EffectSelection,
     /// Who renders.
     pub backend: Backend,
+    /// Why that is not who was asked for; `None` where it is.
+    pub passed_over: Option<String>,
 }
 
 /// Who renders.
@@ -81,6 +83,7 @@ impl Default for Splatting {
             background: None,
             effects: EffectSelection::All,
             backend: Backend::default(),
+            passed_over: None,
         }
     }
 }
@@ -133,6 +136,7 @@ impl<'a> Splatted<'a> {
             ..RenderOptions::default()
         };
         cost.gaussians = Some(gaussians.len() as u64);
+        cost.notes.extend(splatting.passed_over.clone());
         Self { splatting, question, gaussians, options, cost }
     }
 

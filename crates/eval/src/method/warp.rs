@@ -176,8 +176,13 @@ fn sample(picture: &ImageU8, position: DVec2) -> DVec3 {
     let [x, right] = between(position.x, picture.width());
     let [y, down] = between(position.y, picture.height());
     let at = |column: f64, row: f64| {
-        #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "kept inside the picture")]
-        let pixel = picture.pixel(column as u32, row as u32).unwrap_or_default();
+        #[expect(
+            clippy::cast_possible_truncation,
+            clippy::cast_sign_loss,
+            clippy::expect_used,
+            reason = "kept inside the picture"
+        )]
+        let pixel = picture.pixel(column as u32, row as u32).expect("a place inside the picture");
         DVec3::from_array(pixel.map(|sample| f64::from(sample) / 255.0))
     };
     let (last_column, last_row) = (f64::from(picture.width()) - 1.0, f64::from(picture.height()) - 1.0);

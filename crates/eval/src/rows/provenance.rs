@@ -1,6 +1,9 @@
 use std::collections::BTreeMap;
 
+use atsplat_protocol::Preset;
 use serde::{Deserialize, Serialize};
+
+use crate::EvalError;
 
 /// What was run, with what, where: one record for a store.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
@@ -105,6 +108,15 @@ impl PresetRecord {
     /// The published preset whose tables these results belong into: its own, or the one that it stands for.
     pub fn published(&self) -> &str {
         self.stands_for.as_deref().unwrap_or(&self.preset)
+    }
+
+    /// The protocol itself. Records of a store that was read all hold one.
+    ///
+    /// # Errors
+    /// [`EvalError::Preset`] for text that is no protocol of this version, with its field.
+    pub fn protocol(&self) -> Result<Preset, EvalError> {
+        Preset::from_toml(&self.toml)
+            .map_err(|source| EvalError::Preset { name: self.name.clone(), source: Box::new(source) })
     }
 }
 

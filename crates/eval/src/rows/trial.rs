@@ -15,6 +15,12 @@ pub struct TrialRow {
     pub trial_hash: String,
     /// [`atsplat_protocol::trial::Trial::pose_hash`] in hexadecimal.
     pub pose_hash: String,
+    /// [`atsplat_protocol::trial::Trial::data_hash`] in hexadecimal; `None` in rows that were written before there was one.
+    #[serde(default)]
+    pub data_hash: Option<String>,
+    /// SHA-256 of the files that the method brought its answer in, in hexadecimal; `None` for methods that bring none.
+    #[serde(default)]
+    pub input_hash: Option<String>,
     /// What became of it.
     pub status: TrialStatus,
     /// Why it failed.

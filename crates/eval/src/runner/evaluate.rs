@@ -1,5 +1,6 @@
 //! One trial under one method.
 
+use std::any::Any;
 use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
@@ -10,7 +11,7 @@ use atsplat_metrics::Suite;
 use atsplat_numeric::median;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
-use atsplat_protocol::trial::{TargetPictures, Trial};
+use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
 use rayon::prelude::*;
 
 use super::pictures::{self, CONTEXT, Keeping, TRUTH};
@@ -36,13 +37,15 @@ pub(super) struct Evaluation<'a> {
 /// A trial with all of its pictures.
 pub(super) struct Decoded {
     pub(super) trial: Trial,
+    /// Of the bytes that were decoded, as [`Trial::data_hash`].
+    pub(super) data_hash: String,
     context: Result<Vec<Arc<ImageU8>>, String>,
     truths: Vec<Result<Arc<ImageU8>, String>>,
     read_secs: f64,
 }
 
 impl Decoded {
-    pub(super) fn new(trial: Trial, targets: &TargetPictures) -> Self {
+    pub(super) fn new(trial: Trial, targets: &TargetPictures, digests: &PictureDigests) -> Self {
         let start = Instant::now();
         let context = trial.context().iter().map(|view| view.picture().map_err(|error| error.to_string())).collect();
         let truth = |position| match targets.get(position) {
@@ -50,7 +53,9 @@ impl Decoded {
             None => Err("there is no true picture".to_owned()),
         };
         let truths = (0..trial.targets().len()).map(truth).collect();
-        Self { trial, context, truths, read_secs: start.elapsed().as_secs_f64() }
+        let read_secs = start.elapsed().as_secs_f64();
+        let data_hash = trial.data_hash(targets, digests).to_string();
+        Self { trial, data_hash, context, truths, read_secs }
     }
 }
 
@@ -59,6 +64,7 @@ impl Evaluation<'_> {
     pub(super) fn rows(
         &self,
         key: TrialKey,
+        input_hash: Option<String>,
         decoded: &Decoded,
         method: &dyn Method,
     ) -> Result<(TrialRow, Vec<TargetRow>), EvalError> {
@@ -70,12 +76,12 @@ impl Evaluation<'_> {
         if let Some(store) = self.pictures.all() {
             keep_given(store, &key, decoded)?;
         }
-        let mut made = Made { rows: blanks.collect(), ..Made::default() };
+        let mut made = Made { input_hash, rows: blanks.collect(), ..Made::default() };
         // A method's bug costs its trial and no other.
         let outcome = catch_unwind(AssertUnwindSafe(|| self.fill(&key, &mut made, decoded, method)));
         let refusal = match outcome {
             Ok(filled) => filled?.err(),
-            Err(_panic) => Some(Refusal::Failed("the method panicked".to_owned())),
+            Err(panic) => Some(Refusal::Failed(format!("the method panicked: {}", text_of(panic.as_ref())))),
         };
         if let Some(refusal) = &refusal {
             let unfilled = made.rows.iter_mut().filter(|row| row.render_hash.is_none() && row.detail.is_none());
@@ -105,10 +111,14 @@ impl Evaluation<'_> {
         let rows = made.rows.clone();
         let positions: Vec<usize> = (0..rows.len()).collect();
         let chunk = |targets: &[usize]| self.chunk(answer.as_ref(), targets, &rows, decoded);
-        let chunks: Vec<Vec<Scored>> = if self.alone {
+        let chunks: Vec<Result<Vec<Scored>, Refusal>> = if self.alone {
             positions.chunks(together).map(chunk).collect::<Result<_, _>>()?
         } else {
             positions.par_chunks(together).map(chunk).collect::<Result<_, _>>()?
+        };
+        let chunks = match chunks.into_iter().collect::<Result<Vec<_>, Refusal>>() {
+            Ok(chunks) => chunks,
+            Err(refusal) => return Ok(Err(refusal)),
         };
         made.rows.clear();
         for Scored { row, secs, drawn, effects, score_secs } in chunks.into_iter().flatten() {
@@ -120,28 +130,31 @@ impl Evaluation<'_> {
         }
         if let Some(store) = self.pictures.worst(key, &made.rows) {
             keep_given(store, key, decoded)?;
-            keep_renders(store, key, decoded, answer.as_ref())?;
+            return keep_renders(store, key, decoded, answer.as_ref());
         }
         Ok(Ok(()))
     }
 
     /// Renders and scores some targets. The renders are gone when it is done.
+    #[expect(clippy::expect_used, reason = "positions are those of the rows, and every target has a row and a truth")]
     fn chunk(
         &self,
         answer: &dyn Answer,
         targets: &[usize],
         rows: &[TargetRow],
         decoded: &Decoded,
-    ) -> Result<Vec<Scored>, EvalError> {
-        let rendered = answer.render(targets);
+    ) -> Result<Result<Vec<Scored>, Refusal>, EvalError> {
+        let rendered = match render_all(answer, targets) {
+            Ok(rendered) => rendered,
+            Err(refusal) => return Ok(Err(refusal)),
+        };
         let mut scored = Vec::with_capacity(targets.len());
         for (position, rendered) in targets.iter().zip(rendered) {
-            let (Some(row), Some(truth)) = (rows.get(*position).cloned(), decoded.truths.get(*position)) else {
-                continue;
-            };
+            let row = rows.get(*position).cloned().expect("a row for each target");
+            let truth = decoded.truths.get(*position).expect("a truth or its error for each target");
             scored.push(self.scored(row, rendered, truth)?);
         }
-        Ok(scored)
+        Ok(Ok(scored))
     }
 
     fn scored(
@@ -171,6 +184,25 @@ impl Evaluation<'_> {
     }
 }
 
+/// What a panic said.
+fn text_of(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a text")
+}
+
+/// As many pictures as targets, or why not.
+fn render_all(answer: &dyn Answer, targets: &[usize]) -> Result<Vec<Result<Rendered, String>>, Refusal> {
+    let rendered = answer.render(targets);
+    if rendered.len() == targets.len() {
+        return Ok(rendered);
+    }
+    Err(Refusal::Failed(format!(
+        "expected a picture for each of {} targets, the method gave {}",
+        targets.len(),
+        rendered.len()
+    )))
+}
+
 /// Keeps what methods have in common: true and context pictures.
 fn keep_given(store: &Path, key: &TrialKey, decoded: &Decoded) -> Result<(), EvalError> {
     let truths = decoded.trial.targets().iter().map(|target| target.frame).zip(&decoded.truths);
@@ -184,17 +216,26 @@ fn keep_given(store: &Path, key: &TrialKey, decoded: &Decoded) -> Result<(), Eva
 }
 
 /// Renders once more, since a trial's score is known after its renders are gone, and keeps them.
-fn keep_renders(store: &Path, key: &TrialKey, decoded: &Decoded, answer: &dyn Answer) -> Result<(), EvalError> {
+fn keep_renders(
+    store: &Path,
+    key: &TrialKey,
+    decoded: &Decoded,
+    answer: &dyn Answer,
+) -> Result<Result<(), Refusal>, EvalError> {
     let targets = decoded.trial.targets();
     let positions: Vec<usize> = (0..targets.len()).collect();
     for together in positions.chunks(TOGETHER) {
-        for (position, rendered) in together.iter().zip(answer.render(together)) {
+        let rendered = match render_all(answer, together) {
+            Ok(rendered) => rendered,
+            Err(refusal) => return Ok(Err(refusal)),
+        };
+        for (position, rendered) in together.iter().zip(rendered) {
             if let (Some(target), Ok(rendered)) = (targets.get(*position), rendered) {
                 pictures::keep(store, key, target.frame as u64, &rendered.image)?;
             }
         }
     }
-    Ok(())
+    Ok(Ok(()))
 }
 
 /// A target that was rendered and scored.
@@ -209,6 +250,7 @@ struct Scored {
 /// A trial on its way to its rows.
 #[derive(Default)]
 struct Made {
+    input_hash: Option<String>,
     rows: Vec<TargetRow>,
     cost: Cost,
     render_samples: Vec<f64>,
@@ -219,7 +261,7 @@ struct Made {
 
 impl Made {
     fn into_rows(self, key: TrialKey, decoded: &Decoded, refusal: Option<Refusal>) -> (TrialRow, Vec<TargetRow>) {
-        let Self { rows, cost, render_samples, drawn, effects, score_secs } = self;
+        let Self { input_hash, rows, cost, render_samples, drawn, effects, score_secs } = self;
         let trial = &decoded.trial;
         let failed = rows.iter().filter(|row| row.status == TargetStatus::Failed).count();
         let first = rows.iter().find_map(|row| row.detail.clone().filter(|_| row.status == TargetStatus::Failed));
@@ -239,10 +281,12 @@ impl Made {
             key,
             trial_hash: trial.hash().to_string(),
             pose_hash: trial.pose_hash().to_string(),
+            data_hash: Some(decoded.data_hash.clone()),
+            input_hash,
             status,
             detail,
             context: trial.context().iter().map(|view| view.frame as u64).collect(),
-            targets: u32::try_from(rows.len()).unwrap_or(u32::MAX),
+            targets: super::walk::number(rows.len()),
             overlap: trial.entry().overlap,
             width: size.map(|size| size.width).unwrap_or_default(),
             height: size.map(|size| size.height).unwrap_or_default(),

@@ -14,10 +14,11 @@ pub struct Findings {
 
 impl Findings {
     /// Adds what walking a dataset under a preset came across.
+    #[expect(clippy::expect_used, reason = "warnings keep the first of each kind")]
     pub(super) fn add_warnings(&mut self, preset: &str, warnings: &Warnings) {
         for (kind, count) in warnings.counts() {
             let example = warnings.kept().iter().find(|warning| warning.kind == kind);
-            self.add(preset, &kind.to_string(), count, example.map(ToString::to_string).unwrap_or_default());
+            self.add(preset, &kind.to_string(), count, example.expect("the first of its kind").to_string());
         }
     }
 
@@ -38,7 +39,7 @@ impl Findings {
             self.skipped.push(SkippedEntry {
                 preset: preset.to_owned(),
                 scene: scene.clone(),
-                entry: u32::try_from(*entry_number).unwrap_or(u32::MAX),
+                entry: super::walk::number(*entry_number),
                 reason: reason.name().to_owned(),
                 detail: detail.clone(),
             });

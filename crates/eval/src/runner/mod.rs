@@ -9,6 +9,7 @@ mod findings;
 mod here;
 mod index;
 mod metrics;
+mod outdated;
 mod pictures;
 mod plan;
 mod present;

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 use atsplat_pixels::{Image, ImageU8, Rounding, encode_png};
 
 use super::worst::WorstSoFar;
+use crate::file_name::file_name;
 use crate::store::disk;
 use crate::{EvalError, TargetRow, TrialKey};
 
@@ -25,23 +26,20 @@ pub enum KeepPictures {
 }
 
 /// Where a store keeps a picture: `pictures/<preset>/<method>/<scene>-<entry>/<frame>.png`. Truths are under the method
-/// `truth`, context views under `context`; slashes in keys become underscores.
+/// `truth`, context views under `context`. Names that no file may have, or that only capitals tell apart, are changed, so
+/// that no two keys share a path.
 pub fn picture_path(store: &Path, key: &TrialKey, frame: u64) -> PathBuf {
     folder(store, key).join(format!("{frame:06}.png"))
 }
 
 /// Where the pictures of a trial are.
 pub(super) fn folder(store: &Path, key: &TrialKey) -> PathBuf {
-    folder_of_method(store, &key.preset, &key.method).join(format!("{}-{}", plain(&key.scene), key.entry))
+    folder_of_method(store, &key.preset, &key.method).join(format!("{}-{}", file_name(&key.scene), key.entry))
 }
 
 /// Where the pictures of a method's trials are.
 pub(super) fn folder_of_method(store: &Path, preset: &str, method: &str) -> PathBuf {
-    store.join("pictures").join(plain(preset)).join(plain(method))
-}
-
-fn plain(text: &str) -> String {
-    text.replace(['/', '\\'], "_")
+    store.join("pictures").join(file_name(preset)).join(file_name(method))
 }
 
 /// [`KeepPictures`], with what deciding takes.

@@ -1,3 +1,4 @@
+use super::outdated::Outdated;
 use super::pictures::Keeping;
 use super::plan::{Plan, Summary};
 use super::selection::Selected;
@@ -32,6 +33,9 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
                 first.clone(),
             );
         }
+        let mut outdated = Outdated::of(plan, dataset, &store);
+        not_there.iter().for_each(|scene| outdated.look_at_absent(scene));
+        outdated.refuse()?;
         for methods in groups(&dataset.preset, plan.methods) {
             let walk = Walk { plan, dataset, methods, store: &store, keeping, step };
             walk.run(&index, &mut findings, &mut summary)?;

@@ -9,10 +9,11 @@ use crate::store::hexadecimal;
 use crate::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
 
 /// The row of a target of which nothing is known yet.
+#[expect(clippy::expect_used, reason = "no index file holds so many targets")]
 pub(super) fn blank(key: &TrialKey, trial: &Trial, target: &TargetView, position: usize) -> TargetRow {
     TargetRow {
         key: key.clone(),
-        target: u32::try_from(position).unwrap_or(u32::MAX),
+        target: u32::try_from(position).expect("a trial has fewer than 2³² targets"),
         frame: target.frame as u64,
         signed_distance: target.label.signed_distance,
         leaked: target.label.leaked,

@@ -1,11 +1,12 @@
 use std::sync::Arc;
 
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, Preset};
+use atsplat_protocol::trial::{DecodeAhead, PictureDigests, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
+use atsplat_protocol::{EvaluationIndex, Preset, Sha256Digest};
 use rayon::prelude::*;
 
 use super::Findings;
 use super::evaluate::{Decoded, Evaluation};
+use super::outdated::Outdated;
 use super::pictures::Keeping;
 use super::plan::{Dataset, Plan, Summary};
 use crate::method::Method;
@@ -35,8 +36,25 @@ pub(super) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry:
         preset: dataset.name.clone(),
         method: method.record().name,
         scene: scene.to_owned(),
-        entry: u32::try_from(entry).unwrap_or(u32::MAX),
+        entry: number(entry),
     }
+}
+
+/// How many entries or targets a scene has, as rows have it.
+#[expect(clippy::expect_used, reason = "no index file holds so many")]
+pub(super) fn number(count: usize) -> u32 {
+    u32::try_from(count).expect("a scene has fewer than 2³² entries and targets")
+}
+
+/// SHA-256 over the files that a method brings for a trial; `None` where it brings none.
+fn input_hash(method: &dyn Method, trial: &Trial, digests: &PictureDigests) -> Option<String> {
+    let files = method.files(trial);
+    let mut text = String::new();
+    for file in &files {
+        let digest = file.as_ref().and_then(|path| digests.of_file(path));
+        text.push_str(&digest.map_or_else(|| "none".to_owned(), |digest| digest.to_string()));
+    }
+    (!files.is_empty()).then(|| Sha256Digest::of(text.as_bytes()).to_string())
 }
 
 /// One walk over a dataset.
@@ -57,20 +75,31 @@ impl Walk<'_> {
         summary: &mut Summary,
     ) -> Result<(), EvalError> {
         let (known, mut rest) = self.parted(index);
-        // Scenes that are there are looked at without their pictures: whether they still ask the same.
+        // Scenes that are there are looked at without decoding: whether they still ask the same of the same data.
         let ahead = Prefetch { decode: DecodeAhead::Nothing, ..self.plan.prefetch };
         let mut trials = self.trials(&known, ahead);
         let mut changed = Vec::new();
+        let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         for outcome in trials.by_ref() {
             match outcome {
-                Ok((trial, _)) if self.missing(&trial).is_empty() => {
-                    summary.resumed += self.methods.len() as u64;
+                Ok((trial, targets)) => {
+                    let data = trial.data_hash(&targets, self.store.digests()).to_string();
+                    outdated.look_at(&trial, &data);
+                    if self.missing(&trial, &data).is_empty() {
+                        summary.resumed += self.methods.len() as u64;
+                        self.methods.iter().for_each(|_| (self.step)());
+                    } else {
+                        changed.push(trial.scene().to_owned());
+                    }
+                }
+                Err(skipped) => {
+                    outdated.look_at_skipped(&skipped);
                     self.methods.iter().for_each(|_| (self.step)());
                 }
-                Ok((trial, _)) => changed.push(trial.scene().to_owned()),
-                Err(_skipped) => self.methods.iter().for_each(|_| (self.step)()),
             }
         }
+        self.store.digests().keep()?;
+        outdated.refuse()?;
         self.found(&trials, findings);
         rest.scenes.extend(known.scenes.into_iter().filter(|(key, _)| changed.contains(key)));
         let ahead = if self.plan.alone { Prefetch { trials: 0, ..self.plan.prefetch } } else { self.plan.prefetch };
@@ -101,13 +130,11 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Scenes of which everything is there, and the others.
+    /// Scenes that the store has results of, by whichever method, and the others.
     fn parted(&self, index: &EvaluationIndex) -> (EvaluationIndex, EvaluationIndex) {
         let is_known = |scene: &str, entries: usize| {
-            let mut keys = (0..entries).flat_map(|entry| {
-                self.methods.iter().map(move |method| key_of(self.dataset, method.as_ref(), scene, entry))
-            });
-            keys.all(|key| self.store.trial_hash(&key).is_some())
+            let name = &self.dataset.name;
+            (0..entries).any(|entry| self.store.known().methods(name, scene, number(entry)).next().is_some())
         };
         let (mut known, mut rest) = (EvaluationIndex::default(), EvaluationIndex::default());
         for (scene, entries) in &index.scenes {
@@ -121,14 +148,16 @@ impl Walk<'_> {
         Trials::new(Arc::clone(&self.dataset.source), index, recipe(self.dataset, &self.methods), prefetch)
     }
 
-    /// Methods that have not answered this very question.
-    fn missing(&self, trial: &Trial) -> Vec<&Arc<dyn Method>> {
+    /// Methods that have not answered this very question about these data with these files, and what their files are.
+    fn missing(&self, trial: &Trial, data_hash: &str) -> Vec<(&Arc<dyn Method>, Option<String>)> {
         let hash = trial.hash().to_string();
-        let answered = |method: &&Arc<dyn Method>| {
+        let missing = |method: &'_ Arc<dyn Method>| {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            self.store.trial_hash(&key) == Some(hash.as_str())
+            let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
+            let answered = self.store.known().answered(&key, &hash, data_hash, input_hash.as_deref());
+            (!answered).then_some(input_hash)
         };
-        self.methods.iter().filter(|method| !answered(method)).collect()
+        self.methods.iter().filter_map(|method| Some((method, missing(method)?))).collect()
     }
 
     /// Trials that are worked on at once. Networks take too much memory for several.
@@ -139,8 +168,13 @@ impl Walk<'_> {
 
     /// Evaluates a trial under each method that has not answered it; how many did, and how many had.
     fn evaluate(&self, trial: Trial, targets: &TargetPictures) -> Result<(u64, u64), EvalError> {
-        let decoded = Decoded::new(trial, targets);
-        let missing = self.missing(&decoded.trial);
+        let decoded = Decoded::new(trial, targets, self.store.digests());
+        self.store.digests().keep()?;
+        // The data may have changed since they were looked at.
+        let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
+        outdated.look_at(&decoded.trial, &decoded.data_hash);
+        outdated.refuse()?;
+        let missing = self.missing(&decoded.trial, &decoded.data_hash);
         let evaluation = Evaluation {
             preset: &self.dataset.preset,
             suite: self.plan.suite,
@@ -150,14 +184,15 @@ impl Walk<'_> {
         };
         let before = (self.methods.len() - missing.len()) as u64;
         (0..before).for_each(|_| (self.step)());
-        for method in &missing {
+        let evaluated = missing.len() as u64;
+        for (method, input_hash) in missing {
             let trial = &decoded.trial;
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
-            let (row, targets) = evaluation.rows(key, &decoded, method.as_ref())?;
+            let (row, targets) = evaluation.rows(key, input_hash, &decoded, method.as_ref())?;
             self.store.append(&row, &targets)?;
             (self.step)();
         }
-        Ok((missing.len() as u64, before))
+        Ok((evaluated, before))
     }
 
     fn found(&self, trials: &Trials, findings: &mut Findings) {

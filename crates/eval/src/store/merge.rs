@@ -10,6 +10,8 @@ pub struct Merged {
     pub results: Results,
     /// Shards, counted from 1, that are not among them.
     pub missing_shards: Vec<u32>,
+    /// Trials that more than one of them held, each counted as often as it came again.
+    pub repeated: u64,
 }
 
 impl Results {
@@ -42,13 +44,15 @@ impl Results {
             provenance.take_in(part.provenance)?;
             rows.add(part.trials, part.targets)?;
         }
-        let missing_shards: Vec<u32> = (1..=of.unwrap_or_default()).filter(|number| !shards.contains(number)).collect();
+        let all = of.into_iter().flat_map(|of| 1..=of);
+        let missing_shards: Vec<u32> = all.filter(|number| !shards.contains(number)).collect();
         if missing_shards.is_empty() {
             provenance.shard = None;
         }
         provenance.schema_version = SCHEMA_VERSION;
         provenance.schema_hash = super::schema_hash();
-        Ok(Merged { results: rows.into_results(provenance), missing_shards })
+        let repeated = rows.repeated;
+        Ok(Merged { results: rows.into_results(provenance), missing_shards, repeated })
     }
 }
 
@@ -56,13 +60,17 @@ impl Results {
 struct Rows {
     trials: BTreeMap<TrialKey, TrialRow>,
     targets: BTreeMap<(TrialKey, u32), TargetRow>,
+    repeated: u64,
 }
 
 impl Rows {
     fn add(&mut self, trials: Vec<TrialRow>, targets: Vec<TargetRow>) -> Result<(), EvalError> {
         for trial in trials {
             match self.trials.get(&trial.key) {
-                Some(known) => agree(&trial.key, &known.without_times(), &trial.without_times())?,
+                Some(known) => {
+                    agree(&trial.key, &known.without_times(), &trial.without_times())?;
+                    self.repeated += 1;
+                }
                 None => drop(self.trials.insert(trial.key.clone(), trial)),
             }
         }
@@ -82,14 +90,17 @@ impl Rows {
     }
 }
 
+#[expect(clippy::expect_used, reason = "rows were read from JSON and Parquet, and both can be written")]
 fn agree<R: serde::Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R) -> Result<(), EvalError> {
     if first == second {
         return Ok(());
     }
-    let fields = |row: &R| serde_json::to_value(row).unwrap_or_default();
+    let fields = |row: &R| serde_json::to_value(row).expect("a row is a JSON object");
     let (first, second) = (fields(first), fields(second));
     let names = first.as_object().into_iter().flatten().map(|(name, _)| name);
-    let field = names.into_iter().find(|name| first.get(name) != second.get(name)).cloned().unwrap_or_default();
-    let told = |row: &serde_json::Value| row.get(&field).map(ToString::to_string).unwrap_or_default();
+    let differing = names.into_iter().find(|name| first.get(name) != second.get(name));
+    // A score that is NaN is no JSON number and differs from itself.
+    let field = differing.map_or("a number that is none", String::as_str).to_owned();
+    let told = |row: &serde_json::Value| row.get(&field).map_or_else(|| "none".to_owned(), ToString::to_string);
     Err(EvalError::Disagreement { key: key.to_string(), first: told(&first), second: told(&second), field })
 }

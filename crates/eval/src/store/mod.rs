@@ -6,12 +6,18 @@
 //! | `trials.parquet`, `targets.parquet` | the rows, in the order of their keys |
 //! | `parts/*.json` | trials that were finished since: one file each, written beside, synchronised and renamed |
 //! | `pictures/` | where asked for: `<preset>/<method>/<scene>-<entry>/<frame>.png` |
+//! | `digests.txt` | SHA-256 of the pictures that were read, by path, size and time of modification |
+//! | `run.lock`, `run.json` | whether a process writes here, and which |
 //!
 //! A crash loses at most the trials that were under way. [`Store::finish`] moves the parts into the tables. Versions of
 //! the schema are the files in `crates/eval/schema`: older ones are read, with nothing in columns that came later.
+//!
+//! One process writes at a time; others may read meanwhile, and see every trial that was finished when they began.
 
 mod columns;
+mod data;
 pub(crate) mod disk;
+mod lock;
 mod merge;
 mod parts;
 mod read;
@@ -22,37 +28,47 @@ mod targets;
 mod tests;
 mod trials;
 
-use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use atsplat_protocol::trial::PictureDigests;
 pub use merge::Merged;
 pub(crate) use schema::hexadecimal;
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
-use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
+use crate::{EvalError, Provenance, Results, TargetRow, TrialRow};
+use data::Known;
+use lock::Lock;
 use read::Content;
 
 /// The file by which a folder is a store.
 pub const PROVENANCE: &str = "provenance.json";
 const TRIALS: &str = "trials.parquet";
 const TARGETS: &str = "targets.parquet";
+const DIGESTS: &str = "digests.txt";
 
-/// A store that is being filled.
+/// A store that is being filled. No other process writes into it meanwhile.
 #[derive(Debug)]
 pub struct Store {
     folder: PathBuf,
     provenance: Provenance,
-    /// Hash of every trial that is there.
-    known: BTreeMap<TrialKey, String>,
+    known: Known,
+    digests: PictureDigests,
+    _lock: Lock,
 }
 
 impl Store {
     /// Makes a store in a folder that holds none, and tries whether it can be written.
     ///
     /// # Errors
-    /// [`EvalError::Io`]; [`EvalError::Different`] where the folder holds a store already.
+    /// [`EvalError::Io`]; [`EvalError::Different`] where the folder holds a store already, [`EvalError::InUse`] where another
+    /// process is about to make one.
     pub fn create(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
+        let lock = Lock::of(folder)?;
+        Self::make(folder, provenance, lock)
+    }
+
+    fn make(folder: &Path, provenance: Provenance, lock: Lock) -> Result<Self, EvalError> {
         if folder.join(PROVENANCE).exists() {
             return Err(EvalError::Different {
                 what: "the places".to_owned(),
@@ -65,7 +81,8 @@ impl Store {
         fs::create_dir_all(&parts).map_err(EvalError::io("making a results store", &parts))?;
         let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
         let provenance = Provenance { schema_version, schema_hash, ..provenance };
-        let store = Self { folder: folder.to_owned(), provenance, known: BTreeMap::new() };
+        let digests = PictureDigests::open(&folder.join(DIGESTS), false)?;
+        let store = Self { folder: folder.to_owned(), provenance, known: Known::default(), digests, _lock: lock };
         store.write_provenance()?;
         Ok(store)
     }
@@ -73,24 +90,35 @@ impl Store {
     /// Opens a store to go on with it.
     ///
     /// # Errors
-    /// As [`Results::read`]. A store of an older schema is read but not gone on with: [`EvalError::Different`].
+    /// As [`Results::read`], except that rows of different data are let through, to be replaced; [`EvalError::InUse`].
     pub fn open(folder: &Path) -> Result<Self, EvalError> {
+        if !folder.join(PROVENANCE).exists() {
+            return Err(EvalError::NoStore { folder: folder.to_owned() });
+        }
+        let lock = Lock::of(folder)?;
+        Self::of_content(folder, lock)
+    }
+
+    fn of_content(folder: &Path, lock: Lock) -> Result<Self, EvalError> {
         let Content { provenance, rows, .. } = Content::read(folder)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(EvalError::io("opening a results store", &parts))?;
-        let known = rows.into_iter().map(|(key, (trial, _))| (key, trial.trial_hash)).collect();
-        Ok(Self { folder: folder.to_owned(), provenance, known })
+        let known = Known::of(rows.into_values().map(|(trial, _)| trial));
+        let digests = PictureDigests::open(&folder.join(DIGESTS), false)?;
+        Ok(Self { folder: folder.to_owned(), provenance, known, digests, _lock: lock })
     }
 
     /// Goes on with the store in a folder, or makes one where there is none. Presets and methods that it lacks are added.
     ///
     /// # Errors
-    /// As [`Self::create`] and [`Self::open`]; [`EvalError::Different`] where what stands there was made in another way.
+    /// As [`Self::create`] and [`Self::open`]; [`EvalError::Different`] where what stands there was made in another way, or
+    /// with a schema that is older.
     pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
+        let lock = Lock::of(folder)?;
         if !folder.join(PROVENANCE).exists() {
-            return Self::create(folder, provenance);
+            return Self::make(folder, provenance, lock);
         }
-        let mut store = Self::open(folder)?;
+        let mut store = Self::of_content(folder, lock)?;
         store.provenance.go_on_with(provenance)?;
         store.write_provenance()?;
         Ok(store)
@@ -112,9 +140,23 @@ impl Store {
         self.provenance.skipped = findings.skipped;
     }
 
-    /// Hash of a trial that is there.
-    pub fn trial_hash(&self, key: &TrialKey) -> Option<&str> {
-        self.known.get(key).map(String::as_str)
+    /// Forgets which pictures are known by size and time of modification, so that every one is read again.
+    ///
+    /// # Errors
+    /// [`EvalError::Protocol`] where the file that remembers them cannot be read.
+    pub fn reread_pictures(self) -> Result<Self, EvalError> {
+        let digests = PictureDigests::open(&self.folder.join(DIGESTS), true)?;
+        Ok(Self { digests, ..self })
+    }
+
+    /// What is known of pictures' bytes.
+    pub(crate) const fn digests(&self) -> &PictureDigests {
+        &self.digests
+    }
+
+    /// The trials that were there when the store was opened.
+    pub(crate) const fn known(&self) -> &Known {
+        &self.known
     }
 
     /// Adds a trial, whole or not at all; callable from any thread.
@@ -132,6 +174,7 @@ impl Store {
     /// # Errors
     /// As [`Results::read`], and [`EvalError::Io`].
     pub fn finish(self) -> Result<Results, EvalError> {
+        self.digests.keep()?;
         self.write_provenance()?;
         let content = Content::read(&self.folder)?;
         let parts = content.parts.clone();
@@ -142,6 +185,7 @@ impl Store {
             fs::remove_file(&part).map_err(EvalError::io("removing what is in the tables now", &part))?;
         }
         fs::remove_dir(parts::folder(&self.folder)).ok();
+        data::of_one_dataset(&results)?;
         Ok(results)
     }
 
@@ -154,13 +198,16 @@ impl Store {
 }
 
 impl Results {
-    /// Reads a store, finished or not.
+    /// Reads a store, finished or not, while another process writes into it or not.
     ///
     /// # Errors
     /// [`EvalError::NoStore`]; [`EvalError::TooNew`] and [`EvalError::SchemaHash`] for a schema that is not known;
-    /// [`EvalError::Malformed`] with file, column and row; [`EvalError::Io`].
+    /// [`EvalError::Malformed`] with file, column and row; [`EvalError::MixedData`] where methods were given different
+    /// pictures or cameras under one name; [`EvalError::Io`].
     pub fn read(folder: &Path) -> Result<Self, EvalError> {
-        Ok(Content::read(folder)?.into_results())
+        let results = Content::read(folder)?.into_results();
+        data::of_one_dataset(&results)?;
+        Ok(results)
     }
 
     /// Writes these rows into a new store.

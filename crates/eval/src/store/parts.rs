@@ -46,7 +46,8 @@ pub(super) fn read(store: &Path) -> Result<Parts, EvalError> {
     for path in disk::files(&folder(store))? {
         match path.extension().and_then(|extension| extension.to_str()) {
             Some("json") => {
-                let bytes = disk::read(&path)?.unwrap_or_default();
+                // A part that is gone since the folder was listed is in the tables.
+                let Some(bytes) = disk::read(&path)? else { continue };
                 let part = serde_json::from_slice(&bytes)
                     .map_err(|error| EvalError::malformed(&path, "file", "the rows of a trial", error))?;
                 parts.push((path, part));
@@ -58,6 +59,7 @@ pub(super) fn read(store: &Path) -> Result<Parts, EvalError> {
     Ok((parts, unfinished))
 }
 
+#[expect(clippy::expect_used, reason = "SHA-256 has 64 hexadecimal digits")]
 fn name(key: &TrialKey) -> String {
     let mut hash = Sha256::new();
     for text in [&key.preset, &key.method, &key.scene] {
@@ -66,5 +68,5 @@ fn name(key: &TrialKey) -> String {
     }
     hash.update(key.entry.to_le_bytes());
     let digest = hexadecimal(&hash.finalize());
-    format!("{}.json", digest.get(..32).unwrap_or_default())
+    format!("{}.json", digest.get(..32).expect("64 digits"))
 }

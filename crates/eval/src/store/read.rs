@@ -1,5 +1,7 @@
 use std::collections::BTreeMap;
+use std::fs;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 use super::parts::{self, Part};
 use super::schema::{self, SCHEMA_VERSION, Schema};
@@ -16,13 +18,30 @@ pub(super) struct Content {
     pub(super) parts: Vec<PathBuf>,
 }
 
+/// How often a store is read that is rewritten meanwhile.
+const ATTEMPTS: usize = 100;
+
 impl Content {
+    /// A store's rows at one moment, although another process may move parts into the tables meanwhile.
     pub(super) fn read(folder: &Path) -> Result<Self, EvalError> {
+        let mut attempts = 0..ATTEMPTS;
+        loop {
+            let before = stamps(folder);
+            let content = Self::once(folder);
+            if attempts.next().is_none() || stamps(folder) == before {
+                return content;
+            }
+        }
+    }
+
+    #[expect(clippy::expect_used, reason = "tests read every committed schema")]
+    fn once(folder: &Path) -> Result<Self, EvalError> {
         let provenance = provenance(folder)?;
         let version = provenance.schema_version;
-        let schema = Schema::of_version(version).unwrap_or_default();
-        let mut rows = tables(folder, &schema)?;
+        let schema = Schema::of_version(version).expect("a version whose hash is known has a schema");
+        // The parts first: one that is removed meanwhile is in the tables.
         let (read, unfinished) = parts::read(folder)?;
+        let mut rows = tables(folder, &schema)?;
         let mut files = unfinished;
         for (path, Part { trial, mut targets }) in read {
             targets.sort_by_key(|row| row.target);
@@ -42,6 +61,14 @@ impl Content {
     }
 }
 
+/// By which a file that was replaced is told.
+fn stamps(folder: &Path) -> [Option<(u64, SystemTime)>; 3] {
+    [PROVENANCE, TRIALS, TARGETS].map(|name| {
+        let metadata = fs::metadata(folder.join(name)).ok()?;
+        Some((metadata.len(), metadata.modified().ok()?))
+    })
+}
+
 /// Reads what a store says of itself, and refuses one of another schema.
 pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
     let path = folder.join(PROVENANCE);
@@ -59,10 +86,14 @@ pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
         return Err(EvalError::TooNew { path, found, newest: SCHEMA_VERSION });
     };
     let provenance: Provenance = serde_json::from_value(value).map_err(unfit)?;
-    if provenance.schema_hash == expected {
-        return Ok(provenance);
+    if provenance.schema_hash != expected {
+        return Err(EvalError::SchemaHash { path, version: found, expected, found: provenance.schema_hash });
     }
-    Err(EvalError::SchemaHash { path, version: found, expected, found: provenance.schema_hash })
+    for preset in &provenance.presets {
+        let unfit = |error: EvalError| EvalError::malformed(&path, "presets", "protocols of this version", error);
+        preset.protocol().map_err(unfit)?;
+    }
+    Ok(provenance)
 }
 
 type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;

@@ -3,7 +3,7 @@ use std::io::Cursor;
 use std::path::Path;
 
 use polars::prelude::{
-    ChunkedArray, Column as Values, DataFrame, ParquetReader, ParquetWriter, PolarsError, SerReader as _, Series,
+    ChunkedArray, DataFrame, ParquetReader, ParquetWriter, PolarsError, PolarsResult, SerReader as _, Series,
 };
 
 use super::disk;
@@ -55,52 +55,63 @@ impl<'a> Table<'a> {
         self.frame.height()
     }
 
-    /// A column that the table's version has; `None` for one that came later.
-    fn column(&self, name: &str) -> Option<&Series> {
+    /// A column that the table's version has, as the type that its schema says; `None` for one that came later.
+    #[expect(clippy::expect_used, reason = "every column of the version was checked when the table was read")]
+    fn column<'t, T>(&'t self, name: &str, typed: impl Fn(&'t Series) -> PolarsResult<T>) -> Option<T> {
         self.columns.iter().find(|column| column.name == name)?;
-        self.frame.column(name).ok().map(Values::as_materialized_series)
+        let column = self.frame.column(name).expect("a column of the schema").as_materialized_series();
+        Some(typed(column).expect("a column of the schema's type"))
     }
 
     pub(super) fn texts_of(&self, name: &str) -> Vec<Option<String>> {
-        let column = self.column(name).and_then(|column| column.str().ok());
+        let column = self.column(name, Series::str);
         self.all(column.map(|column| column.iter().map(|text| text.map(str::to_owned))))
     }
 
     pub(super) fn flags_of(&self, name: &str) -> Vec<Option<bool>> {
-        self.all(self.column(name).and_then(|column| column.bool().ok()).map(ChunkedArray::iter))
+        self.all(self.column(name, Series::bool).map(ChunkedArray::iter))
     }
 
     pub(super) fn counts_of(&self, name: &str) -> Vec<Option<u64>> {
-        self.all(self.column(name).and_then(|column| column.u64().ok()).map(ChunkedArray::iter))
+        self.all(self.column(name, Series::u64).map(ChunkedArray::iter))
     }
 
     pub(super) fn integers_of(&self, name: &str) -> Vec<Option<i64>> {
-        self.all(self.column(name).and_then(|column| column.i64().ok()).map(ChunkedArray::iter))
+        self.all(self.column(name, Series::i64).map(ChunkedArray::iter))
     }
 
     pub(super) fn numbers_of(&self, name: &str) -> Vec<Option<f64>> {
-        self.all(self.column(name).and_then(|column| column.f64().ok()).map(ChunkedArray::iter))
+        self.all(self.column(name, Series::f64).map(ChunkedArray::iter))
     }
 
-    pub(super) fn lists_of_texts(&self, name: &str) -> Vec<Vec<String>> {
-        let list = |series: &Series| Some(series.str().ok()?.iter().flatten().map(str::to_owned).collect());
-        self.lists(name, list)
+    pub(super) fn lists_of_texts(&self, name: &str) -> Result<Vec<Vec<String>>, EvalError> {
+        self.lists(name, |series| Ok(series.str()?.iter().map(|text| text.map(str::to_owned)).collect()))
     }
 
-    pub(super) fn lists_of_counts(&self, name: &str) -> Vec<Vec<u64>> {
-        self.lists(name, |series| Some(series.u64().ok()?.iter().flatten().collect()))
+    pub(super) fn lists_of_counts(&self, name: &str) -> Result<Vec<Vec<u64>>, EvalError> {
+        self.lists(name, |series| Ok(series.u64()?.iter().collect()))
     }
 
-    pub(super) fn lists_of_numbers(&self, name: &str) -> Vec<Vec<f64>> {
-        self.lists(name, |series| Some(series.f64().ok()?.iter().flatten().collect()))
+    pub(super) fn lists_of_numbers(&self, name: &str) -> Result<Vec<Vec<f64>>, EvalError> {
+        self.lists(name, |series| Ok(series.f64()?.iter().collect()))
     }
 
-    fn lists<T>(&self, name: &str, of: impl Fn(&Series) -> Option<Vec<T>>) -> Vec<Vec<T>> {
-        let column = self.column(name).and_then(|column| column.list().ok());
-        let lists = column.map(|column| {
-            (0..column.len()).map(|at| column.get_as_series(at).map(|series| of(&series).unwrap_or_default()))
-        });
-        self.all(lists).into_iter().map(Option::unwrap_or_default).collect()
+    /// `of` gives `None` for a list that holds a null. Lists of a column that came later are empty.
+    fn lists<T>(
+        &self,
+        name: &str,
+        of: impl Fn(&Series) -> PolarsResult<Option<Vec<T>>>,
+    ) -> Result<Vec<Vec<T>>, EvalError> {
+        let Some(column) = self.column(name, Series::list) else {
+            return Ok(std::iter::repeat_with(Vec::new).take(self.rows()).collect());
+        };
+        let list = |at: usize| {
+            let series = column.get_as_series(at);
+            let list = series.map(|series| of(&series)).transpose();
+            let list = list.map_err(|error| self.wrong(name, at, "a list", error))?;
+            list.flatten().ok_or_else(|| self.wrong(name, at, "a list without nulls", "a null"))
+        };
+        (0..column.len()).map(list).collect()
     }
 
     /// Nulls where there is no such column.

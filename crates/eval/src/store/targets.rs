@@ -4,7 +4,7 @@ use atsplat_metrics::definitions;
 
 use super::columns::Columns;
 use super::table::Table;
-use super::trials::{keys, small, taken, value};
+use super::trials::{keys, needed, pairs, small, taken, value};
 use crate::{EvalError, TargetRow, TargetStatus};
 
 pub(super) fn columns(rows: &[TargetRow]) -> Columns<'_, TargetRow> {
@@ -41,21 +41,21 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TargetRow>, EvalError> {
         ["target", "frame", "width", "height", "non-finite"].map(|name| table.counts_of(name));
     let [overlap, render_secs] = ["overlap", "render-secs"].map(|name| table.numbers_of(name));
     let (distance, leaked) = (table.integers_of("signed-distance"), table.flags_of("leaked"));
-    let [mut ids, mut reasons] = ["not-computed", "not-computed-why"].map(|name| table.lists_of_texts(name));
+    let [mut ids, mut reasons] = [table.lists_of_texts("not-computed")?, table.lists_of_texts("not-computed-why")?];
     let scores: Vec<_> = definitions().iter().map(|metric| (metric.id, table.numbers_of(metric.id))).collect();
     let mut rows = Vec::with_capacity(keys.len());
     for (at, key) in keys.into_iter().enumerate() {
         let small = |name, values: &[Option<u64>]| small(table, name, at, values);
-        let name = value(&status, at).unwrap_or_default();
+        let name = needed(table, "status", at, &status)?;
         let status = TargetStatus::named(&name)
             .ok_or_else(|| table.wrong("status", at, "the name of a target's status", &name))?;
         let score = |(id, values): &(&str, Vec<Option<f64>>)| Some(((*id).to_owned(), value(values, at)?));
         rows.push(TargetRow {
             key,
             target: small("target", &target)?,
-            frame: value(&frame, at).unwrap_or_default(),
-            signed_distance: value(&distance, at).unwrap_or_default(),
-            leaked: value(&leaked, at).unwrap_or_default(),
+            frame: needed(table, "frame", at, &frame)?,
+            signed_distance: needed(table, "signed-distance", at, &distance)?,
+            leaked: needed(table, "leaked", at, &leaked)?,
             overlap: value(&overlap, at),
             width: small("width", &width)?,
             height: small("height", &height)?,
@@ -63,9 +63,9 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TargetRow>, EvalError> {
             render_hash: value(&render, at),
             status,
             detail: value(&detail, at),
-            non_finite: value(&non_finite, at).unwrap_or_default(),
+            non_finite: needed(table, "non-finite", at, &non_finite)?,
             scores: scores.iter().filter_map(score).collect(),
-            not_computed: taken(&mut ids, at).into_iter().zip(taken(&mut reasons, at)).collect(),
+            not_computed: pairs(table, ("not-computed", taken(&mut ids, at)), taken(&mut reasons, at), at)?.collect(),
             render_secs: value(&render_secs, at),
         });
     }

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 
 use super::schema::{self, Column, Kind, Schema};
 use super::*;
-use crate::{Seconds, Shard, TargetStatus, TrialStatus};
+use crate::{Seconds, Shard, TargetStatus, TrialKey, TrialStatus};
 
 fn key(scene: &str) -> TrialKey {
     TrialKey { preset: "p".to_owned(), method: "m".to_owned(), scene: scene.to_owned(), entry: 0 }
@@ -13,6 +13,8 @@ fn trial(scene: &str) -> TrialRow {
         key: key(scene),
         trial_hash: format!("hash of {scene}"),
         pose_hash: "poses".to_owned(),
+        data_hash: Some(format!("data of {scene}")),
+        input_hash: None,
         status: TrialStatus::Partial,
         detail: Some("1 of 2 failed".to_owned()),
         context: vec![9, 126],
@@ -105,8 +107,8 @@ fn a_finished_store_goes_on_and_ends_with_the_bytes_of_one_run() {
     filled(once.path(), &["a", "b", "c"]).finish().unwrap();
     filled(twice.path(), &["c", "a"]).finish().unwrap();
     let store = Store::resume(twice.path(), Provenance::default()).unwrap();
-    assert_eq!(store.trial_hash(&key("c")), Some("hash of c"));
-    assert_eq!(store.trial_hash(&key("b")), None);
+    let answered = |key: &TrialKey, data: &str| store.known().answered(key, "hash of c", data, None);
+    assert!(answered(&key("c"), "data of c") && !answered(&key("c"), "data of d") && !answered(&key("b"), "data of c"));
     store.append(&trial("b"), &targets("b")).unwrap();
     fs::write(parts::folder(twice.path()).join("x.json.1-0.tmp"), b"half a tri").unwrap();
     store.finish().unwrap();
@@ -270,4 +272,111 @@ fn a_folder_that_cannot_be_written_is_told_before_work() {
     assert!(matches!(error, EvalError::Io { .. }), "{error}");
     filled(&folder.path().join("store"), &[]);
     assert!(Store::create(&folder.path().join("store"), Provenance::default()).is_err());
+}
+
+/// `m` and `n` answered the same trial.
+fn by(method: &str, data: &str) -> (TrialRow, Vec<TargetRow>) {
+    let mut row = trial("a");
+    row.data_hash = Some(data.to_owned());
+    row.key.method = method.to_owned();
+    let targets = targets("a").into_iter().map(|target| TargetRow { key: row.key.clone(), ..target }).collect();
+    (row, targets)
+}
+
+#[test]
+fn rows_of_different_data_are_not_read_as_one_table() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path(), &[]);
+    for (method, data) in [("m", "old"), ("n", "new")] {
+        let (row, targets) = by(method, data);
+        store.append(&row, &targets).unwrap();
+    }
+    let error = Results::read(folder.path()).unwrap_err();
+    assert!(matches!(error, EvalError::MixedData { .. }), "{error}");
+    let told = error.to_string();
+    assert!(told.contains("m on p, scene \"a\"") && told.contains("n on p, scene \"a\""), "{told}");
+    drop(store);
+    // The run that was killed on the way goes on, and replaces what is old.
+    let store = Store::open(folder.path()).unwrap();
+    let (row, targets) = by("m", "new");
+    store.append(&row, &targets).unwrap();
+    assert_eq!(store.finish().unwrap().trials.len(), 2);
+    // Rows of earlier versions say which true pictures they were compared with.
+    let store = Store::open(folder.path()).unwrap();
+    let (mut row, mut targets) = by("m", "new");
+    row.data_hash = None;
+    targets[0].truth_hash = Some("another truth".to_owned());
+    store.append(&row, &targets).unwrap();
+    assert!(store.finish().unwrap_err().to_string().contains("different true pictures"));
+}
+
+#[test]
+fn one_process_writes_and_others_are_told_which() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path(), &["a"]);
+    let opened = [
+        Store::open(folder.path()).map(drop),
+        Store::create(folder.path(), Provenance::default()).map(drop),
+        Store::resume(folder.path(), Provenance::default()).map(drop),
+    ];
+    for error in opened.map(Result::unwrap_err) {
+        assert!(matches!(error, EvalError::InUse { .. }), "{error}");
+        let told = error.to_string();
+        let since = crate::drift::date(std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap().as_secs());
+        for part in [&format!("process {} on ", std::process::id()), &since, "--shard 1/2", "atsplat merge"] {
+            assert!(told.contains(part), "{part}: {told}");
+        }
+    }
+    assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 1, "whoever reads needs no lock");
+    store.append(&trial("b"), &targets("b")).unwrap();
+    assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 2);
+    assert_eq!(store.finish().unwrap().trials.len(), 2);
+    // What a killed process left behind locks nothing.
+    fs::write(folder.path().join("run.json"), r#"{"pid":1,"host":"elsewhere","since":0}"#).unwrap();
+    drop(Store::open(folder.path()).unwrap());
+    assert!(!folder.path().join("run.json").exists());
+}
+
+/// Every trial that was finished when reading began is read, while parts move into the tables.
+#[test]
+fn reading_beside_a_writer_misses_nothing() {
+    let folder = tempfile::tempdir().unwrap();
+    filled(folder.path(), &["s000"]).finish().unwrap();
+    let done = std::sync::atomic::AtomicUsize::new(1);
+    std::thread::scope(|scope| {
+        scope.spawn(|| {
+            for round in 1..40 {
+                let store = Store::open(folder.path()).unwrap();
+                for scene in [2 * round, 2 * round + 1].map(|number| format!("s{number:03}")) {
+                    store.append(&trial(&scene), &targets(&scene)).unwrap();
+                    done.fetch_add(1, std::sync::atomic::Ordering::SeqCst);
+                }
+                store.finish().unwrap();
+            }
+        });
+        while done.load(std::sync::atomic::Ordering::SeqCst) < 79 {
+            let before = done.load(std::sync::atomic::Ordering::SeqCst);
+            let results = Results::read(folder.path()).unwrap();
+            assert!(results.trials.len() >= before, "{} of {before}", results.trials.len());
+            assert_eq!(results.targets.len(), 2 * results.trials.len());
+        }
+    });
+}
+
+#[test]
+fn a_protocol_that_no_longer_reads_is_named_with_its_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
+    let preset = crate::PresetRecord { name: "walls".to_owned(), toml, ..crate::PresetRecord::default() };
+    let provenance = Provenance { presets: vec![preset], ..Provenance::default() };
+    drop(Store::create(folder.path(), provenance).unwrap());
+    assert_eq!(Results::read(folder.path()).unwrap().provenance.presets.len(), 1);
+    let error = provenance_with(folder.path(), |value| {
+        let text = value["presets"][0]["toml"].as_str().unwrap().replace("scene-means", "scene-medians");
+        value["presets"][0]["toml"] = text.into();
+    });
+    let told = error.to_string();
+    for part in ["provenance.json: presets", "walls, toml", "scene-medians"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
 }

@@ -12,6 +12,8 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
         .count("entry", |row| row.key.entry.into())
         .text("trial-hash", |row| &row.trial_hash)
         .text("pose-hash", |row| &row.pose_hash)
+        .optional_text("data-hash", |row| row.data_hash.as_deref())
+        .optional_text("input-hash", |row| row.input_hash.as_deref())
         .text("status", |row| row.status.name())
         .optional_text("detail", |row| row.detail.as_deref())
         .counts("context", |row| &row.context)
@@ -38,14 +40,18 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
 
 pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
     let keys = keys(table)?;
-    let [hash, pose, status, detail] = ["trial-hash", "pose-hash", "status", "detail"].map(|name| table.texts_of(name));
-    let mut context = table.lists_of_counts("context");
+    let texts = ["trial-hash", "pose-hash", "data-hash", "input-hash", "status", "detail"];
+    let [hash, pose, data, input, status, detail] = texts.map(|name| table.texts_of(name));
+    let mut context = table.lists_of_counts("context")?;
     let [targets, width, height] = ["targets", "width", "height"].map(|name| table.counts_of(name));
     let counts = ["initial-tokens", "final-tokens", "gaussians", "peak-bytes"].map(|name| table.counts_of(name));
     let numbers = ["overlap", "gaussians-drawn", "read-secs", "encode-secs", "render-secs", "score-secs"];
     let numbers = numbers.map(|name| table.numbers_of(name));
-    let mut samples = ["encode-samples", "render-samples", "stage-secs"].map(|name| table.lists_of_numbers(name));
-    let mut texts = ["stages", "effects", "notes"].map(|name| table.lists_of_texts(name));
+    let [encode_samples, render_samples, stage_secs] =
+        ["encode-samples", "render-samples", "stage-secs"].map(|name| table.lists_of_numbers(name));
+    let mut samples = [encode_samples?, render_samples?, stage_secs?];
+    let [stages, effects, notes] = ["stages", "effects", "notes"].map(|name| table.lists_of_texts(name));
+    let mut texts = [stages?, effects?, notes?];
     let mut rows = Vec::with_capacity(keys.len());
     for (at, key) in keys.into_iter().enumerate() {
         let small = |name, values: &[Option<u64>]| small(table, name, at, values);
@@ -54,13 +60,15 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
             numbers.each_ref().map(|values| value(values, at));
         let [encode_samples, render_samples, stage_secs] = samples.each_mut().map(|lists| taken(lists, at));
         let [stages, effects, notes] = texts.each_mut().map(|lists| taken(lists, at));
-        let name = value(&status, at).unwrap_or_default();
+        let name = needed(table, "status", at, &status)?;
         let status = TrialStatus::named(&name)
             .ok_or_else(|| table.wrong("status", at, "the name of a trial's status", &name))?;
         rows.push(TrialRow {
             key,
-            trial_hash: value(&hash, at).unwrap_or_default(),
-            pose_hash: value(&pose, at).unwrap_or_default(),
+            trial_hash: needed(table, "trial-hash", at, &hash)?,
+            pose_hash: needed(table, "pose-hash", at, &pose)?,
+            data_hash: value(&data, at),
+            input_hash: value(&input, at),
             status,
             detail: value(&detail, at),
             context: taken(&mut context, at),
@@ -79,7 +87,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
                 score: score.unwrap_or_default(),
                 encode_samples,
                 render_samples,
-                stages: stages.into_iter().zip(stage_secs).collect(),
+                stages: pairs(table, ("stages", stages), stage_secs, at)?.collect(),
             },
             peak_bytes,
             effects,
@@ -95,9 +103,9 @@ pub(super) fn keys(table: &Table<'_>) -> Result<Vec<TrialKey>, EvalError> {
     let entries = table.counts_of("entry");
     let key = |at| {
         Ok(TrialKey {
-            preset: value(&presets, at).unwrap_or_default(),
-            method: value(&methods, at).unwrap_or_default(),
-            scene: value(&scenes, at).unwrap_or_default(),
+            preset: needed(table, "preset", at, &presets)?,
+            method: needed(table, "method", at, &methods)?,
+            scene: needed(table, "scene", at, &scenes)?,
             entry: small(table, "entry", at, &entries)?,
         })
     };
@@ -106,7 +114,7 @@ pub(super) fn keys(table: &Table<'_>) -> Result<Vec<TrialKey>, EvalError> {
 
 /// A count of 32 bits.
 pub(super) fn small(table: &Table<'_>, name: &str, at: usize, values: &[Option<u64>]) -> Result<u32, EvalError> {
-    let count = value(values, at).unwrap_or_default();
+    let count = needed(table, name, at, values)?;
     u32::try_from(count).map_err(|_too_large| table.wrong(name, at, "a count below 2³²", count))
 }
 
@@ -114,6 +122,25 @@ pub(super) fn value<T: Clone>(values: &[Option<T>], at: usize) -> Option<T> {
     values.get(at).cloned().flatten()
 }
 
+/// A value that every version has.
+pub(super) fn needed<T: Clone>(table: &Table<'_>, name: &str, at: usize, values: &[Option<T>]) -> Result<T, EvalError> {
+    value(values, at).ok_or_else(|| table.wrong(name, at, "a value", "none"))
+}
+
+#[expect(clippy::expect_used, reason = "a list is read for each row, and taken once")]
 pub(super) fn taken<T>(lists: &mut [Vec<T>], at: usize) -> Vec<T> {
-    lists.get_mut(at).map(std::mem::take).unwrap_or_default()
+    lists.get_mut(at).map(std::mem::take).expect("a list for each row")
+}
+
+/// Two lists of one row that belong together, element by element.
+pub(super) fn pairs<A, B>(
+    table: &Table<'_>,
+    (name, first): (&str, Vec<A>),
+    second: Vec<B>,
+    at: usize,
+) -> Result<impl Iterator<Item = (A, B)>, EvalError> {
+    if first.len() == second.len() {
+        return Ok(first.into_iter().zip(second));
+    }
+    Err(table.wrong(name, at, &format!("{} entries, as the list beside it has", second.len()), first.len()))
 }

@@ -1,10 +1,10 @@
 use atsplat_metrics::definition;
-use atsplat_protocol::{Aggregation, Preset};
+use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::{Axis, Frontier, Sample, frontier};
 use crate::statistics::{Leaked, Question, cost, direction, summary};
-use crate::{PresetRecord, Results};
+use crate::{EvalError, PresetRecord, Results};
 
 /// Both frontiers of one metric under one protocol.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -23,10 +23,13 @@ pub struct Tradeoff {
 }
 
 /// Every method of a store as a point, for each protocol and metric.
-pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Vec<Tradeoff> {
+///
+/// # Errors
+/// [`EvalError::Preset`].
+pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<Vec<Tradeoff>, EvalError> {
     let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
-        let samples = samples(results, &preset.name, metric, leaked, aggregation(preset));
-        of_samples(&preset.name, &preset.hash, metric, &samples)
+        let samples = samples(results, &preset.name, metric, leaked, preset.protocol()?.aggregation);
+        Ok(of_samples(&preset.name, &preset.hash, metric, &samples))
     };
     let presets = results.provenance.presets.iter();
     presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
@@ -34,15 +37,20 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Vec<Tra
 
 /// The methods of all protocols of a store in one: numbers that answer different questions side by side, as where views or
 /// resolution are swept. Labels say the protocol.
-pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Tradeoff {
+///
+/// # Errors
+/// [`EvalError::Preset`].
+pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeoff, EvalError> {
     let of_preset = |preset: &PresetRecord| {
-        let samples = samples(results, &preset.name, metric, leaked, aggregation(preset)).into_iter();
+        let samples = samples(results, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
         let labelled = |sample: Sample| Sample { label: format!("{}, {}", sample.label, preset.name), ..sample };
-        samples.map(labelled).collect::<Vec<_>>()
+        Ok(samples.map(labelled).collect::<Vec<_>>())
     };
-    let samples: Vec<Sample> = results.provenance.presets.iter().flat_map(of_preset).collect();
+    let samples: Vec<Vec<Sample>> =
+        results.provenance.presets.iter().map(of_preset).collect::<Result<_, EvalError>>()?;
+    let samples = samples.concat();
     let hashes: Vec<&str> = results.provenance.presets.iter().map(|preset| preset.hash.as_str()).collect();
-    of_samples("different protocols", &hashes.join(" "), metric, &samples)
+    Ok(of_samples("different protocols", &hashes.join(" "), metric, &samples))
 }
 
 fn of_samples(preset: &str, protocol: &str, metric: &str, samples: &[Sample]) -> Tradeoff {
@@ -55,11 +63,6 @@ fn of_samples(preset: &str, protocol: &str, metric: &str, samples: &[Sample]) ->
         unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
         frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
     }
-}
-
-/// How the recorded protocol averages; over scenes where the record holds none.
-fn aggregation(preset: &PresetRecord) -> Aggregation {
-    Preset::from_toml(&preset.toml).map_or(Aggregation::SceneMeans, |preset| preset.aggregation)
 }
 
 /// The methods of a store under a preset, in the order of the provenance record, each as a sample.

@@ -128,12 +128,20 @@ fn protocols_share_a_frontier_only_where_forced() {
     store.trials.push(crate::TrialRow { key, ..store.trials[0].clone() });
     store.provenance.methods.push(MethodRecord { name: "a".to_owned(), ..MethodRecord::default() });
     for name in [PRESET, "other"] {
-        store.provenance.presets.push(crate::PresetRecord { name: name.to_owned(), ..Default::default() });
+        let toml = Preset::named("re10k-2v-256").unwrap().to_toml().unwrap();
+        store.provenance.presets.push(crate::PresetRecord { name: name.to_owned(), toml, ..Default::default() });
     }
-    let apart = tradeoffs(&store, &["psnr"], Leaked::Included);
+    let apart = tradeoffs(&store, &["psnr"], Leaked::Included).unwrap();
     assert_eq!(apart.iter().map(|found| found.frontiers[0].points.len()).collect::<Vec<_>>(), [1, 1]);
-    let found = across(&store, "psnr", Leaked::Included);
+    let found = across(&store, "psnr", Leaked::Included).unwrap();
     assert_eq!(labels(&found.frontiers[0]), ["a, other", "a, sampled"]);
+    // A protocol that no longer reads must not change how its scores are averaged.
+    store.provenance.presets[1].toml = store.provenance.presets[1].toml.replace("aggregation", "agregation");
+    let told =
+        [tradeoffs(&store, &["psnr"], Leaked::Included).map(drop), across(&store, "psnr", Leaked::Included).map(drop)];
+    for told in told.map(|outcome| outcome.unwrap_err().to_string()) {
+        assert!(told.contains("presets, other, toml") && told.contains("agregation"), "{told}");
+    }
 }
 
 #[test]

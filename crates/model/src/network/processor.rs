@@ -32,6 +32,18 @@ impl Processor {
         }
     }
 
+    /// Why pictures are not rendered there after [`Self::open`]: the adapter's or the self-test's words. `None` where they
+    /// are.
+    pub fn refusal(self) -> Option<String> {
+        match self {
+            Self::Cpu => None,
+            #[cfg(feature = "gpu-network")]
+            Self::Wgpu => super::splatting::refusal(),
+            #[cfg(not(feature = "gpu-network"))]
+            Self::Wgpu => None,
+        }
+    }
+
     /// The device, for [`Network::new`](super::Network::new).
     ///
     /// On Mesa's software Vulkan the numbers of a network on wgpu are within 2e-5 of those here, absolute or relative, images of

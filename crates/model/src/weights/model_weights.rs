@@ -1,6 +1,8 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use sha2::{Digest as _, Sha256};
+
 use super::{KeyMap, KnownFile, LeftOver, StoredTensors, TensorFile};
 use crate::ModelError;
 use crate::config::{BackboneConfig, ModelConfig};
@@ -8,16 +10,20 @@ use crate::parameters::parameters;
 
 const WHAT: &str = "ATSplat weights";
 const FORMAT_KEY: &str = "atsplat.format";
-const FORMAT: &str = "1";
+/// What is written: the metadata have a hash too.
+const FORMAT: &str = "2";
+/// Files of earlier versions, whose metadata nothing covers.
+const BARE_FORMAT: &str = "1";
 const CONFIGURATION_KEY: &str = "atsplat.configuration";
 const DIGEST_KEY: &str = "atsplat.tensors-sha256";
+const METADATA_DIGEST_KEY: &str = "atsplat.metadata-sha256";
 const PROVENANCE_PREFIX: &str = "atsplat.provenance.";
 
 /// A network's weights with all that is needed to use and to trust them.
 ///
 /// In a file they are safetensors whose metadata hold `atsplat.format`, `atsplat.configuration` (the TOML text),
-/// `atsplat.tensors-sha256` ([`StoredTensors::digest`]) and `atsplat.provenance.<key>` for each entry of the
-/// provenance. `NAMES.md` explains the tensors' names.
+/// `atsplat.tensors-sha256` ([`StoredTensors::digest`]), `atsplat.provenance.<key>` for each entry of the provenance, and
+/// `atsplat.metadata-sha256` over all of these. `NAMES.md` explains the tensors' names.
 #[derive(Clone, Debug)]
 pub struct ModelWeights {
     /// The network.
@@ -28,6 +34,9 @@ pub struct ModelWeights {
     pub tensors: StoredTensors,
     /// sha256 of the file that they were read from, in hexadecimal; none where they were not.
     pub sha256: Option<String>,
+    /// Whether configuration and provenance are known to be those that were written: `false` for files of a format that
+    /// kept no hash of them.
+    pub metadata_covered: bool,
 }
 
 /// Which numbers a file stores.
@@ -56,7 +65,7 @@ impl ModelWeights {
         if let Some(LeftOver { tensor, found }) = report.left_over.first() {
             return Err(ModelError::malformed(WHAT, format!("tensor {tensor}"), "a parameter of the network", found));
         }
-        Ok(Self { config, provenance, tensors, sha256: None })
+        Ok(Self { config, provenance, tensors, sha256: None, metadata_covered: true })
     }
 
     /// Reads the toolkit's own file. Nothing is returned unless every tensor is there, of its shape, finite,
@@ -91,8 +100,9 @@ impl ModelWeights {
     /// [`ModelError::Malformed`] where the metadata are not this toolkit's, or hold no configuration.
     pub fn config_of(stored: &StoredTensors) -> Result<ModelConfig, ModelError> {
         let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
-        if format != FORMAT {
-            return Err(ModelError::malformed(WHAT, format!("metadata {FORMAT_KEY}"), FORMAT, format));
+        if ![BARE_FORMAT, FORMAT].contains(&format) {
+            let expected = format!("{BARE_FORMAT} or {FORMAT}");
+            return Err(ModelError::malformed(WHAT, format!("metadata {FORMAT_KEY}"), expected, format));
         }
         ModelConfig::from_toml(entry(stored, CONFIGURATION_KEY, "a model configuration")?)
     }
@@ -117,8 +127,8 @@ impl ModelWeights {
     /// # Errors
     /// As [`Self::new`].
     pub fn for_network(self, config: ModelConfig) -> Result<Self, ModelError> {
-        let sha256 = self.sha256;
-        Ok(Self { sha256, ..Self::new(config, self.provenance, &self.tensors)? })
+        let Self { sha256, metadata_covered, .. } = self;
+        Ok(Self { sha256, metadata_covered, ..Self::new(config, self.provenance, &self.tensors)? })
     }
 
     /// What [`Self::to_stored`] gave.
@@ -127,6 +137,7 @@ impl ModelWeights {
     /// [`ModelError::Malformed`] where the metadata are not this toolkit's or the hash differs, and as
     /// [`Self::new`].
     pub fn from_stored(stored: &StoredTensors) -> Result<Self, ModelError> {
+        let metadata_covered = check_metadata(stored)?;
         let config = Self::config_of(stored)?;
         let (digest, found) = (entry(stored, DIGEST_KEY, "a sha256")?, stored.digest());
         if digest != found {
@@ -136,7 +147,7 @@ impl ModelWeights {
             .metadata
             .iter()
             .filter_map(|(key, value)| key.strip_prefix(PROVENANCE_PREFIX).map(|key| (key.to_owned(), value.clone())));
-        Self::new(config, provenance.collect(), stored)
+        Ok(Self { metadata_covered, ..Self::new(config, provenance.collect(), stored)? })
     }
 
     /// The contents of a file, which [`Self::from_stored`] takes back.
@@ -159,6 +170,7 @@ impl ModelWeights {
         for (key, value) in &self.provenance {
             stored.metadata.insert(format!("{PROVENANCE_PREFIX}{key}"), value.clone());
         }
+        stored.metadata.insert(METADATA_DIGEST_KEY.to_owned(), metadata_digest(stored.metadata.iter()));
         Ok(stored)
     }
 
@@ -169,6 +181,34 @@ impl ModelWeights {
     pub fn write(&self, path: &Path, precision: Precision) -> Result<(), ModelError> {
         self.to_stored(precision)?.write(path)
     }
+}
+
+/// Whether a hash covers the metadata; an error where it is that of others, or is missing from a file that should have one.
+fn check_metadata(stored: &StoredTensors) -> Result<bool, ModelError> {
+    let recorded = stored.metadata.get(METADATA_DIGEST_KEY);
+    let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
+    let Some(recorded) = recorded else {
+        if format == BARE_FORMAT {
+            return Ok(false);
+        }
+        return entry(stored, METADATA_DIGEST_KEY, "the hash of the metadata").map(|_| true);
+    };
+    let found = metadata_digest(stored.metadata.iter().filter(|(key, _)| *key != METADATA_DIGEST_KEY));
+    if *recorded != found {
+        let expected = format!("sha256 {recorded}, as written");
+        return Err(ModelError::malformed(WHAT, "metadata (configuration, provenance)", expected, found));
+    }
+    Ok(true)
+}
+
+/// sha256 in hexadecimal of keys and values in the order of keys, each after its length in bytes as u64 little-endian.
+fn metadata_digest<'a>(metadata: impl Iterator<Item = (&'a String, &'a String)>) -> String {
+    let mut hash = Sha256::new();
+    for text in metadata.flat_map(|(key, value)| [key, value]) {
+        hash.update((text.len() as u64).to_le_bytes());
+        hash.update(text);
+    }
+    crate::hexadecimal(&hash.finalize())
 }
 
 fn entry<'a>(stored: &'a StoredTensors, key: &str, expected: &str) -> Result<&'a str, ModelError> {

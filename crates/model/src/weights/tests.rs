@@ -52,9 +52,45 @@ fn the_reference_implementation_reads_what_we_write() {
         assert_eq!((view.shape(), view.data()), (ours.shape(), ours.bytes()), "{name}");
     }
     let (_, metadata) = ::safetensors::SafeTensors::read_metadata(&bytes).unwrap();
-    assert_eq!(metadata.metadata().as_ref().unwrap()["atsplat.format"], "1");
+    assert_eq!(metadata.metadata().as_ref().unwrap()["atsplat.format"], "2");
     let rewritten = ::safetensors::serialize(theirs.iter(), None).unwrap();
     assert_eq!(StoredTensors::parse(shared(rewritten)).unwrap().digest(), stored.digest(), "and we what it writes");
+}
+
+/// A file whose configuration was edited, with every tensor as it was.
+#[test]
+fn edited_metadata_are_not_whole() {
+    const CONFIGURATION: &str = "atsplat.configuration";
+    let written = nano().to_stored(Precision::Half).unwrap();
+    assert!(ModelWeights::from_stored(&written).unwrap().metadata_covered);
+    let edited = |change: &dyn Fn(&mut BTreeMap<String, String>)| {
+        let mut stored = written.clone();
+        change(&mut stored.metadata);
+        ModelWeights::from_stored(&stored)
+    };
+    let fewer = |metadata: &mut BTreeMap<String, String>| {
+        let text = metadata[CONFIGURATION].replacen("ratio = 0.25", "ratio = 0.125", 1);
+        assert_ne!(text, metadata[CONFIGURATION]);
+        metadata.insert(CONFIGURATION.to_owned(), text);
+    };
+    let told = |outcome: Result<ModelWeights, ModelError>| outcome.unwrap_err().to_string();
+    assert!(told(edited(&fewer)).contains("metadata (configuration, provenance): expected sha256"));
+    let renamed = |metadata: &mut BTreeMap<String, String>| {
+        metadata.insert("atsplat.provenance.data".to_owned(), "re10k".to_owned());
+    };
+    assert!(told(edited(&renamed)).contains("as written"));
+    let bare = |metadata: &mut BTreeMap<String, String>| drop(metadata.remove("atsplat.metadata-sha256"));
+    assert!(told(edited(&bare)).contains("atsplat.metadata-sha256"), "a file of this format has the hash");
+    // An earlier format had none: nobody can tell.
+    let earlier = edited(&|metadata| {
+        bare(metadata);
+        metadata.insert("atsplat.format".to_owned(), "1".to_owned());
+        fewer(metadata);
+    });
+    let earlier = earlier.unwrap();
+    assert!(!earlier.metadata_covered);
+    let config = earlier.config.clone();
+    assert!(!earlier.for_network(config).unwrap().metadata_covered);
 }
 
 #[test]

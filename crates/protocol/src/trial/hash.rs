@@ -1,4 +1,4 @@
-//! Byte layout of the two hashes, SHA-256 over the concatenation of:
+//! Byte layout of the hashes, each SHA-256 over a concatenation. The trial's and the poses':
 //!
 //! | part | bytes | in `pose_hash` |
 //! |---|---|---|
@@ -13,6 +13,15 @@
 //! | preprocessing | its one-line `Display`, text | no |
 //! | normalisation | the rule as compact JSON, text | no |
 //! | near, far | before normalisation, f64 little-endian | no |
+//!
+//! The data's:
+//!
+//! | part | bytes |
+//! |---|---|
+//! | domain | `atsplat data 1`, as text |
+//! | counts | of context, of target, u64 little-endian |
+//! | cameras and lenses *of the source* | as above, all of them |
+//! | pictures | context, then target in index order, each as the byte 1 and the SHA-256 of its encoded bytes, or of the text that a picture is made from; the byte 0 for one that cannot be read |
 //!
 //! Text is its length in bytes as u64 little-endian, then UTF-8. Cameras are f32 because a `.torch` chunk
 //! holds no more: a trajectory file and a chunk of the same scene hash alike. Intrinsics follow the pictures, so
@@ -47,13 +56,7 @@ pub(super) fn of_trial(
             number(&mut hasher, *frame);
         }
     }
-    rows(&mut hasher, entry, cameras, |camera| {
-        let k = camera.intrinsics;
-        [k.fx, k.fy, k.cx, k.cy].into_iter().chain(camera.camera_from_world.to_rows())
-    });
-    for camera in cameras {
-        lens(&mut hasher, &camera.distortion);
-    }
+    whole_cameras(&mut hasher, entry, cameras);
     text(&mut hasher, &recipe.preprocessing.to_string());
     text(&mut hasher, &rule);
     hasher.update((recipe.near_far.near + 0.0).to_le_bytes());
@@ -67,6 +70,35 @@ pub(super) fn of_poses(entry: &IndexEntry, cameras: &[Camera]) -> Sha256Digest {
     text(&mut hasher, "atsplat poses 1");
     rows(&mut hasher, entry, cameras, |camera| camera.camera_from_world.to_rows());
     Sha256Digest::finish(hasher)
+}
+
+/// Begins the hash of a trial's data, which pictures end. `cameras` are the source's, context then target.
+pub(super) fn of_data(entry: &IndexEntry, cameras: &[Camera]) -> Sha256 {
+    let mut hasher = Sha256::new();
+    text(&mut hasher, "atsplat data 1");
+    whole_cameras(&mut hasher, entry, cameras);
+    hasher
+}
+
+/// Adds a picture to the hash of a trial's data.
+pub(super) fn picture(hasher: &mut Sha256, digest: Option<Sha256Digest>) {
+    match digest {
+        Some(digest) => {
+            hasher.update([1]);
+            hasher.update(digest.0);
+        }
+        None => hasher.update([0]),
+    }
+}
+
+fn whole_cameras(hasher: &mut Sha256, entry: &IndexEntry, cameras: &[Camera]) {
+    rows(hasher, entry, cameras, |camera| {
+        let k = camera.intrinsics;
+        [k.fx, k.fy, k.cx, k.cy].into_iter().chain(camera.camera_from_world.to_rows())
+    });
+    for camera in cameras {
+        lens(hasher, &camera.distortion);
+    }
 }
 
 fn rows<I: IntoIterator<Item = f64>>(

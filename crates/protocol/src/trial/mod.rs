@@ -4,6 +4,7 @@
 //! to the method, with context pictures and target *cameras*; and [`TargetPictures`] to whoever scores. There
 //! is no way from the one to the other.
 
+mod digests;
 mod hash;
 mod pictures;
 mod prefetch;
@@ -15,7 +16,9 @@ mod walk;
 
 use atsplat_camera::{Camera, Fallback, ImageSize, PoseNormalisation, Similarity};
 use atsplat_scene::preprocess::Preprocessing;
+use sha2::Sha256;
 
+pub use digests::PictureDigests;
 pub use pictures::{ContextView, TargetPictures};
 pub use prefetch::{DecodeAhead, Prefetch};
 pub use prepare::check;
@@ -40,6 +43,8 @@ pub struct Trial {
     near_far: NearFar,
     hash: Sha256Digest,
     pose_hash: Sha256Digest,
+    /// The hash of the data as far as cameras go.
+    data: Sha256,
 }
 
 /// A view to render: its camera, and what it is to the context.
@@ -111,7 +116,7 @@ impl Trial {
 
     /// Identity of the trial: scene key, frames, source cameras with their lenses, preprocessing, normalisation,
     /// near and far. The byte layout is documented in `trial/hash.rs`; two trials of equal hash ask a method the
-    /// same question, as far as pictures under one scene key are the same.
+    /// same question, as far as pictures under one scene key are the same: [`Self::data_hash`] says whether they are.
     pub const fn hash(&self) -> Sha256Digest {
         self.hash
     }
@@ -120,6 +125,17 @@ impl Trial {
     /// pictures were cropped and whatever is done to it.
     pub const fn pose_hash(&self) -> Sha256Digest {
         self.pose_hash
+    }
+
+    /// Identity of what the trial reads of its dataset: the bytes of every picture, context and target, and the source
+    /// cameras with their lenses; the same for every method, whatever is done to poses. Pictures that were decoded count
+    /// as the bytes that were decoded, others as `digests` knows or reads them. The byte layout is documented in
+    /// `trial/hash.rs`.
+    pub fn data_hash(&self, targets: &TargetPictures, digests: &PictureDigests) -> Sha256Digest {
+        let mut hasher = self.data.clone();
+        let pictures = self.context.iter().map(|view| &view.picture).chain(&targets.pictures);
+        pictures.for_each(|lazy| hash::picture(&mut hasher, lazy.digest(digests)));
+        Sha256Digest::finish(hasher)
     }
 }
 

@@ -3,9 +3,10 @@ use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::{DecodeLimits, ImageU8};
-use atsplat_scene::Scene;
 use atsplat_scene::preprocess::Plan;
+use atsplat_scene::{Frame, Picture, Scene, SceneError};
 
+use super::digests::{PictureDigests, Reading};
 use super::prefetch::Reservation;
 use super::unwaited::Unwaited;
 use crate::{ProtocolError, Sha256Digest};
@@ -72,7 +73,15 @@ pub(super) struct LazyPicture {
     frame: usize,
     plan: Arc<Plan>,
     limits: DecodeLimits,
-    decoded: Unwaited<Result<Arc<ImageU8>, Arc<ProtocolError>>>,
+    decoded: Unwaited<Decoded>,
+}
+
+/// A preprocessed picture, and the bytes that it was decoded from.
+#[derive(Clone)]
+struct Decoded {
+    picture: Result<Arc<ImageU8>, Arc<ProtocolError>>,
+    /// `None` where there were none to read, or none need to be.
+    bytes: Option<Reading>,
 }
 
 impl LazyPicture {
@@ -81,7 +90,15 @@ impl LazyPicture {
     }
 
     pub(super) fn get(&self) -> Result<Arc<ImageU8>, ProtocolError> {
-        self.decoded.get(|| self.decode().map(Arc::new).map_err(Arc::new)).map_err(ProtocolError::Picture)
+        self.decoded.get(|| self.decode()).picture.map_err(ProtocolError::Picture)
+    }
+
+    /// SHA-256 of the bytes that were decoded, or would be; `None` where they cannot be read.
+    pub(super) fn digest(&self, digests: &PictureDigests) -> Option<Sha256Digest> {
+        if let Some(Decoded { bytes: Some(reading), .. }) = self.decoded.made() {
+            return Some(digests.learn(reading));
+        }
+        digests.of(&self.scene, self.frame)
     }
 
     /// Bytes that the preprocessed picture takes: three a pixel.
@@ -90,13 +107,34 @@ impl LazyPicture {
         u64::from(size.width) * u64::from(size.height) * 3
     }
 
-    fn decode(&self) -> Result<ImageU8, ProtocolError> {
-        let picture = self.scene.decode(self.frame, &self.limits)?;
-        self.plan.apply(&picture).map_err(|source| ProtocolError::Preprocess {
-            scene: self.scene.key.clone(),
-            frame: self.frame,
-            source,
-        })
+    fn decode(&self) -> Decoded {
+        let (picture, bytes) = self.read();
+        let picture = picture.map_err(ProtocolError::from).and_then(|picture| {
+            self.plan.apply(&picture).map_err(|source| ProtocolError::Preprocess {
+                scene: self.scene.key.clone(),
+                frame: self.frame,
+                source,
+            })
+        });
+        Decoded { picture: picture.map(Arc::new).map_err(Arc::new), bytes }
+    }
+
+    /// The picture as the dataset has it. Bytes are read once: what is hashed is what is decoded.
+    fn read(&self) -> (Result<ImageU8, SceneError>, Option<Reading>) {
+        let (scene, position) = (&self.scene.key, self.frame);
+        match self.scene.frames.get(position) {
+            Some(frame) if matches!(frame.picture, Picture::File(_) | Picture::Encoded(_)) => {
+                let begun = Reading::begin(&frame.picture);
+                match frame.bytes(scene, position) {
+                    Ok(bytes) => {
+                        let picture = Frame::decode_bytes(&bytes, scene, position, &self.limits);
+                        (picture, Some(begun.end(&bytes)))
+                    }
+                    Err(error) => (Err(error), None),
+                }
+            }
+            _ => (self.scene.decode(position, &self.limits), None),
+        }
     }
 }
 
@@ -107,7 +145,7 @@ impl fmt::Debug for ContextView {
             .field("frame", frame)
             .field("camera", camera)
             .field("size", size)
-            .field("decoded", &picture.decoded.is_made())
+            .field("decoded", &picture.decoded.made().is_some())
             .finish()
     }
 }

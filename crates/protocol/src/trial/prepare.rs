@@ -76,6 +76,7 @@ pub(super) fn prepare(
         },
         hash,
         pose_hash: hash::of_poses(entry, &sources),
+        data: hash::of_data(entry, &sources),
     };
     let pictures = views.targets.iter().filter_map(picture).collect();
     Ok((trial, TargetPictures { trial: hash, pictures, reservation: None }))

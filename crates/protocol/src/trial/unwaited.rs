@@ -29,13 +29,21 @@ impl<T: Clone> Unwaited<T> {
         }
         drop(state);
         let made = make();
-        *self.state() = State::Made(made.clone());
+        let mut state = self.state();
+        // Whoever was first made the value of all.
+        if let State::Made(value) = &*state {
+            return value.clone();
+        }
+        *state = State::Made(made.clone());
         made
     }
 
-    /// Whether somebody made it.
-    pub(super) fn is_made(&self) -> bool {
-        matches!(&*self.state(), State::Made(_))
+    /// The value, if somebody made it.
+    pub(super) fn made(&self) -> Option<T> {
+        match &*self.state() {
+            State::Made(value) => Some(value.clone()),
+            State::Unmade | State::InTheMaking => None,
+        }
     }
 
     fn state(&self) -> MutexGuard<'_, State<T>> {

@@ -3,8 +3,9 @@ use std::collections::BTreeMap;
 use atsplat_eval::statistics::{Leaked, Question, Summary, by_distance, by_overlap, cost, paired, scene_means};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::{Definition, definitions};
-use atsplat_protocol::{BinRule, OverlapBins, Preset};
+use atsplat_protocol::{BinRule, OverlapBins};
 
+use crate::ReportError;
 use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin, OverlapBin, OverlapCurves, OverlapSeries,
     ScatterPoint, SceneScatter, StageTime, StageTimeRow,
@@ -13,19 +14,22 @@ use crate::table::Source;
 
 /// The plots of a store's protocols by name: time, and of the first metric that was computed overlap, extrapolation and the
 /// methods scene by scene.
-pub fn of_store(source: &Source<'_>) -> Vec<(String, Drawing)> {
+///
+/// # Errors
+/// [`ReportError::Store`] for a protocol in the store that is none.
+pub fn of_store(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = Vec::new();
     for preset in &source.results.provenance.presets {
         let view = View { results: source.results, preset };
         let name = |kind: &str| format!("{}-{}-{kind}", plain(source.label), plain(&preset.name));
         if let Some(metric) = view.metric() {
-            plots.extend(view.overlap(metric).map(|plot| (name("overlap"), plot)));
+            plots.extend(view.overlap(metric)?.map(|plot| (name("overlap"), plot)));
             plots.extend(view.extrapolation(metric).map(|plot| (name("extrapolation"), plot)));
             plots.extend(view.scatters(metric).into_iter().map(|(methods, plot)| (name(&methods), plot)));
         }
         plots.extend(view.time().map(|plot| (name("time"), plot)));
     }
-    plots
+    Ok(plots)
 }
 
 /// A store's answers to one protocol.
@@ -59,9 +63,13 @@ impl<'a> View<'a> {
         definitions().iter().find(scored)
     }
 
-    fn overlap(&self, metric: &'static Definition) -> Option<Drawing> {
+    fn overlap(&self, metric: &'static Definition) -> Result<Option<Drawing>, ReportError> {
+        let bins = self.preset.protocol()?.overlap_bins;
+        Ok(bins.and_then(|bins| self.overlap_in(&bins, metric)))
+    }
+
+    fn overlap_in(&self, bins: &OverlapBins, metric: &'static Definition) -> Option<Drawing> {
         const STEPS: usize = 10;
-        let bins = Preset::from_toml(&self.preset.toml).ok()?.overlap_bins?;
         let overlaps: Vec<f64> = self
             .results
             .trials

@@ -43,7 +43,7 @@ impl Sample {
                 all.extend(table.is_measured().then_some(table));
             }
         }
-        plots.extend(of_store(&source));
+        plots.extend(of_store(&source).unwrap());
         Self { tables: all, plots, results, folder }
     }
 

@@ -25,10 +25,11 @@ pub enum Mixing {
 /// The tables of a definition: one per protocol that was run, or the published numbers alone.
 ///
 /// # Errors
-/// [`ReportError::Csv`] or [`ReportError::Definition`] where the published numbers cannot be read.
+/// [`ReportError::Csv`] or [`ReportError::Definition`] where the published numbers cannot be read, [`ReportError::Store`]
+/// for a protocol in a store that is none.
 pub fn tables(definition: &TableDefinition, sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Table>, ReportError> {
     let published = definition.published()?.rows;
-    let editions = editions(definition, sources, mixing == Mixing::Forced);
+    let editions = editions(definition, sources, mixing == Mixing::Forced)?;
     let mut tables: Vec<Table> = Vec::new();
     for edition in &editions {
         let table = table(definition, &published, Some(edition));

@@ -1,8 +1,10 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::PresetRecord;
+use atsplat_protocol::Preset;
 
 use super::Source;
+use crate::ReportError;
 use crate::definition::TableDefinition;
 
 /// Results that may share a table: of each preset, one protocol and one index.
@@ -16,10 +18,12 @@ pub(super) struct Edition<'a> {
 }
 
 /// One preset of one store.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Debug)]
 pub(super) struct Part<'a> {
     pub(super) source: Source<'a>,
     pub(super) preset: &'a PresetRecord,
+    /// What the record holds as text.
+    pub(super) protocol: Preset,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -29,7 +33,14 @@ struct Identity<'a> {
 }
 
 /// The editions of a definition: results join the first one that they do not contradict. `mix` puts all into one.
-pub(super) fn editions<'a>(definition: &TableDefinition, sources: &[Source<'a>], mix: bool) -> Vec<Edition<'a>> {
+///
+/// # Errors
+/// [`ReportError::Store`] for a record whose text is no protocol.
+pub(super) fn editions<'a>(
+    definition: &TableDefinition,
+    sources: &[Source<'a>],
+    mix: bool,
+) -> Result<Vec<Edition<'a>>, ReportError> {
     let wanted = presets(definition);
     let mut editions: Vec<Edition<'a>> = Vec::new();
     for source in sources {
@@ -39,7 +50,7 @@ pub(super) fn editions<'a>(definition: &TableDefinition, sources: &[Source<'a>],
             by_suffix.entry(suffix_of(record)).or_default().push(record);
         }
         for (suffix, records) in by_suffix {
-            let fits = editions.iter().position(|edition| edition.fits(suffix, &records));
+            let fits = editions.iter().position(|edition| edition.fits(suffix, *source, &records));
             let at = match fits {
                 Some(at) => at,
                 None if mix && !editions.is_empty() => 0,
@@ -52,11 +63,11 @@ pub(super) fn editions<'a>(definition: &TableDefinition, sources: &[Source<'a>],
             edition.mixed |= fits.is_none() && !edition.parts.is_empty();
             for preset in records {
                 edition.identities.entry(preset.published()).or_insert_with(|| Identity::of(preset));
-                edition.parts.push(Part { source: *source, preset });
+                edition.parts.push(Part { source: *source, preset, protocol: preset.protocol()? });
             }
         }
     }
-    editions
+    Ok(editions)
 }
 
 /// What tells apart results of one preset that share no table: the dataset that was added to its name, or that it only
@@ -73,9 +84,10 @@ pub(super) fn presets(definition: &TableDefinition) -> Vec<&str> {
 }
 
 impl Edition<'_> {
-    fn fits(&self, suffix: &str, records: &[&PresetRecord]) -> bool {
+    fn fits(&self, suffix: &str, source: Source<'_>, records: &[&PresetRecord]) -> bool {
         let same = |record: &&PresetRecord| {
             self.identities.get(record.published()).is_none_or(|known| *known == Identity::of(record))
+                && self.parts.iter().all(|part| part.is_of_the_data_of(source, record))
         };
         self.suffix == Some(suffix) && records.iter().all(same)
     }
@@ -89,6 +101,14 @@ impl Edition<'_> {
     }
 }
 
+/// The data hash of every trial that has one, by scene and entry.
+fn data_of<'a>(source: Source<'a>, record: &PresetRecord) -> BTreeMap<(&'a str, u32), &'a str> {
+    let trials = source.results.trials.iter().filter(|trial| trial.key.preset == record.name);
+    trials
+        .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
+        .collect()
+}
+
 impl<'a> Identity<'a> {
     fn of(record: &'a PresetRecord) -> Self {
         Self { hash: &record.hash, index: &record.index_sha256 }
@@ -96,6 +116,15 @@ impl<'a> Identity<'a> {
 }
 
 impl Part<'_> {
+    /// Whether trials that another store holds of the same preset too were made from the same pictures and cameras.
+    fn is_of_the_data_of(&self, source: Source<'_>, record: &PresetRecord) -> bool {
+        if record.published() != self.preset.published() {
+            return true;
+        }
+        let own = data_of(self.source, self.preset);
+        data_of(source, record).iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
+    }
+
     /// Why its numbers are not of the published setting; `None` where they are.
     pub(super) fn difference(&self) -> Option<String> {
         let record = self.preset;

@@ -19,7 +19,8 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     if edition.mixed {
         notes.add(
             NoteKind::Forced,
-            "rows of different protocols stand in this table because that was asked for; they do not compare"
+            "rows of different protocols, or of different pictures under one name, stand in this table because that was \
+             asked for; they do not compare"
                 .to_owned(),
         );
     }
@@ -60,7 +61,7 @@ impl Notes {
 
 fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
     for part in &edition.parts {
-        let Part { preset, source } = part;
+        let Part { preset, source, .. } = part;
         let index = preset.index_name.as_deref().unwrap_or(&preset.index);
         notes.add(
             NoteKind::Convention,

@@ -1,5 +1,4 @@
 use atsplat_eval::statistics::{Cost, Leaked, Question, Summary, by_overlap, cost, summary};
-use atsplat_protocol::{Aggregation, Preset};
 
 use super::edition::Part;
 use super::{Cell, Counts, Value};
@@ -7,9 +6,8 @@ use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
 
 /// What one method under one preset has to say to a group of columns.
 pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked) -> Vec<Cell> {
-    let protocol = Preset::from_toml(&part.preset.toml).ok();
     let cost = cost(part.source.results, &part.preset.name, method);
-    group.columns.iter().map(|column| cell(part, method, group, column, (leaked, protocol.as_ref(), &cost))).collect()
+    group.columns.iter().map(|column| cell(part, method, group, column, leaked, &cost)).collect()
 }
 
 fn cell(
@@ -17,13 +15,14 @@ fn cell(
     method: &str,
     group: &ColumnGroup,
     column: &ColumnDefinition,
-    (leaked, protocol, cost): (Leaked, Option<&Preset>, &Cost),
+    leaked: Leaked,
+    cost: &Cost,
 ) -> Cell {
     let Quantity::Metric(metric) = column.quantity else { return of_cost(column.quantity, cost) };
     let question = Question { preset: &part.preset.name, method, metric: metric.id, leaked };
     let results = part.source.results;
-    let found = match (&group.bin, protocol.and_then(|preset| preset.overlap_bins.as_ref())) {
-        (None, _) => summary(results, &question, protocol.map_or(Aggregation::SceneMeans, |preset| preset.aggregation)),
+    let found = match (&group.bin, &part.protocol.overlap_bins) {
+        (None, _) => summary(results, &question, part.protocol.aggregation),
         (Some(bin), Some(bins)) => {
             let binned = by_overlap(results, &question, bins);
             let own = binned.bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);

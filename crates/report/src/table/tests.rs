@@ -112,6 +112,30 @@ fn another_index_is_another_protocol() {
     assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
 }
 
+/// Another store's rows of the same protocol share no table with rows of pictures that have changed since.
+#[test]
+fn other_pictures_under_one_name_are_another_table() {
+    let first = store();
+    let mut second = store();
+    let changed = second.trials.iter_mut().find(|trial| trial.key.preset == "re10k-2v-256").unwrap();
+    changed.data_hash = Some("of other pictures".to_owned());
+    assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
+    // Rows that were written before there was a hash say nothing.
+    second.trials.iter_mut().for_each(|trial| trial.data_hash = None);
+    assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 1);
+}
+
+#[test]
+fn a_protocol_that_no_longer_reads_is_an_error() {
+    let mut broken = store();
+    broken.provenance.presets[0].toml = broken.provenance.presets[0].toml.replace("scene-means", "scene-medians");
+    let definition = TableDefinition::named("re10k").unwrap();
+    let source = Source { label: "run", results: &broken };
+    let message = tables(&definition, &[source], Mixing::Apart).unwrap_err().to_string();
+    assert!(message.contains("presets, re10k-2v-256, toml") && message.contains("scene-medians"), "{message}");
+    assert!(crate::figures::of_store(&source).is_err());
+}
+
 #[test]
 fn ablations_take_the_methods_that_they_ask_for() {
     let store = store();

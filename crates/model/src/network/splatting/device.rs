@@ -17,8 +17,8 @@ use burn::tensor::{Device, FloatDType, Shape, Slice};
 
 use super::{INPUTS, Inputs, Request, Splatter, host};
 
-/// The renderer beside burn's runtime.
-static SHARED: OnceLock<Option<Shared>> = OnceLock::new();
+/// The renderer beside burn's runtime, or why there is none.
+static SHARED: OnceLock<Result<Shared, String>> = OnceLock::new();
 
 struct Shared {
     device: CubeDevice,
@@ -28,24 +28,32 @@ struct Shared {
 /// Renders on the device of a runtime from now on, if the splatter passes its self-test there.
 pub(in crate::network) fn share(device: &Device, setup: &WgpuSetup) {
     let open = || {
-        let DispatchDevice::Cube(device) = device.as_dispatch() else { return None };
+        let DispatchDevice::Cube(device) = device.as_dispatch() else {
+            return Err("the runtime is none of a graphics processor".to_owned());
+        };
         let (own, queue) = (setup.device.clone(), setup.queue.clone());
-        let mut renderer = GpuRenderer::with_device(own, queue, GpuOptions::default()).ok()?;
-        renderer.self_test().ok()?;
+        let opened = GpuRenderer::with_device(own, queue, GpuOptions::default());
+        let mut renderer = opened.map_err(|error| error.to_string())?;
+        renderer.self_test().map_err(|error| error.to_string())?;
         renderer.free_buffers();
-        Some(Shared { device: device.clone(), renderer: Mutex::new(renderer) })
+        Ok(Shared { device: device.clone(), renderer: Mutex::new(renderer) })
     };
     SHARED.get_or_init(open);
 }
 
 /// Whether there is a renderer beside burn's runtime.
 pub(in crate::network) fn is_shared() -> bool {
-    SHARED.get().is_some_and(Option::is_some)
+    SHARED.get().is_some_and(Result::is_ok)
+}
+
+/// Why there is none, where one was tried.
+pub(in crate::network) fn refusal() -> Option<String> {
+    SHARED.get().and_then(|shared| shared.as_ref().err().cloned())
 }
 
 /// The renderer of a tensor's device.
 fn shared(tensor: &FloatTensor<Cube>) -> Option<MutexGuard<'static, GpuRenderer>> {
-    let shared = SHARED.get()?.as_ref().filter(|shared| shared.device == tensor.device())?;
+    let shared = SHARED.get()?.as_ref().ok().filter(|shared| shared.device == tensor.device())?;
     Some(shared.renderer.lock().unwrap_or_else(PoisonError::into_inner))
 }
 

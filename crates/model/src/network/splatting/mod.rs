@@ -16,7 +16,7 @@ use burn::backend::tensor::FloatTensor;
 use burn::backend::{Autodiff, Backend, Flex, TensorMetadata, backend_extension};
 use burn::tensor::Shape;
 #[cfg(feature = "gpu-network")]
-pub(super) use device::{is_shared, share};
+pub(super) use device::{is_shared, refusal, share};
 
 /// Means, quaternions, logarithms of scales, opacity logits, spherical harmonics, scalars.
 const INPUTS: usize = 6;

@@ -1,0 +1,183 @@
+//! Rows belong to the data that they were made from, and a store to one process at a time.
+
+#![cfg(unix)]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+#[expect(dead_code, reason = "the scenes are noise")]
+mod common;
+mod evaluation;
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, SystemTime};
+
+use atsplat_eval::Results;
+use atsplat_model::ModelConfig;
+use atsplat_model::parameters::parameters;
+use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, TensorFile, generated};
+use common::{atsplat, succeed};
+use evaluation::{bare, write_noise};
+
+const RUN: [&str; 8] = ["run", "tiny.toml", "--data", "data", "--method", "nearest-view,warp", "--out", "store"];
+
+fn results(here: &Path, store: &str) -> Results {
+    Results::read(&here.join(store)).unwrap()
+}
+
+/// Rounds of two processes; more with `ATSPLAT_ROUNDS`.
+fn rounds() -> usize {
+    std::env::var("ATSPLAT_ROUNDS").map_or(4, |rounds| rounds.parse().unwrap())
+}
+
+fn signal(child: &Child, name: &str) {
+    assert!(Command::new("kill").args([name, &child.id().to_string()]).status().unwrap().success());
+}
+
+#[test]
+fn a_second_process_is_told_who_writes_and_no_trial_is_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 16);
+    succeed(here, &[&RUN[..7], &["undisturbed"]].concat());
+    let expected = bare(&results(here, "undisturbed"));
+    assert_eq!(expected.0.len(), 32);
+    for round in 0..rounds() {
+        let store = format!("store-{round}");
+        let words = [&RUN[..7], &[store.as_str()]].concat();
+        let mut first = Command::new(env!("CARGO_BIN_EXE_atsplat"))
+            .args(&words)
+            .current_dir(here)
+            .stdout(Stdio::null())
+            .stderr(Stdio::null())
+            .spawn()
+            .unwrap();
+        while !["run.json", "provenance.json"].iter().all(|file| here.join(&store).join(file).exists()) {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        // Anywhere in its work.
+        std::thread::sleep(Duration::from_millis((round * 7 % 20) as u64));
+        signal(&first, "-STOP");
+        let second = atsplat(here, &words);
+        assert_eq!(second.code, 1, "{}", second.stdout);
+        let process = format!("{store} is being written by process {} on ", first.id());
+        for part in [process.as_str(), "UTC", "--shard 1/2", "atsplat merge"] {
+            assert!(second.stderr.contains(part), "{part}: {}", second.stderr);
+        }
+        // Whoever reads is not kept out.
+        let report = atsplat(here, &["tradeoff", &store]);
+        assert_eq!(report.code, 0, "{}", report.stderr);
+        signal(&first, "-CONT");
+        assert!(first.wait().unwrap().success());
+        assert_eq!(bare(&results(here, &store)), expected, "round {round}");
+    }
+}
+
+/// A picture with a byte after its end, written long ago as far as the file system knows.
+fn write_with_tail(path: &Path, picture: &[u8], tail: u8) {
+    std::fs::write(path, [picture, &[tail]].concat()).unwrap();
+    let then = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
+    std::fs::File::options().write(true).open(path).unwrap().set_modified(then).unwrap();
+}
+
+#[test]
+fn changed_pictures_are_computed_again_and_verify_reads_every_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 3);
+    let picture = here.join("data/scene-01/0.png");
+    let bytes = std::fs::read(&picture).unwrap();
+    write_with_tail(&picture, &bytes, 1);
+    assert!(succeed(here, &RUN).contains("6 results computed"));
+    assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("0 results computed; 6 were there before"));
+    // The same size and time: only who reads it sees that it is another file.
+    write_with_tail(&picture, &bytes, 2);
+    assert!(succeed(here, &RUN).contains("0 results computed"));
+    assert!(succeed(here, &[&RUN[..], &["--verify"]].concat()).contains("2 results computed; 4 were there before"));
+    // Another picture.
+    let other = std::fs::read(here.join("data/scene-02/0.png")).unwrap();
+    std::fs::write(&picture, other).unwrap();
+    let alone = [&RUN[..5], &["warp"], &RUN[6..]].concat();
+    let refused = atsplat(here, &alone);
+    let named = "nearest-view on tiny, scene \"scene-01\", entry 0: its pictures or cameras changed";
+    assert!(refused.code == 1 && refused.stderr.contains(named), "{}", refused.stderr);
+    assert!(succeed(here, &RUN).contains("2 results computed; 4 were there before"));
+    succeed(here, &[&RUN[..7], &["fresh"]].concat());
+    assert_eq!(bare(&results(here, "store")), bare(&results(here, "fresh")));
+}
+
+#[test]
+fn a_store_named_twice_is_refused_and_repeated_results_are_counted() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 4);
+    for shard in ["1/2", "2/2"] {
+        let store = format!("part-{}", &shard[..1]);
+        succeed(here, &[&RUN[..7], &[&store, "--shard", shard]].concat());
+    }
+    std::os::unix::fs::symlink(here.join("part-1"), here.join("linked")).unwrap();
+    for again in ["part-1", "./part-1/", "linked"] {
+        let refused = atsplat(here, &["merge", "part-1", "part-2", again, "--out", "merged"]);
+        assert!(refused.code == 1 && refused.stderr.contains("is the same store as part-1"), "{}", refused.stderr);
+    }
+    let copied = Command::new("cp").args(["-r", "part-1", "copy"]).current_dir(here).status().unwrap();
+    assert!(copied.success());
+    let merged = atsplat(here, &["merge", "part-1", "copy", "part-2", "--out", "merged"]);
+    assert!(merged.code == 0 && merged.stderr.contains("4 results stood in several stores"), "{}", merged.stderr);
+    let merged = atsplat(here, &["merge", "part-1", "part-2", "--out", "again"]);
+    assert!(merged.code == 0 && merged.stderr.is_empty(), "{}", merged.stderr);
+}
+
+#[test]
+fn a_device_that_evaluations_do_not_use_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_noise(here, 1);
+    std::fs::write(here.join("sweep.toml"), "title = 'one'\n[[settings]]\nlabel = 'as it is'\n").unwrap();
+    let network = ["--weights", "nano-rooms", "--device"];
+    let run = [&["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "atsplat"], &network[..]].concat();
+    let sweep = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--out", "store", "--sweep", "sweep.toml"];
+    for words in [run, [&sweep, &network[..]].concat()] {
+        let refused = atsplat(here, &[&words[..], &["wgpu"]].concat());
+        let told = refused.stderr.contains("--device wgpu: evaluations run on the central processor alone");
+        assert!(refused.code == 2 && told, "{} {}", refused.code, refused.stderr);
+        assert!(!here.join("store").exists());
+        let accepted = atsplat(here, &[&words[..], &["cpu"]].concat());
+        assert_ne!(accepted.code, 2, "{}", accepted.stderr);
+        std::fs::remove_dir_all(here.join("store")).ok();
+    }
+}
+
+fn weights(here: &Path, name: &str, change: impl FnOnce(&mut StoredTensors)) -> PathBuf {
+    let config = ModelConfig::named("nano").unwrap();
+    let tensors = generated(&parameters(&config), 3);
+    let mut stored = ModelWeights::new(config, [].into(), &tensors).unwrap().to_stored(Precision::Half).unwrap();
+    change(&mut stored);
+    let path = here.join(name);
+    stored.write(&path).unwrap();
+    path
+}
+
+#[test]
+fn edited_configurations_of_weights_are_not_whole() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let edit = |stored: &mut StoredTensors| {
+        let text = stored.metadata.get_mut("atsplat.configuration").unwrap();
+        *text = text.replacen("ratio = 0.25", "ratio = 0.125", 1);
+    };
+    weights(here, "whole.safetensors", |_| ());
+    let edited = weights(here, "edited.safetensors", edit);
+    weights(here, "earlier.safetensors", |stored| {
+        stored.metadata.insert("atsplat.format".to_owned(), "1".to_owned());
+        stored.metadata.remove("atsplat.metadata-sha256").unwrap();
+        edit(stored);
+    });
+    let told = succeed(here, &["weights", "verify", "whole.safetensors"]);
+    assert!(told.contains("whole: ") && !told.contains("no hash recorded"), "{told}");
+    let refused = atsplat(here, &["weights", "verify", "edited.safetensors"]);
+    let named = refused.stderr.contains("configuration, provenance") && refused.stderr.contains("edited.safetensors");
+    assert!(refused.code == 1 && named, "{}", refused.stderr);
+    assert!(TensorFile::open(&edited).is_ok(), "its tensors are as they were");
+    let told = succeed(here, &["weights", "verify", "earlier.safetensors"]);
+    assert!(told.contains("no hash recorded") && !told.contains("whole"), "{told}");
+}
