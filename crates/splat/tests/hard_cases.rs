@@ -12,7 +12,7 @@ use atsplat_splat::{
 #[test]
 fn every_path_survives_every_case() {
     let mut paths = paths();
-    match gpu_path(&AdapterChoice::Automatic) {
+    match gpu_path(&AdapterChoice::Automatic, &()) {
         Ok(path) => paths.push(path),
         Err(error) => {
             assert!(std::env::var("ATSPLAT_REQUIRE_GPU").as_deref() != Ok("1"), "{error}");

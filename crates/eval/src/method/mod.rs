@@ -2,6 +2,7 @@
 
 mod atsplat;
 mod constants;
+mod layout;
 mod nearest_view;
 mod ply;
 mod renders;
@@ -21,6 +22,7 @@ use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsOf};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
+pub use layout::{Asked, Layout, Survey};
 pub use nearest_view::NearestView;
 pub use ply::{GaussianFrame, Ply};
 pub use renders::Renders;
@@ -43,6 +45,11 @@ pub trait Method: Debug + Send + Sync {
     /// Whether one trial takes so much memory that it wants to be the only one.
     fn is_heavy(&self) -> bool {
         false
+    }
+
+    /// Where its files lie for these scenes; `None` for a method that makes its pictures here.
+    fn survey(&self, _asked: &[Asked<'_>]) -> Option<Survey> {
+        None
     }
 
     /// Looks at the context.

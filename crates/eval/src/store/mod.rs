@@ -22,7 +22,7 @@ mod targets;
 mod tests;
 mod trials;
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -30,7 +30,7 @@ pub use merge::Merged;
 pub(crate) use schema::hexadecimal;
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
-use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
+use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow, TrialStatus};
 use read::Content;
 
 /// The file by which a folder is a store.
@@ -45,6 +45,8 @@ pub struct Store {
     provenance: Provenance,
     /// Hash of every trial that is there.
     known: BTreeMap<TrialKey, String>,
+    /// Methods with a trial of which something was compared.
+    answered: BTreeSet<String>,
 }
 
 impl Store {
@@ -65,7 +67,7 @@ impl Store {
         fs::create_dir_all(&parts).map_err(EvalError::io("making a results store", &parts))?;
         let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
         let provenance = Provenance { schema_version, schema_hash, ..provenance };
-        let store = Self { folder: folder.to_owned(), provenance, known: BTreeMap::new() };
+        let store = Self { folder: folder.to_owned(), provenance, known: BTreeMap::new(), answered: BTreeSet::new() };
         store.write_provenance()?;
         Ok(store)
     }
@@ -78,22 +80,53 @@ impl Store {
         let Content { provenance, rows, .. } = Content::read(folder)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(EvalError::io("opening a results store", &parts))?;
+        let compared = |trial: &TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
+        let answered = rows.values().filter(|(trial, _)| compared(trial)).map(|(trial, _)| trial.key.method.clone());
+        let answered = answered.collect();
         let known = rows.into_iter().map(|(key, (trial, _))| (key, trial.trial_hash)).collect();
-        Ok(Self { folder: folder.to_owned(), provenance, known })
+        Ok(Self { folder: folder.to_owned(), provenance, known, answered })
     }
 
     /// Goes on with the store in a folder, or makes one where there is none. Presets and methods that it lacks are added.
+    /// What failed in every trial binds nobody: such a method may be another one now, and a store in which nothing was
+    /// compared is begun anew.
     ///
     /// # Errors
-    /// As [`Self::create`] and [`Self::open`]; [`EvalError::Different`] where what stands there was made in another way.
+    /// As [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] where what stands there was made in another way.
     pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
         if !folder.join(PROVENANCE).exists() {
             return Self::create(folder, provenance);
         }
         let mut store = Self::open(folder)?;
-        store.provenance.go_on_with(provenance)?;
-        store.write_provenance()?;
-        Ok(store)
+        let mut joined = store.provenance.clone();
+        let mut replaced = Vec::new();
+        for known in joined.methods.iter_mut().filter(|known| !store.answered.contains(&known.name)) {
+            let own = provenance.methods.iter().find(|own| own.name == known.name);
+            if let Some(own) = own.filter(|own| *own != known) {
+                replaced.push(known.name.clone());
+                known.clone_from(own);
+            }
+        }
+        match joined.go_on_with(provenance.clone()) {
+            Ok(()) => {
+                store.known.retain(|key, _| !replaced.contains(&key.method));
+                store.provenance = joined;
+                store.write_provenance()?;
+                Ok(store)
+            }
+            Err(_other) if store.answered.is_empty() => store.begin_anew(provenance),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// Removes rows that hold no number, and what they were made with.
+    fn begin_anew(self, provenance: Provenance) -> Result<Self, EvalError> {
+        let rows = [TRIALS, TARGETS].map(|name| self.folder.join(name));
+        for path in rows.into_iter().chain(disk::files(&parts::folder(&self.folder))?) {
+            disk::remove(&path)?;
+        }
+        disk::remove(&self.folder.join(PROVENANCE))?;
+        Self::create(&self.folder, provenance)
     }
 
     /// Where it is.

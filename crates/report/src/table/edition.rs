@@ -1,6 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::PresetRecord;
+use atsplat_protocol::{OverlapBins, Preset};
 
 use super::Source;
 use crate::definition::TableDefinition;
@@ -13,6 +14,8 @@ pub(super) struct Edition<'a> {
     pub(super) parts: Vec<Part<'a>>,
     /// Whether protocols differ all the same.
     pub(super) mixed: bool,
+    /// Whether results stand where they do not belong because that was asked for.
+    pub(super) forced: bool,
 }
 
 /// One preset of one store.
@@ -44,7 +47,7 @@ pub(super) fn editions<'a>(definition: &TableDefinition, sources: &[Source<'a>],
                 Some(at) => at,
                 None if mix && !editions.is_empty() => 0,
                 None => {
-                    editions.push(Edition { suffix: Some(suffix), ..Edition::default() });
+                    editions.push(Edition { suffix: Some(suffix), forced: mix, ..Edition::default() });
                     editions.len() - 1
                 }
             };
@@ -96,6 +99,18 @@ impl<'a> Identity<'a> {
 }
 
 impl Part<'_> {
+    /// The same of the preset's own bins.
+    pub(super) fn forced_overlaps(&self) -> Option<String> {
+        self.foreign_overlaps(&Preset::from_toml(&self.preset.toml).ok()?.overlap_bins?)
+    }
+
+    /// Why its overlaps do not belong into `bins`; `None` where they do.
+    pub(super) fn foreign_overlaps(&self, bins: &OverlapBins) -> Option<String> {
+        let found = bins.foreign(&self.preset.overlap_estimators)?;
+        let published = bins.estimator().unwrap_or("one estimator");
+        Some(format!("{}: overlaps are measured by {found}, the bins were published for {published}", self.preset.name))
+    }
+
     /// Why its numbers are not of the published setting; `None` where they are.
     pub(super) fn difference(&self) -> Option<String> {
         let record = self.preset;
