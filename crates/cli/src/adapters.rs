@@ -2,14 +2,19 @@
 
 use std::fmt;
 
-use atsplat_splat::gpu::{AdapterChoice, AdapterDescription, GpuOptions, GpuRenderer, adapters};
+use atsplat_splat::gpu::{Examined, examine};
 use clap::Args;
 use serde::Serialize;
 
+use crate::adapter_tests::AdapterTests;
 use crate::output::print_report;
 
 #[derive(Debug, Args)]
 pub(crate) struct Words {
+    /// Test adapters again that were tested before with the same driver and the same kernels.
+    #[arg(long)]
+    again: bool,
+
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -17,7 +22,10 @@ pub(crate) struct Words {
 
 /// Lists adapters; `true`, since none is no failure.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let rows = adapters().into_iter().enumerate().map(|(number, adapter)| Row::of(number, &adapter)).collect();
+    let tests = AdapterTests::new(words.again);
+    let examined = examine(&tests);
+    tests.finish();
+    let rows = examined.into_iter().enumerate().map(|(number, adapter)| Row::of(number, adapter)).collect();
     print_report(&Report { adapters: rows }, words.json)?;
     Ok(true)
 }
@@ -39,19 +47,21 @@ struct Row {
     largest_binding_bytes: u64,
     /// `None` where the picture and its derivative are right.
     fault: Option<String>,
+    /// Whether that is known from an earlier test.
+    remembered: bool,
 }
 
 impl Row {
-    fn of(number: usize, adapter: &AdapterDescription) -> Self {
-        let tested = GpuRenderer::new(&AdapterChoice::Index(number), GpuOptions::default());
+    fn of(number: usize, Examined { description, outcome, remembered }: Examined) -> Self {
         Self {
             number,
-            name: adapter.name.clone(),
-            backend: adapter.backend.clone(),
-            kind: format!("{:?}", adapter.kind).to_lowercase(),
-            driver: adapter.driver.clone(),
-            largest_binding_bytes: adapter.largest_binding,
-            fault: tested.err().map(|fault| fault.to_string()),
+            name: description.name,
+            backend: description.backend,
+            kind: description.kind.name().to_owned(),
+            driver: description.driver,
+            largest_binding_bytes: description.largest_binding,
+            fault: outcome.err().map(|fault| fault.to_string()),
+            remembered,
         }
     }
 }
@@ -61,10 +71,12 @@ impl fmt::Display for Report {
         if self.adapters.is_empty() {
             return writeln!(f, "no graphics adapter; the processor renders");
         }
-        for Row { number, name, backend, kind, driver, largest_binding_bytes, fault } in &self.adapters {
+        for Row { number, name, backend, kind, driver, largest_binding_bytes, fault, remembered } in &self.adapters {
             let mebibytes = largest_binding_bytes >> 20;
             writeln!(f, "{number}  {name} ({backend}), {kind}, {driver}, buffers of {mebibytes} MiB")?;
-            writeln!(f, "   {}", fault.as_deref().unwrap_or("passes its test: a picture and its derivative"))?;
+            let verdict = fault.as_deref().unwrap_or("passes its test: a picture and its derivative");
+            let before = if *remembered { " (tested before; --again tests it again)" } else { "" };
+            writeln!(f, "   {verdict}{before}")?;
         }
         Ok(())
     }

@@ -2,6 +2,7 @@
 //!
 //! Exit codes: 0 done, 1 failed, 2 wrong words, 3 drift found, 4 done with scenes or frames skipped (`--strict` only).
 
+mod adapter_tests;
 mod adapters;
 mod budget;
 mod carried;
@@ -32,10 +33,9 @@ mod words;
 use std::process::ExitCode;
 
 use anyhow::Context as _;
-use clap::error::ErrorKind;
-use clap::{CommandFactory as _, Parser, Subcommand};
+use clap::{Parser, Subcommand};
 
-use crate::exit::Exit;
+use crate::exit::{Exit, Skipping, done};
 
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
@@ -48,10 +48,6 @@ struct Words {
     #[arg(long, global = true, default_value_t = 0, value_name = "N", value_parser = clap::value_parser!(u16).range(..=512))]
     threads: u16,
 
-    /// Exit with code 4 where scenes or frames had to be skipped.
-    #[arg(long, global = true)]
-    strict: bool,
-
     #[command(subcommand)]
     command: Command,
 }
@@ -59,7 +55,7 @@ struct Words {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Run everything that can run here, and write the whole report: every table and plot, measured beside published.
-    Reproduce(reproduce::Words),
+    Reproduce(Skipping<reproduce::Words>),
     /// Look at datasets, convert them, cut frames, undistort.
     #[command(subcommand)]
     Data(data::Command),
@@ -67,17 +63,17 @@ enum Command {
     #[command(subcommand)]
     Protocol(protocol::Command),
     /// Run methods on protocols into a results store; goes on where it was left.
-    Run(Box<run::Words>),
+    Run(Box<Skipping<run::Words>>),
     /// Score pictures or Gaussians that any other method wrote, under a protocol.
-    Score(Box<run::score::Words>),
+    Score(Box<Skipping<run::score::Words>>),
     /// Put the shards of a run together.
     Merge(run::merge::Words),
     /// Put results beside the paper: tables, plots and one HTML page.
-    Report(report::Words),
+    Report(Skipping<report::Words>),
     /// Reconstruct Gaussians from posed photos.
     Reconstruct(Box<reconstruct::Words>),
     /// Render Gaussians along a path into PNG, EXR and an animation.
-    Render(Box<render::Words>),
+    Render(Box<Skipping<render::Words>>),
     /// Print how many tokens and Gaussians each of the paper's settings makes, beside its published figures.
     Budget(budget::Words),
     /// Import, export, inspect and verify weights.
@@ -131,41 +127,22 @@ fn run(words: &Words) -> anyhow::Result<Exit> {
         .num_threads(words.threads.into())
         .build_global()
         .context("starting worker threads")?;
-    let may_skip = matches!(
-        words.command,
-        Command::Data(_)
-            | Command::Protocol(_)
-            | Command::Render(_)
-            | Command::Report(_)
-            | Command::Reproduce(_)
-            | Command::Run(_)
-            | Command::Score(_)
-            | Command::Tradeoff(_)
-    );
-    if words.strict && !may_skip {
-        let told = "--strict: this command skips nothing";
-        return Err(Words::command().error(ErrorKind::ArgumentConflict, told).into());
+    match &words.command {
+        Command::Reproduce(words) => words.run(reproduce::run),
+        Command::Data(command) => data::run(command),
+        Command::Protocol(command) => protocol::run(command),
+        Command::Render(words) => words.run(render::run),
+        Command::Run(words) => words.run(run::run),
+        Command::Score(words) => words.run(run::score::run),
+        Command::Merge(words) => done(run::merge::run(words)),
+        Command::Report(words) => words.run(report::run),
+        Command::Reconstruct(words) => done(reconstruct::run(words)),
+        Command::Weights(command) => done(weights::run(command)),
+        Command::Adapters(words) => done(adapters::run(words)),
+        Command::Drift(words) => drift::run(words),
+        Command::Tradeoff(words) => tradeoff::run(words),
+        Command::Budget(words) => Ok(tested(budget::run(words)?)),
+        Command::Train(words) => train::run(words).map(|()| Exit::Done),
+        Command::Stress(words) => Ok(tested(stress::run(words)?)),
     }
-    let complete = match &words.command {
-        Command::Reproduce(words) => reproduce::run(words)?,
-        Command::Data(command) => data::run(command)?,
-        Command::Protocol(command) => protocol::run(command)?,
-        Command::Render(words) => render::run(words)?,
-        Command::Run(words) => run::run(words)?,
-        Command::Score(words) => run::score::run(words)?,
-        Command::Merge(words) => run::merge::run(words)?,
-        Command::Report(words) => report::run(words)?,
-        Command::Reconstruct(words) => reconstruct::run(words)?,
-        Command::Weights(command) => weights::run(command)?,
-        Command::Adapters(words) => adapters::run(words)?,
-        Command::Drift(words) => return drift::run(words),
-        Command::Tradeoff(words) => tradeoff::run(words)?,
-        Command::Budget(words) => return Ok(tested(budget::run(words)?)),
-        Command::Train(words) => {
-            train::run(words)?;
-            return Ok(Exit::Done);
-        }
-        Command::Stress(words) => return Ok(tested(stress::run(words)?)),
-    };
-    Ok(if words.strict && !complete { Exit::Skipped } else { Exit::Done })
 }

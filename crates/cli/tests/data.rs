@@ -27,7 +27,7 @@ fn a_trajectory_folder_is_inspected_and_exported_three_ways() {
     let report = succeed(here, &["data", "inspect", "data", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&report).unwrap();
     assert_eq!(report["format"], "re10k", "{report}");
-    assert_eq!(atsplat(here, &["--strict", "data", "inspect", "data"]).code, 4, "a broken file is a skipped scene");
+    assert_eq!(atsplat(here, &["data", "inspect", "data", "--strict"]).code, 4, "a broken file is a skipped scene");
 
     for out in ["cameras.parquet", "cameras.arrow", "cameras.csv"] {
         let text = succeed(here, &["data", "export", "data", out]);
@@ -79,7 +79,7 @@ fn scenes_become_chunks_without_the_broken_one() {
     assert!(text.contains("2 scenes in 1 chunks") && text.contains("1 scenes skipped"), "{text}");
     let chunk = Chunk::open(here.join("chunks/000000.torch"), &mut Warnings::new()).unwrap();
     assert_eq!(chunk.keys(), ["a", "c"]);
-    assert_eq!(atsplat(here, &["--strict", "data", "export", "data", "again", "--chunks"]).code, 4);
+    assert_eq!(atsplat(here, &["data", "export", "data", "again", "--chunks", "--strict"]).code, 4);
 }
 
 fn hostile_chunk(folder: &Path) {
@@ -103,7 +103,7 @@ fn keys_of_a_chunk_name_no_folders_elsewhere() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
     hostile_chunk(&here.join("chunks"));
-    let outcome = atsplat(here, &["--strict", "data", "undistort", "chunks", "-o", "deep/out"]);
+    let outcome = atsplat(here, &["data", "undistort", "chunks", "-o", "deep/out", "--strict"]);
     if cfg!(feature = "opencv") {
         assert_eq!(outcome.code, 4, "{}", outcome.stderr);
         let written: Vec<_> =
@@ -197,7 +197,7 @@ fn motion_of_a_known_camera_and_of_simulated_ones() {
     let table = succeed(here, &[&words[..], &["--threads", "1"]].concat());
     assert!(table.contains("baseline, 135 frames"), "{table}");
     assert_eq!(plot(), first, "the same clips give the same bytes on any number of threads");
-    assert_eq!(atsplat(here, &["--strict", "data", "motion", "data"]).code, 4, "a clip was left out");
+    assert_eq!(atsplat(here, &["data", "motion", "data", "--strict"]).code, 4, "a clip was left out");
     assert!(succeed(here, &["data", "motion"]).contains("RE10K"), "the carried clips");
 }
 

@@ -89,8 +89,11 @@ fn wrong_words_are_2_broken_files_are_1_and_skips_are_4_when_strict() {
     std::fs::create_dir(here.join("data")).unwrap();
     write_trajectory(&here.join("data/short.txt"), 3);
     let words = ["protocol", "build", "data", "--sampler", "re10k-2v", "-o", "index.json"];
+    let nothing = atsplat(here, &words);
+    assert!(nothing.code == 1 && nothing.stderr.contains("no scene of data has an entry"), "{}", nothing.stderr);
+    write_trajectory(&here.join("data/long.txt"), 200);
     assert_eq!(atsplat(here, &words).code, 0);
-    assert_eq!(atsplat(here, &[&["--strict"], &words[..]].concat()).code, 4);
+    assert_eq!(atsplat(here, &[&words[..], &["--strict"]].concat()).code, 4);
 }
 
 #[test]

@@ -80,7 +80,7 @@ fn depth_covisibility_from_files() {
     }
     let measured = std::fs::read_to_string(here.join("overlap.json")).unwrap();
     assert_eq!(json(&measured)["wall"]["overlap"].to_string(), "0.8", "{measured}");
-    assert_eq!(atsplat(here, &[&["--strict"], &words[..]].concat()).code, 4);
+    assert_eq!(atsplat(here, &[&words[..], &["--strict"]].concat()).code, 4);
 
     let other = ["protocol", "overlap", "index.json", "--data", "data", "--depth", "depth"];
     assert!(atsplat(here, &other).stderr.contains("looks at no depth"));
@@ -106,7 +106,7 @@ fn scenes_that_the_data_lacks_are_skips_and_the_split_is_known_again() {
     std::fs::write(here.join("one.json"), format!(r#"{{"here": {entry}}}"#)).unwrap();
     std::fs::write(here.join("two.json"), format!(r#"{{"here": {entry}, "gone": {entry}, "null": null}}"#)).unwrap();
     let split = |index: &str, words: &[&str]| {
-        let all = [&["--strict", "protocol", "extrapolate", index, "-o", "outside.json"], words].concat();
+        let all = [&["protocol", "extrapolate", index, "-o", "outside.json", "--strict"], words].concat();
         let outcome = atsplat(here, &all);
         (outcome.code, outcome.stdout + &outcome.stderr)
     };

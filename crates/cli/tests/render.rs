@@ -278,7 +278,7 @@ fn a_frame_that_cannot_be_rendered_is_counted_and_the_others_are_not_lost() {
                 "intrinsics": { "fx": 0.8, "fy": 1.2, "cx": 0.5, "cy": 0.5 } })
     };
     fs::write(here.join("views"), json!({ "views": [view(0, 4), view(1, 70_000), view(2, 4)] }).to_string()).unwrap();
-    let words = ["--strict", "render", "scene.ply", "--cameras", "views", "--out", "out"];
+    let words = ["render", "scene.ply", "--cameras", "views", "--out", "out", "--strict"];
     let outcome = atsplat(here, &words);
     assert_eq!(outcome.code, 4, "{}", outcome.stderr);
     assert!(outcome.stdout.contains("2 of 3 frames") && outcome.stderr.contains("frame 1: "), "{}", outcome.stderr);
@@ -287,7 +287,7 @@ fn a_frame_that_cannot_be_rendered_is_counted_and_the_others_are_not_lost() {
     assert!(record["views"][1]["fault"].as_str().unwrap().contains("70000"), "{record}");
     assert!(here.join("out/000002.png").exists() && !here.join("out/000001.png").exists());
     fs::write(here.join("views"), json!({ "views": [view(1, 70_000)] }).to_string()).unwrap();
-    let outcome = atsplat(here, &words[1..]);
+    let outcome = atsplat(here, &words[..words.len() - 1]);
     assert_eq!(outcome.code, 1, "nothing was rendered");
     assert!(outcome.stderr.contains("no frame could be rendered"), "{}", outcome.stderr);
 }

@@ -62,7 +62,7 @@ fn a_simulated_dataset_goes_through_the_floors_and_comes_back_identical() {
     let truth = "floors/pictures/tiny/truth";
     let score =
         ["score", "tiny.toml", "--data", "data/test", "--renders", truth, "--name", "oracle", "--out", "oracle"];
-    let told = succeed(here, &[&["--strict"], &score[..]].concat());
+    let told = succeed(here, &[&score[..], &["--strict"]].concat());
     assert!(told.contains("6 identical"), "{told}");
     let oracle = Results::read(&here.join("oracle")).unwrap();
     for row in &oracle.targets {
@@ -134,7 +134,7 @@ fn broken_renders_are_counted_rows() {
     let score = ["score", "tiny.toml", "--data", "data/test", "--renders", renders, "--out", "scored"];
     let told = succeed(here, &score);
     assert!(told.contains("3 failed") && told.contains("2 not whole"), "{told}");
-    assert_eq!(atsplat(here, &[&["--strict"], &score[..]].concat()).code, 4);
+    assert_eq!(atsplat(here, &[&score[..], &["--strict"]].concat()).code, 4);
     let scored = Results::read(&here.join("scored")).unwrap();
     let detail = |target: usize| scored.targets[target].detail.clone().unwrap_or_default();
     assert!(detail(0).contains("no file for frame 1"), "{}", detail(0));

@@ -135,6 +135,25 @@ fn a_run_leaves_what_it_promises() {
     assert_eq!(wrong.code, 2);
 }
 
+/// Said before a scene is simulated or a folder made.
+#[test]
+fn a_configuration_that_cannot_train_is_refused_with_file_and_field() {
+    let folder = tempdir().unwrap();
+    for (from, to, field, expected) in [
+        ("size = [32, 32]", "size = [32, 30]", "data[0].source.rooms.size", "patches of 16 pixels divide, found 32x30"),
+        ("min = 2, max = 3", "min = 3, max = 2", "data[0].source.rooms.views.gaps", "found 3 and 2"),
+        ("min = 3, max = 3", "min = 5, max = 9", "evaluation.source.rooms.views", "the 5 that a clip offers"),
+    ] {
+        assert!(TINY.contains(from));
+        std::fs::write(folder.path().join("tiny.toml"), TINY.replacen(from, to, 1)).unwrap();
+        let outcome = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", "out"]);
+        let said = format!("training configuration: tiny.toml, field {field}");
+        assert!(outcome.code == 1 && outcome.stderr.contains(&said), "{}", outcome.stderr);
+        assert!(outcome.stderr.contains(expected), "{}", outcome.stderr);
+        assert!(!folder.path().join("out").exists());
+    }
+}
+
 #[test]
 fn two_threads_and_one_give_the_same_bytes() {
     let folder = tempdir().unwrap();

@@ -69,6 +69,16 @@ pub enum EvalError {
         /// What to do about it.
         advice: &'static str,
     },
+    /// Two records of one run's parts that are not the same.
+    #[error("{what} of the two runs differ: {differences}{advice}")]
+    Differences {
+        /// What differs.
+        what: String,
+        /// Each field with what the first has and what the second has.
+        differences: String,
+        /// What to do about it.
+        advice: &'static str,
+    },
     /// Two answers to one question that are not the same.
     #[error("two results of {key} differ in {field}: {first} and {second}")]
     Disagreement {

@@ -231,7 +231,7 @@ fn another_question_is_asked_again_and_another_protocol_is_refused() {
     assert_eq!(frames, [2, 4, 6]);
     setting.datasets[0].preset.renderer.dilation = 0.1;
     let error = setting.run(folder.path()).unwrap_err().to_string();
-    assert!(error.contains("presets of the two runs differ") && error.contains("another folder"), "{error}");
+    assert!(error.contains("of the two runs differ") && error.contains("another folder"), "{error}");
 }
 
 #[test]

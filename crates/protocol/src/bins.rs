@@ -1,5 +1,6 @@
 use std::fmt;
 
+use atsplat_numeric::quantile;
 use serde::{Deserialize, Serialize};
 
 use crate::{EvaluationIndex, ProtocolError};
@@ -13,6 +14,8 @@ pub struct OverlapBins {
     rule: BinRule,
     names: Vec<String>,
     edges: Vec<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    estimator: Option<String>,
 }
 
 /// What happens to an overlap below the first edge.
@@ -95,23 +98,57 @@ impl OverlapBins {
         let repeated = names.iter().enumerate().find(|(at, name)| name.is_empty() || names[..*at].contains(name));
         match repeated {
             Some((_, name)) => refuse("names that differ", format!("{name:?} again or empty")),
-            None => Ok(Self { rule, names, edges }),
+            None => Ok(Self { rule, names, edges, estimator: None }),
         }
     }
 
-    /// NoPoSplat's bins: small 0.05–0.3, medium –0.55, large –0.8.
+    /// NoPoSplat's bins: small 0.05–0.3, medium –0.55, large –0.8, of overlaps by dense matching with `RoMa`.
     pub fn noposplat(rule: BinRule) -> Self {
         Self {
             rule,
             names: ["small", "medium", "large"].map(str::to_owned).to_vec(),
             edges: vec![0.05, 0.3, 0.55, 0.8],
+            estimator: Some("roma".to_owned()),
         }
+    }
+
+    /// Bins for values of an estimator that nobody published edges for: `low`, `middle` and `high`, a third of the
+    /// values in each; fewer where too many values are equal. Without values, thirds of the range.
+    pub fn thirds(values: &[f64], estimator: &str) -> Self {
+        let mut sorted = values.to_vec();
+        sorted.sort_unstable_by(f64::total_cmp);
+        let third = |share: f64| quantile(&sorted, share).unwrap_or(share);
+        let mut edges = vec![0.0, third(1.0 / 3.0), third(2.0 / 3.0), 1.0];
+        edges.dedup_by(|later, earlier| *later <= *earlier);
+        let names: &[&str] = match edges.len() {
+            4 => &["low", "middle", "high"],
+            3 => &["low", "high"],
+            _ => &["all"],
+        };
+        let names = names.iter().map(|name| (*name).to_owned()).collect();
+        Self { rule: BinRule::Strict, names, edges, estimator: Some(estimator.to_owned()) }
     }
 
     /// The same edges under another rule.
     #[must_use]
     pub fn with_rule(&self, rule: BinRule) -> Self {
         Self { rule, ..self.clone() }
+    }
+
+    /// What measured the overlaps that the edges were published for; `None` where nobody says.
+    pub fn estimator(&self) -> Option<&str> {
+        self.estimator.as_deref()
+    }
+
+    /// The same bins for overlaps of any origin.
+    pub(crate) fn without_estimator(self) -> Self {
+        Self { estimator: None, ..self }
+    }
+
+    /// The first of an index's recorded estimators that these bins were not published for.
+    pub fn foreign<'a>(&self, estimators: &'a [String]) -> Option<&'a str> {
+        let own = self.estimator.as_deref().or(estimators.first().map(String::as_str));
+        estimators.iter().map(String::as_str).find(|name| Some(*name) != own)
     }
 
     /// What happens below the first edge.
@@ -164,7 +201,7 @@ impl OverlapBins {
             without_overlap: 0,
         };
         for (_, _, entry) in index.entries() {
-            let count = match entry.overlap.map(|overlap| self.place(overlap)) {
+            let count = match entry.overlap.as_ref().map(|overlap| self.place(overlap.value)) {
                 None => Some(&mut counts.without_overlap),
                 Some(BinPlace::Below) => Some(&mut counts.below),
                 Some(BinPlace::Above) => Some(&mut counts.above),
@@ -204,13 +241,16 @@ struct Written {
     rule: BinRule,
     names: Vec<String>,
     edges: Vec<f64>,
+    #[serde(default)]
+    estimator: Option<String>,
 }
 
 impl TryFrom<Written> for OverlapBins {
     type Error = ProtocolError;
 
     fn try_from(written: Written) -> Result<Self, ProtocolError> {
-        Self::new(written.rule, written.names, written.edges)
+        let estimator = written.estimator;
+        Ok(Self { estimator, ..Self::new(written.rule, written.names, written.edges)? })
     }
 }
 
@@ -253,6 +293,33 @@ mod tests {
         }
         assert_eq!(strict.place(0.01), BinPlace::Below);
         assert_eq!(strict.place(0.9), BinPlace::Above);
+    }
+
+    #[test]
+    fn values_of_another_estimator_are_foreign() {
+        let published = OverlapBins::noposplat(BinRule::Published);
+        let recorded = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
+        assert_eq!(published.foreign(&recorded(&[])), None, "as the index ships them");
+        assert_eq!(published.foreign(&recorded(&["roma"])), None);
+        assert_eq!(published.foreign(&recorded(&["epipolar-ray", "roma"])), Some("epipolar-ray"));
+        let unsaid = OverlapBins::new(BinRule::Strict, recorded(&["a"]), vec![0.0, 1.0]).unwrap();
+        assert_eq!(unsaid.foreign(&recorded(&["epipolar-ray"])), None);
+        assert_eq!(unsaid.foreign(&recorded(&["a", "b"])), Some("b"), "two estimators share no bins");
+    }
+
+    #[test]
+    fn thirds_hold_a_third_each_and_ties_merge() {
+        let values: Vec<f64> = (0..9).map(|n| 0.1 * f64::from(n) + 0.05).collect();
+        let bins = OverlapBins::thirds(&values, "epipolar-ray");
+        let named = |value: &f64| bins.name_of(*value);
+        assert_eq!(values.iter().filter_map(named).filter(|name| *name == "low").count(), 3);
+        assert_eq!(
+            (bins.name_of(0.05), bins.name_of(0.85), bins.estimator()),
+            (Some("low"), Some("high"), Some("epipolar-ray"))
+        );
+        assert_eq!(OverlapBins::thirds(&[0.5; 7], "x").names(), ["low", "high"]);
+        assert_eq!(OverlapBins::thirds(&[1.0; 7], "x").names(), ["all"]);
+        assert_eq!(OverlapBins::thirds(&[], "x").names().len(), 3);
     }
 
     #[test]

@@ -1,13 +1,13 @@
 use std::collections::BTreeMap;
 
 use atsplat_camera::Camera;
-use atsplat_scene::{SceneSource, Warnings};
+use atsplat_scene::{Picture, Scene, SceneSource, Warnings};
 use serde::{Deserialize, Serialize};
 
 use crate::loading::{in_parallel, load};
 use crate::overlap::{OverlapEstimator, context_overlap};
 use crate::samplers::{NoEntry, Sampler, SceneViews};
-use crate::{EvaluationIndex, IndexEntry};
+use crate::{EvaluationIndex, IndexEntry, Overlap};
 
 /// Makes an evaluation index for a dataset that has none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -52,10 +52,14 @@ pub struct BuiltIndex {
     /// Entries that a sampler chose and the overlap rule refused. A scene is counted in `nulls` as well where
     /// it lost all of them.
     pub refused_entries: usize,
+    /// Frames that were not to be chosen, since their pictures are listed and not there.
+    pub missing_pictures: usize,
 }
 
 impl IndexBuilder {
-    /// Runs over all scenes of `source`, in parallel; the same index for any number of threads.
+    /// Runs over all scenes of `source`, in parallel; the same index for any number of threads. Frames whose pictures
+    /// are listed and not there are not chosen: a capture that lists more than it holds is sampled as if it listed
+    /// what it holds. Frames are numbered as it lists them.
     ///
     /// `progress` is called once a scene, from any thread. Unreadable scenes become `null` and a
     /// [`atsplat_scene::WarningKind::UnreadableScene`].
@@ -66,8 +70,9 @@ impl IndexBuilder {
             outcome
         });
         let mut built = BuiltIndex::default();
-        for (key, (entries, refused)) in source.keys().iter().zip(outcomes) {
+        for (key, Outcome { entries, refused, missing }) in source.keys().iter().zip(outcomes) {
             built.refused_entries += refused;
+            built.missing_pictures += missing;
             let entries = match entries {
                 Ok(entries) => {
                     built.scenes += 1;
@@ -84,17 +89,13 @@ impl IndexBuilder {
         built
     }
 
-    /// The scene's entries or why there are none, and how many were refused for their overlap.
-    fn build_scene(
-        &self,
-        key: &str,
-        source: &dyn SceneSource,
-        warnings: &mut Warnings,
-    ) -> (Result<Vec<IndexEntry>, NoEntry>, usize) {
-        let scene = match load(source, key, warnings) {
+    fn build_scene(&self, key: &str, source: &dyn SceneSource, warnings: &mut Warnings) -> Outcome {
+        let mut scene = match load(source, key, warnings) {
             Ok(scene) => scene,
-            Err(dropped) => return (Err(dropped.into()), 0),
+            Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0 },
         };
+        let all = scene.frames.len();
+        let listed = keep_there(&mut scene);
         let cameras: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
         let mut refused = 0;
         let entries = self.sampler.sample(&SceneViews { key, cameras: &cameras }).and_then(|sampled| {
@@ -104,18 +105,49 @@ impl IndexBuilder {
             refused = sampled_count - kept.len();
             if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
         });
-        (entries, refused)
+        let entries = entries.map(|entries| entries.into_iter().map(|entry| as_listed(entry, &listed)).collect());
+        Outcome { entries, refused, missing: all - listed.len() }
+    }
+}
+
+/// What became of one scene.
+struct Outcome {
+    /// Its entries or why there are none.
+    entries: Result<Vec<IndexEntry>, NoEntry>,
+    /// Entries that were refused for their overlap.
+    refused: usize,
+    /// Frames whose pictures are missing.
+    missing: usize,
+}
+
+/// Leaves out frames whose pictures are missing; where the others are listed.
+fn keep_there(scene: &mut Scene) -> Vec<usize> {
+    let frames = std::mem::take(&mut scene.frames).into_iter().enumerate();
+    let (listed, there) = frames.filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_))).unzip();
+    scene.frames = there;
+    listed
+}
+
+/// The entry with frames counted as the scene lists them.
+fn as_listed(entry: IndexEntry, listed: &[usize]) -> IndexEntry {
+    #[expect(clippy::expect_used, reason = "samplers choose among the frames that they are given")]
+    let count = |frame: usize| *listed.get(frame).expect("a frame that the sampler was given");
+    IndexEntry {
+        context: entry.context.into_iter().map(count).collect(),
+        target: entry.target.into_iter().map(count).collect(),
+        overlap: entry.overlap,
     }
 }
 
 impl OverlapRule {
-    fn keep(&self, scene: &atsplat_scene::Scene, sampled: Vec<IndexEntry>) -> (Vec<IndexEntry>, Option<NoEntry>) {
+    fn keep(&self, scene: &Scene, sampled: Vec<IndexEntry>) -> (Vec<IndexEntry>, Option<NoEntry>) {
         let mut kept = Vec::new();
         let mut last_reason = None;
         for mut entry in sampled {
             match context_overlap(scene, &entry, &self.estimator, None) {
                 Ok(overlap) if overlap >= self.minimum && overlap <= self.maximum => {
-                    entry.overlap = Some(overlap);
+                    let estimator = Some(self.estimator.name().to_owned());
+                    entry.overlap = Some(Overlap { value: overlap, estimator });
                     kept.push(entry);
                 }
                 Ok(overlap) => {
@@ -188,12 +220,31 @@ mod tests {
             )
         };
         let all = builder(&rule(0.0, 1.0)).build(&source(), &|| (), &mut Warnings::new());
-        let overlap = all.index.scenes["e"][0].overlap.unwrap();
+        let measured = all.index.scenes["e"][0].overlap.clone().unwrap();
+        assert_eq!(measured.estimator.as_deref(), Some("epipolar-ray"));
+        let overlap = measured.value;
         assert!(overlap > 0.05 && overlap < 0.95, "{overlap}");
         let none = builder(&rule(overlap + 0.01, 1.0)).build(&source(), &|| (), &mut Warnings::new());
         assert_eq!((none.nulls["overlap-outside"], none.refused_entries), (2, 2), "a and e; c overlaps more");
         let at_the_bound = builder(&rule(overlap, overlap)).build(&source(), &|| (), &mut Warnings::new());
         assert_eq!(at_the_bound.index.scenes["e"], all.index.scenes["e"], "bounds are inclusive");
+    }
+
+    /// Frames 1, 4 and 11 are listed without pictures: the tenth frame that is there is listed as the thirteenth.
+    #[test]
+    fn frames_without_their_pictures_are_never_named() {
+        let gone = [1, 4, 11];
+        let mut holey = scene("s", 14, 0);
+        for at in gone {
+            holey.frames[at].picture = Picture::Missing(format!("{at}.png").into());
+        }
+        let source = MemorySource::new([holey, scene("whole", 14, 0)]);
+        let built = builder(FARTHEST).build(&source, &|| (), &mut Warnings::new());
+        assert_eq!((built.scenes, built.missing_pictures), (2, 3));
+        let entry = |key: &str| built.index.scenes[key][0].clone();
+        assert_eq!((entry("s").context, entry("whole").context), (vec![0, 12], vec![0, 9]));
+        let targets = entry("s").target;
+        assert!(targets.iter().all(|frame| !gone.contains(frame) && (0..=12).contains(frame)), "{targets:?}");
     }
 
     #[test]

@@ -26,6 +26,7 @@ pub(crate) fn preset(name: &str) -> PresetRecord {
         index: "index.json".to_owned(),
         index_sha256: "fbcff9b4b13139227d809af45b84bb5a7a9cdb1c7a55bced85b6c66556a219cc".to_owned(),
         index_name: Some("pixelsplat-re10k".to_owned()),
+        overlap_estimators: Vec::new(),
         entries: 4,
         entries_of_index: 7194,
     }

@@ -13,7 +13,7 @@ use atsplat_tests::skip_without_graphics;
 #[test]
 fn every_path_survives_every_case() {
     let mut paths = paths();
-    match gpu_path(&AdapterChoice::Automatic) {
+    match gpu_path(&AdapterChoice::Automatic, &()) {
         Ok(path) => paths.push(path),
         Err(error) => {
             skip_without_graphics("every_path_survives_every_case", error);

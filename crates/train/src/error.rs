@@ -1,4 +1,4 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use atsplat_camera::CameraError;
 use atsplat_metrics::MetricError;
@@ -90,6 +90,16 @@ impl TrainError {
     ) -> Self {
         let found = found.to_string();
         Self::Malformed { what, location: location.into(), expected: expected.into(), found }
+    }
+
+    /// What is wrong with a field of a file, with the file.
+    pub(crate) fn in_file(self, path: &Path) -> Self {
+        match self {
+            Self::Malformed { what, location, expected, found } => {
+                Self::Malformed { what, location: format!("{}, field {location}", path.display()), expected, found }
+            }
+            other => other,
+        }
     }
 
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {

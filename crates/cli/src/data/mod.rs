@@ -10,31 +10,33 @@ mod undistort;
 
 use clap::Subcommand;
 
+use crate::exit::{Exit, Skipping, done};
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Print what a path holds: format, counts, sizes, intrinsics, baselines, problems.
-    Inspect(inspect::Words),
+    Inspect(Skipping<inspect::Words>),
     /// Measure how cameras move: speed, turn rate, straightness, baselines, focal length; simulated beside real.
-    Motion(motion::Words),
+    Motion(Skipping<motion::Words>),
     /// Write cameras as Parquet, Arrow IPC or CSV, or whole scenes as `.torch` chunks.
-    Export(export::Words),
+    Export(Skipping<export::Words>),
     /// Simulate scenes from seeds into a dataset, with exact depth.
     Simulate(simulate::Words),
     /// Cut frames out of a video at a trajectory's timestamps (feature `opencv`).
-    Frames(frames::Words),
+    Frames(Skipping<frames::Words>),
     /// Remove lens distortion from pictures and cameras (feature `opencv`).
-    Undistort(undistort::Words),
+    Undistort(Skipping<undistort::Words>),
 }
 
-/// Runs one command; `true` where nothing had to be skipped.
-pub(crate) fn run(command: &Command) -> anyhow::Result<bool> {
+/// Runs one command.
+pub(crate) fn run(command: &Command) -> anyhow::Result<Exit> {
     match command {
-        Command::Inspect(words) => inspect::run(words),
-        Command::Motion(words) => motion::run(words),
-        Command::Export(words) => export::run(words),
-        Command::Simulate(words) => simulate::run(words),
-        Command::Frames(words) => frames::run(words),
-        Command::Undistort(words) => undistort::run(words),
+        Command::Inspect(words) => words.run(inspect::run),
+        Command::Motion(words) => words.run(motion::run),
+        Command::Export(words) => words.run(export::run),
+        Command::Simulate(words) => done(simulate::run(words)),
+        Command::Frames(words) => words.run(frames::run),
+        Command::Undistort(words) => words.run(undistort::run),
     }
 }
 

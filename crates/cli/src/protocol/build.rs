@@ -1,6 +1,7 @@
 use std::fmt;
 use std::path::PathBuf;
 
+use anyhow::ensure;
 use atsplat_protocol::{BuiltIndex, IndexBuilder, IndexLayout};
 use atsplat_scene::{SceneSource as _, Warnings};
 use clap::Args;
@@ -40,6 +41,7 @@ struct Report<'a> {
     scenes: usize,
     entries: usize,
     refused_entries: usize,
+    missing_pictures: usize,
     nulls: &'a std::collections::BTreeMap<&'static str, usize>,
 }
 
@@ -52,11 +54,23 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let built = builder.build(&dataset, &|| progress.step(), &mut warnings);
     drop(progress);
     out.finish(built.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes())?;
-    let BuiltIndex { scenes, entries, nulls, refused_entries, .. } = &built;
-    let report =
-        Report { rule: &builder, scenes: *scenes, entries: *entries, refused_entries: *refused_entries, nulls };
+    let BuiltIndex { scenes, entries, nulls, refused_entries, missing_pictures, index: _ } = &built;
+    let report = Report {
+        rule: &builder,
+        scenes: *scenes,
+        entries: *entries,
+        refused_entries: *refused_entries,
+        missing_pictures: *missing_pictures,
+        nulls,
+    };
     print_report(&report, words.json)?;
     print_warnings(&warnings);
+    ensure!(
+        *entries > 0,
+        "no scene of {} has an entry: {} asks for nothing",
+        words.data.display(),
+        words.out.display()
+    );
     Ok(nulls.is_empty())
 }
 
@@ -65,6 +79,9 @@ impl fmt::Display for Report<'_> {
         writeln!(f, "sampler {}: {} scenes, {} entries", self.rule.sampler.name(), self.scenes, self.entries)?;
         if self.refused_entries > 0 {
             writeln!(f, "{:>7}  entries refused for their overlap", self.refused_entries)?;
+        }
+        if self.missing_pictures > 0 {
+            writeln!(f, "{:>7}  frames left out, their pictures are missing", self.missing_pictures)?;
         }
         for (reason, count) in self.nulls {
             writeln!(f, "{count:>7}  scenes null: {reason}")?;

@@ -3,7 +3,7 @@ use std::path::PathBuf;
 
 use anyhow::Context as _;
 use atsplat_protocol::{
-    Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Preset, compare, lint_file,
+    Comparability, DatasetCheck, IndexFile, IndexMatch, LintOptions, LintReport, Misfit, Preset, compare, lint_file,
 };
 use atsplat_scene::Warnings;
 use clap::Args;
@@ -55,6 +55,8 @@ struct PresetMatch<'a> {
     name: &'a str,
     #[serde(flatten)]
     index: IndexMatch<'a>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    misfits: Vec<Misfit>,
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
@@ -78,7 +80,11 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         None => None,
     };
     let complete = lint.dataset.as_ref().is_none_or(|facts| facts.dropped.is_empty());
-    let preset = preset.as_ref().map(|preset| PresetMatch { name: &preset.name, index: preset.index.recognise(&file) });
+    let preset = preset.as_ref().map(|preset| PresetMatch {
+        name: &preset.name,
+        index: preset.index.recognise(&file),
+        misfits: preset.misfits(&file.index, &file.sha256),
+    });
     print_report(&Report { lint, preset, against }, words.json)?;
     print_warnings(&warnings);
     Ok(complete)
@@ -87,11 +93,11 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
 impl fmt::Display for Report<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.lint)?;
-        if let Some(PresetMatch { name, index }) = &self.preset {
+        if let Some(PresetMatch { name, index, misfits }) = &self.preset {
             let verdict = match index {
                 IndexMatch::Default { name } => format!("its index, {name}"),
                 IndexMatch::Alternative { name, note } => {
-                    format!("an alternative index, {name}{}", note.map(|note| format!(": {note}")).unwrap_or_default())
+                    format!("an alternative index, {name}{}", note.map_or_else(String::new, |note| format!(": {note}")))
                 }
                 IndexMatch::Derived { name } => format!("its index, derived from {name}"),
                 IndexMatch::DerivedFromOther { name } => format!(
@@ -104,6 +110,9 @@ impl fmt::Display for Report<'_> {
                 IndexMatch::Unpublished => "not one of its indices: numbers compare only on this file".to_owned(),
             };
             writeln!(f, "\npreset {name}: {verdict}")?;
+            for Misfit { kind, count, example } in misfits {
+                writeln!(f, "    does not fit: {count} {kind}: {example}")?;
+            }
         }
         if let Some(against) = &self.against {
             write!(f, "\nagainst the second index\n{against}")?;

@@ -11,6 +11,8 @@ mod show;
 
 use clap::Subcommand;
 
+use crate::exit::{Exit, Skipping, done};
+
 #[derive(Debug, Subcommand)]
 pub(crate) enum Command {
     /// Print the built-in presets.
@@ -18,26 +20,26 @@ pub(crate) enum Command {
     /// Print one preset: every convention, source and inference.
     Show(show::Words),
     /// Print what an index holds that its numbers do not tell: leaks, dropped scenes, bins, comparability.
-    Lint(lint::Words),
+    Lint(Skipping<lint::Words>),
     /// Measure or read overlaps, write them into an index, draw their histogram.
-    Overlap(overlap::Words),
+    Overlap(Box<Skipping<overlap::Words>>),
     /// Measure how well each estimator of overlap predicts what two views of simulated scenes truly share.
     Estimators(estimators::Words),
     /// Derive the split with targets before and after each window of context frames.
-    Extrapolate(extrapolate::Words),
+    Extrapolate(Skipping<extrapolate::Words>),
     /// Make an index for a dataset that has none.
-    Build(build::Words),
+    Build(Skipping<build::Words>),
 }
 
 /// Runs one command; `true` where nothing had to be skipped.
-pub(crate) fn run(command: &Command) -> anyhow::Result<bool> {
+pub(crate) fn run(command: &Command) -> anyhow::Result<Exit> {
     match command {
-        Command::List(words) => list::run(words),
-        Command::Show(words) => show::run(words),
-        Command::Lint(words) => lint::run(words),
-        Command::Overlap(words) => overlap::run(words),
-        Command::Estimators(words) => estimators::run(words),
-        Command::Extrapolate(words) => extrapolate::run(words),
-        Command::Build(words) => build::run(words),
+        Command::List(words) => done(list::run(words)),
+        Command::Show(words) => done(show::run(words)),
+        Command::Lint(words) => words.run(lint::run),
+        Command::Overlap(words) => words.run(overlap::run),
+        Command::Estimators(words) => done(estimators::run(words)),
+        Command::Extrapolate(words) => words.run(extrapolate::run),
+        Command::Build(words) => words.run(build::run),
     }
 }

@@ -2,7 +2,7 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{bail, ensure};
 use atsplat_protocol::overlap::{DepthFolder, OverlapEstimator, UnmeasuredExample, annotate_overlaps};
 use atsplat_protocol::{BinCounts, BinPlace, BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
 use atsplat_scene::Warnings;
@@ -58,6 +58,11 @@ pub(crate) struct Words {
     #[arg(long)]
     strict_bins: bool,
 
+    /// File overlaps into the bins that were published for another estimator, which are then named below. Without it, and
+    /// without `--bins`, they have bins of their own: a third of the values in each.
+    #[arg(long)]
+    force: bool,
+
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -69,18 +74,22 @@ struct Report {
     definition: String,
     #[serde(skip_serializing_if = "Option::is_none")]
     measured: Option<usize>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    replaced: Option<usize>,
     #[serde(skip_serializing_if = "BTreeMap::is_empty")]
     unmeasured: BTreeMap<&'static str, usize>,
     #[serde(skip_serializing_if = "Vec::is_empty")]
     examples: Vec<UnmeasuredExample>,
     bins: BinCounts,
+    edges: Vec<f64>,
+    /// Why these bins say less than they seem to.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    footer: Option<String>,
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let depth = depth(words)?;
     let file = IndexFile::read(&words.index)?;
-    let rule = if words.strict_bins { BinRule::Strict } else { BinRule::Published };
-    let bins = words.bins.as_ref().map_or_else(|| OverlapBins::noposplat(rule), |bins| bins.with_rule(rule));
     let out = words.out.as_deref().map(PendingFile::open).transpose()?;
     let plot = match &words.plot {
         Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
@@ -92,27 +101,31 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         None => words.index.file_name().unwrap_or_default().to_string_lossy().into_owned(),
     };
     let mut warnings = Warnings::new();
-    let mut report = Report {
-        definition: "as the index ships them".to_owned(),
-        measured: None,
-        unmeasured: BTreeMap::new(),
-        examples: Vec::new(),
-        bins: bins.count(&file.index),
-    };
     let mut index = file.into_unambiguous()?;
+    let mut measured = None;
     if let Some(path) = &words.data {
         let estimator = &words.estimator;
         let dataset = words.pictures.open(path, &mut warnings)?;
-        let measured = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
-        index = measured.index;
-        report = Report {
-            definition: format!("{}: {}", estimator.name(), estimator.definition()),
-            measured: Some(measured.measured),
-            unmeasured: measured.unmeasured,
-            examples: measured.examples,
-            bins: bins.count(&index),
-        };
+        let found = annotate_overlaps(&index, &dataset, estimator, depth.as_ref(), &mut warnings);
+        index.clone_from(&found.index);
+        measured = Some(found);
     }
+    let (bins, footer) = words.bins_of(&index);
+    let definition = match (&measured, index.overlap_estimators().as_slice()) {
+        (Some(_), _) => format!("{}: {}", words.estimator.name(), words.estimator.definition()),
+        (None, []) => "as the index ships them".to_owned(),
+        (None, recorded) => format!("as the index records them, by {}", recorded.join(" and ")),
+    };
+    let report = Report {
+        definition,
+        measured: measured.as_ref().map(|found| found.measured),
+        replaced: measured.as_ref().map(|found| found.replaced),
+        bins: bins.count(&index),
+        edges: bins.edges().to_vec(),
+        footer,
+        unmeasured: measured.as_ref().map_or_else(BTreeMap::new, |found| found.unmeasured.clone()),
+        examples: measured.map_or_else(Vec::new, |found| found.examples),
+    };
     if let Some((file, format)) = plot {
         file.finish(&histogram(&index, &bins, &title, format)?)?;
     }
@@ -122,7 +135,33 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let complete = report.unmeasured.is_empty();
     print_report(&report, words.json)?;
     print_warnings(&warnings);
+    let nothing = report.measured == Some(0) && !report.unmeasured.is_empty();
+    ensure!(!nothing, "no overlap of {} was measured", words.index.display());
     Ok(complete)
+}
+
+impl Words {
+    /// The bins that these overlaps are filed into, and what a reader must know of them.
+    fn bins_of(&self, index: &EvaluationIndex) -> (OverlapBins, Option<String>) {
+        let rule = if self.strict_bins { BinRule::Strict } else { BinRule::Published };
+        if let Some(bins) = &self.bins {
+            return (bins.with_rule(rule), None);
+        }
+        let published = OverlapBins::noposplat(rule);
+        let estimators = index.overlap_estimators();
+        let Some(foreign) = published.foreign(&estimators) else { return (published, None) };
+        let of = published.estimator().unwrap_or_default();
+        if self.force {
+            let footer =
+                format!("the bins were published for {of}, and these overlaps are {foreign}'s: they do not compare");
+            return (published, Some(footer));
+        }
+        let values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
+        let footer = format!(
+            "bins of {foreign}'s own, a third of the values in each: small, medium and large were published for {of} (--force)"
+        );
+        (OverlapBins::thirds(&values, &estimators.join(" and ")), Some(footer))
+    }
 }
 
 /// The folder of depth maps, where the estimator looks at them.
@@ -144,7 +183,7 @@ fn histogram(index: &EvaluationIndex, bins: &OverlapBins, title: &str, format: P
         BinPlace::Below | BinPlace::Above => None,
     };
     let overlaps: Vec<(f64, Option<usize>)> =
-        index.entries().filter_map(|(_, _, entry)| entry.overlap).map(|overlap| (overlap, place(overlap))).collect();
+        index.overlaps().map(|overlap| (overlap.value, place(overlap.value))).collect();
     draw_overlap_histogram(&OverlapHistogram { title, overlaps: &overlaps, bins: bins.names() }, format)
 }
 
@@ -154,17 +193,22 @@ impl fmt::Display for Report {
         if let Some(measured) = self.measured {
             writeln!(f, "{measured:>7}  measured")?;
         }
+        if let Some(replaced) = self.replaced.filter(|count| *count > 0) {
+            writeln!(f, "{replaced:>7}  of the index replaced")?;
+        }
         for (reason, count) in &self.unmeasured {
             writeln!(f, "{count:>7}  not measured: {reason}")?;
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
                 writeln!(f, "         {:?} entry {}: {}", example.scene, example.entry, example.detail)?;
             }
         }
-        for bin in &self.bins.bins {
-            writeln!(f, "{:>7}  {}", bin.count, bin.name)?;
+        for (bin, edges) in self.bins.bins.iter().zip(self.edges.windows(2)) {
+            let [low, high] = edges else { continue };
+            writeln!(f, "{:>7}  {}, {low:.4} to {high:.4}", bin.count, bin.name)?;
         }
         writeln!(f, "{:>7}  below the bins", self.bins.below)?;
         writeln!(f, "{:>7}  above the bins", self.bins.above)?;
-        writeln!(f, "{:>7}  without an overlap", self.bins.without_overlap)
+        writeln!(f, "{:>7}  without an overlap", self.bins.without_overlap)?;
+        self.footer.iter().try_for_each(|footer| writeln!(f, "{footer}"))
     }
 }

@@ -56,7 +56,9 @@ mod tests {
     #[test]
     fn bins_as_words() {
         let found = bins("0.05,small:0.3, medium:0.55,large:0.8").unwrap();
-        assert_eq!(found, OverlapBins::noposplat(BinRule::Published));
+        let published = OverlapBins::noposplat(BinRule::Published);
+        assert_eq!((found.names(), found.edges()), (published.names(), published.edges()));
+        assert_eq!(found.estimator(), None, "the user's bins are for whatever is filed into them");
         for broken in ["", "0.1", "0.1,a", "0.1,a:x", "0.3,a:0.1", "0.1,a:0.2,a:0.3"] {
             assert!(bins(broken).is_err(), "{broken:?}");
         }

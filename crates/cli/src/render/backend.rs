@@ -4,6 +4,8 @@ use atsplat_splat::gpu::{AdapterChoice, Fallback, GpuOptions, with_fallback};
 use atsplat_splat::{ReferenceRenderer, Renderer};
 use clap::ValueEnum;
 
+use crate::adapter_tests::AdapterTests;
+
 /// Who renders.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
 pub(crate) enum BackendWord {
@@ -32,8 +34,10 @@ pub(crate) fn backend(word: BackendWord, adapter: Option<&AdapterChoice>) -> any
         BackendWord::Reference => here(Box::new(ReferenceRenderer)),
         BackendWord::Gpu => {
             let choice = adapter.cloned().unwrap_or_default();
+            let tests = AdapterTests::new(false);
             let Fallback { renderer, passed_over } =
-                with_fallback(&choice, GpuOptions::default(), CpuOptions::default()).context("--adapter")?;
+                with_fallback(&choice, GpuOptions::default(), CpuOptions::default(), &tests).context("--adapter")?;
+            tests.finish();
             let reasons: Vec<String> = passed_over.iter().map(ToString::to_string).collect();
             let note = (!reasons.is_empty()).then(|| format!("{} renders: {}", renderer.name(), reasons.join("; ")));
             Backend { renderer, note }

@@ -9,7 +9,7 @@ mod summary;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use atsplat_eval::method::{Method, Repetitions};
 use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary, metric_ids, named_metrics};
 use atsplat_eval::{Results, Store};
@@ -62,6 +62,14 @@ pub(crate) struct Words {
     verify: bool,
 }
 
+/// What methods made of datasets.
+struct Evaluated {
+    results: Results,
+    summary: Summary,
+    /// Why no target was compared, where none was.
+    nothing: Option<String>,
+}
+
 /// Reproduces; `true` where nothing was skipped and nothing failed.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     std::fs::create_dir_all(&words.out).with_context(|| format!("making the folder {}", words.out.display()))?;
@@ -74,7 +82,10 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     };
     let of_ablations: Vec<usize> =
         datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
-    let (results, summary) = words.evaluate("results", &datasets, &trained.methods()?)?;
+    let Evaluated { results, summary, nothing } = words.evaluate("results", &datasets, &trained.methods()?)?;
+    if let Some(why) = nothing {
+        bail!("nothing was evaluated: {why}");
+    }
     let sections = match expansion::section(&datasets, &trained) {
         Ok(section) => vec![section],
         Err(error) => {
@@ -87,7 +98,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     if !of_ablations.is_empty() {
         let all = datasets.into_iter().enumerate();
         let datasets: Vec<Dataset> = all.filter(|(at, _)| of_ablations.contains(at)).map(|(_, one)| one).collect();
-        let (results, summary) = words.evaluate("ablations", &datasets, &trained.variants()?)?;
+        let Evaluated { results, summary, .. } = words.evaluate("ablations", &datasets, &trained.variants()?)?;
         complete &= summary.is_complete();
         stores.push(("ablations", results));
     }
@@ -114,12 +125,7 @@ impl Words {
         }
     }
 
-    fn evaluate(
-        &self,
-        name: &str,
-        datasets: &[Dataset],
-        methods: &[Arc<dyn Method>],
-    ) -> anyhow::Result<(Results, Summary)> {
+    fn evaluate(&self, name: &str, datasets: &[Dataset], methods: &[Arc<dyn Method>]) -> anyhow::Result<Evaluated> {
         let suite = self.suite_of(datasets)?;
         let limit = if self.data.is_some() { self.suite.limit() } else { None };
         let plan = Plan {
@@ -137,7 +143,9 @@ impl Words {
             store = store.reread_pictures()?;
         }
         let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
-        Ok(runner::run(&plan, store, &|| progress.step())?)
+        let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
+        let nothing = plan.nothing_evaluated(&results);
+        Ok(Evaluated { results, summary, nothing })
     }
 
     fn store(&self, name: &str) -> PathBuf {

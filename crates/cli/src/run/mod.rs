@@ -9,7 +9,7 @@ pub(crate) mod settings;
 
 use std::path::PathBuf;
 
-use anyhow::Context as _;
+use anyhow::{Context as _, bail};
 use atsplat_eval::Results;
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Plan};
@@ -17,7 +17,7 @@ use atsplat_scene::Warnings;
 use clap::Args;
 
 use crate::machine::here;
-use crate::output::{print_report, print_warnings};
+use crate::output::{complain, print_report, print_warnings};
 use crate::progress::Progress;
 use methods::{MethodWord, MethodWords};
 use protocols::ProtocolWords;
@@ -73,12 +73,20 @@ fn evaluate(
         pictures: settings.pictures(),
         prefetch: SettingWords::prefetch(),
     };
+    // A folder without a single scene is a mistyped one: nothing is begun.
+    for survey in plan.surveys()? {
+        complain(&survey.to_string());
+    }
     let store = settings.store(plan.provenance(here())?)?;
     let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
     let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
     drop(progress);
-    print_report(&Report::of(&results, Some(summary), settings.out()), settings.json)?;
+    let takes_any_size = protocols.takes_any_size();
+    print_report(&Report::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
     print_warnings(&warnings);
+    if let Some(why) = plan.nothing_evaluated(&results) {
+        bail!("nothing was evaluated: {why}");
+    }
     Ok(summary.is_complete())
 }
 

@@ -58,6 +58,11 @@ impl ProtocolWords {
         Ok(datasets)
     }
 
+    /// Whether pictures of any size are taken already.
+    pub(super) const fn takes_any_size(&self) -> bool {
+        self.any_size
+    }
+
     fn index(
         &self,
         preset: &Preset,

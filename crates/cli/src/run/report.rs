@@ -5,8 +5,9 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::runner::Summary;
-use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
+use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus, WarningCount};
 use atsplat_metrics::{DECIBEL_CAP, definition};
+use atsplat_protocol::DropReason;
 use serde::Serialize;
 
 #[derive(Debug, Serialize)]
@@ -18,8 +19,13 @@ pub(super) struct Report {
     rows: Vec<Row>,
     /// Metrics without a number, and why.
     not_computed: BTreeMap<String, String>,
-    /// Index entries and trials that gave no numbers, by reason.
+    /// Index entries and targets that gave no numbers, by reason.
     without: Vec<Without>,
+    /// What is odd about indices and data without stopping anything.
+    warnings: Vec<WarningCount>,
+    /// What to try.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    advice: Option<&'static str>,
 }
 
 #[derive(Debug, Serialize)]
@@ -65,7 +71,15 @@ impl Report {
         }
         let absent = |metric: &atsplat_eval::MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
         let not_computed = provenance.metrics.iter().filter_map(absent).collect();
-        Self { store: store.to_owned(), summary, rows, not_computed, without: without(results) }
+        let (without, warnings) = (without(results), provenance.warnings.clone());
+        Self { store: store.to_owned(), summary, rows, not_computed, without, warnings, advice: None }
+    }
+
+    /// Says what would help, where pictures were refused for their size and `--any-size` was not given.
+    pub(super) fn advising(self, takes_any_size: bool) -> Self {
+        const ADVICE: &str = "--any-size takes pictures of any size; the results are of another protocol then";
+        let refused = self.without.iter().any(|without| without.what.ends_with(DropReason::PictureSize.name()));
+        Self { advice: (refused && !takes_any_size).then_some(ADVICE), ..self }
     }
 }
 
@@ -76,13 +90,14 @@ fn without(results: &Results) -> Vec<Without> {
         let example = format!("scene {}: {}", entry.scene, entry.detail);
         (&entry.preset, format!("entries skipped, {}", entry.reason), example)
     });
-    let unwhole = results.trials.iter().filter(|trial| trial.status != TrialStatus::Done);
-    let unwhole = unwhole.map(|trial| {
-        let example = format!("scene {}: {}", trial.key.scene, trial.detail.clone().unwrap_or_default());
-        (&trial.key.preset, format!("trials of {} {}", trial.key.method, trial.status.name()), example)
+    let failed = results.targets.iter().filter(|row| row.status == TargetStatus::Failed);
+    let failed = failed.map(|row| {
+        let detail = row.detail.as_deref().unwrap_or("no reason is known");
+        let what = format!("targets of {} failed, {}", row.key.method, kind_of(detail, &row.key.scene));
+        (&row.key.preset, what, format!("scene {}, frame {}: {detail}", row.key.scene, row.frame))
     });
     let mut kinds: BTreeMap<(&String, String), (usize, String)> = BTreeMap::new();
-    for (preset, what, example) in skipped.chain(unwhole) {
+    for (preset, what, example) in skipped.chain(failed) {
         kinds.entry((preset, what)).or_insert((0, example)).0 += 1;
     }
     let without = |((preset, what), (count, example)): ((&String, String), (usize, String))| Without {
@@ -92,6 +107,28 @@ fn without(results: &Results) -> Vec<Without> {
         example,
     };
     kinds.into_iter().map(without).collect()
+}
+
+/// What failures of one kind have in common: the text without paths, numbers and the scene's name.
+fn kind_of(detail: &str, scene: &str) -> String {
+    const LONGEST: usize = 60;
+    let text = detail.replace(scene, "SCENE");
+    let words = text.split_whitespace().take_while(|word| !word.starts_with('('));
+    let words = words.map(|word| {
+        let word = if word.contains('/') { "PATH" } else { word };
+        let mut kind = String::new();
+        for c in word.chars() {
+            match c.is_ascii_digit() {
+                false => kind.push(c),
+                true if kind.ends_with('N') => {}
+                true => kind.push('N'),
+            }
+        }
+        kind
+    });
+    let text = words.collect::<Vec<_>>().join(" ");
+    let short = text.split_once(": ").map_or(text.as_str(), |(short, _)| short);
+    short.chars().take(LONGEST).collect::<String>().trim_end_matches([':', ',', ';']).to_owned()
 }
 
 impl Row {
@@ -169,6 +206,10 @@ impl fmt::Display for Report {
         for Without { preset, what, count, example } in &self.without {
             writeln!(f, "{preset}: {count} {what}: {example}")?;
         }
+        self.advice.iter().try_for_each(|advice| writeln!(f, "{advice}"))?;
+        for WarningCount { preset, kind, count, example } in &self.warnings {
+            writeln!(f, "warning: {preset}: {count} {kind}: {example}")?;
+        }
         for (id, why) in &self.not_computed {
             writeln!(f, "{id} was not computed: {why}")?;
         }
@@ -194,4 +235,19 @@ fn told(summary: &Summary) -> String {
     ];
     let told = told.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
     format!("{evaluated} results computed{}", told.collect::<String>())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn failures_of_one_kind_are_counted_together() {
+        let of = |detail: &str| kind_of(detail, "aa11");
+        let missing = "no file for frame N of scene SCENE";
+        assert_eq!(of("no file for frame 12 of scene aa11: expected aa11/000012.png or .exr below out"), missing);
+        assert_eq!(of("no file for frame 7 of scene aa11: expected aa11/000007.png or .exr below out"), missing);
+        assert_eq!(of("expected a picture of 40×40, found 20×20"), "expected a picture of N×N, found N×N");
+        assert_eq!(of("unexpected end of file (out/aa11/000002.png)"), "unexpected end of file");
+    }
 }

@@ -6,6 +6,7 @@ use atsplat_splat::stress::{self, Path};
 use clap::Command;
 use clap::error::ErrorKind;
 
+use crate::adapter_tests::AdapterTests;
 use crate::output::complain;
 use crate::progress::Progress;
 
@@ -23,7 +24,10 @@ pub(super) fn rows(cases: &[String], words: &[String]) -> anyhow::Result<Vec<Str
     let mut paths = stress::paths();
     let is_here = |paths: &[Path], word: &str| paths.iter().any(|path| path.renderer.name().contains(word));
     if words.is_empty() || words.iter().any(|word| !is_here(&paths, word)) {
-        match stress::gpu_path(&AdapterChoice::Automatic) {
+        let tests = AdapterTests::new(false);
+        let path = stress::gpu_path(&AdapterChoice::Automatic, &tests);
+        tests.finish();
+        match path {
             Ok(path) => paths.push(path),
             Err(error) => complain(&format!("warning: no rows of a graphics processor: {error}")),
         }

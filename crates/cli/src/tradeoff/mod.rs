@@ -11,6 +11,7 @@ use atsplat_eval::tradeoff::{across, tradeoffs};
 use atsplat_metrics::definition;
 use clap::{Args, Subcommand};
 
+use crate::exit::{Exit, Skipping};
 use crate::output::print_report;
 use report::Report;
 
@@ -44,13 +45,13 @@ pub(crate) struct Words {
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Run a network at every setting of a sweep, then say what is worth it.
-    Sweep(Box<sweep::Words>),
+    Sweep(Box<Skipping<sweep::Words>>),
 }
 
-/// `true` where nothing was skipped and nothing failed.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+/// Compares settings that were run, or runs them first.
+pub(crate) fn run(words: &Words) -> anyhow::Result<Exit> {
     let store = match (&words.command, &words.store) {
-        (Some(Command::Sweep(words)), _) => return sweep::run(words),
+        (Some(Command::Sweep(words)), _) => return words.run(sweep::run),
         (None, Some(store)) => store,
         (None, None) => anyhow::bail!("a folder of results is needed"),
     };
@@ -63,7 +64,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         tradeoffs(&results, &metrics, leaked)?
     };
     print_report(&Report { tradeoffs }, words.json)?;
-    Ok(true)
+    Ok(Exit::Done)
 }
 
 fn metric(word: &str) -> Result<String, String> {

@@ -1,7 +1,6 @@
 use std::path::PathBuf;
 
-use anyhow::Context as _;
-use atsplat_eval::Results;
+use anyhow::{Context as _, bail};
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
@@ -51,7 +50,10 @@ pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
     for part in &parts {
         let plan = plan(words, &suite, part);
         let store = words.settings.store(plan.provenance(here())?)?;
-        let (_, summary) = runner::run(&plan, store, &|| progress.step())?;
+        let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
+        if let Some(why) = plan.nothing_evaluated(&results) {
+            bail!("nothing was evaluated: {why}");
+        }
         complete &= summary.is_complete();
     }
     drop(progress);

@@ -2,6 +2,7 @@
 
 mod atsplat;
 mod constants;
+mod layout;
 mod nearest_view;
 mod ply;
 mod renders;
@@ -21,6 +22,7 @@ use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsOf};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
+pub use layout::{Asked, Layout, Survey};
 pub use nearest_view::NearestView;
 pub use ply::{GaussianFrame, Ply};
 pub use renders::Renders;
@@ -50,6 +52,11 @@ pub trait Method: Debug + Send + Sync {
     /// made again when one of them changes.
     fn files(&self, _trial: &Trial) -> Vec<Option<PathBuf>> {
         Vec::new()
+    }
+
+    /// Where its files lie for these scenes; `None` for a method that makes its pictures here.
+    fn survey(&self, _asked: &[Asked<'_>]) -> Option<Survey> {
+        None
     }
 
     /// Looks at the context.

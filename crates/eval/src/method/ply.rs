@@ -5,7 +5,7 @@ use atsplat_protocol::trial::Trial;
 use atsplat_splat::{Gaussians, files};
 
 use super::splatting::{Splatting, parameters};
-use super::{Answer, Cost, Method, Question, Refusal, below, last_of, names_of};
+use super::{Answer, Asked, Cost, Layout, Method, Question, Refusal, Survey, below, last_of, names_of};
 use crate::{EvalError, MethodRecord};
 
 /// Gaussians that any other method wrote, a file for each scene:
@@ -59,12 +59,8 @@ impl Ply {
 
     fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
         for scene in names_of(trial) {
-            for stem in [scene.clone(), format!("{scene}/gaussians"), format!("{scene}/point_cloud")] {
-                let extensions = ["ply", "spz", "splat"].into_iter();
-                let paths = extensions.filter_map(|extension| below(&self.folder, &format!("{stem}.{extension}")));
-                if let Some(path) = paths.into_iter().find(|path| path.is_file()) {
-                    return Ok(path);
-                }
+            if let Some((path, _)) = places(&self.folder, &scene).find(|(path, _)| path.is_file()) {
+                return Ok(path);
             }
         }
         let (scene, folder) = (trial.scene(), self.folder.display());
@@ -88,6 +84,19 @@ impl Ply {
     }
 }
 
+/// Places of a scene's file, best first, and what they are called.
+fn places(folder: &Path, scene: &str) -> impl Iterator<Item = (PathBuf, String)> {
+    let stems = ["", "/gaussians", "/point_cloud"].into_iter();
+    let names = stems.flat_map(|stem| ["ply", "spz", "splat"].map(|extension| format!("{stem}.{extension}")));
+    names.filter_map(move |name| Some((below(folder, &format!("{scene}{name}"))?, format!("SCENE{name}"))))
+}
+
+/// How the Gaussians of a scene lie below a folder.
+fn layout(folder: &Path, asked: &Asked<'_>) -> Option<Layout> {
+    let mut there = places(folder, asked.scene).filter(|(path, _)| path.is_file());
+    there.next().map(|(_, name)| Layout(name))
+}
+
 impl Method for Ply {
     fn record(&self) -> MethodRecord {
         let mut record = MethodRecord {
@@ -107,6 +116,11 @@ impl Method for Ply {
 
     fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {
         vec![self.find(trial).ok()]
+    }
+
+    fn survey(&self, asked: &[Asked<'_>]) -> Option<Survey> {
+        const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
+        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, asked, layout))
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {

@@ -5,7 +5,7 @@ use atsplat_pixels::{DecodeLimits, Image, decode, exr};
 use atsplat_protocol::trial::Trial;
 
 use super::splatting::parameters;
-use super::{Answer, Cost, Method, Question, Refusal, Rendered, below, last_of, names_of};
+use super::{Answer, Asked, Cost, Layout, Method, Question, Refusal, Rendered, Survey, below, last_of, names_of};
 use crate::{EvalError, MethodRecord};
 
 /// Pictures that any other method wrote, found by scene and frame.
@@ -67,6 +67,26 @@ impl Renders {
     }
 }
 
+/// How the pictures of a scene lie below a folder.
+fn layout(folder: &Path, asked: &Asked<'_>) -> Option<Layout> {
+    let scene = asked.scene;
+    [scene.to_owned(), format!("{scene}-0")].into_iter().find_map(|name| {
+        let below = below(folder, &name)?;
+        let suffix = name.strip_prefix(scene).unwrap_or_default();
+        [("color/", below.join("color")), ("", below)].into_iter().find_map(|(part, folder)| {
+            let frames = || asked.frames.iter().flat_map(|frame| names(*frame));
+            let file = frames().find(|name| folder.join(name).is_file())?;
+            Some(Layout(format!("SCENE{suffix}/{part}{}", frame_as_example(&file))))
+        })
+    })
+}
+
+/// `000007.png` as `000029.png`: layouts are counted by the number of digits.
+fn frame_as_example(file: &str) -> String {
+    let (stem, extension) = file.split_once('.').unwrap_or((file, ""));
+    format!("{:0>width$}.{extension}", 29, width = if stem.starts_with('0') { stem.len() } else { 1 })
+}
+
 /// Names that a frame's file may have, floats first.
 fn names(frame: usize) -> impl Iterator<Item = String> {
     let mut stems: Vec<String> = [6, 5, 4, 3, 2, 1].map(|digits| format!("{frame:0digits$}")).to_vec();
@@ -88,6 +108,11 @@ impl Method for Renders {
 
     fn files(&self, trial: &Trial) -> Vec<Option<PathBuf>> {
         trial.targets().iter().map(|target| self.find(trial, target.frame).ok()).collect()
+    }
+
+    fn survey(&self, asked: &[Asked<'_>]) -> Option<Survey> {
+        const EXPECTED: &str = "SCENE/color/000029.png, SCENE/000029.png or SCENE/29.png, or .exr,";
+        Some(Survey::of(("folder of renders", EXPECTED), &self.folder, asked, layout))
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {

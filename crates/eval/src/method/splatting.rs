@@ -111,11 +111,24 @@ impl Splatting {
     fn explicit_constants(&self) -> serde_json::Value {
         match &self.constants {
             ConstantsChoice::OfPreset => "of the preset".into(),
-            // An infinite far plane is no JSON number.
-            ConstantsChoice::These(constants) => format!("{constants:?}").into(),
-            ConstantsChoice::Changed(changed) => format!("{:?}", changed.knobs()).into(),
+            ConstantsChoice::These(constants) => {
+                let mut fields = as_json(constants);
+                // An infinite plane is no JSON number.
+                for (name, plane) in [("near", constants.near), ("far", constants.far)] {
+                    if let Some(field) = fields.get_mut(name).filter(|_| !plane.is_finite()) {
+                        *field = plane.to_string().into();
+                    }
+                }
+                fields
+            }
+            ConstantsChoice::Changed(changed) => as_json(changed.knobs()),
         }
     }
+}
+
+#[expect(clippy::expect_used, reason = "structures of numbers and names")]
+fn as_json<T: serde::Serialize>(settings: &T) -> serde_json::Value {
+    serde_json::to_value(settings).expect("settings that JSON holds")
 }
 
 /// Gaussians in a trial's world, ready to be rendered.

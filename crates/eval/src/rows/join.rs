@@ -1,7 +1,8 @@
 //! Two runs' provenance as one.
 
-use std::fmt::Debug;
+use serde::Serialize;
 
+use super::difference::differences;
 use super::{PresetRecord, Provenance, WarningCount};
 use crate::EvalError;
 
@@ -9,7 +10,7 @@ impl Provenance {
     /// Takes in another shard of the same run.
     ///
     /// # Errors
-    /// [`EvalError::Different`] naming what differs.
+    /// [`EvalError::Differences`] naming what differs.
     pub(crate) fn take_in(&mut self, other: Self) -> Result<(), EvalError> {
         self.same_run(&other, "; shards of one run are merged")?;
         same("presets", &names(&self.presets), &names(&other.presets), "")?;
@@ -18,7 +19,7 @@ impl Provenance {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
                 let entries = known.entries + preset.entries;
                 let bare = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
-                same("presets", &bare(known), &bare(&preset), "")?;
+                same(&of("presets", &preset.name), &bare(known), &bare(&preset), "")?;
                 known.entries = entries;
             }
         }
@@ -39,7 +40,7 @@ impl Provenance {
     /// Goes on with a run: what is there was made in the same way. Presets and methods may be new.
     ///
     /// # Errors
-    /// [`EvalError::Different`] naming what differs.
+    /// [`EvalError::Differences`] naming what differs.
     pub(crate) fn go_on_with(&mut self, other: Self) -> Result<(), EvalError> {
         const ADVICE: &str = "; what is there is not gone on with: choose another folder for the new results";
         self.same_run(&other, ADVICE)?;
@@ -47,13 +48,13 @@ impl Provenance {
         same("shards", &self.shard, &other.shard, ADVICE)?;
         for preset in other.presets {
             match self.presets.iter().find(|known| known.name == preset.name) {
-                Some(known) => same("presets", known, &preset, ADVICE)?,
+                Some(known) => same(&of("presets", &preset.name), known, &preset, ADVICE)?,
                 None => self.presets.push(preset),
             }
         }
         for method in other.methods {
             match self.methods.iter().find(|known| known.name == method.name) {
-                Some(known) => same("methods", known, &method, ADVICE)?,
+                Some(known) => same(&of("methods", &method.name), known, &method, ADVICE)?,
                 None => self.methods.push(method),
             }
         }
@@ -70,14 +71,17 @@ impl Provenance {
     }
 }
 
+fn of(what: &str, name: &str) -> String {
+    format!("{what} {name}")
+}
+
 fn names(presets: &[PresetRecord]) -> Vec<&str> {
     presets.iter().map(|preset| preset.name.as_str()).collect()
 }
 
-fn same<T: Debug + PartialEq>(what: &str, first: &T, second: &T, advice: &'static str) -> Result<(), EvalError> {
+fn same<T: Serialize + PartialEq>(what: &str, first: &T, second: &T, advice: &'static str) -> Result<(), EvalError> {
     if first == second {
         return Ok(());
     }
-    let [expected, found] = [first, second].map(|value| format!("{value:?}").chars().take(300).collect());
-    Err(EvalError::Different { what: what.to_owned(), expected, found, advice })
+    Err(EvalError::Differences { what: what.to_owned(), differences: differences(first, second), advice })
 }

@@ -1,5 +1,6 @@
 //! The rows of a results store.
 
+mod difference;
 mod join;
 mod provenance;
 mod target;

@@ -98,6 +98,9 @@ pub struct PresetRecord {
     pub index_sha256: String,
     /// The known published index that it is, if any.
     pub index_name: Option<String>,
+    /// Estimators of overlap that the index records; none where it ships values without saying whose they are.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub overlap_estimators: Vec<String>,
     /// Index entries that were gone through, those without a trial among them.
     pub entries: u64,
     /// How many entries the index has, those of scenes that the dataset lacks and of other shards among them.

@@ -287,7 +287,7 @@ impl Made {
             detail,
             context: trial.context().iter().map(|view| view.frame as u64).collect(),
             targets: super::walk::number(rows.len()),
-            overlap: trial.entry().overlap,
+            overlap: trial.entry().overlap.as_ref().map(|overlap| overlap.value),
             width: size.map(|size| size.width).unwrap_or_default(),
             height: size.map(|size| size.height).unwrap_or_default(),
             initial_tokens: cost.initial_tokens,

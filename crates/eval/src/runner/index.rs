@@ -5,7 +5,6 @@ use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, Preset, Sha256Digest};
 use atsplat_scene::{SceneSource, Warnings};
 
-use super::present;
 use crate::EvalError;
 
 /// Files larger than this are no indices: the largest published one takes 1.2 MB.
@@ -66,15 +65,13 @@ impl PlannedIndex {
         }
     }
 
-    /// What a sampler chooses, among frames whose pictures are there: a capture that lists more than it holds is sampled
-    /// as if it listed what it holds.
+    /// What a sampler chooses: the index that `protocol build` writes.
     ///
     /// # Errors
     /// [`EvalError::Protocol`] for a sampler that is not known or malformed.
     pub fn sampled(sampler: &str, source: &dyn SceneSource, warnings: &mut Warnings) -> Result<Self, EvalError> {
-        let present = present::Present::new(source);
-        let built = IndexBuilder::resolve(sampler)?.build(&present, &|| (), warnings);
-        Ok(Self::made(present.as_listed(built.index), format!("sampled by {sampler}"), None))
+        let built = IndexBuilder::resolve(sampler)?.build(source, &|| (), warnings);
+        Ok(Self::made(built.index, format!("sampled by {sampler}"), None))
     }
 
     /// The index beside a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its

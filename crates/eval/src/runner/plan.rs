@@ -115,6 +115,7 @@ impl Plan<'_> {
                 index: index.told.clone(),
                 index_sha256: index.sha256.to_string(),
                 index_name: index.name.clone(),
+                overlap_estimators: index.index.overlap_estimators(),
                 entries: self.selected(dataset).index.entries().count() as u64,
                 entries_of_index: index.index.entries().count() as u64,
             })

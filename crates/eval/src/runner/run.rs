@@ -36,6 +36,9 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
         let mut outdated = Outdated::of(plan, dataset, &store);
         not_there.iter().for_each(|scene| outdated.look_at_absent(scene));
         outdated.refuse()?;
+        for misfit in dataset.preset.misfits(&index, &dataset.index.sha256) {
+            findings.add(&dataset.name, &misfit.kind, misfit.count, misfit.example);
+        }
         for methods in groups(&dataset.preset, plan.methods) {
             let walk = Walk { plan, dataset, methods, store: &store, keeping, step };
             walk.run(&index, &mut findings, &mut summary)?;

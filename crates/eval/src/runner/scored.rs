@@ -17,7 +17,7 @@ pub(super) fn blank(key: &TrialKey, trial: &Trial, target: &TargetView, position
         frame: target.frame as u64,
         signed_distance: target.label.signed_distance,
         leaked: target.label.leaked,
-        overlap: trial.entry().overlap,
+        overlap: trial.entry().overlap.as_ref().map(|overlap| overlap.value),
         width: target.size.width,
         height: target.size.height,
         truth_hash: None,

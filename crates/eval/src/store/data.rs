@@ -37,6 +37,11 @@ impl Known {
         })
     }
 
+    /// Drops what these methods answered.
+    pub(super) fn forget(&mut self, methods: &[String]) {
+        self.0.values_mut().for_each(|by_method| by_method.retain(|name, _| !methods.contains(name)));
+    }
+
     /// Methods that answered a trial.
     pub(crate) fn methods(&self, preset: &str, scene: &str, entry: u32) -> impl Iterator<Item = &str> {
         self.0.get(&asked(preset, scene, entry)).into_iter().flatten().map(|(method, _)| method.as_str())

@@ -68,3 +68,11 @@ pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, EvalError> {
         outcome => Ok(Some(outcome.map_err(EvalError::io("reading results", path))?)),
     }
 }
+
+/// Removes a file; one that does not exist is gone already.
+pub(super) fn remove(path: &Path) -> Result<(), EvalError> {
+    match fs::remove_file(path) {
+        Err(error) if error.kind() != io::ErrorKind::NotFound => Err(EvalError::io("removing results", path)(error)),
+        _ => Ok(()),
+    }
+}

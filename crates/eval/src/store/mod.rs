@@ -28,6 +28,7 @@ mod targets;
 mod tests;
 mod trials;
 
+use std::collections::BTreeSet;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -36,7 +37,7 @@ pub use merge::Merged;
 pub(crate) use schema::hexadecimal;
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
-use crate::{EvalError, Provenance, Results, TargetRow, TrialRow};
+use crate::{EvalError, Provenance, Results, TargetRow, TrialRow, TrialStatus};
 use data::Known;
 use lock::Lock;
 use read::Content;
@@ -53,8 +54,10 @@ pub struct Store {
     folder: PathBuf,
     provenance: Provenance,
     known: Known,
+    /// Methods with a trial of which something was compared.
+    answered: BTreeSet<String>,
     digests: PictureDigests,
-    _lock: Lock,
+    lock: Lock,
 }
 
 impl Store {
@@ -82,7 +85,8 @@ impl Store {
         let (schema_version, schema_hash) = (SCHEMA_VERSION, schema_hash());
         let provenance = Provenance { schema_version, schema_hash, ..provenance };
         let digests = PictureDigests::open(&folder.join(DIGESTS), false)?;
-        let store = Self { folder: folder.to_owned(), provenance, known: Known::default(), digests, _lock: lock };
+        let (known, answered) = (Known::default(), BTreeSet::new());
+        let store = Self { folder: folder.to_owned(), provenance, known, answered, digests, lock };
         store.write_provenance()?;
         Ok(store)
     }
@@ -103,15 +107,20 @@ impl Store {
         let Content { provenance, rows, .. } = Content::read(folder)?;
         let parts = parts::folder(folder);
         fs::create_dir_all(&parts).map_err(EvalError::io("opening a results store", &parts))?;
+        let compared = |trial: &TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
+        let answered = rows.values().filter(|(trial, _)| compared(trial)).map(|(trial, _)| trial.key.method.clone());
+        let answered = answered.collect();
         let known = Known::of(rows.into_values().map(|(trial, _)| trial));
         let digests = PictureDigests::open(&folder.join(DIGESTS), false)?;
-        Ok(Self { folder: folder.to_owned(), provenance, known, digests, _lock: lock })
+        Ok(Self { folder: folder.to_owned(), provenance, known, answered, digests, lock })
     }
 
     /// Goes on with the store in a folder, or makes one where there is none. Presets and methods that it lacks are added.
+    /// What failed in every trial binds nobody: such a method may be another one now, and a store in which nothing was
+    /// compared is begun anew.
     ///
     /// # Errors
-    /// As [`Self::create`] and [`Self::open`]; [`EvalError::Different`] where what stands there was made in another way, or
+    /// As [`Self::create`] and [`Self::open`]; [`EvalError::Differences`] where what stands there was made in another way, or
     /// with a schema that is older.
     pub fn resume(folder: &Path, provenance: Provenance) -> Result<Self, EvalError> {
         let lock = Lock::of(folder)?;
@@ -119,9 +128,35 @@ impl Store {
             return Self::make(folder, provenance, lock);
         }
         let mut store = Self::of_content(folder, lock)?;
-        store.provenance.go_on_with(provenance)?;
-        store.write_provenance()?;
-        Ok(store)
+        let mut joined = store.provenance.clone();
+        let mut replaced = Vec::new();
+        for known in joined.methods.iter_mut().filter(|known| !store.answered.contains(&known.name)) {
+            let own = provenance.methods.iter().find(|own| own.name == known.name);
+            if let Some(own) = own.filter(|own| *own != known) {
+                replaced.push(known.name.clone());
+                known.clone_from(own);
+            }
+        }
+        match joined.go_on_with(provenance.clone()) {
+            Ok(()) => {
+                store.known.forget(&replaced);
+                store.provenance = joined;
+                store.write_provenance()?;
+                Ok(store)
+            }
+            Err(_other) if store.answered.is_empty() => store.begin_anew(provenance),
+            Err(other) => Err(other),
+        }
+    }
+
+    /// Removes rows that hold no number, and what they were made with.
+    fn begin_anew(self, provenance: Provenance) -> Result<Self, EvalError> {
+        let rows = [TRIALS, TARGETS].map(|name| self.folder.join(name));
+        for path in rows.into_iter().chain(disk::files(&parts::folder(&self.folder))?) {
+            disk::remove(&path)?;
+        }
+        disk::remove(&self.folder.join(PROVENANCE))?;
+        Self::make(&self.folder, provenance, self.lock)
     }
 
     /// Where it is.

@@ -86,7 +86,7 @@ impl SceneSource for Walls {
 }
 
 pub(crate) fn entry(context: &[usize], target: &[usize]) -> IndexEntry {
-    IndexEntry { context: context.to_vec(), target: target.to_vec(), overlap: Some(0.5) }
+    IndexEntry { context: context.to_vec(), target: target.to_vec(), overlap: Some(0.5.into()) }
 }
 
 /// A published protocol on pictures as they are.

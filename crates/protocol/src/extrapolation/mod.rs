@@ -121,7 +121,7 @@ impl Extrapolation {
         report.shifted_later += usize::from(new_start > start);
         report.shifted_earlier += usize::from(new_start < start);
         let context = entry.context.iter().map(|frame| frame - start + new_start).collect();
-        Some(IndexEntry { context, target, overlap: entry.overlap.filter(|_| new_start == start) })
+        Some(IndexEntry { context, target, overlap: entry.overlap.clone().filter(|_| new_start == start) })
     }
 }
 
@@ -147,7 +147,8 @@ mod tests {
     use super::*;
 
     fn index_of(contexts: &[(&str, &[usize])]) -> EvaluationIndex {
-        let entry = |context: &[usize]| IndexEntry { context: context.to_vec(), target: vec![1], overlap: Some(0.5) };
+        let entry =
+            |context: &[usize]| IndexEntry { context: context.to_vec(), target: vec![1], overlap: Some(0.5.into()) };
         let scenes = contexts.iter().map(|(key, context)| ((*key).to_owned(), vec![entry(context)])).collect();
         EvaluationIndex { scenes }
     }
@@ -165,7 +166,11 @@ mod tests {
         assert_eq!(moved("start").context, [10, 30, 59]);
         assert_eq!(moved("start").target, (0..10).chain(60..70).collect::<Vec<_>>());
         assert_eq!(moved("near").context, [10, 56]);
-        assert_eq!((moved("room").context, moved("room").overlap), (vec![12, 30], Some(0.5)), "frame 40 is the last");
+        assert_eq!(
+            (moved("room").context, moved("room").overlap),
+            (vec![12, 30], Some(0.5.into())),
+            "frame 40 is the last"
+        );
         assert_eq!((moved("end").context, moved("end").overlap), (vec![34, 49], None), "another pair of frames");
         assert_eq!(
             (report.started_at_zero, report.shifted_later, report.shifted_earlier, report.complete),

@@ -3,7 +3,8 @@
 //! `"atsplat evaluation index 1\n"`, then for every scene that has entries, sorted by the key's bytes: key
 //! length, key, number of entries, and for each entry in order: number of context frames, those frames in
 //! order (the first is the reference of relative poses), number of targets, those frames sorted (a repeated
-//! target weighs twice and stays), and a byte 0, or a byte 1 and the overlap's IEEE 754 bits.
+//! target weighs twice and stays), and a byte 0, or a byte 1 and the overlap's IEEE 754 bits; where the index records
+//! who measured it, a byte 2, those bits, the length of the estimator's name and the name.
 //!
 //! [`EvaluationIndex::context_gaps_hash`] takes `"atsplat context gaps 1\n"`, then for the same scenes in the same
 //! order: key length, key, number of entries, and for each the number of context frames and those frames in
@@ -11,7 +12,7 @@
 
 use sha2::{Digest, Sha256};
 
-use super::{EvaluationIndex, IndexEntry, Sha256Digest};
+use super::{EvaluationIndex, IndexEntry, Overlap, Sha256Digest};
 
 pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
     of_scenes(b"atsplat evaluation index 1\n", index, |hasher, entry| {
@@ -19,12 +20,16 @@ pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
         let mut target = entry.target.clone();
         target.sort_unstable();
         frames(hasher, &target);
-        match entry.overlap {
+        match &entry.overlap {
             None => hasher.update([0]),
-            Some(overlap) => {
-                hasher.update([1]);
+            Some(Overlap { value, estimator }) => {
+                hasher.update([if estimator.is_some() { 2 } else { 1 }]);
                 // `+ 0.0` turns the negative zero into the positive one.
-                hasher.update((overlap + 0.0).to_le_bytes());
+                hasher.update((value + 0.0).to_le_bytes());
+                if let Some(name) = estimator {
+                    length(hasher, name.len());
+                    hasher.update(name);
+                }
             }
         }
     })
@@ -101,6 +106,7 @@ mod tests {
             ("[3, 2]", "[3]"),
             ("0.25", "0.26"),
             (", \"overlap\": 0.25", ""),
+            ("0.25", "0.25, \"overlap_estimator\": \"epipolar-ray\""),
             ("\"b\"", "\"bb\""),
             ("null", r#"{"context": [0], "target": []}"#),
         ];

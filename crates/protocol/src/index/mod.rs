@@ -10,6 +10,8 @@ mod content;
 mod digest;
 mod file;
 mod layout;
+mod misfit;
+mod overlap;
 mod read;
 mod write;
 
@@ -18,6 +20,8 @@ use indexmap::IndexMap;
 pub use digest::{NotADigest, Sha256Digest};
 pub use file::IndexFile;
 pub use layout::{AbsentForm, IndexLayout, LoneEntryForm, Spacing};
+pub use misfit::Misfit;
+pub use overlap::Overlap;
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 
 use crate::ProtocolError;
@@ -31,8 +35,8 @@ pub struct IndexEntry {
     pub context: Vec<usize>,
     /// Frames that it is scored on, in the index's order; may repeat a context frame ("leaked").
     pub target: Vec<usize>,
-    /// Overlap of the context views in [0, 1], where the index ships one (NoPoSplat).
-    pub overlap: Option<f64>,
+    /// Overlap of the context views, where the index has one (NoPoSplat).
+    pub overlap: Option<Overlap>,
 }
 
 impl IndexEntry {

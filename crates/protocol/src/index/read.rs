@@ -6,7 +6,7 @@ use indexmap::IndexMap;
 use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Unexpected, Visitor};
 use serde::{Deserialize, Serialize};
 
-use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Spacing};
+use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Overlap, Spacing};
 use crate::ProtocolError;
 
 /// What NoPoSplat takes the word `"large"` for (`src/dataset/view_sampler/view_sampler_evaluation.py:65`).
@@ -230,7 +230,7 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
 
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
         let Self(reading) = self;
-        let (mut context, mut target, mut overlap) = (None, None, None);
+        let (mut context, mut target, mut overlap, mut estimator) = (None, None, None, None);
         while let Some(name) = map.next_key::<FieldName>()? {
             match name {
                 FieldName::Context => {
@@ -245,17 +245,30 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
                     let value = map.next_value_seed(OverlapSeed(reading));
                     once("overlap", &mut overlap, reading.within(value, || Step::Field("overlap"))?)?;
                 }
+                FieldName::Estimator => {
+                    let name = reading.within(map.next_value::<Option<String>>(), || Step::Field(ESTIMATOR))?;
+                    once(ESTIMATOR, &mut estimator, name)?;
+                }
                 FieldName::Other(name) => {
                     map.next_value::<IgnoredAny>()?;
                     *reading.notices.borrow_mut().unknown_fields.entry(name).or_default() += 1;
                 }
             }
         }
+        let overlap = reading.within(measured(overlap.flatten(), estimator.flatten()), || Step::Field(ESTIMATOR))?;
         Ok(IndexEntry {
             context: context.ok_or_else(|| absent("context"))?,
             target: target.ok_or_else(|| absent("target"))?,
-            overlap: overlap.flatten(),
+            overlap,
         })
+    }
+}
+
+/// An estimator alone says nothing.
+fn measured<E: Error>(value: Option<f64>, estimator: Option<String>) -> Result<Option<Overlap>, E> {
+    match (value, estimator) {
+        (None, Some(name)) => Err(E::custom(format!("{name:?} without one, expected an overlap beside it"))),
+        (value, estimator) => Ok(value.map(|value| Overlap { value, estimator })),
     }
 }
 
@@ -270,10 +283,14 @@ fn once<T, E: Error>(field: &str, place: &mut Option<T>, value: T) -> Result<(),
     }
 }
 
+/// Who measured an entry's overlap: a field of ours, which the loaders of the field pass over.
+const ESTIMATOR: &str = "overlap_estimator";
+
 enum FieldName {
     Context,
     Target,
     Overlap,
+    Estimator,
     Other(String),
 }
 
@@ -292,6 +309,7 @@ impl<'de> Deserialize<'de> for FieldName {
                     "context" => FieldName::Context,
                     "target" => FieldName::Target,
                     "overlap" => FieldName::Overlap,
+                    ESTIMATOR => FieldName::Estimator,
                     other => FieldName::Other(other.to_owned()),
                 })
             }

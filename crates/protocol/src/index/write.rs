@@ -1,6 +1,4 @@
-use std::fmt::Write;
-
-use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Spacing};
+use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Overlap, Spacing};
 
 /// The index as Python's `json.dumps` writes it.
 pub(super) fn to_json(index: &EvaluationIndex, layout: IndexLayout) -> String {
@@ -21,7 +19,8 @@ pub(super) fn to_json(index: &EvaluationIndex, layout: IndexLayout) -> String {
 
 enum Field<'a> {
     Frames(&'static str, &'a [usize]),
-    Overlap(f64),
+    Number(&'static str, f64),
+    Word(&'static str, &'a str),
 }
 
 struct Json {
@@ -33,15 +32,22 @@ struct Json {
 impl Json {
     fn entry(&mut self, entry: &IndexEntry) {
         let fields = [Field::Frames("context", &entry.context), Field::Frames("target", &entry.target)];
-        let overlap = entry.overlap.map(Field::Overlap);
+        let overlap = entry.overlap.iter().flat_map(|Overlap { value, estimator }| {
+            let estimator = estimator.as_deref().map(|name| Field::Word("overlap_estimator", name));
+            [Field::Number("overlap", *value)].into_iter().chain(estimator)
+        });
         self.list('{', '}', fields.into_iter().chain(overlap), |json, field| match field {
             Field::Frames(name, frames) => {
                 json.key(name);
-                json.list('[', ']', frames, |json, frame| write!(json.text, "{frame}").unwrap_or_default());
+                json.list('[', ']', frames, |json, frame| json.text.push_str(&frame.to_string()));
             }
-            Field::Overlap(overlap) => {
-                json.key("overlap");
-                json.text.push_str(&python_float(overlap));
+            Field::Number(name, value) => {
+                json.key(name);
+                json.text.push_str(&python_float(value));
+            }
+            Field::Word(name, word) => {
+                json.key(name);
+                json.word(word);
             }
         });
     }
@@ -82,11 +88,16 @@ impl Json {
     }
 
     fn key(&mut self, key: &str) {
+        self.word(key);
+        self.text.push_str(if self.spacing == Spacing::Tight { ":" } else { ": " });
+    }
+
+    fn word(&mut self, word: &str) {
         self.text.push('"');
-        for unit in key.chars() {
+        for unit in word.chars() {
             self.escaped(unit);
         }
-        self.text.push_str(if self.spacing == Spacing::Tight { "\":" } else { "\": " });
+        self.text.push('"');
     }
 
     /// `json.dumps` keeps printable ASCII and writes all else as `\uXXXX` (`ensure_ascii`).
@@ -102,7 +113,9 @@ impl Json {
             ' '..='~' => self.text.push(unit),
             _ => {
                 for half in unit.encode_utf16(&mut [0; 2]) {
-                    write!(self.text, "\\u{half:04x}").unwrap_or_default();
+                    let digits = format!("{half:04x}");
+                    self.text.push_str("\\u");
+                    self.text.push_str(&digits);
                 }
             }
         }
@@ -166,7 +179,7 @@ mod tests {
 
     #[test]
     fn every_layout_of_the_field() {
-        let entry = IndexEntry { context: vec![1, 5], target: vec![], overlap: Some(0.5) };
+        let entry = IndexEntry { context: vec![1, 5], target: vec![], overlap: Some(0.5.into()) };
         let index =
             EvaluationIndex { scenes: [("a".to_owned(), vec![entry]), ("b".to_owned(), vec![])].into_iter().collect() };
         assert_eq!(
@@ -184,8 +197,13 @@ mod tests {
 
     fn any_index() -> impl Strategy<Value = EvaluationIndex> {
         let frames = || prop::collection::vec(0..=IndexEntry::MAX_FRAME, 0..4);
-        let entry = (frames(), frames(), prop::option::of(0.0..=1.0))
-            .prop_map(|(context, target, overlap)| IndexEntry { context, target, overlap });
+        let overlap = (0.0..=1.0, prop::option::of("[a-z é\"-]{1,12}"))
+            .prop_map(|(value, estimator)| Overlap { value, estimator });
+        let entry = (frames(), frames(), prop::option::of(overlap)).prop_map(|(context, target, overlap)| IndexEntry {
+            context,
+            target,
+            overlap,
+        });
         prop::collection::vec((any::<String>(), prop::collection::vec(entry, 0..3)), 0..6)
             .prop_map(|scenes| EvaluationIndex { scenes: scenes.into_iter().collect() })
     }

@@ -119,11 +119,14 @@ pub struct Spread {
 #[serde(rename_all = "kebab-case")]
 pub struct OverlapFacts {
     /// What the values are, as far as the index is known.
-    pub definition: &'static str,
+    pub definition: String,
     /// Smallest value.
     pub min: f64,
     /// Largest value.
     pub max: f64,
+    /// Names of the estimators that the index records; none where it says nothing of them.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub estimators: Vec<String>,
     /// Edges of the bins below.
     pub edges: Vec<f64>,
     /// Counts under the published rule.
@@ -213,16 +216,24 @@ fn repeated_entries(entries: &[IndexEntry]) -> u64 {
 }
 
 fn overlap(index: &EvaluationIndex, bins: &OverlapBins, content: &Sha256Digest) -> Option<OverlapFacts> {
-    let mut values: Vec<f64> = index.entries().filter_map(|(_, _, entry)| entry.overlap).collect();
+    let mut values: Vec<f64> = index.overlaps().map(|overlap| overlap.value).collect();
     values.sort_unstable_by(f64::total_cmp);
     let (min, max) = (*values.first()?, *values.last()?);
     let shipped = KnownIndex::by_content(content).is_some_and(|known| known.repository == "cvg/NoPoSplat");
+    let estimators = index.overlap_estimators();
+    let definition = if shipped {
+        "as NoPoSplat ships it: dense matching with RoMa, by code that was never released".to_owned()
+    } else if estimators.is_empty() {
+        "as written in the index, which does not say how it was computed".to_owned()
+    } else {
+        format!("by {}, as the index records", estimators.join(" and "))
+    };
+    // Values of another estimator say nothing by bins that were not made for it.
+    let own = bins.foreign(&estimators).map(|_| OverlapBins::thirds(&values, &estimators.join("+")));
+    let bins = own.as_ref().unwrap_or(bins);
     Some(OverlapFacts {
-        definition: if shipped {
-            "as NoPoSplat ships it: dense matching with RoMa, by code that was never released"
-        } else {
-            "as written in the index, which does not say how it was computed"
-        },
+        definition,
+        estimators,
         min,
         max,
         edges: bins.edges().to_vec(),

@@ -39,6 +39,7 @@ fn everything_odd_is_counted() {
     let overlap = report.overlap.unwrap();
     assert_eq!(overlap.published.to_string(), "small 1, medium 1, large 1, without 3");
     assert_eq!(overlap.strict.to_string(), "small 1, medium 0, large 1, below range 1, without 3");
+    assert!(overlap.estimators.is_empty() && overlap.definition.contains("does not say"), "{overlap:?}");
 }
 
 #[test]
@@ -179,4 +180,19 @@ fn lint_and_trials_agree() {
         assert_eq!((facts.usable, facts.dropped), (trials.report().trials as u64, skipped.collect()));
         assert_eq!(facts.usable, usable, "crop of {crop}");
     }
+}
+
+/// 0.04, 0.2 and 0.75 of an estimator that the published edges were not made for: one in each third.
+#[test]
+fn overlaps_of_another_estimator_have_bins_of_their_own() {
+    let entry = |overlap: f64| {
+        let overlap = crate::Overlap { value: overlap, estimator: Some("epipolar-ray".to_owned()) };
+        vec![IndexEntry { context: vec![0, 2], target: vec![1], overlap: Some(overlap) }]
+    };
+    let scenes = [("a", 0.04), ("b", 0.2), ("c", 0.75)].map(|(key, overlap)| (key.to_owned(), entry(overlap)));
+    let index = EvaluationIndex { scenes: scenes.into() };
+    let report = lint(&index, &LintOptions::default(), &mut Warnings::new());
+    let overlap = report.overlap.unwrap();
+    assert_eq!(overlap.strict.to_string(), "low 1, middle 1, high 1");
+    assert!(overlap.definition.contains("epipolar-ray"), "{}", overlap.definition);
 }

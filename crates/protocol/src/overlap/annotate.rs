@@ -6,7 +6,7 @@ use serde::Serialize;
 
 use super::{DepthFolder, LoadedDepth, OverlapEstimator, OverlapView};
 use crate::loading::{in_parallel, load};
-use crate::{EvaluationIndex, IndexEntry, NoEntry, ProtocolError};
+use crate::{EvaluationIndex, IndexEntry, NoEntry, Overlap, ProtocolError};
 
 /// An index with overlaps written into it, and what stayed without one.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +15,8 @@ pub struct OverlapReport {
     pub index: EvaluationIndex,
     /// Entries that have an overlap now.
     pub measured: usize,
+    /// Entries that had another one before: as their index shipped it, or by another estimator.
+    pub replaced: usize,
     /// Entries whose overlap is unknown, by [`NoEntry::name`].
     pub unmeasured: BTreeMap<&'static str, usize>,
     /// The first few of each reason, in index order.
@@ -58,9 +60,10 @@ pub fn annotate_overlaps(
         }
     });
     let (unmeasured, examples) = (BTreeMap::new(), Vec::new());
-    let mut report = OverlapReport { index: index.clone(), measured: 0, unmeasured, examples };
+    let mut report = OverlapReport { index: index.clone(), measured: 0, replaced: 0, unmeasured, examples };
     for ((key, entries), overlaps) in report.index.scenes.iter_mut().zip(measured) {
         for ((at, entry), overlap) in entries.iter_mut().enumerate().zip(overlaps) {
+            report.replaced += usize::from(entry.overlap.is_some());
             match &overlap {
                 Ok(_) => report.measured += 1,
                 Err(error) => {
@@ -73,7 +76,7 @@ pub fn annotate_overlaps(
                     }
                 }
             }
-            entry.overlap = overlap.ok();
+            entry.overlap = overlap.ok().map(|value| Overlap { value, estimator: Some(estimator.name().to_owned()) });
         }
     }
     report
@@ -145,7 +148,7 @@ mod tests {
     use crate::test_source::{MemorySource, scene};
 
     fn entry(context: &[usize]) -> IndexEntry {
-        IndexEntry { context: context.to_vec(), target: vec![1], overlap: Some(0.123) }
+        IndexEntry { context: context.to_vec(), target: vec![1], overlap: Some(0.123.into()) }
     }
 
     #[test]
@@ -162,10 +165,13 @@ mod tests {
         let estimator = OverlapEstimator::EpipolarRay(EpipolarRays::default());
         let mut warnings = Warnings::new();
         let report = annotate_overlaps(&index, &source, &estimator, None, &mut warnings);
-        let overlaps = |key: &str| report.index.scenes[key].iter().map(|entry| entry.overlap).collect::<Vec<_>>();
+        let overlaps =
+            |key: &str| report.index.scenes[key].iter().map(|entry| entry.overlap.clone()).collect::<Vec<_>>();
         let a = overlaps("a");
-        assert!(a[0].is_some_and(|overlap| overlap > 0.5 && overlap < 1.0), "{a:?}");
-        assert_eq!((a[0], a[2]), (a[1], None), "the order of context plays no part");
+        assert!(a[0].as_ref().is_some_and(|overlap| overlap.value > 0.5 && overlap.value < 1.0), "{a:?}");
+        assert_eq!((&a[0], &a[2]), (&a[1], &None), "the order of context plays no part");
+        assert_eq!(a[0].as_ref().and_then(|overlap| overlap.estimator.as_deref()), Some("epipolar-ray"));
+        assert_eq!(report.replaced, 6, "every entry had one");
         assert_eq!((overlaps("b"), overlaps("gone")), (vec![None], vec![None]), "no stale number stays");
         assert_eq!(report.measured, 2);
         let unmeasured: Vec<_> = report.unmeasured.into_iter().collect();

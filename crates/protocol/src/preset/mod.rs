@@ -157,6 +157,8 @@ impl Preset {
             texts.clear();
         }
         bare.stands_for = None;
+        // Which overlaps the edges were published for decides how results are filed, and no number.
+        bare.overlap_bins = bare.overlap_bins.map(OverlapBins::without_estimator);
         // What was sampled is told by the hash of the index.
         bare.index.sampler = None;
         bare.index.accepted.iter_mut().for_each(|accepted| accepted.note = None);

@@ -186,7 +186,7 @@ fn hashes_tell_trials_apart() {
     let mut same = base();
     same.0.frames[4].picture = Picture::Encoded(SharedBytes::new(png([9, 9, 9])));
     same.0.frames[0].camera = camera(77.0);
-    same.1.overlap = Some(0.5);
+    same.1.overlap = Some(0.5.into());
     assert_eq!(hashes(same), reference, "pixels, other frames and overlap play no part");
     let mut rounded = base();
     rounded.0.frames[2].camera.intrinsics.cx += 1e-12;

@@ -77,6 +77,11 @@ impl<'a> View<'a> {
             .filter(|trial| trial.key.preset == self.preset.name)
             .filter_map(|trial| trial.overlap)
             .collect();
+        let estimators = &self.preset.overlap_estimators;
+        let own = bins.foreign(estimators).map(|_| OverlapBins::thirds(&overlaps, &estimators.join(" and ")));
+        let by = own.as_ref().and_then(OverlapBins::estimator);
+        let by = by.map_or_else(String::new, |estimator| format!("; overlaps by {estimator}, a third in each bin"));
+        let bins = own.unwrap_or(bins);
         let (low, high) = (*bins.edges().first()?, *bins.edges().last()?);
         let edges: Vec<f64> = (0..=STEPS).map(|step| low + (high - low) * step as f64 / STEPS as f64).collect();
         let fine =
@@ -106,7 +111,7 @@ impl<'a> View<'a> {
         let plot = OverlapCurves {
             title: format!("{} against overlap", metric.name),
             subtitle: format!(
-                "{}; tenths of the range of overlap, bands are 95 % intervals over scenes",
+                "{}; tenths of the range of overlap, bands are 95 % intervals over scenes{by}",
                 self.preset.title
             ),
             quality: metric.into(),

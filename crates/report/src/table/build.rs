@@ -198,7 +198,10 @@ fn measured(
         let pairs = definition.groups.iter().zip(&chosen);
         pairs
             .map(|(group, chosen)| {
-                chosen.map_or_else(|| empty(group), |(part, record)| cells(part, &record.name, group, leaked))
+                chosen.map_or_else(
+                    || empty(group),
+                    |(part, record)| cells(part, &record.name, group, (leaked, edition.forced)),
+                )
             })
             .collect()
     };

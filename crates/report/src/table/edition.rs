@@ -1,7 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use atsplat_eval::PresetRecord;
-use atsplat_protocol::Preset;
+use atsplat_protocol::{OverlapBins, Preset};
 
 use super::Source;
 use crate::ReportError;
@@ -15,6 +15,8 @@ pub(super) struct Edition<'a> {
     pub(super) parts: Vec<Part<'a>>,
     /// Whether protocols differ all the same.
     pub(super) mixed: bool,
+    /// Whether results stand where they do not belong because that was asked for.
+    pub(super) forced: bool,
 }
 
 /// One preset of one store.
@@ -55,7 +57,7 @@ pub(super) fn editions<'a>(
                 Some(at) => at,
                 None if mix && !editions.is_empty() => 0,
                 None => {
-                    editions.push(Edition { suffix: Some(suffix), ..Edition::default() });
+                    editions.push(Edition { suffix: Some(suffix), forced: mix, ..Edition::default() });
                     editions.len() - 1
                 }
             };
@@ -123,6 +125,18 @@ impl Part<'_> {
         }
         let own = data_of(self.source, self.preset);
         data_of(source, record).iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
+    }
+
+    /// The same of the preset's own bins.
+    pub(super) fn forced_overlaps(&self) -> Option<String> {
+        self.foreign_overlaps(self.protocol.overlap_bins.as_ref()?)
+    }
+
+    /// Why its overlaps do not belong into `bins`; `None` where they do.
+    pub(super) fn foreign_overlaps(&self, bins: &OverlapBins) -> Option<String> {
+        let found = bins.foreign(&self.preset.overlap_estimators)?;
+        let published = bins.estimator().unwrap_or("one estimator");
+        Some(format!("{}: overlaps are measured by {found}, the bins were published for {published}", self.preset.name))
     }
 
     /// Why its numbers are not of the published setting; `None` where they are.

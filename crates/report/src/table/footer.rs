@@ -76,6 +76,15 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
         if let Some(difference) = part.difference() {
             notes.add(NoteKind::Setting, format!("not the published setting: {difference}"));
         }
+        if let Some(why) = part.forced_overlaps().filter(|_| edition.forced) {
+            notes.add(NoteKind::Forced, format!("{why}; they are filed into these because that was asked for"));
+        }
+        for warning in source.results.provenance.warnings.iter().filter(|warning| warning.preset == preset.name) {
+            notes.add(
+                NoteKind::Counts,
+                format!("{}: {} {}: {}", preset.name, warning.count, warning.kind, warning.example),
+            );
+        }
         let skipped = source.results.provenance.skipped.iter().filter(|entry| entry.preset == preset.name).count();
         if skipped > 0 {
             notes.add(

@@ -5,7 +5,12 @@ use super::{Cell, Counts, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
 
 /// What one method under one preset has to say to a group of columns.
-pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked) -> Vec<Cell> {
+pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, (leaked, forced): (Leaked, bool)) -> Vec<Cell> {
+    let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.bin.is_some());
+    if let Some(why) = bins.and_then(|bins| part.foreign_overlaps(bins)).filter(|_| !forced) {
+        let cell = Cell { not_computed: Some(format!("{why}; --force files them all the same")), ..Cell::default() };
+        return vec![cell; group.columns.len()];
+    }
     let cost = cost(part.source.results, &part.preset.name, method);
     group.columns.iter().map(|column| cell(part, method, group, column, leaked, &cost)).collect()
 }

@@ -162,6 +162,27 @@ fn bins_are_those_of_the_protocol() {
     assert_eq!(scenes, [2, 1, 1, 4]);
 }
 
+/// The overlaps are the same numbers as above, and another estimator's.
+#[test]
+fn overlaps_of_another_estimator_stay_out_of_the_published_bins() {
+    let mut store = store();
+    for preset in &mut store.provenance.presets {
+        preset.overlap_estimators = vec!["epipolar-ray".to_owned()];
+    }
+    let table = built("re10k_overlap", &[("run", &store)], Mixing::Apart).swap_remove(0);
+    let row = own(&table, "atsplat");
+    assert!(row.cells[1..].iter().flatten().all(|cell| cell.value == Value::Absent && cell.not_computed.is_some()));
+    let why = notes(&table, NoteKind::NotComputed).concat();
+    assert!(why.contains("measured by epipolar-ray, the bins were published for roma"), "{why}");
+
+    let forced = built("re10k_overlap", &[("run", &store)], Mixing::Forced).swap_remove(0);
+    let cells = &own(&forced, "atsplat").cells[1..];
+    let scenes: Vec<u64> = cells.iter().map(|cells| cells[0].counts.unwrap().scenes).collect();
+    assert_eq!(scenes, [2, 1, 1, 4]);
+    let footer = notes(&forced, NoteKind::Forced).concat();
+    assert!(footer.contains("epipolar-ray") && footer.contains("that was asked for"), "{footer}");
+}
+
 #[test]
 fn settings_are_rows_where_a_table_says_so() {
     let store = store();

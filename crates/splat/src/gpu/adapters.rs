@@ -1,6 +1,7 @@
 use std::fmt::{self, Display, Formatter};
 
-use super::GpuError;
+use super::contained::contained;
+use super::{GpuError, GpuOptions, GpuRenderer, Verdict, VerdictKey, Watcher};
 
 /// Which adapter to render on.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -35,6 +36,19 @@ pub enum AdapterKind {
     Unknown,
     /// The main processor itself.
     Software,
+}
+
+impl AdapterKind {
+    /// For people and files.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Discrete => "discrete",
+            Self::Integrated => "integrated",
+            Self::Virtual => "virtual",
+            Self::Unknown => "unknown",
+            Self::Software => "software",
+        }
+    }
 }
 
 /// One way to reach a graphics processor.
@@ -107,16 +121,53 @@ pub fn adapters() -> Vec<AdapterDescription> {
     found().into_iter().map(|(_, description)| description).collect()
 }
 
+/// An adapter, and what its test came to.
+#[derive(Clone, Debug)]
+pub struct Examined {
+    /// The adapter.
+    pub description: AdapterDescription,
+    /// Why it cannot be used.
+    pub outcome: Result<(), GpuError>,
+    /// Whether it was tested before, and not again.
+    pub remembered: bool,
+}
+
+/// Every adapter with the verdict of its test: of an earlier one where `watcher` remembers it.
+pub fn examine(watcher: &dyn Watcher) -> Vec<Examined> {
+    let examined = found().into_iter().map(|candidate| {
+        let description = candidate.1.clone();
+        let known = recalled(&description, &GpuOptions::default(), watcher);
+        let remembered = known.is_some();
+        let outcome = match known {
+            Some(verdict) => verdict.outcome(&description.to_string()),
+            None => GpuRenderer::open(&candidate, GpuOptions::default(), watcher).map(drop),
+        };
+        Examined { description, outcome, remembered }
+    });
+    examined.collect()
+}
+
+/// The verdict of an earlier test with the usual options.
+pub(super) fn recalled(
+    description: &AdapterDescription,
+    options: &GpuOptions,
+    watcher: &dyn Watcher,
+) -> Option<Verdict> {
+    (*options == GpuOptions::default()).then(|| watcher.recall(&VerdictKey::of(description))).flatten()
+}
+
+/// A driver that panics when it is asked for its adapters has none.
 fn found() -> Vec<(wgpu::Adapter, AdapterDescription)> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
-    let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
-    adapters
-        .into_iter()
-        .map(|adapter| {
+    let of = |backend: wgpu::Backends| {
+        let listed = contained("adapters", || Ok(pollster::block_on(instance.enumerate_adapters(backend))));
+        listed.unwrap_or_default().into_iter().map(|adapter| {
             let description = AdapterDescription::of(&adapter);
             (adapter, description)
         })
-        .collect()
+    };
+    let backends = [wgpu::Backends::VULKAN, wgpu::Backends::METAL, wgpu::Backends::DX12, wgpu::Backends::GL];
+    backends.into_iter().flat_map(of).collect()
 }
 
 /// An adapter, and what is known of it.

@@ -1,5 +1,5 @@
 use super::adapters::{AdapterChoice, Candidates, candidates, named};
-use super::{GpuError, GpuOptions, GpuRenderer};
+use super::{GpuError, GpuOptions, GpuRenderer, Watcher};
 use crate::Renderer;
 use crate::cpu::{CpuOptions, CpuRenderer};
 
@@ -32,13 +32,18 @@ impl std::fmt::Debug for Fallback {
 /// # Errors
 /// [`GpuError::NoAdapter`] where an adapter was named, by the choice or by [`super::ADAPTER_VARIABLE`], and there is
 /// none of that name.
-pub fn with_fallback(choice: &AdapterChoice, options: GpuOptions, cpu: CpuOptions) -> Result<Fallback, GpuError> {
+pub fn with_fallback(
+    choice: &AdapterChoice,
+    options: GpuOptions,
+    cpu: CpuOptions,
+    watcher: &dyn Watcher,
+) -> Result<Fallback, GpuError> {
     let Candidates { adapters, none } = candidates(choice);
     if adapters.is_empty() && named(choice) != AdapterChoice::Automatic {
         return Err(none);
     }
     let none = if adapters.is_empty() { vec![none] } else { Vec::new() };
-    let (opened, mut passed_over) = first_that_opens(adapters, |adapter| GpuRenderer::open(&adapter, options));
+    let (opened, mut passed_over) = first_that_opens(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
     passed_over.extend(none);
     let renderer: Box<dyn Renderer> = match opened {
         Some(renderer) => Box::new(renderer),

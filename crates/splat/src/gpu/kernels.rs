@@ -33,7 +33,31 @@ macro_rules! sources {
 }
 
 impl Kernel {
-    const fn source(self) -> &'static str {
+    /// Every kernel.
+    pub(super) const ALL: [Self; 20] = [
+        Self::Project,
+        Self::Colour,
+        Self::Keys,
+        Self::SortCount,
+        Self::SortScatter,
+        Self::ScanSums,
+        Self::ScanApply,
+        Self::TileCount,
+        Self::Emit,
+        Self::Ranges,
+        Self::Composite,
+        Self::Seed,
+        Self::Rows,
+        Self::Differentiate,
+        Self::Gather,
+        Self::ColourBackward,
+        Self::ProjectBackward,
+        Self::Unpack,
+        Self::Probe,
+        Self::Reduce,
+    ];
+
+    pub(super) const fn source(self) -> &'static str {
         match self {
             Self::Project => sources!("view", "double", "exponent", "lens", "geometry", "project"),
             Self::Colour => sources!("view", "double", "exponent", "harmonics", "colour"),

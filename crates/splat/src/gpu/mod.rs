@@ -16,6 +16,7 @@
 
 mod adapters;
 mod backward;
+mod contained;
 mod context;
 mod error;
 mod fallback;
@@ -33,17 +34,20 @@ mod sort;
 #[cfg(test)]
 mod tests;
 mod uniforms;
+mod verdict;
 
-pub use adapters::{ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, adapters};
+pub use adapters::{ADAPTER_VARIABLE, AdapterChoice, AdapterDescription, AdapterKind, Examined, adapters, examine};
 pub use error::GpuError;
 pub use fallback::{Fallback, with_fallback};
 pub use gaussians::{GpuGaussians, GpuPart};
 pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
 pub use images::{GpuRendering, GpuStrip};
+pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongNumber};
 
 use std::time::Instant;
 
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View};
+use contained::contained;
 use context::Context;
 use kernels::{Pipelines, Pool};
 use picture::{Job, check_before_upload, check_memory};
@@ -107,15 +111,42 @@ impl GpuRenderer {
     /// # Errors
     /// [`GpuError`]: no such adapter, one that cannot do what is needed, or does it wrong.
     pub fn new(choice: &AdapterChoice, options: GpuOptions) -> Result<Self, GpuError> {
-        Self::open(&adapters::choose(choice)?, options)
+        Self::watched(choice, options, &())
     }
 
-    fn open((adapter, description): &adapters::Candidate, options: GpuOptions) -> Result<Self, GpuError> {
-        let context = Context::open(adapter, description, &options)?;
-        let mut renderer = Self::over(context, options)?;
-        self_test::self_test(&mut renderer)?;
-        renderer.pool.clear();
-        Ok(renderer)
+    /// The same; `watcher` hears of it, and an adapter whose verdict it remembers is not tested again.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn watched(choice: &AdapterChoice, options: GpuOptions, watcher: &dyn Watcher) -> Result<Self, GpuError> {
+        Self::open(&adapters::choose(choice)?, options, watcher)
+    }
+
+    /// Opens an adapter, and tests it unless its verdict is remembered.
+    fn open(
+        (adapter, description): &adapters::Candidate,
+        options: GpuOptions,
+        watcher: &dyn Watcher,
+    ) -> Result<Self, GpuError> {
+        let name = description.to_string();
+        let known = adapters::recalled(description, &options, watcher);
+        if let Some(verdict) = &known {
+            verdict.outcome(&name)?;
+        }
+        contained(&name, || {
+            watcher.begins(description, ProbeStage::Opening);
+            let context = Context::open(adapter, description, &options)?;
+            let mut renderer = Self::over(context, options)?;
+            if known.is_none() {
+                let tested = self_test::self_test(&mut renderer, &|stage| watcher.begins(description, stage));
+                if let Some(verdict) = Verdict::of(&tested).filter(|_| options == GpuOptions::default()) {
+                    watcher.keep(&VerdictKey::of(description), &verdict);
+                }
+                tested?;
+            }
+            renderer.pool.clear();
+            Ok(renderer)
+        })
     }
 
     /// Renders on a device that somebody else opened, and leaves its error handlers alone: a device that is lost shows
@@ -156,7 +187,8 @@ impl GpuRenderer {
     /// # Errors
     /// [`GpuError::SelfTest`] for wrong numbers, and whatever the driver fails with.
     pub fn self_test(&mut self) -> Result<(), GpuError> {
-        self_test::self_test(self)
+        let adapter = self.context.name.clone();
+        contained(&adapter, || self_test::self_test(self, &|_stage| ()))
     }
 
     /// Frees the buffers that are kept for the next picture.

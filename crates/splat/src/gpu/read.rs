@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::GpuError;
+use super::contained::contained;
 use super::context::Context;
 
 /// Bytes of the largest staging buffer.
@@ -64,7 +65,9 @@ impl Context {
             // Nobody listens any more where waiting failed.
             sender.send(outcome).ok();
         });
-        self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| fault(error.to_string()))?;
+        contained(&self.name, || {
+            self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| fault(error.to_string()))
+        })?;
         // Another thread that waits for the same device may be the one that gives the answer.
         let outcome =
             receiver.recv_timeout(ANSWER).map_err(|error| fault(format!("no answer when mapping: {error}")))?;

@@ -3,7 +3,7 @@
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
 
-use super::{GpuError, GpuRenderer};
+use super::{GpuError, GpuRenderer, ProbeStage};
 use crate::renderer::saturated;
 use crate::{
     Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, RendererConstants, Rendering, SplatError, View,
@@ -17,14 +17,23 @@ const GRADIENT_BOUND: f64 = 1e-3;
 /// More than one block of every kernel's work.
 const COUNT: u16 = 2100;
 
+/// What decides a verdict beside the kernels: this file, and the work that is handed to them.
+pub(super) const SOURCES: [&str; 4] = [
+    include_str!("self_test.rs"),
+    include_str!("forward.rs"),
+    include_str!("backward.rs"),
+    include_str!("uniforms.rs"),
+];
+
 /// Compares a picture and its derivative with the reference's.
-pub(super) fn self_test(renderer: &mut GpuRenderer) -> Result<(), GpuError> {
+pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage)) -> Result<(), GpuError> {
     let adapter = renderer.context.name.clone();
     let unfit = |error: SplatError| match error {
         SplatError::Gpu(error) => error,
         other => GpuError::Refused { adapter: adapter.clone(), reason: other.to_string() },
     };
     let Case { gaussians, view, options, images } = Case::new().map_err(unfit)?;
+    begins(ProbeStage::Picture);
     let expected = reference::render(&gaussians, &view, &options).map_err(unfit)?;
     let actual = renderer.render_from_host(&gaussians, &view, &options).map_err(unfit)?;
     let found = |what: &str, difference: f64, bound: f64| {
@@ -39,6 +48,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer) -> Result<(), GpuError> {
     for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
         found(what, largest(actual, &expected), PIXEL_BOUND)?;
     }
+    begins(ProbeStage::Derivative);
     let expected = reference::backward(&gaussians, &view, &options, &images).map_err(unfit)?;
     let actual = renderer.backward_from_host(&gaussians, &view, &options, &images.map(saturated)).map_err(unfit)?;
     let actual = actual.map(f64::from);

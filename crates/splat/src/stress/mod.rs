@@ -8,7 +8,7 @@ mod parameter;
 use atsplat_numeric::{MeasuredError, StressRow};
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
-use crate::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
+use crate::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Watcher};
 use crate::hard_cases::{ErrorBounds, HardCase};
 use crate::reference::{self, Jump};
 use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, SplatError};
@@ -38,8 +38,8 @@ pub fn paths() -> Vec<Path> {
 ///
 /// # Errors
 /// [`GpuError`] where there is no adapter, or none that passes its test.
-pub fn gpu_path(choice: &AdapterChoice) -> Result<Path, GpuError> {
-    let renderer = GpuRenderer::new(choice, GpuOptions::default())?;
+pub fn gpu_path(choice: &AdapterChoice, watcher: &dyn Watcher) -> Result<Path, GpuError> {
+    let renderer = GpuRenderer::watched(choice, GpuOptions::default(), watcher)?;
     Ok(Path { renderer: Box::new(renderer), slack: GPU_SLACK })
 }
 

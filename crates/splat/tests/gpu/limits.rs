@@ -72,11 +72,11 @@ fn what_does_not_fit_is_a_typed_error() {
 #[test]
 fn the_processor_takes_over_and_says_why_but_not_for_a_misspelt_name() {
     let choice = AdapterChoice::Name("no adapter has this name".to_owned());
-    let fallback = with_fallback(&choice, GpuOptions::default(), CpuOptions::default());
+    let fallback = with_fallback(&choice, GpuOptions::default(), CpuOptions::default(), &());
     assert!(matches!(fallback, Err(GpuError::NoAdapter { .. })), "{fallback:?}");
     // No adapter has room for the self-test.
     let none = GpuOptions { memory_limit: 1000, ..GpuOptions::default() };
-    let mut fallback = with_fallback(&AdapterChoice::Automatic, none, CpuOptions::default()).unwrap();
+    let mut fallback = with_fallback(&AdapterChoice::Automatic, none, CpuOptions::default(), &()).unwrap();
     assert!(fallback.renderer.name().starts_with("cpu"));
     let adapters = adapters().len();
     assert_eq!(fallback.passed_over.len(), if adapters == 0 { 1 } else { adapters }, "{fallback:?}");

@@ -1,5 +1,6 @@
 //! Configuration of a run: one TOML file says all that its weights depend on.
 
+mod check;
 mod derived;
 mod losses;
 mod model;
@@ -146,10 +147,11 @@ impl TrainConfig {
     /// Reads a configuration; `base = "other.toml"`, relative to it, names one that it changes.
     ///
     /// # Errors
-    /// [`TrainError::Io`]; [`TrainError::Malformed`] for text that is no configuration.
+    /// [`TrainError::Io`]; [`TrainError::Malformed`] with file and field for text that is no configuration and for one
+    /// that cannot train: views that no clip offers, pictures that the network's patches do not divide.
     pub fn read(path: &Path) -> Result<Self, TrainError> {
         let config: Self = derived::read(path)?;
-        config.validate()?;
+        config.validate().and_then(|()| config.check_sizes()).map_err(|error| error.in_file(path))?;
         Ok(config)
     }
 
@@ -191,7 +193,17 @@ impl TrainConfig {
         if let Some(decay) = self.average.filter(|decay| !(0.0..1.0).contains(decay)) {
             return Err(TrainError::malformed(WHAT, "average", "a number from 0 to below 1", decay));
         }
-        self.losses.validate()
+        let shares = [
+            ("optimiser.weight-decay", self.optimiser.weight_decay, f64::MAX, "a number of at least 0"),
+            ("schedule.final-share", self.schedule.final_share, 1.0, "a number from 0 to 1"),
+        ];
+        for (field, value, most, expected) in shares {
+            if !(0.0..=most).contains(&value) {
+                return Err(TrainError::malformed(WHAT, field, expected, value));
+            }
+        }
+        self.losses.validate()?;
+        self.check_sources()
     }
 
     /// Opens all sources of samples.

@@ -91,8 +91,37 @@ fn what_is_wrong_with_a_configuration_is_said() {
         TrainConfig::read(&path).unwrap_err().to_string()
     };
     let whole = std::fs::read_to_string(&experiments()[experiments().len() - 1]).unwrap();
+    let nano =
+        std::fs::read_to_string(experiments().into_iter().find(|path| path.ends_with("nano-rooms.toml")).unwrap());
+    let nano = nano.unwrap();
     assert!(read(&whole.replace("seed = 1", "sead = 1")).contains("sead"));
     assert!(read(&whole.replace("learning-rate = ", "learning-rate = -")).contains("a positive number"));
+    for (from, to, field, expected) in [
+        (
+            "size = [128, 128]",
+            "size = [128, 100]",
+            "data[0].source.rooms.size",
+            "patches of 16 pixels divide, found 128x100",
+        ),
+        ("min = 4, max = 9", "min = 9, max = 4", "data[0].source.rooms.views.gaps", "min and max in order"),
+        (
+            "min = 4, max = 9",
+            "min = 15, max = 20",
+            "data[0].source.rooms.views",
+            "frames among the 15 that a clip offers",
+        ),
+        ("samples = 2", "samples = 0", "data[0].source.rooms.samples", "1 to 256 rays a pixel, found 0"),
+        ("context = [2, 2]", "context = [3, 2]", "data[0].source.rooms.views.context", "found 3 and 2"),
+        ("context = [2, 2]", "context = [1, 2]", "data[0].source.rooms.views.context", "at least 2"),
+    ] {
+        let changed = nano.replacen(from, to, 1);
+        assert_ne!(changed, nano, "{from} is there to be changed");
+        let message = read(&changed);
+        assert!(
+            message.contains("run.toml, field ") && message.contains(field) && message.contains(expected),
+            "{message}"
+        );
+    }
     assert!(read("base = \"run.toml\"").contains("at most 8 files"));
     assert!(read("base = 3").contains("a path as `base`"));
     assert!(read("base = \"absent.toml\"").contains("absent.toml"));

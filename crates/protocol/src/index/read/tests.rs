@@ -46,6 +46,24 @@ fn bad_frame_numbers_name_scene_field_and_element() {
 }
 
 #[test]
+fn who_measured_an_overlap_is_read() {
+    let json = |more: &str| format!(r#"{{"k": {{"context": [1, 2], "target": [3]{more}}}}}"#);
+    let overlap = |more: &str| {
+        let index = IndexFile::parse(json(more).as_bytes()).unwrap().index;
+        (index.scenes["k"][0].overlap.clone(), index.overlap_estimators())
+    };
+    let measured = Overlap { value: 0.5, estimator: Some("epipolar-ray".to_owned()) };
+    let own = r#", "overlap_estimator": "epipolar-ray", "overlap": 0.5"#;
+    assert_eq!(overlap(own), (Some(measured), vec!["epipolar-ray".to_owned()]));
+    assert_eq!(overlap(r#", "overlap": 0.5"#), (Some(0.5.into()), Vec::new()));
+    let alone = message(&json(r#", "overlap_estimator": "epipolar-ray""#));
+    assert!(
+        alone.contains("scene \"k\", field overlap_estimator") && alone.contains("an overlap beside it"),
+        "{alone}"
+    );
+}
+
+#[test]
 fn other_faults_say_where_and_what() {
     for (json, expected) in [
         (
@@ -79,8 +97,9 @@ fn overlap_words_are_read_as_noposplat_reads_them() {
         "c": {"context": [], "target": [], "overlap": null},
         "d": {"context": [], "target": [], "overlap": 1}}"#;
     let file = IndexFile::parse(json.as_bytes()).unwrap();
-    let overlaps: Vec<_> = file.index.entries().map(|(_, _, entry)| entry.overlap).collect();
-    assert_eq!(overlaps, [Some(OVERLAP_OF_LARGE), Some(OVERLAP_OF_OTHER_WORDS), None, Some(1.0)]);
+    let overlaps: Vec<_> = file.index.entries().map(|(_, _, entry)| entry.overlap.clone()).collect();
+    let expected = [Some(OVERLAP_OF_LARGE), Some(OVERLAP_OF_OTHER_WORDS), None, Some(1.0)];
+    assert_eq!(overlaps, expected.map(|value| value.map(Overlap::from)));
     assert_eq!(file.notices.overlap_words, 2);
 }
 

@@ -1,0 +1,285 @@
+//! What does not fit is said: indices under their presets, estimators of overlap, folders of renders, empty runs.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+
+mod common;
+mod evaluation;
+
+use std::path::Path;
+
+use atsplat_eval::Results;
+use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_protocol::{IndexFile, Sha256Digest};
+use common::{atsplat, succeed, write_trajectory};
+use evaluation::{write_index, write_preset};
+
+const SIDE: u32 = 40;
+const RUN: [&str; 6] = ["run", "tiny.toml", "--data", "data", "--method", "nearest-view"];
+
+/// A grey picture that differs from frame to frame.
+fn picture(frame: usize, side: u32) -> Vec<u8> {
+    let shade = u8::try_from(60 + frame).unwrap();
+    encode_png(&ImageU8::new(side, side, vec![shade; (side * side * 3) as usize]).unwrap()).unwrap()
+}
+
+/// Scenes of RE10K with a picture of each frame, beside the protocol `tiny.toml`.
+fn dataset(here: &Path, scenes: &[&str], frames: usize) {
+    write_preset(here, SIDE);
+    for scene in scenes {
+        std::fs::create_dir_all(here.join("data").join(scene)).unwrap();
+        write_trajectory(&here.join(format!("data/{scene}.txt")), frames);
+        for frame in 0..frames {
+            std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), picture(frame, SIDE)).unwrap();
+        }
+    }
+}
+
+fn run(here: &Path, more: &[&str]) -> common::Outcome {
+    atsplat(here, &[&RUN, more].concat())
+}
+
+#[test]
+fn building_and_running_choose_the_same_frames() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["scene"], 9);
+    for gone in [0, 3, 8] {
+        std::fs::remove_file(here.join(format!("data/scene/{}.png", gone * 33_367))).unwrap();
+    }
+    let rule = "[sampler]\nsampler = 'evenly-spaced'\ncontext-views = 2\ntarget-views = 3\n";
+    std::fs::write(here.join("rule.toml"), rule).unwrap();
+    let built = succeed(here, &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "built.json"]);
+    assert!(built.contains("3  frames left out, their pictures are missing"), "{built}");
+    let entry = &IndexFile::read(&here.join("built.json")).unwrap().index.scenes["scene"][0];
+    let named: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
+    assert!(named.iter().all(|frame| ![0, 3, 8].contains(frame)), "{named:?}");
+    let outcome = run(here, &["--sampler", "rule.toml", "--out", "store"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let results = Results::read(&here.join("store")).unwrap();
+    let bytes = std::fs::read(here.join("built.json")).unwrap();
+    assert_eq!(results.provenance.presets[0].index_sha256, Sha256Digest::of(&bytes).to_string());
+}
+
+#[test]
+fn an_index_that_does_not_fit_its_preset_is_a_counted_warning() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a", "b"], 9);
+    let index = r#"{"a": {"context": [0, 4, 8], "target": [2, 2]}, "b": [{"context": [0, 8], "target": []}, {"context": [1, 1], "target": [3]}]}"#;
+    std::fs::write(here.join("index.json"), index).unwrap();
+    let outcome = run(here, &["--index", "index.json", "--out", "store"]);
+    assert_eq!(outcome.code, 0, "{}", outcome.stderr);
+    let warnings = Results::read(&here.join("store")).unwrap().provenance.warnings;
+    let lint = succeed(here, &["protocol", "lint", "index.json", "--preset", "tiny.toml"]);
+    for text in [
+        "1 entries without the preset's 2 context views: scene a, entry 0, field context: expected 2 frames, found 3",
+        "1 entries without targets: scene b, entry 0, field target",
+        "1 entries with a target twice: scene a, entry 0, field target: expected every frame once, found frame 2 again",
+        "1 entries with a context frame twice: scene b, entry 1, field context",
+    ] {
+        assert!(outcome.stdout.contains(&format!("warning: tiny: {text}")), "{text}: {}", outcome.stdout);
+        assert!(lint.contains(text), "{text}: {lint}");
+        let kept = |kind: &str, count: u64| text.starts_with(&format!("{count} {kind}: "));
+        assert!(
+            warnings.iter().any(|warning| warning.preset == "tiny" && kept(&warning.kind, warning.count)),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn an_estimate_in_the_place_of_a_shipped_overlap_is_named_and_has_bins_of_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a"], 60);
+    let entry = r#"{"a": {"context": [0, 50], "target": [20], "overlap": 0.2166}}"#;
+    std::fs::write(here.join("index.json"), entry).unwrap();
+    assert!(succeed(here, &["protocol", "overlap", "index.json"]).contains("1  small"), "as the index ships it");
+    let measure = ["protocol", "overlap", "index.json", "--data", "data", "-o", "measured.json"];
+    let told = succeed(here, &measure);
+    for text in ["1  of the index replaced", "a third of the values in each", "were published for roma (--force)"] {
+        assert!(told.contains(text) && !told.contains(" small"), "{text}: {told}");
+    }
+    let forced = succeed(here, &[&measure[..], &["--force"]].concat());
+    assert!(forced.contains("  small, 0.05") && forced.contains("these overlaps are epipolar-ray's"), "{forced}");
+    let index = IndexFile::read(&here.join("measured.json")).unwrap().index;
+    let overlap = index.scenes["a"][0].overlap.clone().unwrap();
+    assert_eq!(overlap.estimator.as_deref(), Some("epipolar-ray"));
+    let again = succeed(here, &["protocol", "overlap", "measured.json"]);
+    assert!(again.contains("as the index records them, by epipolar-ray") && !again.contains(" small"), "{again}");
+
+    // A table of published bins takes only what they were published for.
+    let preset = atsplat_protocol::Preset::text_of("re10k-overlap").unwrap();
+    let preset = preset.replacen("expected-size = { width = 640, height = 360 }\n", "", 1);
+    std::fs::write(here.join("overlap.toml"), preset.replacen("256, width = 256", "40, width = 40", 1)).unwrap();
+    let words = ["run", "overlap.toml", "--data", "data", "--method", "nearest-view"];
+    for (index, store) in [("index.json", "shipped"), ("measured.json", "estimated")] {
+        succeed(here, &[&words[..], &["--index", index, "--out", store]].concat());
+    }
+    let report = |store: &str, more: &[&str]| {
+        succeed(here, &[&["report", store, "--tables", "re10k_overlap", "--format", "terminal"], more].concat())
+    };
+    assert!(!report("shipped", &[]).contains("published for roma"));
+    let estimated = report("estimated", &[]);
+    assert!(estimated.contains("measured by epipolar-ray") && estimated.contains("n/c"), "{estimated}");
+    let forced = report("estimated", &["--force"]);
+    assert!(forced.contains("because that was asked for") && !forced.contains("n/c PSNR"), "{forced}");
+}
+
+#[test]
+fn nothing_evaluated_is_a_failure_whatever_the_flags() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a", "b"], 5);
+    std::fs::write(here.join("empty.json"), "{}").unwrap();
+    std::fs::write(here.join("elsewhere.json"), r#"{"c": {"context": [0, 4], "target": [2]}}"#).unwrap();
+    write_index(&here.join("data"), &["a", "b"], "[0, 4]", "[2]");
+    let failures = [
+        (&["--index", "empty.json"][..], "the index has no entry"),
+        (&["--index", "elsewhere.json"], "none of the index's scenes is in data: c"),
+        (&["--shard", "3/3"], "shard 3 of 3 of 2 scenes is empty"),
+    ];
+    for (at, (words, why)) in failures.into_iter().enumerate() {
+        for strict in [&["--strict"][..], &[]] {
+            let store = format!("store-{at}-{}", strict.len());
+            let outcome = run(here, &[words, strict, &["--out", &store]].concat());
+            assert_eq!(outcome.code, 1, "{words:?}: {}", outcome.stderr);
+            assert!(
+                outcome.stderr.contains("nothing was evaluated: ") && outcome.stderr.contains(why),
+                "{}",
+                outcome.stderr
+            );
+        }
+    }
+    for scene in ["a", "b"] {
+        std::fs::write(here.join(format!("data/{scene}.txt")), "https://example.org/video\n0 0.48 broken\n").unwrap();
+    }
+    let broken = run(here, &["--out", "broken"]);
+    assert!(broken.code == 1 && broken.stderr.contains("every entry was skipped: 2 unreadable"), "{}", broken.stderr);
+}
+
+#[test]
+fn pictures_of_another_size_are_told_of_any_size() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a"], 5);
+    write_index(&here.join("data"), &["a"], "[0, 4]", "[2]");
+    let words = ["run", "re10k-2v-256", "--data", "data", "--method", "nearest-view", "--out", "store"];
+    let refused = atsplat(here, &words);
+    assert!(
+        refused.code == 1 && refused.stdout.contains("--any-size takes pictures of any size"),
+        "{}",
+        refused.stdout
+    );
+    // A store in which nothing was compared binds nobody.
+    let taken = atsplat(here, &[&words[..], &["--any-size"]].concat());
+    assert!(taken.code == 0 && !taken.stdout.contains("--any-size"), "{}{}", taken.stdout, taken.stderr);
+}
+
+#[test]
+fn a_mistyped_folder_of_renders_is_corrected_into_the_same_store() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a", "b"], 5);
+    write_index(&here.join("data"), &["a", "b"], "[0, 4]", "[1, 2]");
+    for (scene, frame) in [("a", 1), ("a", 2), ("b", 2)] {
+        let place = here.join(format!("out/test/{scene}/color"));
+        std::fs::create_dir_all(&place).unwrap();
+        std::fs::write(place.join(format!("{frame:06}.png")), picture(frame + 1, SIDE)).unwrap();
+        std::fs::create_dir_all(here.join(format!("small/{scene}"))).unwrap();
+        std::fs::write(here.join(format!("small/{scene}/{frame}.png")), picture(frame, 8)).unwrap();
+    }
+    let score = |renders: &str| {
+        let words =
+            ["score", "tiny.toml", "--data", "data", "--name", "theirs", "--out", "store", "--renders", renders];
+        atsplat(here, &words)
+    };
+    let up = score("out");
+    assert!(up.code == 1 && !here.join("store").exists(), "{}", up.stderr);
+    for text in [
+        "folder of renders: expected SCENE/color/000029.png",
+        "2 of them below out/test, as SCENE/color/000029.png (2)",
+    ] {
+        assert!(up.stderr.contains(text), "{text}: {}", up.stderr);
+    }
+    let down = score("out/test/a");
+    assert!(down.code == 1 && down.stderr.contains("out/test, as SCENE/color/000029.png (2)"), "{}", down.stderr);
+    let nowhere = score("data/a");
+    assert!(nowhere.code == 1 && nowhere.stderr.contains("the folder holds 0.png"), "{}", nowhere.stderr);
+    // Found, and all of another size: rows that hold no number.
+    let small = score("small");
+    assert!(small.code == 1 && small.stderr.contains("small: SCENE/29.png (2)"), "{}", small.stderr);
+    assert!(small.stderr.contains("all of 4 targets failed"), "{}", small.stderr);
+    let kinds = "3 targets of theirs failed, expected a picture of N×N, found N×N";
+    assert!(small.stdout.contains(kinds), "{}", small.stdout);
+    assert!(
+        small.stdout.contains("1 targets of theirs failed, no file for frame N of scene SCENE"),
+        "{}",
+        small.stdout
+    );
+
+    let corrected = score("out/test");
+    assert_eq!(corrected.code, 0, "{}", corrected.stderr);
+    let results = Results::read(&here.join("store")).unwrap();
+    let scored = results.targets.iter().filter(|row| row.scores.contains_key("psnr")).count();
+    assert_eq!((results.targets.len(), scored), (4, 3));
+    let other = score("small");
+    let said = "methods theirs of the two runs differ: parameters.folder: out/test and small";
+    assert!(other.code == 1 && other.stderr.contains(said), "{}", other.stderr);
+}
+
+#[test]
+fn a_changed_protocol_is_told_field_by_field() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    dataset(here, &["a"], 5);
+    write_index(&here.join("data"), &["a"], "[0, 4]", "[2]");
+    assert_eq!(run(here, &["--out", "store"]).code, 0);
+    let text = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
+    std::fs::write(here.join("tiny.toml"), text.replacen("dilation = 0.3", "dilation = 0.1", 1)).unwrap();
+    let other = run(here, &["--out", "store"]);
+    assert!(other.code == 1 && other.stderr.contains("toml.renderer.dilation: 0.3 and 0.1"), "{}", other.stderr);
+    assert!(!other.stderr.contains('{'), "no structure is printed as code: {}", other.stderr);
+}
+
+#[test]
+fn strict_is_there_where_something_can_be_skipped() {
+    let folder = tempfile::tempdir().unwrap();
+    let help = |words: &[&str]| succeed(folder.path(), &[words, &["--help"]].concat());
+    for words in [
+        &["run"][..],
+        &["score"],
+        &["reproduce"],
+        &["report"],
+        &["render"],
+        &["tradeoff", "sweep"],
+        &["data", "inspect"],
+        &["data", "motion"],
+        &["data", "export"],
+        &["protocol", "lint"],
+        &["protocol", "overlap"],
+        &["protocol", "build"],
+        &["protocol", "extrapolate"],
+    ] {
+        assert!(help(words).contains("--strict"), "{words:?}");
+    }
+    for words in [
+        &[][..],
+        &["merge"],
+        &["train"],
+        &["drift"],
+        &["tradeoff"],
+        &["adapters"],
+        &["stress"],
+        &["budget"],
+        &["reconstruct"],
+        &["weights", "verify"],
+        &["protocol", "list"],
+        &["protocol", "show"],
+        &["data", "simulate"],
+    ] {
+        assert!(!help(words).contains("--strict\n") && !help(words).contains("--strict "), "{words:?}");
+    }
+    let before = atsplat(folder.path(), &["--strict", "run"]);
+    assert!(before.code == 2 && before.stderr.contains("'run --strict' exists"), "{}", before.stderr);
+}

@@ -1,0 +1,74 @@
+//! Whether a run can come to anything, and whether it did.
+
+use std::collections::BTreeMap;
+
+use super::{Plan, spread};
+use crate::method::{Asked, Survey};
+use crate::{EvalError, Results, TargetRow, TargetStatus};
+
+/// Scenes of a dataset whose imported files are looked for before anything is evaluated.
+const LOOKED_FOR: usize = 32;
+
+impl Plan<'_> {
+    /// Where imported methods have their files, method by method.
+    ///
+    /// # Errors
+    /// [`EvalError::Settings`] for a folder that holds no scene of any dataset.
+    pub fn surveys(&self) -> Result<Vec<Survey>, EvalError> {
+        let indices: Vec<_> = self.datasets.iter().map(|dataset| self.selected(dataset).index).collect();
+        let mut asked: Vec<Asked<'_>> = Vec::new();
+        for index in &indices {
+            for at in spread(index.scenes.len(), LOOKED_FOR) {
+                let entry = index.scenes.get_index(at).and_then(|(scene, entries)| Some((scene, entries.first()?)));
+                asked.extend(entry.map(|(scene, entry)| Asked { scene, frames: &entry.target }));
+            }
+        }
+        let surveys: Vec<Survey> = self.methods.iter().filter_map(|method| method.survey(&asked)).collect();
+        surveys.iter().try_for_each(Survey::check)?;
+        Ok(surveys)
+    }
+
+    /// Why `results` hold no comparison that this plan asks for; `None` where they hold one.
+    pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
+        let is_own = |row: &&TargetRow| {
+            self.datasets.iter().any(|dataset| dataset.name == row.key.preset)
+                && self.methods.iter().any(|method| method.record().name == row.key.method)
+        };
+        let own: Vec<&TargetRow> = results.targets.iter().filter(is_own).collect();
+        if own.iter().any(|row| row.status != TargetStatus::Failed) {
+            return None;
+        }
+        if let Some(first) = own.first() {
+            let why = first.detail.as_deref().unwrap_or("no reason is known");
+            return Some(format!("all of {} targets failed, the first because of this: {why}", own.len()));
+        }
+        let reasons: Vec<String> = self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect();
+        Some(reasons.join("; "))
+    }
+
+    fn why_empty(&self, dataset: &super::Dataset, results: &Results) -> String {
+        let (name, index) = (&dataset.name, &dataset.index.index);
+        let entries = index.entries().count();
+        if entries == 0 {
+            return format!("{name}: the index has no entry ({})", dataset.index.told);
+        }
+        let selected = self.selected(dataset);
+        let there = index.scene_count() - selected.not_there.len();
+        if let Some(first) = selected.not_there.first().filter(|_| there == 0) {
+            return format!("{name}: none of the index's scenes is in {}: {first}, …", dataset.told);
+        }
+        if let Some(shard) = self.selection.shard.filter(|_| selected.index.scenes.is_empty()) {
+            return format!("{name}: shard {} of {} of {there} scenes is empty", shard.number, shard.of);
+        }
+        let mut reasons: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
+        for skipped in results.provenance.skipped.iter().filter(|skipped| skipped.preset == *name) {
+            reasons.entry(&skipped.reason).or_insert((0, &skipped.detail)).0 += 1;
+        }
+        let told: Vec<String> =
+            reasons.into_iter().map(|(reason, (count, first))| format!("{count} {reason} ({first})")).collect();
+        if told.is_empty() {
+            return format!("{name}: no entry of {entries} asks for a target");
+        }
+        format!("{name}: every entry was skipped: {}", told.join(", "))
+    }
+}

@@ -1,0 +1,119 @@
+use std::collections::BTreeSet;
+
+use serde::Serialize;
+
+use crate::{EvaluationIndex, IndexEntry, KnownIndex, Preset, Sha256Digest};
+
+/// A way in which an index does not fit the preset that it is run under. Its trials are run all the same: the numbers
+/// are of another protocol than the preset's name says.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Misfit {
+    /// What is wrong, for counting.
+    pub kind: String,
+    /// Entries that it is wrong with.
+    pub count: u64,
+    /// The first of them, with scene, field and what was found.
+    pub example: String,
+}
+
+impl Preset {
+    /// How `index` does not fit this preset: entries with another number of context views, without targets, with frames
+    /// named twice; and a published file that belongs to another dataset or another protocol. `sha256` is the file's.
+    pub fn misfits(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<Misfit> {
+        let views = self.index.context_views;
+        let context_kind = format!("entries without the preset's {views} context views");
+        let rules: [(&str, &dyn Fn(&IndexEntry) -> Option<String>); 4] = [
+            (&context_kind, &|entry| {
+                let found = entry.context.len();
+                (found != views).then(|| format!("field context: expected {views} frames, found {found}"))
+            }),
+            ("entries without targets", &|entry| {
+                entry.target.is_empty().then(|| "field target: expected at least one frame, found none".to_owned())
+            }),
+            ("entries with a context frame twice", &|entry| twice("context", &entry.context)),
+            ("entries with a target twice", &|entry| twice("target", &entry.target)),
+        ];
+        let of_rule = |(kind, wrong): &(&str, &dyn Fn(&IndexEntry) -> Option<String>)| {
+            let mut found = index.entries().filter_map(|(scene, at, entry)| Some((scene, at, wrong(entry)?)));
+            let (scene, at, what) = found.next()?;
+            let example = format!("scene {scene}, entry {at}, {what}");
+            Some(Misfit { kind: (*kind).to_owned(), count: 1 + found.count() as u64, example })
+        };
+        let own = rules.iter().filter_map(of_rule);
+        self.of_another_protocol(index, sha256).into_iter().chain(own).collect()
+    }
+
+    /// A published file is known wherever it lies and whatever it is called.
+    fn of_another_protocol(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Option<Misfit> {
+        let known = KnownIndex::by_sha256(sha256).or_else(|| KnownIndex::by_content(&index.content_hash()))?;
+        if self.index.accepted.iter().any(|accepted| accepted.sha256 == known.sha256) {
+            return None;
+        }
+        let count = index.entries().count() as u64;
+        let example = format!("{} of {} ({})", known.name, known.dataset, known.repository);
+        let kind = if known.dataset == self.dataset {
+            "entries of an index that belongs to another protocol".to_owned()
+        } else {
+            format!("entries of another dataset's index: expected one of {}", self.dataset)
+        };
+        Some(Misfit { kind, count, example })
+    }
+}
+
+fn twice(field: &str, frames: &[usize]) -> Option<String> {
+    let mut seen = BTreeSet::new();
+    let repeated = frames.iter().find(|frame| !seen.insert(**frame))?;
+    Some(format!("field {field}: expected every frame once, found frame {repeated} again"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn misfits(preset: &str, json: &str) -> Vec<(u64, String)> {
+        let index = EvaluationIndex::from_json(json.as_bytes()).unwrap();
+        let sha256 = Sha256Digest::of(json.as_bytes());
+        let found = Preset::named(preset).unwrap().misfits(&index, &sha256);
+        found.into_iter().map(|misfit| (misfit.count, format!("{}: {}", misfit.kind, misfit.example))).collect()
+    }
+
+    #[test]
+    fn what_does_not_fit_is_counted_with_scene_and_field() {
+        let json = r#"{"ok": {"context": [0, 9], "target": [3, 3]},
+                       "three": {"context": [0, 5, 9], "target": [3]},
+                       "none": {"context": [0, 9], "target": []},
+                       "one": [{"context": [4, 4], "target": [3]}, {"context": [4], "target": [3, 7, 3]}],
+                       "null": null}"#;
+        let expected = [
+            (
+                2,
+                "entries without the preset's 2 context views: scene three, entry 0, field context: expected 2 frames, found 3",
+            ),
+            (1, "entries without targets: scene none, entry 0, field target: expected at least one frame, found none"),
+            (
+                1,
+                "entries with a context frame twice: scene one, entry 0, field context: expected every frame once, found frame 4 again",
+            ),
+            (
+                2,
+                "entries with a target twice: scene ok, entry 0, field target: expected every frame once, found frame 3 again",
+            ),
+        ];
+        assert_eq!(misfits("re10k-2v-256", json), expected.map(|(count, text)| (count, text.to_owned())));
+        assert_eq!(misfits("re10k-2v-256", r#"{"ok": {"context": [0, 9], "target": [3]}}"#), []);
+    }
+
+    /// The published files are told by their hash alone.
+    #[test]
+    fn published_files_of_others_are_known() {
+        let index = EvaluationIndex::from_json(br#"{"ok": {"context": [0, 9], "target": [3]}}"#).unwrap();
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let of = |name: &str| preset.misfits(&index, &KnownIndex::by_name(name).unwrap().sha256);
+        assert_eq!(of("pixelsplat-re10k"), []);
+        let acid = of("pixelsplat-acid");
+        assert!(acid[0].kind.contains("another dataset's index") && acid[0].example.contains("acid"), "{acid:?}");
+        let other = of("noposplat-re10k");
+        assert!(other[0].kind.contains("another protocol") && other[0].count == 1, "{other:?}");
+    }
+}

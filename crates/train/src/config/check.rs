@@ -1,0 +1,129 @@
+//! Whether a configuration can train, told before anything is simulated or read.
+
+use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_protocol::samplers::{SceneViews, SplitMix64};
+use atsplat_protocol::{NoEntry, Preset};
+use atsplat_rooms::Request;
+use glam::{DMat3, DVec3};
+
+use super::{SourceConfig, TrainConfig, WHAT};
+use crate::TrainError;
+use crate::samples::{RoomsConfig, ViewChoice};
+
+/// Draws after which a choice of frames is taken for impossible.
+const DRAWS: u64 = 64;
+/// Most rays a pixel that scenes are simulated with.
+const MOST_RAYS: u32 = 256;
+
+impl TrainConfig {
+    /// Every source with the field that holds it.
+    fn sources(&self) -> impl Iterator<Item = (String, &SourceConfig)> {
+        let data = self.data.iter().enumerate().map(|(at, data)| (format!("data[{at}].source"), &data.source));
+        data.chain(self.evaluation.iter().map(|own| ("evaluation.source".to_owned(), &own.source)))
+    }
+
+    /// What can be told without the network and its files.
+    pub(super) fn check_sources(&self) -> Result<(), TrainError> {
+        if self.data.is_empty() {
+            return refuse("data".to_owned(), "at least one source", "none");
+        }
+        for (field, source) in self.sources() {
+            match source {
+                SourceConfig::Rooms(rooms) => check_rooms(&format!("{field}.rooms"), rooms)?,
+                SourceConfig::Dataset(dataset) => check_views(&format!("{field}.dataset.views"), &dataset.views)?,
+            }
+        }
+        Ok(())
+    }
+
+    /// Whether the network's patches divide the pictures of every source whose size is known.
+    pub(super) fn check_sizes(&self) -> Result<(), TrainError> {
+        let model = self.model.config()?;
+        for (field, source) in self.sources() {
+            let (field, size) = match source {
+                SourceConfig::Rooms(rooms) => (format!("{field}.rooms.size"), Some(rooms.size)),
+                SourceConfig::Dataset(dataset) => {
+                    (format!("{field}.dataset.preset"), size_of(&Preset::resolve(&dataset.preset)?))
+                }
+            };
+            if let Some(size) = size {
+                check_size(field, size, &model)?;
+            }
+        }
+        Ok(())
+    }
+}
+
+/// The pictures that a protocol makes, where it says which ones it takes.
+fn size_of(preset: &Preset) -> Option<ImageSize> {
+    let from = preset.preprocessing.expected_size?;
+    let made = preset.preprocessing.plan(from).ok()?.output();
+    Some(ImageSize::new(made.height as usize, made.width as usize))
+}
+
+fn check_size(field: String, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {
+    match model.coarse_grid(size).and_then(|_| model.fine_grid(size)) {
+        Err(ModelError::Indivisible { branch, step, found }) => {
+            let expected = format!("height and width that the {branch} branch's patches of {step} pixels divide");
+            refuse(field, &expected, found)
+        }
+        Err(other) => Err(other.into()),
+        Ok(_) => Ok(()),
+    }
+}
+
+fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
+    if !(1..=MOST_RAYS).contains(&rooms.samples) {
+        return refuse(format!("{field}.samples"), &format!("1 to {MOST_RAYS} rays a pixel"), rooms.samples);
+    }
+    let views = format!("{field}.views");
+    check_views(&views, &rooms.views)?;
+    let seed = atsplat_rooms::SceneSeed { split: rooms.split, number: rooms.first };
+    let offered = Request::new(rooms.scenes_of, seed).frames.div_ceil(rooms.stride.get());
+    let last_step = rooms.views.gaps.warm_up_steps;
+    for step in [0, last_step] {
+        if let Err(error) = try_draws(&rooms.views, offered, step) {
+            let expected = format!("frames among the {offered} that a clip offers at a stride of {}", rooms.stride);
+            return refuse(views, &expected, format!("{error}, at step {step}"));
+        }
+    }
+    Ok(())
+}
+
+/// The sampler itself, on a camera that moves along a line: why no draw gives a sample, if none does.
+fn try_draws(views: &ViewChoice, frames: usize, step: u64) -> Result<(), NoEntry> {
+    #[expect(clippy::expect_used, reason = "a camera without rotation, of unit focal length")]
+    let camera = |at: usize| {
+        let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-(at as f64), 0.0, 0.0)).expect("a pose");
+        Camera::pinhole(pose, NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).expect("intrinsics"))
+    };
+    let cameras: Vec<Camera> = (0..frames).map(camera).collect();
+    let mut random = SplitMix64::new(0);
+    let mut draw = || views.draw(&SceneViews { key: "a line", cameras: &cameras }, step, &mut random).map(drop);
+    (1..DRAWS).fold(draw(), |outcome, _| outcome.or_else(|_refused| draw()))
+}
+
+fn check_views(field: &str, views: &ViewChoice) -> Result<(), TrainError> {
+    let [fewest, most] = views.context;
+    if fewest.get() < 2 || fewest > most {
+        let found = format!("{fewest} and {most}");
+        return refuse(format!("{field}.context"), "fewest and most context views, at least 2", found);
+    }
+    let gaps = views.gaps;
+    let bounds = [
+        ("min and max", "gaps", gaps.min, gaps.max, true),
+        ("initial-min and initial-max", "gaps", gaps.initial_min, gaps.initial_max, gaps.warm_up_steps > 0),
+    ];
+    for (names, group, min, max, counts) in bounds {
+        if counts && (min > max || max == 0) {
+            let expected = format!("{names} in order, the larger at least 1");
+            return refuse(format!("{field}.{group}"), &expected, format!("{min} and {max}"));
+        }
+    }
+    Ok(())
+}
+
+fn refuse<T>(field: String, expected: &str, found: impl ToString) -> Result<T, TrainError> {
+    Err(TrainError::malformed(WHAT, field, expected, found))
+}
