@@ -242,6 +242,7 @@ impl Made {
             status,
             detail,
             context: trial.context().iter().map(|view| view.frame as u64).collect(),
+            context_hashes: decoded.context.iter().flatten().map(|picture| hash_of_bytes(picture)).collect(),
             targets: u32::try_from(rows.len()).unwrap_or(u32::MAX),
             overlap: trial.entry().overlap,
             width: size.map(|size| size.width).unwrap_or_default(),

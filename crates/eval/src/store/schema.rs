@@ -75,7 +75,7 @@ pub(super) struct Schema {
 }
 
 /// Every version's text, oldest first: a released one never changes.
-const VERSIONS: &[&str] = &[include_str!("../../schema/v1.txt")];
+const VERSIONS: &[&str] = &[include_str!("../../schema/v1.txt"), include_str!("../../schema/v2.txt")];
 
 /// The version that is written.
 #[expect(clippy::cast_possible_truncation, reason = "a handful of versions")]
