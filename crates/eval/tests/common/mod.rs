@@ -22,13 +22,21 @@ pub(crate) struct Walls {
     pub(crate) frames: usize,
     /// Scenes whose picture of this frame is no picture.
     pub(crate) damaged: Option<(usize, usize)>,
+    /// A scene's frame whose picture is another one than the camera sees: by so much brighter, or darker.
+    pub(crate) brighter: Option<(usize, usize, i16)>,
     /// Whether each seventh frame's picture is listed and not there.
     pub(crate) gaps: bool,
 }
 
 impl Walls {
     pub(crate) fn new(scenes: usize, frames: usize) -> Self {
-        Self { keys: (0..scenes).map(|scene| format!("wall-{scene}")).collect(), frames, damaged: None, gaps: false }
+        Self {
+            keys: (0..scenes).map(|scene| format!("wall-{scene}")).collect(),
+            frames,
+            damaged: None,
+            brighter: None,
+            gaps: false,
+        }
     }
 }
 
@@ -61,7 +69,13 @@ impl SceneSource for Walls {
         let scene = self.keys.iter().position(|known| known == key);
         let scene = scene.ok_or_else(|| SceneError::UnknownScene { key: key.to_owned(), path: "walls".into() })?;
         let frame = |frame: usize| {
-            let mut png = encode_png(&picture(scene, frame)).unwrap();
+            let mut shown = picture(scene, frame);
+            if let Some((.., by)) = self.brighter.filter(|(of, at, _)| (*of, *at) == (scene, frame)) {
+                let samples = shown.samples().iter();
+                let samples = samples.map(|sample| u8::try_from((i16::from(*sample) + by).clamp(0, 255)).unwrap());
+                shown = ImageU8::new(SIZE.width, SIZE.height, samples.collect()).unwrap();
+            }
+            let mut png = encode_png(&shown).unwrap();
             if self.damaged == Some((scene, frame)) {
                 let middle = png.len() / 2;
                 png.truncate(middle);
