@@ -15,6 +15,11 @@ use common::{atsplat, succeed};
 
 /// Two methods on six scenes of two targets; `shift` is added to every PSNR of the first.
 fn store(path: &Path, shift: f64) {
+    store_of(path, shift, |_| ());
+}
+
+/// The same, changed before it is written.
+fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
     let mut results = Results {
         provenance: Provenance {
             processor: "some".to_owned(),
@@ -52,6 +57,7 @@ fn store(path: &Path, shift: f64) {
                 status: TrialStatus::Done,
                 detail: None,
                 context: vec![0, 9],
+                context_hashes: [0, 9].map(|frame| format!("picture {scene} {frame}")).to_vec(),
                 targets: 2,
                 overlap: None,
                 width: 8,
@@ -87,6 +93,7 @@ fn store(path: &Path, shift: f64) {
     }
     results.trials.sort_by(|a, b| a.key.cmp(&b.key));
     results.targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
+    change(&mut results);
     results.write(path).unwrap();
 }
 
@@ -102,7 +109,7 @@ fn a_baseline_is_accepted_kept_and_left() {
     assert!(size("quick.json") + size("quick.probe.safetensors") < 1_000_000);
 
     let calm = succeed(at, &["drift", "then", "--baseline", "quick.json"]);
-    assert!(calm.ends_with("Verdict: same\n") && calm.contains("No stage changed on the probe."), "{calm}");
+    assert!(calm.ends_with("Verdict: same\n") && calm.contains("no stage changed on the probe."), "{calm}");
 
     let outcome = atsplat(at, &["drift", "now", "--baseline", "quick.json", "--json"]);
     assert_eq!(outcome.code, 3, "{}", outcome.stderr);
@@ -131,6 +138,41 @@ fn a_baseline_is_accepted_kept_and_left() {
     assert!(succeed(at, &["drift", "now", "--baseline", "quick.json"]).ends_with("Verdict: same\n"));
     let text = std::fs::read_to_string(at.join("quick.json")).unwrap();
     assert!(text.contains("the first numbers") && text.contains("a better decoder"), "{text}");
+}
+
+/// Another picture of one scene is named by scene and frame, a loss as a loss, and a comparison of nothing is a failure.
+#[test]
+fn data_losses_and_nothing_are_told_apart() {
+    let folder = tempfile::tempdir().unwrap();
+    let at = folder.path();
+    store(&at.join("then"), 0.0);
+    succeed(at, &["drift", "accept", "then", "--baseline", "quick.json", "--why", "the first numbers", "--no-probe"]);
+    store_of(&at.join("blurred"), 0.0, |results| {
+        let trials = results.trials.iter_mut().filter(|row| row.key.scene == "scene 3");
+        trials.for_each(|row| row.context_hashes[1] = "blurred".to_owned());
+    });
+    let outcome = atsplat(at, &["drift", "blurred", "--baseline", "quick.json"]);
+    assert_eq!(outcome.code, 3, "{}", outcome.stdout);
+    for part in ["p: scene scene 3, frame 9 (context)", "The first stage that changed is the data."] {
+        assert!(outcome.stdout.contains(part), "{part}: {}", outcome.stdout);
+    }
+    store(&at.join("worse"), -0.125);
+    let outcome = atsplat(at, &["drift", "worse", "--baseline", "quick.json"]);
+    assert!(outcome.code == 3 && outcome.stdout.contains("-0.125 dB"), "{}", outcome.stdout);
+    assert!(outcome.stdout.contains("DRIFTED, worse"), "{}", outcome.stdout);
+    let empty = |results: &mut Results| {
+        results.trials.clear();
+        results.targets.clear();
+    };
+    store_of(&at.join("empty"), 0.0, empty);
+    let outcome = atsplat(at, &["drift", "accept", "empty", "--baseline", "empty.json", "--why", "nothing"]);
+    assert!(
+        outcome.code == 1 && outcome.stderr.contains("a baseline of nothing watches nothing"),
+        "{}",
+        outcome.stderr
+    );
+    let outcome = atsplat(at, &["drift", "empty", "--baseline", "quick.json"]);
+    assert!(outcome.code == 3 && outcome.stdout.contains("targets are missing: 12"), "{}", outcome.stdout);
 }
 
 #[test]

@@ -52,6 +52,7 @@ pub(crate) fn trial(method: &str, scene: &str, entry: u32, targets: usize) -> Tr
         status: TrialStatus::Done,
         detail: None,
         context: vec![0, 9],
+        context_hashes: [0, 9].map(|frame| format!("truth of {scene} {entry} {frame}")).to_vec(),
         targets: targets.try_into().unwrap(),
         overlap: None,
         width: 8,

@@ -17,6 +17,7 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
 use atsplat_model::{ImageSize, ModelConfig};
+use atsplat_numeric::Tolerance;
 use atsplat_pixels::{Image, ImageU8, encode_png, exr};
 use atsplat_protocol::trial::{Prefetch, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
@@ -91,6 +92,37 @@ fn the_warp_finds_the_wall() {
     let single = asked_single();
     let alone = single.answer(&Warp, 0).unwrap();
     assert!(alone.samples().iter().all(|sample| (0.0..=1.0).contains(sample)), "without parallax too");
+}
+
+/// Two pictures of one colour each. Where a pixel shows both, the weights are `1 / (d² + s²)` of the cameras' distances `d`,
+/// with `s` a hundredth of the distance between the two, whatever plane was found.
+#[test]
+fn the_warp_weighs_views_by_their_inverse_squared_distance() {
+    let mut asked = asked(&[entry(&[0, 4], &[1, 2, 3])]).remove(0);
+    let plain = |colour: [u8; 3]| {
+        let samples = colour.repeat((SIZE.width * SIZE.height) as usize);
+        Arc::new(ImageU8::new(SIZE.width, SIZE.height, samples).unwrap())
+    };
+    let colours = [[255, 0, 51], [0, 255, 153]];
+    asked.pictures = colours.map(plain).to_vec();
+    // Cameras stand side by side, four units of 0.2 apart; the common factor cancels.
+    for (target, distances) in [(0, [1.0, 3.0]), (1, [2.0, 2.0]), (2, [3.0, 1.0])] {
+        let weights = distances.map(|distance: f64| 1.0 / (distance * distance + (0.01 * 4.0f64).powi(2)));
+        let share = |channel: usize| {
+            let [a, b] = colours.map(|colour: [u8; 3]| f64::from(colour[channel]) / 255.0);
+            (weights[0] * a + weights[1] * b) / (weights[0] + weights[1])
+        };
+        let render = asked.answer(&Warp, target).unwrap();
+        let expected = [0, 1, 2].map(share);
+        let close = Tolerance::F32_ROUND_TRIP;
+        let same = |pixel: &&[f32; 3]| {
+            pixel.iter().zip(expected).all(|(&found, wanted)| close.accepts(f64::from(found), wanted))
+        };
+        let both = render.samples().as_chunks::<3>().0.iter().filter(same).count();
+        let pixels = (SIZE.width * SIZE.height) as usize;
+        // A plane is taken only where a quarter of the rays is seen twice.
+        assert!(both * 5 > pixels && both < pixels, "target {target}: {both} of {pixels} pixels show both views");
+    }
 }
 
 fn asked_single() -> Asked {

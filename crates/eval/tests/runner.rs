@@ -334,3 +334,38 @@ fn a_sampled_index_asks_for_pictures_that_are_there() {
     let whole = PlannedIndex::sampled("dl3dv-6v", &Walls::new(1, 60), &mut Warnings::new()).unwrap();
     assert_eq!(whole.index.scenes["wall-0"][0].target, (0..50).collect::<Vec<_>>());
 }
+
+/// A context picture that is another one, and then a target's: drift names scene and frame, and nothing else of the data. The
+/// same pictures ten times are no drift.
+#[test]
+fn drift_names_the_picture_that_changed() {
+    use atsplat_eval::drift::{Acceptance, Baseline, PictureRole, Verdict, compare};
+    let of = |brighter| {
+        let folder = tempfile::tempdir().unwrap();
+        let walls = Walls { brighter, ..Walls::new(3, 8) };
+        Setting::new(walls, floors()).run(folder.path()).unwrap().0
+    };
+    let acceptance = Acceptance {
+        date: "2026-01-01".to_owned(),
+        reason: "the first numbers".to_owned(),
+        atsplat: "0.1.0".to_owned(),
+        commit: None,
+    };
+    let baseline = Baseline::new(&of(None), &[], acceptance);
+    for _ in 0..10 {
+        let calm = compare(&of(None), &baseline);
+        assert_eq!((calm.verdict, calm.data.compared, calm.data.unknown), (Verdict::Same, 3 * 4, 0), "{calm}");
+    }
+    for (frame, by, roles) in [
+        (0, 9, vec![PictureRole::Context]),
+        (0, -9, vec![PictureRole::Context]),
+        (4, 9, vec![PictureRole::Context, PictureRole::Target]),
+        (6, -9, vec![PictureRole::Target]),
+    ] {
+        let report = compare(&of(Some((1, frame, by))), &baseline);
+        let [picture] = &report.data.changed[..] else { panic!("one picture: {report}") };
+        assert_eq!((picture.scene.as_str(), picture.frame), ("wall-1", frame as u64), "{report}");
+        assert_eq!(picture.roles.iter().copied().collect::<Vec<_>>(), roles, "{report}");
+        assert_eq!(report.verdict, Verdict::Drifted, "{report}");
+    }
+}

@@ -126,6 +126,61 @@ fn threads_masks_caches_and_identical_pictures() {
     assert_eq!(*first, *cache.features(&perceptual, &a).unwrap(), "computed again");
 }
 
+/// A mask of the columns from `left` on, up to `right`.
+fn columns(size: [u32; 2], left: u32, right: u32) -> Mask {
+    let included = (0..size[1]).flat_map(|_| (0..size[0]).map(|x| (left..right).contains(&x)));
+    Mask::new(size[0], size[1], included.collect()).unwrap()
+}
+
+/// A distance is a mean over the picture, so those of its parts, each by its share of the pixels, add up to it; and parts of
+/// different content have different distances. The cut is not on the borders of cells.
+#[test]
+fn distances_of_parts_add_up_to_that_of_the_whole() {
+    for network in [Network::LpipsAlex, Network::StLpipsAlex] {
+        let perceptual = perceptual(network);
+        let size = [83, 64];
+        let (a, calm) = (seeded(83, 64, 1), seeded(83, 64, 2));
+        // Left of the middle the two are nearly the same.
+        let samples = a.samples().iter().zip(calm.samples()).enumerate();
+        let samples = samples.map(|(at, (a, b))| if at / 3 % 83 < 40 { a + 0.02 * (b - a) } else { *b });
+        let b = Image::new(83, 64, samples.collect()).unwrap();
+        let of = |mask: &Mask| perceptual.compare(&Pair::masked(&a, &b, mask).unwrap(), Values::Clipped).unwrap();
+        let whole = perceptual.compare(&Pair::new(&a, &b).unwrap(), Values::Clipped).unwrap();
+        let cuts = [0, 29, 51, 83];
+        let parts = [0, 1, 2].map(|part| of(&columns(size, cuts[part], cuts[part + 1])));
+        let sum: f64 = (0..3).map(|part| parts[part] * f64::from(cuts[part + 1] - cuts[part]) / 83.0).sum();
+        Tolerance::relative(1e-12).assert([sum], [whole], network.name());
+        assert!(parts[0] < 0.7 * whole && parts[2] > 1.1 * whole, "{}: {parts:?} of {whole}", network.name());
+    }
+}
+
+/// Features reach 64 to 195 pixels, so that the far end of a wide picture knows nothing of what is at the other: there the
+/// distance is nothing at all, and where the difference is it is more than over the whole.
+#[test]
+fn a_difference_outside_the_mask_and_its_reach_is_no_distance() {
+    let perceptual = perceptual(Network::LpipsAlex);
+    let size = [640, 40];
+    let a = seeded(640, 40, 1);
+    let other = seeded(640, 40, 2);
+    let samples = a.samples().iter().zip(other.samples()).enumerate();
+    let samples = samples.map(|(at, (a, b))| if at / 3 % 640 < 600 { *a } else { *b });
+    let b = Image::new(640, 40, samples.collect()).unwrap();
+    let of = |mask: &Mask| perceptual.compare(&Pair::masked(&a, &b, mask).unwrap(), Values::Clipped).unwrap();
+    let whole = perceptual.compare(&Pair::new(&a, &b).unwrap(), Values::Clipped).unwrap();
+    Tolerance::EXACT.assert([of(&columns(size, 0, 320))], [0.0], "far from the difference");
+    let there = of(&columns(size, 600, 640));
+    assert!(there > 5.0 * whole && whole > 0.0, "{there} and {whole}");
+    let features = [&a, &b].map(|picture| perceptual.features(picture).unwrap());
+    let mask = columns(size, 600, 640);
+    let again = perceptual.compare_features(&features[0], &features[1], Some(&mask)).ok();
+    Tolerance::EXACT.assert(again, [there], "with features that were made before");
+    let mut networks = Networks::default();
+    networks.add(Arc::new(perceptual));
+    let suite = Suite::new(vec![definition("lpips-alex").unwrap()], networks, 1 << 24);
+    let scored = suite.score(&a, &b, Some(&mask)).scores;
+    Tolerance::EXACT.assert(scored[0].1.value(), [there], "in a suite");
+}
+
 #[test]
 fn hostile_pictures_and_weights_are_typed_errors() {
     let perceptual = perceptual(Network::LpipsAlex);

@@ -122,6 +122,7 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         input_hash: None,
         status: if failed { TrialStatus::Failed } else { TrialStatus::Done },
         detail: failed.then(|| "the network said NaN".to_owned()),
+        context_hashes: Vec::new(),
         context: vec![0, 30],
         targets: 3,
         overlap: OVERLAPS.get(at).copied(),

@@ -64,6 +64,13 @@ pub(super) fn run(words: &Words) -> anyhow::Result<Exit> {
     let before = if words.baseline.exists() { Some(Baseline::read(&words.baseline)?) } else { None };
     let results = Results::read(&words.store)?;
     let repeats = words.repeat.iter().map(|store| Results::read(store)).collect::<Result<Vec<_>, _>>()?;
+    let scored = results.targets.iter().filter(|row| !row.scores.is_empty()).count();
+    anyhow::ensure!(
+        scored > 0,
+        "{}: expected results with scores, found {} targets without one; a baseline of nothing watches nothing",
+        words.store.display(),
+        results.targets.len()
+    );
     let now = here();
     let acceptance = Acceptance {
         date: date(now.started),
@@ -105,6 +112,9 @@ impl fmt::Display for Report {
         match moved {
             None => writeln!(f, "a new baseline")?,
             Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
+            Some(Verdict::Nothing) => {
+                writeln!(f, "no number was there before; acceptance {acceptances} of this baseline")?
+            }
             Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }
         for Limit { preset, method, metric, limit, runs } in limits {

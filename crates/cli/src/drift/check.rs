@@ -2,7 +2,7 @@ use std::path::Path;
 
 use atsplat_eval::Results;
 use atsplat_eval::drift::probe::{Outputs, Pipeline, Recipe, attribute};
-use atsplat_eval::drift::{Baseline, DriftReport, compare, same_machine};
+use atsplat_eval::drift::{Baseline, DriftReport, Verdict, compare, same_machine};
 
 use super::{Words, recipe};
 use crate::exit::Exit;
@@ -22,7 +22,11 @@ pub(super) fn run(words: &Words, store: &Path, baseline_path: &Path) -> anyhow::
     };
     words.history.draw(&baseline, &results, &report)?;
     print_report(&report, words.json)?;
-    Ok(if report.drifted() { Exit::Drifted } else { Exit::Done })
+    Ok(match report.verdict {
+        Verdict::Same | Verdict::Within => Exit::Done,
+        Verdict::Nothing => Exit::Failed,
+        Verdict::Drifted => Exit::Drifted,
+    })
 }
 
 /// Stages run here and now, whatever machine the results are from.

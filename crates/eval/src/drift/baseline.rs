@@ -4,14 +4,19 @@ use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
 
+use super::data::{pictures_of, pictures_of_targets};
 use super::limits::limits;
 use super::probe::{Fingerprint, Outputs, Recipe};
-use super::{Acceptance, AcceptedNumber, DriftError, Limit, compare, numbers};
+use super::{Acceptance, AcceptedNumber, DriftError, Limit, PictureDigest, compare, numbers};
 use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// The layout that is written.
-const FORMAT: u32 = 2;
-/// The oldest that is read; it has no numbers of earlier acceptances.
+const FORMAT: u32 = 3;
+/// The first that lists pictures; older ones know those of their targets.
+const WITH_PICTURES: u32 = 3;
+/// The first that has numbers of earlier acceptances.
+const WITH_NUMBERS: u32 = 2;
+/// The oldest that is read.
 const OLDEST: u32 = 1;
 
 /// What numbers should be.
@@ -27,6 +32,8 @@ pub struct Baseline {
     pub limits: Vec<Limit>,
     /// What a probe's stages gave; `None` where none was run.
     pub probe: Option<ProbeRecord>,
+    /// Every picture that trials used, once; in order.
+    pub pictures: Vec<PictureDigest>,
     /// In the order of their keys.
     pub trials: Vec<BaselineTrial>,
     /// In the order of their keys.
@@ -93,6 +100,8 @@ struct Written {
     #[serde(default)]
     numbers: Vec<AcceptedNumber>,
     #[serde(default)]
+    pictures: Vec<PictureDigest>,
+    #[serde(default)]
     trials: Vec<BaselineTrial>,
     #[serde(default)]
     targets: Vec<BaselineTarget>,
@@ -117,8 +126,9 @@ impl Baseline {
         let mut targets: Vec<BaselineTarget> = results.targets.iter().map(target).collect();
         trials.sort_by(|a, b| a.key.cmp(&b.key));
         targets.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
-        let (history, limits) = (vec![acceptance], limits(&runs));
-        Self { history, numbers: Vec::new(), provenance, limits, probe: None, trials, targets }.with_numbers_of_rows()
+        let (history, limits, pictures) = (vec![acceptance], limits(&runs), pictures_of(results));
+        let numbers = Vec::new();
+        Self { history, numbers, provenance, limits, probe: None, pictures, trials, targets }.with_numbers_of_rows()
     }
 
     /// The baseline of another run, whose history goes on from this one's.
@@ -146,14 +156,15 @@ impl Baseline {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: Written =
             serde_json::from_str(&text).map_err(|error| DriftError::malformed(path, "a baseline", error))?;
-        let Written { format, history, provenance, limits, probe, numbers, trials, targets } = written;
+        let Written { format, history, provenance, limits, probe, numbers, pictures, trials, targets } = written;
         if !(OLDEST..=FORMAT).contains(&format) {
             let expected = format!("format {OLDEST} to {FORMAT}");
             return Err(DriftError::malformed(path, expected, format!("format {format}")));
         }
-        let read = Self { history, numbers, provenance, limits, probe, trials, targets };
-        // What an older file does not say of its last acceptance is in its rows.
-        Ok(if format == OLDEST { read.with_numbers_of_rows() } else { read })
+        // What an older file does not say is in its rows.
+        let pictures = if format < WITH_PICTURES { pictures_of_targets(&targets) } else { pictures };
+        let read = Self { history, numbers, provenance, limits, probe, pictures, trials, targets };
+        Ok(if format < WITH_NUMBERS { read.with_numbers_of_rows() } else { read })
     }
 
     /// Writes the baseline; the file appears whole under its name, or not at all.
@@ -201,12 +212,13 @@ impl Baseline {
             limits: self.limits.clone(),
             probe: self.probe.clone(),
             numbers: Vec::new(),
+            pictures: Vec::new(),
             trials: Vec::new(),
             targets: Vec::new(),
         };
         let unfit = |error: serde_json::Error| DriftError::malformed(path, "numbers that JSON has", error);
         let mut text = serde_json::to_string_pretty(&head).map_err(unfit)?;
-        // The three empty lists end the head; they are filled line by line.
+        // The four empty lists end the head; they are filled line by line.
         let end = text.rfind("\"numbers\": []").unwrap_or(text.len());
         text.truncate(end);
         let lines = |rows: Vec<Result<String, serde_json::Error>>| {
@@ -215,9 +227,12 @@ impl Baseline {
             Ok::<_, DriftError>(format!("[{inside}]"))
         };
         let numbers = lines(self.numbers.iter().map(serde_json::to_string).collect())?;
+        let pictures = lines(self.pictures.iter().map(serde_json::to_string).collect())?;
         let trials = lines(self.trials.iter().map(serde_json::to_string).collect())?;
         let targets = lines(self.targets.iter().map(serde_json::to_string).collect())?;
-        Ok(format!("{text}\"numbers\": {numbers},\n  \"trials\": {trials},\n  \"targets\": {targets}\n}}\n"))
+        let lists = [("numbers", numbers), ("pictures", pictures), ("trials", trials), ("targets", targets)];
+        let lists = lists.map(|(name, rows)| format!("\"{name}\": {rows}"));
+        Ok(format!("{text}{}\n}}\n", lists.join(",\n  ")))
     }
 }
 

@@ -3,10 +3,11 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::Aggregation;
 
+use super::data::compare_pictures;
 use super::provenance::{differences, same_machine};
 use super::{
-    Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DriftReport, Finding, FindingKind, Verdict,
-    least_limit, metric_bound,
+    Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
+    Verdict, least_limit, metric_bound,
 };
 use crate::statistics::{Outcome, Paired, Picked, direction, paired_of, score_of, summary_of};
 use crate::{Results, TrialKey};
@@ -16,7 +17,9 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let same_machine = same_machine(&baseline.provenance, &results.provenance);
     let then = Rows::new(baseline.trials.iter().cloned(), baseline.targets.iter().cloned());
     let now = Rows::new(results.trials.iter().map(Into::into), results.targets.iter().map(Into::into));
+    let data = compare_pictures(results, baseline);
     let (mut comparisons, mut findings) = (Vec::new(), protocol_findings(results, baseline));
+    findings.extend(data_findings(&data));
     let groups: BTreeSet<&(String, String)> = then.0.keys().chain(now.0.keys()).collect();
     let nothing = Group::default();
     for group in groups {
@@ -39,10 +42,29 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
+    let compared = comparisons.iter().any(|comparison: &Comparison| comparison.paired.is_some());
+    let at_least = if compared { Verdict::Same } else { Verdict::Nothing };
     let verdicts = comparisons.iter().map(|c| c.verdict).chain(findings.iter().map(|finding| finding.verdict));
-    let verdict = verdicts.max().unwrap_or(Verdict::Same);
+    let verdict = verdicts.fold(at_least, Verdict::max);
     let differences = differences(&baseline.provenance, &results.provenance);
-    DriftReport { verdict, comparisons, findings, differences, attribution: None, not_attributed: None }
+    DriftReport { verdict, comparisons, findings, data, differences, attribution: None, not_attributed: None }
+}
+
+/// Other pictures, by preset.
+fn data_findings(data: &DataComparison) -> Vec<Finding> {
+    let presets = data.changed.chunk_by(|a, b| a.preset == b.preset);
+    let finding = |changed: &[super::ChangedPicture]| {
+        let first = changed.first()?;
+        Some(Finding {
+            preset: first.preset.clone(),
+            method: String::new(),
+            kind: FindingKind::Data,
+            verdict: Verdict::Drifted,
+            count: changed.len() as u64,
+            example: first.to_string(),
+        })
+    };
+    presets.filter_map(finding).collect()
 }
 
 /// Presets whose hash, or whose index's, is another.
@@ -122,14 +144,14 @@ impl Group {
                     format!("{}: {} was, {} is", told(), then.status.name(), now.status.name())
                 });
             }
-            if then.truth_hash != now.truth_hash {
-                add(FindingKind::Truth, &told);
-            }
             if then.render_hash.is_some() && then.render_hash != now.render_hash {
                 add(FindingKind::Render, &told);
             }
             if let Some(id) = then.scores.keys().find(|id| !now.scores.contains_key(*id)) {
                 add(FindingKind::Score, &|| format!("{}: {id}", told()));
+            }
+            if let Some(id) = now.scores.keys().find(|id| !then.scores.contains_key(*id)) {
+                add(FindingKind::NewScore, &|| format!("{}: {id}", told()));
             }
         }
         for (place, row) in now.targets.iter().filter(|(place, _)| !self.targets.contains_key(*place)) {
@@ -137,7 +159,7 @@ impl Group {
         }
         let finding = |(kind, (count, example))| {
             let verdict = match kind {
-                FindingKind::New => Verdict::Within,
+                FindingKind::New | FindingKind::NewScore => Verdict::Within,
                 // Bits and counts are for whom they are promised to.
                 FindingKind::Render | FindingKind::Count if basis != Basis::Exact => Verdict::Within,
                 _ => Verdict::Drifted,
@@ -169,6 +191,7 @@ impl Group {
             _ => Verdict::Within,
         };
         let verdict = match basis {
+            _ if paired.is_none() => Verdict::Nothing,
             _ if changed == 0 => Verdict::Same,
             Basis::Exact => Verdict::Drifted,
             Basis::Bound if beyond == 0 => Verdict::Within,

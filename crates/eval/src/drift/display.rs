@@ -1,13 +1,18 @@
 use std::fmt;
 
-use super::probe::Attribution;
-use super::{Basis, Comparison, DriftReport, Finding, Verdict};
+use super::figures::{change, range, score, short, signed, size};
+use super::probe::{Attribution, StageVerdict};
+use super::{Basis, ChangedPicture, Comparison, DataComparison, DriftReport, Finding, PictureRole, Verdict};
+
+/// How many changed pictures are named.
+const NAMED: usize = 10;
 
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.pad(match self {
             Self::Same => "same",
             Self::Within => "within",
+            Self::Nothing => "nothing compared",
             Self::Drifted => "DRIFTED",
         })
     }
@@ -23,12 +28,22 @@ impl fmt::Display for Basis {
     }
 }
 
+impl fmt::Display for StageVerdict {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.pad(match self {
+            Self::Same => "same",
+            Self::Empty => "nothing",
+            Self::Changed => "CHANGED",
+        })
+    }
+}
+
 impl fmt::Display for DriftReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { verdict, comparisons, findings, differences, attribution, not_attributed } = self;
+        let Self { verdict, comparisons, findings, data, differences, attribution, not_attributed } = self;
         writeln!(
             f,
-            "{:<24} {:<16} {:<12} {:>10} {:>10} {:>11} {:>25} {:>8} {:<8} verdict",
+            "{:<24} {:<16} {:<12} {:>10} {:>10} {:>12} {:>26} {:>8} {:<8} verdict",
             "preset", "method", "metric", "baseline", "now", "difference", "95 % interval", "targets", "basis"
         )?;
         for comparison in comparisons {
@@ -48,39 +63,95 @@ impl fmt::Display for DriftReport {
             let told = |value: &Option<String>| value.as_deref().map_or("nothing".to_owned(), shortened);
             writeln!(f, "  {}: {} was, {} is", difference.what, told(&difference.baseline), told(&difference.now))?;
         }
+        write!(f, "\n{data}")?;
         if let Some(attribution) = attribution {
             writeln!(f, "\n{attribution}")?;
         }
         if let Some(reason) = not_attributed {
             writeln!(f, "\nNo attribution: {reason}")?;
         }
-        writeln!(f, "\nVerdict: {verdict}")
+        writeln!(f, "\n{}\n\nVerdict: {verdict}", self.conclusion())
+    }
+}
+
+impl DriftReport {
+    /// Which stage to look at, or what is known to be the same.
+    fn conclusion(&self) -> String {
+        if let Some(stage) = self.first_stage() {
+            return format!("The first stage that changed is the {}.", stage.name());
+        }
+        let data = match self.data.verdict() {
+            StageVerdict::Empty => "No picture could be compared",
+            _ => "The pictures are the baseline's",
+        };
+        let empty = self.attribution.iter().flat_map(|attribution| &attribution.stages);
+        let empty: Vec<&str> =
+            empty.filter(|stage| stage.verdict == StageVerdict::Empty).map(|stage| stage.stage.name()).collect();
+        match &self.attribution {
+            None => format!("{data}; stages were not probed."),
+            Some(_) if empty.is_empty() => format!("{data}; no stage changed on the probe."),
+            Some(_) => format!("{data}; on the probe there was nothing to compare of: {}.", empty.join(", ")),
+        }
     }
 }
 
 fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
     let Comparison { preset, method, metric, verdict, basis, baseline, now, paired, changed, .. } = comparison;
-    let number = |value: &Option<f64>| value.map_or("-".to_owned(), |value| format!("{value:.4}"));
-    let difference = paired.as_ref().map_or("-".to_owned(), |paired| format!("{:+.2e}", paired.difference));
+    let number = |value: &Option<f64>| value.map_or("-".to_owned(), |value| score(metric, value));
+    let difference = paired.as_ref().map_or("-".to_owned(), |paired| change(metric, paired.difference));
     let interval = paired.as_ref().and_then(|paired| paired.interval);
-    let interval = interval.map_or("-".to_owned(), |[low, high]| format!("{low:+.2e} to {high:+.2e}"));
+    let interval = interval.map_or("-".to_owned(), |bounds| range(metric, bounds));
+    let sense = comparison.sense().filter(|_| *verdict == Verdict::Drifted).map_or("", |better| match better {
+        true => ", better",
+        false => ", worse",
+    });
     let targets = paired.as_ref().map_or("-".to_owned(), |paired| format!("{changed}/{}", paired.targets));
     writeln!(
         f,
-        "{preset:<24} {method:<16} {metric:<12} {:>10} {:>10} {difference:>11} {interval:>25} {targets:>8} {basis:<8} {verdict}",
+        "{preset:<24} {method:<16} {metric:<12} {:>10} {:>10} {difference:>12} {interval:>26} {targets:>8} {basis:<8} {verdict}{sense}",
         number(baseline),
         number(now),
     )?;
     match (&comparison.largest_at, comparison.limit) {
         (Some(at), limit) if *verdict == Verdict::Drifted => {
-            let limit = limit.map_or(String::new(), |limit| format!("; the mean may move by {limit:.2e}"));
-            writeln!(f, "    largest change {:.2e} at {at}{limit}", comparison.largest)
+            let limit = limit.map_or(String::new(), |limit| format!("; the mean may move by {}", size(metric, limit)));
+            writeln!(f, "    largest change {} at {at}{limit}", size(metric, comparison.largest))
         }
         _ => Ok(()),
     }
 }
 
+impl fmt::Display for DataComparison {
+    /// A line, and one for each of the first changed pictures.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { compared, changed, unknown } = self;
+        let differ = format!("{}/{compared}", changed.len());
+        writeln!(f, "{:<10} {:<10} {differ:>15} pictures differ", "data", self.verdict())?;
+        for picture in changed.iter().take(NAMED) {
+            writeln!(f, "    {}: {picture}", picture.preset)?;
+        }
+        if let Some(more) = changed.len().checked_sub(NAMED).filter(|more| *more > 0) {
+            writeln!(f, "    and {more} more")?;
+        }
+        match unknown {
+            0 => Ok(()),
+            unknown => writeln!(
+                f,
+                "    {unknown} pictures are known to one side alone, and not watched; accept the baseline again to watch them"
+            ),
+        }
+    }
+}
+
+impl fmt::Display for ChangedPicture {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let roles: Vec<&str> = self.roles.iter().copied().map(PictureRole::name).collect();
+        write!(f, "scene {}, frame {} ({})", self.scene, self.frame, roles.join(" and "))
+    }
+}
+
 impl fmt::Display for Attribution {
+    /// The stages of the probe, each with what it does to the probe's numbers.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:<10} {:<10} {:>15} {:>10}", "stage", "alone", "values differ", "largest")?;
         for metric in &self.metrics {
@@ -88,22 +159,20 @@ impl fmt::Display for Attribution {
         }
         writeln!(f)?;
         for (at, stage) in self.stages.iter().enumerate() {
-            let verdict = if stage.changed { "CHANGED" } else { "same" };
             let differ = format!("{}/{}", stage.differing, stage.values);
-            write!(f, "{:<10} {verdict:<10} {differ:>15} {:>10.2e}", stage.stage.name(), stage.largest)?;
+            let (name, verdict) = (stage.stage.name(), stage.verdict);
+            write!(f, "{name:<10} {verdict:<10} {differ:>15} {:>10}", short(stage.largest))?;
             for metric in &self.metrics {
-                write!(f, " {:>+12.2e}", metric.effects.get(at).copied().unwrap_or(f64::NAN))?;
+                let effect = metric.effects.get(at).copied().unwrap_or(f64::NAN);
+                write!(f, " {:>12}", signed(effect, 4))?;
             }
             writeln!(f)?;
         }
         write!(f, "{:<48}", "probe, then to now")?;
         for metric in &self.metrics {
-            write!(f, " {:>+12.2e}", metric.now - metric.baseline)?;
+            write!(f, " {:>12}", signed(metric.now - metric.baseline, 4))?;
         }
-        match self.first() {
-            Some(stage) => write!(f, "\nThe first stage that changed is the {}.", stage.name()),
-            None => write!(f, "\nNo stage changed on the probe."),
-        }
+        Ok(())
     }
 }
 

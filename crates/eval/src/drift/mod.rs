@@ -3,13 +3,17 @@
 //! A [`Baseline`] is a JSON file, one row a line, so that a review of its diff shows what moved. Rows of a deterministic
 //! method are compared bit by bit on the machine type that made them, within a stated bound on another, and everything else
 //! by paired intervals against limits that repeated runs gave ([`Limit`]). Any change that counts is drift, for better or
-//! worse: it has to be looked at and [accepted](Baseline::accept) with a reason. [`probe`] says which stage it was.
+//! worse: it has to be looked at and [accepted](Baseline::accept) with a reason. [`DriftReport::data`] says which pictures
+//! are others, and [`probe`] which stage does something else. Where nothing could be compared the verdict is
+//! [`Verdict::Nothing`], not the same.
 
 mod baseline;
 mod bounds;
 mod compare;
+mod data;
 mod display;
 mod error;
+mod figures;
 mod history;
 mod limits;
 mod numbers;
@@ -22,6 +26,7 @@ mod tests;
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
 pub use bounds::metric_bound;
 pub use compare::compare;
+pub use data::{ChangedPicture, DataComparison, PictureDigest, PictureRole};
 pub use error::DriftError;
 pub use history::{Acceptance, date};
 pub use limits::{Limit, least_limit};

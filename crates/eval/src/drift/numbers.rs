@@ -3,7 +3,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use atsplat_protocol::Aggregation;
 use serde::{Deserialize, Serialize};
 
-use super::probe::Attribution;
+use super::probe::Stage;
 use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
 use crate::Results;
 use crate::statistics::{Outcome, Picked, score_of, summary_of};
@@ -62,7 +62,7 @@ pub struct HistoricRun {
     pub verdict: Option<Verdict>,
     /// Mean less that baseline's.
     pub moved: Option<f64>,
-    /// Why it was accepted; of the present run, the first stage that changed on the probe.
+    /// Why it was accepted; of the present run, the first stage that changed.
     pub why: Option<String>,
 }
 
@@ -156,7 +156,6 @@ fn history(
     }
     let unknown = baseline.history.len().saturating_sub(runs.len());
     if let Some((mean, interval)) = now.get(&(preset.clone(), method.clone(), metric.clone())) {
-        let stage = report.attribution.as_ref().and_then(Attribution::first);
         runs.push(HistoricRun {
             label: "now".to_owned(),
             mean: *mean,
@@ -164,7 +163,7 @@ fn history(
             limits: before.map(|before| around(before.mean, comparison.limit)),
             verdict: Some(*verdict),
             moved: before.map(|before| mean - before.mean),
-            why: stage.map(|stage| stage.name().to_owned()),
+            why: report.first_stage().map(Stage::name).map(str::to_owned),
         });
     }
     let (preset, method, metric) = (preset.clone(), method.clone(), metric.clone());

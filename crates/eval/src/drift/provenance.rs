@@ -61,7 +61,7 @@ fn facts(provenance: &Provenance) -> BTreeMap<String, String> {
         put(of("backend"), method.backend.clone());
         put(of("deterministic"), Some(method.deterministic.to_string()));
         for (name, value) in &method.parameters {
-            put(of(name), Some(value.to_string()));
+            each_field(&of(name), value, &mut put);
         }
     }
     for metric in metrics {
@@ -71,4 +71,25 @@ fn facts(provenance: &Provenance) -> BTreeMap<String, String> {
         put(of("absent"), metric.absent.clone());
     }
     facts
+}
+
+/// A parameter's fields one by one, so that a difference shows the field and not the whole of it.
+fn each_field(name: &str, value: &serde_json::Value, put: &mut impl FnMut(String, Option<String>)) {
+    match value {
+        serde_json::Value::Object(fields) => {
+            fields.iter().for_each(|(field, value)| each_field(&format!("{name}.{field}"), value, put));
+        }
+        serde_json::Value::String(text) => put(name.to_owned(), Some(text.clone())),
+        serde_json::Value::Number(number) => put(name.to_owned(), Some(plain(number))),
+        other => put(name.to_owned(), Some(other.to_string())),
+    }
+}
+
+/// A number with the digits that it was written with: one that went through f32 has no more than those.
+fn plain(number: &serde_json::Number) -> String {
+    let Some(value) = number.as_f64().filter(|_| number.is_f64()) else { return number.to_string() };
+    #[expect(clippy::cast_possible_truncation, reason = "the question is whether f32 holds it")]
+    let single = value as f32;
+    let same = f64::from(single).to_bits() == value.to_bits();
+    if same { single.to_string() } else { value.to_string() }
 }

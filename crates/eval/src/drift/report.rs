@@ -1,8 +1,11 @@
+use std::cmp::Ordering;
+
+use atsplat_metrics::Direction;
 use serde::{Deserialize, Serialize};
 
-use super::Difference;
-use super::probe::Attribution;
-use crate::statistics::Paired;
+use super::probe::{Attribution, Stage, StageVerdict};
+use super::{DataComparison, Difference};
+use crate::statistics::{Paired, direction};
 
 /// What became of a baseline's numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -14,6 +17,8 @@ pub struct DriftReport {
     pub comparisons: Vec<Comparison>,
     /// What changed beside scores.
     pub findings: Vec<Finding>,
+    /// The pictures that the numbers were made from.
+    pub data: DataComparison,
     /// What decides numbers and was otherwise.
     pub differences: Vec<Difference>,
     /// Which stage moved a probe's numbers; `None` where no probe was run.
@@ -30,6 +35,8 @@ pub enum Verdict {
     Same,
     /// What moved stays within its bound or limit.
     Within,
+    /// There was nothing to compare.
+    Nothing,
     /// Something moved.
     Drifted,
 }
@@ -76,6 +83,17 @@ pub struct Comparison {
     pub limit: Option<f64>,
 }
 
+impl Comparison {
+    /// Whether the mean moved for the better, by the metric's direction; `None` where it did not move.
+    pub fn sense(&self) -> Option<bool> {
+        match (direction(&self.metric), self.paired.as_ref()?.difference.partial_cmp(&0.0)?) {
+            (_, Ordering::Equal) => None,
+            (Direction::Higher, order) => Some(order == Ordering::Greater),
+            (Direction::Lower, order) => Some(order == Ordering::Less),
+        }
+    }
+}
+
 /// Something that changed beside a score, counted.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -108,14 +126,16 @@ pub enum FindingKind {
     Trial,
     /// Targets that were compared and now failed, or the other way round.
     Status,
-    /// Truths of other samples: decoding, resizing or the data.
-    Truth,
+    /// Context or target pictures of other samples: the data, decoding or resizing.
+    Data,
     /// Renders of other bits.
     Render,
     /// Trials of other token or Gaussian counts.
     Count,
     /// Scores that were there and are no longer computed.
     Score,
+    /// Scores that the baseline does not have; no drift, but not watched either.
+    NewScore,
 }
 
 impl FindingKind {
@@ -127,10 +147,11 @@ impl FindingKind {
             Self::New => "targets are new",
             Self::Trial => "trials ask another question",
             Self::Status => "targets ended otherwise",
-            Self::Truth => "truths are other pictures",
+            Self::Data => "pictures are others",
             Self::Render => "renders have other bits",
             Self::Count => "trials have other counts of tokens or Gaussians",
             Self::Score => "scores are no longer computed",
+            Self::NewScore => "scores are new",
         }
     }
 }
@@ -141,13 +162,25 @@ impl DriftReport {
         self.verdict == Verdict::Drifted
     }
 
+    /// The first stage that changed: where to look. Other pictures are the data's change unless decoding or resizing changed
+    /// on the probe, which alone may make other pictures of the same files.
+    pub fn first_stage(&self) -> Option<Stage> {
+        let probed = self.attribution.as_ref().and_then(Attribution::first);
+        let explained = matches!(probed, Some(Stage::Decode | Stage::Resize));
+        if self.data.verdict() == StageVerdict::Changed && !explained { Some(Stage::Data) } else { probed }
+    }
+
     /// The same, with what a probe says of stages.
     #[must_use]
     pub fn with_attribution(self, attribution: Result<Attribution, super::DriftError>) -> Self {
         match attribution {
             Ok(attribution) => {
-                let found = if attribution.first().is_some() { Verdict::Drifted } else { Verdict::Same };
-                Self { verdict: self.verdict.max(found), attribution: Some(attribution), ..self }
+                let found = attribution.stages.iter().map(|stage| match stage.verdict {
+                    StageVerdict::Same => Verdict::Same,
+                    StageVerdict::Empty => Verdict::Nothing,
+                    StageVerdict::Changed => Verdict::Drifted,
+                });
+                Self { verdict: found.fold(self.verdict, Verdict::max), attribution: Some(attribution), ..self }
             }
             Err(error) => Self { verdict: Verdict::Drifted, not_attributed: Some(error.to_string()), ..self },
         }

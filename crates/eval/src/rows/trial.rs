@@ -27,6 +27,10 @@ pub struct TrialRow {
     pub detail: Option<String>,
     /// Frames that the method was given.
     pub context: Vec<u64>,
+    /// SHA-256 of the samples of the pictures of these frames, decoded and preprocessed, in the same order; empty where one
+    /// could not be read, and in stores of schema 1.
+    #[serde(default)]
+    pub context_hashes: Vec<String>,
     /// How many targets it was asked for.
     pub targets: u32,
     /// Overlap of the context views, where the index has one.

@@ -286,6 +286,7 @@ impl Made {
             status,
             detail,
             context: trial.context().iter().map(|view| view.frame as u64).collect(),
+            context_hashes: decoded.context.iter().flatten().map(|picture| hash_of_bytes(picture)).collect(),
             targets: super::walk::number(rows.len()),
             overlap: trial.entry().overlap.as_ref().map(|overlap| overlap.value),
             width: size.map(|size| size.width).unwrap_or_default(),

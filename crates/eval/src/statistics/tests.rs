@@ -186,6 +186,34 @@ fn pairs_match_targets_and_know_the_metric_s_direction() {
     assert_eq!(paired(&made, &of("a"), &of("nobody")), None);
 }
 
+/// Three scenes of four with more of the metric, one with less: three wins where higher is better, one where lower is.
+#[test]
+fn wins_are_scenes_that_are_better_whichever_way_that_is() {
+    for (metric, expected) in [
+        ("psnr", [3, 0, 1]),
+        ("ssim", [3, 0, 1]),
+        ("lpips", [1, 0, 3]),
+        ("st-lpips", [1, 0, 3]),
+        ("l1", [1, 0, 3]),
+        ("depth-error", [1, 0, 3]),
+    ] {
+        let scenes = ["w", "x", "y", "z"].map(|scene| (scene, 0, vec![0.5]));
+        let b = results("b", metric, &scenes);
+        let mut a = results("a", metric, &scenes);
+        for (row, by) in a.targets.iter_mut().zip([0.1, 0.1, 0.1, -0.2]) {
+            row.scores.values_mut().for_each(|score| *score += by);
+        }
+        let of = |method| Question { metric, ..question(method) };
+        let found = paired_between((&a, &of("a")), (&b, &of("b"))).unwrap();
+        assert_eq!([found.wins, found.ties, found.losses], expected, "{metric}");
+        Tolerance::F64.assert([found.difference], [0.025], "the difference has no direction");
+        let swapped = paired_between((&b, &of("b")), (&a, &of("a"))).unwrap();
+        assert_eq!([swapped.losses, swapped.ties, swapped.wins], expected, "{metric}, swapped");
+        // Of four fair coins, one or fewer (or three or more) of a side: 2 · (1 + 4) / 16.
+        Tolerance::F64.assert([found.sign_test, swapped.sign_test], [0.625; 2], "sign test");
+    }
+}
+
 #[test]
 fn distances_are_means_over_scenes() {
     let mut made = psnr(&[("a", 0, vec![20.0, 22.0, 10.0]), ("b", 0, vec![30.0])]);

@@ -18,6 +18,7 @@ fn trial(scene: &str) -> TrialRow {
         status: TrialStatus::Partial,
         detail: Some("1 of 2 failed".to_owned()),
         context: vec![9, 126],
+        context_hashes: vec!["nine".to_owned(), "one hundred and twenty-six".to_owned()],
         targets: 2,
         overlap: None,
         width: 256,

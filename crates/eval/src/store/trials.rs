@@ -36,6 +36,7 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
         .optional_count("peak-bytes", |row| row.peak_bytes)
         .texts("effects", |row| row.effects.iter().map(String::as_str).collect())
         .texts("notes", |row| row.notes.iter().map(String::as_str).collect())
+        .texts("context-hashes", |row| row.context_hashes.iter().map(String::as_str).collect())
 }
 
 pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
@@ -50,8 +51,9 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
     let [encode_samples, render_samples, stage_secs] =
         ["encode-samples", "render-samples", "stage-secs"].map(|name| table.lists_of_numbers(name));
     let mut samples = [encode_samples?, render_samples?, stage_secs?];
-    let [stages, effects, notes] = ["stages", "effects", "notes"].map(|name| table.lists_of_texts(name));
-    let mut texts = [stages?, effects?, notes?];
+    let [stages, effects, notes, context_hashes] =
+        ["stages", "effects", "notes", "context-hashes"].map(|name| table.lists_of_texts(name));
+    let mut texts = [stages?, effects?, notes?, context_hashes?];
     let mut rows = Vec::with_capacity(keys.len());
     for (at, key) in keys.into_iter().enumerate() {
         let small = |name, values: &[Option<u64>]| small(table, name, at, values);
@@ -59,7 +61,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
         let [overlap, gaussians_drawn, read, encode, render, score] =
             numbers.each_ref().map(|values| value(values, at));
         let [encode_samples, render_samples, stage_secs] = samples.each_mut().map(|lists| taken(lists, at));
-        let [stages, effects, notes] = texts.each_mut().map(|lists| taken(lists, at));
+        let [stages, effects, notes, context_hashes] = texts.each_mut().map(|lists| taken(lists, at));
         let name = needed(table, "status", at, &status)?;
         let status = TrialStatus::named(&name)
             .ok_or_else(|| table.wrong("status", at, "the name of a trial's status", &name))?;
@@ -72,6 +74,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
             status,
             detail: value(&detail, at),
             context: taken(&mut context, at),
+            context_hashes,
             targets: small("targets", &targets)?,
             overlap,
             width: small("width", &width)?,

@@ -22,6 +22,8 @@ pub(crate) struct Walls {
     pub(crate) frames: usize,
     /// Scenes whose picture of this frame is no picture.
     pub(crate) damaged: Option<(usize, usize)>,
+    /// A scene's frame whose picture is another one than the camera sees: by so much brighter, or darker.
+    pub(crate) brighter: Option<(usize, usize, i16)>,
     /// Whether each seventh frame's picture is listed and not there.
     pub(crate) gaps: bool,
     /// Pictures, by scene and frame, that show another scene.
@@ -30,8 +32,14 @@ pub(crate) struct Walls {
 
 impl Walls {
     pub(crate) fn new(scenes: usize, frames: usize) -> Self {
-        let keys = (0..scenes).map(|scene| format!("wall-{scene}")).collect();
-        Self { keys, frames, damaged: None, gaps: false, replaced: Vec::new() }
+        Self {
+            keys: (0..scenes).map(|scene| format!("wall-{scene}")).collect(),
+            frames,
+            damaged: None,
+            brighter: None,
+            gaps: false,
+            replaced: Vec::new(),
+        }
     }
 }
 
@@ -64,8 +72,14 @@ impl SceneSource for Walls {
         let scene = self.keys.iter().position(|known| known == key);
         let scene = scene.ok_or_else(|| SceneError::UnknownScene { key: key.to_owned(), path: "walls".into() })?;
         let frame = |frame: usize| {
-            let shown = if self.replaced.contains(&(scene, frame)) { scene + 100 } else { scene };
-            let mut png = encode_png(&picture(shown, frame)).unwrap();
+            let seen = if self.replaced.contains(&(scene, frame)) { scene + 100 } else { scene };
+            let mut shown = picture(seen, frame);
+            if let Some((.., by)) = self.brighter.filter(|(of, at, _)| (*of, *at) == (scene, frame)) {
+                let samples = shown.samples().iter();
+                let samples = samples.map(|sample| u8::try_from((i16::from(*sample) + by).clamp(0, 255)).unwrap());
+                shown = ImageU8::new(SIZE.width, SIZE.height, samples.collect()).unwrap();
+            }
+            let mut png = encode_png(&shown).unwrap();
             if self.damaged == Some((scene, frame)) {
                 let middle = png.len() / 2;
                 png.truncate(middle);

@@ -10,6 +10,7 @@ pub fn of_drift(history: &NumberHistory) -> Option<Drawing> {
     let verdict = match verdict {
         Verdict::Same => "no number moved",
         Verdict::Within => "within limits",
+        Verdict::Nothing => "nothing compared",
         Verdict::Drifted => "drifted",
     };
     let gap = match unknown {

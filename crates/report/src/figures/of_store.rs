@@ -81,7 +81,7 @@ impl<'a> View<'a> {
         let own = bins.foreign(estimators).map(|_| OverlapBins::thirds(&overlaps, &estimators.join(" and ")));
         let by = own.as_ref().and_then(OverlapBins::estimator);
         let by = by.map_or_else(String::new, |estimator| format!("; overlaps by {estimator}, a third in each bin"));
-        let bins = own.unwrap_or(bins);
+        let bins = own.as_ref().unwrap_or(bins);
         let (low, high) = (*bins.edges().first()?, *bins.edges().last()?);
         let edges: Vec<f64> = (0..=STEPS).map(|step| low + (high - low) * step as f64 / STEPS as f64).collect();
         let fine =

@@ -16,7 +16,7 @@ use crate::drift::DriftError;
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Attribution {
-    /// Every stage, in the order of the data.
+    /// Every stage of [`Stage::PROBED`], in the order of the data.
     pub stages: Vec<StageChange>,
     /// Every metric of the probe.
     pub metrics: Vec<MetricEffect>,
@@ -29,7 +29,7 @@ pub struct StageChange {
     /// Which stage.
     pub stage: Stage,
     /// Whether more than what machines may differ by is different.
-    pub changed: bool,
+    pub verdict: StageVerdict,
     /// Values that differ at all.
     pub differing: u64,
     /// Values then.
@@ -38,6 +38,18 @@ pub struct StageChange {
     pub values_now: u64,
     /// Largest difference of a value; NaN where one is.
     pub largest: f64,
+}
+
+/// Whether a stage does what it did.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum StageVerdict {
+    /// Values were compared, and they are the same.
+    Same,
+    /// There was no value to compare.
+    Empty,
+    /// Something else comes out.
+    Changed,
 }
 
 /// A metric's way from the baseline's number to today's, stage by stage.
@@ -57,7 +69,7 @@ pub struct MetricEffect {
 impl Attribution {
     /// The first stage that changed: where to look.
     pub fn first(&self) -> Option<Stage> {
-        self.stages.iter().find(|stage| stage.changed).map(|stage| stage.stage)
+        self.stages.iter().find(|stage| stage.verdict == StageVerdict::Changed).map(|stage| stage.stage)
     }
 }
 
@@ -85,7 +97,7 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
         of_renders(&renders, &stages.splat(&inputs.sheet, &sheet_view()?)?),
         of_scores(&scores),
     ];
-    let changes = Stage::ALL.into_iter().zip(&alone);
+    let changes = Stage::PROBED.into_iter().zip(&alone);
     let changes = changes.map(|(stage, now)| change(stage, &baseline.values(stage), now, same_machine)).collect();
 
     let from_gaussians = |gaussians: &Gaussians, views: &[View]| {
@@ -116,15 +128,22 @@ fn change(stage: Stage, then: &[f64], now: &[f64], same_machine: bool) -> StageC
     let size = then.iter().fold(0.0, |size: f64, value| size.maximum_of(value.abs()));
     let tolerance = match stage {
         _ if same_machine => Tolerance::EXACT,
-        Stage::Decode | Stage::Resize => Tolerance::EXACT,
+        Stage::Data | Stage::Decode | Stage::Resize => Tolerance::EXACT,
         Stage::Model => Tolerance::absolute(1e-3 * size),
         Stage::Splatter => Tolerance::absolute(1e-4),
         Stage::Metric => Tolerance::relative(1e-9),
     };
     let pairs = || then.iter().zip(now);
+    let verdict = if tolerance.check(now.iter().copied(), then.iter().copied()).is_err() {
+        StageVerdict::Changed
+    } else if then.is_empty() {
+        StageVerdict::Empty
+    } else {
+        StageVerdict::Same
+    };
     StageChange {
         stage,
-        changed: tolerance.check(now.iter().copied(), then.iter().copied()).is_err(),
+        verdict,
         differing: pairs().filter(|(a, b)| !Tolerance::EXACT.accepts(**a, **b)).count() as u64
             + then.len().abs_diff(now.len()) as u64,
         values: then.len() as u64,

@@ -1,7 +1,8 @@
 //! A probe: one tiny trial whose every stage a baseline remembers, so that a moved number can be traced to its stage.
 //!
 //! Five stages turn [`Inputs`] into scores: decode, resize, model, splatter, metric. A baseline holds what each gave
-//! ([`Outputs`]); [`attribute`] runs today's stages on yesterday's outputs.
+//! ([`Outputs`]); [`attribute`] runs today's stages on yesterday's outputs. The inputs are the baseline's own, so the stage
+//! before them, the data, is not the probe's: [`super::DataComparison`] has it from the rows of the runs themselves.
 
 mod attribution;
 mod container;
@@ -15,7 +16,7 @@ mod tests;
 
 use serde::{Deserialize, Serialize};
 
-pub use attribution::{Attribution, MetricEffect, StageChange, attribute};
+pub use attribution::{Attribution, MetricEffect, StageChange, StageVerdict, attribute};
 pub use inputs::{Inputs, View};
 pub use outputs::{Fingerprint, Outputs, run};
 pub use pipeline::Pipeline;
@@ -27,6 +28,8 @@ use super::DriftError;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
+    /// The files themselves; not on the probe, which brings its own.
+    Data,
     /// Bytes of files into pictures.
     Decode,
     /// Pictures and intrinsics into those of the protocol.
@@ -40,12 +43,13 @@ pub enum Stage {
 }
 
 impl Stage {
-    /// All, in the order of the data.
-    pub const ALL: [Self; 5] = [Self::Decode, Self::Resize, Self::Model, Self::Splatter, Self::Metric];
+    /// Those that a probe runs, in the order of the data.
+    pub const PROBED: [Self; 5] = [Self::Decode, Self::Resize, Self::Model, Self::Splatter, Self::Metric];
 
     /// The name in files.
     pub const fn name(self) -> &'static str {
         match self {
+            Self::Data => "data",
             Self::Decode => "decode",
             Self::Resize => "resize",
             Self::Model => "model",

@@ -105,7 +105,7 @@ impl Outputs {
 
     /// Every stage's fingerprint.
     pub fn fingerprints(&self) -> Vec<Fingerprint> {
-        Stage::ALL.map(|stage| fingerprint(stage, &self.values(stage))).to_vec()
+        Stage::PROBED.map(|stage| fingerprint(stage, &self.values(stage))).to_vec()
     }
 
     /// The mean over targets of each score.
@@ -116,6 +116,7 @@ impl Outputs {
     /// A stage's output as a list of numbers.
     pub(super) fn values(&self, stage: Stage) -> Vec<f64> {
         match stage {
+            Stage::Data => self.inputs.files.iter().flatten().map(|&byte| f64::from(byte)).collect(),
             Stage::Decode => of_pictures(&self.decoded),
             Stage::Resize => of_views(&self.views),
             Stage::Model => of_gaussians(&self.gaussians),

@@ -26,7 +26,7 @@ fn attribution(stages: &dyn Stages) -> Attribution {
 }
 
 fn changed(found: &Attribution) -> Vec<Stage> {
-    found.stages.iter().filter(|stage| stage.changed).map(|stage| stage.stage).collect()
+    found.stages.iter().filter(|stage| stage.verdict == StageVerdict::Changed).map(|stage| stage.stage).collect()
 }
 
 /// The effects sum up, and those of all stages but one are nothing.

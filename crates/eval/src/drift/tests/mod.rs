@@ -6,6 +6,10 @@ use super::*;
 use crate::sample_rows::{PRESET, results};
 use crate::{MethodRecord, PresetRecord, Results, TargetStatus};
 
+mod data;
+mod planted;
+mod senses;
+
 fn acceptance(reason: &str) -> Acceptance {
     Acceptance { date: date(0), reason: reason.to_owned(), atsplat: "0.1.0".to_owned(), commit: None }
 }
@@ -96,6 +100,7 @@ fn what_changes_beside_scores_is_found() {
     let baseline = Baseline::new(&made, &[], acceptance("first"));
     let mut now = made.clone();
     now.targets[0].truth_hash = Some("other".to_owned());
+    now.targets[4].scores.insert("ssim".to_owned(), 0.5);
     now.targets[1].status = TargetStatus::Failed;
     now.targets[2].scores.clear();
     now.targets[11].target = 9;
@@ -105,19 +110,61 @@ fn what_changes_beside_scores_is_found() {
     let report = compare(&now, &baseline);
     let expected = [
         (FindingKind::Protocol, Verdict::Drifted, 1),
+        (FindingKind::Data, Verdict::Drifted, 1),
         (FindingKind::Missing, Verdict::Drifted, 1),
         (FindingKind::New, Verdict::Within, 1),
         (FindingKind::Trial, Verdict::Drifted, 1),
         (FindingKind::Status, Verdict::Drifted, 1),
-        (FindingKind::Truth, Verdict::Drifted, 1),
         (FindingKind::Count, Verdict::Drifted, 1),
         (FindingKind::Score, Verdict::Drifted, 1),
+        (FindingKind::NewScore, Verdict::Within, 1),
     ];
     assert_eq!(kinds(&report), expected, "{report}");
     assert!(report.differences.iter().any(|difference| difference.what == format!("preset {PRESET}, hash")));
     let nothing = compare(&Results::default(), &baseline);
     assert_eq!(kinds(&nothing), [(FindingKind::Missing, Verdict::Drifted, 12)]);
     assert!(nothing.drifted() && nothing.comparisons[0].paired.is_none(), "{nothing}");
+    assert_eq!(nothing.comparisons[0].verdict, Verdict::Nothing, "an empty comparison is not the same");
+}
+
+#[test]
+fn nothing_compared_is_not_the_same() {
+    let empty = Baseline::new(&Results::default(), &[], acceptance("nothing"));
+    let report = compare(&Results::default(), &empty);
+    assert_eq!((report.verdict, report.drifted()), (Verdict::Nothing, false), "{report}");
+    assert!(report.to_string().ends_with("Verdict: nothing compared\n"), "{report}");
+    let report = compare(&store(true, 4, 0.0, 1), &empty);
+    assert_eq!(kinds(&report), [(FindingKind::New, Verdict::Within, 12)]);
+    assert_eq!(report.verdict, Verdict::Nothing, "what is new was compared with nothing");
+    // Everything failed then, and again.
+    let mut failed = store(true, 4, 0.0, 1);
+    for row in &mut failed.targets {
+        row.status = TargetStatus::Failed;
+        row.scores.clear();
+    }
+    let report = compare(&failed, &Baseline::new(&failed, &[], acceptance("failures")));
+    assert_eq!((report.verdict, report.findings.len()), (Verdict::Nothing, 0), "{report}");
+}
+
+#[test]
+fn numbers_print_as_a_person_writes_them() {
+    let mut made = store(true, 12, 0.0, 1);
+    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score = 21.969_999_999));
+    let parameters = |threshold: f32| {
+        let json = serde_json::json!({ "thresholds": { "first": f64::from(threshold) }, "name": "small" });
+        [("configuration".to_owned(), json)].into_iter().collect()
+    };
+    made.provenance.methods[0].parameters = parameters(0.05);
+    let baseline = Baseline::new(&made, &[], acceptance("first"));
+    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 0.125));
+    made.provenance.methods[0].parameters = parameters(0.1);
+    let report = compare(&made, &baseline).to_string();
+    for part in ["21.97 dB", "21.84 dB", "-0.125 dB", "largest change 0.12 dB at scene 000 0 frame 0", "DRIFTED, worse"]
+    {
+        assert!(report.contains(part), "{part}: {report}");
+    }
+    assert!(report.contains("method m, configuration.thresholds.first: 0.05 was, 0.1 is"), "{report}");
+    assert!(!report.contains("name"), "what is the same is not listed: {report}");
 }
 
 /// Runs that scatter as those behind the limits did raise no alarm; a shift well beyond does.
@@ -132,12 +179,12 @@ fn ten_noisy_runs_raise_no_alarm_and_a_shift_does() {
         let report = compare(&run(seed), &baseline);
         assert_eq!((report.verdict, report.comparisons[0].basis), (Verdict::Within, Basis::Interval), "{report}");
     }
-    let mut shifted = run(30);
-    shifted
-        .targets
-        .iter_mut()
-        .for_each(|row| row.scores.values_mut().for_each(|score| *score += 2.0 * limit.limit + 0.3));
-    assert!(compare(&shifted, &baseline).drifted());
+    for side in [-1.0, 1.0] {
+        let mut shifted = run(30);
+        let by = side * (2.0 * limit.limit + 0.3);
+        shifted.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+        assert!(compare(&shifted, &baseline).drifted(), "{by}");
+    }
 }
 
 #[test]
@@ -155,10 +202,10 @@ fn files_keep_every_bit_and_the_history() {
     assert_eq!(reasons, ["first", "a better filter"]);
     let text = std::fs::read_to_string(&path).unwrap();
     let rows = text.lines().filter(|line| line.contains("\"scene 001\"")).count();
-    assert_eq!(rows, 1 + 3, "a row a line:\n{text}");
+    assert_eq!(rows, 4 + 1 + 3, "a row a line, and a line a picture:\n{text}");
     assert_eq!(second.read_probe(&path).unwrap(), None);
     for broken in [
-        text.replace("\"format\": 2", "\"format\": 3"),
+        text.replace("\"format\": 3", "\"format\": 4"),
         text.replace("\"limits\"", "\"limit\""),
         text[..text.len() / 2].to_owned(),
     ] {
@@ -202,7 +249,7 @@ fn every_acceptance_leaves_its_numbers() {
     let text = std::fs::read_to_string(&path).unwrap();
     let (head, rest) = text.split_once("  \"numbers\": [").unwrap();
     let (_, tail) = rest.split_once("],\n").unwrap();
-    std::fs::write(&path, format!("{head}{tail}").replace("\"format\": 2", "\"format\": 1")).unwrap();
+    std::fs::write(&path, format!("{head}{tail}").replace("\"format\": 3", "\"format\": 1")).unwrap();
     let old = Baseline::read(&path).unwrap();
     assert_eq!((&old.trials, &old.targets), (&third.trials, &third.targets));
     let found = history(&old.accept(&moved(0.0), &[], acceptance("back")));

@@ -1,0 +1,159 @@
+//! The pictures behind the numbers: which of them are not those of the baseline.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use serde::{Deserialize, Serialize};
+
+use super::probe::StageVerdict;
+use super::{Baseline, BaselineTarget};
+use crate::{Results, TrialKey};
+
+/// A picture as trials used it, decoded and preprocessed.
+#[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct PictureDigest {
+    /// Name of the preset.
+    pub preset: String,
+    /// Key of the scene.
+    pub scene: String,
+    /// Position of the frame in the scene.
+    pub frame: u64,
+    /// SHA-256 of its samples.
+    pub sha256: String,
+}
+
+/// The pictures of results against those of a baseline.
+#[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct DataComparison {
+    /// Pictures whose digest both know.
+    pub compared: u64,
+    /// Those of them that are other pictures now, in the order of preset, scene and frame.
+    pub changed: Vec<ChangedPicture>,
+    /// Pictures of scenes that both have, whose digest only one of them knows.
+    pub unknown: u64,
+}
+
+/// A picture that is not the baseline's.
+#[derive(Clone, Debug, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct ChangedPicture {
+    /// Name of the preset.
+    pub preset: String,
+    /// Key of the scene.
+    pub scene: String,
+    /// Position of the frame in the scene.
+    pub frame: u64,
+    /// What it is used as; both where a target is also a context frame.
+    pub roles: BTreeSet<PictureRole>,
+}
+
+/// What a picture is used as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum PictureRole {
+    /// A method is given it.
+    Context,
+    /// A render is compared with it.
+    Target,
+}
+
+impl PictureRole {
+    /// The name in reports.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Context => "context",
+            Self::Target => "target",
+        }
+    }
+}
+
+impl DataComparison {
+    /// Nothing compared is not the same.
+    pub fn verdict(&self) -> StageVerdict {
+        match (self.changed.is_empty(), self.compared) {
+            (false, _) => StageVerdict::Changed,
+            (true, 0) => StageVerdict::Empty,
+            (true, _) => StageVerdict::Same,
+        }
+    }
+}
+
+/// Compares the pictures of scenes that both have.
+pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataComparison {
+    let then = by_place(&baseline.pictures);
+    let listed = pictures_of(results);
+    let now = by_place(&listed);
+    let roles = roles_of(results);
+    let scenes = |keys: &mut dyn Iterator<Item = &TrialKey>| -> BTreeSet<(String, String)> {
+        keys.map(|key| (key.preset.clone(), key.scene.clone())).collect()
+    };
+    let known = scenes(&mut baseline.trials.iter().map(|trial| &trial.key));
+    let present = scenes(&mut results.trials.iter().map(|trial| &trial.key));
+    let shared = |(preset, scene, _): &&Place| {
+        let scene = (preset.clone(), scene.clone());
+        known.contains(&scene) && present.contains(&scene)
+    };
+    let places: BTreeSet<&Place> = then.keys().chain(now.keys()).collect();
+    let mut found = DataComparison::default();
+    for place in places.into_iter().filter(shared) {
+        match (then.get(place), now.get(place)) {
+            (Some(then), Some(now)) => {
+                found.compared += 1;
+                if then != now {
+                    let (preset, scene, frame) = place.clone();
+                    let roles = roles.get(place).cloned().unwrap_or_default();
+                    found.changed.push(ChangedPicture { preset, scene, frame, roles });
+                }
+            }
+            _ => found.unknown += 1,
+        }
+    }
+    found
+}
+
+/// Every picture of a run once, in order.
+pub(super) fn pictures_of(results: &Results) -> Vec<PictureDigest> {
+    let context = results.trials.iter().flat_map(|trial| {
+        let digest = |(frame, sha256): (&u64, &String)| digest(&trial.key, *frame, sha256);
+        trial.context.iter().zip(&trial.context_hashes).map(digest)
+    });
+    let targets = results.targets.iter().filter_map(|row| Some(digest(&row.key, row.frame, row.truth_hash.as_ref()?)));
+    unique(context.chain(targets))
+}
+
+/// What a baseline from before pictures were listed knows: its targets.
+pub(super) fn pictures_of_targets(targets: &[BaselineTarget]) -> Vec<PictureDigest> {
+    unique(targets.iter().filter_map(|row| Some(digest(&row.key, row.frame, row.truth_hash.as_ref()?))))
+}
+
+type Place = (String, String, u64);
+
+fn digest(key: &TrialKey, frame: u64, sha256: &str) -> PictureDigest {
+    PictureDigest { preset: key.preset.clone(), scene: key.scene.clone(), frame, sha256: sha256.to_owned() }
+}
+
+fn unique(pictures: impl Iterator<Item = PictureDigest>) -> Vec<PictureDigest> {
+    pictures.collect::<BTreeSet<_>>().into_iter().collect()
+}
+
+/// Digests by place. Methods that saw different pictures leave more than one, which is a change too.
+fn by_place(pictures: &[PictureDigest]) -> BTreeMap<Place, BTreeSet<&str>> {
+    let mut places: BTreeMap<Place, BTreeSet<&str>> = BTreeMap::new();
+    for PictureDigest { preset, scene, frame, sha256 } in pictures {
+        places.entry((preset.clone(), scene.clone(), *frame)).or_default().insert(sha256);
+    }
+    places
+}
+
+fn roles_of(results: &Results) -> BTreeMap<Place, BTreeSet<PictureRole>> {
+    let mut roles: BTreeMap<Place, BTreeSet<PictureRole>> = BTreeMap::new();
+    let mut add = |key: &TrialKey, frame: u64, role| {
+        roles.entry((key.preset.clone(), key.scene.clone(), frame)).or_default().insert(role);
+    };
+    for trial in &results.trials {
+        trial.context.iter().for_each(|frame| add(&trial.key, *frame, PictureRole::Context));
+    }
+    results.targets.iter().for_each(|row| add(&row.key, row.frame, PictureRole::Target));
+    roles
+}

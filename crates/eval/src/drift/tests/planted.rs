@@ -1,0 +1,141 @@
+//! A loss and a gain planted at every stage, the data among them: each is found, and its stage named.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_pixels::{Image, ImageU8, encode_png};
+use atsplat_splat::{Gaussians, RendererConstants};
+use sha2::{Digest as _, Sha256};
+
+use super::*;
+use crate::drift::probe::{Outputs, Stages, View};
+use crate::store::hexadecimal;
+
+/// The stages, of which one adds something to what it gives.
+struct Planted<'a> {
+    pipeline: &'a Pipeline,
+    stage: Option<Stage>,
+    amount: f32,
+}
+
+impl Planted<'_> {
+    fn brighter(&self, picture: &ImageU8, stage: Stage) -> ImageU8 {
+        let by = if self.stage == Some(stage) { self.amount } else { 0.0 };
+        brighter(picture, by)
+    }
+}
+
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "kept within a byte")]
+fn brighter(picture: &ImageU8, by: f32) -> ImageU8 {
+    let samples = picture.samples().iter().map(|sample| (f32::from(*sample) + 255.0 * by).clamp(0.0, 255.0) as u8);
+    ImageU8::new(picture.width(), picture.height(), samples.collect()).unwrap()
+}
+
+impl Stages for Planted<'_> {
+    fn decode(&self, bytes: &[u8]) -> Result<ImageU8, DriftError> {
+        Ok(self.brighter(&self.pipeline.decode(bytes)?, Stage::Decode))
+    }
+
+    fn resize(&self, view: &View) -> Result<View, DriftError> {
+        let resized = self.pipeline.resize(view)?;
+        Ok(View { picture: self.brighter(&resized.picture, Stage::Resize), ..resized })
+    }
+
+    fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
+        let made = self.pipeline.model(context)?;
+        if self.stage != Some(Stage::Model) {
+            return Ok(made);
+        }
+        let mut parts = made.parts().clone();
+        parts.sh.as_flattened_mut().iter_mut().for_each(|coefficient| *coefficient += self.amount);
+        Ok(Gaussians::new(parts).unwrap())
+    }
+
+    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
+        let render = self.pipeline.splat(gaussians, target)?;
+        let by = if self.stage == Some(Stage::Splatter) { self.amount } else { 0.0 };
+        let samples = render.samples().iter().map(|sample| sample + by).collect();
+        Ok(Image::new(render.width(), render.height(), samples).unwrap())
+    }
+
+    fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
+        let mut scores = self.pipeline.score(render, truth)?;
+        if self.stage == Some(Stage::Metric) {
+            scores.values_mut().for_each(|score| *score *= 1.0 + f64::from(self.amount));
+        }
+        Ok(scores)
+    }
+}
+
+/// The rows that a run on these inputs would leave.
+fn rows(outputs: &Outputs) -> Results {
+    let mut made = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
+    let digest = |view: &View| hexadecimal(&Sha256::digest(view.picture.samples()));
+    let digests: Vec<String> = outputs.views.iter().map(digest).collect();
+    let [first, second, target] = &digests[..] else { panic!("two context views and a target") };
+    (made.trials[0].context, made.trials[0].context_hashes) = (vec![4, 9], vec![first.clone(), second.clone()]);
+    (made.targets[0].frame, made.targets[0].truth_hash) = (6, Some(target.clone()));
+    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic: true, ..MethodRecord::default() });
+    made
+}
+
+fn inputs() -> Inputs {
+    Inputs::pattern(&RendererConstants::default()).unwrap()
+}
+
+/// Picture files of other brightness, of the views that are named.
+fn other_files(pipeline: &Pipeline, views: &[usize], by: f32) -> Inputs {
+    let mut inputs = inputs();
+    for view in views {
+        let picture = pipeline.decode(&inputs.files[*view]).unwrap();
+        inputs.files[*view] = encode_png(&brighter(&picture, by)).unwrap();
+    }
+    inputs
+}
+
+#[test]
+fn losses_and_gains_at_every_stage_are_found_and_named() {
+    let (recipe, inputs) = (Recipe::default(), inputs());
+    let pipeline = Pipeline::of(&recipe).unwrap();
+    let then = run(&pipeline, &inputs).unwrap();
+    let baseline = Baseline::new(&rows(&then), &[], acceptance("first"));
+    let report = |stage: Option<Stage>, amount: f32| {
+        let planted = Planted { pipeline: &pipeline, stage, amount };
+        let rows = match stage {
+            Some(Stage::Data) => rows(&run(&planted, &other_files(&pipeline, &[2], amount)).unwrap()),
+            _ => rows(&run(&planted, &inputs).unwrap()),
+        };
+        compare(&rows, &baseline).with_attribution(attribute(&planted, &then, true))
+    };
+    for stage in std::iter::once(Stage::Data).chain(Stage::PROBED) {
+        let mut senses = BTreeSet::new();
+        for amount in [-0.03, 0.03] {
+            let report = report(Some(stage), amount);
+            assert_eq!((report.verdict, report.first_stage()), (Verdict::Drifted, Some(stage)), "{amount}: {report}");
+            let conclusion = format!("The first stage that changed is the {}.", stage.name());
+            assert!(report.to_string().contains(&conclusion), "{stage:?} {amount}: {report}");
+            let comparison = &report.comparisons[0];
+            assert_eq!(comparison.verdict, Verdict::Drifted, "{stage:?} {amount}: {report}");
+            senses.insert(comparison.sense().unwrap());
+        }
+        assert_eq!(senses.len(), 2, "{stage:?}: one is a loss and one a gain");
+    }
+    for _ in 0..10 {
+        let calm = report(None, 0.0);
+        assert_eq!((calm.verdict, calm.first_stage(), calm.findings.len()), (Verdict::Same, None, 0), "{calm}");
+    }
+}
+
+/// One context picture, then the other, then all: each told by its frame, with no stage of the probe changed.
+#[test]
+fn changed_files_are_told_by_frame_and_no_stage_is_blamed() {
+    let pipeline = Pipeline::of(&Recipe::default()).unwrap();
+    let then = run(&pipeline, &inputs()).unwrap();
+    let baseline = Baseline::new(&rows(&then), &[], acceptance("first"));
+    for (views, frames) in [(&[0][..], &[4][..]), (&[1], &[9]), (&[2], &[6]), (&[0, 1, 2], &[4, 6, 9])] {
+        let now = run(&pipeline, &other_files(&pipeline, views, 0.02)).unwrap();
+        let report = compare(&rows(&now), &baseline).with_attribution(attribute(&pipeline, &then, true));
+        let found: Vec<u64> = report.data.changed.iter().map(|picture| picture.frame).collect();
+        assert_eq!((found, report.first_stage()), (frames.to_vec(), Some(Stage::Data)), "{report}");
+        assert_eq!(report.attribution.as_ref().unwrap().first(), None, "{report}");
+    }
+}

@@ -1,0 +1,177 @@
+//! Losses and gains, where higher is better and where lower is, on every basis; rows that are gone and rows that are new.
+
+use super::*;
+
+/// Per metric: a score to start from, and the limit of a mean without repeated runs (0.01 dB, half of the last digit that
+/// papers print of the others).
+const METRICS: [(&str, f64, f64); 4] =
+    [("psnr", 22.0, 0.01), ("ssim", 0.8, 0.0005), ("lpips", 0.2, 0.0005), ("l1", 0.05, 0.0005)];
+const BASES: [Basis; 3] = [Basis::Exact, Basis::Bound, Basis::Interval];
+
+/// Eight scenes of three targets, all with one score.
+fn level(metric: &str, score: f64, basis: Basis) -> Results {
+    let names: Vec<String> = (0..8).map(|scene| format!("scene {scene}")).collect();
+    let rows: Vec<_> = names.iter().map(|name| (name.as_str(), 0, vec![score; 3])).collect();
+    let mut made = results("m", metric, &rows);
+    made.targets.iter_mut().for_each(|row| row.render_hash = None);
+    let deterministic = basis != Basis::Interval;
+    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
+    made
+}
+
+/// A run whose scenes moved by what is said of each, against a baseline in which all are level.
+fn report(metric: &str, score: f64, basis: Basis, by: impl Fn(usize) -> f64) -> DriftReport {
+    let then = level(metric, score, basis);
+    let mut now = then.clone();
+    for (at, row) in now.targets.iter_mut().enumerate() {
+        row.scores.values_mut().for_each(|score| *score += by(at / 3));
+    }
+    if basis == Basis::Bound {
+        now.provenance.processor = "another".to_owned();
+    }
+    let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+    assert_eq!((report.comparisons.len(), report.comparisons[0].basis), (1, basis), "{report}");
+    report
+}
+
+/// Without spread the interval is the difference itself: what lies beyond the limit is drift, on either side.
+#[test]
+fn losses_and_gains_beyond_the_limit_are_drift_on_every_basis() {
+    for (metric, score, limit) in METRICS {
+        Tolerance::EXACT.assert([least_limit(metric)], [limit], metric);
+        for basis in BASES {
+            for by in [-1.5 * limit, 1.5 * limit] {
+                let report = report(metric, score, basis, |_| by);
+                let [comparison] = &report.comparisons[..] else { panic!("{report}") };
+                assert_eq!(report.verdict, Verdict::Drifted, "{metric} by {by} on {basis:?}: {report}");
+                let higher_is_better = matches!(metric, "psnr" | "ssim");
+                let better = (by > 0.0) == higher_is_better;
+                assert_eq!(comparison.sense(), Some(better), "{metric} by {by}");
+                let paired = comparison.paired.as_ref().unwrap();
+                let expected = if better { [8, 0, 0] } else { [0, 0, 8] };
+                assert_eq!([paired.wins, paired.ties, paired.losses], expected, "{metric} by {by}");
+                Tolerance::absolute(1e-12).assert([paired.difference, comparison.largest], [by, by.abs()], metric);
+                let words = if better { "DRIFTED, better" } else { "DRIFTED, worse" };
+                assert!(report.to_string().contains(words), "{metric} by {by}: {report}");
+            }
+        }
+    }
+}
+
+/// Half of the limit: drift where bits are promised, within where they are not.
+#[test]
+fn losses_and_gains_within_the_limit_count_where_bits_are_promised() {
+    for (metric, score, limit) in METRICS {
+        for (basis, expected) in
+            [(Basis::Exact, Verdict::Drifted), (Basis::Bound, Verdict::Within), (Basis::Interval, Verdict::Within)]
+        {
+            for by in [-0.5 * limit, 0.5 * limit] {
+                assert_eq!(report(metric, score, basis, |_| by).verdict, expected, "{metric} by {by} on {basis:?}");
+            }
+            assert_eq!(report(metric, score, basis, |_| 0.0).verdict, Verdict::Same, "{metric} on {basis:?}");
+        }
+    }
+}
+
+/// Two of eight scenes move so far that the mean lies beyond the limit, and the interval does not: no certainty, no drift.
+/// With all eight moving, by amounts that differ a little, there is.
+#[test]
+fn an_interval_that_reaches_into_the_limit_is_no_drift_on_either_side() {
+    for (metric, score, limit) in METRICS {
+        for side in [-1.0, 1.0] {
+            let few = report(metric, score, Basis::Interval, |scene| if scene < 2 { 8.0 * side * limit } else { 0.0 });
+            let paired = few.comparisons[0].paired.as_ref().unwrap();
+            assert!(side * paired.difference > limit, "the mean alone would be drift: {paired:?}");
+            assert_eq!(few.verdict, Verdict::Within, "{metric} {side}: {few}");
+            let all = report(metric, score, Basis::Interval, |scene| side * limit * (1.5 + 0.1 * scene as f64));
+            assert_eq!(all.verdict, Verdict::Drifted, "{metric} {side}: {all}");
+        }
+    }
+}
+
+/// One scene has no interval: the difference decides.
+#[test]
+fn a_single_scene_is_judged_by_its_difference() {
+    for side in [-1.0, 1.0] {
+        for (share, expected) in [(0.5, Verdict::Within), (1.5, Verdict::Drifted)] {
+            let mut then = level("psnr", 22.0, Basis::Interval);
+            then.targets.truncate(3);
+            then.trials.truncate(1);
+            let mut now = then.clone();
+            now.targets.iter_mut().for_each(|row| *row.scores.get_mut("psnr").unwrap() += side * share * 0.01);
+            let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+            assert!(report.comparisons[0].paired.as_ref().unwrap().interval.is_none());
+            assert_eq!(report.verdict, expected, "{side} {share}: {report}");
+        }
+    }
+}
+
+/// A loss that is larger than every gain is the one that is named, and the other way round.
+#[test]
+fn the_largest_change_is_named_whichever_way_it_goes() {
+    for (loss, gain, scene) in [(-0.5, 0.2, "scene 3"), (-0.2, 0.5, "scene 5")] {
+        let by = |at| match at {
+            3 => loss,
+            5 => gain,
+            _ => 0.0,
+        };
+        let report = report("psnr", 22.0, Basis::Exact, by);
+        let [comparison] = &report.comparisons[..] else { panic!("{report}") };
+        Tolerance::absolute(1e-12).assert([comparison.largest], [0.5], "largest");
+        assert_eq!((comparison.changed, comparison.largest_at.as_ref().unwrap().starts_with(scene)), (6, true));
+    }
+}
+
+/// The worst or the best scene disappears, on each basis: the rest is compared as before, and the gap is drift.
+#[test]
+fn missing_rows_are_drift_and_change_no_other_number() {
+    for basis in BASES {
+        for (metric, odd) in [("psnr", 5.0), ("psnr", 50.0), ("lpips", 0.01), ("lpips", 0.9)] {
+            let mut then = level(metric, if metric == "psnr" { 22.0 } else { 0.2 }, basis);
+            then.targets[0].scores.values_mut().for_each(|score| *score = odd);
+            let baseline = Baseline::new(&then, &[], acceptance("first"));
+            let mut now = then.clone();
+            now.targets.remove(0);
+            if basis == Basis::Bound {
+                now.provenance.processor = "another".to_owned();
+            }
+            let report = compare(&now, &baseline);
+            assert_eq!(kinds(&report), [(FindingKind::Missing, Verdict::Drifted, 1)], "{basis:?} {metric} {odd}");
+            let [comparison] = &report.comparisons[..] else { panic!("{report}") };
+            assert_eq!((report.verdict, comparison.verdict), (Verdict::Drifted, Verdict::Same), "{report}");
+            assert_eq!(comparison.baseline, comparison.now, "the missing target is in neither mean");
+            assert!(report.to_string().contains("targets are missing: 1, as scene 0 0 frame 0"), "{report}");
+            // A row that is there and has failed is no number either.
+            let mut failed = then.clone();
+            failed.targets[0].status = TargetStatus::Failed;
+            failed.targets[0].scores.clear();
+            failed.provenance.processor.clone_from(&now.provenance.processor);
+            let found = kinds(&compare(&failed, &baseline));
+            let expected = [FindingKind::Status, FindingKind::Score].map(|kind| (kind, Verdict::Drifted, 1));
+            assert_eq!(found, expected, "{basis:?} {metric} {odd}");
+        }
+    }
+}
+
+/// New scenes, however good or bad, are told and compared with nothing.
+#[test]
+fn new_rows_are_told_and_change_no_number() {
+    for basis in BASES {
+        for odd in [5.0, 50.0] {
+            let then = level("psnr", 22.0, basis);
+            let mut now = then.clone();
+            let more = results("m", "psnr", &[("scene 9", 0, vec![odd; 2])]);
+            now.trials.extend(more.trials);
+            now.targets.extend(more.targets);
+            if basis == Basis::Bound {
+                now.provenance.processor = "another".to_owned();
+            }
+            let report = compare(&now, &Baseline::new(&then, &[], acceptance("first")));
+            assert_eq!(kinds(&report), [(FindingKind::New, Verdict::Within, 2)], "{basis:?} {odd}");
+            let [comparison] = &report.comparisons[..] else { panic!("{report}") };
+            assert_eq!((report.verdict, comparison.verdict), (Verdict::Within, Verdict::Same), "{report}");
+            Tolerance::EXACT.assert([comparison.now.unwrap()], [22.0], "the mean over what both have");
+            assert_eq!(comparison.paired.as_ref().unwrap().targets, 24);
+        }
+    }
+}
