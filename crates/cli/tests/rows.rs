@@ -138,8 +138,8 @@ fn a_device_that_evaluations_do_not_use_is_refused() {
     let sweep = ["tradeoff", "sweep", "tiny.toml", "--data", "data", "--out", "store", "--sweep", "sweep.toml"];
     for words in [run, [&sweep, &network[..]].concat()] {
         let refused = atsplat(here, &[&words[..], &["wgpu"]].concat());
-        let told = refused.stderr.contains("--device wgpu: evaluations run on the central processor alone");
-        assert!(refused.code == 2 && told, "{} {}", refused.code, refused.stderr);
+        let message = refused.stderr.contains("--device wgpu: evaluations run on the central processor alone");
+        assert!(refused.code == 2 && message, "{} {}", refused.code, refused.stderr);
         assert!(!here.join("store").exists());
         let accepted = atsplat(here, &[&words[..], &["cpu"]].concat());
         assert_ne!(accepted.code, 2, "{}", accepted.stderr);
@@ -172,12 +172,12 @@ fn edited_configurations_of_weights_are_not_whole() {
         stored.metadata.remove("atsplat.metadata-sha256").unwrap();
         edit(stored);
     });
-    let told = succeed(here, &["weights", "verify", "whole.safetensors"]);
-    assert!(told.contains("whole: ") && !told.contains("no hash recorded"), "{told}");
+    let message = succeed(here, &["weights", "verify", "whole.safetensors"]);
+    assert!(message.contains("whole: ") && !message.contains("no hash recorded"), "{message}");
     let refused = atsplat(here, &["weights", "verify", "edited.safetensors"]);
     let named = refused.stderr.contains("configuration, provenance") && refused.stderr.contains("edited.safetensors");
     assert!(refused.code == 1 && named, "{}", refused.stderr);
     assert!(TensorFile::open(&edited).is_ok(), "its tensors are as they were");
-    let told = succeed(here, &["weights", "verify", "earlier.safetensors"]);
-    assert!(told.contains("no hash recorded") && !told.contains("whole"), "{told}");
+    let message = succeed(here, &["weights", "verify", "earlier.safetensors"]);
+    assert!(message.contains("no hash recorded") && !message.contains("whole"), "{message}");
 }

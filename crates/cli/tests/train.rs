@@ -171,8 +171,8 @@ fn nothing_is_no_run_to_go_on_with() {
     std::fs::create_dir(folder.path().join("empty")).unwrap();
     for out in ["empty", "absent"] {
         let refused = atsplat(folder.path(), &["train", "--config", "tiny.toml", "--out", out, "--resume"]);
-        let told = refused.stderr.contains("expected a run that was begun there") && refused.stderr.contains(out);
-        assert!(refused.code == 1 && told, "{}", refused.stderr);
+        let message = refused.stderr.contains("expected a run that was begun there") && refused.stderr.contains(out);
+        assert!(refused.code == 1 && message, "{}", refused.stderr);
     }
     assert!(!folder.path().join("absent").exists());
     assert_eq!(std::fs::read_dir(folder.path().join("empty")).unwrap().count(), 0);
@@ -194,6 +194,6 @@ fn what_going_on_cannot_use_is_told() {
     };
     assert!(resumed("6").contains("no checkpoint was written: the run begins again at step 0"));
     std::fs::write(folder.path().join("out/checkpoints/step-00000006.safetensors"), "torn").unwrap();
-    let told = resumed("7");
-    assert!(told.contains("a checkpoint was passed over") && told.contains("step-00000006"), "{told}");
+    let message = resumed("7");
+    assert!(message.contains("a checkpoint was passed over") && message.contains("step-00000006"), "{message}");
 }

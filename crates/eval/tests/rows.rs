@@ -6,11 +6,12 @@ mod common;
 
 use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use atsplat_eval::method::{
     Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Renders, Repetitions, Warp,
 };
-use atsplat_eval::runner::{KeepPictures, Plan, Selection, Summary, here, named_metrics, picture_path, run};
+use atsplat_eval::runner::{Dataset, KeepPictures, Plan, Selection, Summary, here, named_metrics, picture_path, run};
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialRow, TrialStatus};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_pixels::{Image, ImageU8, decode, encode_png};
@@ -24,9 +25,18 @@ fn evaluate(
     pictures: KeepPictures,
 ) -> Result<(Results, Summary), EvalError> {
     let datasets = [dataset(walls, &[entry(&[0, 4], &[1, 6])])];
+    evaluate_on(folder, &datasets, methods, pictures)
+}
+
+fn evaluate_on(
+    folder: &Path,
+    datasets: &[Dataset],
+    methods: &[Arc<dyn Method>],
+    pictures: KeepPictures,
+) -> Result<(Results, Summary), EvalError> {
     let suite = Suite::new(named_metrics(["psnr"]).unwrap(), Networks::default(), 0);
     let plan = Plan {
-        datasets: &datasets,
+        datasets,
         methods,
         suite: &suite,
         selection: Selection::default(),
@@ -35,8 +45,11 @@ fn evaluate(
         pictures,
         prefetch: Prefetch::default(),
     };
+    let steps = AtomicU64::new(0);
     let store = Store::resume(folder, plan.provenance(here("0", None, Vec::new()))?)?;
-    run(&plan, store, &|| ())
+    let made = run(&plan, store, &|| _ = steps.fetch_add(1, Ordering::Relaxed))?;
+    assert_eq!(steps.into_inner(), plan.results(), "every result is a step");
+    Ok(made)
 }
 
 fn go(folder: &Path, walls: Walls, methods: &[Arc<dyn Method>]) -> Result<(Results, Summary), EvalError> {
@@ -87,10 +100,10 @@ fn a_method_that_joins_after_data_changed_is_refused_until_the_others_run_too() 
     let (before, _) = go(store.path(), Walls::new(3, 8), &[nearest()]).unwrap();
     let error = go(store.path(), replaced(4), &[Arc::new(Warp)]).unwrap_err();
     assert!(matches!(error, EvalError::DataChanged { count: 1, .. }), "{error}");
-    let told = error.to_string();
+    let message = error.to_string();
     assert!(
-        told.contains("nearest-view on walls, scene \"wall-1\"") && told.contains("run these methods too"),
-        "{told}"
+        message.contains("nearest-view on walls, scene \"wall-1\"") && message.contains("run these methods too"),
+        "{message}"
     );
     assert_eq!(bare(&Results::read(store.path()).unwrap()), bare(&before), "nothing was computed");
     let (both, summary) = go(store.path(), replaced(4), &floors()).unwrap();
@@ -99,6 +112,27 @@ fn a_method_that_joins_after_data_changed_is_refused_until_the_others_run_too() 
     // Data that did not change let any method join.
     let (_, joined) = go(fresh.path(), replaced(4), &[Arc::new(Halves(2))]).unwrap();
     assert_eq!(joined.evaluated, 3);
+}
+
+/// Scenes of several entries, some of them answered: nothing is counted twice.
+#[test]
+fn going_on_counts_results_and_warnings_once() {
+    let [store, fresh] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
+    let asked = [entry(&[0, 4], &[1, 6]), entry(&[0, 4], &[2]), entry(&[0, 40], &[2])];
+    let datasets = |walls: Walls| [dataset(Walls { warns: true, ..walls }, &asked)];
+    let go = |folder: &tempfile::TempDir, walls: Walls, methods: &[Arc<dyn Method>]| {
+        evaluate_on(folder.path(), &datasets(walls), methods, KeepPictures::Nothing).unwrap()
+    };
+    go(&store, Walls::new(3, 8), &[nearest()]);
+    let (joined, summary) = go(&store, Walls::new(3, 8), &floors());
+    assert_eq!((summary.evaluated, summary.resumed, summary.skipped), (6, 6, 3));
+    let (expected, _) = go(&fresh, Walls::new(3, 8), &floors());
+    assert_eq!(joined.provenance.warnings, expected.provenance.warnings);
+    assert_eq!(joined.provenance.warnings[0].count, 3);
+    assert_eq!(joined.provenance.skipped, expected.provenance.skipped);
+    // Of the second scene's two trials, one reads frame 6.
+    let (_, summary) = go(&store, replaced(6), &floors());
+    assert_eq!((summary.evaluated, summary.resumed), (2, 10));
 }
 
 #[test]
@@ -168,11 +202,11 @@ fn another_number_of_pictures_than_targets_is_a_failed_trial_with_both_numbers()
         let store = tempfile::tempdir().unwrap();
         let (results, summary) = go(store.path(), Walls::new(1, 8), &[Arc::new(Halves(given))]).unwrap();
         assert_eq!((results.trials[0].status, summary.incomplete), (TrialStatus::Failed, 1));
-        let told = format!("expected a picture for each of 2 targets, the method gave {given}");
-        assert_eq!(results.trials[0].detail.as_deref(), Some(told.as_str()));
+        let message = format!("expected a picture for each of 2 targets, the method gave {given}");
+        assert_eq!(results.trials[0].detail.as_deref(), Some(message.as_str()));
         assert_eq!(results.targets.len(), 2, "every target has its row");
         assert!(
-            results.targets.iter().all(|row| row.status == TargetStatus::Failed && row.detail == Some(told.clone()))
+            results.targets.iter().all(|row| row.status == TargetStatus::Failed && row.detail == Some(message.clone()))
         );
     }
     let store = tempfile::tempdir().unwrap();

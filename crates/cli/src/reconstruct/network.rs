@@ -181,8 +181,8 @@ impl NetworkWords {
                                         with `atsplat reconstruct --device wgpu`"
                 .to_owned()),
         };
-        let told = on_cpu.and_then(|()| self.check());
-        told.map_err(|text| clap::Command::new("atsplat").error(clap::error::ErrorKind::ValueValidation, text))
+        let checked = on_cpu.and_then(|()| self.check());
+        checked.map_err(|text| clap::Command::new("atsplat").error(clap::error::ErrorKind::ValueValidation, text))
     }
 
     /// Reads the configuration and, of a file, what it says of itself.

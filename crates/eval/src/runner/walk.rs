@@ -2,6 +2,8 @@ use std::sync::Arc;
 
 use atsplat_protocol::trial::{DecodeAhead, PictureDigests, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset, Sha256Digest};
+use atsplat_scene::Warnings;
+use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::Findings;
@@ -57,6 +59,16 @@ fn input_hash(method: &dyn Method, trial: &Trial, digests: &PictureDigests) -> O
     (!files.is_empty()).then(|| Sha256Digest::of(text.as_bytes()).to_string())
 }
 
+/// A scene that the store has results of, as it is now.
+#[derive(Default)]
+struct Looked {
+    warnings: Warnings,
+    trials: u64,
+    skipped: u64,
+    /// Whether a method has yet to answer one of its trials: then the scene is gone through again, with its pictures.
+    is_missing: bool,
+}
+
 /// One walk over a dataset.
 pub(super) struct Walk<'a> {
     pub(super) plan: &'a Plan<'a>,
@@ -78,30 +90,36 @@ impl Walk<'_> {
         // Scenes that are there are looked at without decoding: whether they still ask the same of the same data.
         let ahead = Prefetch { decode: DecodeAhead::Nothing, ..self.plan.prefetch };
         let mut trials = self.trials(&known, ahead);
-        let mut changed = Vec::new();
+        let mut scenes: IndexMap<String, Looked> = IndexMap::new();
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
-        for outcome in trials.by_ref() {
+        while let Some(outcome) = trials.next() {
+            let scene = outcome.as_ref().map_or_else(|skipped| skipped.scene.as_str(), |(trial, _)| trial.scene());
+            let looked = scenes.entry(scene.to_owned()).or_default();
+            looked.warnings.merge(trials.take_warnings());
             match outcome {
                 Ok((trial, targets)) => {
                     let data = trial.data_hash(&targets, self.store.digests()).to_string();
                     outdated.look_at(&trial, &data);
-                    if self.missing(&trial, &data).is_empty() {
-                        summary.resumed += self.methods.len() as u64;
-                        self.methods.iter().for_each(|_| (self.step)());
-                    } else {
-                        changed.push(trial.scene().to_owned());
-                    }
+                    looked.trials += 1;
+                    looked.is_missing |= !self.missing(&trial, &data).is_empty();
                 }
                 Err(skipped) => {
                     outdated.look_at_skipped(&skipped);
-                    self.methods.iter().for_each(|_| (self.step)());
+                    looked.skipped += 1;
                 }
             }
         }
         self.store.digests().keep()?;
         outdated.refuse()?;
-        self.found(&trials, findings);
-        rest.scenes.extend(known.scenes.into_iter().filter(|(key, _)| changed.contains(key)));
+        findings.add_skipped(&self.dataset.name, trials.report());
+        for looked in scenes.values().filter(|looked| !looked.is_missing) {
+            findings.add_warnings(&self.dataset.name, &looked.warnings);
+            let methods = self.methods.len() as u64;
+            summary.resumed += looked.trials * methods;
+            (0..(looked.trials + looked.skipped) * methods).for_each(|_| (self.step)());
+        }
+        let is_missing = |scene: &str| scenes.get(scene).is_some_and(|looked| looked.is_missing);
+        rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_missing(scene)));
         let ahead = if self.plan.alone { Prefetch { trials: 0, ..self.plan.prefetch } } else { self.plan.prefetch };
         let mut trials = self.trials(&rest, ahead);
         loop {
@@ -126,7 +144,8 @@ impl Walk<'_> {
                 summary.resumed += resumed;
             }
         }
-        self.found(&trials, findings);
+        findings.add_warnings(&self.dataset.name, trials.warnings());
+        findings.add_skipped(&self.dataset.name, trials.report());
         Ok(())
     }
 
@@ -193,10 +212,5 @@ impl Walk<'_> {
             (self.step)();
         }
         Ok((evaluated, before))
-    }
-
-    fn found(&self, trials: &Trials, findings: &mut Findings) {
-        findings.add_warnings(&self.dataset.name, trials.warnings());
-        findings.add_skipped(&self.dataset.name, trials.report());
     }
 }

@@ -101,6 +101,6 @@ fn agree<R: serde::Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R)
     let differing = names.into_iter().find(|name| first.get(name) != second.get(name));
     // A score that is NaN is no JSON number and differs from itself.
     let field = differing.map_or("a number that is none", String::as_str).to_owned();
-    let told = |row: &serde_json::Value| row.get(&field).map_or_else(|| "none".to_owned(), ToString::to_string);
-    Err(EvalError::Disagreement { key: key.to_string(), first: told(&first), second: told(&second), field })
+    let value = |row: &serde_json::Value| row.get(&field).map_or_else(|| "none".to_owned(), ToString::to_string);
+    Err(EvalError::Disagreement { key: key.to_string(), first: value(&first), second: value(&second), field })
 }

@@ -294,8 +294,8 @@ fn rows_of_different_data_are_not_read_as_one_table() {
     }
     let error = Results::read(folder.path()).unwrap_err();
     assert!(matches!(error, EvalError::MixedData { .. }), "{error}");
-    let told = error.to_string();
-    assert!(told.contains("m on p, scene \"a\"") && told.contains("n on p, scene \"a\""), "{told}");
+    let message = error.to_string();
+    assert!(message.contains("m on p, scene \"a\"") && message.contains("n on p, scene \"a\""), "{message}");
     drop(store);
     // The run that was killed on the way goes on, and replaces what is old.
     let store = Store::open(folder.path()).unwrap();
@@ -322,10 +322,10 @@ fn one_process_writes_and_others_are_told_which() {
     ];
     for error in opened.map(Result::unwrap_err) {
         assert!(matches!(error, EvalError::InUse { .. }), "{error}");
-        let told = error.to_string();
+        let message = error.to_string();
         let since = crate::drift::date(std::time::SystemTime::UNIX_EPOCH.elapsed().unwrap().as_secs());
         for part in [&format!("process {} on ", std::process::id()), &since, "--shard 1/2", "atsplat merge"] {
-            assert!(told.contains(part), "{part}: {told}");
+            assert!(message.contains(part), "{part}: {message}");
         }
     }
     assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 1, "whoever reads needs no lock");
@@ -376,8 +376,8 @@ fn a_protocol_that_no_longer_reads_is_named_with_its_field() {
         let text = value["presets"][0]["toml"].as_str().unwrap().replace("scene-means", "scene-medians");
         value["presets"][0]["toml"] = text.into();
     });
-    let told = error.to_string();
+    let message = error.to_string();
     for part in ["provenance.json: presets", "walls, toml", "scene-medians"] {
-        assert!(told.contains(part), "{part}: {told}");
+        assert!(message.contains(part), "{part}: {message}");
     }
 }

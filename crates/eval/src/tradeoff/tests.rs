@@ -137,10 +137,10 @@ fn protocols_share_a_frontier_only_where_forced() {
     assert_eq!(labels(&found.frontiers[0]), ["a, other", "a, sampled"]);
     // A protocol that no longer reads must not change how its scores are averaged.
     store.provenance.presets[1].toml = store.provenance.presets[1].toml.replace("aggregation", "agregation");
-    let told =
+    let message =
         [tradeoffs(&store, &["psnr"], Leaked::Included).map(drop), across(&store, "psnr", Leaked::Included).map(drop)];
-    for told in told.map(|outcome| outcome.unwrap_err().to_string()) {
-        assert!(told.contains("presets, other, toml") && told.contains("agregation"), "{told}");
+    for message in message.map(|outcome| outcome.unwrap_err().to_string()) {
+        assert!(message.contains("presets, other, toml") && message.contains("agregation"), "{message}");
     }
 }
 

@@ -9,7 +9,7 @@ use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_eval::runner::{Dataset, PlannedIndex};
 use atsplat_pixels::{ImageU8, encode_png};
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset, Sha256Digest};
-use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, Warnings};
+use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width: 64, height: 64 };
@@ -28,6 +28,8 @@ pub(crate) struct Walls {
     pub(crate) gaps: bool,
     /// Pictures, by scene and frame, that show another scene.
     pub(crate) replaced: Vec<(usize, usize)>,
+    /// Whether loading a scene warns of something.
+    pub(crate) warns: bool,
 }
 
 impl Walls {
@@ -39,6 +41,7 @@ impl Walls {
             brighter: None,
             gaps: false,
             replaced: Vec::new(),
+            warns: false,
         }
     }
 }
@@ -68,7 +71,10 @@ impl SceneSource for Walls {
         &self.keys
     }
 
-    fn load(&self, key: &str, _warnings: &mut Warnings) -> Result<Scene, SceneError> {
+    fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
+        if self.warns {
+            warnings.push(WarningKind::OffCentrePrincipalPoint, key, "for the test");
+        }
         let scene = self.keys.iter().position(|known| known == key);
         let scene = scene.ok_or_else(|| SceneError::UnknownScene { key: key.to_owned(), path: "walls".into() })?;
         let frame = |frame: usize| {

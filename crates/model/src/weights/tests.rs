@@ -73,14 +73,14 @@ fn edited_metadata_are_not_whole() {
         assert_ne!(text, metadata[CONFIGURATION]);
         metadata.insert(CONFIGURATION.to_owned(), text);
     };
-    let told = |outcome: Result<ModelWeights, ModelError>| outcome.unwrap_err().to_string();
-    assert!(told(edited(&fewer)).contains("metadata (configuration, provenance): expected sha256"));
+    let message = |outcome: Result<ModelWeights, ModelError>| outcome.unwrap_err().to_string();
+    assert!(message(edited(&fewer)).contains("metadata (configuration, provenance): expected sha256"));
     let renamed = |metadata: &mut BTreeMap<String, String>| {
         metadata.insert("atsplat.provenance.data".to_owned(), "re10k".to_owned());
     };
-    assert!(told(edited(&renamed)).contains("as written"));
+    assert!(message(edited(&renamed)).contains("as written"));
     let bare = |metadata: &mut BTreeMap<String, String>| drop(metadata.remove("atsplat.metadata-sha256"));
-    assert!(told(edited(&bare)).contains("atsplat.metadata-sha256"), "a file of this format has the hash");
+    assert!(message(edited(&bare)).contains("atsplat.metadata-sha256"), "a file of this format has the hash");
     // An earlier format had none: nobody can tell.
     let earlier = edited(&|metadata| {
         bare(metadata);

@@ -86,6 +86,11 @@ impl Trials {
         &self.warnings
     }
 
+    /// As [`Self::warnings`], of the scenes since they were last taken.
+    pub fn take_warnings(&mut self) -> Warnings {
+        std::mem::take(&mut self.warnings)
+    }
+
     /// The most bytes of pictures that were held at once having been decoded ahead; never above
     /// [`Prefetch::max_bytes`].
     pub fn peak_bytes(&self) -> u64 {
