@@ -126,7 +126,7 @@ impl Part<'_> {
                 record.name, record.entries, record.entries_of_index
             ));
         }
-        let known = atsplat_protocol::Preset::named(&record.preset).and_then(|preset| preset.hash());
+        let known = Preset::named(&record.preset).and_then(|preset| preset.hash());
         let same = known.is_ok_and(|hash| hash.to_string() == record.hash);
         (!same).then(|| format!("{}: the preset was changed", record.name))
     }
