@@ -145,6 +145,10 @@ impl Ticker {
         }
         complain(&doing);
         let shared = Arc::clone(&over);
+        #[expect(
+            clippy::disallowed_methods,
+            reason = "a clock that prints, beside a driver that keeps rayon's threads waiting"
+        )]
         let beat = std::thread::spawn(move || {
             let start = Instant::now();
             let (over, bell) = &*shared;
@@ -166,8 +170,10 @@ impl Drop for Ticker {
         let (over, bell) = &*self.over;
         *over.lock().unwrap_or_else(PoisonError::into_inner) = true;
         bell.notify_all();
-        // A thread that only prints has nothing to say of its end.
-        self.beat.take().map(JoinHandle::join);
+        if let Some(beat) = self.beat.take() {
+            // A thread that only prints has nothing to say of its end.
+            beat.join().ok();
+        }
         self.bar.finish_and_clear();
     }
 }

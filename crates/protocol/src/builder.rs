@@ -103,6 +103,7 @@ impl IndexBuilder {
             let sampled_count = sampled.len();
             let (kept, last_reason) = rule.keep(&scene, sampled);
             refused = sampled_count - kept.len();
+            // Without a reason nothing was sampled, which a sampler says itself.
             if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
         });
         let entries = entries.map(|entries| entries.into_iter().map(|entry| as_listed(entry, &listed)).collect());

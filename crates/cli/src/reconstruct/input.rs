@@ -150,8 +150,9 @@ impl Input {
     }
 
     /// What the dataset calls a frame.
+    #[expect(clippy::expect_used, reason = "the trial has the frames whose names were kept")]
     pub(super) fn name(&self, frame: usize) -> String {
-        self.names.get(&frame).cloned().unwrap_or_default()
+        self.names.get(&frame).cloned().expect("a name for every frame of the one entry")
     }
 
     pub(super) fn record(&self, words: &InputWords) -> InputRecord {

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
+use atsplat_eval::EvalError;
 use atsplat_eval::runner::{Dataset, PlannedIndex};
 use atsplat_eval::sources::{AlreadyCropped, PresentFrames};
 use atsplat_protocol::Preset;
@@ -162,10 +163,16 @@ fn index(
     preset: &Preset,
     warnings: &mut Warnings,
 ) -> Result<(PlannedIndex, Arc<dyn SceneSource>), String> {
-    if let Ok(index) = PlannedIndex::read(folder, preset, source.as_ref(), warnings)
-        && index.index.scenes.iter().any(|(key, entries)| !entries.is_empty() && source.keys().contains(key))
-    {
-        return Ok((index, Arc::clone(source)));
+    match PlannedIndex::read(folder, preset, source.as_ref(), warnings) {
+        Ok(index) => {
+            let is_there = |(key, entries): (&String, &Vec<_>)| !entries.is_empty() && source.keys().contains(key);
+            if index.index.scenes.iter().any(is_there) {
+                return Ok((index, Arc::clone(source)));
+            }
+        }
+        // There is none in the folder.
+        Err(EvalError::Settings { .. }) => {}
+        Err(broken) => return Err(broken.to_string()),
     }
     // RE10K's name is on the official scenes alone; a capture in DL3DV's layout is what its sampler is for. Whose scenes a
     // chunk holds nobody says.

@@ -118,10 +118,10 @@ fn kind_of(detail: &str, scene: &str) -> String {
         let word = if word.contains('/') { "PATH" } else { word };
         let mut kind = String::new();
         for c in word.chars() {
-            match c.is_ascii_digit() {
-                false => kind.push(c),
-                true if kind.ends_with('N') => {}
-                true => kind.push('N'),
+            if !c.is_ascii_digit() {
+                kind.push(c);
+            } else if !kind.ends_with('N') {
+                kind.push('N');
             }
         }
         kind

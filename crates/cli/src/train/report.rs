@@ -13,6 +13,7 @@ const PLAIN_EVERY: Duration = Duration::from_secs(30);
 #[derive(Debug)]
 pub(super) struct Live {
     bar: ProgressBar,
+    steps: u64,
     plain: bool,
     last_line: Instant,
     /// Means that forget, for the eye.
@@ -27,7 +28,7 @@ impl Live {
             bar.set_style(style);
         }
         bar.set_position(done);
-        Self { bar, plain: !stderr().is_terminal(), last_line: Instant::now(), loss: None, secs: None }
+        Self { bar, steps, plain: !stderr().is_terminal(), last_line: Instant::now(), loss: None, secs: None }
     }
 
     pub(super) fn hear(&mut self, event: &Event<'_>) {
@@ -45,7 +46,7 @@ impl Live {
                 }
                 if self.plain && self.last_line.elapsed() >= PLAIN_EVERY {
                     self.last_line = Instant::now();
-                    complain(&format!("step {}/{} {line}", record.step + 1, self.bar.length().unwrap_or_default()));
+                    complain(&format!("step {}/{} {line}", record.step + 1, self.steps));
                 }
             }
             Event::Evaluation(record) => self.say(&format!(
@@ -64,10 +65,12 @@ impl Live {
     }
 
     fn line(&self, done: u64, rate: f64) -> String {
-        let left = self.bar.length().unwrap_or_default().saturating_sub(done) as f64 * self.secs.unwrap_or_default();
+        let left = self.steps.saturating_sub(done) as f64;
         let loss = self.loss.map_or_else(|| "none yet".to_owned(), |loss| format!("{loss:.4}"));
-        let minutes = left / 60.0;
-        format!("loss {loss}, rate {rate:.1e}, {:.2} s a step, {minutes:.0} min left", self.secs.unwrap_or_default())
+        let time = self
+            .secs
+            .map_or_else(String::new, |secs| format!(", {secs:.2} s a step, {:.0} min left", left * secs / 60.0));
+        format!("loss {loss}, rate {rate:.1e}{time}")
     }
 
     fn say(&self, text: &str) {

@@ -1,6 +1,6 @@
 use std::cell::RefCell;
 use std::collections::BTreeMap;
-use std::fmt::{self, Write};
+use std::fmt;
 
 use indexmap::IndexMap;
 use serde::de::{DeserializeSeed, Deserializer, Error, IgnoredAny, MapAccess, SeqAccess, Unexpected, Visitor};
@@ -102,9 +102,11 @@ impl Reading {
     fn malformed(&self, error: &serde_json::Error) -> ProtocolError {
         let mut location = String::new();
         for step in self.trail.borrow().iter().rev() {
-            write!(location, "{step}, ").unwrap_or_default();
+            location.push_str(&step.to_string());
+            location.push_str(", ");
         }
-        write!(location, "line {} column {}", error.line(), error.column()).unwrap_or_default();
+        let place = format!("line {} column {}", error.line(), error.column());
+        location.push_str(&place);
         let message = error.to_string();
         let message = message.rsplit_once(" at line ").map_or(message.as_str(), |(message, _)| message);
         let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "JSON"));

@@ -35,20 +35,19 @@ pub(super) fn prepare(
         let lazy = || LazyPicture::new(Arc::clone(scene), view.position, Arc::clone(&view.plan), recipe.decode_limits);
         pictures.entry(view.position).or_insert_with(|| Arc::new(lazy()));
     }
-    let picture = |view: &View<'_>| pictures.get(&view.position).map(Arc::clone);
+    #[expect(clippy::expect_used, reason = "the map was filled from the same views")]
+    let picture = |view: &View<'_>| Arc::clone(pictures.get(&view.position).expect("a picture for every view"));
     let poses = |views: &[View<'_>]| -> Vec<WorldFromCamera> {
         views.iter().map(|view| view.frame.camera.camera_from_world.inverse()).collect()
     };
     let normalised = normalise(&poses(&views.context), &poses(&views.targets), &recipe.pose_normalisation)
         .map_err(|error| Refusal { reason: normalisation_reason(&error), detail: error.to_string() })?;
-    let context = views.context.iter().zip(&normalised.context).filter_map(|(view, pose)| {
-        Some(ContextView {
-            frame: view.position,
-            camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
-            size: view.plan.output(),
-            picture: picture(view)?,
-            reservation: None,
-        })
+    let context = views.context.iter().zip(&normalised.context).map(|(view, pose)| ContextView {
+        frame: view.position,
+        camera: Camera { camera_from_world: pose.inverse(), ..view.camera },
+        size: view.plan.output(),
+        picture: picture(view),
+        reservation: None,
     });
     let targets = views.targets.iter().zip(&normalised.targets).map(|(view, pose)| TargetView {
         frame: view.position,
@@ -78,7 +77,7 @@ pub(super) fn prepare(
         pose_hash: hash::of_poses(entry, &sources),
         data: hash::of_data(entry, &sources),
     };
-    let pictures = views.targets.iter().filter_map(picture).collect();
+    let pictures = views.targets.iter().map(picture).collect();
     Ok((trial, TargetPictures { trial: hash, pictures, reservation: None }))
 }
 

@@ -54,7 +54,6 @@ mod tests {
     use super::*;
 
     #[test]
-    #[expect(clippy::panic, reason = "what is contained here")]
     fn a_lost_device_is_one_line_and_nothing_is_printed() {
         static PRINTED: AtomicUsize = AtomicUsize::new(0);
         const MARK: &str = "Error in Device::poll: \n  Parent device is lost\n";
