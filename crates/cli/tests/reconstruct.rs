@@ -215,6 +215,26 @@ fn spz_is_written_by_extension_and_views_keep_their_order() {
     assert_eq!(gaussians(&here.join("a.spz")).len() as u64, told);
 }
 
+/// Three views of 32×48 have 6 patches each; at the scale that the weights were trained at, 24.
+#[test]
+fn photos_are_seen_at_the_scale_of_the_weights() {
+    let folder = capture();
+    let here = folder.path();
+    let config = ModelConfig { resolution: ImageSize::new(64, 64), ..ModelConfig::read(&tiny()).unwrap() };
+    let tensors = generated(&parameters(&config), SEED);
+    let weights = ModelWeights::new(config, BTreeMap::new(), &tensors).unwrap();
+    weights.write(&here.join("weights.safetensors"), Precision::Single).unwrap();
+    let file = ["--weights", "weights.safetensors", "--size", "48x32"];
+    for (more, seen, tokens) in
+        [(&[][..], json!([64, 96]), 3 * 24), (&["--context-size", "given"], json!([32, 48]), 3 * 6)]
+    {
+        let text = succeed(here, &reconstruct(&[&file[..], more].concat()));
+        assert_eq!(record(here)["seen-at"], seen, "{more:?}");
+        assert_eq!(record(here)["tokens"]["initial"], tokens, "{more:?}");
+        assert_eq!(text.contains("32x48 seen at 64x96"), more.is_empty(), "{text}");
+    }
+}
+
 /// Weights that travelled through a file make the same Gaussians; other configurations run on them.
 #[test]
 fn weights_from_a_file() {
