@@ -112,9 +112,12 @@ fn without(results: &Results) -> Vec<Without> {
 /// What failures of one kind have in common: the text without paths, numbers and the scene's name.
 fn kind_of(detail: &str, scene: &str) -> String {
     const LONGEST: usize = 60;
-    let text = detail.replace(scene, "SCENE");
-    let words = text.split_whitespace().take_while(|word| !word.starts_with('('));
+    let words = detail.split_whitespace().take_while(|word| !word.starts_with('('));
     let words = words.map(|word| {
+        let bare = word.trim_end_matches([':', ',', ';']);
+        if bare == scene {
+            return format!("SCENE{}", word.get(bare.len()..).unwrap_or_default());
+        }
         let word = if word.contains('/') { "PATH" } else { word };
         let mut kind = String::new();
         for c in word.chars() {
@@ -244,6 +247,7 @@ mod tests {
     #[test]
     fn failures_of_one_kind_are_counted_together() {
         let of = |detail: &str| kind_of(detail, "aa11");
+        assert_eq!(kind_of("no palace of scene a: gone", "a"), "no palace of scene SCENE");
         let missing = "no file for frame N of scene SCENE";
         assert_eq!(of("no file for frame 12 of scene aa11: expected aa11/000012.png or .exr below out"), missing);
         assert_eq!(of("no file for frame 7 of scene aa11: expected aa11/000007.png or .exr below out"), missing);
