@@ -159,7 +159,11 @@ fn data_losses_and_nothing_are_told_apart() {
     };
     store_of(&at.join("empty"), 0.0, empty);
     let outcome = atsplat(at, &["drift", "accept", "empty", "--baseline", "empty.json", "--why", "nothing"]);
-    assert!(outcome.code == 1 && outcome.stderr.contains("a baseline of nothing watches nothing"), "{}", outcome.stderr);
+    assert!(
+        outcome.code == 1 && outcome.stderr.contains("a baseline of nothing watches nothing"),
+        "{}",
+        outcome.stderr
+    );
     let outcome = atsplat(at, &["drift", "empty", "--baseline", "quick.json"]);
     assert!(outcome.code == 3 && outcome.stdout.contains("targets are missing: 12"), "{}", outcome.stdout);
 }
