@@ -18,6 +18,7 @@ mod parameters;
 pub mod samples;
 mod sheet;
 mod trainer;
+mod update;
 
 pub use checkpoint::{Checkpoints, State};
 pub use config::{

@@ -31,6 +31,12 @@ impl Parameters {
         Self { list, values, frozen }
     }
 
+    /// Any, for tests.
+    #[cfg(test)]
+    pub(crate) fn of_values(list: Vec<Parameter>, values: Vec<Vec<f32>>) -> Self {
+        Self { list, values, frozen: StoredTensors::default() }
+    }
+
     /// Those of a weights file.
     ///
     /// # Errors

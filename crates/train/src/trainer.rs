@@ -17,9 +17,9 @@ use crate::evaluation::Evaluation;
 use crate::fault::{Diagnosis, Fault, FaultKind};
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
 use crate::objective::{Lesson, Objective, Seconds, Terms};
-use crate::optimiser::{Update, average, clip, kept, norm};
-use crate::parameters::{Parameters, decays};
+use crate::parameters::Parameters;
 use crate::samples::{Draw, Source};
+use crate::update::update;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
 /// Where a run ends before its last step.
@@ -256,7 +256,6 @@ impl Trainer {
         let learnt: Result<Vec<Lesson>, Fault> = lessons.into_iter().collect();
         match learnt.and_then(|lessons| self.update(&lessons, rate, &mut record)) {
             Ok(()) => {
-                self.state.updates += 1;
                 self.state.faults_in_a_row = 0;
                 self.faults.clear();
             }
@@ -295,38 +294,11 @@ impl Trainer {
         Ok(lesson)
     }
 
-    /// Averages the gradients in the order of the samples, clips, and moves every parameter.
+    /// Moves every parameter, and notes what moved them.
     fn update(&mut self, lessons: &[Lesson], rate: f64, record: &mut StepRecord) -> Result<(), Fault> {
-        let share = 1.0 / lessons.len().max(1) as f64;
-        let list = self.state.parameters.list();
-        let gradients: Vec<Vec<f32>> = list
-            .par_iter()
-            .map(|parameter| {
-                let mut sum = vec![0.0f32; parameter.elements()];
-                for gradient in lessons.iter().filter_map(|lesson| lesson.gradients.get(&parameter.name)) {
-                    sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
-                }
-                sum
-            })
-            .collect();
-        let length = share * norm(gradients.iter().map(Vec::as_slice));
-        if !length.is_finite() {
-            let what = FaultKind::Gradients(vec!["their norm".to_owned()]);
-            return Err(Fault { step: record.step, sample: "all of the step".to_owned(), what });
-        }
-        let scale = share * clip(length, self.config.clip);
-        let optimiser = self.config.optimiser;
-        let update = Update { number: self.state.updates + 1, learning_rate: rate, scale };
-        let decays: Vec<bool> = list.iter().map(decays).collect();
-        let State { parameters, moments, average: means, updates, .. } = &mut self.state;
-        let values = parameters.values_mut().par_iter_mut().zip(moments).zip(gradients.par_iter().zip(decays));
-        values.for_each(|((values, moments), (gradient, decays))| {
-            optimiser.step(update, values, gradient, moments, decays);
-        });
-        if let (Some(means), Some(decay)) = (means, self.config.average) {
-            let kept = kept(decay, *updates);
-            means.par_iter_mut().zip(parameters.values()).for_each(|(mean, values)| average(mean, values, kept));
-        }
+        let moved = update(&mut self.state, lessons, rate, &self.config);
+        let sample = || "all of the step".to_owned();
+        let length = moved.map_err(|what| Fault { step: record.step, sample: sample(), what })?;
         let terms: Vec<Terms> = lessons.iter().map(|lesson| lesson.terms).collect();
         record.terms = Some(Terms::mean(&terms));
         record.gradient_norm = Some(length);

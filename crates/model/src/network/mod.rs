@@ -272,6 +272,8 @@ fn timed<T>(seconds: &mut f64, device: &Device, work: impl FnOnce() -> T) -> T {
 #[cfg(test)]
 mod dinov2_tests;
 #[cfg(test)]
+mod expansion_tests;
+#[cfg(test)]
 mod gradient_tests;
 #[cfg(test)]
 mod hard_inputs;

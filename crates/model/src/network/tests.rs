@@ -30,11 +30,11 @@ pub(super) fn picture(seed: u64, views: usize, size: ImageSize) -> Vec<f32> {
     (0..count).map(|at| (0.5 + 0.5 * stream.signed_unit(at)) as f32).collect()
 }
 
-struct Fixture {
+pub(super) struct Fixture {
     name: String,
     stored: StoredTensors,
-    config: ModelConfig,
-    seed: u64,
+    pub(super) config: ModelConfig,
+    pub(super) seed: u64,
 }
 
 impl Fixture {
@@ -45,7 +45,7 @@ impl Fixture {
         Self { name: path.file_stem().unwrap().to_string_lossy().into_owned(), stored, config, seed }
     }
 
-    fn views(&self) -> Views {
+    pub(super) fn views(&self) -> Views {
         let doubles = |name: &str| -> Vec<f64> {
             self.stored.tensors[name].bytes().as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect()
         };
@@ -60,7 +60,7 @@ impl Fixture {
         Views::new(size, picture(self.seed, cameras.len(), size), cameras).unwrap()
     }
 
-    fn network(&self, device: &Device) -> Network {
+    pub(super) fn network(&self, device: &Device) -> Network {
         let weights = generated(&parameters(&self.config), self.seed);
         Network::new(&self.config, device).unwrap().with_weights(&weights).unwrap()
     }
@@ -135,8 +135,16 @@ fn every_variant_makes_the_twins_gaussians() {
     assert!(stages >= 27, "three fixtures hold every stage: {stages}");
 }
 
-fn base() -> Fixture {
-    Fixture::read(&fixtures("network").into_iter().find(|path| path.ends_with("base.safetensors")).unwrap())
+pub(super) fn base() -> Fixture {
+    named("base.safetensors")
+}
+
+pub(super) fn straight_through() -> Fixture {
+    named("straight_through.safetensors")
+}
+
+fn named(file: &str) -> Fixture {
+    Fixture::read(&fixtures("network").into_iter().find(|path| path.ends_with(file)).unwrap())
 }
 
 #[test]

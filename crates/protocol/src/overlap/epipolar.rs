@@ -282,7 +282,24 @@ mod tests {
             let found = [rays.fraction(&a, &b).unwrap(), rays.fraction(&b, &a).unwrap()];
             let expected: [f64; 2] = serde_json::from_value(pair["fractions"].clone()).unwrap();
             Tolerance::F64.assert(found, expected, &format!("pair {number} ({})", pair["case"]));
+            let [a_in_b, b_in_a] = expected;
+            let smaller = if b_in_a < a_in_b { b_in_a } else { a_in_b };
+            Tolerance::F64.assert([rays.overlap(&a, &b).unwrap()], [smaller], &format!("overlap of pair {number}"));
         }
+    }
+
+    /// By hand: two cameras in one place that look the same way share the directions of the narrower one. All of its rays are
+    /// in the wider picture, and of the wider one's as many as fit into the narrower: the overlap is the smaller share.
+    #[test]
+    fn the_overlap_is_the_smaller_direction() {
+        let wide = looking(DMat3::IDENTITY, DVec3::ZERO);
+        let mut narrow = wide;
+        narrow.intrinsics.fx *= 4.0;
+        narrow.intrinsics.fy *= 2.0;
+        let fractions = [GRID.fraction(&narrow, &wide).unwrap(), GRID.fraction(&wide, &narrow).unwrap()];
+        Tolerance::EXACT.assert(fractions, [1.0, 1.0 / 8.0], "both directions");
+        let overlaps = [GRID.overlap(&narrow, &wide).unwrap(), GRID.overlap(&wide, &narrow).unwrap()];
+        Tolerance::EXACT.assert(overlaps, [1.0 / 8.0; 2], "the smaller of them, either way round");
     }
 
     #[test]

@@ -222,6 +222,29 @@ fn hashes_tell_trials_apart() {
     }
 }
 
+/// Each intrinsic by itself, of a context camera and of a target's.
+#[test]
+fn every_intrinsic_is_part_of_the_hash_and_of_no_pose() {
+    let hashes = |frame: usize, change: &dyn Fn(&mut NormalizedIntrinsics)| {
+        let mut changed = scene("s", 9, 5);
+        change(&mut changed.frames[frame].camera.intrinsics);
+        let (trial, _) = only_trial(changed, entry(&[2, 6], &[4]), recipe()).unwrap();
+        (trial.hash(), trial.pose_hash())
+    };
+    let reference = hashes(2, &|_| ());
+    let changes: [(&str, &dyn Fn(&mut NormalizedIntrinsics)); 4] =
+        [("fx", &|k| k.fx += 1e-4), ("fy", &|k| k.fy += 1e-4), ("cx", &|k| k.cx += 1e-4), ("cy", &|k| k.cy += 1e-4)];
+    let mut met = vec![reference.0];
+    for frame in [2, 4] {
+        for (name, change) in changes {
+            let (hash, pose_hash) = hashes(frame, change);
+            assert!(!met.contains(&hash), "{name} of frame {frame}");
+            assert_eq!(pose_hash, reference.1, "{name} of frame {frame} is no pose");
+            met.push(hash);
+        }
+    }
+}
+
 /// The hash is part of stored results: a change of it is a change of format. Computed independently, from the
 /// documented layout, by `tests/fixtures/make_trial_hash.py`.
 #[test]

@@ -11,3 +11,4 @@ mod mirror;
 mod objective;
 mod runs;
 mod sources;
+mod update;

@@ -1,12 +1,13 @@
 //! A mirrored scene under mirrored cameras renders the mirrored picture.
 
 use crate::common::sample;
-use atsplat_camera::{ImageSize, PoseNormalisation, WorldFromCamera, normalise};
+use atsplat_camera::{Camera, Distortion, ImageSize, PoseNormalisation, WorldFromCamera, normalise};
 use atsplat_numeric::Tolerance;
 use atsplat_protocol::samplers::SplitMix64;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
 use atsplat_train::samples::{Sample, mirrored};
+use glam::DVec3;
 
 /// Depth orders of equally deep Gaussians may differ; f32 throughout.
 const RENDERED: Tolerance = Tolerance::absolute(2e-5);
@@ -54,7 +55,7 @@ fn two_mirrors_change_nothing() {
     assert_eq!((twice.context.pictures, twice.targets.pictures), (sample.context.pictures, sample.targets.pictures));
     for (back, camera) in twice.targets.cameras.iter().zip(&sample.targets.cameras) {
         Tolerance::F64.assert(back.camera_from_world.to_rows(), camera.camera_from_world.to_rows(), "pose");
-        let centre = |camera: &atsplat_camera::Camera| [camera.intrinsics.cx, camera.intrinsics.cy];
+        let centre = |camera: &Camera| [camera.intrinsics.cx, camera.intrinsics.cy];
         Tolerance::F64.assert(centre(back), centre(camera), "principal point");
     }
 }
@@ -77,4 +78,35 @@ fn normalised_poses_mirror_too() {
     for (before, after) in before.iter().zip(&after) {
         Tolerance::F64.assert(before.to_rows(), after.to_rows(), "pose");
     }
+}
+
+/// A lens with every term, tangential ones too, mirrors with its picture: the mirrored camera sees the mirrored point at the
+/// mirrored place.
+#[test]
+fn lenses_mirror_with_their_pictures() {
+    let lenses = [
+        Distortion::OpenCv { k1: -0.12, k2: 0.03, k3: -0.005, p1: 0.011, p2: -0.017 },
+        Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.02, p2: 0.0 },
+        Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.02 },
+        Distortion::Fisheye { k: [0.05, -0.02, 0.01, -0.003] },
+        Distortion::None,
+    ];
+    for distortion in lenses {
+        let mut sample = sample(4);
+        sample.context.cameras.iter_mut().for_each(|camera| camera.distortion = distortion);
+        let flipped = mirrored(&sample).unwrap();
+        for (camera, mirror) in sample.context.cameras.iter().zip(&flipped.context.cameras) {
+            for point in [[0.4, -0.3, 2.0], [-0.7, 0.5, 2.5], [0.1, 0.6, 1.8], [0.9, 0.2, 3.0]] {
+                let seen = |camera: &Camera, point: DVec3| camera.project(point).unwrap().position;
+                let (there, here) = (seen(camera, point.into()), seen(mirror, mirrored_point(point)));
+                let off = (there - 0.5).abs();
+                assert!(off.x > 1e-3 && off.y > 1e-3, "the middle says nothing: {there}");
+                Tolerance::F64.assert([here.x, here.y], [1.0 - there.x, there.y], &format!("{distortion:?}"));
+            }
+        }
+    }
+}
+
+const fn mirrored_point([x, y, z]: [f64; 3]) -> DVec3 {
+    DVec3::new(-x, y, z)
 }

@@ -1,0 +1,68 @@
+//! What a step of the trainer does to the weights: `AdamW` on the clipped mean of its lessons, at the schedule's rate. The
+//! update itself is compared with PyTorch's in `src/update.rs`.
+
+use crate::common::{Noise, config, sample, trainer};
+use atsplat_model::network::{Device, Network};
+use atsplat_numeric::Tolerance;
+use atsplat_train::journal::{self, StepRecord};
+use atsplat_train::{Lesson, Objective, Parameters, Start, TrainConfig};
+use tempfile::tempdir;
+
+/// The lessons of a step, by the public parts that teach one sample.
+fn lessons(config: &TrainConfig, parameters: &Parameters, step: u64) -> Vec<Lesson> {
+    let model = config.model.config().unwrap();
+    let network = parameters.network(&Network::new(&model, &Device::flex().autodiff()).unwrap()).unwrap();
+    let objective = Objective::new(config.losses.clone()).unwrap();
+    let batch = config.batch.get() as u64;
+    let numbers = step * batch..(step + 1) * batch;
+    numbers.map(|number| objective.learn(&network, &sample(number), None, number).unwrap()).collect()
+}
+
+/// Every number of every parameter, by the formulas of Kingma and Ba (2015) and of Loshchilov and Hutter (2019), in f64.
+#[test]
+fn a_step_moves_every_weight_by_the_clipped_mean_of_its_lessons() {
+    let config = TrainConfig { clip: 0.05, batch: 3.try_into().unwrap(), ..config("") };
+    let folder = tempdir().unwrap();
+    let mut trained = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
+    let count = trained.state().parameters.count();
+    let (mut first, mut second) = (vec![0.0; count], vec![0.0; count]);
+    for step in 0..4u64 {
+        let before = trained.state().parameters.clone();
+        let lessons = lessons(&config, &before, step);
+        trained.step(&mut |_| ()).unwrap();
+        let mean = |name: &str, at: usize| {
+            let parts = lessons.iter().filter_map(|lesson| lesson.gradients.get(name));
+            f64::from(parts.map(|part| part[at]).sum::<f32>()) / lessons.len() as f64
+        };
+        let numbers = || {
+            let list = before.list().iter().zip(before.values());
+            list.flat_map(|(parameter, values)| {
+                values.iter().enumerate().map(move |(at, value)| (parameter, at, *value))
+            })
+        };
+        let length = numbers().map(|(parameter, at, _)| mean(&parameter.name, at).powi(2)).sum::<f64>().sqrt();
+        assert!(length > 2.0 * config.clip, "step {step} is clipped: {length}");
+        let records: Vec<StepRecord> = journal::read(&folder.path().join("steps.jsonl")).unwrap();
+        Tolerance::relative(1e-5).assert(records[step as usize].gradient_norm, [length], "the mean gradient's length");
+        // Warm-up over three steps.
+        let rate = 1e-3 * [1.0 / 3.0, 2.0 / 3.0, 1.0, 1.0][step as usize];
+        Tolerance::relative(1e-12).assert([records[step as usize].rate], [rate], "rate");
+        let after: Vec<f64> = trained.state().parameters.values().iter().flatten().copied().map(f64::from).collect();
+        for (place, (parameter, at, value)) in numbers().enumerate() {
+            let gradient = mean(&parameter.name, at) * config.clip / (length + 1e-6);
+            first[place] = 0.9 * first[place] + 0.1 * gradient;
+            second[place] = 0.95 * second[place] + 0.05 * gradient * gradient;
+            let done = i32::try_from(step).unwrap() + 1;
+            let [mean, square] = [first[place] / (1.0 - 0.9f64.powi(done)), second[place] / (1.0 - 0.95f64.powi(done))];
+            let kept = if parameter.shape.len() > 1 { 1.0 - rate * 0.05 } else { 1.0 };
+            let expected = f64::from(value) * kept - rate * mean / (square.sqrt() + 1e-8);
+            let close = Tolerance { absolute: 1e-6, relative: 1e-6 };
+            assert!(
+                close.accepts(after[place], expected),
+                "step {step}, {} at {at}: {} for {expected}",
+                parameter.name,
+                after[place]
+            );
+        }
+    }
+}
