@@ -76,9 +76,11 @@ impl CameraSpline {
         {
             return Ok(*camera);
         }
-        let of = |list: &[[f64; 4]], at: usize| list.get(at).copied().unwrap_or([f64::NAN; 4]);
-        let (from, to) = (of(&self.intrinsics, key), of(&self.intrinsics, key + 1));
-        let (leaving, arriving) = (of(&self.slopes, key), of(&self.slopes, key + 1));
+        let end = (self.intrinsics.len() - 1) as f64;
+        let outside = CameraError::OutsideTrajectory { found: time, start: 0.0, end };
+        let of = |list: &[[f64; 4]], at: usize| list.get(at).copied().ok_or_else(|| outside.clone());
+        let (from, to) = (of(&self.intrinsics, key)?, of(&self.intrinsics, key + 1)?);
+        let (leaving, arriving) = (of(&self.slopes, key)?, of(&self.slopes, key + 1)?);
         let mut mixed = [0.0; 4];
         for (at, value) in mixed.iter_mut().enumerate() {
             let step = to[at] - from[at];
@@ -87,8 +89,8 @@ impl CameraSpline {
         }
         let [fx, fy, cx, cy] = mixed;
         let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy)?;
-        let distortion = self.keys.first().map(|key| key.distortion).unwrap_or_default();
-        Ok(Camera { camera_from_world, intrinsics, distortion })
+        let first = self.keys.first().unwrap_or_else(|| unreachable!("a spline has keys"));
+        Ok(Camera { camera_from_world, intrinsics, distortion: first.distortion })
     }
 }
 

@@ -30,6 +30,12 @@ pub enum TorchError {
         /// `module name`, shortened.
         global: String,
     },
+    /// The file is what Git LFS leaves in the place of one that was not fetched.
+    #[error(
+        "expected a file of torch.save, found a Git LFS pointer to it: run `git lfs pull` in the repository that it came \
+         from"
+    )]
+    LfsPointer,
     /// Valid, but not read by this toolkit.
     #[error("{location}: {feature} is not supported")]
     Unsupported {

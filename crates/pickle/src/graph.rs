@@ -78,18 +78,28 @@ impl Node {
 
 impl<'a> Graph<'a> {
     pub(crate) fn node(&self, id: NodeId) -> &Node {
-        self.nodes.get(id as usize).unwrap_or(&Node::None)
+        self.nodes.get(id as usize).unwrap_or_else(|| unreachable!("an id is the position of a node"))
     }
 
     pub(crate) fn text(&self, id: NodeId) -> Option<&'a str> {
         match self.node(id) {
-            Node::Str(range) => std::str::from_utf8(self.slice(range)).ok(),
+            Node::Str(range) => Some(self.utf8(range)),
             _ => None,
         }
     }
 
+    fn utf8(&self, range: &Range<u32>) -> &'a str {
+        std::str::from_utf8(self.slice(range)).unwrap_or_else(|_| unreachable!("text is checked when it is read"))
+    }
+
+    /// The key of a storage, which is text wherever a storage was made.
+    fn key(&self, id: NodeId) -> &'a str {
+        self.text(id).unwrap_or_else(|| unreachable!("a storage is made of text alone"))
+    }
+
     fn slice(&self, range: &Range<u32>) -> &'a [u8] {
-        self.source.get(range.start as usize..range.end as usize).unwrap_or_default()
+        let slice = self.source.get(range.start as usize..range.end as usize);
+        slice.unwrap_or_else(|| unreachable!("a range is one of the bytes that were read"))
     }
 
     /// Element type and count of every storage that the pickle names.
@@ -97,7 +107,7 @@ impl<'a> Graph<'a> {
         let mut storages = HashMap::new();
         for node in &self.nodes {
             let Node::Storage(StorageRef { dtype, key, len }) = *node else { continue };
-            let key = self.text(key).unwrap_or_default();
+            let key = self.key(key);
             let earlier = storages.insert(key, (dtype, len));
             if earlier.is_some_and(|earlier| earlier != (dtype, len)) {
                 let location = format!("legacy storage {:?}", shortened(key));
@@ -150,7 +160,7 @@ struct Tree<'a, 'c> {
 
 impl Tree<'_, '_> {
     fn state(&self, id: NodeId) -> &State {
-        self.states.get(id as usize).unwrap_or(&State::New)
+        self.states.get(id as usize).unwrap_or_else(|| unreachable!("every node has a state"))
     }
 
     fn set(&mut self, id: NodeId, state: State) {
@@ -189,7 +199,7 @@ impl Tree<'_, '_> {
             Node::Bool(value) => Value::Bool(*value),
             Node::Int(value) => Value::Int(*value),
             Node::Float(value) => Value::Float(*value),
-            Node::Str(_) => Value::Str(self.graph.text(id).unwrap_or_default().into()),
+            Node::Str(range) => Value::Str(self.graph.utf8(range).into()),
             Node::Bytes(range) => Value::Bytes(self.graph.slice(range).into()),
             Node::List(items) => Value::List(self.items(items, &mut depth)?),
             Node::Tuple(items) => Value::Tuple(self.items(items, &mut depth)?),
@@ -236,7 +246,7 @@ impl Tree<'_, '_> {
 
     fn storage(&self, reference: StorageRef) -> Result<Storage, TorchError> {
         let StorageRef { dtype, key, len } = reference;
-        let key = self.graph.text(key).unwrap_or_default();
+        let key = self.graph.key(key);
         let location = || format!("storage {:?}", shortened(key));
         let held = self
             .container

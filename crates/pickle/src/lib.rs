@@ -41,6 +41,11 @@ pub fn recognises(file: &[u8]) -> bool {
     ZipDirectory::recognises(file) || legacy_container::recognises(file)
 }
 
+/// Whether bytes are what Git LFS leaves in the place of a file that was not fetched (git-lfs `docs/spec.md`).
+pub fn is_lfs_pointer(file: &[u8]) -> bool {
+    file.starts_with(b"version https://git-lfs.github.com/spec/")
+}
+
 /// Reads bytes that `torch.save` wrote, in either format.
 ///
 /// Tensors stay where they are until [`Tensor::to_bytes`] asks for them.
@@ -56,6 +61,9 @@ pub fn parse(file: SharedBytes) -> Result<Value, TorchError> {
     }
     if legacy_container::recognises(&file) {
         return legacy_container::parse(&file);
+    }
+    if is_lfs_pointer(&file) {
+        return Err(TorchError::LfsPointer);
     }
     let shown: Vec<String> = file.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
     let found = if shown.is_empty() { "an empty file".to_owned() } else { shown.join(" ") };
@@ -81,4 +89,16 @@ pub fn map(path: &Path) -> std::io::Result<SharedBytes> {
     #[expect(unsafe_code, reason = "files of 100 MB and more are mapped so that what is not used is never read")]
     let map = unsafe { memmap2::Mmap::map(&file) };
     map.map(SharedBytes::new)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_git_lfs_pointer_says_what_to_do() {
+        let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+        let error = parse(SharedBytes::new(pointer.to_vec())).unwrap_err();
+        assert!(error == TorchError::LfsPointer && error.to_string().contains("git lfs pull"), "{error}");
+    }
 }

@@ -29,7 +29,8 @@ impl Deref for SharedBytes {
     type Target = [u8];
 
     fn deref(&self) -> &[u8] {
-        (*self.owner).as_ref().get(self.range.clone()).unwrap_or_default()
+        let bytes = (*self.owner).as_ref().get(self.range.clone());
+        bytes.unwrap_or_else(|| unreachable!("a range lies inside its owner"))
     }
 }
 

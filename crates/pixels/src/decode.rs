@@ -14,16 +14,34 @@ use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
 /// - alpha is dropped, not composed over a background;
 /// - grey is repeated three times, 1, 2 and 4 bits are spread over 0…255;
 /// - a palette index beyond the palette is black;
-/// - 16-bit colours keep their high byte (truncation, not rounding);
+/// - 16-bit samples keep their high byte (truncation, not rounding);
 /// - an animated WebP gives its first frame.
 ///
-/// One rule is left out on purpose: Pillow clips 16-bit *grey* at 255, which turns a depth map into a
-/// white picture; here it is [`PixelError::Unsupported`].
+/// One rule is another on purpose: Pillow clips 16-bit *grey* at 255, which turns nearly every such picture
+/// white; here it keeps its high byte as colours do.
 ///
 /// # Errors
-/// [`PixelError::UnknownFormat`], [`PixelError::HoldsFloats`] for EXR, [`PixelError::OverLimit`] and
-/// [`PixelError::FileTooShort`] from the header alone, [`PixelError::Decode`] for damaged data.
+/// [`PixelError::UnknownFormat`], [`PixelError::LfsPointer`], [`PixelError::HoldsFloats`] for EXR,
+/// [`PixelError::OverLimit`] and [`PixelError::FileTooShort`] from the header alone, [`PixelError::Decode`] for
+/// damaged data.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
+    decoded(bytes, limits, |_, _, _| Ok(()))
+}
+
+/// [`decode`] for pictures that have to be opaque. What colour a transparent pixel has depends on what lies behind
+/// it, and on whether the file's colours were multiplied with alpha before, which PNG does not tell.
+///
+/// # Errors
+/// As [`decode`], and [`PixelError::Transparent`].
+pub fn decode_opaque(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
+    decoded(bytes, limits, require_opaque)
+}
+
+fn decoded(
+    bytes: &[u8],
+    limits: &DecodeLimits,
+    check: impl Fn(ColorType, &[u8], u32) -> Result<(), PixelError>,
+) -> Result<ImageU8, PixelError> {
     let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
     if format == PictureFormat::Exr {
         return Err(PixelError::HoldsFloats);
@@ -46,7 +64,22 @@ pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError
         }
         PictureFormat::Exr => Err(PixelError::HoldsFloats),
     }?;
+    check(color, &stored, width)?;
     ImageU8::new(width, height, rgb8(format, color, stored)?)
+}
+
+/// Refuses stored samples with an alpha below full. The sample of alpha is the last of each pixel.
+fn require_opaque(color: ColorType, stored: &[u8], width: u32) -> Result<(), PixelError> {
+    if !color.has_alpha() {
+        return Ok(());
+    }
+    let pixel = usize::from(color.bytes_per_pixel());
+    let alpha = pixel / usize::from(color.channel_count());
+    let is_transparent = |pixel: &[u8]| pixel.iter().rev().take(alpha).any(|byte| *byte != u8::MAX);
+    let mut transparent = stored.chunks_exact(pixel).enumerate().filter(|(_, pixel)| is_transparent(pixel));
+    let Some((first, _)) = transparent.next() else { return Ok(()) };
+    let (column, row) = (first % width as usize, first / width as usize);
+    Err(PixelError::Transparent { count: 1 + transparent.count(), column, row })
 }
 
 /// The most pixels that a file of `length` bytes can hold.
@@ -103,6 +136,7 @@ fn rgb8(format: PictureFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<
             let pixels = stored.as_chunks::<2>().0.as_chunks::<4>().0;
             pixels.iter().flat_map(|[r, g, b, _]| [high(r), high(g), high(b)]).collect()
         }
+        ColorType::L16 => stored.as_chunks::<2>().0.iter().flat_map(|grey| [high(grey); 3]).collect(),
         ColorType::La16 => {
             let pixels = stored.as_chunks::<2>().0.as_chunks::<2>().0;
             pixels.iter().flat_map(|[grey, _]| [high(grey); 3]).collect()

@@ -27,6 +27,24 @@ pub enum PixelError {
         /// Length of the input in bytes.
         length: usize,
     },
+    /// The file is what Git LFS leaves in the place of one that was not fetched.
+    #[error(
+        "expected a picture, found a Git LFS pointer to it: run `git lfs pull` in the repository that it came from"
+    )]
+    LfsPointer,
+    /// Pixels that are not opaque, where the picture has to be.
+    #[error(
+        "expected an opaque picture, found {count} transparent pixels, the first at column {column}, row {row}: compose it \
+         over the background that it is to be compared on"
+    )]
+    Transparent {
+        /// Pixels whose alpha is not full.
+        count: usize,
+        /// Column of the first.
+        column: usize,
+        /// Row of the first.
+        row: usize,
+    },
     /// The file holds floats; 8-bit samples were asked for.
     #[error("expected 8-bit samples, found an EXR of floats: read it with the exr functions")]
     HoldsFloats,

@@ -22,6 +22,9 @@ use crate::{DecodeLimits, Image, PictureFormat, PixelError};
 const ATTRIBUTE: &str = "values";
 const LONGEST_NAME: usize = 31;
 
+/// What is said of a channel `A` where colours lie over their background already, so that it changes nothing of them.
+pub const COMPOSED: &str = "opacity; R G B are over the background already";
+
 /// What the numbers of a channel are.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Values {
@@ -132,7 +135,10 @@ pub fn write_rgb(image: &Image, values: &Values) -> Result<Vec<u8>, PixelError> 
 /// As [`read`], and [`PixelError::MissingChannel`]; [`PixelError::Header`] where the three channels are
 /// said to hold different things.
 pub fn read_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
-    let channels = read(bytes, limits)?;
+    rgb_of(&read(bytes, limits)?)
+}
+
+fn rgb_of(channels: &Channels) -> Result<(Image, Values), PixelError> {
     let [red, green, blue] = [channels.get("R")?, channels.get("G")?, channels.get("B")?];
     if red.values != green.values || red.values != blue.values {
         let found = format!("{:?}, {:?} and {:?}", red.values, green.values, blue.values);
@@ -142,6 +148,26 @@ pub fn read_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), 
     let planes = red.samples.iter().zip(&green.samples).zip(&blue.samples);
     samples.extend(planes.flat_map(|((r, g), b)| [*r, *g, *b]));
     Ok((Image::new(channels.width, channels.height, samples)?, red.values.clone()))
+}
+
+/// [`read_rgb`] of pictures that have to be opaque: where there is a channel `A`, it is 1 everywhere, or said to be
+/// [`COMPOSED`].
+///
+/// # Errors
+/// As [`read_rgb`], and [`PixelError::Transparent`].
+pub fn read_opaque_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
+    let channels = read(bytes, limits)?;
+    let composed = Values::Named(COMPOSED.to_owned());
+    if let Some(alpha) = channels.planes.iter().find(|plane| plane.name == "A" && plane.values != composed) {
+        // NaN is not opaque either.
+        let is_transparent = |(_, alpha): &(usize, &f32)| !(**alpha >= 1.0);
+        let mut transparent = alpha.samples.iter().enumerate().filter(is_transparent);
+        if let Some((first, _)) = transparent.next() {
+            let (column, row) = (first % channels.width as usize, first / channels.width as usize);
+            return Err(PixelError::Transparent { count: 1 + transparent.count(), column, row });
+        }
+    }
+    rgb_of(&channels)
 }
 
 /// Named planes into an EXR, losslessly compressed (ZIP, 16 rows).

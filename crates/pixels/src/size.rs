@@ -4,7 +4,7 @@ use crate::{PictureFormat, PixelError};
 /// is allocated. EXIF orientation is not applied, as in [`decode`](crate::decode()).
 ///
 /// # Errors
-/// [`PixelError::UnknownFormat`], [`PixelError::Header`] where the header is cut short or says zero
+/// [`PixelError::UnknownFormat`], [`PixelError::LfsPointer`], [`PixelError::Header`] where the header is cut short or says zero
 /// pixels, [`PixelError::Unsupported`] for a JPEG whose height stands after its data.
 pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
@@ -20,7 +20,14 @@ pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     Ok((width, height))
 }
 
+/// How a Git LFS pointer begins (git-lfs `docs/spec.md`).
+const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+
+/// Why bytes that no format starts with are no picture.
 pub(crate) fn unknown(bytes: &[u8]) -> PixelError {
+    if bytes.starts_with(LFS_POINTER) {
+        return PixelError::LfsPointer;
+    }
     let start: Vec<String> = bytes.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
     PixelError::UnknownFormat { start: start.join(" "), length: bytes.len() }
 }

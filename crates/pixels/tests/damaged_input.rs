@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use atsplat_pixels::{
-    DecodeLimits, Image, ImageU8, PictureFormat, PixelError, decode, encode_jpeg, encode_png, encode_webp, exr, size_of,
+    DecodeLimits, Image, ImageU8, PictureFormat, PixelError, decode, decode_opaque, encode_jpeg, encode_png,
+    encode_webp, exr, size_of,
 };
 use image::codecs::png::PngEncoder;
 use image::{ExtendedColorType, ImageEncoder as _};
@@ -176,11 +177,44 @@ fn what_is_not_a_picture_says_so() {
     assert_eq!(PictureFormat::sniff(&file), Some(PictureFormat::Exr));
 }
 
+/// As 16-bit colours: 0x02bc is 2, not 255 as clipping would make it.
 #[test]
-fn grey_of_16_bits_is_refused_rather_than_turned_white() {
+fn grey_of_16_bits_keeps_its_high_byte() {
     let mut bytes = Vec::new();
-    let depth: Vec<u8> = [700u16, 800, 900, 1000].iter().flat_map(|value| value.to_ne_bytes()).collect();
-    PngEncoder::new(&mut bytes).write_image(&depth, 2, 2, ExtendedColorType::L16).unwrap();
-    let outcome = decode(&bytes, &DecodeLimits::default());
-    assert!(matches!(outcome, Err(PixelError::Unsupported { .. })), "{outcome:?}");
+    let grey: Vec<u8> = [700u16, 0x80ff, 0xffff, 0].iter().flat_map(|value| value.to_ne_bytes()).collect();
+    PngEncoder::new(&mut bytes).write_image(&grey, 2, 2, ExtendedColorType::L16).unwrap();
+    let picture = decode(&bytes, &DecodeLimits::default()).unwrap();
+    assert_eq!(picture.samples(), [[2; 3], [0x80; 3], [0xff; 3], [0; 3]].as_flattened());
+}
+
+#[test]
+fn only_what_is_opaque_passes_where_it_has_to_be() {
+    let limits = DecodeLimits::default();
+    let png = |samples: &[u8], color| {
+        let mut bytes = Vec::new();
+        PngEncoder::new(&mut bytes).write_image(samples, 3, 1, color).unwrap();
+        bytes
+    };
+    let opaque = png(&[9, 9, 9, 255, 0, 0, 0, 255, 7, 7, 7, 255], ExtendedColorType::Rgba8);
+    assert_eq!(decode_opaque(&opaque, &limits).unwrap(), decode(&opaque, &limits).unwrap());
+    let grey = png(&[0, 1, 2], ExtendedColorType::L8);
+    assert_eq!(decode_opaque(&grey, &limits).unwrap().samples(), [0, 0, 0, 1, 1, 1, 2, 2, 2], "no alpha at all");
+    let deep: Vec<u8> = [5u16, 0xffff, 5, 0xfffe, 5, 0].iter().flat_map(|value| value.to_ne_bytes()).collect();
+    for bytes in [
+        png(&[9, 9, 9, 255, 0, 0, 0, 254, 7, 7, 7, 0], ExtendedColorType::Rgba8),
+        png(&[255, 255, 0, 254, 0, 0], ExtendedColorType::La8),
+        png(&deep, ExtendedColorType::La16),
+    ] {
+        decode(&bytes, &limits).unwrap();
+        let outcome = decode_opaque(&bytes, &limits);
+        assert!(matches!(outcome, Err(PixelError::Transparent { count: 2, column: 1, row: 0 })), "{outcome:?}");
+    }
+}
+
+#[test]
+fn a_git_lfs_pointer_says_what_to_do() {
+    let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+    for error in [decode(pointer, &DecodeLimits::default()).unwrap_err(), size_of(pointer).unwrap_err()] {
+        assert!(matches!(error, PixelError::LfsPointer) && error.to_string().contains("git lfs pull"), "{error}");
+    }
 }

@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
-use atsplat_pixels::{DecodeLimits, PixelError, decode, encode_jpeg, size_of};
+use atsplat_pixels::{DecodeLimits, Orientation, PixelError, decode, encode_jpeg, size_of};
 use sha2::{Digest, Sha256};
 
 #[test]
@@ -23,6 +23,15 @@ fn the_same_bits_as_pillow() {
         }
     }
     assert!(wrong.is_empty(), "differ from Pillow:\n{wrong}");
+}
+
+/// What Pillow wrote into the one file that has it; the pixels stay as they are stored.
+#[test]
+fn an_orientation_is_told_and_not_applied() {
+    let told = |name: &str| Orientation::of(&std::fs::read(folder().join(name)).unwrap());
+    assert_eq!(told("exif_orientation_is_ignored.jpg"), Some(Orientation::Clockwise));
+    let others = golden().into_iter().filter(|(name, _, _)| !name.starts_with("exif"));
+    assert!(others.into_iter().all(|(name, _, _)| told(&name).is_none()));
 }
 
 /// The scene that `make_pictures.py` saved is in `lossless.webp` too, so it can be saved here.

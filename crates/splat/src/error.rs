@@ -83,6 +83,15 @@ pub enum SplatError {
         /// What was there.
         found: String,
     },
+    /// A file is what Git LFS leaves in the place of one that was not fetched.
+    #[error(
+        "{path}: expected Gaussians, found a Git LFS pointer to them: run `git lfs pull` in the repository that it came \
+         from"
+    )]
+    LfsPointer {
+        /// The file.
+        path: PathBuf,
+    },
     /// Reading or writing failed.
     #[error("{action} {path}")]
     Io {

@@ -285,6 +285,41 @@ fn empty_rows_are_not_counted() {
     }
 }
 
+/// Rows that the header does not count would be left out; a text's blank lines are no rows.
+#[test]
+fn rows_behind_the_last_are_refused() {
+    let row = "0 1 2 1 0 0 0 -1 -2 -3 0.25 0.5 0.5 0.5\n";
+    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
+    let header = |format: &str| format!("ply\nformat {format} 1.0\nelement vertex 2\n{properties}end_header\n");
+    let text = |rows: &str| header("ascii") + rows;
+    parse(text(&(row.repeat(2) + "\n \r\n")).as_bytes(), Path::new("f.ply")).unwrap();
+    assert_eq!(
+        error_of(text(&(row.repeat(2) + "\n" + &row.repeat(3))).as_bytes(), "f.ply"),
+        "f.ply: line 22: expected the end of the file behind the 2 rows of the header, found 3 more"
+    );
+    let header = header("binary_little_endian");
+    let binary = |bytes: usize| [header.as_bytes(), &vec![0; bytes]].concat();
+    let at = header.len() + 2 * 56;
+    for (bytes, found) in [(3 * 56 + 5, "61 bytes, enough for 1 more"), (2 * 56 + 1, "1 bytes")] {
+        assert_eq!(
+            error_of(&binary(bytes), "f.ply"),
+            format!("f.ply: byte {at}: expected the end of the file behind the 2 rows of the header, found {found}")
+        );
+    }
+}
+
+#[test]
+fn a_git_lfs_pointer_says_what_to_do() {
+    // As long as four rows of `.splat` would be.
+    let pointer = format!("{:<128}", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n");
+    for name in ["scene.ply", "scene.spz", "scene.splat"] {
+        let error = parse(pointer.as_bytes(), Path::new(name)).unwrap_err();
+        assert!(matches!(error, SplatError::LfsPointer { .. }), "{error}");
+        assert!(error.to_string().contains(name) && error.to_string().contains("git lfs pull"), "{error}");
+    }
+}
+
 #[test]
 fn what_is_no_file_of_gaussians() {
     assert_eq!(

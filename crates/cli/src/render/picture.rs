@@ -1,6 +1,6 @@
 //! Renderings into pictures that files hold.
 
-use atsplat_pixels::exr::{self, Channel, Channels, Values};
+use atsplat_pixels::exr::{self, COMPOSED, Channel, Channels, Values};
 use atsplat_pixels::{Image, PixelError};
 use atsplat_splat::Rendering;
 
@@ -18,7 +18,7 @@ pub(crate) fn exr(rendering: &Rendering<f32>) -> Result<Vec<u8>, PixelError> {
     };
     let named = |words: &str| Values::Named(words.to_owned());
     let mut planes = vec![colour("R", 0), colour("G", 1), colour("B", 2)];
-    planes.push(plane("A", named("opacity; R G B are over the background already"), rendering.alpha.clone()));
+    planes.push(plane("A", named(COMPOSED), rendering.alpha.clone()));
     if let Some(depth) = &rendering.depth {
         planes.push(plane("Z", Values::Depth, expected_depth(depth, &rendering.alpha)));
     }

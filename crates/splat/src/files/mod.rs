@@ -25,6 +25,9 @@ use serde::Serialize;
 use crate::{Cleaning, GaussianParts, Gaussians, SplatError, Validation};
 use fault::Fault;
 
+/// How a Git LFS pointer begins (git-lfs `docs/spec.md`).
+const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
+
 /// How numbers are stored in a PLY file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -108,8 +111,12 @@ pub fn read(path: &Path) -> Result<(Gaussians, Import), SplatError> {
 /// no first bytes of its own.
 ///
 /// # Errors
-/// [`SplatError::Format`] for bytes that are none of the formats or break theirs.
+/// [`SplatError::Format`] for bytes that are none of the formats or break theirs, those behind the last row of a PLY
+/// file's header among them; [`SplatError::LfsPointer`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, Import), SplatError> {
+    if bytes.starts_with(LFS_POINTER) {
+        return Err(SplatError::LfsPointer { path: path.to_owned() });
+    }
     let Stored { parts, format, unused, antialiased } = stored(bytes, path).map_err(|fault| fault.in_file(path))?;
     let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(Cleaning::Import);
     let logits = &gaussians.parts().opacity_logits;

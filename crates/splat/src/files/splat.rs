@@ -16,17 +16,14 @@ pub(super) fn read(bytes: &[u8]) -> Result<Stored, Fault> {
     };
     let mut parts = GaussianParts::default();
     for row in rows {
-        let (floats, bytes) = row.split_at(24);
-        let mut floats = floats.as_chunks::<4>().0.iter().map(|float| f32::from_le_bytes(*float));
-        let mut three = || [(); 3].map(|()| floats.next().unwrap_or(f32::NAN));
-        parts.means.push(three());
-        parts.log_scales.push(three().map(f32::ln));
-        if let [r, g, b, opacity, quaternion @ ..] = bytes {
-            parts.sh.push([*r, *g, *b].map(|byte| dc(f64::from(byte) / 255.0)));
-            parts.opacity_logits.push(logit(f64::from(*opacity) / 255.0));
-            let part = |at: usize| (f32::from(quaternion.get(at).copied().unwrap_or(128)) - 128.0) / 128.0;
-            parts.quaternions.push([part(0), part(1), part(2), part(3)]);
-        }
+        let ([x, y, z, s0, s1, s2, [r, g, b, opacity], quaternion], []) = row.as_chunks::<4>() else {
+            unreachable!("a row is eight times four bytes")
+        };
+        parts.means.push([x, y, z].map(|bytes| f32::from_le_bytes(*bytes)));
+        parts.log_scales.push([s0, s1, s2].map(|bytes| f32::from_le_bytes(*bytes).ln()));
+        parts.sh.push([*r, *g, *b].map(|byte| dc(f64::from(byte) / 255.0)));
+        parts.opacity_logits.push(logit(f64::from(*opacity) / 255.0));
+        parts.quaternions.push(quaternion.map(|byte| (f32::from(byte) - 128.0) / 128.0));
     }
     Ok(Stored { parts, format: Format::Splat, unused: Vec::new(), antialiased: None })
 }

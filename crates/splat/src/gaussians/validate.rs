@@ -3,6 +3,8 @@
 //! Files in the wild hold all of it: `logit(1) = +∞` (pixelSplat's and DepthSplat's exporters), 889,536 zero
 //! quaternions in one scene (playcanvas/splat-transform #288), NaN positions (playcanvas/supersplat #360).
 
+use std::fmt;
+
 use serde::Serialize;
 
 use super::{GaussianParts, Gaussians, sh_coefficients};
@@ -75,6 +77,27 @@ pub struct Validation {
     pub findings: Vec<Finding>,
 }
 
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let field = match self.field {
+            Field::Means => "means",
+            Field::Quaternions => "quaternions",
+            Field::LogScales => "log-scales",
+            Field::OpacityLogits => "opacity logits",
+            Field::Sh => "spherical harmonics",
+            Field::Scalars => "scalars",
+            Field::Filter3d => "filters",
+        };
+        let problem = match self.problem {
+            Problem::NotANumber => "not a number",
+            Problem::Infinite => "infinite",
+            Problem::ZeroNorm => "zero",
+            Problem::OutOfRange => "out of range",
+        };
+        write!(f, "{field} {problem} in {}, first {}", self.count, self.first)
+    }
+}
+
 impl Validation {
     /// Whether nothing was wrong.
     pub const fn is_clean(&self) -> bool {
@@ -114,7 +137,8 @@ impl Gaussians {
 /// Calls `found` for each field of one Gaussian that has a problem.
 pub(super) fn each_problem(parts: &GaussianParts, position: usize, mut found: impl FnMut(Field, Problem)) {
     let coefficients = sh_coefficients(parts.sh_degree);
-    let sh = parts.sh.get(position * coefficients..(position + 1) * coefficients).unwrap_or_default();
+    let sh = parts.sh.get(position * coefficients..(position + 1) * coefficients);
+    let sh = sh.unwrap_or_else(|| unreachable!("every Gaussian has all coefficients of its degree"));
     let optional = |values: &Option<Vec<f32>>| values.as_ref().and_then(|values| values.get(position).copied());
     let beyond = |limit: f32| move |value: &f32| value.abs() > limit;
     let fields = [

@@ -19,6 +19,14 @@ impl<'a> Text<'a> {
         self.rest.len()
     }
 
+    /// The first line that is not blank and how many there are, where there are any.
+    pub(super) fn surplus(&self) -> Option<(usize, usize)> {
+        let mut lines =
+            self.rest.split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.trim_ascii().is_empty());
+        let (first, _) = lines.next()?;
+        Some((self.lines + first + 1, 1 + lines.count()))
+    }
+
     /// Bytes of a row of digits: each with a blank or a line break behind it.
     pub(super) fn smallest_row(element: &Element<'_>) -> usize {
         2 * element.properties.len()

@@ -18,6 +18,11 @@ impl<'a> Binary<'a> {
         self.rest.len()
     }
 
+    /// The byte behind the last row and how many there are, where there are any.
+    pub(super) fn surplus(&self) -> Option<(usize, usize)> {
+        (!self.rest.is_empty()).then_some((self.at, self.rest.len()))
+    }
+
     /// Bytes of a row whose lists are empty.
     pub(super) fn smallest_row(element: &Element<'_>) -> usize {
         let size = |kind| match kind {
@@ -68,7 +73,7 @@ impl<'a> Binary<'a> {
         let mut values = vec![0.0; columns.len()];
         for row in bytes.chunks_exact(size) {
             for (value, (offset, scalar)) in values.iter_mut().zip(&columns) {
-                *value = self.number(*scalar, row.get(*offset..).unwrap_or_default()).unwrap_or(f64::NAN);
+                *value = self.number(*scalar, row, *offset);
             }
             take(&values);
         }
@@ -120,21 +125,23 @@ impl<'a> Binary<'a> {
 
     fn next_number(&mut self, scalar: Scalar) -> Result<f64, Fault> {
         let bytes = self.bytes(scalar.size())?;
-        Ok(self.number(scalar, bytes).unwrap_or(f64::NAN))
+        Ok(self.number(scalar, bytes, 0))
     }
 
-    /// The number that the bytes start with; an f64 holds every one exactly.
+    /// The number at `offset`, which the bytes hold whole; an f64 holds every one exactly.
     #[inline]
-    fn number(&self, scalar: Scalar, bytes: &[u8]) -> Option<f64> {
+    #[expect(clippy::expect_used, reason = "rows are as long as their properties")]
+    fn number(&self, scalar: Scalar, bytes: &[u8], offset: usize) -> f64 {
         macro_rules! decoded {
             ($number:ty) => {{
-                let bytes = *bytes.first_chunk()?;
+                let bytes = bytes.get(offset..).and_then(<[u8]>::first_chunk);
+                let bytes = *bytes.expect("a row holds each of its properties");
                 let number =
                     if self.big_endian { <$number>::from_be_bytes(bytes) } else { <$number>::from_le_bytes(bytes) };
                 f64::from(number)
             }};
         }
-        Some(match scalar {
+        match scalar {
             Scalar::I8 => decoded!(i8),
             Scalar::U8 => decoded!(u8),
             Scalar::I16 => decoded!(i16),
@@ -143,7 +150,7 @@ impl<'a> Binary<'a> {
             Scalar::U32 => decoded!(u32),
             Scalar::F32 => decoded!(f32),
             Scalar::F64 => decoded!(f64),
-        })
+        }
     }
 }
 

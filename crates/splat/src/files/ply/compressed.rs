@@ -62,10 +62,13 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, F
     let mut parts = GaussianParts { sh_degree: degree, ..GaussianParts::default() };
     let per_channel = crate::sh_coefficients(degree) - 1;
     let mut rest = rest.chunks_exact((3 * per_channel).max(1));
+    // Without an element `sh` there is nothing but the first coefficient; with it, a row for each vertex.
+    let mut higher =
+        || if per_channel == 0 { &[] } else { rest.next().unwrap_or_else(|| unreachable!("counted above")) };
     for (vertices, chunk) in vertices.chunks(256).zip(&chunks) {
         for vertex in vertices {
             chunk.unpack(*vertex, &mut parts);
-            let [red, green, blue] = channels(rest.next().unwrap_or_default(), per_channel);
+            let [red, green, blue] = channels(higher(), per_channel);
             parts.sh.extend(red.iter().zip(green).zip(blue).map(|((red, green), blue)| [*red, *green, *blue]));
         }
     }
@@ -96,13 +99,14 @@ fn wanted(element: &Element<'_>) -> Result<Vec<usize>, Fault> {
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the file's own u32 in an f64")]
 fn packed(row: &[f64]) -> [u32; 4] {
-    let mut row = row.iter().map(|value| *value as u32);
-    [(); 4].map(|()| row.next().unwrap_or(0))
+    let row = row.first_chunk().unwrap_or_else(|| unreachable!("four properties are asked for"));
+    row.map(|value: f64| value as u32)
 }
 
 fn channels(rest: &[f32], per_channel: usize) -> [&[f32]; 3] {
-    let mut channels = rest.chunks_exact(per_channel.max(1));
-    [(); 3].map(|()| channels.next().unwrap_or_default())
+    let (red, rest) = rest.split_at(per_channel);
+    let (green, blue) = rest.split_at(per_channel);
+    [red, green, blue]
 }
 
 /// 0 and 255 are the ends of the range, the rest the middles of 256 steps.

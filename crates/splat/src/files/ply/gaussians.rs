@@ -81,8 +81,10 @@ impl Columns {
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "Gaussians are stored as f32")]
+    #[expect(clippy::expect_used, reason = "a row has every property that is wanted of it")]
     fn push(&self, row: &[f64], parts: &mut GaussianParts) {
-        let [x, y, z, w, i, j, k, s0, s1, s2, opacity, red, green, blue, optional @ ..] = row else { return };
+        let (required, optional) = row.split_first_chunk().expect("a row begins with what is required");
+        let [x, y, z, w, i, j, k, s0, s1, s2, opacity, red, green, blue] = required;
         let narrow = |value: &f64| *value as f32;
         parts.means.push([x, y, z].map(narrow));
         parts.quaternions.push([w, i, j, k].map(narrow));

@@ -17,9 +17,11 @@ use rows::Body;
 pub(super) fn read(bytes: &[u8]) -> Result<Stored, Fault> {
     let header = Header::parse(bytes)?;
     let mut body = Body::of(bytes, &header);
-    if compressed::is_described_by(&header) {
-        compressed::read(&header, &mut body)
+    let stored = if compressed::is_described_by(&header) {
+        compressed::read(&header, &mut body)?
     } else {
-        gaussians::read(&header, &mut body)
-    }
+        gaussians::read(&header, &mut body)?
+    };
+    body.finish(&header)?;
+    Ok(stored)
 }

@@ -41,6 +41,27 @@ impl<'a> Body<'a> {
         self.rows(element, &[], |_| {})
     }
 
+    /// Refuses what stands behind the last row: rows that the header does not count would be left out. Blank lines of
+    /// a text are nothing.
+    pub(super) fn finish(&self, header: &Header<'_>) -> Result<(), Fault> {
+        let rows = header.elements.last().map_or(0, |element| element.count);
+        let surplus = match self {
+            Self::Ascii(text) => text.surplus().map(|(line, rows)| (format!("line {line}"), format!("{rows} more"))),
+            Self::Binary(binary) => binary.surplus().map(|(byte, left)| {
+                let row = header.elements.last().map_or(0, Binary::smallest_row);
+                let more = left.checked_div(row).filter(|more| *more > 0);
+                let more = more.map_or_else(String::new, |more| format!(", enough for {more} more"));
+                (format!("byte {byte}"), format!("{left} bytes{more}"))
+            }),
+        };
+        match surplus {
+            None => Ok(()),
+            Some((location, found)) => {
+                Err(Fault::new(location, format!("the end of the file behind the {rows} rows of the header"), found))
+            }
+        }
+    }
+
     /// Refuses a count of rows that the rest of the file cannot hold; the count that it can, otherwise.
     pub(super) fn check_length(&self, element: &Element<'_>) -> Result<usize, Fault> {
         let (left, row) = match self {
@@ -55,6 +76,7 @@ impl<'a> Body<'a> {
             let expected = format!("at least {needed} bytes for {} rows", element.count);
             return Err(Fault::new(location, expected, format!("{left} bytes")));
         }
-        Ok(if row == 0 { 0 } else { usize::try_from(element.count).unwrap_or(0) })
+        // Rows that lie in memory are no more than memory has bytes.
+        Ok(if row == 0 { 0 } else { usize::try_from(element.count).unwrap_or(left) })
     }
 }

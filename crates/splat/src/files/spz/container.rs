@@ -98,7 +98,7 @@ impl Container {
             if needed == 0 {
                 continue;
             }
-            let (compressed, uncompressed) = (sizes.next().unwrap_or(0), sizes.next().unwrap_or(0));
+            let (compressed, uncompressed) = sizes.next().zip(sizes.next()).ok_or_else(short)?;
             if uncompressed != needed {
                 return Err(Fault::new("SPZ stream", format!("{needed} bytes"), format!("{uncompressed} bytes")));
             }

@@ -1,0 +1,222 @@
+use std::fmt;
+
+use crate::PictureFormat;
+
+/// EXIF's tag for the orientation.
+const ORIENTATION: u16 = 0x0112;
+/// EXIF's type for whole numbers of 16 bits.
+const SHORT: u16 = 3;
+/// What stands before EXIF in a JPEG, and by mistake in some WebP files.
+const EXIF: &[u8] = b"Exif\0\0";
+
+/// How a camera says, in EXIF, that its stored picture is to be turned or mirrored before it is looked at.
+///
+/// [`decode`](crate::decode()) does not do it, as Pillow's `Image.open` does not, and neither do the field's
+/// loaders; viewers and OpenCV's `imread` do. Intrinsics belong to the one or to the other.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[repr(u16)]
+pub enum Orientation {
+    /// Mirrored left to right.
+    Mirrored = 2,
+    /// To be turned by 180°.
+    HalfTurn = 3,
+    /// Mirrored top to bottom.
+    Flipped = 4,
+    /// Mirrored at the diagonal from the top left.
+    Transposed = 5,
+    /// To be turned by 90° clockwise.
+    Clockwise = 6,
+    /// Mirrored at the other diagonal.
+    Transversed = 7,
+    /// To be turned by 90° counter-clockwise.
+    CounterClockwise = 8,
+}
+
+impl Orientation {
+    /// What an encoded picture says of itself; `None` where it is upright or says nothing.
+    ///
+    /// The picture's beginning suffices for JPEG, and for PNG where the chunk `eXIf` stands before the pixels, as
+    /// it does in files of the common writers. WebP keeps EXIF behind its pixels: hand in the whole file.
+    pub fn of(bytes: &[u8]) -> Option<Self> {
+        let exif = match PictureFormat::sniff(bytes)? {
+            PictureFormat::Jpeg => exif_of_jpeg(bytes),
+            PictureFormat::Png => exif_of_png(bytes),
+            PictureFormat::WebP => exif_of_webp(bytes),
+            PictureFormat::Exr => None,
+        }?;
+        Self::from_number(orientation_in(exif.strip_prefix(EXIF).unwrap_or(exif))?)
+    }
+
+    const fn from_number(number: u16) -> Option<Self> {
+        Some(match number {
+            2 => Self::Mirrored,
+            3 => Self::HalfTurn,
+            4 => Self::Flipped,
+            5 => Self::Transposed,
+            6 => Self::Clockwise,
+            7 => Self::Transversed,
+            8 => Self::CounterClockwise,
+            _ => return None,
+        })
+    }
+}
+
+impl fmt::Display for Orientation {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Mirrored => "mirrored left to right",
+            Self::HalfTurn => "to be turned by 180°",
+            Self::Flipped => "mirrored top to bottom",
+            Self::Transposed => "mirrored at its diagonal",
+            Self::Clockwise => "to be turned by 90° clockwise",
+            Self::Transversed => "mirrored at its other diagonal",
+            Self::CounterClockwise => "to be turned by 90° counter-clockwise",
+        })
+    }
+}
+
+/// Marker segments up to the first scan (ITU-T T.81 B.1.1); EXIF is the APP1 that says so.
+fn exif_of_jpeg(bytes: &[u8]) -> Option<&[u8]> {
+    let mut rest = bytes.get(2..)?;
+    loop {
+        match rest {
+            [0xff, 0xff, ..] => rest = rest.get(1..)?,
+            [0xff, 0x01 | 0xd0..=0xd7, ..] => rest = rest.get(2..)?,
+            [0xff, 0xd9 | 0xda, ..] => return None,
+            [0xff, marker, high, low, ..] => {
+                let end = 2 + usize::from(u16::from_be_bytes([*high, *low]));
+                let payload = rest.get(4..end)?;
+                if *marker == 0xe1 && payload.starts_with(EXIF) {
+                    return Some(payload);
+                }
+                rest = rest.get(end..)?;
+            }
+            _ => return None,
+        }
+    }
+}
+
+/// Chunks of length, name, data and checksum, the lengths big endian.
+fn exif_of_png(bytes: &[u8]) -> Option<&[u8]> {
+    let mut rest = bytes.get(8..)?;
+    loop {
+        let ([length, name], _) = rest.as_chunks::<4>().0.split_first_chunk::<2>()?;
+        let end = usize::try_from(u32::from_be_bytes(*length)).ok()?.checked_add(8)?;
+        match name {
+            b"eXIf" => return rest.get(8..end),
+            b"IEND" => return None,
+            _ => rest = rest.get(end.checked_add(4)?..)?,
+        }
+    }
+}
+
+/// Chunks of name, length and data padded to an even length, the lengths little endian (RFC 9649, section 2.3).
+fn exif_of_webp(bytes: &[u8]) -> Option<&[u8]> {
+    let mut rest = bytes.get(12..)?;
+    loop {
+        let ([name, length], _) = rest.as_chunks::<4>().0.split_first_chunk::<2>()?;
+        let length = usize::try_from(u32::from_le_bytes(*length)).ok()?;
+        let end = length.checked_add(8)?;
+        if name == b"EXIF" {
+            return rest.get(8..end);
+        }
+        rest = rest.get(end.checked_add(length % 2)?..)?;
+    }
+}
+
+/// The orientation in the first directory of a TIFF structure (EXIF 2.32, section 4.6.2): 12 bytes an entry, of
+/// tag, type, count and value.
+fn orientation_in(tiff: &[u8]) -> Option<u16> {
+    let big_endian = match tiff {
+        [b'M', b'M', 0, 42, ..] => true,
+        [b'I', b'I', 42, 0, ..] => false,
+        _ => return None,
+    };
+    let short = |at: usize| {
+        let bytes = *tiff.get(at..)?.first_chunk()?;
+        Some(if big_endian { u16::from_be_bytes(bytes) } else { u16::from_le_bytes(bytes) })
+    };
+    let directory = *tiff.get(4..)?.first_chunk()?;
+    let directory = if big_endian { u32::from_be_bytes(directory) } else { u32::from_le_bytes(directory) };
+    let directory = usize::try_from(directory).ok()?;
+    let entries = directory.checked_add(2)?;
+    let tag = |at: &usize| short(*at) == Some(ORIENTATION) && short(at + 2) == Some(SHORT);
+    let found = (0..usize::from(short(directory)?)).map(|entry| entries.saturating_add(12 * entry)).find(tag)?;
+    short(found + 8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One directory whose second entry is the orientation.
+    fn tiff(big_endian: bool, orientation: u16) -> Vec<u8> {
+        let short = |value: u16| if big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
+        let long = |value: u32| if big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
+        let mut bytes = if big_endian { b"MM".to_vec() } else { b"II".to_vec() };
+        bytes.extend(short(42));
+        bytes.extend(long(8));
+        bytes.extend(short(2));
+        for (tag, value) in [(0x0100, 6), (ORIENTATION, orientation)] {
+            bytes.extend([short(tag), short(SHORT)].concat());
+            bytes.extend(long(1));
+            bytes.extend([short(value), short(0)].concat());
+        }
+        bytes.extend(long(0));
+        bytes
+    }
+
+    fn jpeg(exif: &[u8]) -> Vec<u8> {
+        let segment = |marker: u8, payload: &[u8]| {
+            let length = u16::try_from(payload.len() + 2).unwrap().to_be_bytes();
+            [&[0xff, marker], &length[..], payload].concat()
+        };
+        let jfif = segment(0xe0, b"JFIF\0\x01\x02\0\0\x01\0\x01\0\0");
+        let xmp = segment(0xe1, b"http://ns.adobe.com/xap/1.0/\0<x/>");
+        [b"\xff\xd8".to_vec(), jfif, xmp, segment(0xe1, &[EXIF, exif].concat())].concat()
+    }
+
+    fn png(exif: &[u8]) -> Vec<u8> {
+        let chunk = |name: &[u8; 4], data: &[u8]| {
+            let length = u32::try_from(data.len()).unwrap().to_be_bytes();
+            [&length[..], name, data, &[0; 4]].concat()
+        };
+        [b"\x89PNG\r\n\x1a\n".to_vec(), chunk(b"IHDR", &[0; 13]), chunk(b"eXIf", exif)].concat()
+    }
+
+    fn webp(exif: &[u8]) -> Vec<u8> {
+        let length = u32::try_from(exif.len()).unwrap().to_le_bytes();
+        // A chunk of odd length is padded.
+        [b"RIFF\xff\0\0\0WEBPVP8 \x03\0\0\0abc\0EXIF".as_slice(), &length, exif].concat()
+    }
+
+    #[test]
+    fn every_container_and_byte_order() {
+        for big_endian in [true, false] {
+            for (number, expected) in [
+                (1, None),
+                (2, Some(Orientation::Mirrored)),
+                (3, Some(Orientation::HalfTurn)),
+                (6, Some(Orientation::Clockwise)),
+                (8, Some(Orientation::CounterClockwise)),
+                (9, None),
+            ] {
+                let exif = tiff(big_endian, number);
+                for file in [jpeg(&exif), png(&exif), webp(&exif), webp(&[EXIF, &exif].concat())] {
+                    assert_eq!(Orientation::of(&file), expected, "{number}, big endian: {big_endian}");
+                    for length in 0..file.len() {
+                        let cut = Orientation::of(&file[..length]);
+                        assert!(cut.is_none() || cut == expected, "cut to {length} bytes: {cut:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_directory_beyond_the_end_is_none() {
+        let mut exif = tiff(false, 6);
+        exif[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
+        assert_eq!(Orientation::of(&jpeg(&exif)), None);
+    }
+}
