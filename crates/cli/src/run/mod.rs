@@ -22,7 +22,7 @@ use crate::progress::Progress;
 use methods::{MethodWord, MethodWords};
 use protocols::ProtocolWords;
 use report::Report;
-use settings::SettingWords;
+use settings::{SettingWords, TimingArgs};
 
 // The protocols come first.
 #[derive(Debug, Args)]
@@ -45,12 +45,15 @@ pub(crate) struct Words {
 
     #[command(flatten, next_help_heading = "Run")]
     settings: SettingWords,
+
+    #[command(flatten, next_help_heading = "Run")]
+    timing: TimingArgs,
 }
 
 /// Runs methods; `true` where nothing was skipped and nothing failed.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let methods = words.sources.methods(&words.methods)?;
-    evaluate(&words.protocols, &methods, &words.settings)
+    evaluate(&words.protocols, &methods, &words.settings, words.timing)
 }
 
 /// Runs methods that are ready.
@@ -58,7 +61,9 @@ fn evaluate(
     protocols: &ProtocolWords,
     methods: &[std::sync::Arc<dyn Method>],
     settings: &SettingWords,
+    timing: TimingArgs,
 ) -> anyhow::Result<bool> {
+    let timing = timing.plan()?;
     let mut warnings = Warnings::new();
     let datasets = protocols.open(&mut warnings)?;
     let suite = settings.suite(&datasets)?;
@@ -67,13 +72,12 @@ fn evaluate(
         methods,
         suite: &suite,
         selection: settings.selection(),
-        repetitions: settings.repetitions(),
-        alone: settings.alone(),
+        timing,
         pictures: settings.pictures(),
         prefetch: SettingWords::prefetch(),
     };
     let store = Store::resume(settings.out(), plan.provenance(here())?)?;
-    let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
+    let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
     let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
     drop(progress);
     print_report(&Report::of(&results, Some(summary), settings.out()), settings.json)?;

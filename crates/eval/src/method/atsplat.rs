@@ -77,13 +77,6 @@ impl AtSplat {
         Ok(Self { network, high_resolution: None, splatting, call_seed, record })
     }
 
-    /// The same under a record that says one thing more.
-    #[must_use]
-    pub fn with_parameter(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
-        self.record.parameters.insert(name.to_owned(), value.into());
-        self
-    }
-
     /// The same with another network for pictures of [`HIGH_RESOLUTION`] pixels and more: what the paper's configuration for
     /// them makes of the same weights.
     ///
@@ -102,14 +95,13 @@ impl AtSplat {
         self
     }
 
-    fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>), Refusal> {
+    fn reconstruct(&self, question: &Question<'_>) -> Result<Reconstruction, Refusal> {
         let cameras = question.trial.context().iter().map(|view| view.camera).collect();
         let views =
             network_views(question.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| refusal(&error))?;
         let pixels = views.size().height * views.size().width;
         let network = self.high_resolution.as_ref().filter(|_| pixels >= HIGH_RESOLUTION).unwrap_or(&self.network);
-        let made = question.repetitions.of(|| network.reconstruct(&views, self.call_seed));
-        made.map_err(|error| refusal(&error))
+        network.reconstruct(&views, self.call_seed).map_err(|error| refusal(&error))
     }
 }
 
@@ -139,12 +131,11 @@ impl Method for AtSplat {
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        let (made, encode_samples) = self.reconstruct(&question)?;
+        let made = self.reconstruct(&question)?;
         let stages = made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
         let cost = Cost {
             initial_tokens: Some(made.budget.initial_tokens as u64),
             final_tokens: Some(made.budget.final_tokens as u64),
-            encode_samples,
             stages: stages.into_iter().collect(),
             peak_bytes: Some(made.memory.peak_bytes()),
             ..Cost::default()

@@ -5,7 +5,7 @@ use atsplat_protocol::trial::Trial;
 use atsplat_splat::{Gaussians, files};
 
 use super::splatting::{Splatting, parameters};
-use super::{Answer, Cost, Method, Question, Refusal, below, last_of, names_of};
+use super::{Answer, Cost, Method, Question, Refusal, Timed, below, last_of, names_of};
 use crate::{EvalError, MethodRecord};
 
 /// Gaussians that any other method wrote, a file for each scene:
@@ -103,6 +103,10 @@ impl Method for Ply {
         };
         self.splatting.describe(&mut record);
         record
+    }
+
+    fn timed(&self) -> Timed {
+        Timed::RENDERING
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {

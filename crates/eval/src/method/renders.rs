@@ -5,7 +5,7 @@ use atsplat_pixels::{DecodeLimits, Image, decode, exr};
 use atsplat_protocol::trial::Trial;
 
 use super::splatting::parameters;
-use super::{Answer, Cost, Method, Question, Refusal, Rendered, below, last_of, names_of};
+use super::{Answer, Cost, Method, Question, Refusal, Rendered, Timed, below, last_of, names_of};
 use crate::{EvalError, MethodRecord};
 
 /// Pictures that any other method wrote, found by scene and frame.
@@ -86,6 +86,10 @@ impl Method for Renders {
         }
     }
 
+    fn timed(&self) -> Timed {
+        Timed::NOTHING
+    }
+
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
         Ok(Box::new(Imported { renders: self, trial: question.trial, cost: Cost::default() }))
     }
@@ -107,7 +111,7 @@ impl Answer for Imported<'_> {
         let one = |position: &usize| {
             let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
             let path = self.renders.find(self.trial, target.frame)?;
-            read(&path).map(Rendered::untimed).map_err(|error| format!("{error} ({})", path.display()))
+            read(&path).map(Rendered::plain).map_err(|error| format!("{error} ({})", path.display()))
         };
         targets.iter().map(one).collect()
     }

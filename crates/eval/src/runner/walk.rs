@@ -12,7 +12,7 @@ use crate::method::Method;
 use crate::{EvalError, Store, TrialKey};
 
 /// Methods that take the same pose normalisation and planes, and so the same trials.
-pub(super) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Arc<dyn Method>>> {
+pub(crate) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Arc<dyn Method>>> {
     let mut groups: Vec<Vec<Arc<dyn Method>>> = Vec::new();
     for method in methods {
         let alike = |group: &&mut Vec<Arc<dyn Method>>| {
@@ -26,11 +26,11 @@ pub(super) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Ar
     groups
 }
 
-pub(super) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRecipe {
+pub(crate) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRecipe {
     TrialRecipe::of(&dataset.preset, methods.first().map_or("ATSplat", |method| method.setting()))
 }
 
-pub(super) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
+pub(crate) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
     TrialKey {
         preset: dataset.name.clone(),
         method: method.record().name,
@@ -73,8 +73,7 @@ impl Walk<'_> {
         }
         self.found(&trials, findings);
         rest.scenes.extend(known.scenes.into_iter().filter(|(key, _)| changed.contains(key)));
-        let ahead = if self.plan.alone { Prefetch { trials: 0, ..self.plan.prefetch } } else { self.plan.prefetch };
-        let mut trials = self.trials(&rest, ahead);
+        let mut trials = self.trials(&rest, self.plan.prefetch);
         loop {
             let batch: Vec<_> = trials.by_ref().take(self.together()).collect();
             if batch.is_empty() {
@@ -133,7 +132,7 @@ impl Walk<'_> {
 
     /// Trials that are worked on at once. Networks take too much memory for several.
     fn together(&self) -> usize {
-        let one = self.plan.alone || self.methods.iter().any(|method| method.is_heavy());
+        let one = self.methods.iter().any(|method| method.is_heavy());
         if one { 1 } else { 2 * rayon::current_num_threads() }
     }
 
@@ -141,13 +140,7 @@ impl Walk<'_> {
     fn evaluate(&self, trial: Trial, targets: &TargetPictures) -> Result<(u64, u64), EvalError> {
         let decoded = Decoded::new(trial, targets);
         let missing = self.missing(&decoded.trial);
-        let evaluation = Evaluation {
-            preset: &self.dataset.preset,
-            suite: self.plan.suite,
-            repetitions: self.plan.repetitions,
-            alone: self.plan.alone,
-            pictures: self.keeping,
-        };
+        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, pictures: self.keeping };
         let before = (self.methods.len() - missing.len()) as u64;
         (0..before).for_each(|_| (self.step)());
         for method in &missing {

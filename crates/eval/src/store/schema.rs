@@ -67,15 +67,17 @@ pub(super) struct Column {
     pub(super) nullable: bool,
 }
 
-/// The two tables of one version.
+/// The tables of one version.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Schema {
     pub(super) targets: Vec<Column>,
     pub(super) trials: Vec<Column>,
+    /// None in version 1.
+    pub(super) timings: Vec<Column>,
 }
 
 /// Every version's text, oldest first: a released one never changes.
-const VERSIONS: &[&str] = &[include_str!("../../schema/v1.txt")];
+const VERSIONS: &[&str] = &[include_str!("../../schema/v1.txt"), include_str!("../../schema/v2.txt")];
 
 /// The version that is written.
 #[expect(clippy::cast_possible_truncation, reason = "a handful of versions")]
@@ -124,6 +126,7 @@ impl Schema {
                     let columns = match table? {
                         "targets" => &mut schema.targets,
                         "trials" => &mut schema.trials,
+                        "timings" => &mut schema.timings,
                         _ => return None,
                     };
                     columns.push(Column { name: name.to_owned(), kind, nullable });
@@ -137,7 +140,7 @@ impl Schema {
     #[cfg(test)]
     pub(super) fn to_text(&self) -> String {
         let mut text = String::new();
-        for (table, columns) in [("targets", &self.targets), ("trials", &self.trials)] {
+        for (table, columns) in [("targets", &self.targets), ("trials", &self.trials), ("timings", &self.timings)] {
             writeln!(text, "{table}").ok();
             for Column { name, kind, nullable } in columns {
                 writeln!(text, "  {name} {}{}", kind.name(), if *nullable { "?" } else { "" }).ok();
