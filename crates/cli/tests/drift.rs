@@ -7,9 +7,10 @@ mod common;
 
 use std::path::Path;
 
+use atsplat_eval::timing::{Load, Machine, TimingRow};
 use atsplat_eval::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, TargetRow, TargetStatus, TrialKey,
-    TrialRow, TrialStatus,
+    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow,
+    TrialStatus,
 };
 use common::{atsplat, succeed};
 
@@ -41,6 +42,21 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
             deterministic,
             ..MethodRecord::default()
         });
+        results.timings.push(TimingRow {
+            key: TrialKey { preset: "p".to_owned(), method: method.to_owned(), scene: "scene 0".to_owned(), entry: 0 },
+            trial_hash: "trial 0".to_owned(),
+            machine: Machine { processor: "some".to_owned(), platform: "linux".to_owned(), cpus: 2, threads: 2 },
+            started: 1,
+            trials_there: 6,
+            warm_up: 1,
+            encode: vec![secs; 5],
+            render: vec![0.01; 5],
+            stages: [].into(),
+            held_bytes: None,
+            peak_bytes: None,
+            load: Load::default(),
+            detail: None,
+        });
         for scene in 0..6u32 {
             let key = TrialKey {
                 preset: "p".to_owned(),
@@ -66,7 +82,6 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
                 final_tokens: None,
                 gaussians: Some(gaussians),
                 gaussians_drawn: None,
-                seconds: Seconds { encode: Some(secs), render: Some(0.01), ..Seconds::default() },
                 peak_bytes: None,
                 effects: vec![],
                 notes: vec![],
@@ -87,7 +102,6 @@ fn store_of(path: &Path, shift: f64, change: impl FnOnce(&mut Results)) {
                 non_finite: 0,
                 scores: [("psnr".to_owned(), score + f64::from(scene + target))].into(),
                 not_computed: [].into(),
-                render_secs: Some(0.01),
             }));
         }
     }
@@ -232,11 +246,13 @@ fn a_frontier_has_prices() {
     store(&folder.path().join("then"), 0.0);
     let table = succeed(folder.path(), &["tradeoff", "then"]);
     assert!(
-        table.contains("coarse to fine, 2.0000 dB better: the next 0.1 dB for +15.0 ms and +1500 Gaussians"),
+        table.contains(
+            "coarse to fine, 2.0000 dB better (2.0000 to 2.0000): the next 0.1 dB for +15.0 ms and +1500 Gaussians"
+        ),
         "{table}"
     );
     let json = succeed(folder.path(), &["tradeoff", "then", "--json"]);
     let report: serde_json::Value = serde_json::from_str(&json).unwrap();
     let points = report["tradeoffs"][0]["frontiers"][0]["points"].as_array().unwrap();
-    assert!(points.len() == 2 && points.iter().all(|point| point["on-frontier"] == true), "{report}");
+    assert!(points.len() == 2 && points.iter().all(|point| point["standing"] == "frontier"), "{report}");
 }

@@ -168,6 +168,32 @@ fn shards_are_merged_and_missing_ones_are_told() {
 }
 
 #[test]
+fn times_are_measured_where_asked_for_and_else_absent_with_the_reason() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    simulated(here, 4);
+    let run = ["run", "tiny.toml", "--data", "data/test", "--out", "store", "--method", "warp"];
+    let told = succeed(here, &run);
+    assert!(told.contains("no times of warp: no timing pass was made"), "{told}");
+    let refused = atsplat(here, &[&run[..], &["--repetitions", "7"]].concat());
+    assert!(refused.code == 1 && refused.stderr.contains("--timing"), "{}", refused.stderr);
+    assert_eq!(atsplat(here, &[&run[..], &["--timing", "--repetitions", "4"]].concat()).code, 2, "five at the least");
+    let json = succeed(here, &[&run[..], &["--timing", "--repetitions", "7", "--json"]].concat());
+    let json: serde_json::Value = serde_json::from_str(&json).unwrap();
+    assert_eq!((&json["summary"]["evaluated"], &json["summary"]["resumed"]), (&0.into(), &4.into()), "{json}");
+    let times = &json["times"][0];
+    assert_eq!(
+        (&times["trials"], &times["trials-there"], &times["encode"]),
+        (&3.into(), &4.into(), &serde_json::Value::Null)
+    );
+    let render = &times["render"];
+    assert!(times["repetitions"].as_u64().unwrap() >= 7 && render["median"].as_f64().unwrap() > 0.0, "{times}");
+    assert!(times["busy"].is_boolean() && render["mad"].is_number() && times["machine"]["threads"].is_u64(), "{times}");
+    let table = succeed(here, &["tradeoff", "store"]);
+    assert!(table.contains("Timed on") && !table.contains("left out: no timing"), "{table}");
+}
+
+#[test]
 fn what_is_wrong_is_said_before_work_begins() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();

@@ -1,4 +1,4 @@
-//! How many trials a minute go through splatting, PSNR, SSIM and the store, and where the time goes.
+//! How many trials a minute go through splatting, PSNR, SSIM and the store, and how long one takes by itself.
 //!
 //! `cargo run --release -p atsplat-eval --example throughput -- ../shared/data/re10k/000c3ab189999a83 [TARGETS]`
 //!
@@ -12,8 +12,9 @@ use std::time::Instant;
 
 use anyhow::{Context as _, ensure};
 use atsplat_camera::DirectionScale;
-use atsplat_eval::method::{Answer, Cost, Method, Question, Refusal, Repetitions, Splatting};
+use atsplat_eval::method::{Answer, Cost, Method, Question, Refusal, Splatting};
 use atsplat_eval::runner::{Dataset, KeepPictures, Plan, PlannedIndex, Selection, here, named_metrics, run};
+use atsplat_eval::timing::{TimingPlan, times};
 use atsplat_eval::{MethodRecord, Store};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
@@ -52,12 +53,11 @@ fn main() -> anyhow::Result<()> {
         methods: &methods,
         suite: &suite,
         selection: Selection::default(),
-        repetitions: Repetitions::ONCE,
-        alone: false,
+        timing: None,
         pictures: KeepPictures::Nothing,
         prefetch: Prefetch::default(),
     };
-    println!("threads  trials/min  19 422 targets in  read  encode  render  score  (shares of all threads' time)");
+    println!("threads  trials/min  19 422 targets in");
     let most = std::thread::available_parallelism()?.get();
     for threads in (0..).map(|power| 1 << power).take_while(|threads| *threads <= most) {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
@@ -69,17 +69,19 @@ fn main() -> anyhow::Result<()> {
         let secs = start.elapsed().as_secs_f64();
         let scored = results.targets.iter().filter(|row| row.scores.contains_key("psnr")).count();
         ensure!(scored == 3 * entries, "{scored} of {} targets scored", 3 * entries);
-        let sum =
-            |of: fn(&atsplat_eval::Seconds) -> f64| results.trials.iter().map(|trial| of(&trial.seconds)).sum::<f64>();
-        let parts = [
-            sum(|secs| secs.read),
-            sum(|secs| secs.encode.unwrap_or_default()),
-            sum(|secs| secs.render_samples.iter().sum()),
-            sum(|secs| secs.score),
-        ];
-        let shares = parts.map(|part| format!("{:>5.1}%", 100.0 * part / (secs * threads as f64)));
         let whole = secs * PUBLISHED[0] / entries as f64 / 60.0;
-        println!("{threads:>7}  {:>10.0}  {whole:>13.1} min  {}", 60.0 * entries as f64 / secs, shares.join("  "));
+        println!("{threads:>7}  {:>10.0}  {whole:>13.1} min", 60.0 * entries as f64 / secs);
+    }
+    let timed =
+        Plan { timing: Some(TimingPlan::default()), selection: Selection { limit: Some(3), shard: None }, ..plan };
+    let folder = tempfile::tempdir()?;
+    let store = Store::create(folder.path(), timed.provenance(here("0", None, Vec::new()))?)?;
+    let (results, _) = run(&timed, store, &|| ())?;
+    let times = times(&results, &datasets[0].name, "wall").map_err(anyhow::Error::msg)?;
+    for (what, spread) in [("making Gaussians", times.encode), ("rendering a view", times.render)] {
+        if let Some(spread) = spread {
+            println!("{what}: {:.1} ms, MAD {:.1}", 1e3 * spread.median, 1e3 * spread.mad);
+        }
     }
     Ok(())
 }
@@ -96,8 +98,7 @@ impl Method for Wall {
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        let (gaussians, encode_samples) = question.repetitions.of(|| gaussians(question))?;
-        Ok(self.splatting.answer(question, gaussians, Cost { encode_samples, ..Cost::default() }))
+        Ok(self.splatting.answer(question, gaussians(question)?, Cost::default()))
     }
 }
 

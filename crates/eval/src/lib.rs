@@ -1,7 +1,7 @@
 //! Methods and trials into a results store, and what a store says: statistics, drift, attribution, accuracy against time.
 //!
 //! A *result* is one method's answer to one trial. It becomes one [`TrialRow`] and as many [`TargetRow`]s as the trial has
-//! targets, whatever happened: a failure is a row too. [`Results`] are the rows of one store with their [`Provenance`].
+//! targets, whatever happened: a failure is a row too. How long it took is told by a [timing pass](timing). [`Results`] are the rows of one store with their [`Provenance`].
 //! How a table looks is not known here.
 
 mod context;
@@ -17,12 +17,13 @@ mod sample_rows;
 pub mod sources;
 pub mod statistics;
 pub mod store;
+pub mod timing;
 pub mod tradeoff;
 
 pub use context::network_views;
 pub use error::EvalError;
 pub use rows::{
-    IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, Shard, SkippedEntry, TargetRow,
-    TargetStatus, TimingRecord, TrialKey, TrialRow, TrialStatus, WarningCount,
+    IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry, TargetRow,
+    TargetStatus, TrialKey, TrialRow, TrialStatus, WarningCount,
 };
 pub use store::Store;

@@ -1,6 +1,7 @@
 //! Rows for tests.
 
-use crate::{MetricRecord, Results, Seconds, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+use crate::timing::{Load, Machine, TimingRow};
+use crate::{MetricRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// The name of every sample's preset.
 pub(crate) const PRESET: &str = "sampled";
@@ -38,7 +39,6 @@ pub(crate) fn target(method: &str, scene: &str, entry: u32, at: u32, metric: &st
         non_finite: 0,
         scores: [(metric.to_owned(), score)].into(),
         not_computed: [].into(),
-        render_secs: Some(0.01),
     }
 }
 
@@ -61,9 +61,27 @@ pub(crate) fn trial(method: &str, scene: &str, entry: u32, targets: usize) -> Tr
         final_tokens: Some(1440),
         gaussians: Some(23_040),
         gaussians_drawn: Some(20_000.0),
-        seconds: Seconds { read: 0.1, encode: Some(0.5), render: Some(0.01), score: 0.02, ..Seconds::default() },
         peak_bytes: Some(1 << 20),
         effects: vec![],
         notes: vec![],
+    }
+}
+
+/// The first entry of a scene, timed on a quiet machine.
+pub(crate) fn timing(method: &str, scene: &str, encode: &[f64], render: &[f64]) -> TimingRow {
+    TimingRow {
+        key: key(method, scene, 0),
+        trial_hash: format!("trial {scene} 0"),
+        machine: Machine { processor: "a processor".to_owned(), platform: "linux".to_owned(), cpus: 2, threads: 2 },
+        started: 1,
+        trials_there: 3,
+        warm_up: 1,
+        encode: encode.to_vec(),
+        render: render.to_vec(),
+        stages: [].into(),
+        held_bytes: None,
+        peak_bytes: Some(1 << 20),
+        load: Load { others: Some(0.01), ..Load::default() },
+        detail: None,
     }
 }

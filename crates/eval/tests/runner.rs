@@ -8,7 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use atsplat_eval::method::{Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Repetitions, Warp};
+use atsplat_eval::method::{Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Warp};
 use atsplat_eval::runner::{
     Dataset, KeepPictures, Plan, PlannedIndex, Selection, Summary, here, named_metrics, picture_path, run,
 };
@@ -63,7 +63,7 @@ impl Answer for Trouble {
             ("wall-5", 0) => Ok(image(0.5, SIZE.width - 1)),
             _ => Ok(image(0.5, SIZE.width)),
         };
-        let rendered = |image| Rendered { image, secs: vec![0.5], drawn: None, effects: Vec::new() };
+        let rendered = |image| Rendered { image, drawn: None, effects: Vec::new() };
         targets.iter().map(|target| one(target).map(rendered)).collect()
     }
 }
@@ -73,7 +73,6 @@ struct Setting {
     methods: Vec<Arc<dyn Method>>,
     suite: Suite,
     selection: Selection,
-    alone: bool,
     pictures: KeepPictures,
 }
 
@@ -85,7 +84,6 @@ impl Setting {
             methods,
             suite: Suite::new(named_metrics(ids).unwrap(), Networks::default(), 0),
             selection: Selection::default(),
-            alone: false,
             pictures: KeepPictures::Nothing,
         }
     }
@@ -96,8 +94,7 @@ impl Setting {
             methods: &self.methods,
             suite: &self.suite,
             selection: self.selection,
-            repetitions: Repetitions { warm_up: 1, counted: 2 },
-            alone: self.alone,
+            timing: None,
             pictures: self.pictures,
             prefetch: Prefetch::default(),
         }
@@ -118,8 +115,7 @@ fn floors() -> Vec<Arc<dyn Method>> {
 }
 
 fn bare(results: &Results) -> (Vec<TrialRow>, Vec<TargetRow>) {
-    let trials = results.trials.iter().map(TrialRow::without_times).collect();
-    (trials, results.targets.iter().map(TargetRow::without_times).collect())
+    (results.trials.clone(), results.targets.clone())
 }
 
 fn key(method: &str, scene: usize) -> TrialKey {
@@ -135,8 +131,7 @@ fn floors_have_whole_rows() {
     for trial in &results.trials {
         assert_eq!((trial.status, &trial.context[..], trial.targets), (TrialStatus::Done, &[0, 4][..], 3));
         assert_eq!((trial.width, trial.height, trial.overlap), (64, 64, Some(0.5)));
-        assert_eq!(trial.seconds.render_samples.len(), 6, "two repetitions of three targets");
-        assert!(trial.seconds.score > 0.0 && trial.trial_hash.len() == 64);
+        assert_eq!(trial.trial_hash.len(), 64);
     }
     let of = |method: &str, target: usize| {
         results.targets.iter().find(|row| row.key == key(method, 1) && row.target as usize == target).unwrap()
@@ -268,18 +263,6 @@ fn a_limit_spreads_and_scenes_that_are_not_there_are_told() {
     let (results, summary) = setting.run(all.path()).unwrap();
     assert_eq!((summary.skipped, results.provenance.skipped[0].reason.as_str()), (1, "frame-out-of-range"));
     assert_eq!(results.trials.len(), 16);
-}
-
-#[test]
-fn timed_alone_gives_the_same_pictures_and_says_so() {
-    let [shared, alone] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
-    let mut setting = Setting::new(Walls::new(2, 8), floors());
-    let (first, _) = setting.run(shared.path()).unwrap();
-    setting.alone = true;
-    let (second, _) = setting.run(alone.path()).unwrap();
-    assert_eq!(bare(&first), bare(&second));
-    assert!(second.provenance.timing.alone && !first.provenance.timing.alone);
-    assert_eq!(second.provenance.timing.repetitions, 2);
 }
 
 #[test]

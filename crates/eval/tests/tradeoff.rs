@@ -4,16 +4,17 @@
 
 mod common;
 
-use atsplat_eval::method::{ConstantsChoice, Repetitions, WeightsOf};
+use atsplat_eval::method::{ConstantsChoice, Question, WeightsOf};
 use atsplat_eval::runner::{KeepPictures, Plan, Selection, here, named_metrics, run};
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{Sweep, Swept, across, parts, tradeoffs};
+use atsplat_eval::timing::TimingPlan;
+use atsplat_eval::tradeoff::{Part, Setting, Sweep, Swept, across, parts, tradeoffs};
 use atsplat_eval::{Results, Store};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
-use atsplat_protocol::trial::Prefetch;
+use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
 use common::{Walls, dataset, entry};
 
 fn swept() -> Swept {
@@ -35,7 +36,6 @@ fn every_knob_changes_what_it_should() {
          [[settings]]\nlabel = 'K 4'\nknobs = { gaussians-per-token = 4 }\n\
          [[settings]]\nlabel = 'no expansion'\nknobs = { ratios = [0.0, 0.0, 0.0] }\n\
          [[settings]]\nlabel = 'thresholds'\nknobs = { thresholds = [1e9, 1e9, 1e9] }\n\
-         [[settings]]\nlabel = 'half'\nknobs = { precision = 'half' }\n\
          [[settings]]\nlabel = 'alpha from a tenth'\nknobs = { renderer = { min-alpha = 0.1 } }\n\
          [[settings]]\nlabel = 'two views'\nknobs = { views = 2 }\n",
     );
@@ -43,15 +43,14 @@ fn every_knob_changes_what_it_should() {
     let suite = Suite::new(named_metrics(["psnr"]).unwrap(), Networks::default(), 0);
     let folder = tempfile::tempdir().unwrap();
     let parts = parts(&sweep, &swept(), &datasets).unwrap();
-    assert_eq!(parts.iter().map(|part| part.methods.len()).collect::<Vec<_>>(), [6, 1]);
+    assert_eq!(parts.iter().map(|part| part.methods.len()).collect::<Vec<_>>(), [5, 1]);
     for part in &parts {
         let plan = Plan {
             datasets: &part.datasets,
             methods: &part.methods,
             suite: &suite,
             selection: Selection::default(),
-            repetitions: Repetitions::ONCE,
-            alone: true,
+            timing: Some(TimingPlan::default()),
             pictures: KeepPictures::Nothing,
             prefetch: Prefetch::default(),
         };
@@ -59,7 +58,7 @@ fn every_knob_changes_what_it_should() {
         run(&plan, store, &|| ()).unwrap();
     }
     let results = Results::read(folder.path()).unwrap();
-    assert_eq!((results.trials.len(), results.targets.len()), (14, 14));
+    assert_eq!((results.trials.len(), results.targets.len()), (12, 12));
 
     let gaussians = |method: &str| results.trials.iter().find(|trial| trial.key.method == method).unwrap().gaussians;
     let renders = |method: &str| -> Vec<Option<String>> {
@@ -72,7 +71,6 @@ fn every_knob_changes_what_it_should() {
         ("K 4", 135 * 4),
         ("no expansion", 48 * 16),
         ("thresholds", 48 * 16),
-        ("half", 135 * 16),
         ("alpha from a tenth", 135 * 16),
         ("two views", 90 * 16),
     ] {
@@ -81,14 +79,19 @@ fn every_knob_changes_what_it_should() {
     }
     assert_eq!(renders("thresholds"), renders("no expansion"), "nothing is that uncertain");
     let record = |name: &str| results.provenance.methods.iter().find(|method| method.name == name).unwrap();
-    assert_eq!(record("half").parameters["weight-precision"], "half");
     assert_eq!(record("alpha from a tenth").constants.as_deref(), Some("of the preset, min-alpha 0.1"));
 
     let apart = tradeoffs(&results, &["psnr"], Leaked::Included).unwrap();
     let names: Vec<&str> = apart.iter().map(|tradeoff| tradeoff.preset.as_str()).collect();
     assert_eq!(names, ["walls", "walls-2-views"]);
-    assert_eq!(apart[0].frontiers.iter().map(|frontier| frontier.points.len()).collect::<Vec<_>>(), [6, 6]);
-    assert_eq!(across(&results, "psnr", Leaked::Included).unwrap().frontiers[0].points.len(), 7);
+    assert_eq!(apart[0].frontiers.iter().map(|frontier| frontier.points.len()).collect::<Vec<_>>(), [5, 5]);
+    let across = across(&results, "psnr", Leaked::Included).unwrap();
+    assert_eq!(across.frontiers[0].points.len(), 6);
+    for point in &across.frontiers[0].points {
+        let against = point.against.as_ref().unwrap();
+        assert!(point.secs.unwrap() > 0.0 && against.difference.interval.is_some(), "{point:?}");
+        assert_eq!(against.difference.scenes, 2, "paired across protocols too");
+    }
 }
 
 #[test]
@@ -96,7 +99,7 @@ fn a_knob_that_does_not_fit_stops_the_sweep_before_it_runs() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
     for (knobs, told) in [
         ("views = 3", "views"),
-        ("resolution = [32, 32]", "resolution"),
+        ("resolution = [32, 0]", "resolution"),
         ("ratios = [0.5]", "ratios"),
         ("renderer = { min-alpha = 2.0 }", "renderer"),
         ("renderer = { constants = 'none' }", "constants"),
@@ -108,21 +111,57 @@ fn a_knob_that_does_not_fit_stops_the_sweep_before_it_runs() {
     }
 }
 
+/// Trained weights give their first Gaussians, and no more than they have.
 #[test]
-fn the_sweeps_of_the_project_are_sweeps() {
+fn trained_weights_give_fewer_gaussians_per_token() {
+    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
+    let trained = Swept { weights: WeightsOf::File { sha256: "00".to_owned() }, ..swept() };
+    let of =
+        |knobs: &str| parts(&sweep(&format!("[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}")), &trained, &datasets);
+    let renders = |part: &Part, target| {
+        let method = part.methods[0].as_ref();
+        let trials = Trials::new(
+            std::sync::Arc::clone(&datasets[0].source),
+            &datasets[0].index.index,
+            TrialRecipe::of(&datasets[0].preset, "ATSplat"),
+            Prefetch::default(),
+        );
+        let (trial, _) = trials.last().unwrap().unwrap();
+        let pictures: Vec<_> = trial.context().iter().map(|view| view.picture().unwrap()).collect();
+        let answer =
+            method.begin(Question { preset: &datasets[0].preset, trial: &trial, pictures: &pictures }).unwrap();
+        (answer.cost().gaussians, answer.render(&[target]).remove(0).unwrap().image)
+    };
+    let [few, all] =
+        ["gaussians-per-token = 2", "gaussians-per-token = 16"].map(|knobs| renders(&of(knobs).unwrap()[0], 0));
+    assert_eq!((few.0.unwrap() * 8, few.1 == all.1), (all.0.unwrap(), false));
+    assert_eq!(all, renders(&of("").unwrap()[0], 0), "all of them are the weights as they are");
+    let error = of("gaussians-per-token = 32").unwrap_err().to_string();
+    assert!(error.contains("gaussians-per-token") && error.contains("head."), "{error}");
+}
+
+/// Each shipped sweep turns into methods and protocols on pictures of 128² in four views.
+#[test]
+fn the_sweeps_of_the_project_run() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
-    let nano = ModelConfig::named("nano").unwrap();
-    let mut names = Vec::new();
+    let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 1, 4, 6], &[2])])];
+    let trained = Swept { weights: WeightsOf::File { sha256: "00".to_owned() }, ..swept() };
+    let mut turned = Vec::new();
     for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {
         if file.extension().is_some_and(|extension| extension == "toml") {
             let sweep = Sweep::from_toml(&std::fs::read_to_string(&file).unwrap()).unwrap();
-            for setting in &sweep.settings {
-                setting.knobs.model(&nano).unwrap();
-                setting.knobs.renderer.applied(&atsplat_splat::RendererConstants::default()).unwrap();
+            let made = parts(&sweep, &trained, &datasets).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+            assert_eq!(made.iter().map(|part| part.methods.len()).sum::<usize>(), sweep.settings.len());
+            for Setting { knobs, .. } in &sweep.settings {
+                turned.extend(knobs.gaussians_per_token.map(|_| "Gaussians per token"));
+                turned.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
+                turned.extend(knobs.views.map(|_| "views"));
+                turned.extend(knobs.resolution.map(|_| "size"));
+                turned.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
             }
-            names.push(file.file_stem().unwrap().to_str().unwrap().to_owned());
         }
     }
-    names.sort();
-    assert_eq!(names, ["budget", "cut-offs"]);
+    turned.sort_unstable();
+    turned.dedup();
+    assert_eq!(turned, ["Gaussians per token", "renderer", "size", "thresholds", "views"]);
 }

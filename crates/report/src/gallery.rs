@@ -129,6 +129,7 @@ fn frontier(cost: CostAxis) -> Frontier {
     let published = published.map(|(label, gaussians, secs, quality)| FrontierPoint {
         label: label.to_owned(),
         cost: place(gaussians, secs),
+        spread: None,
         quality: Estimate::exact(quality),
         origin: Origin::Published,
         highlighted: false,
@@ -136,6 +137,7 @@ fn frontier(cost: CostAxis) -> Frontier {
     let measured = measured.map(|(label, gaussians, secs, quality)| FrontierPoint {
         label: label.to_owned(),
         cost: place(gaussians, secs),
+        spread: (cost == CostAxis::Seconds).then_some([0.9 * secs, 1.15 * secs]),
         quality: around(quality, 0.4),
         origin: Origin::Measured,
         highlighted: label == "K = 16",
@@ -371,14 +373,15 @@ fn drift_history() -> DriftHistory {
 fn stage_time() -> StageTime {
     let row = |label: &str, secs: [f64; 5]| StageTimeRow {
         label: label.to_owned(),
-        stages: ["read", "encode", "expand", "render", "score"]
+        stages: ["coarse", "anchors", "decoder", "head", "render a view"]
             .into_iter()
             .zip(secs)
             .map(|(name, secs)| (name.to_owned(), secs))
             .collect(),
+        spread: Some([0.97, 1.08].map(|share| share * secs.iter().sum::<f64>())),
     };
     StageTime {
-        title: "Where a trial's time goes".to_owned(),
+        title: "Where the time goes until the first picture".to_owned(),
         subtitle: format!("2 threads; {MADE_UP}"),
         rows: vec![
             row("ATSplat", [0.031, 0.36, 0.12, 0.055, 0.21]),

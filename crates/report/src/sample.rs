@@ -1,9 +1,10 @@
 //! A made-up store for tests: two protocols, three methods, a hostile scene, a failed trial, a leaked target, LPIPS without
 //! weights.
 
+use atsplat_eval::timing::{Load, Machine, TimingRow};
 use atsplat_eval::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Seconds, SkippedEntry, TargetRow, TargetStatus,
-    TrialKey, TrialRow, TrialStatus,
+    MethodRecord, MetricRecord, PresetRecord, Provenance, Results, SkippedEntry, TargetRow, TargetStatus, TrialKey,
+    TrialRow, TrialStatus,
 };
 use atsplat_model::ModelConfig;
 use atsplat_protocol::Preset;
@@ -62,7 +63,7 @@ pub(crate) fn floor() -> MethodRecord {
 pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) -> Results {
     let mut results = Results {
         provenance: Provenance {
-            schema_version: 1,
+            schema_version: 2,
             schema_hash: "5c4e".to_owned(),
             atsplat: "0.1.0".to_owned(),
             commit: Some("0011223344556677".to_owned()),
@@ -99,6 +100,9 @@ pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) ->
                 };
                 let failed = place == 1 && at == 2;
                 results.trials.push(trial(&key, failed, method.kind == "atsplat", at));
+                if at < 3 && !failed {
+                    results.timings.push(timing(&key, method.kind == "atsplat", at));
+                }
                 results.targets.extend((0..3).map(|target| view(&key, target, place, at, failed)));
             }
         }
@@ -132,17 +136,35 @@ fn trial(key: &TrialKey, failed: bool, tokens: bool, at: usize) -> TrialRow {
         final_tokens: own(1440),
         gaussians: own(23_040),
         gaussians_drawn: None,
-        seconds: Seconds {
-            read: 0.01,
-            encode: Some(0.25 + 0.01 * at as f64),
-            render: Some(0.005),
-            score: 0.02,
-            stages: if tokens { [("coarse".to_owned(), 0.2), ("decoder".to_owned(), 0.05)].into() } else { [].into() },
-            ..Seconds::default()
-        },
         peak_bytes: None,
         effects: Vec::new(),
         notes: Vec::new(),
+    }
+}
+
+fn timing(key: &TrialKey, encodes: bool, at: usize) -> TimingRow {
+    let secs = 0.25 + 0.01 * at as f64;
+    let each = |share: f64| [-0.002, 0.0, 0.001, -0.001, 0.002].map(|noise| share * (secs + noise)).to_vec();
+    let stages = [("coarse".to_owned(), each(0.8)), ("decoder".to_owned(), each(0.2))];
+    TimingRow {
+        key: key.clone(),
+        trial_hash: format!("trial {at}"),
+        machine: Machine {
+            processor: "a processor".to_owned(),
+            platform: "linux x86_64".to_owned(),
+            cpus: 2,
+            threads: 2,
+        },
+        started: 1_700_000_000,
+        trials_there: 4,
+        warm_up: 1,
+        encode: if encodes { each(1.0) } else { Vec::new() },
+        render: vec![0.005; 5],
+        stages: if encodes { stages.into() } else { [].into() },
+        held_bytes: Some(100 << 20),
+        peak_bytes: Some(160 << 20),
+        load: Load { average_before: Some(0.1), others: Some(0.01), ..Load::default() },
+        detail: None,
     }
 }
 
@@ -166,7 +188,6 @@ fn view(key: &TrialKey, target: u32, place: usize, at: usize, failed: bool) -> T
         non_finite: 0,
         scores: if failed { [].into() } else { [("psnr".to_owned(), psnr), ("ssim".to_owned(), psnr / 32.0)].into() },
         not_computed: if failed { [].into() } else { [("lpips".to_owned(), ABSENT.to_owned())].into() },
-        render_secs: Some(0.005),
     }
 }
 

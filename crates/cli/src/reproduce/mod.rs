@@ -10,8 +10,9 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::method::{Method, Repetitions};
+use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary, metric_ids, named_metrics};
+use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{Results, Store};
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
@@ -133,8 +134,7 @@ impl Words {
             methods,
             suite: &suite,
             selection: Selection { limit, shard: None },
-            repetitions: Repetitions::ONCE,
-            alone: false,
+            timing: Some(TimingPlan::default()),
             pictures: KeepPictures::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };
@@ -142,7 +142,7 @@ impl Words {
         if self.verify {
             store = store.reread_pictures()?;
         }
-        let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
+        let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
         let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
         let nothing = plan.nothing_evaluated(&results);
         Ok(Evaluated { results, summary, nothing })

@@ -22,7 +22,7 @@ use crate::progress::Progress;
 use methods::{MethodWord, MethodWords};
 use protocols::ProtocolWords;
 use report::Report;
-use settings::SettingWords;
+use settings::{SettingWords, TimingArgs};
 
 // The protocols come first.
 #[derive(Debug, Args)]
@@ -45,13 +45,16 @@ pub(crate) struct Words {
 
     #[command(flatten, next_help_heading = "Run")]
     settings: SettingWords,
+
+    #[command(flatten, next_help_heading = "Run")]
+    timing: TimingArgs,
 }
 
 /// Runs methods; `true` where nothing was skipped and nothing failed.
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     words.sources.check()?;
     let methods = words.sources.methods(&words.methods)?;
-    evaluate(&words.protocols, &methods, &words.settings)
+    evaluate(&words.protocols, &methods, &words.settings, words.timing)
 }
 
 /// Runs methods that are ready.
@@ -59,7 +62,9 @@ fn evaluate(
     protocols: &ProtocolWords,
     methods: &[std::sync::Arc<dyn Method>],
     settings: &SettingWords,
+    timing: TimingArgs,
 ) -> anyhow::Result<bool> {
+    let timing = timing.plan()?;
     let mut warnings = Warnings::new();
     let datasets = protocols.open(&mut warnings)?;
     let suite = settings.suite(&datasets)?;
@@ -68,8 +73,7 @@ fn evaluate(
         methods,
         suite: &suite,
         selection: settings.selection(),
-        repetitions: settings.repetitions(),
-        alone: settings.alone(),
+        timing,
         pictures: settings.pictures(),
         prefetch: SettingWords::prefetch(),
     };
@@ -78,7 +82,7 @@ fn evaluate(
         complain(&survey.to_string());
     }
     let store = settings.store(plan.provenance(here())?)?;
-    let progress = Progress::new("results", usize::try_from(plan.results()).context("too many results")?);
+    let progress = Progress::new("results", usize::try_from(plan.steps()).context("too many results")?);
     let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
     drop(progress);
     let takes_any_size = protocols.takes_any_size();

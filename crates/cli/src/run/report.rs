@@ -5,10 +5,13 @@ use std::fmt;
 use std::path::{Path, PathBuf};
 
 use atsplat_eval::runner::Summary;
+use atsplat_eval::timing::{Spread, Times, times};
 use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus, WarningCount};
 use atsplat_metrics::{DECIBEL_CAP, definition};
 use atsplat_protocol::DropReason;
 use serde::Serialize;
+
+use crate::memory::for_people;
 
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -17,6 +20,8 @@ pub(super) struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     summary: Option<Summary>,
     rows: Vec<Row>,
+    /// Times of each protocol's methods, of the timing pass.
+    times: Vec<MethodTimes>,
     /// Metrics without a number, and why.
     not_computed: BTreeMap<String, String>,
     /// Index entries and targets that gave no numbers, by reason.
@@ -26,6 +31,18 @@ pub(super) struct Report {
     /// What to try.
     #[serde(skip_serializing_if = "Option::is_none")]
     advice: Option<&'static str>,
+}
+
+#[derive(Debug, Serialize)]
+#[serde(rename_all = "kebab-case")]
+struct MethodTimes {
+    preset: String,
+    method: String,
+    /// `None` with the reason in `absent`.
+    #[serde(flatten)]
+    times: Option<Times>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    absent: Option<String>,
 }
 
 #[derive(Debug, Serialize)]
@@ -55,7 +72,7 @@ struct Row {
 impl Report {
     pub(super) fn of(results: &Results, summary: Option<Summary>, store: &Path) -> Self {
         let provenance = &results.provenance;
-        let mut rows = Vec::new();
+        let (mut rows, mut of_methods) = (Vec::new(), Vec::new());
         for preset in &provenance.presets {
             for method in &provenance.methods {
                 let own: Vec<&TargetRow> = results
@@ -66,13 +83,29 @@ impl Report {
                 if !own.is_empty() {
                     let ids = provenance.metrics.iter().map(|metric| metric.id.as_str());
                     rows.push(Row::of(&preset.name, &method.name, method.untrained, &own, ids));
+                    let found = times(results, &preset.name, &method.name);
+                    let (preset, method) = (preset.name.clone(), method.name.clone());
+                    let (times, absent) = match found {
+                        Ok(times) => (Some(times), None),
+                        Err(reason) => (None, Some(reason)),
+                    };
+                    of_methods.push(MethodTimes { preset, method, times, absent });
                 }
             }
         }
         let absent = |metric: &atsplat_eval::MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
         let not_computed = provenance.metrics.iter().filter_map(absent).collect();
         let (without, warnings) = (without(results), provenance.warnings.clone());
-        Self { store: store.to_owned(), summary, rows, not_computed, without, warnings, advice: None }
+        Self {
+            store: store.to_owned(),
+            summary,
+            rows,
+            times: of_methods,
+            not_computed,
+            without,
+            warnings,
+            advice: None,
+        }
     }
 
     /// Says what would help, where pictures were refused for their size and `--any-size` was not given.
@@ -206,6 +239,7 @@ impl fmt::Display for Report {
         if self.rows.iter().any(|row| row.untrained) {
             writeln!(f, "* untrained: nothing was learned; the numbers show the way and its cost")?;
         }
+        self.write_times(f)?;
         for Without { preset, what, count, example } in &self.without {
             writeln!(f, "{preset}: {count} {what}: {example}")?;
         }
@@ -221,6 +255,43 @@ impl fmt::Display for Report {
         }
         writeln!(f, "{}", self.store.display())
     }
+}
+
+impl Report {
+    /// The times of the timing pass, or in one line why there are none.
+    fn write_times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (timed, absent): (Vec<_>, Vec<_>) = self.times.iter().partition(|row| row.times.is_some());
+        for MethodTimes { preset, method, times, .. } in &timed {
+            let Some(times) = times else { continue };
+            let parts = [("encoding", times.encode), ("a picture", times.render)];
+            let parts: Vec<String> = parts
+                .iter()
+                .filter_map(|(what, spread)| Some(format!("{what} {}", milliseconds(&(*spread)?))))
+                .collect();
+            let memory =
+                times.peak_bytes.map_or_else(String::new, |bytes| format!(", {} at the most", for_people(bytes)));
+            let busy = if times.busy { ", on a busy machine: not to be trusted" } else { "" };
+            let Times { trials, repetitions, .. } = times;
+            writeln!(f, "{preset}, {method}: {}, {repetitions} × {trials} trials{memory}{busy}", parts.join(", "))?;
+        }
+        let mut machines: Vec<String> =
+            timed.iter().filter_map(|row| Some(format!("timed on {}", row.times.as_ref()?.machine))).collect();
+        machines.dedup();
+        machines.iter().try_for_each(|machine| writeln!(f, "{machine}"))?;
+        let mut reasons: BTreeMap<&String, Vec<&str>> = BTreeMap::new();
+        for row in absent {
+            let methods = reasons.entry(row.absent.as_ref().unwrap_or(&row.method)).or_default();
+            if !methods.contains(&row.method.as_str()) {
+                methods.push(&row.method);
+            }
+        }
+        reasons.iter().try_for_each(|(reason, methods)| writeln!(f, "no times of {}: {reason}", methods.join(", ")))
+    }
+}
+
+/// A median with its median absolute deviation.
+fn milliseconds(spread: &Spread) -> String {
+    format!("{:.2} ms ± {:.2}", 1e3 * spread.median, 1e3 * spread.mad)
 }
 
 fn name(id: &str) -> &str {

@@ -7,7 +7,7 @@ use clap::Args;
 use super::evaluate;
 use super::methods::{GaussianWords, Kind, named};
 use super::protocols::ProtocolWords;
-use super::settings::SettingWords;
+use super::settings::{SettingWords, TimingArgs};
 
 #[derive(Debug, Args)]
 #[command(
@@ -38,10 +38,13 @@ pub(crate) struct Words {
 
     #[command(flatten, next_help_heading = "Run")]
     settings: SettingWords,
+
+    #[command(flatten, next_help_heading = "Run")]
+    timing: TimingArgs,
 }
 
 pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     let kinds = words.renders.iter().cloned().map(Kind::Renders).chain(words.ply.iter().cloned().map(Kind::Ply));
     let methods = kinds.map(|kind| words.gaussians.imported(words.name.as_deref(), &kind));
-    evaluate(&words.protocols, &methods.collect::<anyhow::Result<Vec<_>>>()?, &words.settings)
+    evaluate(&words.protocols, &methods.collect::<anyhow::Result<Vec<_>>>()?, &words.settings, words.timing)
 }

@@ -3,8 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use atsplat_eval::method::Repetitions;
 use atsplat_eval::runner::{Dataset, KeepPictures, Selection, metric_ids, named_metrics};
+use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::{EvalError, Provenance, Shard, Store};
 use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
@@ -36,19 +36,6 @@ pub(crate) struct SettingWords {
     #[arg(long, value_name = "DIR")]
     metric_weights: Option<PathBuf>,
 
-    /// Time honestly: one trial at a time and nothing beside it, after a warm-up. Without this, trials share the processor
-    /// and the results say so.
-    #[arg(long)]
-    timing: bool,
-
-    /// How often encoding and rendering are repeated to time them; 5 with --timing, else 1.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=10_000))]
-    repetitions: Option<u32>,
-
-    /// Repetitions before those that count; 1 with --timing, else 0.
-    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(0..=1000))]
-    warm_up: Option<u32>,
-
     /// Pictures beside the results: none, those of each method's ten trials of lowest PSNR, or all.
     #[arg(long, value_name = "WHICH", default_value = "none")]
     keep_pictures: KeepWord,
@@ -61,6 +48,52 @@ pub(crate) struct SettingWords {
     /// Print JSON.
     #[arg(long)]
     pub(crate) json: bool,
+}
+
+/// How often a timing pass repeats its work.
+#[derive(Clone, Copy, Debug, Args)]
+pub(crate) struct RepetitionArgs {
+    /// How often encoding and rendering of each timed trial are repeated, at the least; 5 by default.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(5..=10_000))]
+    repetitions: Option<u32>,
+
+    /// Repetitions before those that count; 1 by default.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=1000))]
+    warm_up: Option<u32>,
+}
+
+/// Whether a run is timed.
+#[derive(Clone, Copy, Debug, Args)]
+pub(super) struct TimingArgs {
+    /// Make a timing pass after the evaluation: three trials of each protocol under each method, one at a time and with nothing
+    /// else running, after a warm-up. Without it, the results hold no times.
+    #[arg(long)]
+    timing: bool,
+
+    #[command(flatten)]
+    repetitions: RepetitionArgs,
+}
+
+impl RepetitionArgs {
+    pub(crate) fn plan(self) -> TimingPlan {
+        let TimingPlan { trials, warm_up, repetitions } = TimingPlan::default();
+        TimingPlan {
+            trials,
+            warm_up: self.warm_up.unwrap_or(warm_up),
+            repetitions: self.repetitions.unwrap_or(repetitions),
+        }
+    }
+}
+
+impl TimingArgs {
+    pub(super) fn plan(self) -> anyhow::Result<Option<TimingPlan>> {
+        let RepetitionArgs { repetitions, warm_up } = self.repetitions;
+        anyhow::ensure!(
+            self.timing || (repetitions, warm_up) == (None, None),
+            "--repetitions and --warm-up are of the timing pass: say --timing too"
+        );
+        Ok(self.timing.then(|| self.repetitions.plan()))
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -99,15 +132,6 @@ impl SettingWords {
         Selection { limit: self.limit, shard: self.shard.map(|word| word.0) }
     }
 
-    pub(crate) const fn alone(&self) -> bool {
-        self.timing
-    }
-
-    pub(crate) fn repetitions(&self) -> Repetitions {
-        let [warm_up, counted] = if self.timing { [1, 5] } else { [0, 1] };
-        Repetitions { warm_up: self.warm_up.unwrap_or(warm_up), counted: self.repetitions.unwrap_or(counted) }
-    }
-
     pub(crate) const fn pictures(&self) -> KeepPictures {
         match self.keep_pictures {
             KeepWord::None => KeepPictures::Nothing,
@@ -133,6 +157,16 @@ impl SettingWords {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_timing_pass_is_asked_for_or_not_made() {
+        let args =
+            |timing, repetitions| TimingArgs { timing, repetitions: RepetitionArgs { repetitions, warm_up: None } };
+        assert_eq!(args(false, None).plan().unwrap(), None);
+        assert_eq!(args(true, None).plan().unwrap(), Some(TimingPlan::default()));
+        assert_eq!(args(true, Some(9)).plan().unwrap().map(|plan| plan.repetitions), Some(9));
+        assert!(args(false, Some(9)).plan().unwrap_err().to_string().contains("--timing"));
+    }
 
     #[test]
     fn shards() {

@@ -17,7 +17,7 @@ use crate::output::{print_report, print_warnings};
 use crate::progress::Progress;
 use crate::reconstruct::network::NetworkWords;
 use crate::run::protocols::ProtocolWords;
-use crate::run::settings::SettingWords;
+use crate::run::settings::{RepetitionArgs, SettingWords};
 
 #[derive(Debug, Args)]
 pub(super) struct Words {
@@ -33,6 +33,9 @@ pub(super) struct Words {
 
     #[command(flatten, next_help_heading = "Run")]
     settings: SettingWords,
+
+    #[command(flatten, next_help_heading = "Run")]
+    repetitions: RepetitionArgs,
 }
 
 pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
@@ -45,7 +48,7 @@ pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
     let datasets = words.protocols.open(&mut warnings)?;
     let suite = words.settings.suite(&datasets)?;
     let parts = parts(&sweep, &swept, &datasets)?;
-    let steps = parts.iter().map(|part| plan(words, &suite, part).results()).sum::<u64>();
+    let steps = parts.iter().map(|part| plan(words, &suite, part).steps()).sum::<u64>();
     let progress = Progress::new("results", usize::try_from(steps).context("too many results")?);
     let mut complete = true;
     for part in &parts {
@@ -75,8 +78,7 @@ fn plan<'a>(words: &Words, suite: &'a Suite, part: &'a Part) -> Plan<'a> {
         methods: &part.methods,
         suite,
         selection: words.settings.selection(),
-        repetitions: words.settings.repetitions(),
-        alone: words.settings.alone(),
+        timing: Some(words.repetitions.plan()),
         pictures: words.settings.pictures(),
         prefetch: SettingWords::prefetch(),
     }

@@ -80,13 +80,6 @@ impl AtSplat {
         Ok(Self { network, high_resolution: None, splatting, call_seed, record })
     }
 
-    /// The same under a record that says one thing more.
-    #[must_use]
-    pub fn with_parameter(mut self, name: &str, value: impl Into<serde_json::Value>) -> Self {
-        self.record.parameters.insert(name.to_owned(), value.into());
-        self
-    }
-
     /// The same with another network for pictures of [`HIGH_RESOLUTION`] pixels and more: what the paper's configuration for
     /// them makes of the same weights.
     ///
@@ -105,16 +98,15 @@ impl AtSplat {
         self
     }
 
-    fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Vec<f64>, Option<String>), Refusal> {
+    fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Option<String>), Refusal> {
         let cameras = question.trial.context().iter().map(|view| view.camera).collect();
         let views =
             network_views(question.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| refusal(&error))?;
         let network = self.network_for(views.size());
-        let made = question.repetitions.of(|| network.reconstruct(&views, self.call_seed));
-        let (made, samples) = made.map_err(|error| refusal(&error))?;
+        let made = network.reconstruct(&views, self.call_seed).map_err(|error| refusal(&error))?;
         let note = (made.seen_at != views.size())
             .then(|| format!("the network saw context pictures of {} at {}", views.size(), made.seen_at));
-        Ok((made, samples, note))
+        Ok((made, note))
     }
 
     /// Large pictures go to the configuration for high resolution, whose coarse branch sees them at half their size, where
@@ -152,12 +144,11 @@ impl Method for AtSplat {
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        let (made, encode_samples, note) = self.reconstruct(&question)?;
+        let (made, note) = self.reconstruct(&question)?;
         let stages = made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
         let cost = Cost {
             initial_tokens: Some(made.budget.initial_tokens as u64),
             final_tokens: Some(made.budget.final_tokens as u64),
-            encode_samples,
             stages: stages.into_iter().collect(),
             peak_bytes: Some(made.memory.peak_bytes()),
             notes: note.into_iter().collect(),

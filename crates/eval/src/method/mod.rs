@@ -13,7 +13,6 @@ use std::collections::BTreeMap;
 use std::fmt::Debug;
 use std::path::{Component, Path, PathBuf};
 use std::sync::Arc;
-use std::time::Instant;
 
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::Preset;
@@ -59,11 +58,32 @@ pub trait Method: Debug + Send + Sync {
         None
     }
 
+    /// Which of its work a timing pass measures: its own, and not the reading of what another program wrote.
+    fn timed(&self) -> Timed {
+        Timed { encoding: true, rendering: true }
+    }
+
     /// Looks at the context.
     ///
     /// # Errors
     /// [`Refusal`], why there will be no pictures.
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal>;
+}
+
+/// Work that is worth a time.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Timed {
+    /// From context pictures to whatever is rendered: [`Method::begin`].
+    pub encoding: bool,
+    /// From there to a picture: [`Answer::render`].
+    pub rendering: bool,
+}
+
+impl Timed {
+    /// What methods do that make nothing of the context before they render.
+    pub const RENDERING: Self = Self { encoding: false, rendering: true };
+    /// What methods do that bring finished pictures.
+    pub const NOTHING: Self = Self { encoding: false, rendering: false };
 }
 
 /// All that a method may see of a trial.
@@ -75,58 +95,18 @@ pub struct Question<'a> {
     pub trial: &'a Trial,
     /// The context pictures, in the trial's order.
     pub pictures: &'a [Arc<ImageU8>],
-    /// How often work is repeated to time it.
-    pub repetitions: Repetitions,
-}
-
-/// How often work is repeated to time it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Repetitions {
-    /// Before those that count.
-    pub warm_up: u32,
-    /// Those that count; 0 is taken for 1.
-    pub counted: u32,
-}
-
-impl Repetitions {
-    /// One call, timed.
-    pub const ONCE: Self = Self { warm_up: 0, counted: 1 };
-
-    /// Whether work is done once and its time is not what it is done for.
-    pub(crate) const fn is_once(self) -> bool {
-        self.warm_up == 0 && self.counted <= 1
-    }
-
-    /// What the work makes, the last time, and the seconds of every time that counts.
-    ///
-    /// # Errors
-    /// The work's.
-    pub fn of<T, E>(self, mut work: impl FnMut() -> Result<T, E>) -> Result<(T, Vec<f64>), E> {
-        for _ in 0..self.warm_up {
-            work()?;
-        }
-        let mut samples = Vec::new();
-        loop {
-            let start = Instant::now();
-            let made = work()?;
-            samples.push(start.elapsed().as_secs_f64());
-            if samples.len() >= self.counted as usize {
-                return Ok((made, samples));
-            }
-        }
-    }
 }
 
 /// What a method made of a context.
 pub trait Answer: Send + Sync {
-    /// What it took.
+    /// What it is made of.
     fn cost(&self) -> &Cost;
 
     /// Pictures of these targets, by position in [`Trial::targets`], or why there is none.
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>>;
 }
 
-/// What an answer took before anything was rendered.
+/// What an answer is made of, before anything is rendered.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cost {
     /// Tokens before expansion.
@@ -135,9 +115,7 @@ pub struct Cost {
     pub final_tokens: Option<u64>,
     /// Gaussians, all of them.
     pub gaussians: Option<u64>,
-    /// Seconds from pictures to whatever is rendered, one a repetition.
-    pub encode_samples: Vec<f64>,
-    /// Seconds of the parts of the last repetition.
+    /// Seconds of the encoding's parts by their own clocks; true where nothing else runs, as in a timing pass.
     pub stages: BTreeMap<String, f64>,
     /// Estimated peak of memory in bytes.
     pub peak_bytes: Option<u64>,
@@ -150,8 +128,6 @@ pub struct Cost {
 pub struct Rendered {
     /// The picture.
     pub image: Image,
-    /// Seconds, one a repetition; none for a picture that was there before.
-    pub secs: Vec<f64>,
     /// Gaussians that reached the picture.
     pub drawn: Option<u64>,
     /// Effects that the renderer ran.
@@ -159,8 +135,8 @@ pub struct Rendered {
 }
 
 impl Rendered {
-    pub(crate) const fn untimed(image: Image) -> Self {
-        Self { image, secs: Vec::new(), drawn: None, effects: Vec::new() }
+    pub(crate) const fn plain(image: Image) -> Self {
+        Self { image, drawn: None, effects: Vec::new() }
     }
 }
 

@@ -3,7 +3,7 @@ use std::sync::Arc;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{ContextView, TargetView};
 
-use super::{Answer, Cost, Method, Question, Refusal, Rendered};
+use super::{Answer, Cost, Method, Question, Refusal, Rendered, Timed};
 use crate::MethodRecord;
 
 /// A floor: the context picture whose camera stands closest to the target's, as it is. Of several that are equally close,
@@ -25,6 +25,10 @@ impl Method for NearestView {
         }
     }
 
+    fn timed(&self) -> Timed {
+        Timed::RENDERING
+    }
+
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
         Ok(Box::new(Copied { question, cost: Cost::default() }))
     }
@@ -44,11 +48,8 @@ impl Answer for Copied<'_> {
         let views = self.question.trial.targets();
         let one = |position: &usize| {
             let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
-            let (image, secs) = self.question.repetitions.of(|| {
-                let nearest = nearest(&self.question, target).ok_or("no context view")?;
-                Ok::<_, String>(Image::from_u8(nearest))
-            })?;
-            Ok(Rendered { secs, ..Rendered::untimed(image) })
+            let nearest = nearest(&self.question, target).ok_or("no context view")?;
+            Ok(Rendered::plain(Image::from_u8(nearest)))
         };
         targets.iter().map(one).collect()
     }

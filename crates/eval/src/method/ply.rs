@@ -5,7 +5,7 @@ use atsplat_protocol::trial::Trial;
 use atsplat_splat::{Gaussians, files};
 
 use super::splatting::{Splatting, parameters};
-use super::{Answer, Asked, Cost, Layout, Method, Question, Refusal, Survey, below, last_of, names_of};
+use super::{Answer, Asked, Cost, Layout, Method, Question, Refusal, Survey, Timed, below, last_of, names_of};
 use crate::{EvalError, MethodRecord};
 
 /// Gaussians that any other method wrote, a file for each scene:
@@ -121,6 +121,10 @@ impl Method for Ply {
     fn survey(&self, asked: &[Asked<'_>]) -> Option<Survey> {
         const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
         Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, asked, layout))
+    }
+
+    fn timed(&self) -> Timed {
+        Timed::RENDERING
     }
 
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {

@@ -5,7 +5,9 @@ use atsplat_pixels::{DecodeLimits, Image, decode, exr};
 use atsplat_protocol::trial::Trial;
 
 use super::splatting::parameters;
-use super::{Answer, Asked, Cost, Layout, Method, Question, Refusal, Rendered, Survey, below, last_of, names_of};
+use super::{
+    Answer, Asked, Cost, Layout, Method, Question, Refusal, Rendered, Survey, Timed, below, last_of, names_of,
+};
 use crate::{EvalError, MethodRecord};
 
 /// Pictures that any other method wrote, found by scene and frame.
@@ -115,6 +117,10 @@ impl Method for Renders {
         Some(Survey::of(("folder of renders", EXPECTED), &self.folder, asked, layout))
     }
 
+    fn timed(&self) -> Timed {
+        Timed::NOTHING
+    }
+
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
         Ok(Box::new(Imported { renders: self, trial: question.trial, cost: Cost::default() }))
     }
@@ -136,7 +142,7 @@ impl Answer for Imported<'_> {
         let one = |position: &usize| {
             let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
             let path = self.renders.find(self.trial, target.frame)?;
-            read(&path).map(Rendered::untimed).map_err(|error| format!("{error} ({})", path.display()))
+            read(&path).map(Rendered::plain).map_err(|error| format!("{error} ({})", path.display()))
         };
         targets.iter().map(one).collect()
     }

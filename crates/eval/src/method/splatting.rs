@@ -164,16 +164,13 @@ impl<'a> Splatted<'a> {
         EffectPlan::for_scene(&self.gaussians, view, &self.options, selection, EffectPlan::TOLERANCE)
     }
 
-    /// One view, timed.
+    /// One view.
     fn one(&self, position: usize) -> Result<Rendered, String> {
         let view = self.target(position)?;
         let told = |error: SplatError| error.to_string();
         let plan = self.plan(&view).map_err(told)?;
-        let (rendering, secs) = self
-            .splatting
-            .backend
-            .with(|renderer| self.question.repetitions.of(|| plan.render(renderer, &self.gaussians)).map_err(told))?;
-        finished(rendering, secs, &plan)
+        let rendering = self.splatting.backend.with(|renderer| plan.render(renderer, &self.gaussians)).map_err(told)?;
+        finished(rendering, &plan)
     }
 
     /// Several views with what they share worked out once: the same bits.
@@ -182,20 +179,18 @@ impl<'a> Splatted<'a> {
         let views: Vec<View> = targets.iter().map(|position| self.target(*position)).collect::<Result<_, _>>()?;
         let plans: Vec<EffectPlan> =
             views.iter().map(|view| self.plan(view).map_err(told)).collect::<Result<_, _>>()?;
-        let (renderings, secs) = with_spare(spare, |renderer| {
-            super::Repetitions::ONCE.of(|| renderer.render_many(&self.gaussians, &views, &self.options)).map_err(told)
-        })?;
-        let each = secs.iter().map(|secs| secs / views.len() as f64).collect::<Vec<f64>>();
-        renderings.into_iter().zip(&plans).map(|(rendering, plan)| finished(rendering, each.clone(), plan)).collect()
+        let renderings =
+            with_spare(spare, |renderer| renderer.render_many(&self.gaussians, &views, &self.options)).map_err(told)?;
+        renderings.into_iter().zip(&plans).map(|(rendering, plan)| finished(rendering, plan)).collect()
     }
 }
 
-fn finished(rendering: Rendering<f32>, secs: Vec<f64>, plan: &EffectPlan) -> Result<Rendered, String> {
+fn finished(rendering: Rendering<f32>, plan: &EffectPlan) -> Result<Rendered, String> {
     let ran = plan.decisions().iter().filter(|decision| matches!(decision.verdict, Verdict::Runs | Verdict::Reduced));
     let effects = ran.map(|decision| decision.effect).collect();
     let samples = rendering.rgb.into_flattened();
     let image = Image::new(rendering.size.width, rendering.size.height, samples).map_err(|error| error.to_string())?;
-    Ok(Rendered { image, secs, drawn: Some(rendering.census.drawn), effects })
+    Ok(Rendered { image, drawn: Some(rendering.census.drawn), effects })
 }
 
 impl Answer for Splatted<'_> {
@@ -205,7 +200,7 @@ impl Answer for Splatted<'_> {
 
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         // What is left out depends on the view, and so does the request.
-        let alike = self.splatting.effects == EffectSelection::All && self.question.repetitions.is_once();
+        let alike = self.splatting.effects == EffectSelection::All;
         if let (true, true, Backend::Cpu(spare)) = (alike, targets.len() > 1, &self.splatting.backend)
             && let Ok(rendered) = self.together(targets, spare)
         {

@@ -5,7 +5,7 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::nearest_view::nearest;
-use super::{Answer, Cost, Method, Question, Refusal, Rendered};
+use super::{Answer, Cost, Method, Question, Refusal, Rendered, Timed};
 use crate::MethodRecord;
 
 /// A floor: context pictures on one plane that faces the target camera, looked at from there.
@@ -42,6 +42,10 @@ impl Method for Warp {
         }
     }
 
+    fn timed(&self) -> Timed {
+        Timed::RENDERING
+    }
+
     fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
         let failed = |error: &dyn std::fmt::Display| Refusal::Failed(format!("a context camera: {error}"));
         let mut sources = Vec::with_capacity(question.pictures.len());
@@ -76,8 +80,7 @@ impl Answer for Warped<'_> {
         let views = self.question.trial.targets();
         let one = |position: &usize| {
             let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
-            let (image, secs) = self.question.repetitions.of(|| self.picture(target))?;
-            Ok(Rendered { secs, ..Rendered::untimed(image) })
+            self.picture(target).map(Rendered::plain)
         };
         targets.iter().map(one).collect()
     }

@@ -66,8 +66,7 @@ impl Provenance {
         same("commits of atsplat", &self.commit, &other.commit, advice)?;
         same("platforms", &self.platform, &other.platform, advice)?;
         same("metrics", &self.metrics, &other.metrics, advice)?;
-        same("limits", &self.limit, &other.limit, advice)?;
-        same("timings", &self.timing, &other.timing, advice)
+        same("limits", &self.limit, &other.limit, advice)
     }
 }
 

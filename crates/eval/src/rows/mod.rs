@@ -10,13 +10,12 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-pub use provenance::{
-    MethodRecord, MetricRecord, PresetRecord, Provenance, Shard, SkippedEntry, TimingRecord, WarningCount,
-};
+pub use provenance::{MethodRecord, MetricRecord, PresetRecord, Provenance, Shard, SkippedEntry, WarningCount};
 pub use target::{IDENTICAL, TargetRow, TargetStatus};
-pub use trial::{Seconds, TrialRow, TrialStatus};
+pub use trial::{TrialRow, TrialStatus};
 
 use crate::EvalError;
+use crate::timing::TimingRow;
 
 /// What was asked, and of whom: the identity of a trial's rows in a store.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
@@ -40,6 +39,8 @@ pub struct Results {
     pub trials: Vec<TrialRow>,
     /// One row per target view of these trials.
     pub targets: Vec<TargetRow>,
+    /// Times of some of these trials, by machine and pass; none where no timing pass was made.
+    pub timings: Vec<TimingRow>,
 }
 
 impl fmt::Display for TrialKey {
@@ -50,7 +51,7 @@ impl fmt::Display for TrialKey {
 }
 
 /// Refuses a number that is NaN or infinite.
-fn finite(key: &TrialKey, field: &str, value: impl IntoIterator<Item = f64>) -> Result<(), EvalError> {
+pub(crate) fn finite(key: &TrialKey, field: &str, value: impl IntoIterator<Item = f64>) -> Result<(), EvalError> {
     match value.into_iter().find(|value| !value.is_finite()) {
         None => Ok(()),
         Some(value) => Err(EvalError::NotFinite { key: key.to_string(), field: field.to_owned(), value }),

@@ -29,9 +29,6 @@ pub struct Provenance {
     pub started: u64,
     /// The command line.
     pub command: Vec<String>,
-    /// How trials were timed.
-    #[serde(default)]
-    pub timing: TimingRecord,
     /// Which part of a run this is; `None` for a whole one.
     #[serde(default)]
     pub shard: Option<Shard>,
@@ -48,19 +45,6 @@ pub struct Provenance {
     pub warnings: Vec<WarningCount>,
     /// Index entries that made no trial.
     pub skipped: Vec<SkippedEntry>,
-}
-
-/// How trials were timed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct TimingRecord {
-    /// Whether nothing else ran meanwhile. Where trials shared the processor, seconds tell the work of a run and are no
-    /// figures to publish.
-    pub alone: bool,
-    /// Repetitions before those that count.
-    pub warm_up: u32,
-    /// Repetitions that count, at least 1.
-    pub repetitions: u32,
 }
 
 /// One of several parts of a run.

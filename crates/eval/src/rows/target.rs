@@ -44,8 +44,6 @@ pub struct TargetRow {
     pub scores: BTreeMap<String, f64>,
     /// Why a score is not there, by the same ids.
     pub not_computed: BTreeMap<String, String>,
-    /// Seconds for rendering this view; `None` for methods that bring finished pictures.
-    pub render_secs: Option<f64>,
 }
 
 /// What became of a target view.
@@ -63,17 +61,10 @@ pub enum TargetStatus {
 }
 
 impl TargetRow {
-    /// The row without what differs from run to run.
-    #[must_use]
-    pub fn without_times(&self) -> Self {
-        Self { render_secs: None, ..self.clone() }
-    }
-
     /// # Errors
-    /// [`EvalError::NotFinite`] for a score, an overlap or a time that is no number.
+    /// [`EvalError::NotFinite`] for a score or an overlap that is no number.
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "overlap", self.overlap)?;
-        finite(&self.key, "render-secs", self.render_secs)?;
         self.scores.iter().try_for_each(|(id, score)| finite(&self.key, id, [*score]))
     }
 }

@@ -1,5 +1,3 @@
-use std::collections::BTreeMap;
-
 use serde::{Deserialize, Serialize};
 
 use super::{TrialKey, finite};
@@ -47,34 +45,12 @@ pub struct TrialRow {
     pub gaussians: Option<u64>,
     /// Gaussians that reached a picture, averaged over the targets.
     pub gaussians_drawn: Option<f64>,
-    /// Where the time went.
-    pub seconds: Seconds,
     /// Estimated peak of memory in bytes.
     pub peak_bytes: Option<u64>,
     /// Effects that the renderer ran, by name.
     pub effects: Vec<String>,
     /// What a reader must know: pose normalisations that fell back, and the like.
     pub notes: Vec<String>,
-}
-
-/// Where a trial's time went, each part alone on the clock.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Seconds {
-    /// Reading and decoding pictures.
-    pub read: f64,
-    /// Context to Gaussians (or to whatever the method renders from): the median of `encode_samples`.
-    pub encode: Option<f64>,
-    /// One target view: the median over views and repetitions.
-    pub render: Option<f64>,
-    /// Computing metrics, all targets.
-    pub score: f64,
-    /// Repetitions of the encoding after warm-up.
-    pub encode_samples: Vec<f64>,
-    /// Repetitions of the rendering after warm-up, target by target.
-    pub render_samples: Vec<f64>,
-    /// The encoding's stages, by name; one repetition.
-    pub stages: BTreeMap<String, f64>,
 }
 
 /// What became of a trial.
@@ -93,21 +69,11 @@ pub enum TrialStatus {
 }
 
 impl TrialRow {
-    /// The row without what differs from run to run.
-    #[must_use]
-    pub fn without_times(&self) -> Self {
-        Self { seconds: Seconds::default(), ..self.clone() }
-    }
-
     /// # Errors
-    /// [`EvalError::NotFinite`] for an overlap, a time or a mean that is no number.
+    /// [`EvalError::NotFinite`] for an overlap or a mean that is no number.
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "overlap", self.overlap)?;
-        finite(&self.key, "gaussians-drawn", self.gaussians_drawn)?;
-        let Seconds { read, encode, render, score, encode_samples, render_samples, stages } = &self.seconds;
-        let medians = [Some(*read), *encode, *render, Some(*score)].into_iter().flatten();
-        let samples = encode_samples.iter().chain(render_samples).chain(stages.values()).copied();
-        finite(&self.key, "seconds", medians.chain(samples))
+        finite(&self.key, "gaussians-drawn", self.gaussians_drawn)
     }
 }
 

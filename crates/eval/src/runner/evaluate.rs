@@ -5,10 +5,8 @@ use std::collections::BTreeSet;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::Path;
 use std::sync::Arc;
-use std::time::Instant;
 
 use atsplat_metrics::Suite;
-use atsplat_numeric::median;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
@@ -16,8 +14,8 @@ use rayon::prelude::*;
 
 use super::pictures::{self, CONTEXT, Keeping, TRUTH};
 use super::scored::{blank, compare, hash_of_bytes};
-use crate::method::{Answer, Cost, Method, Question, Refusal, Rendered, Repetitions};
-use crate::{EvalError, Seconds, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
+use crate::method::{Answer, Cost, Method, Question, Refusal, Rendered};
+use crate::{EvalError, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
 /// Targets that are rendered together.
 const TOGETHER: usize = 4;
@@ -27,9 +25,6 @@ const TOGETHER: usize = 4;
 pub(super) struct Evaluation<'a> {
     pub(super) preset: &'a Preset,
     pub(super) suite: &'a Suite,
-    pub(super) repetitions: Repetitions,
-    /// Whether nothing else runs: targets come one by one.
-    pub(super) alone: bool,
     /// Which pictures are kept.
     pub(super) pictures: Keeping<'a>,
 }
@@ -41,21 +36,18 @@ pub(super) struct Decoded {
     pub(super) data_hash: String,
     context: Result<Vec<Arc<ImageU8>>, String>,
     truths: Vec<Result<Arc<ImageU8>, String>>,
-    read_secs: f64,
 }
 
 impl Decoded {
     pub(super) fn new(trial: Trial, targets: &TargetPictures, digests: &PictureDigests) -> Self {
-        let start = Instant::now();
         let context = trial.context().iter().map(|view| view.picture().map_err(|error| error.to_string())).collect();
         let truth = |position| match targets.get(position) {
             Some(picture) => picture.map_err(|error| format!("the true picture: {error}")),
             None => Err("there is no true picture".to_owned()),
         };
         let truths = (0..trial.targets().len()).map(truth).collect();
-        let read_secs = start.elapsed().as_secs_f64();
         let data_hash = trial.data_hash(targets, digests).to_string();
-        Self { trial, data_hash, context, truths, read_secs }
+        Self { trial, data_hash, context, truths }
     }
 }
 
@@ -101,32 +93,25 @@ impl Evaluation<'_> {
             Ok(pictures) => pictures,
             Err(detail) => return Ok(Err(Refusal::Failed(format!("a context picture: {detail}")))),
         };
-        let (preset, repetitions) = (self.preset, self.repetitions);
-        let answer = match method.begin(Question { preset, trial: &decoded.trial, pictures, repetitions }) {
+        let answer = match method.begin(Question { preset: self.preset, trial: &decoded.trial, pictures }) {
             Ok(answer) => answer,
             Err(refusal) => return Ok(Err(refusal)),
         };
         made.cost = answer.cost().clone();
-        let together = if self.alone { 1 } else { TOGETHER };
         let rows = made.rows.clone();
         let positions: Vec<usize> = (0..rows.len()).collect();
         let chunk = |targets: &[usize]| self.chunk(answer.as_ref(), targets, &rows, decoded);
-        let chunks: Vec<Result<Vec<Scored>, Refusal>> = if self.alone {
-            positions.chunks(together).map(chunk).collect::<Result<_, _>>()?
-        } else {
-            positions.par_chunks(together).map(chunk).collect::<Result<_, _>>()?
-        };
+        let chunks: Vec<Result<Vec<Scored>, Refusal>> =
+            positions.par_chunks(TOGETHER).map(chunk).collect::<Result<_, _>>()?;
         let chunks = match chunks.into_iter().collect::<Result<Vec<_>, Refusal>>() {
             Ok(chunks) => chunks,
             Err(refusal) => return Ok(Err(refusal)),
         };
         made.rows.clear();
-        for Scored { row, secs, drawn, effects, score_secs } in chunks.into_iter().flatten() {
+        for Scored { row, drawn, effects } in chunks.into_iter().flatten() {
             made.rows.push(row);
-            made.render_samples.extend(secs);
             made.drawn.extend(drawn);
             made.effects.extend(effects);
-            made.score_secs += score_secs;
         }
         if let Some(store) = self.pictures.worst(key, &made.rows) {
             keep_given(store, key, decoded)?;
@@ -163,24 +148,21 @@ impl Evaluation<'_> {
         rendered: Result<Rendered, String>,
         truth: &Result<Arc<ImageU8>, String>,
     ) -> Result<Scored, EvalError> {
-        let Rendered { image, secs, drawn, effects } = match rendered {
+        let Rendered { image, drawn, effects } = match rendered {
             Ok(rendered) => rendered,
             Err(detail) => {
                 row.detail = Some(detail);
-                return Ok(Scored { row, secs: Vec::new(), drawn: None, effects: Vec::new(), score_secs: 0.0 });
+                return Ok(Scored { row, drawn: None, effects: Vec::new() });
             }
         };
-        let start = Instant::now();
         match truth {
             Ok(truth) => compare(&mut row, self.suite, &image, truth),
             Err(detail) => row.detail = Some(detail.clone()),
         }
-        let score_secs = start.elapsed().as_secs_f64();
-        row.render_secs = median(secs.iter().copied());
         if let Some(store) = self.pictures.all() {
             pictures::keep(store, &row.key, row.frame, &image)?;
         }
-        Ok(Scored { row, secs, drawn, effects, score_secs })
+        Ok(Scored { row, drawn, effects })
     }
 }
 
@@ -241,10 +223,8 @@ fn keep_renders(
 /// A target that was rendered and scored.
 struct Scored {
     row: TargetRow,
-    secs: Vec<f64>,
     drawn: Option<u64>,
     effects: Vec<&'static str>,
-    score_secs: f64,
 }
 
 /// A trial on its way to its rows.
@@ -253,15 +233,13 @@ struct Made {
     input_hash: Option<String>,
     rows: Vec<TargetRow>,
     cost: Cost,
-    render_samples: Vec<f64>,
     drawn: Vec<u64>,
     effects: BTreeSet<&'static str>,
-    score_secs: f64,
 }
 
 impl Made {
     fn into_rows(self, key: TrialKey, decoded: &Decoded, refusal: Option<Refusal>) -> (TrialRow, Vec<TargetRow>) {
-        let Self { input_hash, rows, cost, render_samples, drawn, effects, score_secs } = self;
+        let Self { input_hash, rows, cost, drawn, effects } = self;
         let trial = &decoded.trial;
         let failed = rows.iter().filter(|row| row.status == TargetStatus::Failed).count();
         let first = rows.iter().find_map(|row| row.detail.clone().filter(|_| row.status == TargetStatus::Failed));
@@ -295,15 +273,6 @@ impl Made {
             final_tokens: cost.final_tokens,
             gaussians: cost.gaussians,
             gaussians_drawn: mean(&drawn),
-            seconds: Seconds {
-                read: decoded.read_secs,
-                encode: median(cost.encode_samples.iter().copied()),
-                render: median(render_samples.iter().copied()),
-                score: score_secs,
-                encode_samples: cost.encode_samples,
-                render_samples,
-                stages: cost.stages,
-            },
             peak_bytes: cost.peak_bytes,
             effects: effects.into_iter().map(str::to_owned).collect(),
             notes: cost.notes.into_iter().chain(fallbacks).collect(),

@@ -1,7 +1,7 @@
 //! Presets × methods × trials into a [`Store`](crate::Store).
 //!
 //! Trials come prepared ahead within the bounds of [`Prefetch`](atsplat_protocol::trial::Prefetch). Several of them, or the
-//! targets of one, are worked on at once, unless times are wanted: then one trial runs at a time and nothing else beside it.
+//! targets of one, are worked on at once, and nothing is timed; where times are wanted, a [timing pass](crate::timing) follows.
 //! Whatever happens to a trial becomes rows; only a store that cannot be written stops a run.
 
 mod evaluate;
@@ -27,3 +27,5 @@ pub use pictures::{KeepPictures, TRUTH, picture_path};
 pub use plan::{Dataset, Plan, Summary};
 pub use run::run;
 pub use selection::{Selection, spread};
+
+pub(crate) use walk::{groups, key_of, recipe};

@@ -9,8 +9,9 @@ use serde::Serialize;
 
 use super::selection::Selected;
 use super::{KeepPictures, PlannedIndex, Selection, metric_records};
-use crate::method::{Method, Repetitions};
-use crate::{EvalError, PresetRecord, Provenance, TimingRecord};
+use crate::method::Method;
+use crate::timing::TimingPlan;
+use crate::{EvalError, PresetRecord, Provenance};
 
 /// A protocol on a dataset.
 pub struct Dataset {
@@ -37,13 +38,11 @@ pub struct Plan<'a> {
     pub suite: &'a Suite,
     /// Which scenes.
     pub selection: Selection,
-    /// How often work is repeated to time it.
-    pub repetitions: Repetitions,
-    /// Whether a trial is the only work while it is timed.
-    pub alone: bool,
+    /// The timing pass after the evaluation; `None` for none.
+    pub timing: Option<TimingPlan>,
     /// Which pictures are kept.
     pub pictures: KeepPictures,
-    /// How far ahead trials are prepared; `alone` prepares none.
+    /// How far ahead trials are prepared.
     pub prefetch: Prefetch,
 }
 
@@ -85,6 +84,12 @@ impl Plan<'_> {
         self.datasets.iter().map(of).sum::<u64>() * self.methods.len() as u64
     }
 
+    /// How often the run calls its `step`: for each result, and for each method and protocol that is timed.
+    pub fn steps(&self) -> u64 {
+        let timed = self.timing.map_or(0, |_| self.datasets.len() * self.methods.len());
+        self.results() + timed as u64
+    }
+
     /// What a store says of this run; `here` is what it says of the machine.
     ///
     /// # Errors
@@ -120,9 +125,7 @@ impl Plan<'_> {
                 entries_of_index: index.index.entries().count() as u64,
             })
         };
-        let Repetitions { warm_up, counted } = self.repetitions;
         Ok(Provenance {
-            timing: TimingRecord { alone: self.alone, warm_up, repetitions: counted.max(1) },
             shard: self.selection.shard,
             limit: self.selection.limit,
             presets: self.datasets.iter().map(preset).collect::<Result<_, EvalError>>()?,
@@ -132,7 +135,7 @@ impl Plan<'_> {
         })
     }
 
-    pub(super) fn selected(&self, dataset: &Dataset) -> Selected {
+    pub(crate) fn selected(&self, dataset: &Dataset) -> Selected {
         self.selection.of(&dataset.index.index, dataset.source.keys())
     }
 }
@@ -150,13 +153,12 @@ fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Resul
 
 impl std::fmt::Debug for Plan<'_> {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { datasets, methods, selection, repetitions, alone, pictures, prefetch, suite: _ } = self;
+        let Self { datasets, methods, selection, timing, pictures, prefetch, suite: _ } = self;
         f.debug_struct("Plan")
             .field("datasets", datasets)
             .field("methods", methods)
             .field("selection", selection)
-            .field("repetitions", repetitions)
-            .field("alone", alone)
+            .field("timing", timing)
             .field("pictures", pictures)
             .field("prefetch", prefetch)
             .finish_non_exhaustive()

@@ -5,13 +5,15 @@ use super::selection::Selected;
 use super::walk::{Walk, groups};
 use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepPictures};
-use crate::{EvalError, Results, Store, TargetStatus, TrialStatus};
+use crate::{EvalError, Results, Store, TargetStatus, TrialStatus, timing};
 
 /// Runs a plan into a store, which was made or resumed with [`Plan::provenance`], and finishes it. Trials that are there
-/// and asked the same question are not asked again. `step` is called after each result, from any thread.
+/// and asked the same question are not asked again. Where the plan wants times, a timing pass follows. `step` is called
+/// [`Plan::steps`] times, from any thread. While other plans of this process are evaluated, the pass waits, and they for it.
 ///
 /// # Errors
-/// [`EvalError::Io`] where the store cannot be written; what was evaluated before is kept.
+/// [`EvalError::Io`] where the store cannot be written; what was evaluated before is kept. [`EvalError::Settings`] for a timing
+/// pass that is asked for on a rayon thread while something else is evaluated.
 pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, Summary), EvalError> {
     let mut findings = Findings::default();
     let mut summary = Summary::default();
@@ -22,6 +24,7 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
         KeepPictures::Worst => Keeping::Worst(&folder, &worst),
         KeepPictures::All => Keeping::All(&folder),
     };
+    let evaluating = timing::evaluating();
     for dataset in plan.datasets {
         let Selected { index, not_there } = plan.selected(dataset);
         summary.not_there += not_there.len() as u64;
@@ -43,6 +46,10 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
             let walk = Walk { plan, dataset, methods, store: &store, keeping, step };
             walk.run(&index, &mut findings, &mut summary)?;
         }
+    }
+    drop(evaluating);
+    if let Some(timing) = plan.timing {
+        timing::pass(plan, timing, &store, step)?;
     }
     let is_run = |preset: &str| plan.datasets.iter().any(|dataset| dataset.name == preset);
     summary.skipped = findings.skipped.len() as u64;

@@ -27,7 +27,6 @@ pub(super) fn blank(key: &TrialKey, trial: &Trial, target: &TargetView, position
         non_finite: 0,
         scores: std::collections::BTreeMap::new(),
         not_computed: std::collections::BTreeMap::new(),
-        render_secs: None,
     }
 }
 
@@ -105,7 +104,6 @@ mod tests {
             non_finite: 0,
             scores: std::collections::BTreeMap::new(),
             not_computed: std::collections::BTreeMap::new(),
-            render_secs: None,
         }
     }
 

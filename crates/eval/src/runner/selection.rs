@@ -15,9 +15,9 @@ pub struct Selection {
 
 /// What an index asks of a dataset.
 #[derive(Clone, Debug, PartialEq)]
-pub(super) struct Selected {
+pub(crate) struct Selected {
     /// Scenes to run, in the index's order.
-    pub(super) index: EvaluationIndex,
+    pub(crate) index: EvaluationIndex,
     /// Scenes with entries that the dataset lacks.
     pub(super) not_there: Vec<String>,
 }

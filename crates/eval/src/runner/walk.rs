@@ -15,7 +15,7 @@ use crate::method::Method;
 use crate::{EvalError, Store, TrialKey};
 
 /// Methods that take the same pose normalisation and planes, and so the same trials.
-pub(super) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Arc<dyn Method>>> {
+pub(crate) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Arc<dyn Method>>> {
     let mut groups: Vec<Vec<Arc<dyn Method>>> = Vec::new();
     for method in methods {
         let alike = |group: &&mut Vec<Arc<dyn Method>>| {
@@ -29,11 +29,11 @@ pub(super) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Ar
     groups
 }
 
-pub(super) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRecipe {
+pub(crate) fn recipe(dataset: &Dataset, methods: &[Arc<dyn Method>]) -> TrialRecipe {
     TrialRecipe::of(&dataset.preset, methods.first().map_or("ATSplat", |method| method.setting()))
 }
 
-pub(super) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
+pub(crate) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry: usize) -> TrialKey {
     TrialKey {
         preset: dataset.name.clone(),
         method: method.record().name,
@@ -120,8 +120,7 @@ impl Walk<'_> {
         }
         let is_missing = |scene: &str| scenes.get(scene).is_some_and(|looked| looked.is_missing);
         rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_missing(scene)));
-        let ahead = if self.plan.alone { Prefetch { trials: 0, ..self.plan.prefetch } } else { self.plan.prefetch };
-        let mut trials = self.trials(&rest, ahead);
+        let mut trials = self.trials(&rest, self.plan.prefetch);
         loop {
             let batch: Vec<_> = trials.by_ref().take(self.together()).collect();
             if batch.is_empty() {
@@ -181,7 +180,7 @@ impl Walk<'_> {
 
     /// Trials that are worked on at once. Networks take too much memory for several.
     fn together(&self) -> usize {
-        let one = self.plan.alone || self.methods.iter().any(|method| method.is_heavy());
+        let one = self.methods.iter().any(|method| method.is_heavy());
         if one { 1 } else { 2 * rayon::current_num_threads() }
     }
 
@@ -194,13 +193,7 @@ impl Walk<'_> {
         outdated.look_at(&decoded.trial, &decoded.data_hash);
         outdated.refuse()?;
         let missing = self.missing(&decoded.trial, &decoded.data_hash);
-        let evaluation = Evaluation {
-            preset: &self.dataset.preset,
-            suite: self.plan.suite,
-            repetitions: self.plan.repetitions,
-            alone: self.plan.alone,
-            pictures: self.keeping,
-        };
+        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, pictures: self.keeping };
         let before = (self.methods.len() - missing.len()) as u64;
         (0..before).for_each(|_| (self.step)());
         let evaluated = missing.len() as u64;

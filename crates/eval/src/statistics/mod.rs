@@ -5,6 +5,7 @@
 //! broken render, wherever it comes from. Intervals resample scenes, because targets of one scene fail together.
 
 mod bootstrap;
+mod contrast;
 mod cost;
 mod distance;
 mod overlap;
@@ -19,7 +20,8 @@ mod worst;
 use serde::{Deserialize, Serialize};
 
 pub use bootstrap::{CONFIDENCE, interval_of_mean};
-pub use cost::{Cost, cost, median_and_deviation};
+pub use contrast::Contrast;
+pub use cost::{Cost, cost};
 pub use distance::by_distance;
 pub use overlap::{Binned, by_overlap};
 pub use paired::{Paired, paired, paired_between};
@@ -28,8 +30,9 @@ pub use sign_test::sign_test;
 pub use summary::{Summary, summary};
 pub use worst::{direction, worst};
 
+pub(crate) use contrast::contrast;
 pub(crate) use paired::of_picked as paired_of;
-pub(crate) use selection::{Outcome, Picked, score_of};
+pub(crate) use selection::{Outcome, Picked, pick, score_of};
 pub(crate) use student::student_quantile;
 pub(crate) use summary::of_picked as summary_of;
 

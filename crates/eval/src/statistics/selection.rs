@@ -38,7 +38,7 @@ impl Picked<'_> {
 }
 
 /// The targets that a question is about, in order of scene, entry and target.
-pub(super) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Picked<'a>> {
+pub(crate) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Picked<'a>> {
     let Question { preset, method, metric, leaked } = *question;
     let rows = || results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
     let asked = results.provenance.metrics.iter().any(|record| record.id == metric)

@@ -65,11 +65,6 @@ impl<'a, R> Columns<'a, R> {
         self.with(name, Kind::Integer, false, series)
     }
 
-    pub(super) fn number(self, name: &str, of: impl Fn(&'a R) -> f64) -> Self {
-        let series = Float64Chunked::from_iter_values(name.into(), self.rows.iter().map(of)).into_series();
-        self.with(name, Kind::Number, false, series)
-    }
-
     pub(super) fn optional_number(self, name: &str, of: impl Fn(&'a R) -> Option<f64>) -> Self {
         let series = Float64Chunked::from_iter_options(name.into(), self.rows.iter().map(of)).into_series();
         self.with(name, Kind::Number, true, series)

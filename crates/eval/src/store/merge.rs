@@ -1,6 +1,7 @@
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::SCHEMA_VERSION;
+use crate::timing::{TimingRow, merged};
 use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
 
 /// Several stores as one.
@@ -15,7 +16,7 @@ pub struct Merged {
 }
 
 impl Results {
-    /// Shards of one run into one. Rows that several hold must agree in everything but time.
+    /// Shards of one run into one. Rows that several hold must agree; times keep the machine that they are of.
     ///
     /// # Errors
     /// [`EvalError::Different`] where they are not of one run, [`EvalError::Disagreement`], [`EvalError::Settings`]
@@ -24,11 +25,11 @@ impl Results {
         let mut parts = parts.into_iter();
         let nothing =
             || EvalError::Settings { what: "merge", expected: "results".to_owned(), found: "none".to_owned() };
-        let Self { mut provenance, trials, targets } = parts.next().ok_or_else(nothing)?;
+        let Self { mut provenance, trials, targets, timings } = parts.next().ok_or_else(nothing)?;
         let mut shards: BTreeSet<u32> = provenance.shard.map(|shard| shard.number).into_iter().collect();
         let of = provenance.shard.map(|shard| shard.of);
         let mut rows = Rows::default();
-        rows.add(trials, targets)?;
+        rows.add(trials, targets, timings)?;
         for part in parts {
             let shard = part.provenance.shard;
             if shard.map(|shard| shard.of) != of {
@@ -42,7 +43,7 @@ impl Results {
             }
             shards.extend(shard.map(|shard| shard.number));
             provenance.take_in(part.provenance)?;
-            rows.add(part.trials, part.targets)?;
+            rows.add(part.trials, part.targets, part.timings)?;
         }
         let all = of.into_iter().flat_map(|of| 1..=of);
         let missing_shards: Vec<u32> = all.filter(|number| !shards.contains(number)).collect();
@@ -52,7 +53,7 @@ impl Results {
         provenance.schema_version = SCHEMA_VERSION;
         provenance.schema_hash = super::schema_hash();
         let repeated = rows.repeated;
-        Ok(Merged { results: rows.into_results(provenance), missing_shards, repeated })
+        Ok(Merged { results: rows.into_results(provenance)?, missing_shards, repeated })
     }
 }
 
@@ -61,14 +62,21 @@ struct Rows {
     trials: BTreeMap<TrialKey, TrialRow>,
     targets: BTreeMap<(TrialKey, u32), TargetRow>,
     repeated: u64,
+    timings: Vec<TimingRow>,
 }
 
 impl Rows {
-    fn add(&mut self, trials: Vec<TrialRow>, targets: Vec<TargetRow>) -> Result<(), EvalError> {
+    fn add(
+        &mut self,
+        trials: Vec<TrialRow>,
+        targets: Vec<TargetRow>,
+        timings: Vec<TimingRow>,
+    ) -> Result<(), EvalError> {
+        self.timings.extend(timings);
         for trial in trials {
             match self.trials.get(&trial.key) {
                 Some(known) => {
-                    agree(&trial.key, &known.without_times(), &trial.without_times())?;
+                    agree(&trial.key, known, &trial)?;
                     self.repeated += 1;
                 }
                 None => drop(self.trials.insert(trial.key.clone(), trial)),
@@ -77,16 +85,16 @@ impl Rows {
         for target in targets {
             let key = (target.key.clone(), target.target);
             match self.targets.get(&key) {
-                Some(known) => agree(&target.key, &known.without_times(), &target.without_times())?,
+                Some(known) => agree(&target.key, known, &target)?,
                 None => drop(self.targets.insert(key, target)),
             }
         }
         Ok(())
     }
 
-    fn into_results(self, provenance: Provenance) -> Results {
+    fn into_results(self, provenance: Provenance) -> Result<Results, EvalError> {
         let (trials, targets) = (self.trials.into_values().collect(), self.targets.into_values().collect());
-        Results { provenance, trials, targets }
+        Ok(Results { provenance, trials, targets, timings: merged(self.timings)? })
     }
 }
 

@@ -4,6 +4,7 @@
 //! |---|---|
 //! | `provenance.json` | what was run, with what, where |
 //! | `trials.parquet`, `targets.parquet` | the rows, in the order of their keys |
+//! | `timings.parquet` | where a timing pass was made: its rows |
 //! | `parts/*.json` | trials that were finished since: one file each, written beside, synchronised and renamed |
 //! | `pictures/` | where asked for: `<preset>/<method>/<scene>-<entry>/<frame>.png` |
 //! | `digests.txt` | SHA-256 of the pictures that were read, by path, size and time of modification |
@@ -26,6 +27,7 @@ mod table;
 mod targets;
 #[cfg(test)]
 mod tests;
+mod timings;
 mod trials;
 
 use std::collections::BTreeSet;
@@ -255,6 +257,9 @@ impl Results {
         self.targets.iter().try_for_each(TargetRow::check)?;
         table::write(&folder.join(TARGETS), targets::columns(&self.targets).frame())?;
         table::write(&folder.join(TRIALS), trials::columns(&self.trials).frame())?;
+        if !self.timings.is_empty() {
+            timings::write(folder, &self.timings)?;
+        }
         store.finish().map(drop)
     }
 }

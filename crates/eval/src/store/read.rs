@@ -6,7 +6,8 @@ use std::time::SystemTime;
 use super::parts::{self, Part};
 use super::schema::{self, SCHEMA_VERSION, Schema};
 use super::table::Table;
-use super::{PROVENANCE, TARGETS, TRIALS, disk, targets, trials};
+use super::{PROVENANCE, TARGETS, TRIALS, disk, targets, timings, trials};
+use crate::timing::TimingRow;
 use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
 
 /// A store as it lies on the disk.
@@ -14,6 +15,7 @@ use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
 pub(super) struct Content {
     pub(super) provenance: Provenance,
     pub(super) rows: BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>,
+    pub(super) timings: Vec<TimingRow>,
     /// Files whose rows are among them, and those that a crash left unfinished.
     pub(super) parts: Vec<PathBuf>,
 }
@@ -48,11 +50,11 @@ impl Content {
             rows.insert(trial.key.clone(), (trial, targets));
             files.push(path);
         }
-        Ok(Self { provenance, rows, parts: files })
+        Ok(Self { provenance, rows, timings: timings::read(folder, &schema)?, parts: files })
     }
 
     pub(super) fn into_results(self) -> Results {
-        let mut results = Results { provenance: self.provenance, ..Results::default() };
+        let mut results = Results { provenance: self.provenance, timings: self.timings, ..Results::default() };
         for (trial, targets) in self.rows.into_values() {
             results.trials.push(trial);
             results.targets.extend(targets);

@@ -67,11 +67,13 @@ pub(super) struct Column {
     pub(super) nullable: bool,
 }
 
-/// The two tables of one version.
+/// The tables of one version.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub(super) struct Schema {
     pub(super) targets: Vec<Column>,
     pub(super) trials: Vec<Column>,
+    /// None in version 1.
+    pub(super) timings: Vec<Column>,
 }
 
 /// Every version's text, oldest first: a released one never changes.
@@ -125,6 +127,7 @@ impl Schema {
                     let columns = match table? {
                         "targets" => &mut schema.targets,
                         "trials" => &mut schema.trials,
+                        "timings" => &mut schema.timings,
                         _ => return None,
                     };
                     columns.push(Column { name: name.to_owned(), kind, nullable });
@@ -138,7 +141,7 @@ impl Schema {
     #[cfg(test)]
     pub(super) fn to_text(&self) -> String {
         let mut text = String::new();
-        for (table, columns) in [("targets", &self.targets), ("trials", &self.trials)] {
+        for (table, columns) in [("targets", &self.targets), ("trials", &self.trials), ("timings", &self.timings)] {
             writeln!(text, "{table}").ok();
             for Column { name, kind, nullable } in columns {
                 writeln!(text, "  {name} {}{}", kind.name(), if *nullable { "?" } else { "" }).ok();

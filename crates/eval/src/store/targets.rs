@@ -25,7 +25,6 @@ pub(super) fn columns(rows: &[TargetRow]) -> Columns<'_, TargetRow> {
         .text("status", |row| row.status.name())
         .optional_text("detail", |row| row.detail.as_deref())
         .count("non-finite", |row| row.non_finite)
-        .optional_number("render-secs", |row| row.render_secs)
         .texts("not-computed", |row| row.not_computed.keys().map(String::as_str).collect())
         .texts("not-computed-why", |row| row.not_computed.values().map(String::as_str).collect());
     definitions().iter().fold(fixed, |columns, metric| {
@@ -39,7 +38,7 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TargetRow>, EvalError> {
         ["truth-hash", "render-hash", "status", "detail"].map(|name| table.texts_of(name));
     let [target, frame, width, height, non_finite] =
         ["target", "frame", "width", "height", "non-finite"].map(|name| table.counts_of(name));
-    let [overlap, render_secs] = ["overlap", "render-secs"].map(|name| table.numbers_of(name));
+    let overlap = table.numbers_of("overlap");
     let (distance, leaked) = (table.integers_of("signed-distance"), table.flags_of("leaked"));
     let [mut ids, mut reasons] = [table.lists_of_texts("not-computed")?, table.lists_of_texts("not-computed-why")?];
     let scores: Vec<_> = definitions().iter().map(|metric| (metric.id, table.numbers_of(metric.id))).collect();
@@ -66,7 +65,6 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TargetRow>, EvalError> {
             non_finite: needed(table, "non-finite", at, &non_finite)?,
             scores: scores.iter().filter_map(score).collect(),
             not_computed: pairs(table, ("not-computed", taken(&mut ids, at)), taken(&mut reasons, at), at)?.collect(),
-            render_secs: value(&render_secs, at),
         });
     }
     Ok(rows)

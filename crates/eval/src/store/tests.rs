@@ -2,7 +2,8 @@ use std::collections::BTreeMap;
 
 use super::schema::{self, Column, Kind, Schema};
 use super::*;
-use crate::{Seconds, Shard, TargetStatus, TrialKey, TrialStatus};
+use crate::timing::{Load, Machine, TimingRow};
+use crate::{Shard, TargetStatus, TrialKey, TrialStatus};
 
 fn key(scene: &str) -> TrialKey {
     TrialKey { preset: "p".to_owned(), method: "m".to_owned(), scene: scene.to_owned(), entry: 0 }
@@ -27,15 +28,6 @@ fn trial(scene: &str) -> TrialRow {
         final_tokens: None,
         gaussians: Some(1 << 40),
         gaussians_drawn: Some(0.1),
-        seconds: Seconds {
-            read: 0.1,
-            encode: Some(1.0 / 3.0),
-            render: None,
-            score: 1e-300,
-            encode_samples: vec![0.3, 0.4],
-            render_samples: Vec::new(),
-            stages: BTreeMap::from([("coarse".to_owned(), 0.2), ("head".to_owned(), 0.1)]),
-        },
         peak_bytes: None,
         effects: vec!["background".to_owned()],
         notes: Vec::new(),
@@ -59,10 +51,32 @@ fn targets(scene: &str) -> Vec<TargetRow> {
         non_finite: 0,
         scores: scores.iter().map(|(id, score)| ((*id).to_owned(), *score)).collect(),
         not_computed: BTreeMap::from([("lpips".to_owned(), "weights absent".to_owned())]),
-        render_secs: None,
     };
     let scored = row(0, TargetStatus::Scored, &[("psnr", 0.1 + 0.2), ("ssim", 5e-324)]);
     vec![scored, row(1, TargetStatus::Failed, &[])]
+}
+
+fn timing(scene: &str, machine: u32) -> TimingRow {
+    TimingRow {
+        key: key(scene),
+        trial_hash: format!("hash of {scene}"),
+        machine: Machine {
+            processor: format!("processor {machine}"),
+            platform: "linux".to_owned(),
+            cpus: 8,
+            threads: 4,
+        },
+        started: 1_700_000_000,
+        trials_there: 3,
+        warm_up: 1,
+        encode: vec![0.1, 1.0 / 3.0],
+        render: vec![5e-324, 0.2, 0.3, 0.4],
+        stages: BTreeMap::from([("coarse".to_owned(), vec![0.2, 0.3]), ("head".to_owned(), vec![0.1, 0.4])]),
+        held_bytes: Some(7),
+        peak_bytes: None,
+        load: Load { average_before: Some(0.5), mhz_after: Some(2600.0), others: Some(0.02), ..Load::default() },
+        detail: None,
+    }
 }
 
 fn filled(folder: &Path, scenes: &[&str]) -> Store {
@@ -75,7 +89,11 @@ fn filled(folder: &Path, scenes: &[&str]) -> Store {
 
 #[test]
 fn the_schema_is_the_committed_one() {
-    let written = Schema { targets: targets::columns(&[]).described(), trials: trials::columns(&[]).described() };
+    let written = Schema {
+        targets: targets::columns(&[]).described(),
+        trials: trials::columns(&[]).described(),
+        timings: timings::columns(&[]).described(),
+    };
     let text = schema::text(SCHEMA_VERSION).unwrap();
     assert_eq!(written.to_text(), text, "the rows changed: add a version to crates/eval/schema, never change one");
     assert_eq!(Schema::of_version(SCHEMA_VERSION), Some(written));
@@ -145,7 +163,7 @@ fn numbers_that_are_none_are_refused() {
         let error = store.append(&trial("a"), &wrong).unwrap_err().to_string();
         assert!(error.contains("psnr") && error.contains("only finite"), "{error}");
         let mut row = trial("a");
-        row.seconds.encode_samples.push(value);
+        row.gaussians_drawn = Some(value);
         assert!(store.append(&row, &targets("a")).is_err());
     }
     assert_eq!(Results::read(folder.path()).unwrap().trials, []);
@@ -186,11 +204,11 @@ fn columns_that_came_later_are_null_in_older_tables() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), &["a"]).finish().unwrap();
     let mut older = Schema::of_version(SCHEMA_VERSION).unwrap();
-    older.trials.retain(|column| !["gaussians", "effects", "stages", "stage-secs"].contains(&column.name.as_str()));
+    older.trials.retain(|column| !["gaussians", "effects"].contains(&column.name.as_str()));
     older.targets.retain(|column| column.name != "psnr");
     let rows = read::tables(folder.path(), &older).unwrap();
     let (trial, targets) = &rows[&key("a")];
-    assert_eq!((trial.gaussians, trial.effects.len(), trial.seconds.stages.len()), (None, 0, 0));
+    assert_eq!((trial.gaussians, trial.effects.len()), (None, 0));
     assert_eq!(trial.initial_tokens, Some(10));
     assert_eq!(targets[0].scores.keys().collect::<Vec<_>>(), ["ssim"]);
 }
@@ -226,10 +244,9 @@ fn shard(number: u32, scenes: &[&str]) -> Results {
     let provenance = Provenance { shard: Some(Shard { number, of: 3 }), ..Provenance::default() };
     let store = Store::create(folder.path(), provenance).unwrap();
     for scene in scenes {
-        let mut row = trial(scene);
-        row.seconds.encode = Some(f64::from(number));
-        store.append(&row, &targets(scene)).unwrap();
+        store.append(&trial(scene), &targets(scene)).unwrap();
     }
+    store.add_timings(vec![timing(scenes[0], number)]).unwrap();
     store.finish().unwrap()
 }
 
@@ -240,10 +257,14 @@ fn shards_merge_into_one_run_and_the_missing_are_named() {
     let shards = [shard(3, &["d"]), shard(1, &["c", "a"]), shard(2, &["b", "a"])];
     let merged = Results::merge(shards.to_vec()).unwrap();
     assert_eq!(merged.missing_shards, [] as [u32; 0]);
-    let bare = |rows: &[TrialRow]| rows.iter().map(TrialRow::without_times).collect::<Vec<_>>();
-    assert_eq!(bare(&merged.results.trials), bare(&whole.trials));
+    assert_eq!(merged.results.trials, whole.trials);
     assert_eq!(merged.results.targets, whole.targets);
     assert_eq!(merged.results.provenance.shard, None);
+    let machines: Vec<&str> = merged.results.timings.iter().map(|row| row.machine.processor.as_str()).collect();
+    assert_eq!(machines, ["processor 2", "processor 1", "processor 3"], "scenes b, c and d, each on its machine");
+    let written = folder.path().join("merged");
+    merged.results.write(&written).unwrap();
+    assert_eq!(Results::read(&written).unwrap().timings, merged.results.timings);
     let partial = Results::merge(shards[..2].to_vec()).unwrap();
     assert_eq!(partial.missing_shards, [2]);
     assert!(partial.results.provenance.shard.is_some(), "a part stays one");
@@ -380,4 +401,34 @@ fn a_protocol_that_no_longer_reads_is_named_with_its_field() {
     for part in ["provenance.json: presets", "walls, toml", "scene-medians"] {
         assert!(message.contains(part), "{part}: {message}");
     }
+}
+
+#[test]
+fn timings_come_back_and_the_same_machine_is_timed_anew() {
+    let folder = tempfile::tempdir().unwrap();
+    let store = filled(folder.path(), &["a", "b"]);
+    let refused =
+        TimingRow { detail: Some("too few views".to_owned()), encode: vec![], stages: [].into(), ..timing("b", 1) };
+    store.add_timings(vec![refused.clone(), timing("a", 1)]).unwrap();
+    assert_eq!(store.timings().unwrap(), [timing("a", 1), refused]);
+    store.add_timings(vec![timing("b", 2)]).unwrap();
+    store.add_timings(vec![TimingRow { started: 1_800_000_000, ..timing("a", 1) }]).unwrap();
+    let kept = store.timings().unwrap();
+    let told: Vec<_> = kept.iter().map(|row| (row.key.scene.as_str(), row.started, row.is_timed())).collect();
+    assert_eq!(told, [("a", 1_800_000_000, true), ("b", 1_700_000_000, true)]);
+    assert_eq!(store.finish().unwrap().timings, kept);
+    let store = Store::open(folder.path()).unwrap();
+    let error = store.add_timings(vec![TimingRow { render: vec![f64::NAN], ..timing("a", 3) }]).unwrap_err();
+    assert!(error.to_string().contains("render-samples"), "{error}");
+    assert_eq!(Results::read(folder.path()).unwrap().timings, kept, "and nothing is lost");
+}
+
+#[test]
+fn two_answers_about_one_pass_are_refused() {
+    let [mut first, mut second] = [shard(1, &["a"]), shard(2, &["b"])];
+    second.timings = first.timings.clone();
+    assert_eq!(Results::merge(vec![first.clone(), second.clone()]).unwrap().results.timings.len(), 1);
+    first.timings[0].encode[0] = 9.0;
+    let error = Results::merge(vec![first, second]).unwrap_err().to_string();
+    assert!(error.contains("the times of one pass on processor 1"), "{error}");
 }

@@ -2,7 +2,7 @@
 
 use super::columns::Columns;
 use super::table::Table;
-use crate::{EvalError, Seconds, TrialKey, TrialRow, TrialStatus};
+use crate::{EvalError, TrialKey, TrialRow, TrialStatus};
 
 pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
     Columns::of(rows)
@@ -25,14 +25,6 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
         .optional_count("final-tokens", |row| row.final_tokens)
         .optional_count("gaussians", |row| row.gaussians)
         .optional_number("gaussians-drawn", |row| row.gaussians_drawn)
-        .number("read-secs", |row| row.seconds.read)
-        .optional_number("encode-secs", |row| row.seconds.encode)
-        .optional_number("render-secs", |row| row.seconds.render)
-        .number("score-secs", |row| row.seconds.score)
-        .numbers("encode-samples", |row| row.seconds.encode_samples.clone())
-        .numbers("render-samples", |row| row.seconds.render_samples.clone())
-        .texts("stages", |row| row.seconds.stages.keys().map(String::as_str).collect())
-        .numbers("stage-secs", |row| row.seconds.stages.values().copied().collect())
         .optional_count("peak-bytes", |row| row.peak_bytes)
         .texts("effects", |row| row.effects.iter().map(String::as_str).collect())
         .texts("notes", |row| row.notes.iter().map(String::as_str).collect())
@@ -46,22 +38,16 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
     let mut context = table.lists_of_counts("context")?;
     let [targets, width, height] = ["targets", "width", "height"].map(|name| table.counts_of(name));
     let counts = ["initial-tokens", "final-tokens", "gaussians", "peak-bytes"].map(|name| table.counts_of(name));
-    let numbers = ["overlap", "gaussians-drawn", "read-secs", "encode-secs", "render-secs", "score-secs"];
-    let numbers = numbers.map(|name| table.numbers_of(name));
-    let [encode_samples, render_samples, stage_secs] =
-        ["encode-samples", "render-samples", "stage-secs"].map(|name| table.lists_of_numbers(name));
-    let mut samples = [encode_samples?, render_samples?, stage_secs?];
-    let [stages, effects, notes, context_hashes] =
-        ["stages", "effects", "notes", "context-hashes"].map(|name| table.lists_of_texts(name));
-    let mut texts = [stages?, effects?, notes?, context_hashes?];
+    let numbers = ["overlap", "gaussians-drawn"].map(|name| table.numbers_of(name));
+    let [effects, notes, context_hashes] =
+        ["effects", "notes", "context-hashes"].map(|name| table.lists_of_texts(name));
+    let mut texts = [effects?, notes?, context_hashes?];
     let mut rows = Vec::with_capacity(keys.len());
     for (at, key) in keys.into_iter().enumerate() {
         let small = |name, values: &[Option<u64>]| small(table, name, at, values);
         let [initial_tokens, final_tokens, gaussians, peak_bytes] = counts.each_ref().map(|values| value(values, at));
-        let [overlap, gaussians_drawn, read, encode, render, score] =
-            numbers.each_ref().map(|values| value(values, at));
-        let [encode_samples, render_samples, stage_secs] = samples.each_mut().map(|lists| taken(lists, at));
-        let [stages, effects, notes, context_hashes] = texts.each_mut().map(|lists| taken(lists, at));
+        let [overlap, gaussians_drawn] = numbers.each_ref().map(|values| value(values, at));
+        let [effects, notes, context_hashes] = texts.each_mut().map(|lists| taken(lists, at));
         let name = needed(table, "status", at, &status)?;
         let status = TrialStatus::named(&name)
             .ok_or_else(|| table.wrong("status", at, "the name of a trial's status", &name))?;
@@ -83,15 +69,6 @@ pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
             final_tokens,
             gaussians,
             gaussians_drawn,
-            seconds: Seconds {
-                read: read.unwrap_or_default(),
-                encode,
-                render,
-                score: score.unwrap_or_default(),
-                encode_samples,
-                render_samples,
-                stages: pairs(table, ("stages", stages), stage_secs, at)?.collect(),
-            },
             peak_bytes,
             effects,
             notes,

@@ -1,8 +1,7 @@
 use atsplat_model::ModelConfig;
 use atsplat_model::config::{BlockExpansion, SelectionRatio};
-use atsplat_model::weights::StoredTensors;
 use atsplat_protocol::{EvaluationIndex, Preset};
-use atsplat_scene::preprocess::Step;
+use atsplat_scene::preprocess::{RescaleAndCrop, Step};
 use atsplat_splat::RendererConstants;
 use serde::{Deserialize, Serialize};
 
@@ -12,7 +11,7 @@ use crate::EvalError;
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Knobs {
-    /// K, Gaussians of a token. Weights belong to one K: another needs its own.
+    /// K, Gaussians of a token: of trained weights the first K of theirs, at most as many. More need weights of their own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gaussians_per_token: Option<usize>,
     /// Shares of tokens that are expanded, one for each block that expands; each from 0 to 1.
@@ -27,28 +26,15 @@ pub struct Knobs {
     /// Context views: so many of those in the index, evenly spaced with both ends; at least 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub views: Option<usize>,
-    /// Height and width of pictures, in the place of the last step that scales.
+    /// Height and width of pictures, in the place of the last step that scales, or after all others where none does.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub resolution: Option<[u32; 2]>,
-    /// How weights are stored before they are used; computations stay in f32.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub precision: Option<WeightPrecision>,
     /// A weights file of its own, as another K has.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub weights: Option<std::path::PathBuf>,
     /// The renderer's numbers.
     #[serde(default, skip_serializing_if = "RendererKnobs::is_empty")]
     pub renderer: RendererKnobs,
-}
-
-/// How weights are stored.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum WeightPrecision {
-    /// f32, as trained.
-    Single,
-    /// f16.
-    Half,
 }
 
 /// What is changed of [`RendererConstants`]: numbers that a picture trades for time.
@@ -155,24 +141,10 @@ impl Knobs {
         Ok(config)
     }
 
-    /// The weights rounded to the knob's precision.
-    ///
-    /// # Errors
-    /// [`EvalError::Model`] for a tensor that is no float, or leaves f16's range.
-    pub fn weights(&self, stored: StoredTensors) -> Result<StoredTensors, EvalError> {
-        let mut stored = stored;
-        if self.precision == Some(WeightPrecision::Half) {
-            for tensor in stored.tensors.values_mut() {
-                *tensor = tensor.to_half()?;
-            }
-        }
-        Ok(stored)
-    }
-
     /// The protocol with pictures of the knob's size.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] where nothing in the preset scales to a size, or a side is 0.
+    /// [`EvalError::Settings`] where a side is 0.
     pub fn preset(&self, preset: &Preset) -> Result<Preset, EvalError> {
         let mut preset = preset.clone();
         let Some([height, width]) = self.resolution else { return Ok(preset) };
@@ -184,10 +156,10 @@ impl Knobs {
             Step::Resize(step) => Some((&mut step.height, &mut step.width)),
             _ => None,
         });
-        let Some((rows, columns)) = sizes else {
-            return unfit("resolution", "a protocol that scales its pictures", preset.name);
-        };
-        (*rows, *columns) = (height, width);
+        match sizes {
+            Some((rows, columns)) => (*rows, *columns) = (height, width),
+            None => preset.preprocessing.steps.push(Step::RescaleAndCrop(RescaleAndCrop::new(height, width))),
+        }
         preset.name = format!("{}-{height}x{width}", preset.name);
         Ok(preset)
     }

@@ -2,7 +2,7 @@ use std::sync::Arc;
 
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile, generated};
+use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use atsplat_protocol::{IndexLayout, Sha256Digest};
 use atsplat_splat::effects::EffectSelection;
@@ -76,7 +76,7 @@ impl Swept {
                 (knobs.model(&read.config)?, read.tensors, WeightsOf::File { sha256: file.sha256 }, trained_at)
             }
         };
-        let tensors = knobs.weights(fitting(&config, tensors, &weights))?;
+        let tensors = fitting(&config, tensors, &weights)?;
         let network = Network::new(&config, &Device::flex())?.with_weights(&tensors)?;
         // Where a sweep asks for a resolution, the network is meant to see it.
         let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
@@ -90,18 +90,14 @@ impl Swept {
         };
         let splatting =
             Splatting { constants, background: self.background, effects: EffectSelection::All, ..Splatting::default() };
-        let method = AtSplat::new(&setting.label, network, &weights, self.call_seed, splatting)?;
-        let precision = knobs.precision.map(|precision| format!("{precision:?}").to_lowercase());
-        Ok(Arc::new(match precision {
-            Some(precision) => method.with_parameter("weight-precision", precision),
-            None => method,
-        }))
+        Ok(Arc::new(AtSplat::new(&setting.label, network, &weights, self.call_seed, splatting)?))
     }
 }
 
-/// Random weights are as good for another K: those that fit stay, the others are drawn again. Trained ones are what they are.
-fn fitting(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsOf) -> StoredTensors {
-    let WeightsOf::Random { seed, .. } = weights else { return tensors };
+/// Weights for another K. Random ones are as good for any: those that fit stay, the others are drawn again. Of trained ones the
+/// first K Gaussians of each token stay, as many rows of the head's last layer; they cannot be made more.
+fn fitting(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsOf) -> Result<StoredTensors, EvalError> {
+    let WeightsOf::Random { seed, .. } = weights else { return first_gaussians(config, tensors) };
     let mut drawn = generated(&parameters(config), *seed);
     for (name, tensor) in tensors.tensors {
         let fits = drawn.tensors.get(&name).is_none_or(|drawn| drawn.shape() == tensor.shape());
@@ -109,7 +105,29 @@ fn fitting(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsOf) ->
             drawn.tensors.insert(name, tensor);
         }
     }
-    drawn
+    Ok(drawn)
+}
+
+fn first_gaussians(config: &ModelConfig, mut tensors: StoredTensors) -> Result<StoredTensors, EvalError> {
+    for parameter in parameters(config).iter().filter(|parameter| parameter.name.starts_with("head.")) {
+        let Some(tensor) = tensors.tensors.get_mut(&parameter.name) else { continue };
+        let ([wanted, columns @ ..], [there, others @ ..]) = (&parameter.shape[..], tensor.shape()) else { continue };
+        if columns != others || wanted == there {
+            continue;
+        }
+        if wanted > there {
+            let (wanted, there) = (config.head.gaussians_per_token, format!("{there} rows of {}", parameter.name));
+            return Err(EvalError::Settings {
+                what: "gaussians-per-token",
+                expected: format!("at most as many as the weights have, or `weights` of their own for {wanted}"),
+                found: there,
+            });
+        }
+        let values = tensor.to_f32()?;
+        let kept = values.get(..parameter.elements()).unwrap_or(&values);
+        *tensor = StoredTensor::from_f32(parameter.shape.clone(), kept)?;
+    }
+    Ok(tensors)
 }
 
 /// The dataset as the knobs want its pictures and views.

@@ -10,30 +10,37 @@ pub struct Price {
     pub from: String,
     /// Label of the dearer one.
     pub to: String,
-    /// How much quality lies between them; positive, whatever the metric's direction.
+    /// How much quality lies between them, by their means over the same targets; positive, whatever the metric's direction.
     pub gain: f64,
+    /// The gain's 95 % interval, which does not hold 0.
+    pub gain_interval: [f64; 2],
     /// The step that is priced, in the metric's unit.
     pub step: f64,
-    /// Seconds for the step; negative where the better point is faster. `None` where one of both has none.
+    /// Seconds for the step; negative where the better point is faster. `None` where one of both has none, or they differ by
+    /// less than repetitions do.
     pub secs: Option<f64>,
     /// Gaussians for the step, likewise.
     pub gaussians: Option<f64>,
 }
 
-/// Prices from each point to the next.
+/// Prices from each point of a frontier to the next.
 pub(super) fn prices(ascent: &[&Point], step: f64) -> Vec<Price> {
-    let price = |pair: &[&Point]| {
-        let [from, to] = pair else { return None };
-        let gain = (to.quality - from.quality).abs();
-        let rate = |a: Option<f64>, b: Option<f64>| Some((b? - a?) / gain * step).filter(|price| price.is_finite());
-        Some(Price {
-            from: from.label.clone(),
-            to: to.label.clone(),
-            gain,
-            step,
-            secs: rate(from.secs, to.secs),
-            gaussians: rate(from.gaussians, to.gaussians),
-        })
-    };
-    ascent.windows(2).filter_map(price).collect()
+    ascent.windows(2).filter_map(|pair| price(pair[0], pair[1], step)).collect()
+}
+
+fn price(from: &Point, to: &Point, step: f64) -> Option<Price> {
+    let difference = to.against.as_ref().filter(|against| against.label == from.label)?.difference;
+    let [low, high] = difference.interval?.map(f64::abs);
+    let gain = difference.value.abs();
+    let rate = |a: Option<f64>, b: Option<f64>| Some((b? - a?) / gain * step).filter(|price| price.is_finite());
+    let apart = from.secs.zip(to.secs).is_some_and(|(a, b)| (a - b).abs() > from.secs_error.hypot(to.secs_error));
+    Some(Price {
+        from: from.label.clone(),
+        to: to.label.clone(),
+        gain,
+        gain_interval: if low <= high { [low, high] } else { [high, low] },
+        step,
+        secs: rate(from.secs, to.secs).filter(|_| apart),
+        gaussians: rate(from.gaussians, to.gaussians),
+    })
 }

@@ -1,9 +1,12 @@
+use std::collections::BTreeSet;
+
 use atsplat_metrics::definition;
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::{Axis, Frontier, Sample, frontier};
-use crate::statistics::{Leaked, Question, cost, direction, summary};
+use crate::statistics::{Leaked, Picked, Question, contrast, cost, direction, pick, summary_of};
+use crate::timing::{Machine, machine_of, times};
 use crate::{EvalError, PresetRecord, Results};
 
 /// Both frontiers of one metric under one protocol.
@@ -20,6 +23,8 @@ pub struct Tradeoff {
     pub unit: String,
     /// Against seconds, and against Gaussians.
     pub frontiers: Vec<Frontier>,
+    /// The machines that seconds are of, each once.
+    pub machines: Vec<Machine>,
 }
 
 /// Every method of a store as a point, for each protocol and metric.
@@ -28,57 +33,93 @@ pub struct Tradeoff {
 /// [`EvalError::Preset`].
 pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<Vec<Tradeoff>, EvalError> {
     let tradeoff = |(preset, metric): (&PresetRecord, &str)| {
-        let samples = samples(results, &preset.name, metric, leaked, preset.protocol()?.aggregation);
-        Ok(of_samples(&preset.name, &preset.hash, metric, &samples))
+        let aggregation = preset.protocol()?.aggregation;
+        let scored = scored(results, &preset.name, metric, leaked, aggregation);
+        let machines = machine_of(results, &preset.name).into_iter().cloned().collect();
+        Ok(of_scored((&preset.name, &preset.hash), metric, &scored, aggregation, machines))
     };
     let presets = results.provenance.presets.iter();
     presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
 }
 
 /// The methods of all protocols of a store in one: numbers that answer different questions side by side, as where views or
-/// resolution are swept. Labels say the protocol.
+/// resolution are swept. Labels say the protocol; differences are between the same scene's targets.
 ///
 /// # Errors
 /// [`EvalError::Preset`].
 pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeoff, EvalError> {
-    let of_preset = |preset: &PresetRecord| {
-        let samples = samples(results, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
-        let labelled = |sample: Sample| Sample { label: format!("{}, {}", sample.label, preset.name), ..sample };
-        Ok(samples.map(labelled).collect::<Vec<_>>())
-    };
-    let samples: Vec<Vec<Sample>> =
-        results.provenance.presets.iter().map(of_preset).collect::<Result<_, EvalError>>()?;
-    let samples = samples.concat();
-    let hashes: Vec<&str> = results.provenance.presets.iter().map(|preset| preset.hash.as_str()).collect();
-    Ok(of_samples("different protocols", &hashes.join(" "), metric, &samples))
+    let presets = &results.provenance.presets;
+    let mut all = Vec::new();
+    for preset in presets {
+        let own = scored(results, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
+        all.extend(own.map(|(sample, picked)| {
+            (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, picked)
+        }));
+    }
+    let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
+    let machines: BTreeSet<&Machine> = presets.iter().filter_map(|preset| machine_of(results, &preset.name)).collect();
+    let machines = machines.into_iter().cloned().collect();
+    Ok(of_scored(("different protocols", &hashes.join(" ")), metric, &all, Aggregation::SceneMeans, machines))
 }
 
-fn of_samples(preset: &str, protocol: &str, metric: &str, samples: &[Sample]) -> Tradeoff {
+fn of_scored(
+    (preset, protocol): (&str, &str),
+    metric: &str,
+    scored: &[(Sample, Vec<Picked<'_>>)],
+    aggregation: Aggregation,
+    machines: Vec<Machine>,
+) -> Tradeoff {
     let step = quality_step(metric);
-    let along = |axis| frontier(samples, direction(metric), axis, step);
+    let samples: Vec<Sample> = scored.iter().map(|(sample, _)| sample.clone()).collect();
+    let contrasts = |terms: &[(usize, f64)]| {
+        let term = |(at, weight): &(usize, f64)| Some((scored.get(*at)?.1.as_slice(), *weight));
+        contrast(&terms.iter().map(term).collect::<Option<Vec<_>>>()?, aggregation)
+    };
+    let along = |axis| frontier(&samples, &contrasts, direction(metric), axis, step);
     Tradeoff {
         preset: preset.to_owned(),
         protocol: protocol.to_owned(),
         metric: metric.to_owned(),
         unit: definition(metric).map_or_else(String::new, |definition| definition.unit.to_owned()),
         frontiers: [Axis::Seconds, Axis::Gaussians].map(along).into(),
+        machines,
     }
 }
 
 /// The methods of a store under a preset, in the order of the provenance record, each as a sample.
 ///
-/// Seconds are the median of encoding plus the median of rendering one view: what a user waits for the first picture. A
-/// method that has only one of both has only that.
+/// Seconds are those of the timing pass, the median of encoding plus the median of rendering one view: what a user waits for the
+/// first picture. A method that has only one of both has only that.
 pub fn samples(results: &Results, preset: &str, metric: &str, leaked: Leaked, aggregation: Aggregation) -> Vec<Sample> {
-    let sample = |method: &str| {
-        let question = Question { preset, method, metric, leaked };
+    scored(results, preset, metric, leaked, aggregation).into_iter().map(|(sample, _)| sample).collect()
+}
+
+/// Samples with the targets that they were scored on.
+fn scored<'a>(
+    results: &'a Results,
+    preset: &'a str,
+    metric: &'a str,
+    leaked: Leaked,
+    aggregation: Aggregation,
+) -> Vec<(Sample, Vec<Picked<'a>>)> {
+    let sample = |method: &'a str| {
         let cost = cost(results, preset, method);
-        let secs = match (cost.encode_secs, cost.render_secs) {
-            (Some(encode), Some(render)) => Some(encode + render),
-            (encode, render) => encode.or(render),
+        let picked = pick(results, &Question { preset, method, metric, leaked });
+        let mut sample = Sample {
+            label: method.to_owned(),
+            quality: summary_of(&picked, aggregation).mean,
+            gaussians: cost.gaussians,
+            ..Sample::default()
         };
-        let quality = summary(results, &question, aggregation).mean;
-        (cost.trials > 0).then(|| Sample { label: method.to_owned(), quality, secs, gaussians: cost.gaussians })
+        match times(results, preset, method) {
+            Ok(times) => {
+                sample.secs = times.first_picture.map(|spread| spread.median);
+                sample.secs_error = times.first_picture.map_or(0.0, |spread| spread.error);
+                sample.busy = times.busy;
+            }
+            Err(reason) => sample.untimed = Some(reason),
+        }
+        (cost.trials > 0).then_some((sample, picked))
     };
     results.provenance.methods.iter().filter_map(|record| sample(&record.name)).collect()
 }

@@ -6,17 +6,36 @@ use atsplat_protocol::{Aggregation, EvaluationIndex, IndexEntry, Preset};
 use atsplat_splat::RendererConstants;
 use proptest::prelude::*;
 
+use super::Standing::{Frontier as On, NotDistinguishable as Unclear, Worse};
 use super::*;
 use crate::MethodRecord;
-use crate::sample_rows::{PRESET, results};
-use crate::statistics::Leaked;
+use crate::sample_rows::{PRESET, results, timing};
+use crate::statistics::{Contrast, Leaked};
 
 fn sample(label: &str, quality: f64, secs: f64) -> Sample {
-    Sample { label: label.to_owned(), quality: Some(quality), secs: Some(secs), gaussians: Some(1000.0 * secs) }
+    let (quality, gaussians) = (Some(quality), Some(1000.0 * secs));
+    Sample { label: label.to_owned(), quality, secs: Some(secs), gaussians, ..Sample::default() }
+}
+
+/// The frontier where every difference is known to ± `half`, as intervals of many scenes are.
+fn known_to(half: f64, samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
+    let contrasts = |terms: &[(usize, f64)]| {
+        let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
+        Some(Contrast { value, interval: Some([value - half, value + half]), scenes: 9 })
+    };
+    super::frontier(samples, &contrasts, direction, axis, step)
+}
+
+fn frontier(samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
+    known_to(0.0, samples, direction, axis, step)
 }
 
 fn labels(frontier: &Frontier) -> Vec<&str> {
-    frontier.points.iter().filter(|point| point.on_frontier).map(|point| point.label.as_str()).collect()
+    frontier.points.iter().filter(|point| point.on_frontier()).map(|point| point.label.as_str()).collect()
+}
+
+fn standings(frontier: &Frontier) -> Vec<(&str, Standing)> {
+    frontier.points.iter().map(|point| (point.label.as_str(), point.standing)).collect()
 }
 
 #[test]
@@ -31,7 +50,9 @@ fn what_is_dominated_is_not_on_the_frontier() {
         sample("twin of middle", 27.0, 2.0),
     ];
     let found = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
-    assert_eq!(labels(&found), ["cheap", "middle", "twin of middle", "dear"]);
+    assert_eq!(labels(&found), ["cheap", "middle", "dear"]);
+    let told: Vec<Standing> = standings(&found).into_iter().map(|(_, standing)| standing).collect();
+    assert_eq!(told, [On, Worse, On, Unclear, Worse, Unclear, On], "{:?}", standings(&found));
     assert_eq!(found.knee.as_deref(), Some("middle"));
     let steps: Vec<_> = found.prices.iter().map(|price| (price.from.as_str(), price.to.as_str())).collect();
     assert_eq!(steps, [("cheap", "middle"), ("middle", "dear")]);
@@ -41,6 +62,59 @@ fn what_is_dominated_is_not_on_the_frontier() {
     let lower: Vec<Sample> = samples.iter().map(|s| Sample { quality: s.quality.map(|q| -q), ..s.clone() }).collect();
     let turned = frontier(&lower, Direction::Lower, Axis::Seconds, 0.1);
     assert_eq!((labels(&turned), &turned.knee, &turned.prices), (labels(&found), &found.knee, &found.prices));
+}
+
+/// Scenes say that better is better only where their interval leaves out 0.
+#[test]
+fn what_intervals_do_not_tell_apart_is_not_ranked() {
+    let samples = [
+        sample("cheap", 20.0, 1.0),
+        sample("as good", 20.9, 2.0),
+        sample("better", 21.1, 3.0),
+        sample("perhaps worse", 20.2, 4.0),
+        sample("worse", 19.9, 5.0),
+        sample("perhaps better", 22.0, 6.0),
+        sample("best", 24.0, 9.0),
+    ];
+    for direction in [Direction::Higher, Direction::Lower] {
+        let sign = if direction == Direction::Higher { 1.0 } else { -1.0 };
+        let turned = samples.clone().map(|s| Sample { quality: s.quality.map(|quality| sign * quality), ..s });
+        let found = known_to(1.0, &turned, direction, Axis::Seconds, 0.1);
+        let told: Vec<Standing> = standings(&found).into_iter().map(|(_, standing)| standing).collect();
+        assert_eq!(told, [On, Unclear, On, Unclear, Worse, Unclear, On], "{direction:?}");
+        let against: Vec<&str> =
+            found.points.iter().map(|point| point.against.as_ref().unwrap().label.as_str()).collect();
+        assert_eq!(against, ["better", "cheap", "cheap", "better", "better", "better", "better"]);
+        let difference = found.points[1].against.as_ref().unwrap().difference;
+        Tolerance::F64.assert(
+            difference.interval.unwrap(),
+            [sign * 0.9 - 1.0, sign * 0.9 + 1.0],
+            "as good minus cheap",
+        );
+        let steps: Vec<_> = found.prices.iter().map(|price| (price.from.as_str(), price.to.as_str())).collect();
+        assert_eq!(steps, [("cheap", "better"), ("better", "best")]);
+        Tolerance::F64.assert(found.prices[0].gain_interval, [0.1, 2.1], "the gain's interval");
+        assert_eq!(found.knee, None, "21.1 is no dB above the line between 20 and 24 at half of the way");
+    }
+    assert_eq!(labels(&known_to(9.0, &samples, Direction::Higher, Axis::Seconds, 0.1)), ["cheap"]);
+    let one_scene = |_: &[(usize, f64)]| Some(Contrast { value: 5.0, interval: None, scenes: 1 });
+    let found = super::frontier(&samples, &one_scene, Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!((labels(&found), found.prices.len(), &found.knee), (vec!["cheap"], 0, &None), "one scene tells nothing");
+}
+
+#[test]
+fn times_that_repetitions_do_not_tell_apart_are_the_same() {
+    let timed = |label, quality, secs, secs_error| Sample { secs_error, ..sample(label, quality, secs) };
+    let samples = |error| [timed("a", 20.0, 1.0, error), timed("b", 22.0, 1.1, error), timed("c", 24.0, 2.0, error)];
+    let found = frontier(&samples(0.01), Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!(labels(&found), ["a", "b", "c"]);
+    let found = frontier(&samples(0.08), Direction::Higher, Axis::Seconds, 0.1);
+    assert_eq!(labels(&found), ["b", "c"], "0.1 s are within √2 · 0.08 s: what is better at the same price wins");
+    assert_eq!(found.points[0].standing, Worse);
+    assert_eq!(found.points[0].against.as_ref().unwrap().label, "b");
+    let counts = frontier(&samples(0.08), Direction::Higher, Axis::Gaussians, 0.1);
+    assert_eq!(labels(&counts), ["a", "b", "c"], "counts are exact");
+    assert!(counts.prices[0].secs.is_none() && counts.prices[1].secs.is_some(), "no price in equal times");
 }
 
 #[test]
@@ -56,7 +130,7 @@ fn few_points_and_broken_ones() {
         sample("quality", f64::NAN, 0.5),
         sample("cost", 30.0, f64::INFINITY),
         sample("free", 30.0, 0.0),
-        Sample { secs: None, ..sample("untimed", 30.0, 1.0) },
+        Sample { secs: None, untimed: Some("no timing pass".to_owned()), ..sample("untimed", 30.0, 1.0) },
         Sample { quality: None, ..sample("unscored", 30.0, 0.1) },
     ];
     let found = frontier(&broken, Direction::Higher, Axis::Seconds, 0.1);
@@ -66,7 +140,7 @@ fn few_points_and_broken_ones() {
         "quality: nothing was scored",
         "cost: inf seconds",
         "free: 0 seconds",
-        "untimed: no seconds",
+        "untimed: no timing pass",
         "unscored: nothing was scored",
     ];
     assert_eq!(left_out, expected);
@@ -93,15 +167,19 @@ proptest! {
             .map(|(at, (quality, secs))| sample(&format!("{at:02}"), f64::from(*quality), f64::from(*secs)))
             .collect();
         let found = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
-        for (label, (quality, secs)) in found.points.iter().map(|point| (point, (point.quality, point.cost))) {
+        for (position, point) in found.points.iter().enumerate() {
+            let (quality, secs) = (point.quality, point.cost);
             let dominates = |other: &&Point| {
                 other.quality >= quality && other.cost <= secs && (other.quality > quality || other.cost < secs)
             };
-            prop_assert_eq!(label.on_frontier, !found.points.iter().any(|other| dominates(&other)));
+            // Of twins the first stands for all.
+            let twin = found.points[..position].iter().any(|other| (other.quality, other.cost) == (quality, secs));
+            prop_assert_eq!(point.on_frontier(), !twin && !found.points.iter().any(|other| dominates(&other)));
         }
         let by = turn.checked_rem(samples.len()).unwrap_or(0);
         samples.rotate_left(by);
-        prop_assert_eq!(frontier(&samples, Direction::Higher, Axis::Seconds, 0.1), found);
+        let turned = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
+        prop_assert_eq!(standings(&turned), standings(&found));
     }
 }
 
@@ -111,6 +189,7 @@ fn samples_are_what_a_store_says() {
     for name in ["a", "never ran"] {
         store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
     }
+    store.timings = vec![timing("a", "x", &[0.5, 0.5, 0.9], &[0.01, 0.01])];
     let found = samples(&store, PRESET, "psnr", Leaked::Included, Aggregation::SceneMeans);
     assert_eq!(found.iter().map(|sample| sample.label.as_str()).collect::<Vec<_>>(), ["a"]);
     let [sample] = &found[..] else { panic!("{found:?}") };
@@ -122,9 +201,11 @@ fn samples_are_what_a_store_says() {
 #[test]
 fn protocols_share_a_frontier_only_where_forced() {
     let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+    store.timings.push(timing("a", "x", &[0.5], &[]));
     let other = store.targets[0].clone();
     let key = crate::TrialKey { preset: "other".to_owned(), ..other.key.clone() };
     store.targets.push(crate::TargetRow { key: key.clone(), ..other });
+    store.timings.push(crate::timing::TimingRow { key: key.clone(), ..store.timings[0].clone() });
     store.trials.push(crate::TrialRow { key, ..store.trials[0].clone() });
     store.provenance.methods.push(MethodRecord { name: "a".to_owned(), ..MethodRecord::default() });
     for name in [PRESET, "other"] {
@@ -134,7 +215,8 @@ fn protocols_share_a_frontier_only_where_forced() {
     let apart = tradeoffs(&store, &["psnr"], Leaked::Included).unwrap();
     assert_eq!(apart.iter().map(|found| found.frontiers[0].points.len()).collect::<Vec<_>>(), [1, 1]);
     let found = across(&store, "psnr", Leaked::Included).unwrap();
-    assert_eq!(labels(&found.frontiers[0]), ["a, other", "a, sampled"]);
+    let told: Vec<_> = found.frontiers[0].points.iter().map(|point| (point.label.as_str(), point.standing)).collect();
+    assert_eq!(told, [("a, other", On), ("a, sampled", Unclear)], "one scene tells no interval");
     // A protocol that no longer reads must not change how its scores are averaged.
     store.provenance.presets[1].toml = store.provenance.presets[1].toml.replace("aggregation", "agregation");
     let message =
@@ -199,6 +281,9 @@ fn the_resolution_is_that_of_the_last_step_that_scales() {
     assert!(smaller.preprocessing.to_string().contains("rescale-and-crop 192×128"), "{}", smaller.preprocessing);
     assert_ne!(smaller.hash().unwrap(), preset.hash().unwrap());
     assert!(Knobs { resolution: Some([0, 8]), ..Knobs::default() }.preset(&preset).is_err());
+    let simulated = Preset::named("rooms-2v-128").unwrap();
+    let smaller = Knobs { resolution: Some([64, 96]), ..Knobs::default() }.preset(&simulated).unwrap();
+    assert!(smaller.preprocessing.to_string().contains("rescale-and-crop 96×64"), "{}", smaller.preprocessing);
 }
 
 #[test]
@@ -213,6 +298,7 @@ fn sweeps_are_checked() {
         text.replace("views", "viewz"),
         text.replace("label = 'b'", "label = 'b'\nviews = 2"),
         text.replace("= 2", "= 'two'"),
+        text.replace("views = 2", "precision = 'half'"),
     ] {
         assert!(Sweep::from_toml(&broken).is_err(), "{broken}");
     }

@@ -1,8 +1,10 @@
 use crate::csv_text::line;
+use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{Row, Table, Value};
+use crate::table::{CellTiming, Row, Table, Value};
 
-/// One line per row: labels, origin, then each number in full precision with its interval and scenes. Published numbers have
+/// One line per row: labels, origin, then each number in full precision with its interval and scenes, times with their
+/// median absolute deviation, machine and whether it was busy. Published numbers have
 /// the names of their columns in `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
@@ -11,6 +13,9 @@ pub(super) fn write(table: &Table) -> String {
         let name = &column.name;
         head.push(name.clone());
         head.extend(["low", "high", "scenes"].map(|what| format!("{name}_{what}")));
+        if column.quantity == Quantity::Seconds {
+            head.extend(["mad", "machine", "busy"].map(|what| format!("{name}_{what}")));
+        }
     }
     let rows = table.rows.iter().map(|row| line(&record(table, row)));
     std::iter::once(line(&head)).chain(rows).collect()
@@ -25,7 +30,7 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
     record.push(row.method.clone().unwrap_or_default());
     record.push(row.store.clone().unwrap_or_default());
     record.extend([row.untrained, row.without_leaked].map(|set| set.to_string()));
-    for ((group, at), _) in table.columns() {
+    for ((group, at), column) in table.columns() {
         let cell = row.cells.get(group).and_then(|cells| cells.get(at));
         record.push(match cell.map(|cell| &cell.value) {
             Some(Value::Number(number)) => number.to_string(),
@@ -36,6 +41,13 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
         record
             .extend([0, 1].map(|end| interval.and_then(|ends| ends.get(end).map(f64::to_string)).unwrap_or_default()));
         record.push(cell.and_then(|cell| cell.counts).map_or_else(String::new, |counts| counts.scenes.to_string()));
+        if column.quantity == Quantity::Seconds {
+            let timing = cell.and_then(|cell| cell.timing.as_ref());
+            let of = |told: &dyn Fn(&CellTiming) -> String| timing.map_or_else(String::new, told);
+            record.push(of(&|timing| timing.spread.mad.to_string()));
+            record.push(of(&|timing| timing.machine.to_string()));
+            record.push(of(&|timing| timing.busy.to_string()));
+        }
     }
     record
 }

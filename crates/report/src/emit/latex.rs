@@ -103,6 +103,7 @@ fn escaped(text: &str) -> String {
             '→' => safe.push_str("$\\rightarrow$"),
             '−' => safe.push_str("$-$"),
             '–' => safe.push_str("--"),
+            '§' => safe.push_str("\\S{}"),
             '†' => safe.push_str("$^\\dagger$"),
             '‡' => safe.push_str("$^\\ddagger$"),
             letter if letter.is_control() => safe.push(' '),

@@ -1,6 +1,7 @@
 use std::collections::BTreeMap;
 
-use atsplat_eval::statistics::{Leaked, Question, Summary, by_distance, by_overlap, cost, paired, scene_means};
+use atsplat_eval::statistics::{Leaked, Question, Summary, by_distance, by_overlap, paired, scene_means};
+use atsplat_eval::timing::{Times, machine_of, times};
 use atsplat_eval::{MethodRecord, PresetRecord, Results};
 use atsplat_metrics::{Definition, definitions};
 use atsplat_protocol::{BinRule, OverlapBins};
@@ -10,7 +11,7 @@ use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin, OverlapBin, OverlapCurves, OverlapSeries,
     ScatterPoint, SceneScatter, StageTime, StageTimeRow,
 };
-use crate::table::Source;
+use crate::table::{BUSY, Source};
 
 /// The plots of a store's protocols by name: time, and of the first metric that was computed overlap, extrapolation and the
 /// methods scene by scene.
@@ -179,27 +180,34 @@ impl<'a> View<'a> {
         methods.iter().filter(|other| other.name != own.name).filter_map(against).take(MOST).collect()
     }
 
+    /// Of the timing pass; without one there is nothing to draw.
     fn time(&self) -> Option<Drawing> {
-        let row = |method: &MethodRecord| {
-            let cost = cost(self.results, &self.preset.name, &method.name);
-            let mut stages: Vec<(String, f64)> =
-                cost.read_secs.map(|secs| ("read".to_owned(), secs)).into_iter().collect();
-            match (cost.stages.is_empty(), cost.encode_secs) {
-                (false, _) => stages.extend(in_order(&cost.stages)),
-                (true, encode) => stages.extend(encode.map(|secs| ("encode".to_owned(), secs))),
-            }
-            stages.extend(cost.render_secs.map(|secs| ("render a view".to_owned(), secs)));
-            stages.extend(cost.score_secs.map(|secs| ("score".to_owned(), secs)));
-            StageTimeRow { label: method.title.clone(), stages }
+        let timed: Vec<(&MethodRecord, Times)> = self
+            .methods()
+            .filter_map(|method| Some((method, times(self.results, &self.preset.name, &method.name).ok()?)))
+            .collect();
+        let row = |(method, times): &(&MethodRecord, Times)| {
+            let medians: BTreeMap<String, f64> =
+                times.stages.iter().map(|(name, spread)| (name.clone(), spread.median)).collect();
+            let mut stages = match times.encode {
+                Some(encode) if medians.is_empty() => vec![("encode".to_owned(), encode.median)],
+                _ => in_order(&medians),
+            };
+            stages.extend(times.render.map(|spread| ("render a view".to_owned(), spread.median)));
+            let busy = if times.busy { format!(" {BUSY}") } else { String::new() };
+            let label = format!("{}{busy}", method.title);
+            StageTimeRow { label, stages, spread: times.first_picture.map(|spread| spread.quartiles) }
         };
-        let provenance = &self.results.provenance;
+        let machine = machine_of(self.results, &self.preset.name)?;
+        let busy = if timed.iter().any(|(_, times)| times.busy) {
+            format!("; {BUSY} the machine was busy")
+        } else {
+            String::new()
+        };
         let plot = StageTime {
-            title: "Where a trial's time goes".to_owned(),
-            subtitle: format!(
-                "{}; medians; {}, {} threads",
-                self.preset.title, provenance.processor, provenance.threads
-            ),
-            rows: self.methods().map(row).filter(|row| !row.stages.is_empty()).collect(),
+            title: "Where the time goes until the first picture".to_owned(),
+            subtitle: format!("{}; medians and quartiles; {machine}{busy}", self.preset.title),
+            rows: timed.iter().map(row).filter(|row| !row.stages.is_empty()).collect(),
         };
         (!plot.rows.is_empty()).then(|| plot.draw())
     }

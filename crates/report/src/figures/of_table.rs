@@ -7,7 +7,7 @@ use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,
     KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
 };
-use crate::table::{Group, Row, Source, Table, Value};
+use crate::table::{BUSY, Group, Row, Source, Table, Value};
 
 /// The plots of a measured table by name.
 pub fn of_table(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Vec<(String, Drawing)> {
@@ -57,9 +57,12 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
             let Some(cost_at) = place_of(group, quantity) else { continue };
             let point = |row: &Row| {
                 let cells = row.cells.get(at)?;
+                let spent = cells.get(cost_at)?;
+                let busy = if spent.is_busy() { format!(" {BUSY}") } else { String::new() };
                 Some(FrontierPoint {
-                    label: name(row),
-                    cost: cells.get(cost_at)?.value.number()?,
+                    label: format!("{}{busy}", name(row)),
+                    cost: spent.value.number()?,
+                    spread: spent.timing.as_ref().map(|timing| timing.spread.quartiles),
                     quality: estimate(cells.get(quality_at)?)?,
                     origin: row.origin,
                     highlighted: false,
@@ -71,9 +74,10 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
             }
             let what =
                 if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are of other machines" };
+            let machine = machine(table, at, cost_at);
             let frontier = Frontier {
                 title: format!("{} against {what}", metric.name),
-                subtitle: subtitle(table, group),
+                subtitle: format!("{}{machine}", subtitle(table, group)),
                 cost,
                 quality: metric.into(),
                 points,
@@ -83,6 +87,13 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
         }
     }
     plots
+}
+
+/// The machine of a column of times, and what its mark means.
+fn machine(table: &Table, group: usize, column: usize) -> String {
+    let cells = table.rows.iter().filter_map(|row| row.cells.get(group)?.get(column)?.timing.as_ref());
+    let busy = if cells.clone().any(|timing| timing.busy) { format!("; {BUSY} it was busy") } else { String::new() };
+    cells.into_iter().next().map_or_else(String::new, |timing| format!("; {}{busy}", timing.machine))
 }
 
 fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {

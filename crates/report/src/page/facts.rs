@@ -16,7 +16,7 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let untrained = results().flat_map(|results| &results.provenance.methods).filter(|method| method.untrained).count();
     if untrained > 0 {
         text.push_str(&format!(
-            "<p class=\"warning\">Of {methods} methods {untrained} with random weights: times and counts are real, quality says nothing.</p>"
+            "<p class=\"warning\">Of {methods} methods {untrained} with random weights: counts are real, quality says nothing.</p>"
         ));
     }
     let compared: Vec<_> =

@@ -1,7 +1,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 
-use atsplat_eval::{TargetRow, TrialKey, TrialRow};
+use atsplat_eval::timing::{TimingRow, machine_of};
+use atsplat_eval::{Results, TargetRow, TrialKey, TrialRow};
 use atsplat_metrics::{DECIBEL_CAP, Definition, Direction, definitions};
+use atsplat_numeric::median;
 use serde_json::{Value, json};
 
 use super::PageStore;
@@ -34,7 +36,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
         let mut by_run: BTreeMap<(&str, &str), Vec<Value>> = BTreeMap::new();
         for trial in &results.trials {
             let own = targets.get(&trial.key).map_or(&[][..], Vec::as_slice);
-            let written = written(trial, own, &|row| album.places(at, row));
+            let written = written(trial, own, encoding(results, trial), &|row| album.places(at, row));
             by_run.entry((&trial.key.preset, &trial.key.method)).or_default().push(written);
         }
         for ((preset, method), trials) in by_run {
@@ -51,7 +53,21 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
     runs
 }
 
-fn written(trial: &TrialRow, targets: &[&TargetRow], places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>) -> Value {
+/// Median seconds of a trial's encoding, where it is one of those that were timed, on the machine that tables show.
+fn encoding(results: &Results, trial: &TrialRow) -> Option<f64> {
+    let machine = machine_of(results, &trial.key.preset)?;
+    let own = |row: &&TimingRow| {
+        row.key == trial.key && row.trial_hash == trial.trial_hash && row.machine == *machine && !row.load.is_busy()
+    };
+    median(results.timings.iter().find(own)?.encode.iter().copied())
+}
+
+fn written(
+    trial: &TrialRow,
+    targets: &[&TargetRow],
+    encode: Option<f64>,
+    places: &dyn Fn(&TargetRow) -> Option<[usize; 2]>,
+) -> Value {
     let mut sums: BTreeMap<&str, (f64, u64)> = BTreeMap::new();
     for (metric, score) in targets.iter().flat_map(|row| scores(row)) {
         let (sum, count) = sums.entry(metric).or_default();
@@ -73,7 +89,7 @@ fn written(trial: &TrialRow, targets: &[&TargetRow], places: &dyn Fn(&TargetRow)
         "scores": means,
         "context": trial.context,
         "gaussians": trial.gaussians,
-        "encode": trial.seconds.encode,
+        "encode": encode,
         "pictures": pictures.collect::<Vec<_>>(),
     })
 }

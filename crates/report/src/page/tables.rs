@@ -22,7 +22,7 @@ fn card(table: &Table, stores: &[PageStore<'_>]) -> String {
     } else {
         String::new()
     };
-    let warnings = table.footer.iter().filter(|note| note.kind == NoteKind::Forced);
+    let warnings = table.footer.iter().filter(|note| matches!(note.kind, NoteKind::Forced | NoteKind::Busy));
     let warnings: String = warnings.map(|note| format!("<p class=\"warning\">{}</p>", escaped(&note.text))).collect();
     let notes: String = table.footer.iter().map(|note| format!("<li>{}</li>", escaped(&note.text))).collect();
     format!(
@@ -89,11 +89,16 @@ fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
             }
             None => printed,
         };
+        let spread = cell.timing.as_ref().map(|timing| {
+            let print = |value| column.quantity.print(value, column.exact);
+            let [low, high] = timing.spread.quartiles.map(print);
+            format!(" title=\"quartiles {} to {}\"", escaped(&low), escaped(&high))
+        });
         let told = cell.interval.map_or_else(String::new, |[low, high]| {
             let print = |value| column.quantity.print(value, column.exact);
             format!(" title=\"95 % interval {} to {}\"", escaped(&print(low)), escaped(&print(high)))
         });
-        text.push_str(&format!("<td class=\"number{mark}\"{told}>{inside}</td>"));
+        text.push_str(&format!("<td class=\"number{mark}\"{}>{inside}</td>", spread.unwrap_or(told)));
     }
     text
 }

@@ -36,6 +36,8 @@ pub struct FrontierPoint {
     pub label: String,
     /// Seconds or Gaussians.
     pub cost: f64,
+    /// Quartiles of the cost, where it was measured repeatedly.
+    pub spread: Option<[f64; 2]>,
     /// The metric.
     pub quality: Estimate,
     /// Hollow where published: others' machines are not this one.
@@ -93,6 +95,10 @@ impl Frontier {
                 whisker(&mut drawing, at[0], ends, Stroke::new(COLOURS[0], 1.5));
                 labels.avoid_line(&[[at[0], ends[1]], [at[0], ends[0]]]);
             }
+            if let Some([low, high]) = point.spread.filter(|ends| ends.iter().all(|end| *end > 0.0)) {
+                let ends = [[axes.place(low, 0.0)[0], at[1]], [axes.place(high, 0.0)[0], at[1]]];
+                drawing.line(ends, Stroke::new(COLOURS[0], 1.5));
+            }
             match point.origin {
                 Origin::Published => drawing.ring(at, 5.0, Stroke::new(GREY, 2.0)),
                 Origin::Measured => drawing.disc(at, 6.0, Fill::solid(COLOURS[0])),
@@ -142,6 +148,7 @@ mod tests {
         let point = |label: &str, cost: f64, quality: f64| FrontierPoint {
             label: label.to_owned(),
             cost,
+            spread: None,
             quality: Estimate::exact(quality),
             origin: Origin::Measured,
             highlighted: false,

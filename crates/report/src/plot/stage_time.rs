@@ -4,7 +4,7 @@ use super::axes::{Axes, AxisText};
 use super::font::{shortened, width_of};
 use super::scale::{Scale, seconds_label};
 use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
-use super::theme::{GRID, ON_LIGHT, SURFACE, colour};
+use super::theme::{GRID, MUTED, ON_LIGHT, SURFACE, colour};
 
 /// Where the time goes: a bar per method, cut into stages.
 #[derive(Clone, Debug)]
@@ -24,6 +24,8 @@ pub struct StageTimeRow {
     pub label: String,
     /// Stage and seconds, in the order in which they run.
     pub stages: Vec<(String, f64)>,
+    /// From which to which all of them took, as quartiles do.
+    pub spread: Option<[f64; 2]>,
 }
 
 impl StageTime {
@@ -39,7 +41,8 @@ impl StageTime {
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few rows")]
         let mut drawing = Drawing::new(900, (160.0 + ROW * self.rows.len() as f64) as u32);
         drawing.heading(&self.title, &self.subtitle);
-        let totals = self.rows.iter().map(|row| row.stages.iter().map(|(_, secs)| secs).sum::<f64>());
+        let total = |row: &StageTimeRow| row.stages.iter().map(|(_, secs)| secs).sum::<f64>();
+        let totals = self.rows.iter().flat_map(|row| [Some(total(row)), row.spread.map(|ends| ends[1])]).flatten();
         let longest = self.rows.iter().map(|row| width_of(&row.label, 13.0, false)).fold(0.0, f64::maximum_of);
         let room = longest.clamp(80.0, 300.0);
         let inside = Extent::new(room + 34.0, 104.0, 800.0, 104.0 + ROW * self.rows.len() as f64);
@@ -72,7 +75,17 @@ impl StageTime {
                 }
                 from += secs;
             }
-            drawing.words(Words::new(seconds_label(from), [axes.x_of(from) + 8.0, middle]).size(12.5).bold());
+            let mut right = axes.x_of(from);
+            if let Some([low, high]) = row.spread {
+                let [low, high] = [axes.x_of(low), axes.x_of(high)];
+                let stroke = || Stroke::new(MUTED, 1.5);
+                drawing.line([[low, middle], [high, middle]], stroke());
+                for x in [low, high] {
+                    drawing.line([[x, middle - 5.0], [x, middle + 5.0]], stroke());
+                }
+                right = right.maximum_of(high);
+            }
+            drawing.words(Words::new(seconds_label(from), [right + 8.0, middle]).size(12.5).bold());
         }
         drawing
     }

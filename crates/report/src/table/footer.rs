@@ -4,7 +4,7 @@ use atsplat_eval::statistics::CONFIDENCE;
 use atsplat_metrics::DECIBEL_CAP;
 
 use super::edition::{Edition, Part};
-use super::{Cell, Column, Counts, Note, NoteKind, Row, Table, Value};
+use super::{BUSY, Cell, CellTiming, Column, Counts, Note, NoteKind, Row, Table, Value};
 use crate::definition::{Quantity, TableDefinition};
 use crate::plot::Origin;
 
@@ -26,7 +26,7 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     }
     protocols(&mut notes, edition);
     metrics(&mut notes, table, edition);
-    times(&mut notes, table, edition);
+    times(&mut notes, table);
     for row in table.rows.iter().filter(|row| row.origin == Origin::Measured) {
         counts(&mut notes, table, row);
         intervals(&mut notes, table, row);
@@ -136,23 +136,42 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
     }
 }
 
-fn times(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
-    if !table.columns().any(|(_, column)| column.quantity == Quantity::Seconds) {
-        return;
+/// Machines, then each time with its spread, then which are not to be trusted.
+fn times(notes: &mut Notes, table: &Table) {
+    let cells = |row: &'_ Row| row.cells.iter().flatten().filter_map(|cell| cell.timing.clone()).collect::<Vec<_>>();
+    let mut busiest: Option<f64> = None;
+    for timing in table.rows.iter().flat_map(cells) {
+        let machine = format!("Time: {}; a pass of its own, in which nothing else ran in the process", timing.machine);
+        notes.add(NoteKind::Convention, machine);
+        if timing.busy {
+            busiest = [busiest, timing.others].into_iter().flatten().max_by(f64::total_cmp);
+        }
     }
-    for source in edition.parts.iter().map(|part| part.source) {
-        let provenance = &source.results.provenance;
-        let timing = provenance.timing;
-        let shared = if timing.alone {
-            "nothing else ran meanwhile"
-        } else {
-            "trials shared the processor: no figures to publish"
-        };
+    for row in &table.rows {
+        for CellTiming { spread, trials, trials_there, repetitions, warm_up, .. } in cells(row) {
+            let all = if trials == trials_there && trials < 3 { ", all there are" } else { "" };
+            let plural = if trials == 1 { "trial" } else { "trials" };
+            notes.add(
+                NoteKind::Interval,
+                format!(
+                    "time, {}: median {:.4} s, MAD {:.4}, quartiles {:.4} to {:.4}; {repetitions} repetitions of \
+                     {trials} {plural}{all}, {warm_up} to warm up",
+                    name(row),
+                    spread.median,
+                    spread.mad,
+                    spread.quartiles[0],
+                    spread.quartiles[1],
+                ),
+            );
+        }
+    }
+    if let Some(others) = busiest {
+        let percent = 100.0 * others;
         notes.add(
-            NoteKind::Convention,
+            NoteKind::Busy,
             format!(
-                "Time: {}, {} threads, medians of {} repetitions after {} to warm up; {shared}",
-                provenance.processor, provenance.threads, timing.repetitions, timing.warm_up
+                "{BUSY} the machine was busy with something else ({percent:.0} % of its processors): such times are not ranked \
+                 and not to be trusted"
             ),
         );
     }

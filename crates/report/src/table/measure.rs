@@ -1,7 +1,8 @@
 use atsplat_eval::statistics::{Cost, Leaked, Question, Summary, by_overlap, cost, summary};
+use atsplat_eval::timing::{NOTHING_ENCODED, Times, times};
 
 use super::edition::Part;
-use super::{Cell, Counts, Value};
+use super::{Cell, CellTiming, Counts, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
 
 /// What one method under one preset has to say to a group of columns.
@@ -12,7 +13,11 @@ pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, (leaked,
         return vec![cell; group.columns.len()];
     }
     let cost = cost(part.source.results, &part.preset.name, method);
-    group.columns.iter().map(|column| cell(part, method, group, column, leaked, &cost)).collect()
+    let cell = |column: &ColumnDefinition| match column.quantity {
+        Quantity::Seconds => of_times(times(part.source.results, &part.preset.name, method)),
+        _ => cell(part, method, group, column, leaked, &cost),
+    };
+    group.columns.iter().map(cell).collect()
 }
 
 fn cell(
@@ -60,12 +65,23 @@ fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
         Quantity::Gaussians => cost.gaussians,
         Quantity::GaussiansMin => cost.gaussians_min.map(|count| count as f64),
         Quantity::GaussiansMax => cost.gaussians_max.map(|count| count as f64),
-        Quantity::Seconds => cost.encode_secs,
         Quantity::InitialTokens => cost.initial_tokens,
         Quantity::FinalTokens => cost.final_tokens,
-        Quantity::Metric(_) => None,
+        Quantity::Metric(_) | Quantity::Seconds => None,
     };
     Cell { value: value.map_or(Value::Absent, Value::Number), ..Cell::default() }
+}
+
+/// Seconds from context pictures to Gaussians, as the timing pass measured them, or why there are none.
+fn of_times(times: Result<Times, String>) -> Cell {
+    let found = times.and_then(|times| Ok((times.encode.ok_or(NOTHING_ENCODED)?, times)));
+    match found {
+        Err(reason) => Cell { not_computed: Some(reason), ..Cell::default() },
+        Ok((spread, Times { machine, trials, trials_there, repetitions, warm_up, others, busy, .. })) => {
+            let timing = CellTiming { spread, trials, trials_there, repetitions, warm_up, machine, others, busy };
+            Cell { value: Value::Number(spread.median), timing: Some(timing), ..Cell::default() }
+        }
+    }
 }
 
 /// Whether any target of a method was given to it.

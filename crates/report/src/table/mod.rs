@@ -10,6 +10,7 @@ mod tests;
 mod verdict;
 
 use atsplat_eval::Results;
+use atsplat_eval::timing::{Machine, Spread};
 use atsplat_metrics::Direction;
 use serde::Serialize;
 
@@ -119,6 +120,31 @@ pub struct Cell {
     pub counts: Option<Counts>,
     /// Why it was not computed.
     pub not_computed: Option<String>,
+    /// How it was timed, where it is a time.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub timing: Option<CellTiming>,
+}
+
+/// How a time was measured.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct CellTiming {
+    /// The median, which is the cell's value, with its spread; seconds.
+    pub spread: Spread,
+    /// Trials that were timed.
+    pub trials: u64,
+    /// Trials that the protocol has.
+    pub trials_there: u64,
+    /// Repetitions of each, at the least.
+    pub repetitions: u64,
+    /// Repetitions before those that count.
+    pub warm_up: u32,
+    /// Processor and threads.
+    pub machine: Machine,
+    /// Share of the machine's processors that others took meanwhile.
+    pub others: Option<f64>,
+    /// Whether that was too much to trust the time.
+    pub busy: bool,
 }
 
 /// What a number is made of.
@@ -191,6 +217,8 @@ pub enum NoteKind {
     Untrained,
     /// What was not computed, and how to have it.
     NotComputed,
+    /// Times that were measured on a busy machine.
+    Busy,
     /// Rows of different protocols.
     Forced,
 }
@@ -214,10 +242,21 @@ impl Value {
     }
 }
 
+/// Marks times of a busy machine.
+pub(crate) const BUSY: &str = "§";
+
 impl Cell {
+    /// Whether it is a time that was measured on a machine that was busy with something else.
+    pub fn is_busy(&self) -> bool {
+        self.timing.as_ref().is_some_and(|timing| timing.busy)
+    }
+
     /// What a table prints.
     pub fn print(&self, column: &Column) -> String {
         match (&self.value, &self.not_computed) {
+            (Value::Number(number), _) if self.is_busy() => {
+                format!("{} {BUSY}", column.quantity.print(*number, column.exact))
+            }
             (Value::Number(number), _) => column.quantity.print(*number, column.exact),
             (Value::Text(text), _) => text.clone(),
             (Value::Absent, Some(_)) => "n/c".to_owned(),

@@ -207,3 +207,38 @@ fn nothing_measured_leaves_the_paper_alone() {
     nothing.targets.clear();
     assert!(!built("re10k", &[("run", &nothing)], Mixing::Apart)[0].is_measured());
 }
+
+/// Of the timing pass alone: its median and spread, or a reason.
+#[test]
+fn times_are_of_the_timing_pass_or_absent_with_the_reason() {
+    let time = |results: &Results, method: &str| {
+        let definition = TableDefinition::named("re10k").unwrap();
+        let table = tables(&definition, &[Source { label: "run", results }], Mixing::Apart).unwrap().swap_remove(0);
+        let (place, column) =
+            table.columns().find(|(_, column)| column.quantity == crate::definition::Quantity::Seconds).unwrap();
+        let row = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap();
+        let cell = row.cells[place.0][place.1].clone();
+        let notes: Vec<String> = table.footer.iter().map(|note| note.text.clone()).collect();
+        (cell.print(column), cell, notes.join("\n"))
+    };
+    let mut results = store();
+    let (printed, cell, notes) = time(&results, "atsplat");
+    let timing = cell.timing.unwrap();
+    assert_eq!((printed.as_str(), timing.spread.samples, timing.trials, timing.repetitions), ("0.260", 15, 3, 5));
+    assert!(notes.contains("MAD 0.00") && notes.contains("5 repetitions of 3 trials"), "{notes}");
+    assert!(notes.contains("Time: a processor, 2 threads on 2 logical processors") && !notes.contains('§'), "{notes}");
+    let (printed, _, notes) = time(&results, "nearest-view");
+    assert_eq!(printed, "n/c");
+    assert!(notes.contains("makes no Gaussians from pictures"), "{notes}");
+
+    results.timings.iter_mut().for_each(|row| row.load.others = Some(0.4));
+    let (printed, cell, notes) = time(&results, "atsplat");
+    assert_eq!((printed.as_str(), cell.mark), ("0.260 §", Mark::Plain));
+    assert!(notes.contains("§ the machine was busy with something else (40 % of its processors)"), "{notes}");
+    assert_eq!(serde_json::to_value(&cell).unwrap()["timing"]["busy"], true);
+
+    results.timings.clear();
+    let (printed, cell, notes) = time(&results, "atsplat");
+    assert_eq!((printed.as_str(), cell.value.number()), ("n/c", None));
+    assert!(notes.contains("`atsplat run --timing` makes one"), "{notes}");
+}

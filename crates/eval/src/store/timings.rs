@@ -1,0 +1,129 @@
+//! [`TimingRow`]s: a table of their own beside trials and targets.
+//!
+//! It is small and written whole, as soon as a protocol has been timed. Stores of schema version 1 have none: their times were
+//! taken while other trials ran, and are not read.
+
+use std::collections::BTreeSet;
+use std::path::Path;
+
+use super::columns::Columns;
+use super::schema::Schema;
+use super::table::{self, Table};
+use super::trials::{keys, small, taken, value};
+use super::{SCHEMA_VERSION, Store};
+use crate::EvalError;
+use crate::timing::{Load, Machine, TimingRow, merged};
+
+const TIMINGS: &str = "timings.parquet";
+
+impl Store {
+    /// The timing rows that are there.
+    ///
+    /// # Errors
+    /// As [`crate::Results::read`].
+    pub fn timings(&self) -> Result<Vec<TimingRow>, EvalError> {
+        read(&self.folder, &Schema::of_version(SCHEMA_VERSION).unwrap_or_default())
+    }
+
+    /// Adds timing rows. They take the place of those that the same methods have on the same machine.
+    ///
+    /// # Errors
+    /// [`EvalError::NotFinite`] before anything is written, [`EvalError::Io`].
+    pub fn add_timings(&self, rows: Vec<TimingRow>) -> Result<(), EvalError> {
+        let subject = |row: &TimingRow| (row.key.preset.clone(), row.key.method.clone(), row.machine.clone());
+        let timed_anew: BTreeSet<_> = rows.iter().map(subject).collect();
+        let mut all = self.timings()?;
+        all.retain(|row| !timed_anew.contains(&subject(row)));
+        all.extend(rows);
+        write(&self.folder, &merged(all)?)
+    }
+}
+
+pub(super) fn write(folder: &Path, rows: &[TimingRow]) -> Result<(), EvalError> {
+    rows.iter().try_for_each(TimingRow::check)?;
+    table::write(&folder.join(TIMINGS), columns(rows).frame())
+}
+
+/// The rows of a store; none where its version has no such table, and where nothing was timed.
+pub(super) fn read(folder: &Path, schema: &Schema) -> Result<Vec<TimingRow>, EvalError> {
+    if schema.timings.is_empty() {
+        return Ok(Vec::new());
+    }
+    Table::read(&folder.join(TIMINGS), &schema.timings)?.map_or_else(|| Ok(Vec::new()), |table| rows(&table))
+}
+
+pub(super) fn columns(rows: &[TimingRow]) -> Columns<'_, TimingRow> {
+    Columns::of(rows)
+        .text("preset", |row| &row.key.preset)
+        .text("method", |row| &row.key.method)
+        .text("scene", |row| &row.key.scene)
+        .count("entry", |row| row.key.entry.into())
+        .text("trial-hash", |row| &row.trial_hash)
+        .text("processor", |row| &row.machine.processor)
+        .text("platform", |row| &row.machine.platform)
+        .count("cpus", |row| row.machine.cpus.into())
+        .count("threads", |row| row.machine.threads.into())
+        .count("started", |row| row.started)
+        .count("trials-there", |row| row.trials_there)
+        .count("warm-up", |row| row.warm_up.into())
+        .numbers("encode-samples", |row| row.encode.clone())
+        .numbers("render-samples", |row| row.render.clone())
+        .texts("stages", |row| row.stages.keys().map(String::as_str).collect())
+        .numbers("stage-samples", |row| row.stages.values().flatten().copied().collect())
+        .optional_count("held-bytes", |row| row.held_bytes)
+        .optional_count("peak-bytes", |row| row.peak_bytes)
+        .optional_number("load-before", |row| row.load.average_before)
+        .optional_number("load-after", |row| row.load.average_after)
+        .optional_number("mhz-before", |row| row.load.mhz_before)
+        .optional_number("mhz-after", |row| row.load.mhz_after)
+        .optional_number("others", |row| row.load.others)
+        .optional_text("detail", |row| row.detail.as_deref())
+}
+
+fn rows(table: &Table<'_>) -> Result<Vec<TimingRow>, EvalError> {
+    let keys = keys(table)?;
+    let [hash, processor, platform, detail] =
+        ["trial-hash", "processor", "platform", "detail"].map(|name| table.texts_of(name));
+    let [cpus, threads, warm_up] = ["cpus", "threads", "warm-up"].map(|name| table.counts_of(name));
+    let [started, there] = ["started", "trials-there"].map(|name| table.counts_of(name));
+    let [held, peak] = ["held-bytes", "peak-bytes"].map(|name| table.counts_of(name));
+    let loads = ["load-before", "load-after", "mhz-before", "mhz-after", "others"].map(|name| table.numbers_of(name));
+    let mut samples = ["encode-samples", "render-samples", "stage-samples"].map(|name| table.lists_of_numbers(name));
+    let mut stages = table.lists_of_texts("stages");
+    let mut rows = Vec::with_capacity(keys.len());
+    for (at, key) in keys.into_iter().enumerate() {
+        let small = |name, values: &[Option<u64>]| small(table, name, at, values);
+        let [encode, render, of_stages] = samples.each_mut().map(|lists| taken(lists, at));
+        let names = taken(&mut stages, at);
+        // Every stage has as many repetitions.
+        let each = of_stages.len().checked_div(names.len()).unwrap_or(0);
+        if each * names.len() != of_stages.len() {
+            let expected = format!("as many for each of {} stages", names.len());
+            return Err(table.wrong("stage-samples", at, &expected, of_stages.len()));
+        }
+        let stages = names.into_iter().zip(of_stages.chunks(each.max(1)).map(<[f64]>::to_vec)).collect();
+        let [average_before, average_after, mhz_before, mhz_after, others] =
+            loads.each_ref().map(|values| value(values, at));
+        rows.push(TimingRow {
+            key,
+            trial_hash: value(&hash, at).unwrap_or_default(),
+            machine: Machine {
+                processor: value(&processor, at).unwrap_or_default(),
+                platform: value(&platform, at).unwrap_or_default(),
+                cpus: small("cpus", &cpus)?,
+                threads: small("threads", &threads)?,
+            },
+            started: value(&started, at).unwrap_or_default(),
+            trials_there: value(&there, at).unwrap_or_default(),
+            warm_up: small("warm-up", &warm_up)?,
+            encode,
+            render,
+            stages,
+            held_bytes: value(&held, at),
+            peak_bytes: value(&peak, at),
+            load: Load { average_before, average_after, mhz_before, mhz_after, others },
+            detail: value(&detail, at),
+        });
+    }
+    Ok(rows)
+}

@@ -1,0 +1,217 @@
+use std::fs;
+use std::time::Instant;
+
+use rayon::ThreadPool;
+use serde::{Deserialize, Serialize};
+
+/// What else a machine did while times were measured; what a system does not tell is `None`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Load {
+    /// Load average of the minute before.
+    pub average_before: Option<f64>,
+    /// Load average of the last minute, at the end; the pass's own threads count in it.
+    pub average_after: Option<f64>,
+    /// Mean clock of the processors before, in MHz.
+    pub mhz_before: Option<f64>,
+    /// Mean clock of the processors at the end, in MHz.
+    pub mhz_after: Option<f64>,
+    /// Share of the machine's processors, from 0 to 1, that everything but the pass took while it ran: other processes, other
+    /// threads of this one, and other guests of the same host.
+    pub others: Option<f64>,
+}
+
+impl Load {
+    /// From this share of others on, times are marked. Below it, the work of a pool that has the machine's threads is slowed by
+    /// no more than the repetitions differ by themselves.
+    pub const BUSY: f64 = 0.05;
+
+    /// Whether others took so much that times cannot be trusted; where the system does not tell, nobody knows.
+    pub fn is_busy(&self) -> bool {
+        self.others.is_some_and(|others| others >= Self::BUSY)
+    }
+
+    pub(super) const fn numbers(&self) -> [Option<f64>; 5] {
+        let Self { average_before, average_after, mhz_before, mhz_after, others } = *self;
+        [average_before, average_after, mhz_before, mhz_after, others]
+    }
+}
+
+/// Whose processor time is a pass's own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Own {
+    /// That of the pool's threads.
+    Pool,
+    /// That of the whole process: drivers of graphics processors have threads of their own.
+    Process,
+}
+
+/// The beginning of a stretch of time over which the load is measured.
+#[derive(Debug)]
+pub(super) struct Watch<'a> {
+    pool: &'a ThreadPool,
+    own: Own,
+    start: Instant,
+    average: Option<f64>,
+    mhz: Option<f64>,
+    machine: Option<Machine>,
+    own_secs: Option<f64>,
+}
+
+impl<'a> Watch<'a> {
+    pub(super) fn begin(pool: &'a ThreadPool, own: Own) -> Self {
+        let (average, mhz) = (load_average(), mean_mhz());
+        Self { pool, own, start: Instant::now(), average, mhz, machine: machine(), own_secs: own_secs(pool, own) }
+    }
+
+    pub(super) fn end(self) -> Load {
+        let wall = self.start.elapsed().as_secs_f64();
+        let (busy, own) = (machine(), own_secs(self.pool, self.own));
+        let others = || {
+            let (before, after) = (self.machine?, busy?);
+            share_of_others(after.busy_secs - before.busy_secs, own? - self.own_secs?, wall * after.cpus)
+        };
+        Load {
+            average_before: self.average,
+            average_after: load_average(),
+            mhz_before: self.mhz,
+            mhz_after: mean_mhz(),
+            others: others(),
+        }
+    }
+}
+
+/// Of `capacity` seconds of all processors, those that were busy and not the pass's own.
+fn share_of_others(busy: f64, own: f64, capacity: f64) -> Option<f64> {
+    let share = (busy - own) / capacity;
+    share.is_finite().then(|| share.clamp(0.0, 1.0))
+}
+
+/// Processor time of the whole machine.
+#[derive(Clone, Copy, Debug, PartialEq)]
+struct Machine {
+    busy_secs: f64,
+    cpus: f64,
+}
+
+/// Ticks a second in what Linux tells users (`USER_HZ`), on every architecture that Rust runs on.
+const TICKS: f64 = 100.0;
+
+fn machine() -> Option<Machine> {
+    of_stat(&fs::read_to_string("/proc/stat").ok()?)
+}
+
+/// `/proc/stat`: user, nice, system, idle, iowait, irq, softirq, steal; guests are in user already (proc_stat(5)).
+fn of_stat(stat: &str) -> Option<Machine> {
+    let ticks: Vec<f64> = stat
+        .lines()
+        .find_map(|line| line.strip_prefix("cpu "))?
+        .split_whitespace()
+        .take(8)
+        .map(|ticks| ticks.parse().ok())
+        .collect::<Option<_>>()?;
+    let [user, nice, system, _idle, _iowait, irq, softirq, steal] = ticks.try_into().ok()?;
+    let is_cpu =
+        |line: &&str| line.strip_prefix("cpu").is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()));
+    let cpus = stat.lines().filter(is_cpu).count();
+    Some(Machine { busy_secs: (user + nice + system + irq + softirq + steal) / TICKS, cpus: cpus as f64 })
+}
+
+fn own_secs(pool: &ThreadPool, own: Own) -> Option<f64> {
+    match own {
+        Own::Pool => pool.broadcast(|_| thread_secs()).into_iter().sum(),
+        Own::Process => of_process(&fs::read_to_string("/proc/self/stat").ok()?),
+    }
+}
+
+/// Seconds that the calling thread has been running.
+fn thread_secs() -> Option<f64> {
+    let text = fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    let nanos: f64 = text.split_whitespace().next()?.parse().ok()?;
+    Some(1e-9 * nanos)
+}
+
+/// `/proc/self/stat`: the name ends with the last parenthesis; user and system time are the 14th and 15th fields (proc_pid_stat(5)).
+fn of_process(stat: &str) -> Option<f64> {
+    let (_, fields) = stat.rsplit_once(')')?;
+    let mut fields = fields.split_whitespace().skip(11);
+    let mut ticks = || fields.next()?.parse::<f64>().ok();
+    Some((ticks()? + ticks()?) / TICKS)
+}
+
+fn load_average() -> Option<f64> {
+    fs::read_to_string("/proc/loadavg").ok()?.split_whitespace().next()?.parse().ok()
+}
+
+fn mean_mhz() -> Option<f64> {
+    of_cpuinfo(&fs::read_to_string("/proc/cpuinfo").ok()?)
+}
+
+fn of_cpuinfo(text: &str) -> Option<f64> {
+    let clocks =
+        text.lines().filter_map(|line| line.strip_prefix("cpu MHz")?.split_once(':')?.1.trim().parse::<f64>().ok());
+    let (sum, count) = clocks.fold((0.0, 0u32), |(sum, count), mhz| (sum + mhz, count + 1));
+    (count > 0).then(|| sum / f64::from(count))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+
+    const STAT: &str = "cpu  400 100 50 9000 70 20 30 10 400 0\n\
+                        cpu0 200 50 25 4500 35 10 15 5 200 0\ncpu1 200 50 25 4500 35 10 15 5 200 0\nintr 12 0\nctxt 9\n";
+
+    #[test]
+    fn a_machine_is_busy_with_all_but_waiting() {
+        let machine = of_stat(STAT).unwrap();
+        Tolerance::F64.assert([machine.busy_secs, machine.cpus], [6.1, 2.0], "user, nice, system, irq, softirq, steal");
+        assert_eq!(of_stat("cpu 1 2 3\n"), None);
+        assert_eq!(of_stat(""), None);
+    }
+
+    #[test]
+    fn processes_and_clocks_are_read() {
+        let stat = "42 (a (b) c) R 1 1 1 0 -1 0 7 8 9 10 150 50 3 4 20 0 1 0 5 6 7";
+        Tolerance::F64.assert(of_process(stat), [2.0], "user and system time");
+        assert_eq!(of_process("42 no name"), None);
+        Tolerance::F64.assert(of_cpuinfo("cpu MHz\t\t: 2600.0\nflags\t: x\ncpu MHz\t\t: 2000.0\n"), [2300.0], "MHz");
+        assert_eq!(of_cpuinfo("BogoMIPS : 50"), None);
+    }
+
+    /// Two processors for two seconds: 3.2 of 4 seconds were busy, 3 of them with the pass.
+    #[test]
+    fn others_are_what_is_busy_and_not_the_pass() {
+        Tolerance::F64.assert(share_of_others(3.2, 3.0, 4.0), [0.05], "a twentieth");
+        Tolerance::EXACT.assert(share_of_others(3.0, 3.1, 4.0), [0.0], "ticks are coarser than the pass's clock");
+        assert_eq!(share_of_others(0.0, 0.0, 0.0), None);
+        let load = |others| Load { others, ..Load::default() };
+        assert_eq!([None, Some(0.049), Some(0.051)].map(|others| load(others).is_busy()), [false, false, true]);
+    }
+
+    /// As many threads as there are processors, beside a pool that does nothing.
+    #[test]
+    fn threads_beside_the_pool_are_others() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        if machine().is_none() || thread_secs().is_none() {
+            return;
+        }
+        let stop = std::sync::atomic::AtomicBool::new(false);
+        let load = std::thread::scope(|scope| {
+            for _ in 0..std::thread::available_parallelism().unwrap().get() {
+                scope.spawn(|| {
+                    while !stop.load(std::sync::atomic::Ordering::Relaxed) {
+                        std::hint::spin_loop()
+                    }
+                });
+            }
+            let watch = Watch::begin(&pool, Own::Pool);
+            std::thread::sleep(std::time::Duration::from_millis(400));
+            let load = watch.end();
+            stop.store(true, std::sync::atomic::Ordering::Relaxed);
+            load
+        });
+        assert!(load.is_busy() && load.others.unwrap() > 0.5, "{load:?}");
+    }
+}

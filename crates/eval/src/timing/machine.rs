@@ -1,0 +1,53 @@
+use std::fmt;
+use std::fs;
+
+use serde::{Deserialize, Serialize};
+
+/// A kind of machine: times of equal ones are compared.
+#[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Machine {
+    /// The processor's name and its vector instructions.
+    pub processor: String,
+    /// Operating system and architecture.
+    pub platform: String,
+    /// Logical processors.
+    pub cpus: u32,
+    /// Threads of the pool that was timed.
+    pub threads: u32,
+}
+
+impl Machine {
+    /// This machine, with the threads of the pool that the caller runs in.
+    pub fn here() -> Self {
+        let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
+        Self {
+            processor: processor(),
+            platform: platform(),
+            cpus: std::thread::available_parallelism().map_or(1, |cpus| count(cpus.get())),
+            threads: count(rayon::current_num_threads()),
+        }
+    }
+}
+
+impl fmt::Display for Machine {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { processor, platform: _, cpus, threads } = self;
+        let plural = if *threads == 1 { "thread" } else { "threads" };
+        write!(f, "{processor}, {threads} {plural} on {cpus} logical processors")
+    }
+}
+
+/// Operating system and architecture.
+fn platform() -> String {
+    format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)
+}
+
+/// The processor's name, as far as the system tells, and the instruction set that renders.
+fn processor() -> String {
+    let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = told.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    let name = name.map_or("unknown processor", |(_, name)| name.trim());
+    let renderer = atsplat_splat::Renderer::name(&atsplat_splat::cpu::CpuRenderer::default());
+    format!("{name}, {renderer}")
+}

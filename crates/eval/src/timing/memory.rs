@@ -1,0 +1,49 @@
+//! What this process holds of the machine's memory.
+
+use std::fs;
+
+/// The most bytes that the process has held since [`forget_peak`], or since it began; `None` where the system does not tell.
+pub fn peak_bytes() -> Option<u64> {
+    of_status(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
+}
+
+/// Bytes that the process holds now; `None` where the system does not tell.
+pub fn held_bytes() -> Option<u64> {
+    of_status(&fs::read_to_string("/proc/self/status").ok()?, "VmRSS:")
+}
+
+/// Begins to count the peak anew from what is held now; `false` where the system does not allow it.
+pub fn forget_peak() -> bool {
+    // 5 resets the high-water mark of the resident set (Linux, proc_pid_clear_refs(5)).
+    fs::write("/proc/self/clear_refs", "5").is_ok()
+}
+
+fn of_status(status: &str, field: &str) -> Option<u64> {
+    let line = status.lines().find_map(|line| line.strip_prefix(field))?;
+    let kibibytes: u64 = line.split_whitespace().next()?.parse().ok()?;
+    kibibytes.checked_mul(1024)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_peak_covers_what_was_held_and_is_forgotten() {
+        if peak_bytes().is_none() || !forget_peak() {
+            return;
+        }
+        let before = peak_bytes().unwrap();
+        let held = vec![1u8; 64 << 20];
+        let with = peak_bytes().unwrap();
+        assert_eq!(held.iter().map(|&byte| usize::from(byte)).sum::<usize>(), 64 << 20);
+        assert!(with >= before + (60 << 20), "{before} {with}");
+    }
+
+    #[test]
+    fn a_status_is_read_by_field() {
+        let status = "VmPeak:\t   9 kB\nVmHWM:\t    7 kB\nVmRSS:\t    3 kB\n";
+        assert_eq!((of_status(status, "VmHWM:"), of_status(status, "VmRSS:")), (Some(7168), Some(3072)));
+        assert_eq!(of_status(status, "VmSwap:"), None);
+    }
+}

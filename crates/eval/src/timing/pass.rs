@@ -1,0 +1,218 @@
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
+
+use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trials};
+use atsplat_protocol::{EvaluationIndex, IndexEntry};
+use rayon::ThreadPool;
+
+use super::load::{Own, Watch};
+use super::quiet;
+use super::samples::{Prepared, Samples};
+use super::{Load, Machine, TimingRow};
+use crate::method::Method;
+use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
+use crate::{EvalError, Store};
+
+/// How much is timed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TimingPlan {
+    /// Trials of each method and protocol, spread over the index; all where there are fewer.
+    pub trials: u32,
+    /// Repetitions of each trial before those that count.
+    pub warm_up: u32,
+    /// Repetitions of each trial that count, at the least.
+    pub repetitions: u32,
+}
+
+impl Default for TimingPlan {
+    fn default() -> Self {
+        Self { trials: 3, warm_up: 1, repetitions: 5 }
+    }
+}
+
+/// Trials beyond those wanted that are tried for a method, where it refuses some.
+const SPARE: usize = 8;
+
+/// Times the methods of a plan and adds what it finds to the store, protocol by protocol. What the store has from a machine
+/// like this one, for the same trials and undisturbed, is not timed again. `step` is called after each method and protocol.
+///
+/// # Errors
+/// [`EvalError::Settings`] where the process or its threads cannot be had alone, [`EvalError::Io`].
+pub(crate) fn pass(
+    plan: &Plan<'_>,
+    timing: TimingPlan,
+    store: &Store,
+    step: &(dyn Fn() + Sync),
+) -> Result<(), EvalError> {
+    let _alone = quiet::alone()?;
+    let machine = Machine::here();
+    let threads = rayon::current_num_threads();
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| EvalError::Settings {
+        what: "timing pass",
+        expected: format!("{threads} threads of its own"),
+        found: error.to_string(),
+    })?;
+    let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
+    let pass = Pass { plan, timing, store, machine, started, pool: &pool, step };
+    // On a thread that belongs to no pool: one of the caller's would take up other work while it waits.
+    let outcome = std::thread::scope(|scope| scope.spawn(|| pass.run()).join());
+    outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
+}
+
+struct Pass<'a> {
+    plan: &'a Plan<'a>,
+    timing: TimingPlan,
+    store: &'a Store,
+    machine: Machine,
+    started: u64,
+    pool: &'a ThreadPool,
+    step: &'a (dyn Fn() + Sync),
+}
+
+impl Pass<'_> {
+    fn run(&self) -> Result<(), EvalError> {
+        for dataset in self.plan.datasets {
+            let index = self.plan.selected(dataset).index;
+            for methods in groups(&dataset.preset, self.plan.methods) {
+                self.dataset(dataset, &index, &methods)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Times methods that take the same trials.
+    fn dataset(
+        &self,
+        dataset: &Dataset,
+        index: &EvaluationIndex,
+        methods: &[Arc<dyn Method>],
+    ) -> Result<(), EvalError> {
+        let known = self.store.timings()?;
+        let mut trials = Timeable::new(dataset, index, methods, self.timing.trials as usize);
+        let (new, done): (Vec<_>, Vec<_>) =
+            methods.iter().partition(|method| !self.is_there(&known, dataset, method.as_ref(), trials.len()));
+        done.iter().for_each(|_| (self.step)());
+        let is_cpu = |method: &&Arc<dyn Method>| method.record().backend.is_none_or(|name| name.starts_with("cpu"));
+        let own = if new.iter().all(is_cpu) { Own::Pool } else { Own::Process };
+        let mut rows = Vec::new();
+        // Pictures are decoded first: that is no part of what is timed, nor of the load.
+        trials.prepare(self.timing.trials as usize);
+        let watch = Watch::begin(self.pool, own);
+        for method in new {
+            rows.extend(self.method(dataset, &mut trials, method.as_ref()));
+            (self.step)();
+        }
+        let load = watch.end();
+        rows.iter_mut().for_each(|row| row.load = load);
+        if rows.is_empty() { Ok(()) } else { self.store.add_timings(rows) }
+    }
+
+    /// Whether a store holds what this pass would find.
+    fn is_there(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method, there: usize) -> bool {
+        let name = method.record().name;
+        let own = known.iter().filter(|row| row.key.preset == dataset.name && row.key.method == name);
+        let good = own.filter(|row| {
+            row.machine == self.machine
+                && !row.load.is_busy()
+                && self.store.trial_hash(&row.key) == Some(row.trial_hash.as_str())
+                && (!row.is_timed() || row.repetitions() >= self.timing.repetitions as usize)
+        });
+        let (timed, refused): (Vec<_>, Vec<_>) = good.partition(|row| row.is_timed());
+        timed.len() >= (self.timing.trials as usize).min(there) || (timed.is_empty() && !refused.is_empty())
+    }
+
+    /// The rows of one method: as many timed trials as are wanted, or the reason of the first that could not be timed.
+    fn method(&self, dataset: &Dataset, trials: &mut Timeable, method: &dyn Method) -> Vec<TimingRow> {
+        let (wanted, there) = (self.timing.trials as usize, trials.len());
+        let (mut rows, mut refused) = (Vec::new(), None);
+        let timed = method.timed();
+        for position in 0..wanted + SPARE {
+            let Some(prepared) = trials.get(position) else { break };
+            let measured = if timed.encoding || timed.rendering {
+                self.pool.install(|| Samples::of(self.timing, &dataset.preset, prepared, method))
+            } else {
+                Err("it brings finished pictures".to_owned())
+            };
+            let mut row = self.row(dataset, prepared, method, there);
+            match measured {
+                Ok(samples) => {
+                    let Samples { encode, render, stages, held_bytes, peak_bytes } = samples;
+                    rows.push(TimingRow { encode, render, stages, held_bytes, peak_bytes, ..row });
+                }
+                Err(detail) => {
+                    row.detail = Some(detail);
+                    refused.get_or_insert(row);
+                }
+            }
+            if rows.len() == wanted || (refused.is_some() && !timed.encoding && !timed.rendering) {
+                break;
+            }
+        }
+        if rows.is_empty() { refused.into_iter().collect() } else { rows }
+    }
+
+    fn row(&self, dataset: &Dataset, prepared: &Prepared, method: &dyn Method, there: usize) -> TimingRow {
+        let trial = &prepared.trial;
+        TimingRow {
+            key: key_of(dataset, method, trial.scene(), trial.entry_number()),
+            trial_hash: trial.hash().to_string(),
+            machine: self.machine.clone(),
+            started: self.started,
+            trials_there: there as u64,
+            warm_up: self.timing.warm_up,
+            encode: Vec::new(),
+            render: Vec::new(),
+            stages: [].into(),
+            held_bytes: None,
+            peak_bytes: None,
+            load: Load::default(),
+            detail: None,
+        }
+    }
+}
+
+/// Trials of a protocol, prepared one after the other: first one of each scene of those spread over the index, then of the
+/// others, then the scenes' further entries.
+struct Timeable {
+    scenes: VecDeque<Trials>,
+    prepared: Vec<Prepared>,
+    there: usize,
+}
+
+impl Timeable {
+    fn new(dataset: &Dataset, index: &EvaluationIndex, methods: &[Arc<dyn Method>], wanted: usize) -> Self {
+        let scenes: Vec<_> = index.scenes.iter().collect();
+        let first = spread(scenes.len(), wanted);
+        let order = first.iter().copied().chain((0..scenes.len()).filter(|at| !first.contains(at)));
+        let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+        let of_scene = |(key, entries): &(&String, &Vec<IndexEntry>)| {
+            let index = EvaluationIndex { scenes: [((*key).clone(), (*entries).clone())].into_iter().collect() };
+            Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), ahead)
+        };
+        let scenes = order.filter_map(|at| scenes.get(at)).map(of_scene).collect();
+        Self { scenes, prepared: Vec::new(), there: index.entries().count() }
+    }
+
+    /// How many the protocol has, whether or not they can be prepared.
+    const fn len(&self) -> usize {
+        self.there
+    }
+
+    fn prepare(&mut self, count: usize) {
+        while self.prepared.len() < count {
+            let Some(mut trials) = self.scenes.pop_front() else { return };
+            let Some(trial) = trials.next() else { continue };
+            self.scenes.push_back(trials);
+            // What cannot be prepared has its row, or its reason, from the evaluation.
+            let Ok((trial, _)) = trial else { continue };
+            let pictures: Result<Vec<_>, _> = trial.context().iter().map(|view| view.picture()).collect();
+            self.prepared.extend(pictures.ok().map(|pictures| Prepared { trial, pictures }));
+        }
+    }
+
+    fn get(&mut self, position: usize) -> Option<&Prepared> {
+        self.prepare(position + 1);
+        self.prepared.get(position)
+    }
+}

@@ -1,0 +1,111 @@
+//! Evaluations and timing passes of one process never run at the same time.
+
+use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
+
+use crate::EvalError;
+
+#[derive(Debug)]
+struct Running {
+    evaluations: usize,
+    passes: usize,
+}
+
+static RUNNING: Mutex<Running> = Mutex::new(Running { evaluations: 0, passes: 0 });
+static ENDED: Condvar = Condvar::new();
+
+fn running() -> MutexGuard<'static, Running> {
+    RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// Trials are being evaluated until this is dropped.
+#[derive(Debug)]
+pub(crate) struct Evaluating(());
+
+/// Times are being measured until this is dropped.
+#[derive(Debug)]
+pub(super) struct Alone(());
+
+/// Begins an evaluation, once no times are being measured.
+pub(crate) fn evaluating() -> Evaluating {
+    let mut running = running();
+    // A pass has its own threads and waits for no evaluation once it runs, so that it always ends.
+    while running.passes > 0 {
+        running = ENDED.wait(running).unwrap_or_else(PoisonError::into_inner);
+    }
+    running.evaluations += 1;
+    Evaluating(())
+}
+
+/// Begins a timing pass, once nothing is evaluated and no other pass runs.
+///
+/// # Errors
+/// [`EvalError::Settings`] for a thread of a rayon pool while something else runs: that may be waiting for this very thread.
+pub(super) fn alone() -> Result<Alone, EvalError> {
+    let mut running = running();
+    while running.evaluations + running.passes > 0 {
+        if rayon::current_thread_index().is_some() {
+            return Err(EvalError::Settings {
+                what: "timing pass",
+                expected: "the process to itself".to_owned(),
+                found: format!("{} evaluations and {} timing passes", running.evaluations, running.passes),
+            });
+        }
+        running = ENDED.wait(running).unwrap_or_else(PoisonError::into_inner);
+    }
+    running.passes += 1;
+    Ok(Alone(()))
+}
+
+impl Drop for Evaluating {
+    fn drop(&mut self) {
+        running().evaluations -= 1;
+        ENDED.notify_all();
+    }
+}
+
+impl Drop for Alone {
+    fn drop(&mut self) {
+        running().passes -= 1;
+        ENDED.notify_all();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    use std::time::Duration;
+
+    use super::*;
+
+    #[test]
+    fn a_pass_waits_for_evaluations_and_they_for_it() {
+        let (inside, clashes) = (AtomicUsize::new(0), AtomicUsize::new(0));
+        std::thread::scope(|scope| {
+            for _ in 0..3 {
+                scope.spawn(|| {
+                    let _evaluating = evaluating();
+                    inside.fetch_add(1, Ordering::SeqCst);
+                    std::thread::sleep(Duration::from_millis(20));
+                    inside.fetch_sub(1, Ordering::SeqCst);
+                });
+                scope.spawn(|| {
+                    let _alone = alone().unwrap();
+                    clashes.fetch_add(inside.fetch_add(100, Ordering::SeqCst), Ordering::SeqCst);
+                    std::thread::sleep(Duration::from_millis(20));
+                    inside.fetch_sub(100, Ordering::SeqCst);
+                });
+            }
+        });
+        assert_eq!(clashes.into_inner(), 0);
+    }
+
+    #[test]
+    fn a_thread_of_a_pool_does_not_wait_for_itself() {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        let refused = pool.install(|| {
+            let _evaluating = evaluating();
+            alone().map(drop)
+        });
+        assert!(refused.unwrap_err().to_string().contains("the process to itself"));
+    }
+}

@@ -1,0 +1,241 @@
+use std::collections::{BTreeMap, BTreeSet};
+
+use atsplat_numeric::quantile;
+use serde::Serialize;
+
+use super::{Machine, TimingRow};
+use crate::Results;
+
+/// Why a method has a time for rendering and none for encoding.
+pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
+
+/// What the timing rows of one method under one protocol say, of one kind of machine.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Times {
+    /// Where they were measured.
+    pub machine: Machine,
+    /// Trials that were timed.
+    pub trials: u64,
+    /// Trials that the protocol has: with fewer than three, no more could be timed.
+    pub trials_there: u64,
+    /// Fewest repetitions of a trial.
+    pub repetitions: u64,
+    /// Repetitions before those that count.
+    pub warm_up: u32,
+    /// Seconds from context pictures to Gaussians.
+    pub encode: Option<Spread>,
+    /// Seconds of one picture.
+    pub render: Option<Spread>,
+    /// Seconds from context pictures to the first picture: the sum of both, or whichever there is.
+    pub first_picture: Option<Spread>,
+    /// The encoding's stages by name.
+    pub stages: BTreeMap<String, Spread>,
+    /// The most memory of the process in bytes.
+    pub peak_bytes: Option<u64>,
+    /// The largest share of the machine's processors that others took meanwhile.
+    pub others: Option<f64>,
+    /// Whether that was so much that the times cannot be trusted ([`super::Load::is_busy`]).
+    pub busy: bool,
+}
+
+/// Repeated measurements of one quantity.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Spread {
+    /// The median.
+    pub median: f64,
+    /// The median distance from it, unscaled.
+    pub mad: f64,
+    /// The first and the third quartile.
+    pub quartiles: [f64; 2],
+    /// How many there are.
+    pub samples: u64,
+    /// Half the width of the median's 95 % interval from repetition to repetition, trials being what they are.
+    pub error: f64,
+}
+
+/// What a store says of a method's times under a protocol, or why it says nothing.
+///
+/// # Errors
+/// The reason, for people.
+pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, String> {
+    let of_method =
+        |row: &&TimingRow| row.key.preset == preset && row.key.method == method && is_of_this_store(results, row);
+    let all: Vec<&TimingRow> = results.timings.iter().filter(of_method).collect();
+    let Some(machine) = machine_of(results, preset) else { return Err(untimed(results, &all)) };
+    let rows: Vec<&TimingRow> = all.iter().copied().filter(|row| row.is_timed() && row.machine == *machine).collect();
+    let Some(last) = rows.iter().map(|row| row.started).max() else {
+        let elsewhere = all.iter().find(|row| row.is_timed());
+        return Err(match elsewhere {
+            Some(row) => format!("timed on another machine: {}", row.machine),
+            None => untimed(results, &all),
+        });
+    };
+    // Of several passes on one machine the last counts.
+    let rows: Vec<&TimingRow> = rows.into_iter().filter(|row| row.started == last).collect();
+    let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.stages.keys()).collect();
+    let stage = |name: &String| {
+        let samples = rows.iter().map(|row| row.stages.get(name).map_or(&[][..], Vec::as_slice));
+        Some((name.clone(), Spread::of(samples)?))
+    };
+    let encode = Spread::of(rows.iter().map(|row| row.encode.as_slice()));
+    let render = Spread::of(rows.iter().map(|row| row.render.as_slice()));
+    let share = |row: &&TimingRow| row.load.others;
+    Ok(Times {
+        machine: machine.clone(),
+        trials: rows.len() as u64,
+        trials_there: rows.iter().map(|row| row.trials_there).max().unwrap_or_default(),
+        repetitions: rows.iter().map(|row| row.repetitions() as u64).min().unwrap_or_default(),
+        warm_up: rows.iter().map(|row| row.warm_up).min().unwrap_or_default(),
+        encode,
+        render,
+        first_picture: match (encode, render) {
+            (Some(encode), Some(render)) => Some(encode.and(render)),
+            (encode, render) => encode.or(render),
+        },
+        stages: names.into_iter().filter_map(stage).collect(),
+        peak_bytes: rows.iter().filter_map(|row| row.peak_bytes).max(),
+        others: rows.iter().filter_map(share).max_by(f64::total_cmp),
+        busy: rows.iter().any(|row| row.load.is_busy()),
+    })
+}
+
+/// The machine whose times a protocol's methods are compared by: the one with most timed trials, of several the first in their
+/// order. `None` where nothing was timed.
+pub fn machine_of<'a>(results: &'a Results, preset: &str) -> Option<&'a Machine> {
+    let mut counts: BTreeMap<&Machine, usize> = BTreeMap::new();
+    for row in results.timings.iter().filter(|row| row.is_timed() && row.key.preset == preset) {
+        *counts.entry(&row.machine).or_default() += 1;
+    }
+    let most = counts.values().copied().max()?;
+    counts.into_iter().find(|(_, count)| *count == most).map(|(machine, _)| machine)
+}
+
+/// A row whose trial was evaluated again since, with other pictures, is about something else.
+fn is_of_this_store(results: &Results, row: &TimingRow) -> bool {
+    results.trials.iter().any(|trial| trial.key == row.key && trial.trial_hash == row.trial_hash)
+}
+
+fn untimed(results: &Results, rows: &[&TimingRow]) -> String {
+    if let Some(reason) = rows.iter().find_map(|row| row.detail.as_ref()) {
+        return reason.clone();
+    }
+    if results.provenance.schema_version < FIRST_WITH_TIMINGS {
+        return "the store is of an older atsplat, whose times were taken while other trials ran: run again with --timing"
+            .to_owned();
+    }
+    "no timing pass was made: `atsplat run --timing` makes one".to_owned()
+}
+
+/// The schema's version from which on stores have a table of times.
+const FIRST_WITH_TIMINGS: u32 = 2;
+
+impl Spread {
+    /// Of the repetitions of each trial; `None` without any.
+    fn of<'a>(trials: impl Iterator<Item = &'a [f64]> + Clone) -> Option<Self> {
+        let (median, mad) = median_and_mad(trials.clone().flatten().copied())?;
+        let mut all: Vec<f64> = trials.clone().flatten().copied().collect();
+        all.sort_by(f64::total_cmp);
+        let own: Vec<&[f64]> = trials.filter(|samples| !samples.is_empty()).collect();
+        let variances = own.iter().map(|samples| variance_of_median(samples));
+        Some(Self {
+            median,
+            mad,
+            quartiles: [quantile(&all, 0.25)?, quantile(&all, 0.75)?],
+            samples: all.len() as u64,
+            error: NORMAL_95 * variances.sum::<f64>().sqrt() / own.len() as f64,
+        })
+    }
+
+    /// Two times one after the other.
+    fn and(self, other: Self) -> Self {
+        Self {
+            median: self.median + other.median,
+            mad: self.mad + other.mad,
+            quartiles: [self.quartiles[0] + other.quartiles[0], self.quartiles[1] + other.quartiles[1]],
+            samples: if self.samples < other.samples { self.samples } else { other.samples },
+            error: self.error.hypot(other.error),
+        }
+    }
+}
+
+/// 97.5 % of a standard normal distribution.
+const NORMAL_95: f64 = 1.96;
+
+/// Of a median of repetitions whose spread is told by its median absolute deviation, for a normal distribution.
+fn variance_of_median(samples: &[f64]) -> f64 {
+    // σ = 1.4826 · MAD; the variance of a median is π/2 · σ²/n.
+    let deviation = 1.4826 * median_and_mad(samples.iter().copied()).map_or(0.0, |(_, mad)| mad);
+    std::f64::consts::FRAC_PI_2 * deviation * deviation / samples.len() as f64
+}
+
+fn median_and_mad(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    let mut values: Vec<f64> = values.collect();
+    values.sort_by(f64::total_cmp);
+    let median = quantile(&values, 0.5)?;
+    let mut distances: Vec<f64> = values.iter().map(|value| (value - median).abs()).collect();
+    distances.sort_by(f64::total_cmp);
+    Some((median, quantile(&distances, 0.5)?))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_numeric::Tolerance;
+
+    use super::*;
+    use crate::sample_rows::{PRESET, results, timing};
+
+    #[test]
+    fn a_spread_is_of_all_repetitions() {
+        let spread = Spread::of([&[1.0, 2.0, 6.0][..], &[3.0, 100.0][..], &[][..]].into_iter()).unwrap();
+        Tolerance::F64.assert([spread.median, spread.mad], [3.0, 2.0], "median and MAD");
+        Tolerance::F64.assert(spread.quartiles, [2.0, 6.0], "quartiles");
+        assert_eq!(spread.samples, 5);
+        // MADs 1 and 48.5, of three and two repetitions.
+        let error =
+            1.96 * (std::f64::consts::FRAC_PI_2 * 1.4826 * 1.4826 * (1.0 / 3.0 + 48.5 * 48.5 / 2.0)).sqrt() / 2.0;
+        Tolerance::F64.assert([spread.error], [error], "error");
+        assert_eq!(Spread::of([&[][..]].into_iter()), None);
+    }
+
+    #[test]
+    fn times_are_of_one_machine_and_one_pass() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0]), ("z", 0, vec![20.0])]);
+        store.provenance.schema_version = 2;
+        let on = |name: &str, scene: &str, started, secs: f64| {
+            let mut row = timing("a", scene, &[secs], &[0.25]);
+            row.machine.processor = name.to_owned();
+            TimingRow { started, ..row }
+        };
+        store.timings =
+            vec![on("slow", "x", 5, 9.0), on("fast", "x", 5, 2.0), on("fast", "y", 5, 4.0), on("fast", "x", 9, 1.0)];
+        let found = times(&store, PRESET, "a").unwrap();
+        assert_eq!((found.machine.processor.as_str(), found.trials, found.trials_there), ("fast", 1, 3));
+        let secs = [found.encode, found.render, found.first_picture].map(|spread| spread.unwrap().median);
+        Tolerance::F64.assert(secs, [1.0, 0.25, 1.25], "encoding, rendering and both");
+        assert!(!found.busy);
+        store.timings[3].load.others = Some(0.3);
+        assert!(times(&store, PRESET, "a").unwrap().busy);
+        // The trial has other pictures now.
+        store.timings[3].trial_hash = "another".to_owned();
+        assert_eq!(times(&store, PRESET, "a").unwrap().trials, 2);
+    }
+
+    #[test]
+    fn what_was_not_timed_has_a_reason() {
+        let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
+        store.provenance.schema_version = 1;
+        assert!(times(&store, PRESET, "a").unwrap_err().contains("while other trials ran"));
+        store.provenance.schema_version = 2;
+        assert!(times(&store, PRESET, "a").unwrap_err().contains("run --timing"));
+        store.timings = vec![TimingRow { detail: Some("out of memory".to_owned()), ..timing("a", "x", &[], &[]) }];
+        assert_eq!(times(&store, PRESET, "a").unwrap_err(), "out of memory");
+        let mut elsewhere = timing("b", "x", &[1.0], &[]);
+        elsewhere.machine.processor = "another".to_owned();
+        store.timings = vec![elsewhere, timing("a", "x", &[1.0], &[])];
+        store.trials.push(crate::TrialRow { key: store.timings[0].key.clone(), ..store.trials[0].clone() });
+        let told = [times(&store, PRESET, "a"), times(&store, PRESET, "b")].map(|found| found.is_ok());
+        assert_eq!(told.iter().filter(|told| **told).count(), 1, "rows of two machines are not compared");
+    }
+}
