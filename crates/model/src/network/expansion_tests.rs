@@ -35,7 +35,7 @@ fn straight_through_scores_are_pulled_by_their_childrens_gradient() {
         let Some(how_many) = block.expansion else { continue };
         let expansion = network.decoder.blocks[place].expansion.as_ref().unwrap();
         let features = noise(&format!("tokens {place}"), [1, count, dim], &device);
-        let tokens = Tokens { features, anchors: None, rays: None, depths: None };
+        let tokens = Tokens { features, anchors: None, rays: None, depths: None, frames: None };
         let (after, expanded) = expansion.forward(&config.expansion, how_many, tokens, place, 0, &device).unwrap();
         let [_, left, _] = after.features.dims();
         let pull = noise(&format!("pull {place}"), [1, left, dim], &device);
