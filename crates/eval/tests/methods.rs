@@ -9,8 +9,8 @@ use std::sync::Arc;
 
 use atsplat_camera::Similarity;
 use atsplat_eval::method::{
-    AtSplat, ConstantsChoice, GaussianFrame, Method, NearestView, Ply, Question, Refusal, Renders, Splatting, Warp,
-    WeightsOf, constants_of,
+    AtSplat, GaussianFrame, Method, NearestView, Ply, Question, Refusal, Renders, Splatting, Warp, WeightsOf,
+    constants_of,
 };
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
 use atsplat_model::network::{Device, Network};

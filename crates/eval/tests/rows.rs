@@ -8,9 +8,7 @@ use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-use atsplat_eval::method::{
-    Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Renders, Repetitions, Warp,
-};
+use atsplat_eval::method::{Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Renders, Warp};
 use atsplat_eval::runner::{Dataset, KeepPictures, Plan, Selection, Summary, here, named_metrics, picture_path, run};
 use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TargetStatus, TrialRow, TrialStatus};
 use atsplat_metrics::{Networks, Suite};
@@ -40,8 +38,7 @@ fn evaluate_on(
         methods,
         suite: &suite,
         selection: Selection::default(),
-        repetitions: Repetitions::ONCE,
-        alone: false,
+        timing: None,
         pictures,
         prefetch: Prefetch::default(),
     };
@@ -65,8 +62,7 @@ fn floors() -> Vec<Arc<dyn Method>> {
 }
 
 fn bare(results: &Results) -> (Vec<TrialRow>, Vec<TargetRow>) {
-    let trials = results.trials.iter().map(TrialRow::without_times).collect();
-    (trials, results.targets.iter().map(TargetRow::without_times).collect())
+    (results.trials.clone(), results.targets.clone())
 }
 
 fn replaced(frame: usize) -> Walls {
@@ -155,8 +151,7 @@ fn results_whose_data_are_gone_are_named() {
         methods: &floors(),
         suite: &suite,
         selection: Selection::default(),
-        repetitions: Repetitions::ONCE,
-        alone: false,
+        timing: None,
         pictures: KeepPictures::Nothing,
         prefetch: Prefetch::default(),
     };
@@ -190,9 +185,7 @@ impl Answer for Given {
 
     fn render(&self, _targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let image = Image::new(SIZE.width, SIZE.height, vec![0.5; (SIZE.width * SIZE.height * 3) as usize]).unwrap();
-        (0..self.0)
-            .map(|_| Ok(Rendered { image: image.clone(), secs: Vec::new(), drawn: None, effects: Vec::new() }))
-            .collect()
+        (0..self.0).map(|_| Ok(Rendered { image: image.clone(), drawn: None, effects: Vec::new() })).collect()
     }
 }
 

@@ -159,8 +159,7 @@ pub fn read_opaque_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Va
     let channels = read(bytes, limits)?;
     let composed = Values::Named(COMPOSED.to_owned());
     if let Some(alpha) = channels.planes.iter().find(|plane| plane.name == "A" && plane.values != composed) {
-        // NaN is not opaque either.
-        let is_transparent = |(_, alpha): &(usize, &f32)| !(**alpha >= 1.0);
+        let is_transparent = |(_, alpha): &(usize, &f32)| **alpha < 1.0 || alpha.is_nan();
         let mut transparent = alpha.samples.iter().enumerate().filter(is_transparent);
         if let Some((first, _)) = transparent.next() {
             let (column, row) = (first % channels.width as usize, first / channels.width as usize);

@@ -113,7 +113,7 @@ impl fmt::Display for Report {
             None => writeln!(f, "a new baseline")?,
             Some(Verdict::Drifted) => writeln!(f, "numbers moved; acceptance {acceptances} of this baseline")?,
             Some(Verdict::Nothing) => {
-                writeln!(f, "no number was there before; acceptance {acceptances} of this baseline")?
+                writeln!(f, "no number was there before; acceptance {acceptances} of this baseline")?;
             }
             Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }

@@ -101,10 +101,10 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
     let difference = paired.as_ref().map_or("-".to_owned(), |paired| change(metric, paired.difference));
     let interval = paired.as_ref().and_then(|paired| paired.interval);
     let interval = interval.map_or("-".to_owned(), |bounds| range(metric, bounds));
-    let sense = comparison.sense().filter(|_| *verdict == Verdict::Drifted).map_or("", |better| match better {
-        true => ", better",
-        false => ", worse",
-    });
+    let sense = comparison
+        .sense()
+        .filter(|_| *verdict == Verdict::Drifted)
+        .map_or("", |better| if better { ", better" } else { ", worse" });
     let targets = paired.as_ref().map_or("-".to_owned(), |paired| format!("{changed}/{}", paired.targets));
     writeln!(
         f,

@@ -29,7 +29,7 @@ pub(super) fn size(metric: &str, value: f64) -> String {
 /// A number of a stage, whatever it measures.
 pub(super) fn short(value: f64) -> String {
     let size = value.abs();
-    if size < 1e-4 || size >= 1e6 {
+    if !(1e-4..1e6).contains(&size) {
         return if size > 0.0 && value.is_finite() { format!("{value:.1e}") } else { value.to_string() };
     }
     let decimals = decimals_of(size);

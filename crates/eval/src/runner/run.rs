@@ -37,7 +37,9 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
             );
         }
         let mut outdated = Outdated::of(plan, dataset, &store);
-        not_there.iter().for_each(|scene| outdated.look_at_absent(scene));
+        for scene in &not_there {
+            outdated.look_at_absent(scene);
+        }
         outdated.refuse()?;
         for misfit in dataset.preset.misfits(&index, &dataset.index.sha256) {
             findings.add(&dataset.name, &misfit.kind, misfit.count, misfit.example);

@@ -14,9 +14,9 @@ pub(crate) struct Known(HashMap<Asked, BTreeMap<String, Made>>);
 /// What a row says of where it came from.
 #[derive(Debug)]
 struct Made {
-    trial_hash: String,
-    data_hash: Option<String>,
-    input_hash: Option<String>,
+    trial: String,
+    data: Option<String>,
+    input: Option<String>,
 }
 
 impl Known {
@@ -24,7 +24,7 @@ impl Known {
         let mut known = Self::default();
         for TrialRow { key, trial_hash, data_hash, input_hash, .. } in trials {
             let by_method = known.0.entry(asked(&key.preset, &key.scene, key.entry)).or_default();
-            by_method.insert(key.method, Made { trial_hash, data_hash, input_hash });
+            by_method.insert(key.method, Made { trial: trial_hash, data: data_hash, input: input_hash });
         }
         known
     }
@@ -32,14 +32,20 @@ impl Known {
     /// Whether a method answered this very question about these very data, with these files.
     pub(crate) fn answered(&self, key: &TrialKey, trial: &str, data: &str, input: Option<&str>) -> bool {
         let made = self.0.get(&asked(&key.preset, &key.scene, key.entry)).and_then(|methods| methods.get(&key.method));
-        made.is_some_and(|Made { trial_hash, data_hash, input_hash }| {
-            trial_hash == trial && data_hash.as_deref() == Some(data) && input_hash.as_deref() == input
+        made.is_some_and(|made| {
+            made.trial == trial && made.data.as_deref() == Some(data) && made.input.as_deref() == input
         })
     }
 
     /// Drops what these methods answered.
     pub(super) fn forget(&mut self, methods: &[String]) {
         self.0.values_mut().for_each(|by_method| by_method.retain(|name, _| !methods.contains(name)));
+    }
+
+    /// The hash of the trial that a method answered.
+    pub(crate) fn trial_hash(&self, key: &TrialKey) -> Option<&str> {
+        let made = self.0.get(&asked(&key.preset, &key.scene, key.entry)).and_then(|methods| methods.get(&key.method));
+        made.map(|made| made.trial.as_str())
     }
 
     /// Methods that answered a trial.
@@ -50,7 +56,7 @@ impl Known {
     /// Methods that answered a trial when its data were others.
     pub(crate) fn outdated(&self, key: &TrialKey, data_hash: &str) -> impl Iterator<Item = &str> {
         let methods = self.0.get(&asked(&key.preset, &key.scene, key.entry)).into_iter().flatten();
-        methods.filter(move |(_, made)| made.data_hash.as_deref() != Some(data_hash)).map(|(name, _)| name.as_str())
+        methods.filter(move |(_, made)| made.data.as_deref() != Some(data_hash)).map(|(name, _)| name.as_str())
     }
 }
 

@@ -95,6 +95,9 @@ pub(super) fn hash(version: u32) -> Option<String> {
 }
 
 /// Hash of the rows' schema that is written.
+///
+/// # Panics
+/// Never: every version has its text.
 #[expect(clippy::expect_used, reason = "the version is how many texts there are")]
 pub fn schema_hash() -> String {
     hash(SCHEMA_VERSION).expect("the newest version has a text")

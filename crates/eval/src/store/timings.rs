@@ -9,7 +9,7 @@ use std::path::Path;
 use super::columns::Columns;
 use super::schema::Schema;
 use super::table::{self, Table};
-use super::trials::{keys, small, taken, value};
+use super::trials::{keys, needed, small, taken, value};
 use super::{SCHEMA_VERSION, Store};
 use crate::EvalError;
 use crate::timing::{Load, Machine, TimingRow, merged};
@@ -88,8 +88,10 @@ fn rows(table: &Table<'_>) -> Result<Vec<TimingRow>, EvalError> {
     let [started, there] = ["started", "trials-there"].map(|name| table.counts_of(name));
     let [held, peak] = ["held-bytes", "peak-bytes"].map(|name| table.counts_of(name));
     let loads = ["load-before", "load-after", "mhz-before", "mhz-after", "others"].map(|name| table.numbers_of(name));
-    let mut samples = ["encode-samples", "render-samples", "stage-samples"].map(|name| table.lists_of_numbers(name));
-    let mut stages = table.lists_of_texts("stages");
+    let [encode, render, of_stages] =
+        ["encode-samples", "render-samples", "stage-samples"].map(|name| table.lists_of_numbers(name));
+    let mut samples = [encode?, render?, of_stages?];
+    let mut stages = table.lists_of_texts("stages")?;
     let mut rows = Vec::with_capacity(keys.len());
     for (at, key) in keys.into_iter().enumerate() {
         let small = |name, values: &[Option<u64>]| small(table, name, at, values);
@@ -106,15 +108,15 @@ fn rows(table: &Table<'_>) -> Result<Vec<TimingRow>, EvalError> {
             loads.each_ref().map(|values| value(values, at));
         rows.push(TimingRow {
             key,
-            trial_hash: value(&hash, at).unwrap_or_default(),
+            trial_hash: needed(table, "trial-hash", at, &hash)?,
             machine: Machine {
-                processor: value(&processor, at).unwrap_or_default(),
-                platform: value(&platform, at).unwrap_or_default(),
+                processor: needed(table, "processor", at, &processor)?,
+                platform: needed(table, "platform", at, &platform)?,
                 cpus: small("cpus", &cpus)?,
                 threads: small("threads", &threads)?,
             },
-            started: value(&started, at).unwrap_or_default(),
-            trials_there: value(&there, at).unwrap_or_default(),
+            started: needed(table, "started", at, &started)?,
+            trials_there: needed(table, "trials-there", at, &there)?,
             warm_up: small("warm-up", &warm_up)?,
             encode,
             render,

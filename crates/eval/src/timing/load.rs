@@ -101,7 +101,7 @@ fn machine() -> Option<Machine> {
     of_stat(&fs::read_to_string("/proc/stat").ok()?)
 }
 
-/// `/proc/stat`: user, nice, system, idle, iowait, irq, softirq, steal; guests are in user already (proc_stat(5)).
+/// `/proc/stat`: user, nice, system, idle, iowait, irq, softirq, steal; guests are in user already (`proc_stat(5)`).
 fn of_stat(stat: &str) -> Option<Machine> {
     let ticks: Vec<f64> = stat
         .lines()
@@ -131,7 +131,7 @@ fn thread_secs() -> Option<f64> {
     Some(1e-9 * nanos)
 }
 
-/// `/proc/self/stat`: the name ends with the last parenthesis; user and system time are the 14th and 15th fields (proc_pid_stat(5)).
+/// `/proc/self/stat`: the name ends with the last parenthesis; user and system time are the 14th and 15th fields (`proc_pid_stat(5)`).
 fn of_process(stat: &str) -> Option<f64> {
     let (_, fields) = stat.rsplit_once(')')?;
     let mut fields = fields.split_whitespace().skip(11);
@@ -202,7 +202,7 @@ mod tests {
             for _ in 0..std::thread::available_parallelism().unwrap().get() {
                 scope.spawn(|| {
                     while !stop.load(std::sync::atomic::Ordering::Relaxed) {
-                        std::hint::spin_loop()
+                        std::hint::spin_loop();
                     }
                 });
             }

@@ -2,7 +2,7 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
 
-use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trials};
+use atsplat_protocol::trial::{ContextView, DecodeAhead, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
 use rayon::ThreadPool;
 
@@ -92,7 +92,9 @@ impl Pass<'_> {
         let mut trials = Timeable::new(dataset, index, methods, self.timing.trials as usize);
         let (new, done): (Vec<_>, Vec<_>) =
             methods.iter().partition(|method| !self.is_there(&known, dataset, method.as_ref(), trials.len()));
-        done.iter().for_each(|_| (self.step)());
+        for _ in &done {
+            (self.step)();
+        }
         let is_cpu = |method: &&Arc<dyn Method>| method.record().backend.is_none_or(|name| name.starts_with("cpu"));
         let own = if new.iter().all(is_cpu) { Own::Pool } else { Own::Process };
         let mut rows = Vec::new();
@@ -104,7 +106,9 @@ impl Pass<'_> {
             (self.step)();
         }
         let load = watch.end();
-        rows.iter_mut().for_each(|row| row.load = load);
+        for row in &mut rows {
+            row.load = load;
+        }
         if rows.is_empty() { Ok(()) } else { self.store.add_timings(rows) }
     }
 
@@ -115,7 +119,7 @@ impl Pass<'_> {
         let good = own.filter(|row| {
             row.machine == self.machine
                 && !row.load.is_busy()
-                && self.store.trial_hash(&row.key) == Some(row.trial_hash.as_str())
+                && self.store.known().trial_hash(&row.key) == Some(row.trial_hash.as_str())
                 && (!row.is_timed() || row.repetitions() >= self.timing.repetitions as usize)
         });
         let (timed, refused): (Vec<_>, Vec<_>) = good.partition(|row| row.is_timed());
@@ -206,7 +210,7 @@ impl Timeable {
             self.scenes.push_back(trials);
             // What cannot be prepared has its row, or its reason, from the evaluation.
             let Ok((trial, _)) = trial else { continue };
-            let pictures: Result<Vec<_>, _> = trial.context().iter().map(|view| view.picture()).collect();
+            let pictures: Result<Vec<_>, _> = trial.context().iter().map(ContextView::picture).collect();
             self.prepared.extend(pictures.ok().map(|pictures| Prepared { trial, pictures }));
         }
     }

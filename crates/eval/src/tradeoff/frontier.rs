@@ -145,7 +145,7 @@ pub fn frontier(
     let ascent = judge.stand(&mut points);
     let ascent: Vec<&Point> = ascent.into_iter().filter_map(|at| points.get(at)).collect();
     let (prices, knee) = (prices(&ascent, step), judge.knee(&ascent));
-    Frontier { axis, prices, knee, points, left_out }
+    Frontier { axis, points, prices, knee, left_out }
 }
 
 fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {

@@ -46,7 +46,6 @@ pub enum HeadFrame {
 
 impl HeadFrame {
     /// Whether it is the world's.
-    #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks by reference")]
     pub const fn is_world(&self) -> bool {
         matches!(self, Self::World)
     }

@@ -17,13 +17,16 @@ pub struct Misfit {
     pub example: String,
 }
 
+/// A kind of misfit, and what is wrong with an entry.
+type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
+
 impl Preset {
     /// How `index` does not fit this preset: entries with another number of context views, without targets, with frames
     /// named twice; and a published file that belongs to another dataset or another protocol. `sha256` is the file's.
     pub fn misfits(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<Misfit> {
         let views = self.index.context_views;
         let context_kind = format!("entries without the preset's {views} context views");
-        let rules: [(&str, &dyn Fn(&IndexEntry) -> Option<String>); 4] = [
+        let rules: [Rule<'_>; 4] = [
             (&context_kind, &|entry| {
                 let found = entry.context.len();
                 (found != views).then(|| format!("field context: expected {views} frames, found {found}"))
@@ -34,7 +37,7 @@ impl Preset {
             ("entries with a context frame twice", &|entry| twice("context", &entry.context)),
             ("entries with a target twice", &|entry| twice("target", &entry.target)),
         ];
-        let of_rule = |(kind, wrong): &(&str, &dyn Fn(&IndexEntry) -> Option<String>)| {
+        let of_rule = |(kind, wrong): &Rule<'_>| {
             let mut found = index.entries().filter_map(|(scene, at, entry)| Some((scene, at, wrong(entry)?)));
             let (scene, at, what) = found.next()?;
             let example = format!("scene {scene}, entry {at}, {what}");

@@ -3,7 +3,6 @@
 //! Without an adapter these tests say so and pass; with `ATSPLAT_REQUIRE_GPU=1` they fail.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "a test that is skipped says so")]
 
 mod backward;
 #[path = "../common/poison.rs"]

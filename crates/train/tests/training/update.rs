@@ -26,7 +26,7 @@ fn a_step_moves_every_weight_by_the_clipped_mean_of_its_lessons() {
     let mut trained = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
     let count = trained.state().parameters.count();
     let (mut first, mut second) = (vec![0.0; count], vec![0.0; count]);
-    for step in 0..4u64 {
+    for (at_step, step) in (0..4u64).enumerate() {
         let before = trained.state().parameters.clone();
         let lessons = lessons(&config, &before, step);
         trained.step(&mut |_| ()).unwrap();
@@ -43,10 +43,10 @@ fn a_step_moves_every_weight_by_the_clipped_mean_of_its_lessons() {
         let length = numbers().map(|(parameter, at, _)| mean(&parameter.name, at).powi(2)).sum::<f64>().sqrt();
         assert!(length > 2.0 * config.clip, "step {step} is clipped: {length}");
         let records: Vec<StepRecord> = journal::read(&folder.path().join("steps.jsonl")).unwrap();
-        Tolerance::relative(1e-5).assert(records[step as usize].gradient_norm, [length], "the mean gradient's length");
+        Tolerance::relative(1e-5).assert(records[at_step].gradient_norm, [length], "the mean gradient's length");
         // Warm-up over three steps.
-        let rate = 1e-3 * [1.0 / 3.0, 2.0 / 3.0, 1.0, 1.0][step as usize];
-        Tolerance::relative(1e-12).assert([records[step as usize].rate], [rate], "rate");
+        let rate = 1e-3 * [1.0 / 3.0, 2.0 / 3.0, 1.0, 1.0][at_step];
+        Tolerance::relative(1e-12).assert([records[at_step].rate], [rate], "rate");
         let after: Vec<f64> = trained.state().parameters.values().iter().flatten().copied().map(f64::from).collect();
         for (place, (parameter, at, value)) in numbers().enumerate() {
             let gradient = mean(&parameter.name, at) * config.clip / (length + 1e-6);

@@ -60,7 +60,9 @@ impl Stages for Planted<'_> {
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
         let mut scores = self.pipeline.score(render, truth)?;
         if self.stage == Some(Stage::Metric) {
-            scores.values_mut().for_each(|score| *score *= 1.0 + f64::from(self.amount));
+            for score in scores.values_mut() {
+                *score *= 1.0 + f64::from(self.amount);
+            }
         }
         Ok(scores)
     }

@@ -130,7 +130,6 @@ impl<'a> Binary<'a> {
 
     /// The number at `offset`, which the bytes hold whole; an f64 holds every one exactly.
     #[inline]
-    #[expect(clippy::expect_used, reason = "rows are as long as their properties")]
     fn number(&self, scalar: Scalar, bytes: &[u8], offset: usize) -> f64 {
         macro_rules! decoded {
             ($number:ty) => {{
