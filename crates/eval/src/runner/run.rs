@@ -54,6 +54,7 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
         timing::pass(plan, timing, &store, step)?;
     }
     let is_run = |preset: &str| plan.datasets.iter().any(|dataset| dataset.name == preset);
+    let mut findings = findings.in_order();
     summary.skipped = findings.skipped.len() as u64;
     let before = store.provenance();
     findings.warnings.extend(before.warnings.iter().filter(|found| !is_run(&found.preset)).cloned());

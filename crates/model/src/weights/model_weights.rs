@@ -99,11 +99,7 @@ impl ModelWeights {
     /// # Errors
     /// [`ModelError::Malformed`] where the metadata are not this toolkit's, or hold no configuration.
     pub fn config_of(stored: &StoredTensors) -> Result<ModelConfig, ModelError> {
-        let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
-        if ![BARE_FORMAT, FORMAT].contains(&format) {
-            let expected = format!("{BARE_FORMAT} or {FORMAT}");
-            return Err(ModelError::malformed(WHAT, format!("metadata {FORMAT_KEY}"), expected, format));
-        }
+        format_of(stored)?;
         ModelConfig::from_toml(entry(stored, CONFIGURATION_KEY, "a model configuration")?)
     }
 
@@ -183,11 +179,20 @@ impl ModelWeights {
     }
 }
 
+/// The version of a file's format, which is one that is read.
+fn format_of(stored: &StoredTensors) -> Result<&str, ModelError> {
+    let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
+    if [BARE_FORMAT, FORMAT].contains(&format) {
+        return Ok(format);
+    }
+    let expected = format!("{BARE_FORMAT} or {FORMAT}");
+    Err(ModelError::malformed(WHAT, format!("metadata {FORMAT_KEY}"), expected, format))
+}
+
 /// Whether a hash covers the metadata; an error where it is that of others, or is missing from a file that should have one.
 fn check_metadata(stored: &StoredTensors) -> Result<bool, ModelError> {
-    let recorded = stored.metadata.get(METADATA_DIGEST_KEY);
-    let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
-    let Some(recorded) = recorded else {
+    let format = format_of(stored)?;
+    let Some(recorded) = stored.metadata.get(METADATA_DIGEST_KEY) else {
         if format == BARE_FORMAT {
             return Ok(false);
         }
