@@ -17,7 +17,7 @@ use atsplat_scene::Warnings;
 use clap::Args;
 
 use crate::machine::here;
-use crate::output::{print_report, print_warnings};
+use crate::output::{print_findings, print_report, print_warnings};
 use crate::progress::Progress;
 use methods::{MethodWord, MethodWords};
 use protocols::ProtocolWords;
@@ -78,6 +78,7 @@ fn evaluate(
     drop(progress);
     print_report(&Report::of(&results, Some(summary), settings.out()), settings.json)?;
     print_warnings(&warnings);
+    print_findings(&results, &warnings);
     Ok(summary.is_complete())
 }
 
