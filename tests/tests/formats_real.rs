@@ -11,8 +11,8 @@ use atsplat_pixels::DecodeLimits;
 use atsplat_scene::nerfstudio::NerfstudioOptions;
 use atsplat_scene::re10k::{read_trajectory, write_trajectory};
 use atsplat_scene::{
-    Dataset, Format, OpenOptions, Picture, PictureFolder, Scene, SceneSource, WarningKind, Warnings, load_scenes, open,
-    open_with,
+    Dataset, Format, OpenOptions, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings,
+    load_scenes, open, open_with,
 };
 use atsplat_tests::shared_data;
 
@@ -51,8 +51,10 @@ fn re10k_scene_with_numbered_frames() {
     assert_eq!(scene.frames[0].timestamp_micros, Some(45_979_267));
     let size = ImageSize { width: 256, height: 256 };
     assert_eq!(last.size(KEY, 278).unwrap(), size);
-    let picture = scene.decode(278, &DecodeLimits::default()).unwrap();
+    let picture = scene.decode_any_shape(278, &DecodeLimits::default()).unwrap();
     assert_eq!((picture.width(), picture.height()), (256, 256));
+    let crop = scene.decode(278, &DecodeLimits::default());
+    assert!(matches!(crop, Err(SceneError::Misfit { frame: 278, .. })), "cameras of 16:9, pictures of 1:1: {crop:?}");
 }
 
 /// The same capture's `cameras.json`, from another project, holds camera-to-world quaternions (x, y, z, w)

@@ -39,7 +39,7 @@ fn only_scene(test: &str, folder: &str, options: &OpenOptions) -> Option<Scene> 
 fn check(scene: &Scene, pairs: PairChoice) -> GeometryCheck {
     let options = GeometryCheckOptions { pairs, ..GeometryCheckOptions::default() };
     let mut warnings = Warnings::new();
-    let picture_of = |position: usize| scene.decode(position, &DecodeLimits::default());
+    let picture_of = |position: usize| scene.decode_any_shape(position, &DecodeLimits::default());
     let checked = check_geometry(scene, picture_of, &options, &mut warnings).unwrap();
     assert_eq!(warnings.total(), 0);
     checked

@@ -1,8 +1,10 @@
+use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
 
 use anyhow::Context as _;
+use atsplat_eval::{Results, WarningCount};
 use atsplat_scene::Warnings;
 use serde::Serialize;
 
@@ -86,6 +88,29 @@ fn make_readable(file: &std::fs::File) -> std::io::Result<()> {
 #[cfg(not(unix))]
 fn make_readable(_file: &std::fs::File) -> std::io::Result<()> {
     Ok(())
+}
+
+/// Prints what a run counted without stopping, by protocol and kind, with the first of each: in its data, and in what
+/// methods made of it. Kinds among `printed` were printed before, when its data were opened and sampled.
+pub(crate) fn print_findings(results: &Results, printed: &Warnings) {
+    let printed: Vec<String> = printed.counts().map(|(kind, _)| kind.to_string()).collect();
+    let findings = results.provenance.warnings.iter().filter(|finding| !printed.contains(&finding.kind));
+    for WarningCount { preset, kind, count, example } in findings {
+        complain(&format!("warning: {preset}: {count} × {kind}"));
+        complain(&format!("    {example}"));
+    }
+    let mut notes: BTreeMap<(&str, &str, &str), (u64, String)> = BTreeMap::new();
+    for trial in &results.trials {
+        for note in &trial.notes {
+            let kind = note.split_once(": ").map_or(note.as_str(), |(kind, _)| kind);
+            let example = || (0, format!("{}: {note}", trial.key.scene));
+            notes.entry((&trial.key.preset, &trial.key.method, kind)).or_insert_with(example).0 += 1;
+        }
+    }
+    for ((preset, method, kind), (count, example)) in notes {
+        complain(&format!("warning: {preset}: {count} × {kind}, in trials of {method}"));
+        complain(&format!("    {example}"));
+    }
 }
 
 /// Prints counted warnings, by kind, with the first few of each, on standard error.

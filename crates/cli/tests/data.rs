@@ -82,6 +82,55 @@ fn scenes_become_chunks_without_the_broken_one() {
     assert_eq!(atsplat(here, &["data", "export", "data", "again", "--chunks", "--strict"]).code, 4);
 }
 
+/// Pictures that are not there keep nobody from using cameras; whoever looks at pictures hears of them.
+#[test]
+fn missing_pictures_are_no_matter_to_cameras() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let frame = |name: &str| {
+        let pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]];
+        serde_json::json!({ "file_path": format!("images/{name}.png"), "transform_matrix": pose })
+    };
+    let frames = [frame("a"), frame("b")];
+    let transforms = serde_json::json!({ "w": 16, "h": 12, "fl_x": 16, "k1": 0.1, "frames": frames });
+    std::fs::create_dir(here.join("scene")).unwrap();
+    std::fs::write(here.join("scene/transforms.json"), transforms.to_string()).unwrap();
+    let said = |words: &[&str]| {
+        let outcome = atsplat(here, words);
+        assert_eq!(outcome.code, 0, "{words:?}: {}", outcome.stderr);
+        (outcome.stdout.contains("missing-picture"), outcome.stdout.contains("lens-distortion"), outcome.stderr)
+    };
+    assert!(matches!(said(&["data", "inspect", "scene"]), (true, true, _)));
+    let scene = Path::new(env!("CARGO_MANIFEST_DIR")).join("../splat/tests/fixtures/files/degree3_little_endian.ply");
+    let render = ["render", scene.to_str().unwrap(), "--cameras", "scene", "--out", "out"];
+    for words in [&["data", "export", "scene", "cameras.csv"][..], &["data", "motion", "scene"], &render] {
+        let (_, _, stderr) = said(words);
+        assert!(!stderr.contains("missing-picture"), "{words:?}: {stderr}");
+        assert!(stderr.contains("lens-distortion"), "what is about cameras stays: {words:?}: {stderr}");
+    }
+}
+
+/// What a clone without Git LFS holds in the place of large files.
+#[test]
+fn pointers_of_git_lfs_are_named_whatever_they_stand_for() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    let pointer = "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+    let cases: [(&str, &[&str]); 5] = [
+        ("transforms.json", &["data", "inspect"]),
+        ("000000.torch", &["data", "inspect"]),
+        ("clip.txt", &["data", "inspect"]),
+        ("nano.safetensors", &["weights", "inspect"]),
+        ("scene.ply", &["render", "--orbit", "1", "--out", "out"]),
+    ];
+    for (name, words) in cases {
+        std::fs::write(here.join(name), pointer).unwrap();
+        let outcome = atsplat(here, &[words, &[name]].concat());
+        let told = outcome.stderr.contains("git lfs pull") && outcome.stderr.contains(name);
+        assert!(outcome.code == 1 && told, "{name}: {}", outcome.stderr);
+    }
+}
+
 fn hostile_chunk(folder: &Path) {
     let mut writer = ChunkWriter::create(folder, u64::MAX).unwrap();
     let camera = [0.5, 0.9, 0.5, 0.5, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];

@@ -237,6 +237,73 @@ fn the_cameras_of_a_trained_model_are_read() {
     }
 }
 
+/// MotionCtrl's lists hold no lens: --fov and --size say it, and a record of the same cameras gives the same pictures.
+#[test]
+fn poses_alone_are_seen_through_the_lens_that_is_asked_for() {
+    let folder = folder();
+    let here = folder.path();
+    let (sin, cos) = 0.1f64.sin_cos();
+    // World to camera, row by row.
+    let rows = [cos, 0.0, -sin, -0.3, 0.0, 1.0, 0.0, 0.1, sin, 0.0, cos, 0.45];
+    let identity = [1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0];
+    fs::write(here.join("poses.json"), json!([identity, rows]).to_string()).unwrap();
+    // 90° across, square pixels.
+    let view = |number: usize, rows: [f64; 12]| {
+        json!({ "number": number, "name": number.to_string(), "width": 40, "height": 30, "camera-from-world": rows,
+                "intrinsics": { "fx": 0.5, "fy": 0.5 * 40.0 / 30.0, "cx": 0.5, "cy": 0.5 } })
+    };
+    fs::write(here.join("own.json"), json!({ "views": [view(0, identity), view(1, rows)] }).to_string()).unwrap();
+    let render = |cameras: &str, more: &[&str]| {
+        let words = [
+            "render",
+            "scene.ply",
+            "--cameras",
+            cameras,
+            "--out",
+            cameras.trim_end_matches(".json"),
+            "--formats",
+            "exr",
+        ];
+        atsplat(here, &[&words, more].concat())
+    };
+    for more in [&[][..], &["--fov", "90"], &["--size", "40x30"]] {
+        let outcome = render("poses.json", more);
+        let told = outcome.stderr.contains("poses.json holds camera matrices without intrinsics");
+        assert!(outcome.code == 1 && told && outcome.stderr.contains("--fov"), "{more:?}: {}", outcome.stderr);
+    }
+    assert_eq!(render("poses.json", &["--fov", "90", "--size", "40x30"]).code, 0);
+    assert_eq!(render("own.json", &[]).code, 0);
+    let picture = |name: &str| exr::read(&fs::read(here.join(name)).unwrap(), &DecodeLimits::default()).unwrap();
+    for frame in ["000000.exr", "000001.exr"] {
+        let (poses, own) = (picture(&format!("poses/{frame}")), picture(&format!("own/{frame}")));
+        for (a, b) in poses.channels().iter().zip(own.channels()) {
+            let wide = |samples: &[f32]| samples.iter().map(|sample| f64::from(*sample)).collect::<Vec<_>>();
+            Tolerance::absolute(1e-5).assert(wide(&a.samples), wide(&b.samples), &a.name);
+        }
+    }
+    assert_ne!(picture("own/000000.exr"), picture("own/000001.exr"), "two views");
+    let outcome = render("own.json", &["--fov", "90"]);
+    assert!(outcome.code == 1 && outcome.stderr.contains("own.json has intrinsics of its own"), "{}", outcome.stderr);
+}
+
+#[test]
+fn cameras_of_no_known_dialect_say_what_they_seem_to_be() {
+    let folder = folder();
+    let here = folder.path();
+    for (text, told) in [
+        (r#"[{"cameras": {}, "shots": {}}]"#, "a reconstruction of OpenSfM"),
+        (r#"[[1, 2, 3]]"#, "a list of 1, the first of which is a list of 3"),
+        (r#"{"camera_path": [], "keyframes": []}"#, "a camera path of nerfstudio's viewer"),
+        (r#"{"views": [], "sfm_data_version": "0.3"}"#, "a scene of OpenMVG"),
+        ("{\"views\": [],\n\"views\": []}", "\"views\" a second time at line 2"),
+    ] {
+        fs::write(here.join("odd.json"), text).unwrap();
+        let outcome = atsplat(here, &["render", "scene.ply", "--cameras", "odd.json", "--out", "out"]);
+        assert!(outcome.code == 1 && outcome.stderr.contains(told), "{text}: {}", outcome.stderr);
+        assert!(outcome.stderr.contains("odd.json"), "{}", outcome.stderr);
+    }
+}
+
 #[test]
 fn a_round_trip_keeps_a_ply_and_states_what_others_cost() {
     let folder = folder();

@@ -92,6 +92,9 @@ fn noise_of_a_known_deviation_has_the_analytic_psnr() {
     let here = folder.path();
     std::fs::create_dir_all(here.join("data/grey")).unwrap();
     write_trajectory(&here.join("data/grey.txt"), 5);
+    // Squares, seen by cameras of squares.
+    let trajectory = std::fs::read_to_string(here.join("data/grey.txt")).unwrap();
+    std::fs::write(here.join("data/grey.txt"), trajectory.replace(" 0.48 0.86 ", " 0.86 0.86 ")).unwrap();
     write_preset(here, 256);
     write_index(&here.join("data"), &["grey"], "[0, 4]", "[1, 2, 3]");
     let mut draw = draws();
@@ -230,6 +233,44 @@ fn a_store_of_tomorrow_and_one_made_otherwise_are_not_gone_on_with() {
     std::fs::write(&path, text.replace("\"schema-version\": 2", "\"schema-version\": 99")).unwrap();
     let newer = atsplat(here, &words);
     assert!(newer.code == 1 && newer.stderr.contains("a newer one is needed"), "{}", newer.stderr);
+}
+
+/// A capture whose first target was cropped and whose lens bends: `run` skips the one by name and counts the other.
+#[test]
+fn data_that_is_not_what_it_says_is_reported() {
+    let folder = tempfile::tempdir().unwrap();
+    let here = folder.path();
+    write_preset(here, 32);
+    let mut keys = Vec::new();
+    for key in ["cropped", "whole"] {
+        let pose = |x: f64| serde_json::json!([[1, 0, 0, x], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]);
+        let frame = |at: u32| serde_json::json!({ "file_path": format!("images/{at}.png"), "transform_matrix": pose(f64::from(at) * 0.1) });
+        let frames: Vec<_> = (0..3).map(frame).collect();
+        let transforms = serde_json::json!({ "w": 64, "h": 48, "fl_x": 64, "k1": 0.01, "frames": frames });
+        std::fs::create_dir_all(here.join("data").join(key).join("images")).unwrap();
+        std::fs::write(here.join("data").join(key).join("transforms.json"), transforms.to_string()).unwrap();
+        for at in 0..3 {
+            let width = if key == "cropped" && at == 1 { 48 } else { 64 };
+            let picture = ImageU8::new(width, 48, vec![90; (width * 48 * 3) as usize]).unwrap();
+            let path = here.join("data").join(key).join(format!("images/{at}.png"));
+            std::fs::write(path, encode_png(&picture).unwrap()).unwrap();
+        }
+        keys.push(key);
+    }
+    write_index(&here.join("data"), &keys, "[0, 2]", "[1]");
+    let words = ["run", "tiny.toml", "--data", "data", "--out", "store", "--method", "nearest-view"];
+    let outcome = atsplat(here, &words);
+    let skipped = "entries skipped, picture-misfit: scene cropped: frame 1: expected a picture of 64×48";
+    assert!(outcome.stdout.contains(skipped) && outcome.stdout.contains("found 48×48"), "{}", outcome.stdout);
+    assert!(outcome.stderr.contains("2 × lens-distortion"), "{}", outcome.stderr);
+    let results = Results::read(&here.join("store")).unwrap();
+    assert_eq!(results.trials.iter().map(|trial| trial.key.scene.as_str()).collect::<Vec<_>>(), ["whole"]);
+    let words =
+        ["reconstruct", "data", "--key", "cropped", "--views", "0,1", "--weights", "random:1", "--model", "nano"];
+    let outcome = atsplat(here, &[&words[..], &["--size", "48x48", "--out", "scene.ply"]].concat());
+    assert_eq!(outcome.code, 1, "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("cropped") && outcome.stderr.contains("frame 1"), "{}", outcome.stderr);
+    assert!(outcome.stderr.contains("64×48") && outcome.stderr.contains("48×48"), "{}", outcome.stderr);
 }
 
 /// The scene of RealEstate10K under the two official indices, which are found by their hashes.

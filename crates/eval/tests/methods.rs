@@ -164,6 +164,37 @@ fn floats_come_before_bytes_and_two_files_for_a_frame_are_told() {
     assert!(Renders::new(&folder.path().join("nowhere"), None).is_err());
 }
 
+/// What colour a transparent pixel has nobody knows: not scored as if it were black.
+#[test]
+fn a_transparent_render_is_no_picture() {
+    let asked = asked(&[entry(&[0, 4], &[5])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let renders = Renders::new(folder.path(), None).unwrap();
+    let rgba = include_bytes!("../../pixels/tests/fixtures/pictures/colour6_8.png");
+    write(&folder.path().join("wall-0/000005.png"), rgba);
+    let error = asked.answer(&renders, 0).unwrap_err();
+    assert!(error.contains("transparent pixels, the first at column") && error.contains("000005.png"), "{error}");
+
+    let plane = |name: &str, values: exr::Values, value: f32| exr::Channel {
+        name: name.to_owned(),
+        values,
+        samples: vec![value; (SIZE.width * SIZE.height) as usize],
+    };
+    let composed = exr::Values::Named(exr::COMPOSED.to_owned());
+    for (alpha, of_alpha, is_read) in [
+        (1.0, exr::Values::Unstated, true),
+        (0.5, exr::Values::Unstated, false),
+        (f32::NAN, exr::Values::Unstated, false),
+        (0.5, composed, true),
+    ] {
+        let mut planes = ["R", "G", "B"].map(|name| plane(name, exr::Values::DisplayReferred, 0.5)).to_vec();
+        planes.push(plane("A", of_alpha, alpha));
+        let channels = exr::Channels::new(SIZE.width, SIZE.height, planes).unwrap();
+        write(&folder.path().join("wall-0/000005.exr"), &exr::write(&channels).unwrap());
+        assert_eq!(asked.answer(&renders, 0).is_ok(), is_read, "alpha {alpha}");
+    }
+}
+
 /// Two dozen Gaussians before the cameras.
 fn gaussians() -> Gaussians {
     let number = |at: usize, of: f32| ((at as f32 * 12.9898 + of).sin() * 43758.547).fract();
@@ -236,6 +267,28 @@ fn gaussians_that_are_not_there_and_files_that_are_none() {
     assert!(asked.answer(&ply, 0).unwrap_err().contains("expected wall-0.ply"));
     write(&folder.path().join("wall-0.ply"), b"ply\nnonsense");
     assert!(matches!(ply.begin(asked.question()).map(drop), Err(Refusal::Failed(_))));
+}
+
+/// Gaussians that are left out are missing from the score: the trial says how many, which and in which file.
+#[test]
+fn broken_gaussians_are_told() {
+    let asked = asked(&[entry(&[0, 4], &[1])]).remove(0);
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("wall-0.ply");
+    let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
+    let notes = |parts: GaussianParts| {
+        files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
+        ply.begin(asked.question()).unwrap().cost().notes.clone()
+    };
+    assert_eq!(notes(gaussians().into_parts()), [""; 0]);
+    let mut broken = gaussians().into_parts();
+    broken.means[17][1] = f32::NAN;
+    broken.means[20][0] = f32::NAN;
+    broken.log_scales[5] = [90.0; 3];
+    let told = notes(broken).concat();
+    assert!(told.contains("3 of 24, of which 2 are left out"), "{told}");
+    assert!(told.contains("means not a number in 2, first 17"), "{told}");
+    assert!(told.contains("log-scales out of range in 1, first 5") && told.contains("wall-0.ply"), "{told}");
 }
 
 fn nano() -> Network {

@@ -6,6 +6,9 @@ use crate::{Scene, WarningKind, Warnings};
 /// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
 const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
 
+/// Coordinates beyond this are no place: the Earth's radius has 6.4e6 metres, and no dataset counts in less.
+const FARTHEST_COORDINATE: f64 = 1e9;
+
 /// How far the principal point may lie off the centre, in picture widths and heights.
 const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 
@@ -28,6 +31,13 @@ pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
     report(WarningKind::BadCamera, &|camera| {
         let centre = camera.camera_from_world.inverse().centre();
         (!centre.is_finite()).then(|| format!("its centre overflows: {centre}"))
+    });
+    report(WarningKind::DistantCamera, &|camera| {
+        let centre = camera.camera_from_world.inverse().centre();
+        let farthest = centre.abs().max_element();
+        let is_distant = centre.is_finite() && farthest > FARTHEST_COORDINATE;
+        is_distant
+            .then(|| format!("expected coordinates of its centre within {FARTHEST_COORDINATE:e}, found {farthest:e}"))
     });
     report(WarningKind::ImperfectRotation, &|camera| {
         let determinant = camera.camera_from_world.determinant();
@@ -90,10 +100,18 @@ mod tests {
         assert_eq!(warnings_of(&rows).total(), 0);
     }
 
+    /// Coordinates of a survey in metres are large and right.
+    #[test]
+    fn a_place_on_earth_is_not_distant() {
+        let rows = ["1 0.5 0.9 0.5 0.5 0 0 1 0 0 -500000 0 1 0 5800000 0 0 1 120"];
+        assert_eq!(warnings_of(&rows).total(), 0);
+    }
+
     #[test]
     fn each_blemish_has_its_kind_and_is_counted_once_a_scene() {
         let cases = [
             (WarningKind::BadCamera, "5 0.5 0.9 0.5 0.5 0 0 0.8 0.6 0 1.7e308 -0.6 0.8 0 1.7e308 0 0 1 0"),
+            (WarningKind::DistantCamera, "5 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 -1e30 0 0 1 0"),
             (WarningKind::ImperfectRotation, "5 0.5 0.9 0.5 0.5 0 0 1.0001 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::WideFieldOfView, "5 0.4 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),
             (WarningKind::OffCentrePrincipalPoint, "5 0.5 0.9 0.5 0.502 0 0 1 0 0 0 0 1 0 0 0 0 1 0"),

@@ -4,6 +4,7 @@ use atsplat_camera::{CameraError, ImageSize};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
+use crate::Misfit;
 use crate::torch::TorchError;
 
 /// Why files do not make a scene. The message says where, what was expected and what was found;
@@ -63,6 +64,27 @@ pub enum SceneError {
         frame: usize,
         /// The reason.
         source: PixelError,
+    },
+    /// A picture is not the one that its camera's intrinsics belong to.
+    #[error("frame {frame} of scene {scene:?}: {source}")]
+    Misfit {
+        /// Scene key.
+        scene: String,
+        /// Position of the frame in the scene.
+        frame: usize,
+        /// Both sizes.
+        source: Misfit,
+    },
+    /// A file is what Git LFS leaves in the place of one that was not fetched.
+    #[error(
+        "{action}: found a Git LFS pointer in place of the file: run `git lfs pull` in the repository that it came from \
+         ({})", path.display()
+    )]
+    LfsPointer {
+        /// What was being done, e.g. "reading a trajectory".
+        action: &'static str,
+        /// The file.
+        path: PathBuf,
     },
     /// A scene key is not in the dataset.
     #[error("no scene {key:?} in the dataset ({})", path.display())]

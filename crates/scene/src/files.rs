@@ -13,7 +13,17 @@ const PICTURE_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 /// All bytes of a regular file; a pipe or a device could block or never end.
 pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, SceneError> {
     require_regular(action, path)?;
-    fs::read(path).map_err(SceneError::io(action, path))
+    let bytes = fs::read(path).map_err(SceneError::io(action, path))?;
+    require_fetched(action, path, &bytes)?;
+    Ok(bytes)
+}
+
+/// Refuses what Git LFS leaves in the place of a file that was not fetched.
+fn require_fetched(action: &'static str, path: &Path, start: &[u8]) -> Result<(), SceneError> {
+    if atsplat_pickle::is_lfs_pointer(start) {
+        return Err(SceneError::LfsPointer { action, path: path.to_owned() });
+    }
+    Ok(())
 }
 
 /// The first bytes of a regular file, at most `length`.
@@ -22,6 +32,7 @@ pub(crate) fn read_start(action: &'static str, path: &Path, length: u64) -> Resu
     let mut start = Vec::new();
     let file = fs::File::open(path).map_err(SceneError::io(action, path))?;
     file.take(length).read_to_end(&mut start).map_err(SceneError::io(action, path))?;
+    require_fetched(action, path, &start)?;
     Ok(start)
 }
 
@@ -76,6 +87,11 @@ impl PictureListing {
             names.sort_by_key(|name| split_picture_name(name).map(|(_, preference)| preference));
         }
         Ok(Some(Self { folder: folder.to_owned(), names_by_stem }))
+    }
+
+    /// The folder that was listed.
+    pub(crate) fn folder(&self) -> &Path {
+        &self.folder
     }
 
     /// Stems of all pictures, sorted.
@@ -191,6 +207,18 @@ mod tests {
         assert_eq!(listing.by_name("1.png"), Some(folder.path().join("1.png")));
         assert_eq!(listing.by_stem("3"), None, "a folder is no picture");
         assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
+    }
+
+    #[test]
+    fn a_git_lfs_pointer_says_what_to_do() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("transforms.json");
+        fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n").unwrap();
+        for error in [read_file("reading", &path).unwrap_err(), read_start("reading", &path, 1 << 16).unwrap_err()] {
+            assert!(matches!(error, SceneError::LfsPointer { .. }), "{error}");
+            let message = error.to_string();
+            assert!(message.contains("git lfs pull") && message.contains("transforms.json"), "{message}");
+        }
     }
 
     #[test]

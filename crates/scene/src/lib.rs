@@ -11,14 +11,17 @@ mod error;
 #[cfg(feature = "columns")]
 pub mod export;
 mod files;
+mod fit;
 pub mod geometry;
 #[cfg(feature = "columns")]
 pub mod inspect;
+pub mod json;
 pub mod nerfstudio;
 mod number;
 mod open;
 #[cfg(feature = "opencv")]
 pub mod opencv;
+pub mod poses;
 pub mod preprocess;
 pub mod re10k;
 mod scene;
@@ -32,8 +35,9 @@ pub use colmap::{ColmapOptions, ColmapScenes};
 pub use dataset::{SceneSource, load_scenes};
 pub use error::SceneError;
 pub use files::is_plain_name;
+pub use fit::Misfit;
 pub use nerfstudio::{NerfstudioOptions, NerfstudioScenes};
 pub use open::{Dataset, Format, OpenOptions, open, open_with};
 pub use re10k::{Re10kOptions, Re10kScenes};
-pub use scene::{Frame, MadePicture, Picture, PictureFolder, Scene};
+pub use scene::{Frame, MadePicture, Picture, PictureFolder, PictureHeader, Scene};
 pub use warnings::{Warning, WarningKind, Warnings};

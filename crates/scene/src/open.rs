@@ -4,11 +4,15 @@ use std::path::{Path, PathBuf};
 use serde::Serialize;
 
 use crate::colmap::{ColmapOptions, ColmapScenes, model_folders};
-use crate::files::{list, read_start};
+use crate::files::{list, read_file, read_start};
+use crate::json;
 use crate::nerfstudio::{NerfstudioOptions, NerfstudioScenes, scene_files};
 use crate::re10k::{Re10kOptions, Re10kScenes, read_trajectory, starts_like_a_trajectory, trajectory_files};
 use crate::torch::TorchChunks;
 use crate::{SceneError, SceneSource, Warnings};
+
+/// What is recognised.
+const EXPECTED: &str = "RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model";
 
 /// How much of a file is looked at to tell its format, in bytes.
 const PROBE: u64 = 1 << 16;
@@ -116,13 +120,16 @@ pub fn open_with(
             return Ok(Dataset { format: entry.format, path: path.to_owned(), source });
         }
     }
+    if let Some(content) = start.as_deref().filter(|start| is_json(start, b'[')).and_then(|_| json_content(path)) {
+        return Err(SceneError::Unrecognized { expected: EXPECTED.to_owned(), found: content, path: path.to_owned() });
+    }
     let (kind, text) = match start {
         Some(_) => ("a file of another kind", Some(path.to_owned()).filter(|path| has_extension(path, "txt"))),
         None => ("a folder without any", trajectory_files(path)?.into_values().next()),
     };
     let not_a_trajectory = text.and_then(|text| read_trajectory(&text).err());
     Err(SceneError::Unrecognized {
-        expected: "RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model".to_owned(),
+        expected: EXPECTED.to_owned(),
         found: not_a_trajectory.map_or_else(|| kind.to_owned(), |error| format!("{kind}; {error}")),
         path: path.to_owned(),
     })
@@ -148,7 +155,7 @@ const REGISTRY: [Entry; 4] = [
     },
     Entry {
         format: Format::Nerfstudio,
-        file: |path, start| is_json_object(start).then(|| path.to_owned()),
+        file: |path, start| is_json(start, b'{').then(|| path.to_owned()),
         folder: |path| Ok(!scene_files(path, false)?.is_empty()),
         open: |path, options, warnings| Ok(Box::new(NerfstudioScenes::open(path, options.nerfstudio, warnings)?)),
     },
@@ -187,9 +194,16 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|found| found == extension)
 }
 
-fn is_json_object(start: &[u8]) -> bool {
+/// Whether a file starts as JSON does, with this bracket.
+fn is_json(start: &[u8], bracket: u8) -> bool {
     let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
-    start.trim_ascii_start().starts_with(b"{")
+    start.trim_ascii_start().first() == Some(&bracket)
+}
+
+/// What a JSON file seems to be; `None` where it is no JSON after all.
+fn json_content(path: &Path) -> Option<String> {
+    let value = json::parse(&read_file("opening a dataset", path).ok()?).ok()?;
+    Some(json::describe(&value))
 }
 
 /// The model's folder where `file` is one of its files.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
-use atsplat_pixels::{DecodeLimits, ImageU8, PixelError};
+use atsplat_pixels::{DecodeLimits, ImageU8, Orientation, PictureFormat, PixelError};
 
 use crate::files::{read_file, read_start};
 use crate::{SceneError, SharedBytes};
@@ -47,6 +47,16 @@ pub trait MadePicture: fmt::Debug + Send + Sync {
     /// # Errors
     /// [`SceneError::Making`].
     fn make(&self) -> Result<ImageU8, SceneError>;
+}
+
+/// What the first bytes of a picture say.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PictureHeader {
+    /// Columns and rows as stored.
+    pub size: ImageSize,
+    /// How EXIF asks for the picture to be shown, where that is not as it is stored. It is stored pixels that are
+    /// decoded, as everywhere in the field.
+    pub orientation: Option<Orientation>,
 }
 
 /// Which copy of a capture's pictures to take, where it comes in several sizes.
@@ -99,12 +109,24 @@ impl Scene {
     /// # Errors
     /// As [`Frame::decode`]; [`SceneError::NoPicture`] for a position past the last frame.
     pub fn decode(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
+        self.frame(position)?.decode(&self.key, position, limits)
+    }
+
+    /// [`Self::decode`] of a picture that need not fit its camera, for whoever looks for what is wrong with it.
+    ///
+    /// # Errors
+    /// As [`Self::decode`], but for [`SceneError::Misfit`].
+    pub fn decode_any_shape(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
+        self.frame(position)?.decode_any_shape(&self.key, position, limits)
+    }
+
+    fn frame(&self, position: usize) -> Result<&Frame, SceneError> {
         let no_frame = || SceneError::NoPicture {
             scene: self.key.clone(),
             frame: position,
             reason: format!("the scene has {} frames", self.frames.len()),
         };
-        self.frames.get(position).ok_or_else(no_frame)?.decode(&self.key, position, limits)
+        self.frames.get(position).ok_or_else(no_frame)
     }
 }
 
@@ -112,9 +134,23 @@ impl Frame {
     /// Decodes the picture. `scene` and `position` say in messages which frame this is.
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`], [`SceneError::Io`], and [`SceneError::Pixels`] for bytes that are no
-    /// picture or exceed `limits`.
+    /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Pixels`] for bytes that
+    /// are no picture or exceed `limits`, and [`SceneError::Misfit`] for a picture that does not fit the frame's camera.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
+        let picture = self.decode_any_shape(scene, position, limits)?;
+        match self.misfit(ImageSize { width: picture.width(), height: picture.height() }) {
+            Some(source) if source.is_fatal() => {
+                Err(SceneError::Misfit { scene: scene.to_owned(), frame: position, source })
+            }
+            _ => Ok(picture),
+        }
+    }
+
+    /// [`Self::decode`] of a picture that need not fit the frame's camera.
+    ///
+    /// # Errors
+    /// As [`Self::decode`], but for [`SceneError::Misfit`].
+    pub fn decode_any_shape(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         if let Picture::Made(picture) = &self.picture {
             return picture.make();
         }
@@ -154,15 +190,21 @@ impl Frame {
     /// The picture's size from its header; nothing is decoded.
     ///
     /// # Errors
-    /// As [`Self::decode`].
+    /// As [`Self::decode`], but for [`SceneError::Misfit`].
     pub fn size(&self, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
-        if let Picture::File(path) = &self.picture {
-            return size_of_file(path, in_frame(scene, position));
+        self.header(scene, position).map(|header| header.size)
+    }
+
+    /// What the picture says of itself; nothing is decoded.
+    ///
+    /// # Errors
+    /// As [`Self::size`].
+    pub fn header(&self, scene: &str, position: usize) -> Result<PictureHeader, SceneError> {
+        match &self.picture {
+            Picture::File(path) => header_of_file(path, in_frame(scene, position)),
+            Picture::Made(picture) => Ok(PictureHeader { size: picture.size(), orientation: None }),
+            _ => header_of(&self.bytes(scene, position)?).map_err(in_frame(scene, position)),
         }
-        if let Picture::Made(picture) = &self.picture {
-            return Ok(picture.size());
-        }
-        atsplat_pixels::size_of(&self.bytes(scene, position)?).map(image_size).map_err(in_frame(scene, position))
     }
 }
 
@@ -173,14 +215,22 @@ pub(crate) fn in_frame(scene: &str, frame: usize) -> impl FnOnce(PixelError) -> 
 
 /// Size of the picture in a file, from its header.
 pub(crate) fn size_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<ImageSize, SceneError> {
-    let action = "reading a picture's header";
-    if let Ok(size) = atsplat_pixels::size_of(&read_start(action, path, LIKELY_HEADER)?) {
-        return Ok(image_size(size));
-    }
-    // Colour profiles and previews can push a JPEG's size past any fixed length.
-    atsplat_pixels::size_of(&read_file(action, path)?).map(image_size).map_err(error)
+    header_of_file(path, error).map(|header| header.size)
 }
 
-const fn image_size((width, height): (u32, u32)) -> ImageSize {
-    ImageSize { width, height }
+fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<PictureHeader, SceneError> {
+    let action = "reading a picture's header";
+    let start = read_start(action, path, LIKELY_HEADER)?;
+    // WebP has its EXIF at the end.
+    let suffices = PictureFormat::sniff(&start) != Some(PictureFormat::WebP);
+    if suffices && let Ok(header) = header_of(&start) {
+        return Ok(header);
+    }
+    // Colour profiles and previews can push a JPEG's size past any fixed length.
+    header_of(&read_file(action, path)?).map_err(error)
+}
+
+fn header_of(bytes: &[u8]) -> Result<PictureHeader, PixelError> {
+    let (width, height) = atsplat_pixels::size_of(bytes)?;
+    Ok(PictureHeader { size: ImageSize { width, height }, orientation: Orientation::of(bytes) })
 }

@@ -17,6 +17,8 @@ pub enum WarningKind {
     PictureElsewhere,
     /// A frame's pose or intrinsics are unusable.
     BadCamera,
+    /// A camera lies so far from the origin that its numbers are more likely broken than a place.
+    DistantCamera,
     /// The rotation part deviates from a rotation by more than `numpy.allclose` allows.
     ImperfectRotation,
     /// Two frames carry the same timestamp.
@@ -29,15 +31,17 @@ pub enum WarningKind {
     OffCentrePrincipalPoint,
     /// The lens distorts and the protocol's renderer does not.
     LensDistortion,
-    /// A picture's size is not the one that the metadata or the protocol states.
+    /// A picture's size is not the one that the metadata or the protocol states, or its pixels are not square.
     UnexpectedSize,
+    /// A picture's EXIF says that it is to be turned or mirrored, which is not done: the field's loaders do not either.
+    TurnedPicture,
     /// Two scenes of a dataset have the same key; the first is used.
     DuplicateScene,
     /// A scene could not be read at all.
     UnreadableScene,
     /// The index names a scene that the dataset does not hold.
     SceneNotFound,
-    /// Numbered pictures fit a trajectory both counted from 0 and from 1, or neither way.
+    /// Numbered pictures fit a trajectory both counted from 0 and from 1, or neither way; or two have one number.
     AmbiguousNumbering,
     /// A chunk lies beside an index that names none of its scenes.
     UnindexedChunk,
@@ -98,6 +102,14 @@ impl Warnings {
         }
     }
 
+    /// Leaves out what is about pictures, for whoever uses cameras alone.
+    #[must_use]
+    pub fn about_cameras(mut self) -> Self {
+        self.counts.retain(|kind, _| !kind.is_about_pictures());
+        self.kept.retain(|warning| !warning.kind.is_about_pictures());
+        self
+    }
+
     /// Counts by kind, in the kinds' order.
     pub fn counts(&self) -> impl Iterator<Item = (WarningKind, u64)> {
         self.counts.iter().map(|(kind, count)| (*kind, *count))
@@ -119,6 +131,21 @@ impl Warnings {
     }
 }
 
+impl WarningKind {
+    /// Whether it says nothing about cameras.
+    pub const fn is_about_pictures(self) -> bool {
+        matches!(
+            self,
+            Self::MissingPicture
+                | Self::PictureElsewhere
+                | Self::UnexpectedSize
+                | Self::TurnedPicture
+                | Self::AmbiguousNumbering
+                | Self::UnreadablePicture
+        )
+    }
+}
+
 impl fmt::Display for Warning {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}: {}", self.scene, self.detail)
@@ -128,5 +155,21 @@ impl fmt::Display for Warning {
 impl fmt::Display for WarningKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         self.serialize(f)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn whoever_uses_cameras_alone_hears_of_cameras() {
+        let mut warnings = Warnings::new();
+        for kind in [WarningKind::MissingPicture, WarningKind::BadCamera, WarningKind::TurnedPicture] {
+            warnings.push(kind, "s", "detail");
+        }
+        let left = warnings.about_cameras();
+        assert_eq!(left.counts().collect::<Vec<_>>(), [(WarningKind::BadCamera, 1)]);
+        assert_eq!(left.kept().len(), 1);
     }
 }

@@ -53,9 +53,13 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
 
 fn write_table(words: &Words, warnings: &mut Warnings) -> anyhow::Result<Report> {
     let format = ExportFormat::of_path(&words.out)?;
-    let dataset = words.dataset.open(warnings)?;
+    let mut found = Warnings::new();
+    let dataset = words.dataset.open(&mut found)?;
     let progress = Progress::new("scenes", dataset.keys().len());
-    Ok(Report::Table(export(&dataset, &words.out, format, warnings, &|| progress.step())?))
+    let summary = export(&dataset, &words.out, format, &mut found, &|| progress.step())?;
+    // A table holds cameras: what pictures there are does not matter.
+    warnings.merge(found.about_cameras());
+    Ok(Report::Table(summary))
 }
 
 fn write_chunks(words: &Words, warnings: &mut Warnings) -> anyhow::Result<Report> {

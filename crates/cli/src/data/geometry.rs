@@ -33,7 +33,7 @@ pub(super) fn check(
                 continue;
             }
         };
-        reports.push(check_geometry(&scene, |frame| scene.decode(frame, &limits), &options, warnings)?);
+        reports.push(check_geometry(&scene, |frame| scene.decode_any_shape(frame, &limits), &options, warnings)?);
     }
     Ok(reports)
 }

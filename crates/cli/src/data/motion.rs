@@ -102,7 +102,9 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         groups.push(words.simulate()?);
     }
     for path in &words.data {
-        groups.push(Group::of_dataset(path, &mut warnings)?);
+        let mut found = Warnings::new();
+        groups.push(Group::of_dataset(path, &mut found)?);
+        warnings.merge(found.about_cameras());
     }
     if words.data.is_empty() {
         groups.push(Group { name: "RE10K".to_owned(), clips: ClipMotion::real()?, too_short: 0, without_times: 0 });

@@ -94,7 +94,9 @@ impl InputWords {
         let index = EvaluationIndex { scenes: IndexMap::from([(scene.key.clone(), vec![entry])]) };
         let source = Arc::new(OneScene { keys: vec![scene.key.clone()], scene });
         let nothing_ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-        let trial = Trials::new(source, &index, self.recipe(config)?, nothing_ahead).next();
+        let mut trials = Trials::new(source, &index, self.recipe(config)?, nothing_ahead);
+        let trial = trials.next();
+        warnings.merge(trials.warnings().clone());
         let (trial, truths) = trial.context("no view")?.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
         Ok(Input { trial, truths, names })
     }

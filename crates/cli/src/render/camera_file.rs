@@ -1,5 +1,5 @@
-//! Cameras out of files: any dataset that `scene` reads, the `cameras.json` of 3DGS' trained models, and the
-//! `render.json` that this command writes.
+//! Cameras out of files: any dataset that `scene` reads, the `cameras.json` of 3DGS' trained models, lists of poses, and
+//! the `render.json` that this command writes.
 
 use std::path::Path;
 
@@ -7,7 +7,7 @@ use anyhow::{Context as _, bail};
 use atsplat_camera::{
     Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
 };
-use atsplat_scene::{SceneSource as _, Warnings};
+use atsplat_scene::{SceneSource as _, Warnings, json, poses};
 use atsplat_splat::{Exposure, View};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
@@ -26,6 +26,14 @@ pub(crate) struct FileCamera {
     /// In pixels, where the file or its picture tells.
     pub(crate) size: Option<ImageSize>,
     pub(crate) exposure: Option<Exposure>,
+}
+
+/// The lens of cameras whose file holds poses alone.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct LensOfPoses {
+    /// Degrees from the left edge to the right; an error where the file has intrinsics of its own.
+    pub(crate) fov: Option<f64>,
+    pub(crate) size: Option<ImageSize>,
 }
 
 /// A camera as `render.json` keeps it: with every bit.
@@ -59,16 +67,37 @@ struct TrainedCamera {
     fy: f64,
 }
 
-/// Every camera of a file or folder; `key` tells which scene where it holds several.
-pub(crate) fn read(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow::Result<Vec<FileCamera>> {
-    let json = if path.is_file() { json(path)? } else { None };
+/// Every camera of a file or folder; `key` tells which scene where it holds several. Whether pictures are there does not
+/// matter.
+pub(crate) fn read(
+    path: &Path,
+    key: Option<&str>,
+    lens: LensOfPoses,
+    warnings: &mut Warnings,
+) -> anyhow::Result<Vec<FileCamera>> {
+    let json = if path.is_file() { json_of(path)? } else { None };
+    if let Some(list @ Value::Array(entries)) = &json
+        && poses::is_list_of_poses(list)
+    {
+        return posed(entries, path, lens);
+    }
+    if lens.fov.is_some() {
+        bail!("--fov is for files of poses alone: {} has intrinsics of its own", path.display());
+    }
     let cameras = match json {
-        Some(Value::Array(entries)) => each(entries, trained).with_context(|| in_file(path))?,
-        Some(Value::Object(mut object)) if object.contains_key("views") => {
-            let views: Vec<Value> = object.remove("views").map(serde_json::from_value).transpose()?.unwrap_or_default();
-            each(views, recorded).with_context(|| in_file(path))?
+        Some(list @ Value::Array(_)) => trained_cameras(list).with_context(|| in_file(path))?,
+        // OpenMVG has a field of this name too.
+        Some(Value::Object(mut object)) if object.contains_key("views") && !object.contains_key("sfm_data_version") => {
+            let views = object.remove("views").map(serde_json::from_value).transpose();
+            let views: Option<Vec<Value>> = views.with_context(|| format!("{}: views", in_file(path)))?;
+            each(views.context("no views")?, recorded).with_context(|| in_file(path))?
         }
-        _ => of_dataset(path, key, warnings)?,
+        _ => {
+            let mut found = Warnings::new();
+            let cameras = of_dataset(path, key, &mut found);
+            warnings.merge(found.about_cameras());
+            cameras?
+        }
     };
     if cameras.is_empty() {
         bail!("{} holds no camera", path.display());
@@ -81,13 +110,44 @@ fn in_file(path: &Path) -> String {
 }
 
 /// The file's JSON where it looks like some.
-fn json(path: &Path) -> anyhow::Result<Option<Value>> {
+fn json_of(path: &Path) -> anyhow::Result<Option<Value>> {
     let bytes = std::fs::read(path).with_context(|| in_file(path))?;
     let start = bytes.trim_ascii_start();
     if !start.starts_with(b"[") && !start.starts_with(b"{") {
         return Ok(None);
     }
-    serde_json::from_slice(start).map(Some).with_context(|| format!("{}: expected JSON", in_file(path)))
+    json::parse(start).map(Some).with_context(|| format!("{}: expected JSON", in_file(path)))
+}
+
+/// 3DGS' list of cameras, or what the list is instead.
+fn trained_cameras(list: Value) -> anyhow::Result<Vec<FileCamera>> {
+    let is_trained = |camera: &Value| camera.get("position").is_some() && camera.get("rotation").is_some();
+    match list {
+        Value::Array(entries) if entries.first().is_some_and(is_trained) => each(entries, trained),
+        other => bail!(
+            "expected a dataset's cameras, a render.json, 3DGS' cameras.json or a list of camera matrices, found {}",
+            json::describe(&other)
+        ),
+    }
+}
+
+/// Poses alone: one lens for all.
+fn posed(entries: &[Value], path: &Path, LensOfPoses { fov, size }: LensOfPoses) -> anyhow::Result<Vec<FileCamera>> {
+    let (Some(fov), Some(size)) = (fov, size) else {
+        bail!(
+            "{} holds camera matrices without intrinsics: say the lens with --fov and the pictures' size with --size",
+            path.display()
+        )
+    };
+    let intrinsics = NormalizedIntrinsics::with_horizontal_view(fov.to_radians(), size)?;
+    let camera = |(number, pose)| FileCamera {
+        number,
+        name: number.to_string(),
+        camera: Camera::pinhole(pose, intrinsics),
+        size: Some(size),
+        exposure: None,
+    };
+    Ok(poses::poses(entries, path)?.into_iter().enumerate().map(camera).collect())
 }
 
 fn each<T: for<'de> Deserialize<'de>>(

@@ -55,7 +55,8 @@ impl Exposures {
         };
         let doing = || format!("reading exposures from {}", file.display());
         let bytes = std::fs::read(&file).with_context(doing)?;
-        let arrays: BTreeMap<String, [[f64; 4]; 3]> = serde_json::from_slice(&bytes)
+        let arrays: BTreeMap<String, [[f64; 4]; 3]> = atsplat_scene::json::parse(&bytes)
+            .and_then(serde_json::from_value)
             .with_context(|| format!("{}: expected a 3×4 array for each view's name", doing()))?;
         let by_name = arrays.into_iter().map(|(name, array)| (name, Exposure::from_3dgs(array))).collect();
         Ok(Self::Listed { file, by_name })

@@ -8,13 +8,15 @@ use atsplat_splat::{Exposure, Gaussians, RenderOptions, View};
 use clap::{ArgGroup, Args, ValueEnum};
 use serde::Serialize;
 
-use super::camera_file::{self, FileCamera};
+use super::camera_file::{self, FileCamera, LensOfPoses};
 use super::framing;
 use super::words::{self, Axis};
 use crate::selection::Selection;
 
 /// Size of pictures of an orbit.
 const ORBIT_SIZE: ImageSize = ImageSize { width: 960, height: 540 };
+/// Degrees from the left edge of those to the right.
+const ORBIT_FOV: f64 = 50.0;
 const DEFAULT_FRAMES: &str = "60";
 
 /// Where the cameras come from.
@@ -22,7 +24,8 @@ const DEFAULT_FRAMES: &str = "60";
 #[group(skip)]
 #[command(group = ArgGroup::new("path").required(true).args(["cameras", "orbit", "spline"]))]
 pub(crate) struct ViewWords {
-    /// Every camera of FILE: any dataset that `data inspect` reads, 3DGS' `cameras.json`, or a `render.json`.
+    /// Every camera of FILE: any dataset that `data inspect` reads, 3DGS' `cameras.json`, a `render.json`, or a JSON list of
+    /// matrices from the world to the camera, as MotionCtrl has them (with --fov and --size).
     #[arg(long, value_name = "FILE")]
     cameras: Option<PathBuf>,
 
@@ -70,9 +73,10 @@ pub(crate) struct ViewWords {
     #[arg(long, value_name = "AXIS", conflicts_with_all = ["cameras", "spline"], default_value = "-y", allow_hyphen_values = true)]
     up: Axis,
 
-    /// Degrees from the left edge to the right.
-    #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "50", value_parser = words::angle)]
-    fov: f64,
+    /// Degrees from the left edge to the right: of an orbit, where it is 50 by default, and of cameras whose file holds
+    /// poses alone.
+    #[arg(long, value_name = "DEGREES", value_parser = words::angle)]
+    fov: Option<f64>,
 
     /// Degrees at which the orbit begins, to the camera's right.
     #[arg(long, value_name = "DEGREES", conflicts_with_all = ["cameras", "spline"], default_value = "0", allow_negative_numbers = true, value_parser = words::finite)]
@@ -166,7 +170,8 @@ impl ViewWords {
     /// The cameras of FILE, read before the scene is.
     pub(crate) fn read(&self, warnings: &mut Warnings) -> anyhow::Result<Option<Vec<FileCamera>>> {
         let Some(file) = self.file() else { return Ok(None) };
-        let mut cameras = camera_file::read(&file, self.key.as_deref(), warnings)?;
+        let lens = LensOfPoses { fov: self.fov, size: self.size };
+        let mut cameras = camera_file::read(&file, self.key.as_deref(), lens, warnings)?;
         if let Some(selection) = &self.frames {
             let picked = selection.of("--frames", cameras.len())?;
             cameras = picked.into_iter().filter_map(|position| cameras.get(position).cloned()).collect();
@@ -234,7 +239,7 @@ impl ViewWords {
         let count = self.orbit.unwrap_or(1);
         let sphere = framing::bulk(gaussians).context("the scene has no visible Gaussian to orbit")?;
         let size = self.size.unwrap_or(ORBIT_SIZE);
-        let intrinsics = NormalizedIntrinsics::with_horizontal_view(radians(self.fov), size)?;
+        let intrinsics = NormalizedIntrinsics::with_horizontal_view(radians(self.fov.unwrap_or(ORBIT_FOV)), size)?;
         let distance = self.distance * intrinsics.distance_that_frames(sphere.radius)?;
         let table = Turntable {
             target: sphere.centre,

@@ -21,7 +21,7 @@ use atsplat_scene::Warnings;
 use clap::Args;
 
 use crate::machine::here;
-use crate::output::print_warnings;
+use crate::output::{print_findings, print_warnings};
 use crate::progress::Progress;
 use found::{Found, NotRun};
 use methods::Trained;
@@ -105,6 +105,7 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     }
     let report = summary::write(&words.out, &stores, sections, words.pictures)?;
     print_warnings(&warnings);
+    stores.iter().for_each(|(_, results)| print_findings(results, &warnings));
     summary::print(&report, &stores, &not_run, &trained, &words.out)?;
     Ok(complete && not_run.is_empty())
 }

@@ -17,7 +17,7 @@ use atsplat_scene::Warnings;
 use clap::Args;
 
 use crate::machine::here;
-use crate::output::{complain, print_report, print_warnings};
+use crate::output::{complain, print_findings, print_report, print_warnings};
 use crate::progress::Progress;
 use methods::{MethodWord, MethodWords};
 use protocols::ProtocolWords;
@@ -88,6 +88,7 @@ fn evaluate(
     let takes_any_size = protocols.takes_any_size();
     print_report(&Report::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
     print_warnings(&warnings);
+    print_findings(&results, &warnings);
     if let Some(why) = plan.nothing_evaluated(&results) {
         bail!("nothing was evaluated: {why}");
     }

@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
 use atsplat_eval::runner::{Dataset, PlannedIndex};
+use atsplat_eval::sources::AlreadyCropped;
 use atsplat_protocol::Preset;
 use atsplat_scene::{SceneSource, Warnings};
 use clap::Args;
@@ -36,7 +37,8 @@ pub(crate) struct ProtocolWords {
     sampler: Option<String>,
 
     /// Take pictures of any size, where a protocol asks for one: the preprocessing then starts from another picture, and
-    /// the results' protocol hash is another one.
+    /// the results' protocol hash is another one. Pictures of the size that the protocol crops to are taken to be cropped
+    /// beforehand, and their cameras are cropped with them.
     #[arg(long)]
     any_size: bool,
 }
@@ -48,12 +50,18 @@ impl ProtocolWords {
         let mut datasets = Vec::with_capacity(self.presets.len());
         for name in &self.presets {
             let mut preset = Preset::resolve(name)?;
+            let mut source = Arc::clone(&source);
+            let mut told = self.data.display().to_string();
             if self.any_size {
-                preset.preprocessing.expected_size = None;
+                if let Some((cropped, adapted)) = AlreadyCropped::of(&source, &preset) {
+                    (source, preset) = (Arc::new(cropped), adapted);
+                    told.push_str(", pictures cropped beforehand");
+                } else {
+                    preset.preprocessing.expected_size = None;
+                }
             }
             let index = self.index(&preset, source.as_ref(), warnings).with_context(|| format!("protocol {name}"))?;
-            let (name, told) = (preset.name.clone(), self.data.display().to_string());
-            datasets.push(Dataset { name, preset, source: Arc::clone(&source), told, index });
+            datasets.push(Dataset { name: preset.name.clone(), preset, source, told, index });
         }
         Ok(datasets)
     }

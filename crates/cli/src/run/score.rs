@@ -15,7 +15,7 @@ use super::settings::{SettingWords, TimingArgs};
     after_help = "Pictures are found as SCENE/color/000029.png (pixelSplat and its descendants), SCENE/000029.png or \
                   SCENE/29.png, .exr before .png; Gaussians as SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, .spz \
                   and .splat too. A frame's number is its position in the scene, as in the evaluation index. What is \
-                  missing, damaged or of another size is a failed target and counted."
+                  missing, damaged, transparent or of another size is a failed target and counted."
 )]
 pub(crate) struct Words {
     #[command(flatten)]

@@ -13,7 +13,7 @@ use clap::Args;
 
 use super::report::Report;
 use crate::machine::here;
-use crate::output::{print_report, print_warnings};
+use crate::output::{print_findings, print_report, print_warnings};
 use crate::progress::Progress;
 use crate::reconstruct::network::NetworkWords;
 use crate::run::protocols::ProtocolWords;
@@ -69,6 +69,7 @@ pub(super) fn run(words: &Words) -> anyhow::Result<bool> {
     };
     print_report(&Report { tradeoffs }, words.settings.json)?;
     print_warnings(&warnings);
+    print_findings(&results, &warnings);
     Ok(complete)
 }
 

@@ -2,6 +2,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_protocol::trial::Trial;
+use atsplat_splat::files::Import;
 use atsplat_splat::{Gaussians, files};
 
 use super::splatting::{Splatting, parameters};
@@ -70,7 +71,7 @@ impl Ply {
     fn read(&self, trial: &Trial) -> Result<(Gaussians, Vec<String>), String> {
         let path = self.find(trial)?;
         let (mut gaussians, import) = files::read(&path).map_err(|error| error.to_string())?;
-        let mut notes = Vec::new();
+        let mut notes = notes(&import, &path);
         if self.opacities_as_stored {
             gaussians = gaussians.with_opacities_as_stored();
         } else if import.opacities_may_be_no_logits {
@@ -95,6 +96,24 @@ fn places(folder: &Path, scene: &str) -> impl Iterator<Item = (PathBuf, String)>
 fn layout(folder: &Path, asked: &Asked<'_>) -> Option<Layout> {
     let mut there = places(folder, asked.scene).filter(|(path, _)| path.is_file());
     there.next().map(|(_, name)| Layout(name))
+}
+
+/// What is wrong with a file and does not keep it from being rendered.
+fn notes(import: &Import, path: &Path) -> Vec<String> {
+    let mut notes = Vec::new();
+    let found = &import.validation;
+    if !found.is_clean() {
+        let kinds: Vec<String> = found.findings.iter().map(ToString::to_string).collect();
+        let (kinds, path) = (kinds.join("; "), path.display());
+        notes.push(format!(
+            "broken Gaussians: {} of {}, of which {} are left out: {kinds} ({path})",
+            found.invalid, found.total, found.rejected
+        ));
+    }
+    if !import.unused.is_empty() {
+        notes.push(format!("parts of a file that nothing reads: {} ({})", import.unused.join(", "), path.display()));
+    }
+    notes
 }
 
 impl Method for Ply {

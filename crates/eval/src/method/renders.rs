@@ -1,7 +1,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use atsplat_pixels::{DecodeLimits, Image, decode, exr};
+use atsplat_pixels::{DecodeLimits, Image, decode_opaque, exr};
 use atsplat_protocol::trial::Trial;
 
 use super::splatting::parameters;
@@ -25,7 +25,8 @@ use crate::{EvalError, MethodRecord};
 /// their header says otherwise, and refused then. Where an index asks several questions of
 /// one scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the first may be `<scene>-0`.
 ///
-/// Files of other sizes, damaged and missing ones are failed targets, never resized or left out.
+/// Files of other sizes, damaged, transparent and missing ones are failed targets, never resized, composed over a
+/// background or left out.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -152,7 +153,7 @@ fn read(path: &Path) -> Result<Image, String> {
     let bytes = fs::read(path).map_err(|error| error.to_string())?;
     let limits = DecodeLimits::default();
     if path.extension().is_some_and(|extension| extension == "exr") {
-        return match exr::read_rgb(&bytes, &limits).map_err(|error| error.to_string())? {
+        return match exr::read_opaque_rgb(&bytes, &limits).map_err(|error| error.to_string())? {
             (_, exr::Values::Linear) => {
                 Err("expected display-referred values, found some proportional to light".to_owned())
             }
@@ -160,7 +161,7 @@ fn read(path: &Path) -> Result<Image, String> {
             (image, _) => Ok(image),
         };
     }
-    Ok(Image::from_u8(&decode(&bytes, &limits).map_err(|error| error.to_string())?))
+    Ok(Image::from_u8(&decode_opaque(&bytes, &limits).map_err(|error| error.to_string())?))
 }
 
 #[cfg(test)]

@@ -104,6 +104,10 @@ impl StoredTensors {
             walk.visit(&root, "", DEPTH)?;
             return Ok(walk.found);
         }
+        if atsplat_pickle::is_lfs_pointer(&file) {
+            let found = "a Git LFS pointer to it: run `git lfs pull` in its repository";
+            return Err(ModelError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found));
+        }
         let start: Vec<String> = file.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
         let found = if start.is_empty() { "an empty file".to_owned() } else { start.join(" ") };
         Err(ModelError::malformed("weights", "byte 0", "a safetensors file, or one of torch.save", found))

@@ -3,7 +3,7 @@ use std::sync::Arc;
 
 use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera, normalise};
 use atsplat_scene::preprocess::{Plan, PreprocessError, Preprocessing};
-use atsplat_scene::{Frame, Picture, Scene};
+use atsplat_scene::{Frame, Picture, Scene, Warnings};
 
 use super::pictures::LazyPicture;
 use super::{
@@ -19,7 +19,7 @@ use crate::preset::{DropReason, Dropped, NearFar};
 /// # Errors
 /// [`Refusal`], why it does not.
 pub fn check(scene: &Arc<Scene>, entry: &IndexEntry, recipe: &TrialRecipe) -> Result<(), Refusal> {
-    prepare(scene, 0, entry, recipe).map(drop)
+    prepare(scene, 0, entry, recipe, &mut Warnings::new()).map(drop)
 }
 
 /// A trial of one index entry; no picture is decoded.
@@ -28,8 +28,9 @@ pub(super) fn prepare(
     entry_number: usize,
     entry: &IndexEntry,
     recipe: &TrialRecipe,
+    warnings: &mut Warnings,
 ) -> Result<(Trial, TargetPictures), Refusal> {
-    let views = Views::of(scene, entry, recipe)?;
+    let views = Views::of(scene, entry, recipe, warnings)?;
     let mut pictures: BTreeMap<usize, Arc<LazyPicture>> = BTreeMap::new();
     for view in views.context.iter().chain(&views.targets) {
         let lazy = || LazyPicture::new(Arc::clone(scene), view.position, Arc::clone(&view.plan), recipe.decode_limits);
@@ -102,9 +103,14 @@ struct Views<'a> {
 }
 
 impl<'a> Views<'a> {
-    fn of(scene: &'a Scene, entry: &IndexEntry, recipe: &TrialRecipe) -> Result<Self, Refusal> {
+    fn of(
+        scene: &'a Scene,
+        entry: &IndexEntry,
+        recipe: &TrialRecipe,
+        warnings: &mut Warnings,
+    ) -> Result<Self, Refusal> {
         let expected_size = recipe.preprocessing.expected_size;
-        let sizes = picture_sizes(scene, entry, expected_size);
+        let sizes = picture_sizes(scene, entry, expected_size, warnings);
         let known_size = |frame: &Frame| {
             let (_, size) = sizes.values().find(|(known, _)| std::ptr::eq(*known, frame))?;
             size.as_ref().ok().copied()
@@ -127,6 +133,10 @@ impl<'a> Views<'a> {
                 reason: SkipReason::Preprocessing,
                 detail: format!("frame {position}: {error}"),
             };
+            if let Some(misfit) = frame.misfit(size).filter(|misfit| misfit.is_fatal() && frame.picture.is_there()) {
+                let detail = format!("frame {position}: {misfit}");
+                return Err(Refusal { reason: SkipReason::PictureMisfit, detail });
+            }
             let plan = plan_for(&mut plans, &recipe.preprocessing, size).map_err(unfit)?;
             let camera = plan.camera(&frame.camera).map_err(unfit)?;
             Ok(View { position: *position, frame, plan, camera })
@@ -140,8 +150,14 @@ impl<'a> Views<'a> {
 /// Each frame that the entry needs and the scene has, with its picture's size or why that is unknown.
 type PictureSizes<'a> = BTreeMap<usize, (&'a Frame, Result<ImageSize, String>)>;
 
-/// Sizes come from the files' headers; for a bare trajectory, from what is stated about it or expected of it.
-fn picture_sizes<'a>(scene: &'a Scene, entry: &IndexEntry, expected: Option<ImageSize>) -> PictureSizes<'a> {
+/// Sizes come from the files' headers; for a bare trajectory, from what is stated about it or expected of it. What
+/// else is odd about a header is counted.
+fn picture_sizes<'a>(
+    scene: &'a Scene,
+    entry: &IndexEntry,
+    expected: Option<ImageSize>,
+    warnings: &mut Warnings,
+) -> PictureSizes<'a> {
     let mut sizes = PictureSizes::new();
     for position in entry.context.iter().chain(&entry.target) {
         let Some(frame) = scene.frames.get(*position) else { continue };
@@ -151,7 +167,13 @@ fn picture_sizes<'a>(scene: &'a Scene, entry: &IndexEntry, expected: Option<Imag
                     .stated_size
                     .or(expected)
                     .ok_or_else(|| format!("frame {position}: nothing states the size of its absent picture")),
-                _ => frame.size(&scene.key, *position).map_err(|error| error.to_string()),
+                _ => match frame.header(&scene.key, *position) {
+                    Ok(header) => {
+                        frame.report(&scene.key, *position, &header, warnings);
+                        Ok(header.size)
+                    }
+                    Err(error) => Err(error.to_string()),
+                },
             };
             (frame, size)
         });

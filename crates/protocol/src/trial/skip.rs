@@ -15,6 +15,8 @@ pub enum SkipReason {
     Dropped(DropReason),
     /// A picture's header cannot be read.
     PictureUnreadable,
+    /// A picture is not the one that its camera's intrinsics belong to.
+    PictureMisfit,
     /// A preprocessing step does not fit the picture.
     Preprocessing,
     /// The pose normalisation is not defined for these cameras.
@@ -28,6 +30,7 @@ impl SkipReason {
             Self::NullEntry => "null-entry",
             Self::Dropped(reason) => reason.name(),
             Self::PictureUnreadable => "picture-unreadable",
+            Self::PictureMisfit => "picture-misfit",
             Self::Preprocessing => "preprocessing",
             Self::PoseNormalisation => "pose-normalisation",
         }

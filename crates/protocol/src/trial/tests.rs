@@ -139,6 +139,58 @@ fn sizes_and_steps_that_do_not_fit() {
     assert_eq!(skipped.reason, SkipReason::PoseNormalisation);
 }
 
+/// The test's cameras are for pictures of 64×48; squares cut out of them are refused whatever their size, by name of
+/// scene and frame and with both sizes.
+#[test]
+fn pictures_that_do_not_fit_their_intrinsics_make_no_trial() {
+    let any_size = TrialRecipe { preprocessing: Preprocessing::default(), ..recipe() };
+    let with = |width: u32, height: u32, stated: Option<ImageSize>| {
+        let mut changed = scene("s", 9, 5);
+        changed.frames.iter_mut().for_each(|frame| frame.stated_size = Some(SIZE));
+        let picture = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
+        changed.frames[6].picture = Picture::Encoded(SharedBytes::new(atsplat_pixels::encode_png(&picture).unwrap()));
+        changed.frames[6].stated_size = stated;
+        let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
+        let mut trials =
+            Trials::new(Arc::new(MemorySource::new([changed])), &index, any_size.clone(), Prefetch::default());
+        let outcome = trials.next().unwrap().map(drop);
+        (outcome, trials.warnings().count(WarningKind::UnexpectedSize))
+    };
+    for (width, height, stated, fitting) in [
+        (48, 48, None, "60×48"),
+        (48, 64, None, "80×64"),
+        (48, 48, Some(SIZE), "64×48"),
+        (48, 64, Some(SIZE), "64×48"),
+        (64, 40, Some(SIZE), "64×48"),
+    ] {
+        let (outcome, counted) = with(width, height, stated);
+        let skipped = outcome.unwrap_err();
+        assert_eq!((skipped.reason, skipped.scene.as_str(), counted), (SkipReason::PictureMisfit, "s", 1));
+        let detail = &skipped.detail;
+        assert!(detail.contains("frame 6") && detail.contains(&format!("{width}×{height}")), "{detail}");
+        assert!(detail.contains(fitting), "{detail}");
+    }
+    assert_eq!(with(128, 96, Some(SIZE)), (Ok(()), 0));
+}
+
+#[test]
+fn a_picture_that_asks_to_be_turned_is_counted() {
+    let exif = b"Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
+    let picture = atsplat_pixels::ImageU8::new(64, 48, vec![7; 64 * 48 * 3]).unwrap();
+    let mut jpeg = atsplat_pixels::encode_jpeg(&picture, 90).unwrap();
+    let length = u16::try_from(exif.len() + 2).unwrap().to_be_bytes();
+    jpeg.splice(2..2, [&[0xff, 0xe1], &length[..], exif].concat());
+    let mut turned = scene("s", 9, 5);
+    turned.frames[6].picture = Picture::Encoded(SharedBytes::new(jpeg));
+    let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
+    let mut trials = Trials::new(Arc::new(MemorySource::new([turned])), &index, recipe(), Prefetch::default());
+    let (trial, _) = trials.next().unwrap().unwrap();
+    assert_eq!(trial.context()[1].picture().unwrap().width(), 32, "as stored");
+    assert_eq!(trials.warnings().count(WarningKind::TurnedPicture), 1);
+    let told = trials.warnings().kept().iter().find(|warning| warning.kind == WarningKind::TurnedPicture).unwrap();
+    assert!(told.to_string().contains("s: frame 6: EXIF says that it is to be turned by 90° clockwise"), "{told}");
+}
+
 /// A picture that breaks off after its header: the trial stands, the picture is the same error each time.
 #[test]
 fn a_damaged_picture_is_an_error_where_it_is_asked_for() {
@@ -373,5 +425,5 @@ fn entries_of_a_scene_share_its_loading() {
         Trials::new(Arc::clone(&source) as Arc<dyn atsplat_scene::SceneSource>, &index, recipe(), Prefetch::default());
     assert_eq!(trials.by_ref().flatten().count(), 3);
     assert_eq!(source.loads.load(Ordering::SeqCst), 1);
-    assert_eq!(trials.warnings().total(), 1, "its warnings come once");
+    assert_eq!(trials.warnings().count(WarningKind::LensDistortion), 1, "its warnings come once");
 }

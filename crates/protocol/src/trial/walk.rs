@@ -149,9 +149,9 @@ impl Place {
         let Self { scene: shared, entry_number, entry } = self;
         let (scene, scene_warnings) = shared.loaded.get(|| load(&shared.key, source));
         // The first entry of a scene reports what is wrong with it, whichever entry loaded it.
-        let warnings = if entry_number == 0 { scene_warnings } else { Warnings::new() };
+        let mut warnings = if entry_number == 0 { scene_warnings } else { Warnings::new() };
         let prepared = match scene {
-            Ok(scene) => prepare(&scene, entry_number, &entry, recipe),
+            Ok(scene) => prepare(&scene, entry_number, &entry, recipe, &mut warnings),
             Err(refusal) => Err(refusal),
         };
         let trial = match prepared {

@@ -76,7 +76,8 @@ impl ColmapCameraModel {
     }
 
     fn entry(self) -> (Self, &'static str, usize) {
-        MODELS.into_iter().find(|(model, _, _)| *model == self).unwrap_or((self, "", 0))
+        let entry = MODELS.into_iter().find(|(model, _, _)| *model == self);
+        entry.unwrap_or_else(|| unreachable!("every model is listed"))
     }
 }
 

@@ -100,6 +100,22 @@ fn an_image_with_no_keypoints_leaves_an_empty_line() {
     assert_eq!(images_text(text.strip_suffix("\n10 20 -1 30 40 7\n").unwrap()).unwrap(), images, "cut after an image");
 }
 
+/// COLMAP writes a line of keypoints for each image, if an empty one. Tools that need none leave the line out.
+#[test]
+fn no_image_is_taken_for_keypoints() {
+    let image = |id: u32| format!("{id} 1 0 0 0 0 0 {id} 1 frame_{id:05}.png\n");
+    let names = |text: &str| images_text(text).unwrap().iter().map(|image| image.id).collect::<Vec<_>>();
+    let all = [1, 2, 3, 4, 5];
+    for between in ["", "\n", "10.5 20 -1 30 40.25 7\n", "# a comment\n", "\n# a comment\n"] {
+        assert_eq!(names(&all.map(|id| image(id) + between).concat()), all, "{between:?} between images");
+    }
+    // Two stripped of theirs among others that have them.
+    let mixed = [image(1), "1 2 3\n".to_owned(), image(2), image(3), "\n".to_owned(), image(4), image(5)];
+    assert_eq!(names(&mixed.concat()), all);
+    let broken = images_text(&[&image(1), "10 20 -1 30\n", &image(2)].concat()).unwrap_err().to_string();
+    assert!(broken.contains("line 2, "), "keypoints cut short are an error with their line: {broken}");
+}
+
 #[test]
 fn quaternions_keep_their_direction_at_any_size() {
     for scale in [1e-300, 1.0, 1e300] {

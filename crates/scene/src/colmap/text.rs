@@ -36,18 +36,26 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
 
 /// Two lines an image: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then its keypoints, a line that
 /// may be empty. Names may hold blanks.
+///
+/// Tools that need no keypoints write no line for them at all, where COLMAP would write an empty one. Both are
+/// read: a line of keypoints holds numbers alone, and an image's line a name.
 pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     let mut images = Vec::new();
-    let mut lines = numbered_lines(text);
+    let mut lines = numbered_lines(text).peekable();
     while let Some((number, line)) = lines.next() {
-        if !has_content(line) {
-            continue;
+        if has_content(line) {
+            images.push(image(line, number, path)?);
+            lines.next_if(|(_, line)| is_keypoints(line));
         }
-        images.push(image(line, number, path)?);
-        // The keypoints, whatever they are: an empty line here is part of the format.
-        lines.next();
     }
     Ok(images)
+}
+
+/// `X Y POINT3D_ID` again and again, or nothing.
+fn is_keypoints(line: &[u8]) -> bool {
+    let mut count = 0;
+    let numbers = Columns::of(line).inspect(|_| count += 1).all(|column| parse_f64(column).is_some());
+    numbers && count % 3 == 0
 }
 
 fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneError> {

@@ -88,14 +88,11 @@ impl SceneMeasure {
             scene.frames.iter().enumerate().filter(|(_, frame)| frame.picture.is_there()).collect();
         for chosen in evenly_spread(with_picture.len(), sampling) {
             let Some((position, frame)) = with_picture.get(chosen) else { continue };
-            match frame.size(&scene.key, *position) {
-                Ok(size) => {
+            match frame.header(&scene.key, *position) {
+                Ok(header) => {
                     self.pictures.headers_read += 1;
-                    *self.sizes.entry(size).or_default() += 1;
-                    if let Some(stated) = frame.stated_size.filter(|stated| !is_scaled_copy(size, *stated)) {
-                        let detail = format!("frame {position}: expected {stated} or a scaled copy, found {size}");
-                        warnings.push(WarningKind::UnexpectedSize, scene.key.as_str(), detail);
-                    }
+                    *self.sizes.entry(header.size).or_default() += 1;
+                    frame.report(&scene.key, *position, &header, warnings);
                 }
                 Err(error) => {
                     self.pictures.headers_unreadable += 1;
@@ -121,17 +118,6 @@ fn extent(poses: &[WorldFromCamera]) -> Option<f64> {
     poses.iter().map(|pose| pose.centre().distance(mean)).reduce(Extremes::maximum_of)
 }
 
-/// Whether a picture is the stated one or that one made smaller or larger, its sides rounded to whole
-/// pixels: `images_4` beside a `transforms.json` that states the full size.
-fn is_scaled_copy(size: ImageSize, stated: ImageSize) -> bool {
-    let side =
-        |length: u32, other: u32, stated_other: u32| f64::from(length) * f64::from(other) / f64::from(stated_other);
-    let width = side(stated.width, size.height, stated.height);
-    let height = side(stated.height, size.width, stated.width);
-    // Either side may have been rounded; a rounding of the shorter one moves the longer one by more than a pixel.
-    (width - f64::from(size.width)).abs() <= 1.0 || (height - f64::from(size.height)).abs() <= 1.0
-}
-
 /// Positions out of `0..count`, from the first to the last.
 fn evenly_spread(count: usize, sampling: SizeSampling) -> Vec<usize> {
     let chosen = match sampling {
@@ -155,15 +141,5 @@ mod tests {
         assert_eq!(evenly_spread(3, SizeSampling::All), [0, 1, 2]);
         assert!(evenly_spread(3, SizeSampling::None).is_empty());
         assert!(evenly_spread(0, SizeSampling::All).is_empty());
-    }
-
-    #[test]
-    fn a_downscaled_copy_is_what_was_stated() {
-        let size = |width, height| ImageSize { width, height };
-        assert!(is_scaled_copy(size(480, 270), size(3840, 2160)));
-        assert!(is_scaled_copy(size(455, 256), size(640, 360)), "455.1 columns");
-        assert!(is_scaled_copy(size(239, 135), size(3818, 2160)), "238.6 columns");
-        assert!(!is_scaled_copy(size(256, 256), size(640, 360)), "a crop");
-        assert!(!is_scaled_copy(size(270, 480), size(480, 270)), "turned");
     }
 }

@@ -44,20 +44,22 @@ pub struct ListedFrame {
 /// `docs/quickstart/data_conventions.md`). Fields that the toolkit has no use for are ignored.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line and column for broken JSON, with the field (`frames[3].fl_x`) for
+/// [`SceneError::Malformed`] with line and column for broken JSON and repeated keys, with the field (`frames[3].fl_x`) for
 /// a wrong value; [`SceneError::Camera`] for a pose that is no rotation or not finite;
 /// [`SceneError::UnsupportedCameraModel`].
 pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneError> {
-    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
-    let root: Value = serde_json::from_slice(text).map_err(|error| SceneError::Malformed {
+    let value = crate::json::parse(text).map_err(|error| SceneError::Malformed {
         format: FORMAT,
         path: path.to_owned(),
         location: format!("line {} column {}", error.line(), error.column()),
-        expected: "JSON".to_owned(),
+        expected: "JSON with each key of an object once".to_owned(),
         found: error.to_string(),
     })?;
-    let root = Object::new(&root, String::new(), path)?;
-    let listed = root.array("frames")?.ok_or_else(|| root.wrong("frames", "a list of frames", "nothing"))?;
+    let root = Object::new(&value, String::new(), path)?;
+    let listed = root.array("frames")?.ok_or_else(|| {
+        let found = format!("nothing: the file seems to be {}", crate::json::describe(&value));
+        root.wrong("frames", "a list of frames", &found)
+    })?;
     if listed.is_empty() {
         return Err(root.wrong("frames", "at least one frame", "an empty list"));
     }

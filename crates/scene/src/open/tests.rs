@@ -111,6 +111,22 @@ fn nothing_there_and_nothing_known_are_errors() {
 }
 
 #[test]
+fn json_of_no_known_dialect_says_what_it_seems() {
+    for (text, expected) in [
+        ("[[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]]", "found a list of 1 camera matrices without intrinsics"),
+        ("[{\"img_name\": \"a\", \"position\": [], \"rotation\": []}]", "is a camera of 3DGS' cameras.json"),
+    ] {
+        let error = opened(&[("poses.json", text.as_bytes())], "poses.json").unwrap_err().to_string();
+        assert!(error.contains(expected) && error.contains("poses.json"), "{error}");
+    }
+    let index = br#"{"5aca87f95a9412c6": {"context": [58, 133], "target": [93]}}"#;
+    let folder = folder_of(&[("index.json", index)]);
+    let dataset = open(folder.path().join("index.json"), &mut Warnings::new()).unwrap();
+    let error = dataset.load(&dataset.keys()[0], &mut Warnings::new()).unwrap_err().to_string();
+    assert!(error.contains("frames") && error.contains("is an entry of an evaluation index"), "{error}");
+}
+
+#[test]
 fn names_are_what_json_says() {
     for format in [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap] {
         assert_eq!(serde_json::to_string(&format).unwrap(), format!("{:?}", format.name()));

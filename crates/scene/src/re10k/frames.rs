@@ -23,7 +23,21 @@ pub(super) fn attach_pictures(
     warnings: &mut Warnings,
 ) -> Result<(), SceneError> {
     let Some(listing) = first_with_pictures(folders)? else { return Ok(()) };
-    let numbers: BTreeMap<i64, &str> = listing.stems().filter_map(|stem| Some((number_of(stem)?, stem))).collect();
+    let mut numbers: BTreeMap<i64, &str> = BTreeMap::new();
+    let mut repeated = Vec::new();
+    for (number, stem) in listing.stems().filter_map(|stem| Some((number_of(stem)?, stem))) {
+        if let Some(other) = numbers.insert(number, stem) {
+            repeated.push(format!("{stem} is used, not {other}"));
+        }
+    }
+    if let Some(first) = repeated.first() {
+        let detail = format!(
+            "{} pictures have the number of another in {}, first: {first}",
+            repeated.len(),
+            listing.folder().display()
+        );
+        warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
+    }
     let naming = naming(scene, &numbers, warnings);
     for (row, frame) in scene.frames.iter_mut().enumerate() {
         let number = match naming {
@@ -79,11 +93,10 @@ fn naming(scene: &Scene, numbers: &BTreeMap<i64, &str>, warnings: &mut Warnings)
         return Naming::Timestamp;
     }
     if has(0) == has(rows) {
-        let detail = format!(
-            "pictures {} to {} for {rows} rows: taken to count from {first}",
-            numbers.keys().next().copied().unwrap_or_default(),
-            numbers.keys().next_back().copied().unwrap_or_default()
-        );
+        let (least, most) = (numbers.keys().next(), numbers.keys().next_back());
+        let (least, most) =
+            least.zip(most).unwrap_or_else(|| unreachable!("more pictures than {by_time} have a number"));
+        let detail = format!("pictures {least} to {most} for {rows} rows: taken to count from {first}");
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     Naming::Numbered { first }
@@ -142,6 +155,14 @@ mod tests {
         let (scene, warnings) = attach(&["frame_1.png", "frame_2.png"]);
         assert_eq!(names(&scene), ["frame_1.png", "frame_2.png", "no 00003.png"]);
         assert_eq!(warnings.count(WarningKind::AmbiguousNumbering), 1);
+    }
+
+    #[test]
+    fn two_pictures_of_one_number_are_reported() {
+        let (scene, warnings) = attach(&["1.jpg", "frame_00001.jpg", "2.jpg", "3.jpg"]);
+        assert_eq!(names(&scene), ["frame_00001.jpg", "2.jpg", "3.jpg"]);
+        assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::AmbiguousNumbering, 1)]);
+        assert!(warnings.kept()[0].detail.contains("frame_00001 is used, not 1"), "{:?}", warnings.kept());
     }
 
     #[test]

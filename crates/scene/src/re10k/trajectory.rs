@@ -197,7 +197,7 @@ fn split_row(line: &[u8]) -> Result<[&[u8]; 19], RowProblem> {
 }
 
 fn bad_column(index: usize, expected: &'static str, token: &[u8]) -> RowProblem {
-    let name = COLUMNS.get(index).copied().unwrap_or_default();
+    let name = COLUMNS.get(index).unwrap_or_else(|| unreachable!("a row has 19 columns"));
     RowProblem::Text { location: format!(", column {} ({name})", index + 1), expected, found: shown(token) }
 }
 

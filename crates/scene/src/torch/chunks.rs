@@ -7,6 +7,7 @@ use rayon::prelude::*;
 
 use super::Chunk;
 use crate::camera_policy::report_cameras;
+use crate::files::read_file;
 use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
 
 const INDEX: &str = "index.json";
@@ -155,7 +156,9 @@ impl SceneSource for TorchChunks {
         let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.folder.clone() };
         let position = *self.chunk_of.get(key).ok_or_else(unknown)?;
         let path = self.chunks.get(position).ok_or_else(unknown)?;
-        let scene = self.chunk(position, path, warnings)?.load(key)?;
+        let record = self.chunk(position, path, warnings)?.record(key)?;
+        record.report_radial(warnings);
+        let scene = record.to_scene(path)?;
         report_cameras(&scene, warnings);
         Ok(scene)
     }
@@ -229,12 +232,12 @@ fn chunks_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
 }
 
 fn read_index(path: &Path) -> Result<IndexMap<String, String>, SceneError> {
-    let bytes = std::fs::read(path).map_err(SceneError::io("reading a chunk index", path))?;
-    serde_json::from_slice(&bytes).map_err(|source| SceneError::Malformed {
+    let bytes = read_file("reading a chunk index", path)?;
+    crate::json::parse_object(&bytes).map_err(|source| SceneError::Malformed {
         format: FORMAT,
         path: path.to_owned(),
         location: format!("line {}, column {}", source.line(), source.column()),
-        expected: "an object of scene keys and chunk names".to_owned(),
+        expected: "an object of scene keys, each once, and chunk names".to_owned(),
         found: source.to_string(),
     })
 }

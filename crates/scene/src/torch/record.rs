@@ -76,6 +76,20 @@ impl ChunkScene {
         Ok(Scene { key: self.key.clone(), url, frames })
     }
 
+    /// Counts a lens that nobody looks at: columns 5 and 6 are RE10K's slots for radial distortion, which are zero there.
+    pub(super) fn report_radial(&self, warnings: &mut Warnings) {
+        let is_bent = |[_, _, _, _, k1, k2, ..]: &[f64; CAMERA_COLUMNS]| *k1 != 0.0 || *k2 != 0.0;
+        if let Some(first) = self.cameras.iter().position(is_bent) {
+            let count = self.cameras.iter().filter(|row| is_bent(row)).count();
+            let detail = format!(
+                "field cameras: columns 5 and 6 are not zero in {count} of {} rows, first {first}; no loader of the field \
+                 reads them",
+                self.cameras.len()
+            );
+            warnings.push(WarningKind::LensDistortion, &self.key, detail);
+        }
+    }
+
     /// What a chunk stores of a scene: pictures as they are encoded, cameras without their lens.
     ///
     /// A frame without a timestamp takes the number at the end of its name, as depthsplat does
@@ -98,6 +112,14 @@ impl ChunkScene {
             let timestamp = frame.timestamp_micros.or_else(|| number_at_end(&frame.name));
             let timestamp = timestamp
                 .ok_or_else(|| lacking(format!("expected a timestamp or a numbered name, found {:?}", frame.name)))?;
+            match frame.header(&scene.key, position) {
+                Ok(header) => frame.report(&scene.key, position, &header, warnings),
+                Err(error @ SceneError::Pixels { .. }) => {
+                    warnings.push(WarningKind::UnreadablePicture, &scene.key, error.to_string());
+                }
+                // Said below, where the picture is asked for.
+                Err(_) => {}
+            }
             stored.images.push(match &frame.picture {
                 Picture::Encoded(bytes) => bytes.clone(),
                 Picture::File(file) => SharedBytes::new(read_file("reading a picture", file)?),

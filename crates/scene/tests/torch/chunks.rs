@@ -122,6 +122,40 @@ fn broken_indices_and_empty_folders_are_typed_errors() {
 }
 
 #[test]
+fn what_lies_where_the_lens_would_is_counted() {
+    let folder = TempDir::new().unwrap();
+    let mut bent = numbered(1, 10);
+    bent.cameras.push(bent.cameras[0]);
+    bent.timestamps.push(2);
+    bent.images.push(bent.images[0].clone());
+    bent.cameras[1][5] = 0.25;
+    write(folder.path(), 1 << 20, vec![numbered(0, 10), bent]);
+    let (source, mut warnings) = open(folder.path());
+    let source = source.unwrap();
+    source.load("scene0", &mut warnings).unwrap();
+    assert_eq!(warnings.count(WarningKind::LensDistortion), 0);
+    source.load("scene1", &mut warnings).unwrap();
+    let detail = warnings.kept()[0].to_string();
+    assert_eq!(warnings.count(WarningKind::LensDistortion), 1);
+    assert!(detail.contains("scene1") && detail.contains("1 of 2 rows, first 1"), "{detail}");
+}
+
+#[test]
+fn pointers_of_git_lfs_and_keys_that_stand_twice_are_named() {
+    let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
+    let (source, warnings) = open(folder(&[("000000.torch", pointer)]).path());
+    assert!(source.unwrap().keys().is_empty());
+    let detail = warnings.kept()[0].to_string();
+    assert!(detail.contains("git lfs pull") && detail.contains("000000.torch"), "{detail}");
+
+    let chunk = fixture_bytes("zip.torch");
+    let index = format!("{{\"{0}\": \"000000.torch\",\n\"{0}\": \"000001.torch\"}}", KEYS[0]);
+    let files = [("index.json", index.as_bytes()), ("000000.torch", &chunk[..]), ("000001.torch", &chunk[..])];
+    let error = open(folder(&files).path()).0.unwrap_err().to_string();
+    assert!(error.contains("line 2") && error.contains(KEYS[0]) && error.contains("index.json"), "{error}");
+}
+
+#[test]
 fn a_broken_chunk_costs_its_own_scenes_only() {
     let good = fixture_bytes("zip.torch");
     let folder =
@@ -165,7 +199,8 @@ fn write_read_write_gives_the_same_bytes() {
     for name in ["000000.torch", "000001.torch", "index.json"] {
         assert!(fs::read(first.path().join(name)).unwrap() == fs::read(second.path().join(name)).unwrap(), "{name}");
     }
-    assert_eq!(warnings.total(), 0);
+    let counts: Vec<_> = warnings.counts().collect();
+    assert_eq!(counts, [(WarningKind::UnexpectedSize, 6)], "the fixture's pictures are not of its cameras' shape");
 }
 
 #[test]

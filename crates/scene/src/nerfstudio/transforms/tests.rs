@@ -266,6 +266,41 @@ fn broken_json_names_the_line() {
 }
 
 #[test]
+fn of_two_focal_lengths_neither_is_taken() {
+    let text = transforms(|_| ()).to_string().replace("\"w\"", "\n\"fl_x\":999,\"w\"");
+    let error = parse_transforms(text.as_bytes(), Path::new("t.json")).unwrap_err().to_string();
+    assert!(
+        error.contains("line 2") && error.contains("\"fl_x\" a second time") && error.contains("t.json"),
+        "{error}"
+    );
+}
+
+/// Its `w` and `h` are 200 and 100: scaled to any size they fit; cropped, turned or squeezed they do not.
+#[test]
+fn a_picture_of_another_shape_is_not_decoded() {
+    let decoded = |width: u32, height: u32, elsewhere: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        fs::write(folder.path().join("transforms.json"), transforms(|_| ()).to_string()).unwrap();
+        let picture = atsplat_pixels::ImageU8::new(width, height, vec![7; (width * height * 3) as usize]).unwrap();
+        let path = folder.path().join(format!("images{elsewhere}/f_1.png"));
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, atsplat_pixels::encode_png(&picture).unwrap()).unwrap();
+        let source = NerfstudioScenes::open(folder.path(), NerfstudioOptions::default(), &mut Warnings::new()).unwrap();
+        let scene = source.load(&source.keys()[0], &mut Warnings::new()).unwrap();
+        scene.decode(0, &atsplat_pixels::DecodeLimits::default()).map(|picture| (picture.width(), picture.height()))
+    };
+    assert_eq!(decoded(200, 100, "").unwrap(), (200, 100));
+    assert_eq!(decoded(50, 25, "").unwrap(), (50, 25));
+    for (width, height) in [(100, 100), (100, 200), (200, 120)] {
+        let error = decoded(width, height, "").unwrap_err();
+        assert!(matches!(error, SceneError::Misfit { frame: 0, .. }), "{error}");
+        let message = error.to_string();
+        assert!(message.contains("200×100") && message.contains(&format!("{width}×{height}")), "{message}");
+    }
+    assert!(decoded(100, 200, "_2").is_err(), "a copy whose size nothing states");
+}
+
+#[test]
 fn the_applied_transform_is_kept_and_undone_only_when_asked() {
     let applied = json!([[0, 1, 0, 5], [0, 0, 1, 6], [1, 0, 0, 7]]);
     let root = transforms(|root| {

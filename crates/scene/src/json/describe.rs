@@ -1,0 +1,113 @@
+use serde_json::{Map, Value};
+
+use crate::poses::is_list_of_poses;
+
+/// Keys named at most.
+const NAMED: usize = 6;
+
+/// Files of cameras that are met in the field and are not read as a dataset, by keys that nothing else has.
+const KNOWN: [(&[&str], &str); 7] = [
+    (&["camera_path", "keyframes"], "a camera path of nerfstudio's viewer"),
+    (&["cameras", "shots"], "a reconstruction of OpenSfM"),
+    (&["context", "target"], "an entry of an evaluation index"),
+    (&["img_name", "position", "rotation"], "a camera of 3DGS' cameras.json"),
+    (&["camera-from-world", "intrinsics"], "a view of the render.json that `atsplat render` writes"),
+    (&["K", "W2C"], "a camera of NeRF++ (K and W2C)"),
+    (&["views", "sfm_data_version"], "a scene of OpenMVG"),
+];
+
+/// What a JSON file that is none of the expected seems to be, for a message.
+pub fn describe(value: &Value) -> String {
+    match value {
+        Value::Array(items) if is_list_of_poses(value) => {
+            format!("a list of {} camera matrices without intrinsics, as MotionCtrl has them", items.len())
+        }
+        Value::Array(items) => match items.first() {
+            None => "an empty list".to_owned(),
+            Some(first) => format!("a list of {}, the first of which is {}", items.len(), describe_part(first)),
+        },
+        Value::Object(fields) => describe_object(fields),
+        other => format!("a bare {}", kind(other)),
+    }
+}
+
+/// An object by what it holds, or by what the first of its values holds where it is a table by name.
+fn describe_object(fields: &Map<String, Value>) -> String {
+    if let Some(known) = known(fields) {
+        return known.to_owned();
+    }
+    let of_name = fields.iter().find_map(|(name, value)| Some((name, known(value_or_first(value)?)?)));
+    match of_name {
+        Some((name, known)) => format!("{} things by name, of which {name:.40?} is {known}", fields.len()),
+        None => format!("an object with {}", keys(fields)),
+    }
+}
+
+fn describe_part(value: &Value) -> String {
+    match value {
+        Value::Object(fields) => describe_object(fields),
+        Value::Array(items) => match items.first() {
+            Some(first) => format!("a list of {}, from a {} on", items.len(), kind(first)),
+            None => "an empty list".to_owned(),
+        },
+        other => format!("a {}", kind(other)),
+    }
+}
+
+fn known(fields: &Map<String, Value>) -> Option<&'static str> {
+    let has = |names: &[&str]| names.iter().all(|name| fields.contains_key(*name));
+    KNOWN.iter().find(|(names, _)| has(names)).map(|(_, what)| *what)
+}
+
+/// latentSplat's indices have a list of entries in the place of one.
+fn value_or_first(value: &Value) -> Option<&Map<String, Value>> {
+    value.as_object().or_else(|| value.as_array()?.first()?.as_object())
+}
+
+fn keys(fields: &Map<String, Value>) -> String {
+    let named: Vec<String> = fields.keys().take(NAMED).map(|key| format!("{key:.40?}")).collect();
+    match fields.len() {
+        0 => "no keys".to_owned(),
+        count if count > NAMED => format!("the keys {} and {} more", named.join(", "), count - NAMED),
+        _ => format!("the keys {}", named.join(", ")),
+    }
+}
+
+const fn kind(value: &Value) -> &'static str {
+    match value {
+        Value::Null => "null",
+        Value::Bool(_) => "true or false",
+        Value::Number(_) => "number",
+        Value::String(_) => "text",
+        Value::Array(_) => "list",
+        Value::Object(_) => "object",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn what_it_seems_is_said() {
+        for (value, expected) in [
+            (json!([]), "an empty list"),
+            (json!(7), "a bare number"),
+            (json!([[1, 2, 3]]), "a list of 1, the first of which is a list of 3, from a number on"),
+            (json!([[1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]]), "a list of 1 camera matrices without intrinsics"),
+            (json!({ "camera_path": [], "keyframes": [] }), "a camera path of nerfstudio's viewer"),
+            (json!([{ "cameras": {}, "shots": {} }]), "a list of 1, the first of which is a reconstruction of OpenSfM"),
+            (json!({ "0a": { "context": [1], "target": [2] } }), "\"0a\" is an entry of an evaluation index"),
+            (
+                json!({ "0a": null, "0b": [{ "context": [1], "target": [2] }] }),
+                "2 things by name, of which \"0b\" is an entry",
+            ),
+            (json!({ "fx": 1, "fy": 2 }), "an object with the keys \"fx\", \"fy\""),
+            (json!({ "a": 1, "b": 1, "c": 1, "d": 1, "e": 1, "f": 1, "g": 1 }), "\"f\" and 1 more"),
+        ] {
+            let found = describe(&value);
+            assert!(found.contains(expected), "{found}\nlacks {expected}");
+        }
+    }
+}

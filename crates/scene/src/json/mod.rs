@@ -1,0 +1,177 @@
+//! JSON whose objects have each key once.
+//!
+//! The standard leaves open which value of a repeated key counts (RFC 8259, section 4). Most readers take the last
+//! without a word, so that a file with two focal lengths has whichever stands below.
+
+mod describe;
+
+use std::fmt;
+use std::marker::PhantomData;
+
+use indexmap::IndexMap;
+use indexmap::map::Entry;
+use serde::de::{Deserialize, Deserializer, Error, MapAccess, SeqAccess, Visitor};
+use serde_json::{Map, Number, Value};
+
+pub use describe::describe;
+
+/// Any JSON; a byte order mark may stand before it.
+///
+/// # Errors
+/// With line and column: text that is no JSON, or a key that stands twice in one object.
+pub fn parse(text: &[u8]) -> serde_json::Result<Value> {
+    let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
+    serde_json::from_slice(text).map(|Unique(value)| value)
+}
+
+/// One JSON object in its own order; `V` is what its keys have, each of them once.
+///
+/// # Errors
+/// As [`parse`], and where a value is no `V`.
+pub(crate) fn parse_object<V: for<'de> Deserialize<'de>>(text: &[u8]) -> serde_json::Result<IndexMap<String, V>> {
+    serde_json::from_slice(text).map(|Object(entries)| entries)
+}
+
+struct Unique(Value);
+
+struct Object<V>(IndexMap<String, V>);
+
+impl<'de> Deserialize<'de> for Unique {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_any(AnyValue)
+    }
+}
+
+impl<'de, V: Deserialize<'de>> Deserialize<'de> for Object<V> {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_map(AnyObject(PhantomData))
+    }
+}
+
+struct AnyValue;
+
+impl<'de> Visitor<'de> for AnyValue {
+    type Value = Unique;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("JSON")
+    }
+
+    fn visit_unit<E>(self) -> Result<Unique, E> {
+        Ok(Unique(Value::Null))
+    }
+
+    fn visit_bool<E>(self, value: bool) -> Result<Unique, E> {
+        Ok(Unique(Value::Bool(value)))
+    }
+
+    fn visit_i64<E>(self, value: i64) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_u64<E>(self, value: u64) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_f64<E: Error>(self, value: f64) -> Result<Unique, E> {
+        let number = Number::from_f64(value).ok_or_else(|| E::custom("a number that is not finite"))?;
+        Ok(Unique(Value::Number(number)))
+    }
+
+    fn visit_str<E>(self, value: &str) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_string<E>(self, value: String) -> Result<Unique, E> {
+        Ok(Unique(value.into()))
+    }
+
+    fn visit_seq<A: SeqAccess<'de>>(self, mut items: A) -> Result<Unique, A::Error> {
+        let mut list = Vec::new();
+        while let Some(Unique(item)) = items.next_element()? {
+            list.push(item);
+        }
+        Ok(Unique(Value::Array(list)))
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, entries: A) -> Result<Unique, A::Error> {
+        let Object(entries) = AnyObject(PhantomData).visit_map(entries)?;
+        let entries: Map<String, Value> = entries.into_iter().map(|(key, Unique(value))| (key, value)).collect();
+        Ok(Unique(Value::Object(entries)))
+    }
+}
+
+struct AnyObject<V>(PhantomData<V>);
+
+impl<'de, V: Deserialize<'de>> Visitor<'de> for AnyObject<V> {
+    type Value = Object<V>;
+
+    fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str("an object")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, mut access: A) -> Result<Object<V>, A::Error> {
+        let mut entries = IndexMap::new();
+        while let Some(key) = access.next_key::<String>()? {
+            match entries.entry(key) {
+                Entry::Occupied(entry) => {
+                    let key: String = entry.key().chars().take(80).collect();
+                    return Err(A::Error::custom(format_args!("expected each key once, found {key:?} a second time")));
+                }
+                Entry::Vacant(entry) => entry.insert(access.next_value()?),
+            };
+        }
+        Ok(Object(entries))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    #[test]
+    fn a_repeated_key_is_an_error_wherever_it_stands() {
+        for (text, line) in [
+            (r#"{"a": 1, "a": 1}"#, 1),
+            ("{\"frames\": [\n{\"w\": 1},\n{\"w\": 1, \"h\": 2,\n\"w\": 3}]}", 4),
+            ("{\"\\u0061\": 1,\n\"a\": 2}", 2),
+        ] {
+            let error = parse(text.as_bytes()).unwrap_err();
+            assert!(error.to_string().contains("a second time") && error.line() == line, "{text}: {error}");
+        }
+        assert!(parse_object::<u32>(br#"{"b": 1, "a": 2, "b": 1}"#).unwrap_err().to_string().contains("\"b\""));
+    }
+
+    #[test]
+    fn one_key_in_two_objects_is_none() {
+        parse(br#"{"a": {"a": 1}, "b": [{"a": 1}, {"a": 2}]}"#).unwrap();
+        let ordered = parse_object::<u32>(br#"{"b": 1, "a": 2}"#).unwrap();
+        assert_eq!(ordered.keys().collect::<Vec<_>>(), ["b", "a"]);
+    }
+
+    fn json() -> impl Strategy<Value = Value> {
+        let leaf = prop_oneof![
+            Just(Value::Null),
+            any::<bool>().prop_map(Value::from),
+            any::<i64>().prop_map(Value::from),
+            any::<u64>().prop_map(Value::from),
+            (-1e300..1e300f64).prop_map(Value::from),
+            ".{0,8}".prop_map(Value::from),
+        ];
+        leaf.prop_recursive(4, 32, 4, |inner| {
+            prop_oneof![
+                prop::collection::vec(inner.clone(), 0..4).prop_map(Value::from),
+                prop::collection::btree_map(".{0,3}", inner, 0..4).prop_map(|map| map.into_iter().collect()),
+            ]
+        })
+    }
+
+    proptest! {
+        #[test]
+        fn everything_else_is_what_serde_json_reads(value in json()) {
+            let text = value.to_string();
+            prop_assert_eq!(parse(text.as_bytes()).unwrap(), serde_json::from_str::<Value>(&text).unwrap());
+        }
+    }
+}

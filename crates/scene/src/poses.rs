@@ -1,0 +1,127 @@
+//! Camera poses as a bare JSON list of matrices: the trajectories of MotionCtrl and of what came after it.
+//!
+//! Each is `[R | t]` from the world to the camera with OpenCV axes, row by row: 12 numbers (TencentARC/MotionCtrl
+//! `examples/camera_poses/*.json`, `gradio_utils/camera_utils.py`: `reshape(-1, 3, 4)`, relative poses as `Eᵢ · E₀⁻¹`,
+//! "Zoom In" along −z), here also 16, or three or four rows of four. Intrinsics are nowhere in the file.
+
+use std::path::Path;
+
+use atsplat_camera::CameraFromWorld;
+use serde_json::Value;
+
+use crate::SceneError;
+
+const FORMAT: &str = "list of camera matrices";
+
+/// Whether a list begins with what may be a matrix of a camera.
+pub fn is_list_of_poses(value: &Value) -> bool {
+    let is_matrix = |entry: &Value| match entry.as_array() {
+        Some(rows) if rows.iter().all(Value::is_number) => matches!(rows.len(), 12 | 16),
+        Some(rows) => matches!(rows.len(), 3 | 4) && rows.iter().all(is_row),
+        None => false,
+    };
+    value.as_array().and_then(|entries| entries.first()).is_some_and(is_matrix)
+}
+
+fn is_row(row: &Value) -> bool {
+    row.as_array().is_some_and(|numbers| numbers.len() == 4 && numbers.iter().all(Value::is_number))
+}
+
+/// The poses of a list for which [`is_list_of_poses`] holds; `path` is for messages only.
+///
+/// # Errors
+/// [`SceneError::Malformed`] naming the matrix and the number, [`SceneError::Camera`] for a matrix that is no pose.
+pub fn poses(list: &[Value], path: &Path) -> Result<Vec<CameraFromWorld>, SceneError> {
+    list.iter().enumerate().map(|(at, entry)| pose(entry, at, path)).collect()
+}
+
+fn pose(entry: &Value, at: usize, path: &Path) -> Result<CameraFromWorld, SceneError> {
+    let wrong = |field: &str, expected: &str, found: String| SceneError::Malformed {
+        format: FORMAT,
+        path: path.to_owned(),
+        location: format!("matrix {at}{field}"),
+        expected: expected.to_owned(),
+        found,
+    };
+    let mut numbers = Vec::with_capacity(16);
+    let rows = entry.as_array().map(Vec::as_slice).unwrap_or_default();
+    let flat = rows.iter().flat_map(|row| row.as_array().map_or(std::slice::from_ref(row), Vec::as_slice));
+    for (position, number) in flat.enumerate() {
+        let number =
+            number.as_f64().ok_or_else(|| wrong(&format!(", number {position}"), "a number", number.to_string()));
+        numbers.push(number?);
+    }
+    let is_shaped = rows.iter().all(Value::is_number) || rows.iter().all(is_row);
+    let (upper, last) = match (numbers.as_slice().split_first_chunk::<12>(), is_shaped) {
+        (Some((upper, last)), true) if matches!(last.len(), 0 | 4) => (upper, last),
+        _ => return Err(wrong("", "12 or 16 numbers, or 3 or 4 rows of 4", format!("{} numbers", numbers.len()))),
+    };
+    if !last.is_empty() && *last != [0.0, 0.0, 0.0, 1.0] {
+        return Err(wrong(", last row", "0 0 0 1", format!("{last:?}")));
+    }
+    CameraFromWorld::from_rows(upper).map_err(|source| SceneError::Camera {
+        path: path.to_owned(),
+        location: format!("matrix {at}"),
+        source,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use glam::DVec3;
+    use serde_json::json;
+
+    fn read(list: &Value) -> Result<Vec<CameraFromWorld>, SceneError> {
+        assert!(is_list_of_poses(list));
+        poses(list.as_array().unwrap(), Path::new("poses.json"))
+    }
+
+    /// Turned by a quarter about y and moved: world to camera, row by row, in every spelling.
+    #[test]
+    fn every_spelling_is_world_to_camera() {
+        let rows = [[0, 0, -1, 1], [0, 1, 0, 2], [1, 0, 0, 3], [0, 0, 0, 1]];
+        let flat = rows.as_flattened();
+        for matrix in [json!(flat[..12]), json!(flat), json!(rows[..3]), json!(rows)] {
+            let poses = read(&json!([matrix, matrix])).unwrap();
+            assert_eq!(poses.len(), 2);
+            assert_eq!(poses[1].translation(), DVec3::new(1.0, 2.0, 3.0));
+            assert_eq!(poses[1].inverse().centre(), DVec3::new(-3.0, -2.0, 1.0), "not the translation");
+            assert_eq!(poses[1].inverse().forward(), DVec3::X, "the third row looks ahead");
+        }
+    }
+
+    /// MotionCtrl's "Zoom In": the file's translation goes to −z, the camera ahead.
+    #[test]
+    fn zooming_in_goes_ahead() {
+        let step = |z: f64| json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, z]);
+        let poses = read(&json!([step(-0.2), step(-0.2875)])).unwrap();
+        let [first, second] = [0, 1].map(|at: usize| poses[at].inverse().centre().z);
+        assert!(second > first && first > 0.0);
+    }
+
+    #[test]
+    fn what_is_wrong_is_named() {
+        let good = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]);
+        for (bad, expected) in [
+            (json!([1, 0, 0]), "matrix 1: expected 12 or 16 numbers"),
+            (json!({}), "matrix 1: expected 12 or 16 numbers"),
+            (json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, "x", 0]), "matrix 1, number 10: expected a number, found \"x\""),
+            (json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2, 0]), "matrix 1: rotation"),
+            (json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 2]), "matrix 1, last row: expected 0 0 0 1"),
+            (json!([[1, 0, 0, 0, 0, 1], [0, 0, 0, 0, 1, 0]]), "matrix 1: expected 12 or 16 numbers"),
+        ] {
+            let error = read(&json!([good, bad])).unwrap_err().to_string();
+            assert!(error.contains(expected) && error.contains("poses.json"), "{error}\nlacks {expected}");
+        }
+    }
+
+    #[test]
+    fn other_lists_are_none() {
+        for other in
+            [json!([]), json!([1, 2]), json!([[1, 2, 3]]), json!([{ "a": 1 }]), json!({}), json!([[[1, 0, 0, 0]]])]
+        {
+            assert!(!is_list_of_poses(&other), "{other}");
+        }
+    }
+}
