@@ -3,7 +3,6 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
-#[expect(dead_code, reason = "no two runs are compared here")]
 mod evaluation;
 
 use std::path::Path;

@@ -292,7 +292,7 @@ fn cameras_of_no_known_dialect_say_what_they_seem_to_be() {
     let here = folder.path();
     for (text, told) in [
         (r#"[{"cameras": {}, "shots": {}}]"#, "a reconstruction of OpenSfM"),
-        (r#"[[1, 2, 3]]"#, "a list of 1, the first of which is a list of 3"),
+        (r"[[1, 2, 3]]", "a list of 1, the first of which is a list of 3"),
         (r#"{"camera_path": [], "keyframes": []}"#, "a camera path of nerfstudio's viewer"),
         (r#"{"views": [], "sfm_data_version": "0.3"}"#, "a scene of OpenMVG"),
         ("{\"views\": [],\n\"views\": []}", "\"views\" a second time at line 2"),

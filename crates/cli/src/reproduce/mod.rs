@@ -105,7 +105,9 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     }
     let report = summary::write(&words.out, &stores, sections, words.pictures)?;
     print_warnings(&warnings);
-    stores.iter().for_each(|(_, results)| print_findings(results, &warnings));
+    for (_, results) in &stores {
+        print_findings(results, &warnings);
+    }
     summary::print(&report, &stores, &not_run, &trained, &words.out)?;
     Ok(complete && not_run.is_empty())
 }

@@ -274,6 +274,8 @@ fn hashes_tell_trials_apart() {
     }
 }
 
+type Change<'a> = &'a dyn Fn(&mut NormalizedIntrinsics);
+
 /// Each intrinsic by itself, of a context camera and of a target's.
 #[test]
 fn every_intrinsic_is_part_of_the_hash_and_of_no_pose() {
@@ -284,7 +286,6 @@ fn every_intrinsic_is_part_of_the_hash_and_of_no_pose() {
         (trial.hash(), trial.pose_hash())
     };
     let reference = hashes(2, &|_| ());
-    type Change<'a> = &'a dyn Fn(&mut NormalizedIntrinsics);
     let changes: [(&str, Change<'_>); 4] =
         [("fx", &|k| k.fx += 1e-4), ("fy", &|k| k.fy += 1e-4), ("cx", &|k| k.cx += 1e-4), ("cy", &|k| k.cy += 1e-4)];
     let mut met = vec![reference.0];
