@@ -169,8 +169,7 @@ fn times_are_of_the_timing_pass_or_absent_with_the_reason() {
     let time = |results: &Results, method: &str| {
         let definition = TableDefinition::named("re10k").unwrap();
         let table = tables(&definition, &[Source { label: "run", results }], Mixing::Apart).unwrap().swap_remove(0);
-        let (place, column) =
-            table.columns().find(|(_, column)| column.quantity == crate::definition::Quantity::Seconds).unwrap();
+        let (place, column) = table.columns().find(|(_, column)| column.quantity == Quantity::Seconds).unwrap();
         let row = table.rows.iter().find(|row| row.method.as_deref() == Some(method) && !row.without_leaked).unwrap();
         let cell = row.cells[place.0][place.1].clone();
         let notes: Vec<String> = table.footer.iter().map(|note| note.text.clone()).collect();
