@@ -4,6 +4,8 @@
 //! The same [`Request`] gives the same bytes on any number of threads. The world is in metres with z up; cameras
 //! have OpenCV's axes.
 
+#[cfg(test)]
+mod analytic_tests;
 mod build;
 mod bvh;
 mod covisibility;

@@ -115,6 +115,19 @@ impl Simulation {
         Ok(Self { request, world, conditions, effects, shots, slowed_to, gain })
     }
 
+    /// A world made by hand, filmed by cameras at rest, without effects.
+    #[cfg(test)]
+    pub(crate) fn of_world(world: World, size: ImageSize, cameras: &[Camera]) -> Self {
+        let seed = SceneSeed { split: crate::Split::Test, number: 0 };
+        let request = Request { size, effects: EffectChoice::None, ..Request::new(SceneKind::Rooms, seed) };
+        let still = |camera: &Camera| Shot::still(0, *camera, camera.camera_from_world.inverse());
+        let shots: Vec<Shot> = cameras.iter().map(still).collect();
+        let conditions = conditions(request.kind, seed.word());
+        let case = Case { world: &world, conditions: &conditions, shots: &shots };
+        let effects = Effects::choose(&case, &request.effects);
+        Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0 }
+    }
+
     /// The scene's name.
     pub fn key(&self) -> String {
         self.request.seed.key(self.request.kind)

@@ -117,8 +117,8 @@ impl fmt::Display for Report {
             }
             Some(_) => writeln!(f, "no number moved; acceptance {acceptances} of this baseline")?,
         }
-        for Limit { preset, method, metric, limit, runs } in limits {
-            writeln!(f, "{preset}, {method}: {metric} may move by {limit:.2e}, from {runs} runs")?;
+        for limit in limits {
+            writeln!(f, "{limit}")?;
         }
         match probe {
             Some(recipe) => writeln!(f, "probe: {} with constants {}", recipe.model, recipe.constants),

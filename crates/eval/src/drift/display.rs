@@ -2,7 +2,7 @@ use std::fmt;
 
 use super::figures::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
-use super::{Basis, ChangedPicture, Comparison, DataComparison, DriftReport, Finding, PictureRole, Verdict};
+use super::{Basis, ChangedPicture, Comparison, DataComparison, DriftReport, Finding, Limit, PictureRole, Verdict};
 
 /// How many changed pictures are named.
 const NAMED: usize = 10;
@@ -118,6 +118,14 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
             writeln!(f, "    largest change {} at {at}{limit}", size(metric, comparison.largest))
         }
         _ => Ok(()),
+    }
+}
+
+impl fmt::Display for Limit {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { preset, method, metric, limit, runs } = self;
+        let runs = if *runs == 1 { "1 run".to_owned() } else { format!("{runs} runs") };
+        write!(f, "{preset}, {method}: {metric} may move by {}, from {runs}", size(metric, *limit))
     }
 }
 

@@ -158,6 +158,14 @@ fn numbers_print_as_a_person_writes_them() {
     made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 0.125));
     made.provenance.methods[0].parameters = parameters(0.1);
     let report = compare(&made, &baseline).to_string();
+    let limit = Limit {
+        preset: "p".to_owned(),
+        method: "m".to_owned(),
+        metric: "psnr".to_owned(),
+        limit: least_limit("psnr"),
+        runs: 1,
+    };
+    assert_eq!(limit.to_string(), "p, m: psnr may move by 0.01 dB, from 1 run");
     for part in ["21.97 dB", "21.84 dB", "-0.125 dB", "largest change 0.12 dB at scene 000 0 frame 0", "DRIFTED, worse"]
     {
         assert!(report.contains(part), "{part}: {report}");
