@@ -27,7 +27,11 @@ fn dataset(here: &Path, scenes: &[&str], frames: usize) {
     write_preset(here, SIDE);
     for scene in scenes {
         std::fs::create_dir_all(here.join("data").join(scene)).unwrap();
-        write_trajectory(&here.join(format!("data/{scene}.txt")), frames);
+        let path = here.join(format!("data/{scene}.txt"));
+        write_trajectory(&path, frames);
+        // Pictures are square, and so are their pixels.
+        let text = std::fs::read_to_string(&path).unwrap();
+        std::fs::write(&path, text.replace(" 0.48 0.86 ", " 0.86 0.86 ")).unwrap();
         for frame in 0..frames {
             std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), picture(frame, SIDE)).unwrap();
         }
