@@ -158,11 +158,15 @@ fn nothing_evaluated_is_a_failure_whatever_the_flags() {
             );
         }
     }
-    for scene in ["a", "b"] {
-        std::fs::write(here.join(format!("data/{scene}.txt")), "https://example.org/video\n0 0.48 broken\n").unwrap();
+    for (scene, frame) in ["a", "b"].into_iter().flat_map(|scene| (0..5).map(move |frame| (scene, frame))) {
+        std::fs::write(here.join(format!("data/{scene}/{}.png", frame * 33_367)), "no picture").unwrap();
     }
     let broken = run(here, &["--out", "broken"]);
-    assert!(broken.code == 1 && broken.stderr.contains("every entry was skipped: 2 unreadable"), "{}", broken.stderr);
+    assert!(
+        broken.code == 1 && broken.stderr.contains("every entry was skipped: 2 picture-unreadable"),
+        "{}",
+        broken.stderr
+    );
 }
 
 #[test]
@@ -171,7 +175,10 @@ fn pictures_of_another_size_are_told_of_any_size() {
     let here = folder.path();
     dataset(here, &["a"], 5);
     write_index(&here.join("data"), &["a"], "[0, 4]", "[2]");
-    let words = ["run", "re10k-2v-256", "--data", "data", "--method", "nearest-view", "--out", "store"];
+    let preset = std::fs::read_to_string(here.join("tiny.toml")).unwrap();
+    let sized = "[preprocessing]\nexpected-size = { width = 640, height = 360 }";
+    std::fs::write(here.join("sized.toml"), preset.replacen("[preprocessing]", sized, 1)).unwrap();
+    let words = ["run", "sized.toml", "--data", "data", "--method", "nearest-view", "--out", "store"];
     let refused = atsplat(here, &words);
     assert!(
         refused.code == 1 && refused.stdout.contains("--any-size takes pictures of any size"),
@@ -187,9 +194,9 @@ fn pictures_of_another_size_are_told_of_any_size() {
 fn a_mistyped_folder_of_renders_is_corrected_into_the_same_store() {
     let folder = tempfile::tempdir().unwrap();
     let here = folder.path();
-    dataset(here, &["a", "b"], 5);
-    write_index(&here.join("data"), &["a", "b"], "[0, 4]", "[1, 2]");
-    for (scene, frame) in [("a", 1), ("a", 2), ("b", 2)] {
+    dataset(here, &["one", "two"], 5);
+    write_index(&here.join("data"), &["one", "two"], "[0, 4]", "[1, 2]");
+    for (scene, frame) in [("one", 1), ("one", 2), ("two", 2)] {
         let place = here.join(format!("out/test/{scene}/color"));
         std::fs::create_dir_all(&place).unwrap();
         std::fs::write(place.join(format!("{frame:06}.png")), picture(frame + 1, SIDE)).unwrap();
@@ -209,9 +216,9 @@ fn a_mistyped_folder_of_renders_is_corrected_into_the_same_store() {
     ] {
         assert!(up.stderr.contains(text), "{text}: {}", up.stderr);
     }
-    let down = score("out/test/a");
+    let down = score("out/test/one");
     assert!(down.code == 1 && down.stderr.contains("out/test, as SCENE/color/000029.png (2)"), "{}", down.stderr);
-    let nowhere = score("data/a");
+    let nowhere = score("data/one");
     assert!(nowhere.code == 1 && nowhere.stderr.contains("the folder holds 0.png"), "{}", nowhere.stderr);
     // Found, and all of another size: rows that hold no number.
     let small = score("small");
