@@ -83,7 +83,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     };
     let of_ablations: Vec<usize> =
         datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
-    let Evaluated { results, summary, nothing } = words.evaluate("results", &datasets, &trained.methods()?)?;
+    let Evaluated { results, summary, nothing } =
+        words.evaluate("results", &datasets, &trained.methods()?, Some(TimingPlan::default()))?;
     if let Some(why) = nothing {
         bail!("nothing was evaluated: {why}");
     }
@@ -99,7 +100,8 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
     if !of_ablations.is_empty() {
         let all = datasets.into_iter().enumerate();
         let datasets: Vec<Dataset> = all.filter(|(at, _)| of_ablations.contains(at)).map(|(_, one)| one).collect();
-        let Evaluated { results, summary, .. } = words.evaluate("ablations", &datasets, &trained.variants()?)?;
+        // Their tables hold no times.
+        let Evaluated { results, summary, .. } = words.evaluate("ablations", &datasets, &trained.variants()?, None)?;
         complete &= summary.is_complete();
         stores.push(("ablations", results));
     }
@@ -129,7 +131,13 @@ impl Words {
         }
     }
 
-    fn evaluate(&self, name: &str, datasets: &[Dataset], methods: &[Arc<dyn Method>]) -> anyhow::Result<Evaluated> {
+    fn evaluate(
+        &self,
+        name: &str,
+        datasets: &[Dataset],
+        methods: &[Arc<dyn Method>],
+        timing: Option<TimingPlan>,
+    ) -> anyhow::Result<Evaluated> {
         let suite = self.suite_of(datasets)?;
         let limit = if self.data.is_some() { self.suite.limit() } else { None };
         let plan = Plan {
@@ -137,7 +145,7 @@ impl Words {
             methods,
             suite: &suite,
             selection: Selection { limit, shard: None },
-            timing: Some(TimingPlan::default()),
+            timing,
             pictures: KeepPictures::Worst,
             prefetch: Prefetch { trials: 2, decode: DecodeAhead::All, max_bytes: 512 << 20 },
         };

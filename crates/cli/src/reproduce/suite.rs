@@ -22,7 +22,8 @@ impl SuiteWord {
     pub(super) const fn simulated_scenes(self, context_views: usize, targets: usize) -> usize {
         match self {
             Self::Full => usize::MAX,
-            Self::Quick if context_views > 6 || targets > 8 => 2,
+            Self::Quick if context_views > 6 => 1,
+            Self::Quick if targets > 8 => 2,
             Self::Quick if context_views > 2 => 4,
             Self::Quick => 8,
         }

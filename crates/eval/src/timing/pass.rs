@@ -8,7 +8,7 @@ use rayon::ThreadPool;
 
 use super::load::{Own, Watch};
 use super::quiet;
-use super::samples::{Prepared, Samples};
+use super::samples::{Prepared, Samples, is_long};
 use super::{Load, Machine, TimingRow};
 use crate::method::Method;
 use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
@@ -21,7 +21,7 @@ pub struct TimingPlan {
     pub trials: u32,
     /// Repetitions of each trial before those that count.
     pub warm_up: u32,
-    /// Repetitions of each trial that count, at the least.
+    /// Repetitions of each trial that count, at the least; two where each takes five seconds.
     pub repetitions: u32,
 }
 
@@ -120,10 +120,15 @@ impl Pass<'_> {
             row.machine == self.machine
                 && !row.load.is_busy()
                 && self.store.known().trial_hash(&row.key) == Some(row.trial_hash.as_str())
-                && (!row.is_timed() || row.repetitions() >= self.timing.repetitions as usize)
+                && (!row.is_timed() || self.is_enough(row))
         });
         let (timed, refused): (Vec<_>, Vec<_>) = good.partition(|row| row.is_timed());
         timed.len() >= (self.timing.trials as usize).min(there) || (timed.is_empty() && !refused.is_empty())
+    }
+
+    fn is_enough(&self, row: &TimingRow) -> bool {
+        let secs = row.encode.iter().chain(&row.render).sum();
+        row.repetitions() >= self.timing.repetitions as usize || is_long(row.repetitions(), secs)
     }
 
     /// The rows of one method: as many timed trials as are wanted, or the reason of the first that could not be timed.

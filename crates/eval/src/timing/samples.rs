@@ -18,11 +18,19 @@ const LEAST: Duration = Duration::from_millis(50);
 /// No more repetitions than these for that.
 const MOST: usize = 200;
 
+/// Seconds from which on work is long: two repetitions tell its spread, and a pass must not last for hours.
+const LONG: f64 = 5.0;
+
 /// A trial with its context pictures decoded.
 #[derive(Debug)]
 pub(super) struct Prepared {
     pub(super) trial: Trial,
     pub(super) pictures: Vec<Arc<ImageU8>>,
+}
+
+/// Whether so many repetitions, which took so long in all, suffice because each was long.
+pub(super) fn is_long(repetitions: usize, secs: f64) -> bool {
+    repetitions >= 2 && secs >= LONG * repetitions as f64
 }
 
 /// What the clock said.
@@ -63,6 +71,9 @@ impl Samples {
         while repetitions < plan.repetitions as usize || (start.elapsed() < LEAST && repetitions < MOST) {
             samples.repeat(question, method, &targets)?;
             repetitions += 1;
+            if is_long(repetitions, start.elapsed().as_secs_f64()) {
+                break;
+            }
         }
         samples.peak_bytes = memory::peak_bytes().filter(|_| can_forget);
         let timed = method.timed();
