@@ -5,8 +5,9 @@ use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 
-/// A dataset whose pictures went through a preset's preprocessing before, while its cameras still are those of the
-/// pictures that the preset expects. Copies of RE10K are passed on like that, as 256×256 crops beside the official rows.
+/// A dataset whose pictures went through a preset's preprocessing before. Copies of RE10K are passed on like that, as
+/// 256×256 crops: beside the official rows, whose cameras are those of the whole pictures and are cropped here, or with
+/// cameras that were cropped too, which stay as they are.
 #[derive(Clone)]
 pub struct AlreadyCropped {
     inner: Arc<dyn SceneSource>,
@@ -14,7 +15,7 @@ pub struct AlreadyCropped {
 }
 
 impl AlreadyCropped {
-    /// The dataset with its cameras cropped too, and the preset that takes its pictures as they are. `None` where pictures
+    /// The dataset with cameras that fit its pictures, and the preset that takes its pictures as they are. `None` where pictures
     /// are of the expected size, or of neither: one frame of the first scene with a picture is looked at.
     pub fn of(source: &Arc<dyn SceneSource>, preset: &Preset) -> Option<(Self, Preset)> {
         let expected = preset.preprocessing.expected_size?;
@@ -48,11 +49,14 @@ impl SceneSource for AlreadyCropped {
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
         let mut scene = self.inner.load(key, warnings)?;
         for frame in &mut scene.frames {
-            frame.camera = self
-                .plan
-                .camera(&frame.camera)
-                .map_err(|error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) })?;
-            frame.stated_size = Some(self.plan.output());
+            if frame.misfit(self.plan.output()).is_some_and(|misfit| misfit.is_fatal()) {
+                frame.camera = self
+                    .plan
+                    .camera(&frame.camera)
+                    .map_err(|error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) })?;
+                // What was stated is of the whole picture; whether the crop fits is asked of its pixels' shape.
+                frame.stated_size = None;
+            }
         }
         Ok(scene)
     }
@@ -73,7 +77,8 @@ mod tests {
 
     use super::*;
 
-    struct One(Vec<String>, ImageSize);
+    /// One frame of this size, and its focal lengths.
+    struct One(Vec<String>, ImageSize, [f64; 2]);
 
     impl SceneSource for One {
         fn keys(&self) -> &[String] {
@@ -83,7 +88,8 @@ mod tests {
         fn load(&self, key: &str, _: &mut Warnings) -> Result<Scene, SceneError> {
             let ImageSize { width, height } = self.1;
             let picture = ImageU8::new(width, height, vec![9; (width * height * 3) as usize]).unwrap();
-            let k = NormalizedIntrinsics::new(0.5, 0.9, 0.5, 0.5).unwrap();
+            let [fx, fy] = self.2;
+            let k = NormalizedIntrinsics::new(fx, fy, 0.5, 0.5).unwrap();
             let frame = Frame {
                 name: "0".to_owned(),
                 timestamp_micros: None,
@@ -96,7 +102,18 @@ mod tests {
     }
 
     fn source(width: u32, height: u32) -> Arc<dyn SceneSource> {
-        Arc::new(One(vec!["a".to_owned()], ImageSize { width, height }))
+        Arc::new(One(vec!["a".to_owned()], ImageSize { width, height }, [0.5, 0.9]))
+    }
+
+    #[test]
+    fn cameras_that_were_cropped_with_their_pictures_stay() {
+        let preset = Preset::named("re10k-2v-256").unwrap();
+        let size = ImageSize { width: 256, height: 256 };
+        let squares: Arc<dyn SceneSource> = Arc::new(One(vec!["a".to_owned()], size, [0.88, 0.88]));
+        let (cropped, adapted) = AlreadyCropped::of(&squares, &preset).unwrap();
+        let k = cropped.load("a", &mut Warnings::new()).unwrap().frames[0].camera.intrinsics;
+        Tolerance::EXACT.assert([k.fx, k.fy], [0.88, 0.88], "not cropped a second time");
+        assert_eq!(adapted.preprocessing.expected_size, Some(size));
     }
 
     #[test]
