@@ -150,7 +150,7 @@ pub fn check_geometry(
     }
     let (pairs, matched): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
     let scores = score_conventions(&matched);
-    let diagonals = matched.iter().map(|pair| pair.first.diagonal()).collect();
+    let diagonals = matched.iter().map(|pair| pair.first.diagonal());
     let verdict = verdict(&scores, median(diagonals).unwrap_or_default(), options.min_matches);
     Ok(GeometryCheck { scene: scene.key.clone(), pairs, skipped, scores, verdict })
 }
@@ -217,7 +217,7 @@ impl Matcher<'_> {
         if fraction < min_inlier_fraction {
             return Ok(Err(format!("only {:.0} % of {} matches agree", 100.0 * fraction, tentative.len())));
         }
-        let motion_px = median(matches.iter().map(|m| m.first.distance(m.second)).collect()).unwrap_or_default();
+        let motion_px = median(matches.iter().map(|m| m.first.distance(m.second))).unwrap_or_default();
         let pair = MatchedPair { first: *first, second: *second, matches };
         let declared = score_conventions(std::slice::from_ref(&pair)).first().copied();
         let declared_px = declared.filter(|s| s.convention == Convention::Declared).map(|s| s.median_px);

@@ -184,8 +184,8 @@ mod tests {
             })
             .collect();
         assert!(offsets.len() > centres.len() / 2, "{} of {} blobs found", offsets.len(), centres.len());
-        let dx = median(offsets.iter().map(|o| o.x).collect()).unwrap();
-        let dy = median(offsets.iter().map(|o| o.y).collect()).unwrap();
+        let dx = median(offsets.iter().map(|o| o.x)).unwrap();
+        let dy = median(offsets.iter().map(|o| o.y)).unwrap();
         assert!(dx.abs() < 0.05 && dy.abs() < 0.05, "biased by ({dx:.3}, {dy:.3}) px");
     }
 
@@ -195,7 +195,7 @@ mod tests {
         let features = |picture| detect(picture, &MatchOptions::default()).unwrap();
         let matches = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
         assert!(matches.len() > 50, "{} matches", matches.len());
-        let errors = matches.iter().map(|m| (m.first - m.second - DVec2::new(7.0, 4.0)).length()).collect();
+        let errors = matches.iter().map(|m| (m.first - m.second - DVec2::new(7.0, 4.0)).length());
         let error = median(errors).unwrap();
         assert!(error < 0.05, "median error {error} px");
     }

@@ -220,7 +220,7 @@ impl Shown {
             [Some(before), Some(after)] => Some(after - before),
             _ => None,
         });
-        let interval_micros = median(gaps.collect()).unwrap_or(stream.declared_interval_micros);
+        let interval_micros = median(gaps).unwrap_or(stream.declared_interval_micros);
         let mut times: Vec<Time> = Vec::new();
         for time in known {
             let follows = times.last().map_or(0.0, |time| time.micros + interval_micros);
