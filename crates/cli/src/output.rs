@@ -1,10 +1,11 @@
 use std::collections::BTreeMap;
 use std::fmt::Display;
 use std::io::{ErrorKind, Write};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use anyhow::Context as _;
 use atsplat_eval::{Results, WarningCount};
+use atsplat_files::{AtomicFile, Writer};
 use atsplat_scene::Warnings;
 use serde::Serialize;
 
@@ -33,61 +34,34 @@ pub(crate) fn complain(line: &str) {
 
 /// A file that is opened before long work starts and replaces its target only when the work is done.
 #[derive(Debug)]
-pub(crate) struct PendingFile {
-    temporary: tempfile::NamedTempFile,
-    target: PathBuf,
-}
+pub(crate) struct PendingFile(AtomicFile);
 
 impl PendingFile {
     /// Opens a temporary file beside `target`, making its folder where needed.
     pub(crate) fn open(target: &Path) -> anyhow::Result<Self> {
-        if target.is_dir() {
-            anyhow::bail!("{} is a folder, expected a file to write", target.display());
+        if let Some(folder) = target.parent().filter(|parent| !parent.as_os_str().is_empty()) {
+            std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
         }
-        let folder = match target.parent() {
-            Some(parent) if !parent.as_os_str().is_empty() => parent,
-            _ => Path::new("."),
-        };
-        std::fs::create_dir_all(folder).with_context(|| format!("making the folder {}", folder.display()))?;
-        let temporary =
-            tempfile::NamedTempFile::new_in(folder).with_context(|| format!("writing into {}", folder.display()))?;
-        Ok(Self { temporary, target: target.to_owned() })
+        let file = AtomicFile::create(target).with_context(|| format!("writing {}", target.display()))?;
+        Ok(Self(file))
     }
 
     /// Writes everything and moves the file to its target.
-    pub(crate) fn finish(mut self, bytes: &[u8]) -> anyhow::Result<()> {
-        self.temporary.write_all(bytes).with_context(|| self.doing())?;
-        self.persist()
+    pub(crate) fn finish(self, bytes: &[u8]) -> anyhow::Result<()> {
+        self.writer().write_all(bytes).with_context(|| format!("writing {}", self.0.target().display()))?;
+        self.commit()
     }
 
-    /// Another handle, at the beginning of the file, for what writes piece by piece.
-    pub(crate) fn writer(&self) -> anyhow::Result<std::fs::File> {
-        self.temporary.reopen().with_context(|| self.doing())
+    /// For what writes piece by piece.
+    pub(crate) fn writer(&self) -> Writer {
+        self.0.writer()
     }
 
     /// Moves the file to its target as it is.
-    pub(crate) fn persist(self) -> anyhow::Result<()> {
-        make_readable(self.temporary.as_file()).with_context(|| self.doing())?;
-        let doing = self.doing();
-        self.temporary.persist(&self.target).context(doing)?;
-        Ok(())
+    pub(crate) fn commit(self) -> anyhow::Result<()> {
+        let doing = format!("writing {}", self.0.target().display());
+        self.0.commit().map(drop).context(doing)
     }
-
-    fn doing(&self) -> String {
-        format!("writing {}", self.target.display())
-    }
-}
-
-/// A temporary file is private to its owner; a result is not.
-#[cfg(unix)]
-fn make_readable(file: &std::fs::File) -> std::io::Result<()> {
-    use std::os::unix::fs::PermissionsExt as _;
-    file.set_permissions(std::fs::Permissions::from_mode(0o644))
-}
-
-#[cfg(not(unix))]
-fn make_readable(_file: &std::fs::File) -> std::io::Result<()> {
-    Ok(())
 }
 
 /// Prints what a run counted without stopping, by protocol and kind, with the first of each: in its data, and in what

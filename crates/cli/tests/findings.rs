@@ -5,11 +5,12 @@
 mod common;
 mod evaluation;
 
+use atsplat_files::Sha256Digest;
 use std::path::Path;
 
 use atsplat_eval::Results;
 use atsplat_pixels::{ImageU8, encode_png};
-use atsplat_protocol::{IndexFile, Sha256Digest};
+use atsplat_protocol::IndexFile;
 use common::{atsplat, succeed, write_trajectory};
 use evaluation::{write_index, write_preset};
 

@@ -7,6 +7,7 @@
 
 #![expect(clippy::print_stdout, reason = "an example prints what it measures")]
 
+use atsplat_files::Sha256Digest;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -18,7 +19,7 @@ use atsplat_eval::timing::{TimingPlan, times};
 use atsplat_eval::{MethodRecord, Store};
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
-use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset, Sha256Digest};
+use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
 use atsplat_scene::{SceneSource, Warnings};
 use atsplat_splat::{GaussianParts, Gaussians};
 

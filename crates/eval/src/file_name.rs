@@ -2,7 +2,7 @@ use std::fmt::Write as _;
 
 use sha2::{Digest, Sha256};
 
-use crate::store::hexadecimal;
+use atsplat_files::hexadecimal;
 
 /// Bytes beyond which a name is cut; most file systems take 255.
 const LONGEST: usize = 120;

@@ -19,16 +19,6 @@ pub mod weights;
 pub use config::{ImageSize, ModelConfig};
 pub use error::ModelError;
 
-/// Lower-case hexadecimal, as `sha256sum` prints.
-pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
-    use std::fmt::Write;
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        // Writing into a String does not fail.
-        write!(text, "{byte:02x}").ok();
-        text
-    })
-}
-
 /// A TOML error with the line and column, counted from 1, that its byte span begins at.
 pub(crate) fn toml_error(what: &'static str, expected_whole: &str, text: &str, error: &toml::de::Error) -> ModelError {
     let start = error.span().map_or(0, |span| span.start);

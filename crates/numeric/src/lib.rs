@@ -2,18 +2,18 @@
 //!
 //! Two rules live here because every crate shares them: a comparison names its [`Tolerance`], and
 //! [`Extremes`] lets NaN through where the standard library's `max` and `min` swallow it. Shared for the same reason:
-//! [`median`] and [`quantile`], and the row in which every crate reports how it fared with a hard case, [`StressRow`].
+//! [`median`] and [`quantile`], and [`SplitMix64`], which every random choice comes from.
 
 mod extremes;
 mod order;
+mod random;
 mod rank;
 mod split_mix;
-mod stress;
 mod tolerance;
 
 pub use extremes::Extremes;
 pub use order::{median, quantile};
+pub use random::SplitMix64;
 pub use rank::rank_correlation;
 pub use split_mix::{SPLIT_MIX_STEP, split_mix};
-pub use stress::{MeasuredError, StressRow};
 pub use tolerance::{Mismatch, Tolerance};

@@ -1,6 +1,5 @@
+use atsplat_files::Sha256Digest;
 use serde::Serialize;
-
-use crate::Sha256Digest;
 
 /// An evaluation index that a repository of the field ships.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]

@@ -22,8 +22,8 @@ pub use bins::{BinCount, BinCounts, BinPlace, BinRule, BinnedMean, OverlapBins};
 pub use builder::{BuiltIndex, IndexBuilder, OverlapRule};
 pub use error::ProtocolError;
 pub use index::{
-    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexNotices, LoneEntryForm, Misfit, NotADigest,
-    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, Sha256Digest, Spacing,
+    AbsentForm, EvaluationIndex, IndexEntry, IndexFile, IndexLayout, IndexNotices, LoneEntryForm, Misfit,
+    OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS, Overlap, Spacing,
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
 pub use lint::{

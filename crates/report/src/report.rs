@@ -97,14 +97,8 @@ fn put(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
         source,
         path: folder,
     })?;
-    // A reader of the report sees the old file or the new one, never a part.
-    let temporary = path.with_extension("part");
-    let written = std::fs::write(&temporary, bytes).and_then(|()| std::fs::rename(&temporary, &path));
-    match written {
+    match atsplat_files::write_unsynced(&path, bytes) {
         Ok(()) => Ok(path),
-        Err(source) => {
-            std::fs::remove_file(&temporary).ok();
-            Err(ReportError::File { doing: "writing", source, path })
-        }
+        Err(source) => Err(ReportError::File { doing: "writing", source, path }),
     }
 }

@@ -1,12 +1,11 @@
 //! What a frozen backbone makes of pictures, kept on disk: each picture goes through it once, however often it is drawn.
 
+use atsplat_files::Sha256Digest;
 use std::path::{Path, PathBuf};
-use std::sync::{Mutex, PoisonError};
 
 use atsplat_model::network::{Network, Views};
 use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_model::{ImageSize, ModelConfig};
-use atsplat_protocol::Sha256Digest;
 
 use crate::TrainError;
 use crate::samples::Posed;
@@ -19,8 +18,6 @@ const DIGEST: &str = "tensors-sha256";
 #[derive(Debug)]
 pub struct FeatureCache {
     folder: PathBuf,
-    /// One file is written at a time.
-    writing: Mutex<()>,
 }
 
 impl FeatureCache {
@@ -42,7 +39,7 @@ impl FeatureCache {
         let identity = format!("{} {backbone:?} {} {}", frozen.digest(), coarse.patch_size, coarse.image_downscale);
         let folder = folder.join(Sha256Digest::of(identity.as_bytes()).to_string());
         std::fs::create_dir_all(&folder).map_err(TrainError::io("making a folder for features", &folder))?;
-        Ok(Self { folder, writing: Mutex::default() })
+        Ok(Self { folder })
     }
 
     /// Views that the network need not send through its backbone. `network` has the weights of [`Self::open`].
@@ -73,11 +70,7 @@ impl FeatureCache {
         let mut stored = StoredTensors::default();
         stored.tensors.insert(FEATURES.to_owned(), tensor);
         stored.metadata.insert(DIGEST.to_owned(), stored.digest());
-        // Other processes write other files.
-        let own = path.with_extension(std::process::id().to_string());
-        let _one_at_a_time = self.writing.lock().unwrap_or_else(PoisonError::into_inner);
-        stored.write(&own)?;
-        std::fs::rename(&own, path).map_err(TrainError::io("keeping features", path))
+        Ok(stored.write(path)?)
     }
 }
 

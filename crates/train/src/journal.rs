@@ -1,5 +1,6 @@
 //! What happened, step by step: lines of JSON that are appended as it happens, and Parquet in the end.
 
+use atsplat_files::AtomicFile;
 use std::fs::{File, OpenOptions};
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -91,13 +92,11 @@ impl Journal {
     /// [`TrainError::Io`].
     pub fn open<R: Dated>(path: &Path, steps: u64) -> Result<(Self, Vec<R>), TrainError> {
         let kept: Vec<R> = read(path)?.into_iter().filter(|record: &R| record.is_within(steps)).collect();
-        let partial = path.with_extension("partial");
         let mut text = String::new();
         for record in &kept {
             text.push_str(&line(record)?);
         }
-        std::fs::write(&partial, text).map_err(TrainError::io("writing a log", &partial))?;
-        std::fs::rename(&partial, path).map_err(TrainError::io("writing a log", path))?;
+        atsplat_files::write(path, text.as_bytes()).map_err(TrainError::io("writing a log", path))?;
         let file = OpenOptions::new().append(true).open(path).map_err(TrainError::io("writing a log", path))?;
         Ok((Self { path: path.to_owned(), file }, kept))
     }
@@ -177,8 +176,7 @@ pub fn write_evaluations(path: &Path, records: &[EvaluationRecord]) -> Result<()
 /// Whole under its name, or not at all.
 fn write_frame(path: &Path, columns: Vec<Column>) -> Result<(), TrainError> {
     let mut frame = DataFrame::new_infer_height(columns)?;
-    let partial = path.with_extension("partial");
-    let file = File::create(&partial).map_err(TrainError::io("writing a log", &partial))?;
-    ParquetWriter::new(file).finish(&mut frame)?;
-    std::fs::rename(&partial, path).map_err(TrainError::io("writing a log", path))
+    let file = AtomicFile::create(path).map_err(TrainError::io("writing a log", path))?;
+    ParquetWriter::new(file.writer()).finish(&mut frame)?;
+    file.commit().map(drop).map_err(TrainError::io("writing a log", path))
 }

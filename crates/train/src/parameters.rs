@@ -4,7 +4,7 @@ use atsplat_model::ModelConfig;
 use atsplat_model::network::Network;
 use atsplat_model::parameters::{Parameter, parameters};
 use atsplat_model::weights::{StoredTensor, StoredTensors};
-use atsplat_protocol::samplers::SplitMix64;
+use atsplat_numeric::SplitMix64;
 
 use crate::TrainError;
 

@@ -1,6 +1,6 @@
-use atsplat_numeric::{MeasuredError, StressRow};
 use atsplat_pixels::encode_png;
 use atsplat_report::plot::{COLOURS, FONT, GREY, PlotFormat, image_of, svg_of};
+use atsplat_splat::stress::{MeasuredError, StressRow};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};

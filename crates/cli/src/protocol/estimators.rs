@@ -1,5 +1,6 @@
 //! `atsplat protocol estimators`: estimated overlap against true co-visibility, on simulated scenes.
 
+use atsplat_numeric::SplitMix64;
 use std::fmt;
 
 use anyhow::Context as _;
@@ -7,7 +8,6 @@ use atsplat_camera::ImageSize;
 use atsplat_numeric::rank_correlation;
 use atsplat_pixels::{ImageU8, Rounding};
 use atsplat_protocol::overlap::{DepthMap, OverlapEstimator, OverlapView};
-use atsplat_protocol::samplers::SplitMix64;
 use atsplat_protocol::{BinRule, OverlapBins};
 use atsplat_report::plot::{EstimatePoint, EstimatorPanel, EstimatorScatter};
 use atsplat_rooms::{Geometry, Request, SceneKind, SceneSeed, Simulation, Split};

@@ -1,5 +1,6 @@
 //! Which network, with which weights.
 
+use atsplat_files::Sha256Digest;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -11,7 +12,6 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone};
 use atsplat_model::{ImageSize, ModelConfig};
-use atsplat_protocol::Sha256Digest;
 use clap::{Args, ValueEnum};
 use serde::Serialize;
 

@@ -1,5 +1,6 @@
 //! What is recorded beside the file, and what is printed of it.
 
+use atsplat_files::Sha256Digest;
 use std::fmt;
 use std::path::PathBuf;
 use std::time::Instant;
@@ -8,8 +9,8 @@ use atsplat_camera::{Fallback, PoseNormalisation};
 use atsplat_model::ImageSize;
 use atsplat_model::budget::MemoryEstimate;
 use atsplat_model::network::{Processor, Reconstruction};
+use atsplat_protocol::NearFar;
 use atsplat_protocol::trial::AppliedNormalisation;
-use atsplat_protocol::{NearFar, Sha256Digest};
 use serde::Serialize;
 
 use super::FrameWord;

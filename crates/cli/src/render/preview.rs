@@ -1,9 +1,8 @@
-use std::fs::File;
-use std::io::BufWriter;
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
+use atsplat_files::Writer;
 use atsplat_pixels::{AnimatedPng, Filter, ImageU8, resize};
 use clap::Args;
 
@@ -41,7 +40,7 @@ fn animation_path(text: &str) -> Result<PathBuf, String> {
 /// An animation under way; it appears when it is complete.
 #[derive(Debug)]
 pub(crate) struct Preview {
-    animation: AnimatedPng<BufWriter<File>>,
+    animation: AnimatedPng<Writer>,
     file: PendingFile,
     size: ImageSize,
 }
@@ -60,7 +59,7 @@ impl PreviewWords {
         }
         let size = self.size(full);
         let frames = u32::try_from(shots.len()).context("too many frames for an animation")?;
-        let out = BufWriter::new(file.writer()?);
+        let out = file.writer();
         let animation = AnimatedPng::new(out, (size.width, size.height), frames, self.fps)?;
         Ok(Preview { animation, file, size })
     }
@@ -92,7 +91,7 @@ impl Preview {
     /// Puts the file in its place.
     pub(crate) fn finish(self) -> anyhow::Result<()> {
         self.animation.finish()?;
-        self.file.persist()
+        self.file.commit()
     }
 }
 

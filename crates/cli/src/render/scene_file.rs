@@ -1,9 +1,9 @@
+use atsplat_files::Sha256Digest;
 use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::Context as _;
-use atsplat_protocol::Sha256Digest;
 use atsplat_splat::files::{self, Format};
 use atsplat_splat::{Cleaning, Gaussians, Validation};
 use clap::{Args, ValueEnum};

@@ -1,5 +1,6 @@
 //! What runs on a user's folder: every dataset in it, under every protocol that fits.
 
+use atsplat_files::Sha256Digest;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -10,7 +11,7 @@ use atsplat_eval::runner::{Dataset, PlannedIndex};
 use atsplat_eval::sources::{AlreadyCropped, PresentFrames};
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
-use atsplat_protocol::{EvaluationIndex, IndexLayout, Sha256Digest};
+use atsplat_protocol::{EvaluationIndex, IndexLayout};
 use atsplat_scene::{Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneSource, Warnings, open_with};
 use serde::Serialize;
 

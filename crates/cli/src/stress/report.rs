@@ -1,6 +1,6 @@
 use std::fmt;
 
-use atsplat_numeric::{MeasuredError, StressRow};
+use atsplat_splat::stress::{MeasuredError, StressRow};
 use serde::Serialize;
 
 /// What came of all cases.

@@ -1,6 +1,6 @@
-use atsplat_numeric::StressRow;
 use atsplat_splat::gpu::AdapterChoice;
 use atsplat_splat::hard_cases::{HardCase, catalogue};
+use atsplat_splat::stress::StressRow;
 use atsplat_splat::stress::{self, Path};
 
 use clap::Command;

@@ -1,3 +1,4 @@
+use atsplat_files::Sha256Digest;
 use std::collections::BTreeMap;
 use std::fmt;
 use std::path::PathBuf;
@@ -7,7 +8,6 @@ use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ImportReport, KeyMap, KnownFile, ModelWeights, TensorFile, read_backbone};
-use atsplat_protocol::Sha256Digest;
 use clap::Args;
 use serde::Serialize;
 

@@ -1,3 +1,4 @@
+use atsplat_files::Sha256Digest;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -5,7 +6,6 @@ use anyhow::bail;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
 use atsplat_model::weights::{KnownFile, ModelWeights, TensorFile, read_backbone};
-use atsplat_protocol::Sha256Digest;
 use clap::Args;
 use serde::Serialize;
 

@@ -1,5 +1,4 @@
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
 
 use serde::{Deserialize, Serialize};
@@ -172,7 +171,7 @@ impl Baseline {
     /// # Errors
     /// [`DriftError::Io`], and [`DriftError::Malformed`] for numbers that JSON does not have.
     pub fn write(&self, path: &Path) -> Result<(), DriftError> {
-        replace(path, self.to_text(path)?.as_bytes())
+        atsplat_files::write(path, self.to_text(path)?.as_bytes()).map_err(DriftError::io("writing a baseline", path))
     }
 
     /// Where the probe's values are: beside the baseline, `.probe.safetensors` in the place of its ending.
@@ -200,7 +199,10 @@ impl Baseline {
     /// # Errors
     /// [`DriftError::Io`].
     pub fn write_probe(path: &Path, outputs: &Outputs) -> Result<(), DriftError> {
-        replace(&Self::probe_path(path), &outputs.to_bytes()?)
+        {
+            let path = Self::probe_path(path);
+            atsplat_files::write(&path, &outputs.to_bytes()?).map_err(DriftError::io("writing a baseline", &path))
+        }
     }
 
     /// Everything but the rows on lines of its own, then one row a line.
@@ -249,19 +251,4 @@ impl From<&TargetRow> for BaselineTarget {
         scores.retain(|_, score| score.is_finite());
         Self { key, target, frame, status, truth_hash, render_hash, scores }
     }
-}
-
-fn replace(path: &Path, bytes: &[u8]) -> Result<(), DriftError> {
-    let mut beside = path.as_os_str().to_owned();
-    beside.push(".partial");
-    let beside = PathBuf::from(beside);
-    let written = std::fs::File::create(&beside).and_then(|mut file| {
-        file.write_all(bytes)?;
-        file.sync_all()
-    });
-    written.and_then(|()| std::fs::rename(&beside, path)).map_err(|source| {
-        // Best effort: the error that matters is the one that is reported.
-        std::fs::remove_file(&beside).ok();
-        DriftError::io("writing a baseline", path)(source)
-    })
 }

@@ -1,8 +1,9 @@
+use atsplat_files::Sha256Digest;
 use std::fs;
 use std::path::{Path, PathBuf};
 
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
-use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, Preset, Sha256Digest};
+use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, Preset};
 use atsplat_scene::{SceneSource, Warnings};
 
 use crate::EvalError;

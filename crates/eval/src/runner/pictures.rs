@@ -83,7 +83,7 @@ pub(super) fn keep_bytes(store: &Path, key: &TrialKey, frame: u64, picture: &Ima
     fs::create_dir_all(folder).map_err(EvalError::io("making a folder for pictures", folder))?;
     let png = encode_png(picture);
     let png = png.map_err(|error| EvalError::malformed(&path, "picture", "one that PNG holds", error))?;
-    disk::write_lightly(&path, &png)
+    disk::write_unsynced(&path, &png)
 }
 
 /// The key of what several methods have in common.

@@ -5,8 +5,8 @@ use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
 use sha2::{Digest, Sha256};
 
-use crate::store::hexadecimal;
 use crate::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
+use atsplat_files::hexadecimal;
 
 /// The row of a target of which nothing is known yet.
 #[expect(clippy::expect_used, reason = "no index file holds so many targets")]

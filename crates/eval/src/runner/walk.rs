@@ -1,7 +1,8 @@
+use atsplat_files::Sha256Digest;
 use std::sync::Arc;
 
 use atsplat_protocol::trial::{DecodeAhead, PictureDigests, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, Preset, Sha256Digest};
+use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_scene::Warnings;
 use indexmap::IndexMap;
 use rayon::prelude::*;

@@ -1,5 +1,5 @@
+use atsplat_numeric::SplitMix64;
 use atsplat_numeric::quantile;
-use atsplat_protocol::samplers::SplitMix64;
 use rayon::prelude::*;
 
 use super::student::{normal_tail, student_quantile};

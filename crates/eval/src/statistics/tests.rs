@@ -1,6 +1,6 @@
 use atsplat_metrics::DECIBEL_CAP;
+use atsplat_numeric::SplitMix64;
 use atsplat_numeric::Tolerance;
-use atsplat_protocol::samplers::SplitMix64;
 use atsplat_protocol::{Aggregation, BinRule, OverlapBins};
 use serde::Deserialize;
 

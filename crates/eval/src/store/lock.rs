@@ -48,7 +48,7 @@ impl Lock {
         }
         let json = serde_json::to_vec(&Holder::here());
         let json = json.map_err(|error| EvalError::malformed(&holder, "file", "a process that JSON holds", error))?;
-        disk::write_lightly(&holder, &json)?;
+        disk::write_unsynced(&holder, &json)?;
         Ok(Self { holder, _file: file })
     }
 }

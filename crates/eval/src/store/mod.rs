@@ -36,7 +36,6 @@ use std::path::{Path, PathBuf};
 
 use atsplat_protocol::trial::PictureDigests;
 pub use merge::Merged;
-pub(crate) use schema::hexadecimal;
 pub use schema::{SCHEMA_VERSION, schema_hash};
 
 use crate::{EvalError, Provenance, Results, TargetRow, TrialRow, TrialStatus};

@@ -6,8 +6,8 @@ use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 
 use super::disk;
-use super::schema::hexadecimal;
 use crate::{EvalError, TargetRow, TrialKey, TrialRow};
+use atsplat_files::hexadecimal;
 
 /// Folder of a store.
 const FOLDER: &str = "parts";
@@ -52,7 +52,7 @@ pub(super) fn read(store: &Path) -> Result<Parts, EvalError> {
                     .map_err(|error| EvalError::malformed(&path, "file", "the rows of a trial", error))?;
                 parts.push((path, part));
             }
-            Some(disk::UNFINISHED) => unfinished.push(path),
+            Some(atsplat_files::PARTIAL) => unfinished.push(path),
             _ => {}
         }
     }

@@ -8,7 +8,7 @@
 //!
 //! A table, its columns in order, each with its type; `?` marks those that may be null. Lists are never null.
 
-use std::fmt::Write as _;
+use atsplat_files::hexadecimal;
 
 use polars::prelude::DataType;
 use sha2::{Digest, Sha256};
@@ -101,13 +101,6 @@ pub(super) fn hash(version: u32) -> Option<String> {
 #[expect(clippy::expect_used, reason = "the version is how many texts there are")]
 pub fn schema_hash() -> String {
     hash(SCHEMA_VERSION).expect("the newest version has a text")
-}
-
-pub(crate) fn hexadecimal(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::with_capacity(2 * bytes.len()), |mut text, byte| {
-        write!(text, "{byte:02x}").ok();
-        text
-    })
 }
 
 impl Schema {

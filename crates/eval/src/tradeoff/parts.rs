@@ -1,10 +1,11 @@
+use atsplat_files::Sha256Digest;
 use std::sync::Arc;
 
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
-use atsplat_protocol::{IndexLayout, Sha256Digest};
+use atsplat_protocol::IndexLayout;
 use atsplat_splat::effects::EffectSelection;
 
 use super::{Knobs, Setting, Sweep};

@@ -3,12 +3,13 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(dead_code, reason = "each test takes what it needs")]
 
+use atsplat_files::Sha256Digest;
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_eval::runner::{Dataset, PlannedIndex};
 use atsplat_pixels::{ImageU8, encode_png};
-use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset, Sha256Digest};
+use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
 use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 

@@ -156,7 +156,7 @@ impl ModelConfig {
         );
         let json = serde_json::to_vec(&parts)
             .map_err(|error| ModelError::malformed(validate::WHAT, "JSON", "a value that JSON can hold", error))?;
-        Ok(crate::hexadecimal(&Sha256::digest(&json)))
+        Ok(atsplat_files::hexadecimal(&Sha256::digest(&json)))
     }
 
     /// Patches of the coarse branch in a picture.

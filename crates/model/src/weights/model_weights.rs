@@ -213,7 +213,7 @@ fn metadata_digest<'a>(metadata: impl Iterator<Item = (&'a String, &'a String)>)
         hash.update((text.len() as u64).to_le_bytes());
         hash.update(text);
     }
-    crate::hexadecimal(&hash.finalize())
+    atsplat_files::hexadecimal(&hash.finalize())
 }
 
 fn entry<'a>(stored: &'a StoredTensors, key: &str, expected: &str) -> Result<&'a str, ModelError> {

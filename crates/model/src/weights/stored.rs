@@ -51,7 +51,7 @@ impl TensorFile {
     /// # Errors
     /// [`ModelError::InFile`] around the errors of [`StoredTensors::parse`].
     pub fn parse(path: PathBuf, bytes: SharedBytes) -> Result<Self, ModelError> {
-        let sha256 = crate::hexadecimal(&Sha256::digest(&*bytes));
+        let sha256 = atsplat_files::hexadecimal(&Sha256::digest(&*bytes));
         let stored = StoredTensors::parse(bytes).map_err(|error| error.in_file(&path))?;
         Ok(Self { path, sha256, stored })
     }
@@ -127,15 +127,7 @@ impl StoredTensors {
     /// [`ModelError::Io`], and as [`Self::to_safetensors`].
     pub fn write(&self, path: &Path) -> Result<(), ModelError> {
         let bytes = self.to_safetensors()?;
-        let mut partial = path.as_os_str().to_owned();
-        partial.push(".partial");
-        let partial = Path::new(&partial);
-        let written = std::fs::write(partial, bytes).and_then(|()| std::fs::rename(partial, path));
-        written.map_err(|source| {
-            // Best effort: the error that matters is the one that is reported.
-            std::fs::remove_file(partial).ok();
-            ModelError::io("writing weights", path)(source)
-        })
+        atsplat_files::write(path, &bytes).map_err(ModelError::io("writing weights", path))
     }
 
     /// sha256 in hexadecimal of names, types, shapes and bytes of the tensors, whatever their order and file.
@@ -149,7 +141,7 @@ impl StoredTensors {
             hash.update(tensor.to_string());
             hash.update(tensor.bytes());
         }
-        crate::hexadecimal(&hash.finalize())
+        atsplat_files::hexadecimal(&hash.finalize())
     }
 }
 

@@ -10,9 +10,10 @@
 //! order: key length, key, number of entries, and for each the number of context frames and those frames in
 //! order, counted from the first of the window.
 
+use atsplat_files::Sha256Digest;
 use sha2::{Digest, Sha256};
 
-use super::{EvaluationIndex, IndexEntry, Overlap, Sha256Digest};
+use super::{EvaluationIndex, IndexEntry, Overlap};
 
 pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
     of_scenes(b"atsplat evaluation index 1\n", index, |hasher, entry| {

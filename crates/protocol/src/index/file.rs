@@ -1,8 +1,9 @@
+use atsplat_files::Sha256Digest;
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::read::{self, IndexNotices, Parsed};
-use super::{EvaluationIndex, IndexLayout, Sha256Digest};
+use super::{EvaluationIndex, IndexLayout};
 use crate::{KnownIndex, ProtocolError};
 
 /// An index file: what it says, and all that identifies it.
@@ -64,21 +65,13 @@ impl IndexFile {
 }
 
 impl EvaluationIndex {
-    /// Writes the index to `path` as [`Self::to_json`] lays it out, by way of a file beside it, so that a
-    /// reader sees the old bytes or the new ones and never half.
+    /// Writes the index to `path` as [`Self::to_json`] lays it out.
     ///
     /// # Errors
     /// [`ProtocolError::Io`] with the file that could not be written.
     pub fn write(&self, path: &Path, layout: &IndexLayout) -> Result<Sha256Digest, ProtocolError> {
         let text = self.to_json(layout);
-        let mut name = path.as_os_str().to_owned();
-        name.push(format!(".{}.part", std::process::id()));
-        let part = PathBuf::from(name);
-        fs::write(&part, &text).map_err(io("writing an evaluation index", &part))?;
-        fs::rename(&part, path).map_err(|source| {
-            fs::remove_file(&part).ok();
-            io("writing an evaluation index", path)(source)
-        })?;
+        atsplat_files::write(path, text.as_bytes()).map_err(io("writing an evaluation index", path))?;
         Ok(Sha256Digest::of(text.as_bytes()))
     }
 }

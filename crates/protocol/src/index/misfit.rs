@@ -1,8 +1,9 @@
+use atsplat_files::Sha256Digest;
 use std::collections::BTreeSet;
 
 use serde::Serialize;
 
-use crate::{EvaluationIndex, IndexEntry, KnownIndex, Preset, Sha256Digest};
+use crate::{EvaluationIndex, IndexEntry, KnownIndex, Preset};
 
 /// A way in which an index does not fit the preset that it is run under. Its trials are run all the same: the numbers
 /// are of another protocol than the preset's name says.

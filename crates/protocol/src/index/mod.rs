@@ -7,7 +7,6 @@
 
 mod carried;
 mod content;
-mod digest;
 mod file;
 mod layout;
 mod misfit;
@@ -15,9 +14,9 @@ mod overlap;
 mod read;
 mod write;
 
+use atsplat_files::Sha256Digest;
 use indexmap::IndexMap;
 
-pub use digest::{NotADigest, Sha256Digest};
 pub use file::IndexFile;
 pub use layout::{AbsentForm, IndexLayout, LoneEntryForm, Spacing};
 pub use misfit::Misfit;

@@ -1,12 +1,11 @@
+use atsplat_files::Sha256Digest;
 use std::collections::BTreeSet;
 
 use serde::Serialize;
 
 use super::DatasetFacts;
 use crate::extrapolation::TargetDistances;
-use crate::{
-    BinCounts, BinRule, EvaluationIndex, IndexEntry, IndexFile, IndexNotices, KnownIndex, OverlapBins, Sha256Digest,
-};
+use crate::{BinCounts, BinRule, EvaluationIndex, IndexEntry, IndexFile, IndexNotices, KnownIndex, OverlapBins};
 
 /// What a lint found. Serialises to JSON with the same figures that its text shows.
 #[derive(Clone, Debug, PartialEq, Serialize)]

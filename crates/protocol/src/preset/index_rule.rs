@@ -1,7 +1,8 @@
+use atsplat_files::Sha256Digest;
 use serde::{Deserialize, Serialize};
 
 use crate::extrapolation::Margin;
-use crate::{EvaluationIndex, IndexEntry, IndexFile, Sha256Digest};
+use crate::{EvaluationIndex, IndexEntry, IndexFile};
 
 /// Which evaluation index a protocol is about.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

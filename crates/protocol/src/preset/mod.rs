@@ -12,6 +12,7 @@ mod renderer;
 mod text;
 mod validate;
 
+use atsplat_files::Sha256Digest;
 use std::fs;
 use std::path::Path;
 
@@ -25,7 +26,7 @@ pub use method::{MethodSetting, NearFar, SettingOf};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
 
-use crate::{OverlapBins, ProtocolError, Sha256Digest};
+use crate::{OverlapBins, ProtocolError};
 
 /// A protocol: everything but the method and the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

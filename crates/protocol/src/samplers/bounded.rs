@@ -1,9 +1,10 @@
+use atsplat_numeric::SplitMix64;
 use std::num::NonZeroUsize;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::{NoEntry, SceneViews, SplitMix64, entry, farthest_points};
+use super::{NoEntry, SceneViews, entry, farthest_points};
 use crate::IndexEntry;
 
 /// A random window whose width lies between two bounds that grow during training: pixelSplat's

@@ -1,9 +1,10 @@
+use atsplat_numeric::SplitMix64;
 use std::num::NonZeroUsize;
 
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
-use super::{NoEntry, SceneViews, SplitMix64, entry};
+use super::{NoEntry, SceneViews, entry};
 use crate::IndexEntry;
 
 /// Context frames spread out by farthest-point sampling of camera centres inside a window of frames: how

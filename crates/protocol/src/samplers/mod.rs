@@ -4,14 +4,12 @@ mod bounded;
 mod evenly_spaced;
 mod farthest_point;
 mod overlap_pairs;
-mod random;
 mod video;
 
 pub use bounded::{Bounded, ExtraContext, GapSchedule};
 pub use evenly_spaced::EvenlySpaced;
 pub use farthest_point::{FarthestPoint, TargetRule, farthest_points};
 pub use overlap_pairs::{OverlapPairs, PairTargets};
-pub use random::SplitMix64;
 pub use video::{all_frames, video_index};
 
 use atsplat_camera::Camera;

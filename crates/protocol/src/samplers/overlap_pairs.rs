@@ -1,8 +1,9 @@
+use atsplat_numeric::SplitMix64;
 use std::num::NonZeroUsize;
 
 use serde::{Deserialize, Serialize};
 
-use super::{NoEntry, SceneViews, SplitMix64, entry};
+use super::{NoEntry, SceneViews, entry};
 use crate::IndexEntry;
 use crate::overlap::EpipolarRays;
 

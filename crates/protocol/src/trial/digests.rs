@@ -4,6 +4,7 @@
 //! of the content. Lines are appended, and of two that differ in the last alone the later counts; a line that a crash tore is passed over, and its
 //! picture read again. A wrong line can only make equal data look changed.
 
+use atsplat_files::Sha256Digest;
 use std::collections::HashMap;
 use std::fmt::Write as _;
 use std::fs::{self, OpenOptions};
@@ -14,7 +15,7 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use atsplat_scene::{Picture, Scene};
 
-use crate::{ProtocolError, Sha256Digest};
+use crate::ProtocolError;
 
 /// A file that is younger than this may be written again without its time of modification telling: some file systems
 /// count in steps of two seconds.

@@ -29,10 +29,11 @@
 //! The first version of a trial's hash, `atsplat trial 1`, left the lenses out.
 
 use atsplat_camera::{Camera, Distortion};
+use atsplat_files::Sha256Digest;
 use sha2::{Digest, Sha256};
 
 use super::TrialRecipe;
-use crate::{IndexEntry, ProtocolError, Sha256Digest};
+use crate::{IndexEntry, ProtocolError};
 
 /// Hash of the whole trial. `cameras` are the source's, context then target.
 pub(super) fn of_trial(

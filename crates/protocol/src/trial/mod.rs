@@ -15,6 +15,7 @@ mod unwaited;
 mod walk;
 
 use atsplat_camera::{Camera, Fallback, ImageSize, PoseNormalisation, Similarity};
+use atsplat_files::Sha256Digest;
 use atsplat_scene::preprocess::Preprocessing;
 use sha2::Sha256;
 
@@ -26,9 +27,9 @@ pub use recipe::TrialRecipe;
 pub use skip::{Refusal, SkipReason, SkipReport, Skipped};
 pub use walk::Trials;
 
+use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
 use crate::preset::NearFar;
-use crate::{IndexEntry, Sha256Digest};
 
 /// What a method gets: context views with pictures, target cameras without.
 #[derive(Clone, Debug)]

@@ -1,3 +1,4 @@
+use atsplat_files::Sha256Digest;
 use std::fmt;
 use std::sync::Arc;
 
@@ -9,7 +10,7 @@ use atsplat_scene::{Frame, Picture, Scene, SceneError};
 use super::digests::{PictureDigests, Reading};
 use super::prefetch::Reservation;
 use super::unwaited::Unwaited;
-use crate::{ProtocolError, Sha256Digest};
+use crate::ProtocolError;
 
 /// A view that a method is given.
 #[derive(Clone)]

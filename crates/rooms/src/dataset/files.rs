@@ -9,12 +9,9 @@ pub(super) fn make_folder(folder: &Path) -> Result<(), RoomsError> {
     std::fs::create_dir_all(folder).map_err(io)
 }
 
-/// Writes beside `path` and renames, so that a reader meets the whole file or none.
 pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RoomsError> {
     let io = |source| RoomsError::Io { action: "writing", path: path.to_owned(), source };
-    let partial = path.with_extension("partial");
-    std::fs::write(&partial, bytes).map_err(io)?;
-    std::fs::rename(&partial, path).map_err(io)
+    atsplat_files::write_unsynced(path, bytes).map_err(io)
 }
 
 /// The encoded picture of a frame that was just rendered.

@@ -4,7 +4,6 @@
 //! record batches at a time, and renames the file into place only when it is complete. The same dataset
 //! gives the same bytes whatever the number of threads.
 
-mod atomic_file;
 mod error;
 mod format;
 mod polars_frame;

@@ -6,9 +6,9 @@ use arrow_ipc::writer::FileWriter;
 use polars::io::{csv, parquet};
 use polars::prelude::{CsvWriter, KeyValueMetadata, ParquetWriter, Schema, SerWriter as _};
 
-use super::atomic_file::{AtomicFile, Handle};
 use super::{ExportError, ExportFormat, polars_from_batch};
 use crate::columns::{metadata, schema};
+use atsplat_files::{AtomicFile, Writer};
 
 /// Writes camera tables batch by batch into one file that appears when it is complete.
 pub struct TableWriter {
@@ -19,9 +19,9 @@ pub struct TableWriter {
 
 /// Arrow IPC is written by Arrow itself, which keeps the schema whole; the other two by polars.
 enum Sink {
-    Parquet(Box<parquet::write::BatchedWriter<Handle>>),
-    ArrowIpc(Box<FileWriter<Handle>>),
-    Csv(Box<csv::write::BatchedWriter<Handle>>),
+    Parquet(Box<parquet::write::BatchedWriter<Writer>>),
+    ArrowIpc(Box<FileWriter<Writer>>),
+    Csv(Box<csv::write::BatchedWriter<Writer>>),
 }
 
 impl TableWriter {
@@ -30,15 +30,15 @@ impl TableWriter {
     /// # Errors
     /// [`ExportError::Io`] where the folder is missing or not writable.
     pub fn create(path: &Path, format: ExportFormat) -> Result<Self, ExportError> {
-        let file = AtomicFile::create(path)?;
+        let file = AtomicFile::create(path).map_err(ExportError::io("opening an output file", path))?;
         let sink = match format {
             ExportFormat::Parquet => {
                 let metadata = KeyValueMetadata::from_static(metadata().to_vec());
-                let writer = ParquetWriter::new(file.handle()).with_key_value_metadata(Some(metadata));
+                let writer = ParquetWriter::new(file.writer()).with_key_value_metadata(Some(metadata));
                 Sink::Parquet(Box::new(writer.batched(&polars_schema()?)?))
             }
-            ExportFormat::ArrowIpc => Sink::ArrowIpc(Box::new(FileWriter::try_new(file.handle(), &schema())?)),
-            ExportFormat::Csv => Sink::Csv(Box::new(CsvWriter::new(file.handle()).batched(&polars_schema()?)?)),
+            ExportFormat::ArrowIpc => Sink::ArrowIpc(Box::new(FileWriter::try_new(file.writer(), &schema())?)),
+            ExportFormat::Csv => Sink::Csv(Box::new(CsvWriter::new(file.writer()).batched(&polars_schema()?)?)),
         };
         Ok(Self { sink, file })
     }
@@ -69,7 +69,8 @@ impl TableWriter {
             Sink::ArrowIpc(mut writer) => writer.finish()?,
             Sink::Csv(mut writer) => writer.finish()?,
         }
-        self.file.commit()
+        let target = self.file.target().to_owned();
+        self.file.commit().map_err(ExportError::io("finishing an output file", &target))
     }
 }
 

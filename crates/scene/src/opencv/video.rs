@@ -175,9 +175,7 @@ fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> R
     let mut bytes = Vector::<u8>::new();
     called("encoding a frame", imencode(extension, picture, &mut bytes, &parameters))?;
     let path = folder.join(format!("{timestamp}{extension}"));
-    let part = folder.join(format!(".{timestamp}{extension}.part"));
-    std::fs::write(&part, bytes.as_slice()).map_err(SceneError::io("writing a frame", &part))?;
-    std::fs::rename(&part, &path).map_err(SceneError::io("naming a frame", &path))?;
+    atsplat_files::write_unsynced(&path, bytes.as_slice()).map_err(SceneError::io("writing a frame", &path))?;
     Ok(path)
 }
 

@@ -1,5 +1,4 @@
-use std::fs::File;
-use std::io::{BufWriter, Write};
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use indexmap::IndexMap;
@@ -94,7 +93,7 @@ impl ChunkWriter {
         let index = self.folder.join("index.json");
         let json = serde_json::to_vec(&self.index)
             .map_err(|source| SceneError::io("writing a chunk index", &index)(source.into()))?;
-        write_whole(&index, |file| file.write_all(&json))?;
+        atsplat_files::write(&index, &json).map_err(SceneError::io("writing a chunk index", &index))?;
         let chunks = (0..self.chunks).map(|number| self.folder.join(name_of(number))).collect();
         Ok(ChunksWritten { chunks, scenes: self.index.len() })
     }
@@ -141,7 +140,7 @@ impl ChunkWriter {
 /// [`SceneError::Torch`] where a camera does not fit f32, [`SceneError::Io`].
 pub(super) fn write_chunk(path: &Path, scenes: &[ChunkScene]) -> Result<(), SceneError> {
     let (pickle, storages) = PickleWriter::chunk(scenes).map_err(SceneError::torch(path))?;
-    write_whole(path, |file| {
+    let written = atsplat_files::write_with(path, |file| {
         let mut zip = ZipWriter::new(file);
         let mut entry = |name: &str, bytes: &[u8]| {
             zip.start_file(format!("archive/{name}"), stored(bytes.len()))?;
@@ -154,7 +153,8 @@ pub(super) fn write_chunk(path: &Path, scenes: &[ChunkScene]) -> Result<(), Scen
         }
         entry("version", b"3\n")?;
         zip.finish()?.flush()
-    })
+    });
+    written.map_err(SceneError::io("writing a chunk", path))
 }
 
 fn name_of(chunk: usize) -> String {
@@ -173,22 +173,4 @@ fn stored(len: usize) -> SimpleFileOptions {
 fn is_picture(bytes: &[u8]) -> bool {
     let is_webp = bytes.starts_with(b"RIFF") && bytes.get(8..12) == Some(b"WEBP");
     bytes.starts_with(b"\xff\xd8\xff") || bytes.starts_with(b"\x89PNG\r\n\x1a\n") || is_webp
-}
-
-/// Writes beside `path` and renames, so that a reader meets the whole file or none.
-fn write_whole(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>) -> Result<(), SceneError> {
-    let mut partial = path.as_os_str().to_owned();
-    partial.push(".partial");
-    let partial = PathBuf::from(partial);
-    let result = File::create(&partial).and_then(|file| {
-        let mut buffered = BufWriter::with_capacity(1 << 20, file);
-        write(&mut buffered)?;
-        buffered.into_inner().map_err(std::io::IntoInnerError::into_error)?.sync_all()?;
-        std::fs::rename(&partial, path)
-    });
-    result.map_err(|source| {
-        // Best effort: the error that matters is the one that is reported.
-        std::fs::remove_file(&partial).ok();
-        SceneError::io("writing a chunk", path)(source)
-    })
 }

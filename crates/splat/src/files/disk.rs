@@ -1,7 +1,8 @@
-use std::fs::{self, File};
-use std::io::{self, BufWriter, Write};
+use std::fs;
+use std::io;
 use std::path::Path;
-use std::sync::atomic::{AtomicU64, Ordering};
+
+use atsplat_files::Writer;
 
 use crate::SplatError;
 
@@ -15,58 +16,8 @@ pub(super) fn read(path: &Path) -> Result<Vec<u8>, SplatError> {
     fs::read(path).map_err(failed)
 }
 
-/// Files that were begun.
-static BEGUN: AtomicU64 = AtomicU64::new(0);
-
-/// Writes a file beside its place, then renames it: under its name it is always whole.
-pub(super) fn write(
-    path: &Path,
-    contents: impl FnOnce(&mut BufWriter<File>) -> io::Result<()>,
-) -> Result<(), SplatError> {
+/// Writes a file that appears under its name when it is complete.
+pub(super) fn write(path: &Path, contents: impl FnOnce(&mut Writer) -> io::Result<()>) -> Result<(), SplatError> {
     let failed = |source| SplatError::Io { action: "writing", path: path.to_owned(), source };
-    if path.file_name().is_none() || path.is_dir() {
-        return Err(failed(io::ErrorKind::IsADirectory.into()));
-    }
-    // Short, as the file's own name may be as long as names can be; and never the same for two threads.
-    let number = BEGUN.fetch_add(1, Ordering::Relaxed);
-    let partial = path.with_file_name(format!(".gaussians.{}.{number}.partial", std::process::id()));
-    let outcome = File::create(&partial).and_then(|file| {
-        let mut out = BufWriter::new(file);
-        contents(&mut out)?;
-        out.flush()?;
-        out.get_ref().sync_all()?;
-        fs::rename(&partial, path)
-    });
-    outcome.map_err(|source| {
-        // What cannot be removed is a hidden file that says what it is; the first error is the one to tell.
-        fs::remove_file(&partial).ok();
-        failed(source)
-    })
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn names_as_long_as_they_can_be() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("n".repeat(255));
-        write(&path, |out| out.write_all(b"whole")).unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"whole");
-    }
-
-    /// One stops halfway until the other is done: each has a file of its own.
-    #[test]
-    fn two_threads_write_one_path() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("scene.ply");
-        let outer = write(&path, |out| {
-            out.write_all(b"first")?;
-            write(&path, |out| out.write_all(b"second")).map_err(io::Error::other)
-        });
-        outer.unwrap();
-        assert_eq!(fs::read(&path).unwrap(), b"first");
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1);
-    }
+    atsplat_files::write_with(path, contents).map_err(failed)
 }

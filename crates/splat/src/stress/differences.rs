@@ -6,7 +6,9 @@
 //! not the same to both sides; such parameters are left out, and what was compared is counted. Paths in f32 do not go below 1e-6: what a cut-off there takes away from a
 //! derivative is known from the reference, and taken from the difference too.
 
-use atsplat_numeric::{Extremes as _, MeasuredError};
+use atsplat_numeric::Extremes as _;
+
+use super::MeasuredError;
 use rayon::prelude::*;
 
 use super::gradients::{of_loss, share, sizes};

@@ -1,4 +1,6 @@
-use atsplat_numeric::{Extremes as _, MeasuredError};
+use atsplat_numeric::Extremes as _;
+
+use super::MeasuredError;
 
 use crate::reference::Jump;
 use crate::{Gradients, ImageGradients, View};

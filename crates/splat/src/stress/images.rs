@@ -1,4 +1,6 @@
-use atsplat_numeric::{Extremes as _, MeasuredError};
+use atsplat_numeric::Extremes as _;
+
+use super::MeasuredError;
 
 use crate::hard_cases::HardCase;
 use crate::reference::{self, Jump};

@@ -4,8 +4,7 @@ mod differences;
 mod gradients;
 mod images;
 mod parameter;
-
-use atsplat_numeric::{MeasuredError, StressRow};
+mod row;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
 use crate::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Watcher};
@@ -14,6 +13,8 @@ use crate::reference::{self, Jump};
 use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, SplatError};
 
 use differences::Differences;
+
+pub use row::{MeasuredError, StressRow};
 
 /// A renderer, and what it may get wrong.
 #[expect(missing_debug_implementations, reason = "renderers have none")]

@@ -2,7 +2,8 @@
 
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
-use atsplat_protocol::samplers::{SceneViews, SplitMix64};
+use atsplat_numeric::SplitMix64;
+use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::{NoEntry, Preset};
 use atsplat_rooms::Request;
 use glam::{DMat3, DVec3};

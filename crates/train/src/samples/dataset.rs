@@ -1,10 +1,11 @@
+use atsplat_numeric::SplitMix64;
 use std::path::PathBuf;
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_model::ImageSize;
 use atsplat_pixels::ImageU8;
-use atsplat_protocol::samplers::{SceneViews, SplitMix64};
+use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
 use atsplat_protocol::{EvaluationIndex, Preset};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};

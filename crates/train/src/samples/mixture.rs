@@ -1,7 +1,6 @@
-use atsplat_protocol::samplers::SplitMix64;
-
 use super::{Draw, Sample, Source, mirrored};
 use crate::TrainError;
+use atsplat_numeric::SplitMix64;
 
 /// Several sources, each with its share of the samples: one source, or all datasets and view counts of a unified model.
 #[derive(Debug)]

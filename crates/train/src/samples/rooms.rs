@@ -1,3 +1,4 @@
+use atsplat_numeric::SplitMix64;
 use std::collections::{HashMap, VecDeque};
 use std::num::{NonZeroU32, NonZeroUsize};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -5,7 +6,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_model::ImageSize;
 use atsplat_pixels::Rounding;
-use atsplat_protocol::samplers::{SceneViews, SplitMix64};
+use atsplat_protocol::samplers::SceneViews;
 use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Simulation, Split};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};

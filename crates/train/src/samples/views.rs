@@ -1,7 +1,8 @@
+use atsplat_numeric::SplitMix64;
 use std::num::NonZeroUsize;
 
 use atsplat_protocol::IndexEntry;
-use atsplat_protocol::samplers::{Bounded, ExtraContext, GapSchedule, NoEntry, SceneViews, SplitMix64};
+use atsplat_protocol::samplers::{Bounded, ExtraContext, GapSchedule, NoEntry, SceneViews};
 use serde::{Deserialize, Serialize};
 
 /// Which frames of a scene become context and targets: the papers' bounded window, whose width grows with the step.

@@ -1,10 +1,10 @@
 //! A network so small that a step takes milliseconds, and samples that need no simulation.
 
+use atsplat_numeric::SplitMix64;
 use std::path::Path;
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::ImageSize;
-use atsplat_protocol::samplers::SplitMix64;
 use atsplat_train::samples::{Draw, Posed, Sample, Source};
 use atsplat_train::{Start, TrainConfig, TrainError, Trainer};
 use glam::{DMat3, DVec3};

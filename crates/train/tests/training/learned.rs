@@ -3,9 +3,9 @@
 use atsplat_metrics::learned::{Network, Perceptual, Step, WeightsHashes};
 use atsplat_metrics::{Pair, Values};
 use atsplat_model::weights::{StoredTensor, StoredTensors};
+use atsplat_numeric::SplitMix64;
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::Image;
-use atsplat_protocol::samplers::SplitMix64;
 use atsplat_train::losses::{Learned, Stack};
 
 /// f32 convolutions that add in another order.

@@ -2,8 +2,8 @@
 
 use crate::common::sample;
 use atsplat_camera::{Camera, Distortion, ImageSize, PoseNormalisation, WorldFromCamera, normalise};
+use atsplat_numeric::SplitMix64;
 use atsplat_numeric::Tolerance;
-use atsplat_protocol::samplers::SplitMix64;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
 use atsplat_train::samples::{Sample, mirrored};

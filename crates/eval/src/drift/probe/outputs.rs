@@ -8,7 +8,7 @@ use sha2::{Digest, Sha256};
 use super::sheet::sheet_view;
 use super::{Inputs, Stage, Stages, View, container};
 use crate::drift::DriftError;
-use crate::store::hexadecimal;
+use atsplat_files::hexadecimal;
 
 /// What every stage gave, and what the first began with.
 #[derive(Clone, Debug, PartialEq)]

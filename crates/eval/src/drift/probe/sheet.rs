@@ -1,6 +1,6 @@
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
+use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
-use atsplat_protocol::samplers::SplitMix64;
 use atsplat_splat::{GaussianParts, Gaussians, RendererConstants};
 
 use super::{Stage, View};

@@ -1,5 +1,5 @@
+use atsplat_numeric::SplitMix64;
 use atsplat_numeric::Tolerance;
-use atsplat_protocol::samplers::SplitMix64;
 
 use super::probe::{Inputs, Pipeline, Recipe, Stage, attribute, run};
 use super::*;

@@ -8,7 +8,7 @@ use sha2::{Digest as _, Sha256};
 
 use super::*;
 use crate::drift::probe::{Outputs, Stages, View};
-use crate::store::hexadecimal;
+use atsplat_files::hexadecimal;
 
 /// The stages, of which one adds something to what it gives.
 struct Planted<'a> {

@@ -1,7 +1,8 @@
 use std::ops::RangeInclusive;
 
-use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
 use sha2::{Digest, Sha256};
+
+use crate::{SPLIT_MIX_STEP, split_mix};
 
 /// `SplitMix64` (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", OOPSLA 2014):
 /// sixty-four bits of state, the same numbers on every platform and in every version of this crate.
@@ -100,11 +101,11 @@ mod tests {
         assert_eq!(expected.map(|_| random.next_u64()), expected);
     }
 
-    /// Written by `tests/fixtures/make_oracles.py`, which shares no code with this file.
+    /// Written by `crates/protocol/tests/fixtures/make_oracles.py`, which shares no code with this file.
     #[test]
     fn same_draws_on_every_platform() {
         let oracle: serde_json::Value =
-            serde_json::from_str(include_str!("../../tests/fixtures/random_oracle.json")).unwrap();
+            serde_json::from_str(include_str!("../tests/fixtures/random_oracle.json")).unwrap();
         for stream in oracle["streams"].as_array().unwrap() {
             let seed = stream["seed"].as_u64().unwrap();
             let mut random = SplitMix64::for_scene(seed, stream["key"].as_str().unwrap());

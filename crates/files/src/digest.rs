@@ -5,6 +5,12 @@ use std::str::FromStr;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use sha2::{Digest, Sha256};
 
+/// Two lower-case hexadecimal digits a byte.
+pub fn hexadecimal(bytes: &[u8]) -> String {
+    const DIGITS: [char; 16] = ['0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'a', 'b', 'c', 'd', 'e', 'f'];
+    bytes.iter().flat_map(|byte| [DIGITS[usize::from(byte >> 4)], DIGITS[usize::from(byte & 15)]]).collect()
+}
+
 /// A SHA-256 hash; 64 lower-case hexadecimal digits in text, JSON and TOML.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Sha256Digest(pub [u8; 32]);
@@ -15,7 +21,8 @@ impl Sha256Digest {
         Self(Sha256::digest(bytes).into())
     }
 
-    pub(crate) fn finish(hasher: Sha256) -> Self {
+    /// What a hasher has come to.
+    pub fn finish(hasher: Sha256) -> Self {
         Self(hasher.finalize().into())
     }
 
@@ -36,7 +43,10 @@ impl Sha256Digest {
     }
 
     /// From hexadecimal text in a constant; a wrong digit does not compile.
-    pub(crate) const fn literal(text: &str) -> Self {
+    ///
+    /// # Panics
+    /// Where it is called at run time with anything but 64 lower-case hexadecimal digits.
+    pub const fn literal(text: &str) -> Self {
         let text = text.as_bytes();
         assert!(text.len() == 64, "a SHA-256 hash has 64 hexadecimal digits");
         let mut bytes = [0; 32];
@@ -60,7 +70,7 @@ const fn literal_nibble(digit: u8) -> u8 {
 
 impl fmt::Display for Sha256Digest {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+        f.write_str(&hexadecimal(&self.0))
     }
 }
 
