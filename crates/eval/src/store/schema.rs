@@ -136,6 +136,8 @@ impl Schema {
     /// The text that [`Self::parse`] reads.
     #[cfg(test)]
     pub(super) fn to_text(&self) -> String {
+        use std::fmt::Write as _;
+
         let mut text = String::new();
         for (table, columns) in [("targets", &self.targets), ("trials", &self.trials), ("timings", &self.timings)] {
             writeln!(text, "{table}").ok();
