@@ -1,0 +1,39 @@
+# `just RECIPE`; `just --list` shows what there is. CI runs the same stages (.ci/run).
+
+# What a change must pass before review: formatting and lints.
+check:
+    cargo fmt --all --check
+    cargo clippy --release --workspace --all-targets --locked -- -D warnings
+
+# Unit tests of every crate.
+test-fast:
+    cargo test --release --workspace --locked --lib
+
+# Every test.
+test:
+    cargo test --release --workspace --locked
+
+# One test file of the workspace, e.g. `just test-file eval_rows`.
+test-file name:
+    cargo test --release --workspace --locked --test {{name}}
+
+# All of CI, or single stages, e.g. `just ci lints documentation`.
+ci *stages:
+    .ci/run {{stages}}
+
+# Accept what changed on purpose: snapshots, then the baseline and the reference report.
+bless why:
+    INSTA_UPDATE=always cargo test --release --workspace --locked
+    reports/regenerate "{{why}}"
+
+# Criterion benchmarks of a crate.
+bench crate:
+    cargo bench -p atsplat-{{crate}}
+
+# Whether a crate's tests notice small changes to it; can be stopped and continued.
+mutants crate:
+    tests/mutants/run {{crate}}
+
+# One fuzz target of fuzz/Cargo.toml.
+fuzz target:
+    cargo +nightly fuzz run {{target}}
