@@ -1,4 +1,5 @@
 use atsplat_numeric::SplitMix64;
+use std::collections::BTreeSet;
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -12,7 +13,7 @@ use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use super::{Draw, Posed, Sample, Source, ViewChoice};
+use super::{Draw, ExcludedScenes, Posed, Sample, Source, ViewChoice};
 use crate::TrainError;
 
 /// A dataset on disk under a protocol's preprocessing.
@@ -25,12 +26,17 @@ pub struct DatasetConfig {
     pub preset: String,
     /// Which frames become a sample.
     pub views: ViewChoice,
+    /// Scenes that are never drawn: those of the indices that the network will be evaluated on.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub exclude: Vec<ExcludedScenes>,
 }
 
 /// Scenes of a dataset, through the same code that makes an evaluation's trials.
 pub struct DatasetSource {
     config: DatasetConfig,
     dataset: Box<dyn SceneSource>,
+    /// Of the scenes that may be drawn.
+    keys: Vec<String>,
     recipe: TrialRecipe,
 }
 
@@ -45,15 +51,26 @@ impl DatasetSource {
         warnings: &mut Warnings,
     ) -> Result<Self, TrainError> {
         let dataset: Box<dyn SceneSource> = Box::new(atsplat_scene::open(&config.path, warnings)?);
-        if dataset.keys().is_empty() {
+        let mut excluded = BTreeSet::new();
+        for scenes in &config.exclude {
+            scenes.add_to(&mut excluded)?;
+        }
+        let keys: Vec<String> = dataset.keys().iter().filter(|key| !excluded.contains(*key)).cloned().collect();
+        if keys.is_empty() {
             let place = config.path.display().to_string();
-            return Err(TrainError::malformed("training data", place, "at least one scene", "none"));
+            let found = format!("{} scenes, all of them excluded", dataset.keys().len());
+            return Err(TrainError::malformed("training data", place, "at least one scene to train on", found));
         }
         let recipe = TrialRecipe {
             pose_normalisation: normalisation,
             ..TrialRecipe::of(&Preset::resolve(&config.preset)?, "ATSplat")
         };
-        Ok(Self { config, dataset, recipe })
+        Ok(Self { config, dataset, keys, recipe })
+    }
+
+    /// Keys of the scenes that may be drawn, in the dataset's order.
+    pub fn keys(&self) -> &[String] {
+        &self.keys
     }
 
     /// The trial of one scene and one draw of frames, or why there is none.
@@ -109,8 +126,7 @@ impl Source for DatasetSource {
         let mut reason = String::new();
         for attempt in 0..ATTEMPTS {
             let mut random = SplitMix64::for_scene(draw.seed, &format!("{} {} {attempt}", self.name(), draw.number));
-            let keys = self.dataset.keys();
-            let Some(key) = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)) else { continue };
+            let Some(key) = random.within(0..=self.keys.len() - 1).and_then(|at| self.keys.get(at)) else { continue };
             match self.try_sample(key, draw.step, &mut random) {
                 Ok(sample) => return Ok(sample),
                 Err(why) => reason = why,

@@ -2,6 +2,7 @@
 //! and any number of threads see the same.
 
 mod dataset;
+mod exclude;
 mod flip;
 mod mixture;
 mod rooms;
@@ -12,6 +13,7 @@ use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
 
 pub use dataset::{DatasetConfig, DatasetSource};
+pub use exclude::ExcludedScenes;
 pub use flip::mirrored;
 pub use mixture::Mixture;
 pub use rooms::{RoomsConfig, RoomsSource};

@@ -9,6 +9,7 @@ mod learned;
 mod losses;
 mod mirror;
 mod objective;
+mod paper;
 mod runs;
 mod sources;
 mod update;

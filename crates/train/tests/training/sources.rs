@@ -93,6 +93,7 @@ fn a_dataset_on_disk_gives_the_same_samples() {
         path: data.join("train"),
         preset: preset.to_string_lossy().into_owned(),
         views: views["v"].clone(),
+        exclude: Vec::new(),
     };
     let open = || DatasetSource::open(config.clone(), RULE, &mut Warnings::new()).unwrap();
     let simulated = rooms(1, "").sample(draw(0)).unwrap();

@@ -1,0 +1,159 @@
+//! The configurations at the paper's scale (`eval/experiments/paper/`): each reads, stands for a row of a table, keeps test
+//! scenes out, and does two steps on pictures of its shape with a network that a test has time for.
+
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
+
+use atsplat_camera::ImageSize;
+use atsplat_files::Sha256Digest;
+use atsplat_model::config::{AnchorDesign, Selection};
+use atsplat_protocol::{KNOWN_INDICES, Preset};
+use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+use atsplat_scene::Warnings;
+use atsplat_train::samples::{DatasetConfig, DatasetSource, ExcludedScenes};
+use atsplat_train::{PerceptualChoice, SourceConfig, Start, TrainConfig, Trainer};
+use tempfile::tempdir;
+
+/// Frames of the scenes that stand for a dataset's: enough for a window of six views.
+const FRAMES: usize = 12;
+
+/// One for each setting of the paper's tables; the others change one thing of these.
+const SETTINGS: [&str; 7] = ["re10k", "dl3dv-2v", "dl3dv-4v", "dl3dv-6v", "dl3dv-224", "dl3dv-hr", "unified"];
+
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/experiments/paper")
+}
+
+fn config(name: &str) -> TrainConfig {
+    let path = folder().join(format!("{name}.toml"));
+    TrainConfig::read(&path).unwrap_or_else(|error| panic!("{name}: {error}"))
+}
+
+fn names() -> BTreeSet<String> {
+    let entries = std::fs::read_dir(folder()).unwrap().map(|entry| entry.unwrap().path());
+    entries.map(|path| path.file_stem().unwrap().to_string_lossy().into_owned()).collect()
+}
+
+fn datasets(config: &TrainConfig) -> Vec<&DatasetConfig> {
+    let dataset = |source| match source {
+        &SourceConfig::Dataset(ref dataset) => dataset,
+        other => panic!("{other:?} is no dataset"),
+    };
+    config.data.iter().map(|data| dataset(&data.source)).collect()
+}
+
+#[test]
+fn every_row_of_the_papers_tables_has_a_configuration() {
+    let mut expected: BTreeSet<String> = SETTINGS.map(str::to_owned).into();
+    expected.extend([4, 8, 32, 64].map(|k| format!("k-{k}")));
+    for ablation in [
+        "anchor-ray-depth",
+        "anchor-learnable",
+        "anchor-direct-xyz",
+        "expansion-farthest-point",
+        "expansion-random",
+        "expansion-straight-through",
+        "expansion-none",
+    ] {
+        expected.extend(["", "-dl3dv"].map(|dataset| format!("ablation-{ablation}{dataset}")));
+    }
+    assert_eq!(names(), expected);
+    for k in [4, 8, 32, 64] {
+        assert_eq!(config(&format!("k-{k}")).model.config().unwrap().head.gaussians_per_token, k);
+    }
+    for (dataset, tokens) in [("", 512), ("-dl3dv", 2688)] {
+        let model = |name: &str| config(&format!("ablation-{name}{dataset}")).model.config().unwrap();
+        assert!(matches!(model("anchor-ray-depth").anchors.design, AnchorDesign::RayDepth {}));
+        assert!(matches!(model("anchor-direct-xyz").anchors.design, AnchorDesign::DirectXyz {}));
+        let learnable = model("anchor-learnable").anchors.design;
+        assert!(matches!(learnable, AnchorDesign::LearnableTokens { tokens: found } if found == tokens));
+        assert!(matches!(model("expansion-farthest-point").expansion.selection, Selection::FarthestPoint {}));
+        assert!(matches!(model("expansion-random").expansion.selection, Selection::Random { .. }));
+        assert!(matches!(model("expansion-straight-through").expansion.selection, Selection::StraightThrough {}));
+        assert!(model("expansion-none").decoder.blocks.iter().all(|block| block.expansion.is_none()));
+    }
+}
+
+/// The indices that its protocols are published with are excluded, under the hashes that they are known by.
+#[test]
+fn test_scenes_are_excluded_by_the_hash_of_their_index() {
+    for name in names() {
+        let config = config(&name);
+        for dataset in datasets(&config) {
+            assert!(!dataset.exclude.is_empty(), "{name}");
+            for excluded in &dataset.exclude {
+                let known = excluded.index.file_stem().unwrap().to_string_lossy();
+                let published = KNOWN_INDICES.iter().find(|index| index.name == known);
+                let published = published.unwrap_or_else(|| panic!("{name}: {known} is no published index"));
+                assert_eq!(excluded.sha256, published.sha256, "{name}: {known}");
+            }
+            let accepted = Preset::resolve(&dataset.preset).unwrap().index.accepted;
+            let first = accepted.first().unwrap();
+            assert!(dataset.exclude.iter().any(|excluded| excluded.sha256 == first.sha256), "{name}: {}", first.name);
+        }
+    }
+}
+
+#[test]
+fn every_setting_does_two_steps_on_pictures_of_its_shape() {
+    for name in SETTINGS {
+        let config = config(name);
+        let folder = tempdir().unwrap();
+        let mut stand_in = config.clone();
+        let changes = "transformer = { dim = 32, head-dim = 16 }\nbackbone = { kind = 'patch', layers = 0 }\n\
+                       coarse.layers = 1\nfine.layers = 1";
+        for (key, value) in changes.parse::<toml::Table>().unwrap() {
+            stand_in.model.changes.insert(key, value);
+        }
+        (stand_in.model.backbone, stand_in.losses.perceptual) = (None, PerceptualChoice::DSsim);
+        stand_in.batch = 1.try_into().unwrap();
+        for (number, data) in stand_in.data.iter_mut().enumerate() {
+            let SourceConfig::Dataset(dataset) = &mut data.source else { panic!("{name}: not a dataset") };
+            simulate(dataset, &folder.path().join(number.to_string()));
+        }
+        let mut trainer = Trainer::new(stand_in, &folder.path().join("run"), &Start::Fresh)
+            .unwrap_or_else(|error| panic!("{name}: {error}"));
+        let before = trainer.state().parameters.values().to_vec();
+        for _ in 0..2 {
+            trainer.step(&mut |_| ()).unwrap_or_else(|error| panic!("{name}: {error}"));
+        }
+        assert_eq!((trainer.state().updates, trainer.state().skipped()), (2, 0), "{name}");
+        assert!(trainer.state().parameters.non_finite().is_empty(), "{name}");
+        assert!(trainer.state().parameters.values() != before, "{name}");
+    }
+}
+
+/// Two scenes of the pictures that the protocol takes, one of them excluded; windows and targets as small as a test's clips.
+fn simulate(dataset: &mut DatasetConfig, folder: &Path) {
+    let size = Preset::resolve(&dataset.preset).unwrap().preprocessing.expected_size.unwrap();
+    let request = |number| {
+        let mut request = Request::new(SceneKind::Rooms, SceneSeed { split: Split::Train, number });
+        request.size = ImageSize { width: size.width, height: size.height };
+        (request.samples, request.frames) = (1, FRAMES);
+        request
+    };
+    let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+    write_dataset(folder, vec![request(0), request(1)], &options, &mut Warnings::new(), |_, _| ()).unwrap();
+    let index = folder.join("index.json");
+    let json = r#"{"rooms-train-00000001": {"context": [0, 3], "target": [1]}}"#;
+    std::fs::write(&index, json).unwrap();
+    dataset.path = folder.join("train");
+    dataset.exclude = vec![ExcludedScenes { index, sha256: Sha256Digest::of(json.as_bytes()) }];
+    let gaps = &mut dataset.views.gaps;
+    (gaps.min, gaps.max, gaps.initial_min, gaps.initial_max) = (6, 9, 6, 9);
+    dataset.views.targets = 1.try_into().unwrap();
+    // Twelve pictures of 512x960 are for a graphics card.
+    dataset.views.context = dataset.views.context.map(|views| views.min(6.try_into().unwrap()));
+    if size.width > 640 {
+        dataset.views.context = [2.try_into().unwrap(); 2];
+    }
+    let open = |dataset: &DatasetConfig| {
+        let normalisation = atsplat_camera::PoseNormalisation::mean_camera(atsplat_camera::MeanCameraScale::LongLrm);
+        DatasetSource::open(dataset.clone(), normalisation, &mut Warnings::new())
+    };
+    assert_eq!(open(dataset).unwrap().keys(), ["rooms-train-00000000"], "the other is excluded");
+    let mut other_bytes = dataset.clone();
+    other_bytes.exclude[0].sha256 = Sha256Digest::of(b"another file of that name");
+    let message = open(&other_bytes).unwrap_err().to_string();
+    assert!(message.contains("index.json") && message.contains("expected sha256"), "{message}");
+}
