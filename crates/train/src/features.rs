@@ -53,25 +53,20 @@ impl FeatureCache {
             let path = self.folder.join(format!("{}.safetensors", key(posed.size, picture)));
             features.extend(match read(&path) {
                 Some(known) => known,
-                None => self.make(network, &Views::new(posed.size, picture.to_vec(), vec![camera])?, &path)?,
+                None => make(network, &Views::new(posed.size, picture.to_vec(), vec![camera])?, &path)?,
             });
         }
         Ok(posed.views()?.with_frozen_features(features))
     }
+}
 
-    fn make(&self, network: &Network, view: &Views, path: &Path) -> Result<Vec<f32>, TrainError> {
-        let features = network.frozen_features(view)?;
-        self.write(path, &features)?;
-        Ok(features)
-    }
-
-    fn write(&self, path: &Path, features: &[f32]) -> Result<(), TrainError> {
-        let tensor = StoredTensor::from_f32(vec![features.len()], features)?;
-        let mut stored = StoredTensors::default();
-        stored.tensors.insert(FEATURES.to_owned(), tensor);
-        stored.metadata.insert(DIGEST.to_owned(), stored.digest());
-        Ok(stored.write(path)?)
-    }
+fn make(network: &Network, view: &Views, path: &Path) -> Result<Vec<f32>, TrainError> {
+    let features = network.frozen_features(view)?;
+    let mut stored = StoredTensors::default();
+    stored.tensors.insert(FEATURES.to_owned(), StoredTensor::from_f32(vec![features.len()], &features)?);
+    stored.metadata.insert(DIGEST.to_owned(), stored.digest());
+    stored.write(path)?;
+    Ok(features)
 }
 
 /// `None` where there is no file, or one that is not whole.
