@@ -154,9 +154,16 @@ fn what_shows_runs_and_says_why() {
     let plan = plan(&gaussians, &view(lens), &options, "auto");
     assert_eq!((&plan.reduced().view, &plan.reduced().options), (&view(lens), &options));
     let reasons: Vec<&str> = plan.decisions().iter().map(|decision| decision.reason.as_str()).collect();
-    for (reason, word) in
-        reasons.iter().zip(["white", "degree 3", "border", "how strongly", "empty pixel", "asked", "asked", "asked"])
-    {
+    for (reason, word) in reasons.iter().zip([
+        "white",
+        "degree 3",
+        "border",
+        "how strongly",
+        "empty pixel",
+        "requested",
+        "requested",
+        "requested",
+    ]) {
         assert!(reason.contains(word), "{word}: {reasons:?}");
     }
 }

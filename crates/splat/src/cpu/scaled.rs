@@ -25,7 +25,7 @@ impl<'a> Scaled<'a> {
         if options.exposure.is_none() && (largest == 0.0 || FITTING.contains(&largest)) {
             return Self { images: Cow::Borrowed(images), unit: 1.0 };
         }
-        let exposed = |by_rgb: &[f32; 3]| options.by_composited(*by_rgb);
+        let exposed = |by_rgb: &[f32; 3]| options.composited_gradient(*by_rgb);
         let most = |by_rgb: &[f32; 3]| exposed(by_rgb).into_iter().map(f64::abs).fold(0.0, larger);
         let of_rgb = images.rgb.par_iter().map(most).reduce(|| 0.0, larger);
         let unit = power_of_two(larger(of_rgb, largest));

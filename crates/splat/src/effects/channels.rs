@@ -1,4 +1,4 @@
-use super::{Effect, Judgement, Request};
+use super::{Assessment, Effect, Request};
 use crate::Gaussians;
 
 /// Depth along the optical axis.
@@ -10,20 +10,20 @@ impl Effect for Depth {
         "depth"
     }
 
-    fn is_asked_for(&self, _: &Gaussians, request: &Request) -> bool {
+    fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
         request.options.channels.depth
     }
 
-    fn leave_out(&self, request: &mut Request) {
+    fn remove_from(&self, request: &mut Request) {
         request.options.channels.depth = false;
     }
 
-    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
+    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
         unless_empty(self, gaussians, request)
     }
 }
 
-/// The Gaussians' own scalar, as ATSplat's uncertainty.
+/// The per-Gaussian scalar, such as ATSplat's uncertainty.
 #[derive(Debug)]
 pub(super) struct Scalar;
 
@@ -32,28 +32,28 @@ impl Effect for Scalar {
         "scalar"
     }
 
-    fn is_asked_for(&self, _: &Gaussians, request: &Request) -> bool {
+    fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
         request.options.channels.scalar
     }
 
-    fn leave_out(&self, request: &mut Request) {
+    fn remove_from(&self, request: &mut Request) {
         request.options.channels.scalar = false;
     }
 
-    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
-        // What is NaN is culled, and shows in no image.
+    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
+        // A Gaussian with a NaN scalar is culled.
         let shows = |scalar: &f32| *scalar != 0.0 && !scalar.is_nan();
         match &gaussians.parts().scalars {
-            None => Judgement::leaves_out(self, request, 0.0, "the Gaussians have none: the image is zero"),
+            None => Assessment::remove(self, request, 0.0, "the Gaussians have none: the image is zero"),
             Some(scalars) if !scalars.iter().any(shows) => {
-                Judgement::leaves_out(self, request, 0.0, "every scalar is zero, and so is the image")
+                Assessment::remove(self, request, 0.0, "every scalar is zero, and so is the image")
             }
-            Some(_) => Judgement::runs("its image was asked for"),
+            Some(_) => Assessment::keep("its image is requested"),
         }
     }
 }
 
-/// Depth at which half of the light is blocked.
+/// Depth at which the transmittance falls to one half.
 #[derive(Debug)]
 pub(super) struct MedianDepth;
 
@@ -62,23 +62,23 @@ impl Effect for MedianDepth {
         "median-depth"
     }
 
-    fn is_asked_for(&self, _: &Gaussians, request: &Request) -> bool {
+    fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
         request.options.channels.median_depth
     }
 
-    fn leave_out(&self, request: &mut Request) {
+    fn remove_from(&self, request: &mut Request) {
         request.options.channels.median_depth = false;
     }
 
-    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
+    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
         unless_empty(self, gaussians, request)
     }
 }
 
-fn unless_empty(effect: &dyn Effect, gaussians: &Gaussians, request: &Request) -> Judgement {
+fn unless_empty(effect: &dyn Effect, gaussians: &Gaussians, request: &Request) -> Assessment {
     if gaussians.is_empty() {
-        Judgement::leaves_out(effect, request, 0.0, "without Gaussians the image is zero")
+        Assessment::remove(effect, request, 0.0, "without Gaussians the image is zero")
     } else {
-        Judgement::runs("its image was asked for")
+        Assessment::keep("its image is requested")
     }
 }

@@ -128,7 +128,7 @@ pub(crate) fn backward_unchecked(
     let optics = view.optics(&options.constants)?;
     for (splat, of_splat) in splats.iter().zip(&of_splats) {
         let of_gaussian = project_backward::of_gaussian(gaussians, &optics, options, splat, of_splat);
-        gradients.put(splat.position, &of_gaussian, of_splat, |value| value);
+        gradients.store(splat.position, &of_gaussian, of_splat, |value| value);
         for (sum, value) in gradients.pose.iter_mut().zip(of_gaussian.pose.iter().flat_map(DVec3::to_array)) {
             *sum += value;
         }
