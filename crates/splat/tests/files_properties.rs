@@ -265,7 +265,7 @@ fn hostile_spz_is_refused_before_it_is_allocated() {
         (header(2, u32::MAX, 4, 12, 0), "a file that can hold 4294967295 Gaussians of 390842023845 bytes"),
         (header(4, u32::MAX, 4, 12, 6), "a file that can hold 4294967295 Gaussians"),
         (header(4, 5, 0, 12, 6), "5 streams"),
-        (header(4, 5, 0, 12, 5), "32 bytes and the streams behind them"),
+        (header(4, 5, 0, 12, 5), "32 bytes and the streams after them"),
         (header(5, 5, 0, 12, 5), "version 1 to 4"),
         (header(3, 5, 5, 12, 5), "spherical harmonics of degree 0 to 4"),
         (header(3, 5, 0, 32, 5), "fewer than 32 fractional bits"),
@@ -287,7 +287,7 @@ fn empty_rows_are_not_counted() {
 
 /// Rows that the header does not count would be left out; a text's blank lines are no rows.
 #[test]
-fn rows_behind_the_last_are_refused() {
+fn rejects_rows_after_the_last() {
     let row = "0 1 2 1 0 0 0 -1 -2 -3 0.25 0.5 0.5 0.5\n";
     let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
     let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
@@ -296,7 +296,7 @@ fn rows_behind_the_last_are_refused() {
     parse(text(&(row.repeat(2) + "\n \r\n")).as_bytes(), Path::new("f.ply")).unwrap();
     assert_eq!(
         error_of(text(&(row.repeat(2) + "\n" + &row.repeat(3))).as_bytes(), "f.ply"),
-        "f.ply: line 22: expected the end of the file behind the 2 rows of the header, found 3 more"
+        "f.ply: line 22: expected the end of the file after the 2 rows of the header, found 3 more"
     );
     let header = header("binary_little_endian");
     let binary = |bytes: usize| [header.as_bytes(), &vec![0; bytes]].concat();
@@ -304,7 +304,7 @@ fn rows_behind_the_last_are_refused() {
     for (bytes, found) in [(3 * 56 + 5, "61 bytes, enough for 1 more"), (2 * 56 + 1, "1 bytes")] {
         assert_eq!(
             error_of(&binary(bytes), "f.ply"),
-            format!("f.ply: byte {at}: expected the end of the file behind the 2 rows of the header, found {found}")
+            format!("f.ply: byte {at}: expected the end of the file after the 2 rows of the header, found {found}")
         );
     }
 }

@@ -1,7 +1,7 @@
-use super::Fault;
+use super::Malformed;
 use super::header::{Element, Kind, Property, Scalar};
 
-/// Rows as bytes without gaps.
+/// Reader of rows in binary encoding.
 pub(super) struct Binary<'a> {
     rest: &'a [u8],
     /// Byte of the file at which `rest` starts.
@@ -14,16 +14,16 @@ impl<'a> Binary<'a> {
         Self { rest, at, big_endian }
     }
 
-    pub(super) const fn left(&self) -> usize {
+    pub(super) const fn remaining(&self) -> usize {
         self.rest.len()
     }
 
-    /// The byte behind the last row and how many there are, where there are any.
-    pub(super) fn surplus(&self) -> Option<(usize, usize)> {
+    /// Offset and number of the bytes after the last row; `None` if there are none.
+    pub(super) fn trailing_bytes(&self) -> Option<(usize, usize)> {
         (!self.rest.is_empty()).then_some((self.at, self.rest.len()))
     }
 
-    /// Bytes of a row whose lists are empty.
+    /// Bytes of a row with empty lists.
     pub(super) fn smallest_row(element: &Element<'_>) -> usize {
         let size = |kind| match kind {
             Kind::Scalar(scalar) | Kind::List { length: scalar, .. } => Scalar::size(scalar),
@@ -36,21 +36,21 @@ impl<'a> Binary<'a> {
         element: &Element<'_>,
         wanted: &[usize],
         take: impl FnMut(&[f64]),
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Malformed> {
         let is_list = |property: &Property<'_>| matches!(property.kind, Kind::List { .. });
         if element.properties.iter().any(is_list) {
             self.rows_with_lists(element, wanted, take)
         } else {
-            self.rows_of_one_size(element, wanted, take)
+            self.fixed_size_rows(element, wanted, take)
         }
     }
 
-    fn rows_of_one_size(
+    fn fixed_size_rows(
         &mut self,
         element: &Element<'_>,
         wanted: &[usize],
         mut take: impl FnMut(&[f64]),
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Malformed> {
         let size = Self::smallest_row(element);
         let total = usize::try_from(element.count).ok().and_then(|count| count.checked_mul(size));
         // Rows without properties take no bytes, however many there are.
@@ -85,7 +85,7 @@ impl<'a> Binary<'a> {
         element: &Element<'_>,
         wanted: &[usize],
         mut take: impl FnMut(&[f64]),
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Malformed> {
         let slots = slots(element, wanted);
         let mut values = vec![0.0; wanted.len()];
         for _ in 0..element.count {
@@ -101,7 +101,11 @@ impl<'a> Binary<'a> {
                         let at = self.at;
                         let count = self.next_number(length)?;
                         if count < 0.0 {
-                            return Err(Fault::new(format!("byte {at}"), "a length of a list", count.to_string()));
+                            return Err(Malformed::new(
+                                format!("byte {at}"),
+                                "a non-negative list length",
+                                count.to_string(),
+                            ));
                         }
                         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 ≤ count < 2³²")]
                         self.bytes((count as usize).saturating_mul(item.size()))?;
@@ -113,28 +117,28 @@ impl<'a> Binary<'a> {
         Ok(())
     }
 
-    fn bytes(&mut self, count: usize) -> Result<&'a [u8], Fault> {
+    fn bytes(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
         let Some((taken, rest)) = self.rest.split_at_checked(count) else {
             let found = format!("{} bytes", self.rest.len());
-            return Err(Fault::new(format!("byte {}", self.at), format!("{count} bytes"), found));
+            return Err(Malformed::new(format!("byte {}", self.at), format!("{count} bytes"), found));
         };
         self.rest = rest;
         self.at += count;
         Ok(taken)
     }
 
-    fn next_number(&mut self, scalar: Scalar) -> Result<f64, Fault> {
+    fn next_number(&mut self, scalar: Scalar) -> Result<f64, Malformed> {
         let bytes = self.bytes(scalar.size())?;
         Ok(self.number(scalar, bytes, 0))
     }
 
-    /// The number at `offset`, which the bytes hold whole; an f64 holds every one exactly.
+    /// The number at `offset`; every type converts exactly to f64.
     #[inline]
     fn number(&self, scalar: Scalar, bytes: &[u8], offset: usize) -> f64 {
         macro_rules! decoded {
             ($number:ty) => {{
                 let bytes = bytes.get(offset..).and_then(<[u8]>::first_chunk);
-                let bytes = *bytes.expect("a row holds each of its properties");
+                let bytes = *bytes.expect("a row contains all its properties");
                 let number =
                     if self.big_endian { <$number>::from_be_bytes(bytes) } else { <$number>::from_le_bytes(bytes) };
                 f64::from(number)
@@ -153,7 +157,7 @@ impl<'a> Binary<'a> {
     }
 }
 
-/// For each property of an element its position among the wanted ones.
+/// For each property of an element, its index in `wanted`.
 pub(super) fn slots(element: &Element<'_>, wanted: &[usize]) -> Vec<Option<usize>> {
     let mut slots = vec![None; element.properties.len()];
     for (at, property) in wanted.iter().enumerate() {

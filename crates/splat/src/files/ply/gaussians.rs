@@ -2,25 +2,24 @@
 //! `filter_3D` (autonomousvision/mip-splatting, same file) and ATSplat's `uncertainty`.
 
 use super::header::{Element, Header};
-use super::rows::Body;
-use super::{Fault, Format, Stored};
+use super::{Body, Format, Malformed, Stored};
 use crate::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
 
-/// Properties that every file of Gaussians has, in the order in which rows are taken apart.
+/// Required properties, in the order in which rows are read.
 const REQUIRED: [&str; 14] = [
     "x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2", "opacity", "f_dc_0", "f_dc_1",
     "f_dc_2",
 ];
-/// Written as zeros by 3DGS and read by nobody.
+/// Written as zeros by 3DGS; always ignored.
 const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
 /// Mip-Splatting's smoothing filter.
 pub(super) const FILTER: &str = "filter_3D";
-/// The extra scalar.
+/// The additional scalar.
 pub(super) const UNCERTAINTY: &str = "uncertainty";
 
-pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, Fault> {
+pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, Malformed> {
     let vertex = header.element("vertex");
-    let vertex = vertex.ok_or_else(|| Fault::new("header", "an element vertex", "none"))?;
+    let vertex = vertex.ok_or_else(|| Malformed::new("header", "an element vertex", "none"))?;
     let columns = Columns::of(vertex)?;
     let mut parts = GaussianParts::default();
     for element in &header.elements {
@@ -37,7 +36,7 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, F
     Ok(Stored { parts, format: Format::Ply(header.encoding), unused, antialiased: None })
 }
 
-/// Where a row's numbers go: the required ones, then `f_rest`, then the optional ones.
+/// Columns to read from a row: the required ones, then `f_rest`, then the optional ones.
 struct Columns {
     wanted: Vec<usize>,
     sh_degree: u8,
@@ -47,7 +46,7 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(vertex: &Element<'_>) -> Result<Self, Fault> {
+    fn of(vertex: &Element<'_>) -> Result<Self, Malformed> {
         let mut wanted = Vec::new();
         for name in REQUIRED {
             wanted.push(vertex.required(name)?);
@@ -66,7 +65,7 @@ impl Columns {
         Ok(Self { wanted, sh_degree, has_filter: filter.is_some(), has_scalar: scalar.is_some(), unused })
     }
 
-    /// Empty parts with room for `count` Gaussians.
+    /// Empty arrays with capacity for `count` Gaussians.
     fn start(&self, count: usize) -> GaussianParts {
         GaussianParts {
             means: Vec::with_capacity(count),
@@ -81,9 +80,9 @@ impl Columns {
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "Gaussians are stored as f32")]
-    #[expect(clippy::expect_used, reason = "a row has every property that is wanted of it")]
+    #[expect(clippy::expect_used, reason = "a row has every required property")]
     fn push(&self, row: &[f64], parts: &mut GaussianParts) {
-        let (required, optional) = row.split_first_chunk().expect("a row begins with what is required");
+        let (required, optional) = row.split_first_chunk().expect("a row begins with the required properties");
         let [x, y, z, w, i, j, k, s0, s1, s2, opacity, red, green, blue] = required;
         let narrow = |value: &f64| *value as f32;
         parts.means.push([x, y, z].map(narrow));
@@ -104,10 +103,10 @@ impl Columns {
     }
 }
 
-/// The degree of spherical harmonics with this many coefficients beyond the first, over all channels.
-pub(super) fn sh_degree(rest: usize) -> Result<u8, Fault> {
+/// The SH degree with this many coefficients above degree 0, over all channels.
+pub(super) fn sh_degree(rest: usize) -> Result<u8, Malformed> {
     (0..=MAX_SH_DEGREE).find(|degree| 3 * (sh_coefficients(*degree) - 1) == rest).ok_or_else(|| {
         let expected = "0, 9, 24, 45 or 72 properties f_rest_*, for degrees 0 to 4";
-        Fault::new("header", expected, rest.to_string())
+        Malformed::new("header", expected, rest.to_string())
     })
 }
