@@ -13,14 +13,23 @@ fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
     };
     let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
     for _ in 0..count {
-        let mut spread = |width: f32| width * (2.0 * uniform() - 1.0);
-        parts.means.push([spread(2.5), spread(2.0), 4.0 + spread(3.5)]);
-        parts.quaternions.push([spread(1.0), spread(1.0), spread(1.0), spread(1.0)]);
-        parts.log_scales.push([-3.0 + spread(2.0), -3.0 + spread(2.0), -3.5 + spread(2.0)]);
-        parts.opacity_logits.push(spread(5.0));
-        parts.scalars.iter_mut().for_each(|scalars| scalars.push(spread(1.0)));
+        let mut project_covariances = |width: f32| width * (2.0 * uniform() - 1.0);
+        parts.means.push([project_covariances(2.5), project_covariances(2.0), 4.0 + project_covariances(3.5)]);
+        parts.quaternions.push([
+            project_covariances(1.0),
+            project_covariances(1.0),
+            project_covariances(1.0),
+            project_covariances(1.0),
+        ]);
+        parts.log_scales.push([
+            -3.0 + project_covariances(2.0),
+            -3.0 + project_covariances(2.0),
+            -3.5 + project_covariances(2.0),
+        ]);
+        parts.opacity_logits.push(project_covariances(5.0));
+        parts.scalars.iter_mut().for_each(|scalars| scalars.push(project_covariances(1.0)));
         for _ in 0..crate::sh_coefficients(degree) {
-            parts.sh.push([spread(0.8), spread(0.8), spread(0.8)]);
+            parts.sh.push([project_covariances(0.8), project_covariances(0.8), project_covariances(0.8)]);
         }
     }
     Gaussians::new(parts).unwrap()
@@ -115,7 +124,7 @@ fn one_picture_whatever_the_tiles_threads_and_instructions() {
     for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            for simd in SimdLevel::fusing() {
+            for simd in SimdLevel::with_fma() {
                 let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
                 let actual = pool.install(|| rendered(&gaussians, &view, &everything(), cpu));
                 assert!(actual == expected, "{tile:?}, {threads} threads, {simd:?}");
@@ -174,9 +183,9 @@ fn image_gradients(view: &View) -> ImageGradients<f64> {
 }
 
 fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
-    let image = |values: &Option<Vec<f64>>| values.as_ref().map(|v| v.iter().map(|x| narrowed(*x)).collect());
+    let image = |values: &Option<Vec<f64>>| values.as_ref().map(|v| v.iter().map(|x| to_f32(*x)).collect());
     ImageGradients {
-        rgb: images.rgb.iter().map(|rgb| rgb.map(narrowed)).collect(),
+        rgb: images.rgb.iter().map(|rgb| rgb.map(to_f32)).collect(),
         alpha: image(&images.alpha),
         depth: image(&images.depth),
         scalar: image(&images.scalar),

@@ -2,7 +2,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
 
 use crate::constants::{ClampedGradient, Extent, ShAxes};
-use crate::cpu::narrowed;
+use crate::cpu::to_f32;
 use crate::view::Optics;
 use crate::{Exposure, RasterMode, RenderOptions, View};
 
@@ -66,7 +66,7 @@ impl ViewBlock {
         };
         let [least, greatest] = optics.jacobian_range.map(|slope| slope.to_array().map(bounded));
         let (lens, lens_more, lens_flag) = lens(view, optics);
-        let [red, green, blue] = options.background.map(narrowed);
+        let [red, green, blue] = options.background.map(to_f32);
         let flags = [
             (constants.near_is_culled, flag::NEAR_IS_CULLED),
             (options.mode == RasterMode::Antialiased, flag::ANTIALIASED),
@@ -150,5 +150,5 @@ fn split(value: f64) -> [f32; 2] {
 
 /// The nearest f32 that is finite and leaves room to calculate.
 fn bounded(value: f64) -> f32 {
-    narrowed(value.clamp(-3e38, 3e38))
+    to_f32(value.clamp(-3e38, 3e38))
 }

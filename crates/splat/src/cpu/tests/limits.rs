@@ -46,8 +46,8 @@ fn constants_are_checked_by_every_backend() {
 
 #[test]
 fn positions_and_lists_have_32_bits() {
-    assert!(frame::countable("Gaussians", u64::from(u32::MAX)).is_ok());
-    let outcome = frame::countable("Gaussians", 1 << 32);
+    assert!(frame::check_count("Gaussians", u64::from(u32::MAX)).is_ok());
+    let outcome = frame::check_count("Gaussians", 1 << 32);
     assert!(matches!(outcome, Err(SplatError::Count { what: "Gaussians", found: 0x1_0000_0000, .. })));
 }
 
@@ -98,17 +98,17 @@ fn all_that_is_held_counts() {
     let mut recording = renderer.record(&gaussians, &view, &options).unwrap();
     recording.backward(&images).unwrap();
     renderer.reuse(recording);
-    let frames: u64 = renderer.spare.iter().map(Frame::held).sum();
-    let held = frames + Rendering::<f32>::bytes(&view, &options) + gaussians.size_in_bytes();
-    assert!(limit >= held, "{limit} bytes allowed, {held} in use");
+    let frames: u64 = renderer.spare.iter().map(Frame::allocated_bytes).sum();
+    let allocated_bytes = frames + Rendering::<f32>::bytes(&view, &options) + gaussians.size_in_bytes();
+    assert!(limit >= allocated_bytes, "{limit} bytes allowed, {allocated_bytes} in use");
 
     // Buffers of a large job, under a limit that the small one alone stays below.
     let small = least_limit(|limit| limited(limit).render(&cloud(10, 0, 1), &view, &options).is_ok());
     assert!(frames > small);
     renderer.options.memory_limit = small;
     renderer.render(&cloud(10, 0, 1), &view, &options).unwrap();
-    let held: u64 = renderer.spare.iter().map(Frame::held).sum();
-    assert!(held <= small, "{held} bytes held, {small} allowed");
+    let allocated_bytes: u64 = renderer.spare.iter().map(Frame::allocated_bytes).sum();
+    assert!(allocated_bytes <= small, "{allocated_bytes} bytes allocated_bytes, {small} allowed");
 }
 
 #[test]
@@ -120,7 +120,7 @@ fn no_more_frames_are_kept_than_are_used_together() {
     for recording in recordings {
         renderer.reuse(recording);
     }
-    assert_eq!(renderer.spare.len(), TOGETHER);
+    assert_eq!(renderer.spare.len(), VIEW_BATCH);
 }
 
 /// Under its own name, or that of what runs instead.

@@ -31,7 +31,7 @@ proptest! {
         let images = narrow(&image_gradients(&view));
         let factor = f64::from(exponent).exp2();
         let plain = CpuRenderer::default().backward(&gaussians, &view, &everything(), &images).unwrap();
-        let scaled = times(&images, narrowed(factor));
+        let scaled = times(&images, to_f32(factor));
         let scaled = CpuRenderer::default().backward(&gaussians, &view, &everything(), &scaled).unwrap();
         prop_assert_eq!(scaled.non_finite(), 0);
         assert_scaled(&scaled, &plain, factor);
