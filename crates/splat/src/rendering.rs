@@ -322,20 +322,20 @@ impl<T: Copy> Gradients<T> {
     pub(crate) fn store(
         &mut self,
         position: usize,
-        of_gaussian: &GaussianGradient,
-        of_splat: &SplatGradient,
+        d_gaussian: &GaussianGradient,
+        d_splat: &SplatGradient,
         number: impl Fn(f64) -> T + Copy,
     ) {
         let stored = self.sh.len() / self.means.len();
-        set(&mut self.means, position, of_gaussian.mean.to_array().map(number));
-        set(&mut self.quaternions, position, of_gaussian.quaternion.map(number));
-        set(&mut self.log_scales, position, of_gaussian.log_scales.to_array().map(number));
-        set(&mut self.opacity_logits, position, number(of_gaussian.logit));
-        set(&mut self.scalars, position, number(of_splat.scalar));
-        set(&mut self.means_2d, position, of_splat.centre.to_array().map(number));
-        set(&mut self.conics, position, of_splat.conic.to_array().map(number));
+        set(&mut self.means, position, d_gaussian.mean.to_array().map(number));
+        set(&mut self.quaternions, position, d_gaussian.quaternion.map(number));
+        set(&mut self.log_scales, position, d_gaussian.log_scales.to_array().map(number));
+        set(&mut self.opacity_logits, position, number(d_gaussian.logit));
+        set(&mut self.scalars, position, number(d_splat.scalar));
+        set(&mut self.means_2d, position, d_splat.centre.to_array().map(number));
+        set(&mut self.conics, position, d_splat.conic.to_array().map(number));
         let own = self.sh.iter_mut().skip(position * stored).take(stored);
-        for (slot, value) in own.zip(of_gaussian.sh) {
+        for (slot, value) in own.zip(d_gaussian.sh) {
             *slot = value.map(number);
         }
     }

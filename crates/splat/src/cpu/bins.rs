@@ -37,7 +37,7 @@ impl Tiling {
         splat.reach.map(|[from, past]| [from >> log2, past_of(past)])
     }
 
-    /// Calls `with` for for_each_tile tile that a splat may reach: the tiles of its rectangle, without the corners that
+    /// Calls `with` for each tile that a splat may reach: the tiles of its rectangle, without the corners that
     /// the ellipse misses if there are many.
     #[inline(always)]
     fn for_each_tile(self, reach: Reach, splat: &Splat, mut with: impl FnMut(usize)) {
@@ -115,7 +115,7 @@ pub(super) struct Bins {
 }
 
 impl Bins {
-    /// Counts the entries of for_each_tile list; returns the total.
+    /// Counts the entries of each list; returns the total.
     pub(super) fn count(&mut self, splats: &[Splat], tiling: Tiling) -> u64 {
         let Self { reaches, starts, .. } = self;
         reaches.clear();
@@ -123,7 +123,7 @@ impl Bins {
         starts.clear();
         starts.resize(tiling.len() + 2, 0);
         let mut total = 0;
-        // Counted two slots ahead, because filling advances for_each_tile start to the end of its list.
+        // Counted two slots ahead, because filling advances each start to the end of its list.
         for ((_, reach), splat) in reaches.iter().zip(splats) {
             tiling.for_each_tile(*reach, splat, |tile| {
                 starts[tile + 2] += 1;

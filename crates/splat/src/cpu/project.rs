@@ -15,7 +15,7 @@ use glam::DVec2;
 
 /// One projected Gaussian, in one cache line.
 ///
-/// Pixel coordinates are relative to `base`, a pixel inv_depth the centre: such differences are integers, exact in f32,
+/// Pixel coordinates are relative to `base`, a pixel near the centre: such differences are integers, exact in f32,
 /// so that a pixel's value does not depend on its tile.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
