@@ -3,7 +3,7 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::{GaussianParts, Gaussians, Gradients, SplatError, View, sh_coefficients};
 
-/// A number that a rendering depends on, and by which it has a derivative.
+/// A scalar parameter of a rendering that has a gradient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Parameter {
     Mean(usize, usize),
@@ -11,14 +11,14 @@ pub(super) enum Parameter {
     LogScale(usize, usize),
     Logit(usize),
     Scalar(usize),
-    /// Coefficient among all, channel.
+    /// Index among all coefficients, and channel.
     Sh(usize, usize),
     /// Rotation, then translation.
     Pose(usize),
 }
 
 impl Parameter {
-    /// Every parameter of one Gaussian; of its harmonics the first and the last.
+    /// Every parameter of one Gaussian; of its SH coefficients only the first and the last.
     pub(super) fn of_gaussian(gaussians: &Gaussians, position: usize) -> Vec<Self> {
         let coefficients = sh_coefficients(gaussians.sh_degree());
         let (first, last) = (position * coefficients, position * coefficients + coefficients - 1);
@@ -31,7 +31,7 @@ impl Parameter {
         list
     }
 
-    /// Its place in [`Gradients::fields`].
+    /// Index of its field in [`Gradients::fields`].
     pub(super) const fn field(self) -> usize {
         match self {
             Self::Mean(..) => 0,
@@ -44,7 +44,7 @@ impl Parameter {
         }
     }
 
-    /// The derivative by it.
+    /// The gradient with respect to it.
     pub(super) fn of<T: Copy + Into<f64>>(self, gradients: &Gradients<T>) -> Option<f64> {
         let value = match self {
             Self::Mean(at, axis) => gradients.means.get(at)?.get(axis)?,
@@ -58,7 +58,7 @@ impl Parameter {
         Some((*value).into())
     }
 
-    /// Where a Gaussian's own number stands; `None` for the pose.
+    /// The parameter's value in the arrays; `None` for the pose.
     pub(super) fn slot(self, parts: &mut GaussianParts) -> Option<&mut f32> {
         match self {
             Self::Mean(at, axis) => parts.means.get_mut(at)?.get_mut(axis),
@@ -74,10 +74,10 @@ impl Parameter {
 
 /// The view after a small motion of the camera.
 pub(super) fn moved(view: &View, axis: usize, step: f64) -> Result<View, SplatError> {
-    let unit = [DVec3::X, DVec3::Y, DVec3::Z].get(axis % 3).copied().unwrap_or_default() * step;
-    let (turn, shift) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
-    let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+    let unit = [DVec3::X, DVec3::Y, DVec3::Z][axis % 3] * step;
+    let (rotation, translation) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
+    let rotation = DMat3::from_quat(DQuat::from_scaled_axis(rotation));
     let pose = view.camera.camera_from_world;
-    let pose = CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation() + shift)?;
+    let pose = CameraFromWorld::new(rotation * pose.rotation(), rotation * pose.translation() + translation)?;
     Ok(View { camera: Camera { camera_from_world: pose, ..view.camera }, ..*view })
 }
