@@ -1,6 +1,6 @@
 use std::fmt::{self, Display, Formatter};
 
-use super::contained::contained;
+use super::panics::catch_panics;
 use super::{GpuError, GpuOptions, GpuRenderer, Verdict, VerdictKey, Watcher};
 
 /// Which adapter to render on.
@@ -101,7 +101,7 @@ impl AdapterDescription {
         (self.kind, self.backend == "Gl")
     }
 
-    fn answers_to(&self, name: &str) -> bool {
+    fn matches_name(&self, name: &str) -> bool {
         self.to_string().to_lowercase().contains(&name.to_lowercase())
     }
 
@@ -160,7 +160,7 @@ pub(super) fn recalled(
 fn found() -> Vec<(wgpu::Adapter, AdapterDescription)> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let of = |backend: wgpu::Backends| {
-        let listed = contained("adapters", || Ok(pollster::block_on(instance.enumerate_adapters(backend))));
+        let listed = catch_panics("adapters", || Ok(pollster::block_on(instance.enumerate_adapters(backend))));
         listed.unwrap_or_default().into_iter().map(|adapter| {
             let description = AdapterDescription::of(&adapter);
             (adapter, description)
@@ -228,7 +228,7 @@ fn positions(choice: &AdapterChoice, found: &[AdapterDescription]) -> Vec<usize>
             best_first(&|description| description.has_number(*index))
         }
         AdapterChoice::Index(_) => Vec::new(),
-        AdapterChoice::Name(name) => best_first(&|description| description.answers_to(name)),
+        AdapterChoice::Name(name) => best_first(&|description| description.matches_name(name)),
     }
 }
 

@@ -6,8 +6,8 @@ use super::gaussians::GpuPart;
 use super::gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
 use super::images;
 use super::kernels::{Kernel, Pool};
-use super::picture::{Job, Make, bytes_needed, check_memory, composite, pair_capacity};
 use super::record::Recorder;
+use super::render::{Job, Make, bytes_needed, check_memory, composite, pair_capacity};
 use super::sort::words;
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
@@ -46,8 +46,8 @@ pub(super) fn record(
     check_images(context, &strips, view, images)?;
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, true)
-        .with_flag(flag::SLOTS, true)
-        .with_flag(flag::WAS_EXPOSED, options.exposure.is_some());
+        .with_flag(flag::HAS_OWNERS, true)
+        .with_flag(flag::EXPOSED_LOSS, options.exposure.is_some());
 
     let scene = forward::project(recorder, pool, gaussians, &block, options)?;
     let rows = u64::from(view.size.height);
@@ -78,7 +78,7 @@ pub(super) fn record(
     let mut first = 0;
     for (at, part) in gaussians.parts.iter().enumerate() {
         let block = forward::part_block(&block, gaussians.sh_degree, options, part, first);
-        parts.push(of_part(recorder, pool, (&scene, &sums, &pose), (part, &block, at), &mut *make)?);
+        parts.push(part_gradients(recorder, pool, (&scene, &sums, &pose), (part, &block, at), &mut *make)?);
         first += part.count;
     }
     let result = make(pool, "pose and background", 0, 48)?;
@@ -105,36 +105,49 @@ fn differentiate(
     composite(recorder, pool, scene, lists, &colours, Some(&extras))?;
 
     let seeds = pool.get(context, "seeds", 0, 32 * pixels)?;
-    let by_background = pool.get(context, "by background", 0, 16 * pixels)?;
+    let d_background = pool.get(context, "by background", 0, 16 * pixels)?;
     let none = pool.get(context, "no extra gradients", 0, 16)?;
-    let by_pair = pool.get(context, "sums by pair", 0, 48 * lists.pairs)?;
-    recorder.clear(&by_pair, 48 * lists.pairs);
+    let d_pair = pool.get(context, "sums by pair", 0, 48 * lists.pairs)?;
+    recorder.clear(&d_pair, 48 * lists.pairs);
     recorder.stage("composite backward");
     let mut block = lists.block;
     block.window[0] = u32::try_from(pixels).unwrap_or(u32::MAX);
     let extra_gradients = images.extras.as_ref().unwrap_or(&none);
     let block = block.with_flag(flag::EXTRA_GRADIENTS, images.extras.is_some());
-    let buffers = [&images.colours, extra_gradients, &colours, &extras, &seeds, &by_background];
-    recorder.dispatch(Kernel::Seed, block.bytes(), &buffers, pixels.div_ceil(64))?;
-    for first in (0..width).step_by(context.columns_at_once as usize) {
+    let buffers = [&images.colours, extra_gradients, &colours, &extras, &seeds, &d_background];
+    recorder.dispatch(Kernel::PixelGradients, block.bytes(), &buffers, pixels.div_ceil(64))?;
+    for first in (0..width).step_by(context.columns_per_dispatch as usize) {
         let mut block = block;
-        block.part = [first, context.columns_at_once, 0, 0];
-        recorder.dispatch(Kernel::Rows, block.bytes(), &[&by_background, &sums.rows], u64::from(rows).div_ceil(64))?;
+        block.part = [first, context.columns_per_dispatch, 0, 0];
+        recorder.dispatch(
+            Kernel::RowSums,
+            block.bytes(),
+            &[&d_background, &sums.rows],
+            u64::from(rows).div_ceil(64),
+        )?;
     }
     if lists.pairs == 0 {
         return Ok(());
     }
-    let buffers =
-        [&scene.shapes, &scene.places, &scene.paints, &lists.sorted, &lists.boxes, &lists.ranges, &seeds, &by_pair];
+    let buffers = [
+        &scene.shapes,
+        &scene.positions,
+        &scene.splat_colours,
+        &lists.sorted,
+        &lists.boxes,
+        &lists.ranges,
+        &seeds,
+        &d_pair,
+    ];
     for block in lists.passes() {
-        recorder.dispatch(Kernel::Differentiate, block.bytes(), &buffers, lists.window.tiles())?;
+        recorder.dispatch(Kernel::CompositeBackward, block.bytes(), &buffers, lists.window.tiles())?;
     }
-    let buffers = [&scene.order, &scene.offsets, &by_pair, &sums.firsts, &sums.seconds, &sums.colours];
+    let buffers = [&scene.order, &scene.offsets, &d_pair, &sums.firsts, &sums.seconds, &sums.colours];
     recorder.dispatch(Kernel::Gather, block.bytes(), &buffers, scene.count.div_ceil(64))
 }
 
 /// Splats' derivatives to one part's Gaussians, and their shares of those by the pose.
-fn of_part(
+fn part_gradients(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     (scene, sums, pose): (&Scene, &Sums, &[wgpu::Buffer; 2]),

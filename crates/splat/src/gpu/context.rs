@@ -17,18 +17,18 @@ pub(super) struct Context {
     pub(super) timestamps: bool,
     /// Bytes that buffers kept in a pool may take.
     pub(super) memory_limit: u64,
-    /// Rows of four pixels that a thread composites, 1 or 4.
+    /// RowSums of four pixels that a thread composites, 1 or 4.
     pub(super) thread_rows: u32,
     /// Entries of a tile's list that one dispatch passes over.
-    pub(super) entries_at_once: u32,
+    pub(super) entries_per_dispatch: u32,
     /// Tiles of one window.
-    pub(super) tiles_at_once: u64,
+    pub(super) tiles_per_window: u64,
     /// Columns of pixels that one dispatch sums up.
-    pub(super) columns_at_once: u32,
+    pub(super) columns_per_dispatch: u32,
     /// Why the device is no more.
     lost: Arc<Mutex<Option<String>>>,
     /// The first fault of a command that is not ours, until it was reported.
-    foreign: Arc<Mutex<Option<String>>>,
+    uncaptured: Arc<Mutex<Option<String>>>,
 }
 
 /// Buffers that the largest kernel sees.
@@ -38,7 +38,7 @@ const SHARED_BYTES: u32 = 13 << 10;
 /// Turns of all loops for one entry of a tile's list. Differentiating takes most where 16 threads have 16 pixels each
 /// and the driver unrolls nothing: 11 to clear sums, one for each thread that passes over it at another time, 4 rows of
 /// pixels, 11 to store sums, 12 to add those of all threads; some 40 at the worst.
-pub(super) const TURNS_OF_AN_ENTRY: u32 = 64;
+pub(super) const ITERATIONS_PER_ENTRY: u32 = 64;
 
 impl Context {
     /// Opens an adapter with all that it has.
@@ -64,9 +64,9 @@ impl Context {
             *lost.lock().unwrap_or_else(PoisonError::into_inner) = Some(format!("lost ({reason:?}): {message}"));
         });
         // Error scopes take what this crate causes; wgpu's own handler would panic on the rest.
-        let foreign = Arc::clone(&context.foreign);
+        let uncaptured = Arc::clone(&context.uncaptured);
         context.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            let mut first = foreign.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut first = uncaptured.lock().unwrap_or_else(PoisonError::into_inner);
             first.get_or_insert_with(|| error.to_string());
         }));
         Ok(context)
@@ -96,8 +96,8 @@ impl Context {
         let binding_limit = allowed.into_iter().fold(1 << 33, Ord::min) & !255;
         let groups_limit = limits.max_compute_workgroups_per_dimension.min(options.groups_limit).max(1);
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        let is_processor = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
-        let few = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_processor);
+        let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
+        let few = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_software);
         let thread_rows = if few { 4 } else { 1 };
         Ok(Self {
             device,
@@ -108,20 +108,20 @@ impl Context {
             timestamps,
             memory_limit: options.memory_limit,
             thread_rows,
-            entries_at_once: options.entries_limit.max(1),
-            tiles_at_once: u64::MAX,
-            columns_at_once: u32::MAX,
+            entries_per_dispatch: options.entries_limit.max(1),
+            tiles_per_window: u64::MAX,
+            columns_per_dispatch: u32::MAX,
             lost: Arc::default(),
-            foreign: Arc::default(),
+            uncaptured: Arc::default(),
         })
     }
 
     /// Cuts what kernels loop over to what the driver allows, or to what does not keep a device so long that the
     /// system takes it for dead.
-    pub(super) fn allow_turns(&mut self, turns: u32) {
-        self.entries_at_once = self.entries_at_once.min(turns / TURNS_OF_AN_ENTRY).max(1);
-        self.tiles_at_once = u64::from(turns / 2).max(1);
-        self.columns_at_once = (turns / 2).max(1);
+    pub(super) fn limit_iterations(&mut self, iterations: u32) {
+        self.entries_per_dispatch = self.entries_per_dispatch.min(iterations / ITERATIONS_PER_ENTRY).max(1);
+        self.tiles_per_window = u64::from(iterations / 2).max(1);
+        self.columns_per_dispatch = (iterations / 2).max(1);
     }
 
     /// Does something with the device and reports what the driver thinks of it.
@@ -132,7 +132,7 @@ impl Context {
         let result = work();
         let [validation, internal, memory] = [pop(validation), pop(internal), pop(memory)];
         let adapter = self.name.clone();
-        if let Some(error) = gravest(memory, internal, validation) {
+        if let Some(error) = root_cause(memory, internal, validation) {
             let reason = error.to_string();
             return Err(match error {
                 wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { adapter, reason },
@@ -145,7 +145,7 @@ impl Context {
         }
         // A fault of this call is reported first.
         if result.is_ok()
-            && let Some(reason) = self.foreign.lock().unwrap_or_else(PoisonError::into_inner).take()
+            && let Some(reason) = self.uncaptured.lock().unwrap_or_else(PoisonError::into_inner).take()
         {
             let reason = format!("a command from outside this renderer: {reason}");
             return Err(GpuError::Refused { adapter, reason }.into());
@@ -186,7 +186,7 @@ fn pop(scope: wgpu::ErrorScopeGuard) -> Option<wgpu::Error> {
 }
 
 /// What the other faults follow from: a buffer for which there was no memory is invalid wherever it is used.
-fn gravest(
+fn root_cause(
     memory: Option<wgpu::Error>,
     internal: Option<wgpu::Error>,
     validation: Option<wgpu::Error>,
@@ -202,8 +202,8 @@ mod tests {
     fn want_of_memory_is_not_taken_for_what_follows_from_it() {
         let memory = || wgpu::Error::OutOfMemory { source: "none left".into() };
         let validation = || wgpu::Error::Validation { source: "buffer".into(), description: "is invalid".to_owned() };
-        assert!(matches!(gravest(Some(memory()), None, Some(validation())), Some(wgpu::Error::OutOfMemory { .. })));
-        assert!(matches!(gravest(None, None, Some(validation())), Some(wgpu::Error::Validation { .. })));
-        assert!(gravest(None, None, None).is_none());
+        assert!(matches!(root_cause(Some(memory()), None, Some(validation())), Some(wgpu::Error::OutOfMemory { .. })));
+        assert!(matches!(root_cause(None, None, Some(validation())), Some(wgpu::Error::Validation { .. })));
+        assert!(root_cause(None, None, None).is_none());
     }
 }

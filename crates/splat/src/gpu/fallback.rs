@@ -43,7 +43,7 @@ pub fn with_fallback(
         return Err(none);
     }
     let none = if adapters.is_empty() { vec![none] } else { Vec::new() };
-    let (opened, mut passed_over) = first_that_opens(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
+    let (opened, mut passed_over) = first_success(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
     passed_over.extend(none);
     let renderer: Box<dyn Renderer> = match opened {
         Some(renderer) => Box::new(renderer),
@@ -53,7 +53,7 @@ pub fn with_fallback(
 }
 
 /// The first success, and the failures before it.
-fn first_that_opens<A, R, E>(
+fn first_success<A, R, E>(
     candidates: impl IntoIterator<Item = A>,
     mut open: impl FnMut(A) -> Result<R, E>,
 ) -> (Option<R>, Vec<E>) {
@@ -74,8 +74,8 @@ mod tests {
     #[test]
     fn the_next_is_tried_and_none_after_it() {
         let even = |number: i32| if number % 2 == 0 { Ok(number) } else { Err(number) };
-        assert_eq!(first_that_opens([1, 3, 4, 5, 6], even), (Some(4), vec![1, 3]));
-        assert_eq!(first_that_opens([1, 3], even), (None, vec![1, 3]));
-        assert_eq!(first_that_opens([], even), (None, Vec::<i32>::new()));
+        assert_eq!(first_success([1, 3, 4, 5, 6], even), (Some(4), vec![1, 3]));
+        assert_eq!(first_success([1, 3], even), (None, vec![1, 3]));
+        assert_eq!(first_success([], even), (None, Vec::<i32>::new()));
     }
 }

@@ -16,8 +16,8 @@ pub(super) const TILE: u32 = 16;
 pub(super) struct Scene {
     pub(super) count: u64,
     pub(super) shapes: wgpu::Buffer,
-    pub(super) places: wgpu::Buffer,
-    pub(super) paints: wgpu::Buffer,
+    pub(super) positions: wgpu::Buffer,
+    pub(super) splat_colours: wgpu::Buffer,
     pub(super) reaches: wgpu::Buffer,
     /// Nearest first, those that are not drawn last.
     pub(super) order: wgpu::Buffer,
@@ -50,16 +50,16 @@ pub(super) struct Lists {
     pub(super) ranges: wgpu::Buffer,
     /// Entries of the longest tile's list, or as many as can be passed over at once.
     longest: u32,
-    entries_at_once: u32,
+    entries_per_dispatch: u32,
 }
 
 impl Lists {
     /// The block of each dispatch that passes over the lists, one after the other.
     pub(super) fn passes(&self) -> impl Iterator<Item = ViewBlock> {
-        let (count, whole) = (self.longest.div_ceil(self.entries_at_once).max(1), self.block);
+        let (count, whole) = (self.longest.div_ceil(self.entries_per_dispatch).max(1), self.block);
         (0..count).map(move |pass| {
-            let mut block = whole.with_flag(flag::GOES_ON, pass > 0).with_flag(flag::STOPS_HERE, pass + 1 < count);
-            block.part = [pass * self.entries_at_once, self.entries_at_once, 0, 0];
+            let mut block = whole.with_flag(flag::RESUMES, pass > 0).with_flag(flag::PAUSES, pass + 1 < count);
+            block.part = [pass * self.entries_per_dispatch, self.entries_per_dispatch, 0, 0];
             block
         })
     }
@@ -93,7 +93,7 @@ pub(super) fn project(
 ) -> Result<Scene, GpuError> {
     let (context, count) = (recorder.context(), gaussians.len());
     let mut get = |name, each: u64| pool.get(context, name, 0, each * count);
-    let (shapes, places, paints) = (get("shapes", 16)?, get("places", 16)?, get("paints", 16)?);
+    let (shapes, positions, splat_colours) = (get("shapes", 16)?, get("positions", 16)?, get("splat_colours", 16)?);
     let reaches = get("reaches", 8)?;
     let keys = Sorted { keys: get("depth keys", 4)?, values: get("depth values", 4)? };
     let spare = Sorted { keys: get("spare depth keys", 4)?, values: get("spare depth values", 4)? };
@@ -116,21 +116,21 @@ pub(super) fn project(
             &part.opacity_logits,
             filters,
             &shapes,
-            &places,
+            &positions,
             &reaches,
         ];
         recorder.dispatch(Kernel::Project, block.bytes(), &buffers, groups)?;
-        let buffers = [&part.means, &part.sh, scalars, &reaches, &paints];
+        let buffers = [&part.means, &part.sh, scalars, &reaches, &splat_colours];
         recorder.dispatch(Kernel::Colour, block.bytes(), &buffers, groups)?;
         first += part.count;
     }
     recorder.stage("sort");
     let mut block = *block;
     block.window[3] = first;
-    let buffers = [&reaches, &places, &keys.keys, &keys.values, &census];
+    let buffers = [&reaches, &positions, &keys.keys, &keys.values, &census];
     recorder.dispatch(Kernel::Keys, block.bytes(), &buffers, count.div_ceil(64))?;
     let order = sort(recorder, pool, keys, spare, count, u32::BITS)?.values;
-    Ok(Scene { count, shapes, places, paints, reaches, order, offsets, census })
+    Ok(Scene { count, shapes, positions, splat_colours, reaches, order, offsets, census })
 }
 
 /// The view's block for one part of the Gaussians.
@@ -175,11 +175,11 @@ pub(super) fn for_windows(
         recorder.submit();
         census = read_census(context, &scene.census)?;
         let pairs = u64::from(census[7]);
-        if pairs > capacity || (window.tiles() > context.tiles_at_once && window.tiles() > 1) {
+        if pairs > capacity || (window.tiles() > context.tiles_per_window && window.tiles() > 1) {
             let halves = window.halves().ok_or_else(|| GpuError::TooLarge {
                 adapter: context.name.clone(),
                 what: "Gaussians of one tile",
-                unit: "places in its list",
+                unit: "positions in its list",
                 needed: pairs,
                 limit: capacity,
             })?;
@@ -205,7 +205,7 @@ fn list(
 ) -> Result<Lists, GpuError> {
     let (context, count) = (recorder.context(), u64::from(block.window[0]));
     let ranges = pool.get(context, "ranges", 0, 8 * window.tiles())?;
-    let with_owners = block.picture_flags() & flag::SLOTS != 0;
+    let with_owners = block.picture_flags() & flag::HAS_OWNERS != 0;
     let owners = pool.get(context, "owners", 0, if with_owners { 4 * count } else { 4 })?;
     let sorted = pool.get(context, "sorted pairs", 0, 8 * count)?;
     let mut get = |name| pool.get(context, name, 0, 4 * count);
@@ -222,15 +222,15 @@ fn list(
         let buffers = [&keys, &values, &owners, &scene.reaches, &ranges, &sorted, &boxes];
         recorder.dispatch(Kernel::Ranges, block.bytes(), &buffers, count.div_ceil(64))?;
     }
-    let entries_at_once = context.entries_at_once;
+    let entries_per_dispatch = context.entries_per_dispatch;
     // No list is longer than either; only then is it worth waiting for the device.
-    let longest = if drawn > entries_at_once && count > u64::from(entries_at_once) {
+    let longest = if drawn > entries_per_dispatch && count > u64::from(entries_per_dispatch) {
         recorder.submit();
         longest(context, &ranges, window)?
     } else {
         0
     };
-    Ok(Lists { block: *block, window, pairs: count, sorted, boxes, ranges, longest, entries_at_once })
+    Ok(Lists { block: *block, window, pairs: count, sorted, boxes, ranges, longest, entries_per_dispatch })
 }
 
 /// Entries of the longest tile's list.

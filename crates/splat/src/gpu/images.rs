@@ -22,7 +22,7 @@ pub struct GpuRendering {
 pub struct GpuStrip {
     /// First row of pixels.
     pub first_row: u32,
-    /// Rows of pixels.
+    /// RowSums of pixels.
     pub rows: u32,
     /// Red, green, blue over the background, and alpha.
     pub colours: wgpu::Buffer,

@@ -7,7 +7,7 @@
 //! picture does not use.
 //!
 //! What lies in arrays by Gaussian, as degree-4 harmonics of millions, is cut to fit the device's bindings, and so are
-//! pictures and tile lists. Sixteen bytes of every Gaussian lie in one binding and bound their number: 8 million where
+//! frames and tile lists. Sixteen bytes of every Gaussian lie in one binding and bound their number: 8 million where
 //! a device binds no more than WebGPU's default of 128 MiB, beyond which [`GpuError::TooLarge`] says so.
 //!
 //! Run have Vulkan and OpenGL on Mesa's software drivers. Metal and DX12 are compiled and untested; wgpu prefers
@@ -16,7 +16,6 @@
 
 mod adapters;
 mod backward;
-mod contained;
 mod context;
 mod error;
 mod fallback;
@@ -25,10 +24,11 @@ mod gaussians;
 mod gradients;
 mod images;
 mod kernels;
-mod picture;
+mod panics;
 mod probe;
 mod read;
 mod record;
+mod render;
 mod self_test;
 mod sort;
 #[cfg(test)]
@@ -47,18 +47,18 @@ pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongNumber};
 use std::time::Instant;
 
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View};
-use contained::contained;
 use context::Context;
 use kernels::{Pipelines, Pool};
-use picture::{Job, check_before_upload, check_memory};
+use panics::catch_panics;
 use record::Recorder;
+use render::{Job, check_memory, check_memory_before_upload};
 
-/// How a device is used; pictures do not depend on it.
+/// How a device is used; frames do not depend on it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
     /// Bytes that one picture or derivative may take on the device, its Gaussians and tile lists included; tile lists
     /// are cut to fit. Buffers that are kept from one picture to the next stay within it too. Not counted: up to 64 MiB
-    /// on their way to the host, and what else the caller keeps there, as other scenes or earlier pictures.
+    /// on their way to the host, and what else the caller keeps there, as other scenes or earlier frames.
     pub memory_limit: u64,
     /// Bytes of the largest buffer, where that is less than the adapter allows.
     pub binding_limit: u64,
@@ -133,7 +133,7 @@ impl GpuRenderer {
         if let Some(verdict) = &known {
             verdict.outcome(&name)?;
         }
-        contained(&name, || {
+        catch_panics(&name, || {
             watcher.begins(description, ProbeStage::Opening);
             let context = Context::open(adapter, description, &options)?;
             let mut renderer = Self::over(context, options)?;
@@ -162,7 +162,7 @@ impl GpuRenderer {
 
     fn over(mut context: Context, options: GpuOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::default();
-        context.allow_turns(probe::turns(&context, &mut pipelines)?);
+        context.limit_iterations(probe::max_iterations(&context, &mut pipelines)?);
         Ok(Self { context, options, pipelines, pool: Pool::default(), stages: Vec::new() })
     }
 
@@ -188,7 +188,7 @@ impl GpuRenderer {
     /// [`GpuError::SelfTest`] for wrong numbers, and whatever the driver fails with.
     pub fn self_test(&mut self) -> Result<(), GpuError> {
         let adapter = self.context.name.clone();
-        contained(&adapter, || self_test::self_test(self, &|_stage| ()))
+        catch_panics(&adapter, || self_test::self_test(self, &|_stage| ()))
     }
 
     /// Frees the buffers that are kept for the next picture.
@@ -219,13 +219,13 @@ impl GpuRenderer {
         options: &RenderOptions,
     ) -> Result<GpuRendering, SplatError> {
         self.stages.clear();
-        self.pool.begin_picture();
+        self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, .. } = self;
         context.guarded(|| {
             let mut recorder = Recorder::new(context, pipelines);
             let mut make = |_: &mut Pool, name, _, bytes| context.buffer(name, bytes);
             let job = Job { gaussians, view, options };
-            let rendering = picture::record(&mut recorder, pool, limits, job, &mut make)?;
+            let rendering = render::record(&mut recorder, pool, limits, job, &mut make)?;
             recorder.submit();
             Ok(rendering)
         })
@@ -245,7 +245,7 @@ impl GpuRenderer {
         images: &GpuImageGradients,
     ) -> Result<GpuGradients, SplatError> {
         self.stages.clear();
-        self.pool.begin_picture();
+        self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, .. } = self;
         context.guarded(|| {
             let mut recorder = Recorder::new(context, pipelines);
@@ -300,15 +300,15 @@ impl GpuRenderer {
     ) -> Result<Rendering<f32>, SplatError> {
         let start = Instant::now();
         self.stages.clear();
-        self.pool.begin_picture();
+        self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, .. } = self;
         let (rendering, timed) = context.guarded(|| {
-            check_before_upload(gaussians, view, limits.memory_limit)?;
+            check_memory_before_upload(gaussians, view, limits.memory_limit)?;
             let resident = GpuGaussians::upload(context, pool, gaussians)?;
             let mut recorder = Recorder::new(context, pipelines);
             let mut make = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
             let job = Job { gaussians: &resident, view, options };
-            let rendering = picture::record(&mut recorder, pool, limits, job, &mut make)?;
+            let rendering = render::record(&mut recorder, pool, limits, job, &mut make)?;
             let timed = recorder.finish()?;
             Ok::<_, SplatError>((rendering.read(context)?, timed))
         })?;
@@ -326,10 +326,10 @@ impl GpuRenderer {
         let start = Instant::now();
         images.check(view)?;
         self.stages.clear();
-        self.pool.begin_picture();
+        self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, .. } = self;
         let (gradients, timed) = context.guarded(|| {
-            check_before_upload(gaussians, view, limits.memory_limit)?;
+            check_memory_before_upload(gaussians, view, limits.memory_limit)?;
             let resident = GpuGaussians::upload(context, pool, gaussians)?;
             view.optics(&options.constants)?;
             let images = GpuImageGradients::upload(context, pool, view, &images::strips(context, view)?, images)?;

@@ -3,13 +3,13 @@
 use std::time::Duration;
 
 use super::GpuError;
-use super::contained::contained;
 use super::context::Context;
+use super::panics::catch_panics;
 
 /// Bytes of the largest staging buffer.
-const MOST_STAGED: u64 = 64 << 20;
+const STAGING_LIMIT: u64 = 64 << 20;
 /// How long an answer may take once the device is done.
-const ANSWER: Duration = Duration::from_mins(1);
+const MAP_TIMEOUT: Duration = Duration::from_mins(1);
 
 /// A run of bytes of one of the buffers that are read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -23,7 +23,7 @@ impl Context {
     /// Waits for the device and reads the first bytes of buffers, whole words of them. Together they may be more than
     /// one buffer can be.
     pub(super) fn read(&self, wanted: &[(&wgpu::Buffer, u64)]) -> Result<Vec<Vec<u8>>, GpuError> {
-        let most = self.binding_limit.clamp(256, MOST_STAGED);
+        let most = self.binding_limit.clamp(256, STAGING_LIMIT);
         let lengths: Vec<u64> = wanted.iter().map(|(_, bytes)| *bytes).collect();
         let loads = loads(&lengths, most);
         let mut read: Vec<Vec<u8>> =
@@ -65,12 +65,12 @@ impl Context {
             // Nobody listens any more where waiting failed.
             sender.send(outcome).ok();
         });
-        contained(&self.name, || {
+        catch_panics(&self.name, || {
             self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| fault(error.to_string()))
         })?;
         // Another thread that waits for the same device may be the one that gives the answer.
         let outcome =
-            receiver.recv_timeout(ANSWER).map_err(|error| fault(format!("no answer when mapping: {error}")))?;
+            receiver.recv_timeout(MAP_TIMEOUT).map_err(|error| fault(format!("no answer when mapping: {error}")))?;
         outcome.map_err(|error| fault(error.to_string()))?;
         {
             let view = staging.get_mapped_range(..at).map_err(|error| fault(error.to_string()))?;

@@ -7,7 +7,7 @@ const UNIFORM_BYTES: usize = 64 << 10;
 /// What every adapter accepts as the offset of a block.
 const UNIFORM_STEP: usize = 256;
 /// Runs of stages that are timed: two marks each, as many as wgpu has in one set.
-const MOST_RUNS: u32 = 2048;
+const MAX_RUNS: u32 = 2048;
 
 /// Commands on their way to the device: dispatches within named stages.
 #[derive(Debug)]
@@ -32,7 +32,7 @@ impl<'a> Recorder<'a> {
             context.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: None,
                 ty: wgpu::QueryType::Timestamp,
-                count: 2 * MOST_RUNS,
+                count: 2 * MAX_RUNS,
             })
         });
         Self {
@@ -63,8 +63,8 @@ impl<'a> Recorder<'a> {
     fn pass(&mut self) -> &mut wgpu::ComputePass<'static> {
         let Self { encoder, stage, clock, timed, is_incomplete, .. } = self;
         self.pass.get_or_insert_with(|| {
-            let at = u32::try_from(timed.len()).unwrap_or(MOST_RUNS);
-            let clock = clock.as_ref().filter(|_| at < MOST_RUNS);
+            let at = u32::try_from(timed.len()).unwrap_or(MAX_RUNS);
+            let clock = clock.as_ref().filter(|_| at < MAX_RUNS);
             match (&clock, *stage) {
                 (Some(_), Some(name)) => timed.push(name),
                 _ => *is_incomplete = true,
@@ -146,7 +146,7 @@ impl<'a> Recorder<'a> {
             self.submit();
             return Ok(Vec::new());
         };
-        let marks = u32::try_from(2 * self.timed.len()).unwrap_or(2 * MOST_RUNS);
+        let marks = u32::try_from(2 * self.timed.len()).unwrap_or(2 * MAX_RUNS);
         let bytes = 8 * u64::from(marks);
         let resolved = self.context.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("timestamps"),

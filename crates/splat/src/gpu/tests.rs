@@ -43,7 +43,7 @@ fn scene() -> (Gaussians, View) {
     (Gaussians::new(parts).unwrap(), View { camera, size: atsplat_camera::ImageSize { width: 90, height: 70 } })
 }
 
-/// Windows of few tiles, rows of pixels summed up in parts, as pictures of many tiles and wide ones need on drivers
+/// Windows of few tiles, rows of pixels summed up in parts, as frames of many tiles and wide ones need on drivers
 /// that end loops early.
 #[test]
 fn fewer_turns_give_the_same_bits() {
@@ -58,7 +58,7 @@ fn fewer_turns_give_the_same_bits() {
     let picture = gpu.render(&gaussians, &view, &options).unwrap();
     let gradients = gpu.backward(&gaussians, &view, &options, &images).unwrap();
     for turns in [14, 2, 1] {
-        (gpu.context.tiles_at_once, gpu.context.columns_at_once) = (u64::from(turns), turns);
+        (gpu.context.tiles_per_window, gpu.context.columns_per_dispatch) = (u64::from(turns), turns);
         assert!(gpu.render(&gaussians, &view, &options).unwrap() == picture, "{turns}");
         assert!(gpu.backward(&gaussians, &view, &options, &images).unwrap() == gradients, "{turns}");
     }
@@ -73,7 +73,7 @@ fn a_pool_keeps_within_the_limit() {
     assert_eq!((size(&mut pool, "a", 5000), pool.bytes()), (5120, 5120), "kept");
     // No room for a quarter more.
     assert_eq!((size(&mut pool, "b", 4096), pool.bytes()), (4096, 9216));
-    pool.begin_picture();
+    pool.begin_frame();
     assert_eq!((size(&mut pool, "b", 4096), pool.bytes()), (4096, 9216));
     // `a` is not used for this picture.
     assert_eq!((size(&mut pool, "c", 2048), pool.bytes()), (2560, 6656));

@@ -44,12 +44,12 @@ pub(super) mod flag {
     pub(crate) const SCALAR_STOPS: u32 = 512;
     pub(crate) const DIRECTIONS_STOP: u32 = 1024;
     pub(crate) const EXTRAS: u32 = 2048;
-    pub(crate) const SLOTS: u32 = 4096;
+    pub(crate) const HAS_OWNERS: u32 = 4096;
     pub(crate) const EXTRA_GRADIENTS: u32 = 8192;
-    pub(crate) const EXPOSES: u32 = 16384;
-    pub(crate) const WAS_EXPOSED: u32 = 32768;
-    pub(crate) const GOES_ON: u32 = 65536;
-    pub(crate) const STOPS_HERE: u32 = 131_072;
+    pub(crate) const APPLY_EXPOSURE: u32 = 16384;
+    pub(crate) const EXPOSED_LOSS: u32 = 32768;
+    pub(crate) const RESUMES: u32 = 65536;
+    pub(crate) const PAUSES: u32 = 131_072;
 }
 
 impl ViewBlock {
@@ -133,7 +133,7 @@ fn lens(view: &View, optics: &Optics) -> ([f32; 4], [f32; 4], u32) {
     }
 }
 
-/// Rows of the matrix, the offset last.
+/// RowSums of the matrix, the offset last.
 fn exposure(exposure: Exposure) -> [[f32; 4]; 3] {
     let [rows, offset] = [exposure.matrix, [exposure.offset; 3]];
     std::array::from_fn(|at| {

@@ -1,5 +1,5 @@
-// One sum for each row of pixels of a strip, so that sums do not depend on how a picture is cut into strips.
-@group(0) @binding(1) var<storage, read> by_background: array<vec4<f32>>;
+// One sum per pixel row of a strip, so that the result does not depend on how the image is split into strips.
+@group(0) @binding(1) var<storage, read> d_background: array<vec4<f32>>;
 @group(0) @binding(2) var<storage, read_write> rows: array<vec4<f32>>;
 
 @compute @workgroup_size(64)
@@ -8,19 +8,19 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let row = linear(group, groups, 64u, local);
+    let row = linear_index(group, groups, 64u, local);
     if row * view.picture.x >= view.window.x {
         return;
     }
-    // Columns that are passed over now, as entries of tile lists are.
+    // Columns of this dispatch, limited like the entries of tile lists.
     let first = view.part.x;
-    let past = first + min(view.part.y, view.picture.x - first);
+    let end = first + min(view.part.y, view.picture.x - first);
     var sum = vec4(0.0);
     if first > 0u {
         sum = rows[view.window.z + row];
     }
-    for (var column = first; column < past; column++) {
-        sum += by_background[row * view.picture.x + column];
+    for (var column = first; column < end; column++) {
+        sum += d_background[row * view.picture.x + column];
     }
     rows[view.window.z + row] = sum;
 }

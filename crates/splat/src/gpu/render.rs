@@ -39,7 +39,7 @@ pub(super) fn record(
     let with_extras = channels.depth || channels.scalar || channels.median_depth;
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, with_extras)
-        .with_flag(flag::EXPOSES, options.exposure.is_some());
+        .with_flag(flag::APPLY_EXPOSURE, options.exposure.is_some());
 
     let strips = images::strips(context, view)?;
     let mut buffers = Vec::new();
@@ -76,8 +76,8 @@ pub(super) fn composite(
     let none = pool.get(recorder.context(), "no extras", 0, 16)?;
     let buffers = [
         &scene.shapes,
-        &scene.places,
-        &scene.paints,
+        &scene.positions,
+        &scene.splat_colours,
         &lists.sorted,
         &lists.boxes,
         &lists.ranges,
@@ -102,7 +102,7 @@ fn bytes_of_splats(count: u64, view: &View) -> u64 {
 }
 
 /// Refuses what cannot be rendered within a limit before it is copied to the device.
-pub(super) fn check_before_upload(gaussians: &Gaussians, view: &View, limit: u64) -> Result<(), SplatError> {
+pub(super) fn check_memory_before_upload(gaussians: &Gaussians, view: &View, limit: u64) -> Result<(), SplatError> {
     let splats = bytes_of_splats(gaussians.len() as u64, view);
     check_memory(splats.saturating_add(gaussians.size_in_bytes()), limit)
 }

@@ -9,41 +9,41 @@ use super::GpuError;
 
 thread_local! {
     /// Whether a panic of this thread becomes an error and is not to be printed.
-    static CONTAINED: Cell<bool> = const { Cell::new(false) };
+    static CATCHING: Cell<bool> = const { Cell::new(false) };
 }
 
 /// Does something that a driver may bring to a panic; the panic is a [`GpuError::Device`] with its text.
-pub(super) fn contained<T>(adapter: &str, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
-    be_quiet_when_contained();
-    let outer = CONTAINED.replace(true);
+pub(super) fn catch_panics<T>(adapter: &str, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
+    silence_caught_panics();
+    let outer = CATCHING.replace(true);
     let outcome = catch_unwind(AssertUnwindSafe(work));
-    CONTAINED.set(outer);
+    CATCHING.set(outer);
     outcome.unwrap_or_else(|panic| {
-        let reason = in_one_line(&text_of(panic.as_ref()));
+        let reason = single_line(&panic_message(panic.as_ref()));
         Err(GpuError::Device { adapter: adapter.to_owned(), reason })
     })
 }
 
 /// Puts a hook before the one that prints panics: once, and for all threads, whose own panics it hands on.
-fn be_quiet_when_contained() {
+fn silence_caught_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         let previous = take_hook();
         set_hook(Box::new(move |panic| {
-            if !CONTAINED.get() {
+            if !CATCHING.get() {
                 previous(panic);
             }
         }));
     });
 }
 
-fn text_of(panic: &(dyn Any + Send)) -> String {
+fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
     text.unwrap_or("the driver panicked without a word").to_owned()
 }
 
 /// wgpu prints a tree of causes.
-fn in_one_line(text: &str) -> String {
+fn single_line(text: &str) -> String {
     text.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
 }
 
@@ -65,14 +65,14 @@ mod tests {
                 before(panic);
             }
         }));
-        let nested = contained::<()>("outer", || {
-            let inner = contained::<()>("H100 (Gl)", || panic!("{MARK}"));
+        let nested = catch_panics::<()>("outer", || {
+            let inner = catch_panics::<()>("H100 (Gl)", || panic!("{MARK}"));
             let told = inner.unwrap_err().to_string();
             assert_eq!(told, "H100 (Gl): device: Error in Device::poll: Parent device is lost");
             std::panic::panic_any(MARK)
         });
         assert!(matches!(nested, Err(GpuError::Device { adapter, .. }) if adapter == "outer"));
-        assert_eq!(PRINTED.load(Ordering::SeqCst), 0, "contained panics are not printed");
+        assert_eq!(PRINTED.load(Ordering::SeqCst), 0, "catch_panics panics are not printed");
         assert!(catch_unwind(|| std::panic::panic_any(MARK)).is_err());
         assert_eq!(PRINTED.load(Ordering::SeqCst), 1, "others are");
     }
