@@ -1,4 +1,4 @@
-//! Recording the derivative of a picture. It renders once more, as nothing is kept from a rendering before.
+//! Recording the backward pass, which repeats the forward pass, because no state is kept from an earlier rendering.
 
 use super::context::Context;
 use super::forward::{self, Lists, Scene, TILE};
@@ -7,36 +7,36 @@ use super::gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStri
 use super::images;
 use super::kernels::{Kernel, Pool};
 use super::record::Recorder;
-use super::render::{Job, Make, bytes_needed, check_memory, composite, pair_capacity};
+use super::render::{Allocate, Job, bytes_needed, check_memory, composite, pair_capacity};
 use super::sort::words;
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
 use crate::SplatError;
 
-/// Sums by Gaussian over pixels.
+/// Sums over pixels, per Gaussian.
 struct Sums {
     firsts: wgpu::Buffer,
     seconds: wgpu::Buffer,
     colours: wgpu::Buffer,
-    /// By the background, a row of pixels each.
+    /// Gradient of the background, per pixel row.
     rows: wgpu::Buffer,
 }
 
-/// Records the derivative into buffers that `make` provides.
+/// Records the backward pass into buffers allocated by `allocate`.
 pub(super) fn record(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     limits: &GpuOptions,
     job: Job<'_>,
     images: &GpuImageGradients,
-    make: Make<'_>,
+    allocate: Allocate<'_>,
 ) -> Result<GpuGradients, SplatError> {
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     options.check()?;
     let optics = view.optics(&options.constants)?;
     let count = gaussians.len();
-    // Sums 48, pose 32, records 96 of a Gaussian, and derivatives by all its numbers and by 5 on the screen; two images
-    // more and what a pixel brings.
+    // Bytes per Gaussian: sums 48, pose 32, records 96, gradients of its parameters and of 5 projected values; and per
+    // pixel two more images and its gradients.
     let own = gaussians.size_in_bytes().saturating_add(count.saturating_mul(176 + 20));
     let needed =
         bytes_needed(gaussians, view).saturating_add(own).saturating_add((view.pixels() as u64).saturating_mul(80));
@@ -54,13 +54,13 @@ pub(super) fn record(
     let sums = Sums {
         firsts: pool.get(context, "first moments", 0, 16 * count)?,
         seconds: pool.get(context, "second moments", 0, 16 * count)?,
-        colours: pool.get(context, "sums by colour", 0, 16 * count)?,
-        rows: pool.get(context, "sums by background", 0, 16 * rows)?,
+        colours: pool.get(context, "colour gradient sums", 0, 16 * count)?,
+        rows: pool.get(context, "background gradient sums", 0, 16 * rows)?,
     };
     for buffer in [&sums.firsts, &sums.seconds, &sums.colours] {
         recorder.clear(buffer, 16 * count);
     }
-    // Keys and values twice, digits, sorted pairs, boxes, owners, sums.
+    // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
     let capacity = pair_capacity(context, limits.memory_limit - needed, 84, 48);
     let windows = (images::windows(&strips, view), capacity);
     let width = view.size.width;
@@ -71,24 +71,24 @@ pub(super) fn record(
     })?;
 
     recorder.stage("project backward");
-    let pose = ["turns", "shifts"].map(|name| pool.get(context, name, 0, 16 * count));
-    let [turns, shifts] = pose;
-    let pose = [turns?, shifts?];
+    let pose = ["rotation gradients", "translation gradients"].map(|name| pool.get(context, name, 0, 16 * count));
+    let [rotation, translation] = pose;
+    let pose = [rotation?, translation?];
     let mut parts = Vec::new();
     let mut first = 0;
     for (at, part) in gaussians.parts.iter().enumerate() {
         let block = forward::part_block(&block, gaussians.sh_degree, options, part, first);
-        parts.push(part_gradients(recorder, pool, (&scene, &sums, &pose), (part, &block, at), &mut *make)?);
+        parts.push(part_gradients(recorder, pool, (&scene, &sums, &pose), (part, &block, at), &mut *allocate)?);
         first += part.count;
     }
-    let result = make(pool, "pose and background", 0, 48)?;
+    let result = allocate(pool, "pose and background", 0, 48)?;
     for (at, (vectors, count)) in [(&pose[0], count), (&pose[1], count), (&sums.rows, rows)].into_iter().enumerate() {
         reduce(recorder, pool, vectors, count, (&result, 16 * at as u64))?;
     }
     Ok(GpuGradients { sh_degree: gaussians.sh_degree, parts, pose_and_background: result })
 }
 
-/// One window: pixels, what they bring to the derivative, sums over each tile's pixels, sums over tiles.
+/// Backward pass of one window: pixels, their gradients, sums over each tile's pixels, sums over tiles.
 fn differentiate(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
@@ -105,9 +105,9 @@ fn differentiate(
     composite(recorder, pool, scene, lists, &colours, Some(&extras))?;
 
     let seeds = pool.get(context, "seeds", 0, 32 * pixels)?;
-    let d_background = pool.get(context, "by background", 0, 16 * pixels)?;
+    let d_background = pool.get(context, "background gradients", 0, 16 * pixels)?;
     let none = pool.get(context, "no extra gradients", 0, 16)?;
-    let d_pair = pool.get(context, "sums by pair", 0, 48 * lists.pairs)?;
+    let d_pair = pool.get(context, "pair sums", 0, 48 * lists.pairs)?;
     recorder.clear(&d_pair, 48 * lists.pairs);
     recorder.stage("composite backward");
     let mut block = lists.block;
@@ -146,13 +146,13 @@ fn differentiate(
     recorder.dispatch(Kernel::Gather, block.bytes(), &buffers, scene.count.div_ceil(64))
 }
 
-/// Splats' derivatives to one part's Gaussians, and their shares of those by the pose.
+/// Backward pass from splats to one part's Gaussians, and their contributions to the pose gradient.
 fn part_gradients(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     (scene, sums, pose): (&Scene, &Sums, &[wgpu::Buffer; 2]),
     (part, block, at): (&GpuPart, &ViewBlock, usize),
-    make: Make<'_>,
+    allocate: Allocate<'_>,
 ) -> Result<GpuGradientPart, GpuError> {
     let context = recorder.context();
     let count = u64::from(part.count);
@@ -160,17 +160,17 @@ fn part_gradients(
     let records = pool.get(context, "records", 0, 96 * count)?;
     let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
     let stored = u64::from(block.part[2]);
-    let mut field = |pool: &mut Pool, name, each: u64| make(pool, name, at, 4 * each * count);
+    let mut field = |pool: &mut Pool, name, each: u64| allocate(pool, name, at, 4 * each * count);
     let gradients = GpuGradientPart {
         count: part.count,
-        means: field(pool, "by means", 3)?,
-        quaternions: field(pool, "by quaternions", 4)?,
-        log_scales: field(pool, "by log scales", 3)?,
-        opacity_logits: field(pool, "by opacity logits", 1)?,
-        sh: field(pool, "by harmonics", 3 * stored)?,
-        scalars: part.scalars.is_some().then(|| field(pool, "by scalars", 1)).transpose()?,
-        means_2d: field(pool, "by means on the screen", 2)?,
-        conics: field(pool, "by conics", 3)?,
+        means: field(pool, "mean gradients", 3)?,
+        quaternions: field(pool, "quaternion gradients", 4)?,
+        log_scales: field(pool, "log-scale gradients", 3)?,
+        opacity_logits: field(pool, "opacity-logit gradients", 1)?,
+        sh: field(pool, "SH gradients", 3 * stored)?,
+        scalars: part.scalars.is_some().then(|| field(pool, "scalar gradients", 1)).transpose()?,
+        means_2d: field(pool, "2D mean gradients", 2)?,
+        conics: field(pool, "conic gradients", 3)?,
     };
     let buffers = [
         &part.means,
@@ -195,7 +195,7 @@ fn part_gradients(
     ];
     recorder.dispatch(Kernel::ProjectBackward, block.bytes(), &buffers, groups)?;
     let first = u64::from(block.part[1]);
-    // Where in a record, how many numbers, how many in the result, the first Gaussian there.
+    // Output, offset in a record, number of values, stride in the output, first Gaussian there.
     let unpacked = [
         (&gradients.means, 0, 3, 3, 0),
         (&gradients.quaternions, 3, 4, 4, 0),
@@ -213,7 +213,7 @@ fn part_gradients(
     Ok(gradients)
 }
 
-/// Sums vectors as a tree, to a place in a buffer.
+/// Sums vectors as a tree, into `result` at `offset`.
 fn reduce(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
@@ -240,9 +240,9 @@ fn check_images(
     view: &crate::View,
     images: &GpuImageGradients,
 ) -> Result<(), SplatError> {
-    let wrong = |expected: usize, found: usize| SplatError::Length { field: "strips of gradients", expected, found };
+    let mismatch = |expected: usize, found: usize| SplatError::Length { field: "strips of gradients", expected, found };
     if images.strips.len() != strips.len() {
-        return Err(wrong(strips.len(), images.strips.len()));
+        return Err(mismatch(strips.len(), images.strips.len()));
     }
     for ([_, rows], strip) in strips.iter().zip(&images.strips) {
         let expected = 4 * *rows as usize * view.size.width as usize;

@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use super::GpuError;
 use super::context::Context;
 
-/// One compute kernel; its source is in `shaders/`.
+/// A compute kernel; its source is in `shaders/`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Kernel {
     Project,
@@ -85,7 +85,7 @@ impl Kernel {
     }
 }
 
-/// Kernels as they were first needed.
+/// Pipelines, compiled on first use.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pipelines(BTreeMap<Kernel, wgpu::ComputePipeline>);
 
@@ -111,28 +111,28 @@ impl Pipelines {
     }
 }
 
-/// Buffers that are kept from one frame to the next, by what they hold and of which part.
+/// Buffers reused from frame to frame, by content and part.
 #[derive(Debug, Default)]
 pub(super) struct Pool {
     buffers: BTreeMap<(&'static str, usize), Pooled>,
-    /// Pictures begun so far.
+    /// Number of frames begun.
     frames: u64,
 }
 
 #[derive(Debug)]
 struct Pooled {
     buffer: wgpu::Buffer,
-    /// The last frame that it was used for.
+    /// The last frame that used it.
     frame: u64,
 }
 
 impl Pool {
-    /// What was used before may be freed from now on.
+    /// Begins a frame: buffers of earlier frames may be freed from now on.
     pub(super) const fn begin_frame(&mut self) {
         self.frames += 1;
     }
 
-    /// A buffer of at least this many bytes; what it held is lost where it was too small.
+    /// A buffer of at least this many bytes; its contents are lost if it has to grow.
     pub(super) fn get(
         &mut self,
         context: &Context,
@@ -148,23 +148,23 @@ impl Pool {
             return Ok(kept.buffer.clone());
         }
         self.buffers.remove(&(name, part));
-        // A quarter more, so that scenes of about one size share it.
-        let roomy = (bytes + bytes / 4).min(context.binding_limit);
-        if self.bytes().saturating_add(roomy) > context.memory_limit {
+        // A quarter larger, so that scenes of similar size can share it.
+        let padded = (bytes + bytes / 4).min(context.binding_limit);
+        if self.bytes().saturating_add(padded) > context.memory_limit {
             self.buffers.retain(|_, kept| kept.frame == frame);
         }
-        let has_room = self.bytes().saturating_add(roomy) <= context.memory_limit;
-        let buffer = context.buffer(name, if has_room && roomy > bytes { roomy } else { bytes })?;
+        let has_room = self.bytes().saturating_add(padded) <= context.memory_limit;
+        let buffer = context.buffer(name, if has_room && padded > bytes { padded } else { bytes })?;
         self.buffers.insert((name, part), Pooled { buffer: buffer.clone(), frame });
         Ok(buffer)
     }
 
-    /// Bytes of all that is kept.
+    /// Bytes of all pooled buffers.
     pub(super) fn bytes(&self) -> u64 {
         self.buffers.values().map(|kept| kept.buffer.size()).sum()
     }
 
-    /// Frees everything.
+    /// Frees all buffers.
     pub(super) fn clear(&mut self) {
         self.buffers.clear();
     }

@@ -1,4 +1,4 @@
-//! wgpu panics where a device is lost while somebody waits for it: here that is an error, and nothing is printed.
+//! Turns panics of wgpu, which occur if a device is lost while waiting for it, into errors without printing them.
 
 use std::any::Any;
 use std::cell::Cell;
@@ -8,11 +8,11 @@ use std::sync::Once;
 use super::GpuError;
 
 thread_local! {
-    /// Whether a panic of this thread becomes an error and is not to be printed.
+    /// Whether panics of this thread become errors and are not printed.
     static CATCHING: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Does something that a driver may bring to a panic; the panic is a [`GpuError::Device`] with its text.
+/// Runs `work`, and returns a panic in it as a [`GpuError::Device`] with the panic message.
 pub(super) fn catch_panics<T>(adapter: &str, work: impl FnOnce() -> Result<T, GpuError>) -> Result<T, GpuError> {
     silence_caught_panics();
     let outer = CATCHING.replace(true);
@@ -24,7 +24,7 @@ pub(super) fn catch_panics<T>(adapter: &str, work: impl FnOnce() -> Result<T, Gp
     })
 }
 
-/// Puts a hook before the one that prints panics: once, and for all threads, whose own panics it hands on.
+/// Installs, once, a panic hook that suppresses caught panics and forwards all others to the previous hook.
 fn silence_caught_panics() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
@@ -39,10 +39,10 @@ fn silence_caught_panics() {
 
 fn panic_message(panic: &(dyn Any + Send)) -> String {
     let text = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
-    text.unwrap_or("the driver panicked without a word").to_owned()
+    text.unwrap_or("the driver panicked without a message").to_owned()
 }
 
-/// wgpu prints a tree of causes.
+/// Joins the lines of wgpu's multi-line messages.
 fn single_line(text: &str) -> String {
     text.lines().map(str::trim).filter(|line| !line.is_empty()).collect::<Vec<_>>().join(" ")
 }
@@ -54,26 +54,26 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_lost_device_is_one_line_and_nothing_is_printed() {
+    fn a_caught_panic_is_a_single_line_and_not_printed() {
         static PRINTED: AtomicUsize = AtomicUsize::new(0);
         const MARK: &str = "Error in Device::poll: \n  Parent device is lost\n";
         let before = take_hook();
         set_hook(Box::new(move |panic| {
-            let told = panic.payload().downcast_ref::<&str>().is_some_and(|text| *text == MARK);
-            PRINTED.fetch_add(usize::from(told), Ordering::SeqCst);
-            if !told {
+            let is_ours = panic.payload().downcast_ref::<&str>().is_some_and(|text| *text == MARK);
+            PRINTED.fetch_add(usize::from(is_ours), Ordering::SeqCst);
+            if !is_ours {
                 before(panic);
             }
         }));
         let nested = catch_panics::<()>("outer", || {
             let inner = catch_panics::<()>("H100 (Gl)", || panic!("{MARK}"));
-            let told = inner.unwrap_err().to_string();
-            assert_eq!(told, "H100 (Gl): device: Error in Device::poll: Parent device is lost");
+            let message = inner.unwrap_err().to_string();
+            assert_eq!(message, "H100 (Gl): device: Error in Device::poll: Parent device is lost");
             std::panic::panic_any(MARK)
         });
         assert!(matches!(nested, Err(GpuError::Device { adapter, .. }) if adapter == "outer"));
-        assert_eq!(PRINTED.load(Ordering::SeqCst), 0, "catch_panics panics are not printed");
+        assert_eq!(PRINTED.load(Ordering::SeqCst), 0, "caught panics are not printed");
         assert!(catch_unwind(|| std::panic::panic_any(MARK)).is_err());
-        assert_eq!(PRINTED.load(Ordering::SeqCst), 1, "others are");
+        assert_eq!(PRINTED.load(Ordering::SeqCst), 1, "other panics are printed");
     }
 }

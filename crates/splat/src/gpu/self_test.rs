@@ -1,4 +1,4 @@
-//! A small scene with a known answer, so that a driver which computes nonsense is found before it draws anything.
+//! Self-test: renders a small scene and compares it with the reference, to detect broken drivers before use.
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
@@ -10,14 +10,14 @@ use crate::{
     reference,
 };
 
-/// Largest difference of a pixel, of images whose values are about one.
+/// Largest allowed difference of a pixel, in images with values of order one.
 const PIXEL_BOUND: f64 = 1e-4;
-/// Largest difference of a derivative, relative to the largest of its kind.
+/// Largest allowed difference of a gradient, relative to the max_difference of its field.
 const GRADIENT_BOUND: f64 = 1e-3;
-/// More than one block of every kernel's work.
+/// More than one block of work for every kernel.
 const COUNT: u16 = 2100;
 
-/// What decides a verdict beside the kernels: this file, and the work that is handed to them.
+/// Sources other than kernels that determine a verdict: this file, and the code that drives the kernels.
 pub(super) const SOURCES: [&str; 4] = [
     include_str!("self_test.rs"),
     include_str!("forward.rs"),
@@ -25,7 +25,7 @@ pub(super) const SOURCES: [&str; 4] = [
     include_str!("uniforms.rs"),
 ];
 
-/// Compares a picture and its derivative with the reference's.
+/// Compares an image and its gradients with the reference.
 pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage)) -> Result<(), GpuError> {
     let adapter = renderer.context.name.clone();
     let unfit = |error: SplatError| match error {
@@ -38,7 +38,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     let actual = renderer.render_from_host(&gaussians, &view, &options).map_err(unfit)?;
     let found = |what: &str, difference: f64, bound: f64| {
         let (adapter, what) = (adapter.clone(), what.to_owned());
-        // NaN fails.
+        // Fails for NaN.
         if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
     };
     let counts =
@@ -46,7 +46,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
     found("census", miscounted as f64, 0.0)?;
     for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
-        found(what, largest(actual, &expected), PIXEL_BOUND)?;
+        found(what, max_difference(actual, &expected), PIXEL_BOUND)?;
     }
     begins(ProbeStage::Derivative);
     let expected = reference::backward(&gaussians, &view, &options, &images).map_err(unfit)?;
@@ -54,7 +54,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     let actual = actual.map(f64::from);
     for ((field, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
         let zeros = vec![0.0; expected.len()];
-        let apart = largest(actual, expected) / largest(expected, &zeros);
+        let apart = max_difference(actual, expected) / max_difference(expected, &zeros);
         found(&format!("gradient of {field}"), apart, GRADIENT_BOUND)?;
     }
     Ok(())
@@ -68,7 +68,7 @@ struct Case {
 }
 
 impl Case {
-    /// Soft Gaussians of which a pixel shows many, and no cut-off that a rounding could cross.
+    /// Soft, overlapping Gaussians, without thresholds that rounding could cross.
     fn new() -> Result<Self, SplatError> {
         let wave = |n: u16, step: f32, phase: f32| (f32::from(n) * step + phase).sin();
         let mut parts = GaussianParts { sh_degree: 1, scalars: Some(Vec::new()), ..GaussianParts::default() };
@@ -112,8 +112,8 @@ fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
     ]
 }
 
-/// The largest difference; NaN where there is one, infinite where the lengths differ.
-fn largest(actual: &[f64], expected: &[f64]) -> f64 {
+/// The max_difference difference; NaN if any is NaN, infinite if the lengths differ.
+fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
     if actual.len() != expected.len() {
         return f64::INFINITY;
     }

@@ -133,7 +133,7 @@ fn lens(view: &View, optics: &Optics) -> ([f32; 4], [f32; 4], u32) {
     }
 }
 
-/// RowSums of the matrix, the offset last.
+/// Rows of the matrix, followed by the offset.
 fn exposure(exposure: Exposure) -> [[f32; 4]; 3] {
     let [rows, offset] = [exposure.matrix, [exposure.offset; 3]];
     std::array::from_fn(|at| {
@@ -142,13 +142,13 @@ fn exposure(exposure: Exposure) -> [[f32; 4]; 3] {
     })
 }
 
-/// The nearest f32 and what it leaves.
+/// Splits into the nearest f32 and the remainder.
 fn split(value: f64) -> [f32; 2] {
     let high = bounded(value);
     [high, bounded(value - f64::from(high))]
 }
 
-/// The nearest f32 that is finite and leaves room to calculate.
+/// The nearest f32 of at most 3e38 in magnitude, to leave headroom.
 fn bounded(value: f64) -> f32 {
     to_f32(value.clamp(-3e38, 3e38))
 }
