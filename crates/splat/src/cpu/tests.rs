@@ -4,7 +4,7 @@ use glam::{DMat3, DVec3};
 use super::*;
 use crate::{Channels, GaussianParts, Gradients, ImageGradients, RasterMode, RendererConstants, reference};
 
-/// A cloud in front of the camera, from needles and discs to blobs, some of it outside the view.
+/// Gaussians in front of the camera, from needles and discs to blobs, some outside the view.
 fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
     let mut state = seed;
     let mut uniform = || {
@@ -54,7 +54,7 @@ fn rendered(gaussians: &Gaussians, view: &View, options: &RenderOptions, cpu: Cp
     CpuRenderer::new(cpu).render(gaussians, view, options).unwrap()
 }
 
-/// Pixels at which images differ by more than `bound`, and the largest difference.
+/// Number of values that differ by more than `bound`, and the largest difference.
 fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len());
     let mut most = 0.0f64;
@@ -70,7 +70,7 @@ fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
     (count, most)
 }
 
-/// A pixel may fall on the other side of a cut-off: one 255th of one Gaussian, in few pixels.
+/// A few pixels may fall on the other side of a threshold, and change by 1/255 of a Gaussian.
 fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
     assert_eq!(actual.census, expected.census, "{what}");
     let flat32: Vec<f32> = actual.rgb.iter().flatten().copied().collect();
@@ -92,7 +92,7 @@ fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) 
 }
 
 #[test]
-fn pixels_are_the_references() {
+fn pixels_match_the_reference() {
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 61));
     for preset in RendererConstants::PRESETS {
         for mode in [RasterMode::Classic, RasterMode::Antialiased] {
@@ -109,7 +109,7 @@ fn pixels_are_the_references() {
 }
 
 #[test]
-fn a_lens_is_the_references() {
+fn a_lens_matches_the_reference() {
     let (gaussians, mut view) = (cloud(1000, 1, 3), view(64, 48));
     view.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 };
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
@@ -118,7 +118,7 @@ fn a_lens_is_the_references() {
 }
 
 #[test]
-fn one_picture_whatever_the_tiles_threads_and_instructions() {
+fn tiles_threads_and_instruction_sets_do_not_change_images() {
     let (gaussians, view) = (cloud(4000, 2, 11), view(131, 77));
     let expected = rendered(&gaussians, &view, &everything(), CpuOptions::default());
     for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
@@ -133,7 +133,7 @@ fn one_picture_whatever_the_tiles_threads_and_instructions() {
     }
 }
 
-/// What cannot be seen leaves no trace, wherever it stands in the list; and buffers carry nothing over.
+/// Invisible Gaussians have no effect, wherever they are in the list; and reused buffers carry nothing over.
 #[test]
 fn culled_gaussians_change_nothing() {
     let (gaussians, view) = (cloud(800, 0, 5), view(70, 50));
@@ -158,14 +158,14 @@ fn culled_gaussians_change_nothing() {
 }
 
 #[test]
-fn nothing_gives_the_background() {
+fn an_empty_scene_gives_the_background() {
     let rendering = rendered(&Gaussians::default(), &view(33, 17), &everything(), CpuOptions::default());
     assert!(rendering.rgb.iter().all(|rgb| rgb.map(f32::to_bits) == [0.1f32, 0.6, 0.3].map(f32::to_bits)));
     assert!(rendering.alpha.iter().all(|alpha| alpha.to_bits() == 0));
 }
 
 #[test]
-fn too_much_memory_is_refused_beforehand() {
+fn rejects_jobs_beyond_the_memory_limit() {
     let cpu = CpuOptions { memory_limit: 10_000, ..CpuOptions::default() };
     let outcome = CpuRenderer::new(cpu).render(&cloud(1000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Memory { limit: 10_000, .. })));
@@ -192,9 +192,9 @@ fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
     }
 }
 
-/// Opacities without cut-offs that a rounding could cross: what is compared is arithmetic.
+/// With a `min_alpha` so low that rounding cannot cross it, only arithmetic is compared.
 #[test]
-fn gradients_are_the_references() {
+fn gradients_match_the_reference() {
     let (gaussians, view) = (cloud(600, 2, 21), view(61, 45));
     for mode in [RasterMode::Classic, RasterMode::Antialiased] {
         let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::default() };
@@ -221,7 +221,7 @@ fn assert_gradients_close(actual: &Gradients<f32>, expected: &Gradients<f64>, wh
 }
 
 #[test]
-fn one_gradient_for_any_number_of_threads_and_tiles() {
+fn threads_and_tiles_do_not_change_gradients() {
     let (gaussians, view) = (cloud(2000, 1, 23), view(90, 70));
     let images = narrow(&image_gradients(&view));
     let of = |threads: usize, tile| {

@@ -42,7 +42,7 @@ pub use fallback::{Fallback, with_fallback};
 pub use gaussians::{GpuGaussians, GpuPart};
 pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
 pub use images::{GpuRendering, GpuStrip};
-pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongNumber};
+pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongResult};
 
 use std::time::Instant;
 

@@ -23,13 +23,13 @@ pub struct VerdictKey {
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Verdict {
     /// The wrong result, if any.
-    pub fault: Option<WrongNumber>,
+    pub fault: Option<WrongResult>,
 }
 
 /// A result that exceeds its error bound.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct WrongNumber {
+pub struct WrongResult {
     /// The image or gradient.
     pub what: String,
     /// Largest difference found; `None` for NaN.
@@ -86,7 +86,7 @@ impl Verdict {
             Ok(()) => Some(Self { fault: None }),
             Err(GpuError::SelfTest { what, difference, bound, .. }) => {
                 let difference = difference.is_finite().then_some(*difference);
-                Some(Self { fault: Some(WrongNumber { what: what.clone(), difference, bound: *bound }) })
+                Some(Self { fault: Some(WrongResult { what: what.clone(), difference, bound: *bound }) })
             }
             Err(_) => None,
         }
@@ -97,7 +97,7 @@ impl Verdict {
     /// # Errors
     /// [`GpuError::SelfTest`].
     pub fn outcome(&self, adapter: &str) -> Result<(), GpuError> {
-        let Some(WrongNumber { what, difference, bound }) = &self.fault else { return Ok(()) };
+        let Some(WrongResult { what, difference, bound }) = &self.fault else { return Ok(()) };
         Err(GpuError::SelfTest {
             adapter: adapter.to_owned(),
             what: what.clone(),

@@ -1,4 +1,4 @@
-//! Scenes, and the one device that all tests share.
+//! Test scenes, and the device shared by all tests.
 
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
@@ -9,7 +9,7 @@ use atsplat_splat::{Channels, GaussianParts, Gaussians, ImageGradients, RenderOp
 use atsplat_tests::skip_without_graphics;
 use glam::{DMat3, DVec3};
 
-/// A renderer of its own, `None` where there is no adapter at all and none is required.
+/// Opens a renderer; `None` if there is no adapter and none is required.
 pub(crate) fn open(options: GpuOptions) -> Option<GpuRenderer> {
     match GpuRenderer::new(&AdapterChoice::Automatic, options) {
         Ok(renderer) => Some(renderer),
@@ -28,9 +28,9 @@ pub(crate) fn gpu() -> Option<MutexGuard<'static, GpuRenderer>> {
     Some(shared.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// A device that is not opened by this crate, with limits lowered.
-pub(crate) fn guest_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(wgpu::Device, wgpu::Queue)> {
-    // wgpu panics where devices of two instances meet.
+/// A device not opened by this crate, with lowered limits.
+pub(crate) fn external_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(wgpu::Device, wgpu::Queue)> {
+    // wgpu panics if devices of two instances are mixed.
     static INSTANCE: OnceLock<wgpu::Instance> = OnceLock::new();
     let instance = INSTANCE.get_or_init(|| wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle()));
     let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
@@ -41,7 +41,7 @@ pub(crate) fn guest_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(wgp
     Some(pollster::block_on(adapter.request_device(&descriptor)).unwrap())
 }
 
-/// A cloud in front of the camera, from needles and discs to blobs, some of it outside the view.
+/// Gaussians in front of the camera, from needles and discs to blobs, some outside the view.
 pub(crate) fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
     let mut state = seed;
     let mut uniform = || {
@@ -71,14 +71,14 @@ pub(crate) fn filtered(gaussians: &Gaussians) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-/// Small ones by the hundred thousand.
+/// Small Gaussians, for scenes of hundreds of thousands.
 pub(crate) fn dust(count: usize) -> Gaussians {
     let mut parts = cloud(count, 0, 77).into_parts();
     parts.log_scales.iter_mut().for_each(|logs| *logs = logs.map(|log| log - 2.5));
     Gaussians::new(parts).unwrap()
 }
 
-/// Specks of a pixel, just opaque enough to be seen: hundreds on a pixel leave it transparent.
+/// Pixel-sized Gaussians barely above the alpha threshold: hundreds on a pixel leave it transparent.
 pub(crate) fn specks(count: usize) -> Gaussians {
     let mut parts = cloud(count, 0, 78).into_parts();
     parts.log_scales.iter_mut().for_each(|logs| *logs = [-8.0; 3]);
@@ -101,8 +101,8 @@ pub(crate) fn everything() -> RenderOptions {
     }
 }
 
-/// Needles along the picture's diagonal, side by side: the box of each is all of it, and each touches few pixels and
-/// dims them little, so that none hides another.
+/// Parallel needles along the image diagonal: the bounding box of each is the whole image, but each touches few pixels
+/// with low alpha, so that none occludes another.
 pub(crate) fn needles(count: usize) -> Gaussians {
     let mut parts = cloud(count, 0, 79).into_parts();
     let (sine, cosine) = std::f32::consts::FRAC_PI_8.sin_cos();
@@ -116,14 +116,14 @@ pub(crate) fn needles(count: usize) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-/// Looks along the third axis from the origin.
+/// A view along +z from the origin.
 pub(crate) fn straight(width: u32, height: u32) -> View {
     let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
     let intrinsics = NormalizedIntrinsics::new(0.9, 0.9 * f64::from(width) / f64::from(height), 0.5, 0.5).unwrap();
     View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
 }
 
-/// Derivatives by images that differ from pixel to pixel.
+/// Image gradients that vary from pixel to pixel.
 pub(crate) fn ripples(view: &View) -> ImageGradients<f64> {
     let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
     ImageGradients {
@@ -139,7 +139,7 @@ pub(crate) fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
     images.map(|value| value as f32)
 }
 
-/// The published bound: at most 1/255 on 99.99 % of pixels and 60 dB or better, nothing left out; and one census.
+/// Asserts the documented bound: 99.99 % of all pixels within 1/255, a PSNR of at least 60 dB, and equal censuses.
 pub(crate) fn assert_bound(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
     assert_eq!(actual.census, expected.census, "{what}");
     let flat: Vec<f64> = actual.rgb.iter().flatten().map(|value| f64::from(*value)).collect();
@@ -158,7 +158,7 @@ pub(crate) fn assert_bound(actual: &Rendering<f32>, expected: &Rendering<f64>, w
         }
     }
     if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
-        // Another Gaussian may take the transmittance past one half: a cut-off like the others.
+        // At the threshold of one half, another Gaussian may be chosen.
         let near = Tolerance { absolute: 1e-4, relative: 1e-4 };
         let apart = image(actual).iter().zip(expected).filter(|(a, e)| !near.accepts(**a, **e)).count();
         assert!(apart * 1000 <= expected.len(), "{what}: {apart} median depths of {}", expected.len());
