@@ -44,6 +44,26 @@ pub struct Census {
     pub outside_picture: u64,
 }
 
+/// Why a Gaussian is not drawn; see [`Census`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Culled {
+    Invalid,
+    OutsideDepth,
+    Faint,
+    OutsidePicture,
+}
+
+impl Census {
+    pub(crate) const fn count(&mut self, culled: Culled) {
+        *match culled {
+            Culled::Invalid => &mut self.invalid,
+            Culled::OutsideDepth => &mut self.outside_depth,
+            Culled::Faint => &mut self.faint,
+            Culled::OutsidePicture => &mut self.outside_picture,
+        } += 1;
+    }
+}
+
 impl AddAssign for Census {
     fn add_assign(&mut self, other: Self) {
         self.drawn += other.drawn;
@@ -281,19 +301,9 @@ impl<T: Copy + Default> Gradients<T> {
 
     /// All zero.
     pub(crate) fn zero(gaussians: &Gaussians) -> Self {
-        let (zero, count, parts) = (T::default(), gaussians.len(), gaussians.parts());
-        Self {
-            means: vec![[zero; 3]; count],
-            quaternions: vec![[zero; 4]; count],
-            log_scales: vec![[zero; 3]; count],
-            opacity_logits: vec![zero; count],
-            sh: vec![[zero; 3]; parts.sh.len()],
-            scalars: vec![zero; if parts.scalars.is_some() { count } else { 0 }],
-            means_2d: vec![[zero; 2]; count],
-            conics: vec![[zero; 3]; count],
-            background: [zero; 3],
-            pose: [zero; 6],
-        }
+        let mut gradients = Self::default();
+        gradients.fit(gaussians);
+        gradients
     }
 }
 

@@ -1,5 +1,6 @@
 //! Where splats lie in the image, computed in chunks.
 
+use bytemuck::Zeroable;
 use pulp::Simd;
 
 use super::math::log2;
@@ -10,7 +11,7 @@ use crate::reach::FARTHEST;
 use crate::{RendererConstants, View};
 
 /// Image positions of the Gaussians of a [`Screen`].
-#[derive(Debug)]
+#[derive(Debug, Zeroable)]
 pub(super) struct Footprints {
     /// `log₂(opacity / min_alpha)`.
     pub(super) cut: Row32,
@@ -20,14 +21,6 @@ pub(super) struct Footprints {
     /// Half-open ranges of columns, then of rows; integers.
     ranges: [[Row; 2]; 2],
     squared_radius: Row,
-}
-
-impl Default for Footprints {
-    fn default() -> Self {
-        const ZERO: Row = [0.0; CHUNK];
-        let cut = [0.0; CHUNK];
-        Self { cut, base: [ZERO; 2], shift: [ZERO; 2], ranges: [[ZERO; 2]; 2], squared_radius: ZERO }
-    }
 }
 
 impl Footprints {

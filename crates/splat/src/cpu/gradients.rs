@@ -1,5 +1,6 @@
 //! From sums over tiles to gradients of the Gaussians, run by run.
 
+use bytemuck::Zeroable as _;
 use pulp::{Simd, WithSimd};
 
 use super::colour::Basis;
@@ -89,7 +90,7 @@ impl WithSimd for ProjectBackward<'_> {
         let Self { gaussians, options, optics, first, end, positions, splats, totals, mut rows } = self;
         let parts = gaussians.parts();
         let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
-        let (mut d_splat, mut d_gaussian) = (SplatGradients::default(), GaussianGradients::default());
+        let (mut d_splat, mut d_gaussian) = (SplatGradients::zeroed(), GaussianGradients::zeroed());
         let mut shares = Vec::with_capacity(positions.len());
         let mut drawn = positions.iter().zip(splats).zip(totals).peekable();
         for start in (first..end).step_by(CHUNK) {

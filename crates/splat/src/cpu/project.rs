@@ -1,5 +1,6 @@
 //! Projection of Gaussians to splats, in chunks; in f64, because f32 errors would be visible in pixels.
 
+use bytemuck::Zeroable as _;
 use pulp::{Simd, WithSimd};
 
 use super::colour::Basis;
@@ -9,6 +10,7 @@ use super::to_f32;
 use super::wide::{CHUNK, Row, Wide, combine, cross, dot, load2, load3, splat3, store2, store3};
 use crate::constants::{Extent, LARGEST_CHANNEL};
 use crate::reach::reach;
+use crate::rendering::Culled;
 use crate::view::Optics;
 use crate::{Census, Gaussians, RasterMode, RenderOptions, View};
 use glam::DVec2;
@@ -74,7 +76,7 @@ impl WithSimd for Project<'_, '_> {
         let Self { gaussians, options, first, end, targets } = self;
         let parts = gaussians.parts();
         let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
-        let mut footprints = Footprints::default();
+        let mut footprints = Footprints::zeroed();
         for target in &mut *targets {
             target.run.positions.clear();
             target.run.census = Census::default();
@@ -241,33 +243,33 @@ impl Screen {
 
     /// The pixels that a Gaussian may reach, or why it is culled.
     #[inline(always)]
-    fn visibility(
+    fn visible_range(
         &self,
         shapes: &Shapes,
         footprints: &Footprints,
         view: &View,
         options: &RenderOptions,
         lane: usize,
-    ) -> Visibility {
+    ) -> Result<[[u16; 2]; 2], Culled> {
         let constants = &options.constants;
         let lane = lane % CHUNK;
         if !shapes.valid[lane] {
-            return Visibility::Invalid;
+            return Err(Culled::Invalid);
         }
         if !constants.keeps_depth(self.depth[lane]) {
-            return Visibility::OutsideDepth;
+            return Err(Culled::OutsideDepth);
         }
         if !self.visible[lane] {
-            return Visibility::OutsidePicture;
+            return Err(Culled::OutsidePicture);
         }
         let centre = DVec2::new(self.centre[0][lane], self.centre[1][lane]);
         let determinant = self.determinants[1][lane];
         if !((determinant > 0.0) & determinant.is_finite() & centre.is_finite()) {
-            return Visibility::Invalid;
+            return Err(Culled::Invalid);
         }
         let opacity = self.opacity[lane];
         if !(opacity >= constants.min_alpha) {
-            return Visibility::Faint;
+            return Err(Culled::Faint);
         }
         let (xx, yy) = (self.cov2d[0][lane] + constants.blur, self.cov2d[2][lane] + constants.blur);
         #[expect(clippy::cast_possible_truncation, reason = "an image side fits 16 bits")]
@@ -276,7 +278,7 @@ impl Screen {
             Extent::ThreeSigmaTiles => reach(centre, [xx, self.cov2d[1][lane], yy], opacity, view.size, constants)
                 .map(|reach| reach.map(|range| range.map(|pixel| pixel as u16))),
         };
-        reach.map_or(Visibility::OutsidePicture, |reach| Visibility::Drawn { reach })
+        reach.ok_or(Culled::OutsidePicture)
     }
 
     #[inline(always)]
@@ -294,22 +296,10 @@ impl Screen {
         for lane in 0..shapes.count {
             let position = shapes.first + lane;
             let lane = lane % CHUNK;
-            let reach = match self.visibility(shapes, footprints, target.view, options, lane) {
-                Visibility::Drawn { reach } => reach,
-                Visibility::Invalid => {
-                    census.invalid += 1;
-                    continue;
-                }
-                Visibility::OutsideDepth => {
-                    census.outside_depth += 1;
-                    continue;
-                }
-                Visibility::Faint => {
-                    census.faint += 1;
-                    continue;
-                }
-                Visibility::OutsidePicture => {
-                    census.outside_picture += 1;
+            let reach = match self.visible_range(shapes, footprints, target.view, options, lane) {
+                Ok(reach) => reach,
+                Err(culled) => {
+                    census.count(culled);
                     continue;
                 }
             };
@@ -342,15 +332,6 @@ impl Screen {
 #[inline(always)]
 const fn truncate(value: f64) -> i32 {
     value as i32
-}
-
-/// Whether a Gaussian is drawn, or why it is culled.
-pub(super) enum Visibility {
-    Drawn { reach: [[u16; 2]; 2] },
-    Invalid,
-    OutsideDepth,
-    Faint,
-    OutsidePicture,
 }
 
 /// A row of `∂pixel/∂(x, y, z)` at a point `slope·z`: `A/z · [1 | −slope]`.

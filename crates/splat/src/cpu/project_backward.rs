@@ -1,5 +1,6 @@
 //! Backward pass of projection, in chunks: from gradients of splats to gradients of Gaussians.
 
+use bytemuck::Zeroable;
 use pulp::Simd;
 
 use super::colour::view_direction;
@@ -13,7 +14,7 @@ use crate::{RasterMode, RenderOptions};
 use glam::DVec2;
 
 /// Gradients of a chunk of splats.
-#[derive(Debug)]
+#[derive(Debug, Zeroable)]
 pub(super) struct SplatGradients {
     /// Moments over pixels about the centre, see [`super::composite_backward::SUMS`]: `e, ex, ey`.
     pub(super) first: [Row; 3],
@@ -25,7 +26,7 @@ pub(super) struct SplatGradients {
 }
 
 /// Gradients of the parameters of a chunk of Gaussians.
-#[derive(Debug)]
+#[derive(Debug, Zeroable)]
 pub(super) struct GaussianGradients {
     pub(super) mean: [Row; 3],
     pub(super) quaternion: [Row; 4],
@@ -39,30 +40,6 @@ pub(super) struct GaussianGradients {
     /// Extra gradient of the clamped slope through a lens, and the lens's `∂pixel/∂slope` at the true slope.
     d_slope: [Row; 2],
     lens_jacobian: [[Row; 2]; 2],
-}
-
-const ZERO: Row = [0.0; CHUNK];
-
-impl Default for SplatGradients {
-    fn default() -> Self {
-        Self { first: [ZERO; 3], second: [ZERO; 3], depth: ZERO, direction: [ZERO; 3] }
-    }
-}
-
-impl Default for GaussianGradients {
-    fn default() -> Self {
-        Self {
-            mean: [ZERO; 3],
-            quaternion: [ZERO; 4],
-            log_scales: [ZERO; 3],
-            logit: ZERO,
-            centre: [ZERO; 2],
-            pose: [[ZERO; 3]; 2],
-            d_jacobian: [[ZERO; 3]; 2],
-            d_slope: [ZERO; 2],
-            lens_jacobian: [[ZERO; 2]; 2],
-        }
-    }
 }
 
 /// The forward values at which the gradient is evaluated.

@@ -1,84 +1,45 @@
 use super::{Assessment, Effect, Request};
-use crate::Gaussians;
+use crate::{Channels, Gaussians};
 
-/// Depth along the optical axis.
+/// An image rendered in addition to colour and alpha.
 #[derive(Debug)]
-pub(super) struct Depth;
-
-impl Effect for Depth {
-    fn name(&self) -> &'static str {
-        "depth"
-    }
-
-    fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
-        request.options.channels.depth
-    }
-
-    fn remove_from(&self, request: &mut Request) {
-        request.options.channels.depth = false;
-    }
-
-    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
-        unless_empty(self, gaussians, request)
-    }
+pub(super) struct Channel {
+    name: &'static str,
+    flag: fn(&mut Channels) -> &mut bool,
 }
 
+/// Depth along the optical axis.
+pub(super) const DEPTH: Channel = Channel { name: "depth", flag: |channels| &mut channels.depth };
 /// The per-Gaussian scalar, such as ATSplat's uncertainty.
-#[derive(Debug)]
-pub(super) struct Scalar;
+pub(super) const SCALAR: Channel = Channel { name: "scalar", flag: |channels| &mut channels.scalar };
+/// Depth at which the transmittance falls to one half.
+pub(super) const MEDIAN_DEPTH: Channel = Channel { name: "median-depth", flag: |channels| &mut channels.median_depth };
 
-impl Effect for Scalar {
+impl Effect for Channel {
     fn name(&self) -> &'static str {
-        "scalar"
+        self.name
     }
 
     fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
-        request.options.channels.scalar
+        let mut channels = request.options.channels;
+        *(self.flag)(&mut channels)
     }
 
     fn remove_from(&self, request: &mut Request) {
-        request.options.channels.scalar = false;
+        *(self.flag)(&mut request.options.channels) = false;
     }
 
     fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
         // A Gaussian with a NaN scalar is culled.
         let shows = |scalar: &f32| *scalar != 0.0 && !scalar.is_nan();
-        match &gaussians.parts().scalars {
-            None => Assessment::remove(self, request, 0.0, "the Gaussians have none: the image is zero"),
-            Some(scalars) if !scalars.iter().any(shows) => {
-                Assessment::remove(self, request, 0.0, "every scalar is zero, and so is the image")
+        let reason = match &gaussians.parts().scalars {
+            None if self.name == SCALAR.name => "the Gaussians have none: the image is zero",
+            Some(scalars) if self.name == SCALAR.name && !scalars.iter().any(shows) => {
+                "every scalar is zero, and so is the image"
             }
-            Some(_) => Assessment::keep("its image is requested"),
-        }
-    }
-}
-
-/// Depth at which the transmittance falls to one half.
-#[derive(Debug)]
-pub(super) struct MedianDepth;
-
-impl Effect for MedianDepth {
-    fn name(&self) -> &'static str {
-        "median-depth"
-    }
-
-    fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
-        request.options.channels.median_depth
-    }
-
-    fn remove_from(&self, request: &mut Request) {
-        request.options.channels.median_depth = false;
-    }
-
-    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
-        unless_empty(self, gaussians, request)
-    }
-}
-
-fn unless_empty(effect: &dyn Effect, gaussians: &Gaussians, request: &Request) -> Assessment {
-    if gaussians.is_empty() {
-        Assessment::remove(effect, request, 0.0, "without Gaussians the image is zero")
-    } else {
-        Assessment::keep("its image is requested")
+            _ if self.name != SCALAR.name && gaussians.is_empty() => "without Gaussians the image is zero",
+            _ => return Assessment::keep("its image is requested"),
+        };
+        Assessment::remove(self, request, 0.0, reason)
     }
 }

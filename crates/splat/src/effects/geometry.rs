@@ -8,7 +8,10 @@ use rayon::prelude::*;
 
 use super::Request;
 use crate::Gaussians;
-use crate::reference::project::{Outcome, Splat, project};
+use crate::reference::project::{Splat, project};
+use crate::rendering::Culled;
+
+type Projected = Result<Box<Splat>, Culled>;
 
 /// Explains why images differ if Gaussians are projected as for `after` instead of `before`; `None` if no Gaussian
 /// changes.
@@ -38,10 +41,11 @@ fn growing_ranges(count: usize) -> impl Iterator<Item = std::ops::Range<usize>> 
 }
 
 /// Whether both are drawn identically, or culled for the same reason.
-fn is_same(before: &Outcome, after: &Outcome) -> bool {
+fn is_same(before: &Projected, after: &Projected) -> bool {
     match (before, after) {
-        (Outcome::Drawn(a), Outcome::Drawn(b)) => a.reach == b.reach && bits(a) == bits(b),
-        _ => std::mem::discriminant(before) == std::mem::discriminant(after),
+        (Ok(a), Ok(b)) => a.reach == b.reach && bits(a) == bits(b),
+        (Err(a), Err(b)) => a == b,
+        _ => false,
     }
 }
 

@@ -85,9 +85,9 @@ pub const EFFECTS: [&dyn Effect; 8] = [
     &lens::LensEffect,
     &antialiasing::Antialiasing,
     &background::Background,
-    &channels::Depth,
-    &channels::Scalar,
-    &channels::MedianDepth,
+    &channels::DEPTH,
+    &channels::SCALAR,
+    &channels::MEDIAN_DEPTH,
 ];
 
 impl Request {

@@ -290,8 +290,14 @@ impl GpuRenderer {
     ) -> Result<Gradients<f32>, SplatError> {
         self.context.guarded(|| gradients.read(&self.context, gaussians))
     }
+}
 
-    fn render_from_host(
+impl Renderer for GpuRenderer {
+    fn name(&self) -> String {
+        format!("gpu, {}", self.context.name)
+    }
+
+    fn render(
         &mut self,
         gaussians: &Gaussians,
         view: &View,
@@ -315,7 +321,7 @@ impl GpuRenderer {
         Ok(rendering)
     }
 
-    fn backward_from_host(
+    fn backward(
         &mut self,
         gaussians: &Gaussians,
         view: &View,
@@ -341,31 +347,6 @@ impl GpuRenderer {
         })?;
         self.stages = stages(&timings, start.elapsed().as_secs_f64());
         Ok(gradients)
-    }
-}
-
-impl Renderer for GpuRenderer {
-    fn name(&self) -> String {
-        format!("gpu, {}", self.context.name)
-    }
-
-    fn render(
-        &mut self,
-        gaussians: &Gaussians,
-        view: &View,
-        options: &RenderOptions,
-    ) -> Result<Rendering<f32>, SplatError> {
-        self.render_from_host(gaussians, view, options)
-    }
-
-    fn backward(
-        &mut self,
-        gaussians: &Gaussians,
-        view: &View,
-        options: &RenderOptions,
-        images: &ImageGradients<f32>,
-    ) -> Result<Gradients<f32>, SplatError> {
-        self.backward_from_host(gaussians, view, options, images)
     }
 
     fn stages(&self) -> Vec<Stage> {

@@ -6,8 +6,8 @@ use glam::{DMat3, DVec3};
 use super::{GpuError, GpuRenderer, ProbeStage};
 use crate::renderer::saturated;
 use crate::{
-    Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, RendererConstants, Rendering, SplatError, View,
-    reference,
+    Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer as _, RendererConstants, Rendering,
+    SplatError, View, reference,
 };
 
 /// Largest allowed difference of a pixel, in images with values of order one.
@@ -35,7 +35,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     let Case { gaussians, view, options, images } = Case::new().map_err(unfit)?;
     begins(ProbeStage::Picture);
     let expected = reference::render(&gaussians, &view, &options).map_err(unfit)?;
-    let actual = renderer.render_from_host(&gaussians, &view, &options).map_err(unfit)?;
+    let actual = renderer.render(&gaussians, &view, &options).map_err(unfit)?;
     let found = |what: &str, difference: f64, bound: f64| {
         let (adapter, what) = (adapter.clone(), what.to_owned());
         // Fails for NaN.
@@ -50,7 +50,7 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     }
     begins(ProbeStage::Derivative);
     let expected = reference::backward(&gaussians, &view, &options, &images).map_err(unfit)?;
-    let actual = renderer.backward_from_host(&gaussians, &view, &options, &images.map(saturated)).map_err(unfit)?;
+    let actual = renderer.backward(&gaussians, &view, &options, &images.map(saturated)).map_err(unfit)?;
     let actual = actual.map(f64::from);
     for ((field, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
         let zeros = vec![0.0; expected.len()];

@@ -14,7 +14,7 @@ use glam::DVec3;
 
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
-use project::{Outcome, Splat};
+use project::Splat;
 
 /// Limit on the bytes of the images.
 const LIMIT: u64 = 16 << 30;
@@ -79,15 +79,15 @@ pub(crate) fn project_unchecked(
     options: &RenderOptions,
 ) -> Result<Vec<Option<Projection>>, SplatError> {
     let optics = view.optics(&options.constants)?;
-    let one = |position| match project::project(gaussians, position, &optics, view.size, options) {
-        Outcome::Drawn(splat) => Some(Projection {
+    let one = |position| {
+        let splat = project::project(gaussians, position, &optics, view.size, options).ok()?;
+        Some(Projection {
             centre: splat.centre.to_array(),
             conic: splat.conic.to_array(),
             depth: splat.depth,
             opacity: splat.opacity,
             rgb: splat.rgb.to_array(),
-        }),
-        _ => None,
+        })
     };
     Ok((0..gaussians.len()).map(one).collect())
 }
@@ -152,14 +152,11 @@ fn prepare(
     let mut splats = Vec::new();
     for position in 0..gaussians.len() {
         match project::project(gaussians, position, &optics, view.size, options) {
-            Outcome::Drawn(splat) => {
+            Ok(splat) => {
                 rendering.census.drawn += 1;
                 splats.push(*splat);
             }
-            Outcome::Invalid => rendering.census.invalid += 1,
-            Outcome::OutsideDepth => rendering.census.outside_depth += 1,
-            Outcome::Faint => rendering.census.faint += 1,
-            Outcome::OutsidePicture => rendering.census.outside_picture += 1,
+            Err(culled) => rendering.census.count(culled),
         }
     }
     // Published rasterizers sort f32 keys, so depths that are equal in f32 keep their order.

@@ -3,6 +3,7 @@ use glam::{DMat2, DMat3, DQuat, DVec2, DVec3};
 
 use crate::constants::{LARGEST_CHANNEL, ShAxes};
 use crate::reach::reach;
+use crate::rendering::Culled;
 use crate::view::Optics;
 use crate::{Gaussians, LOG_SCALE_LIMIT, RasterMode, RenderOptions, sh, sh_coefficients};
 
@@ -66,33 +67,25 @@ pub(crate) struct Intermediates {
     pub(crate) raw_rgb: DVec3,
 }
 
-pub(crate) enum Outcome {
-    Drawn(Box<Splat>),
-    Invalid,
-    OutsideDepth,
-    Faint,
-    OutsidePicture,
-}
-
 pub(crate) fn project(
     gaussians: &Gaussians,
     position: usize,
     optics: &Optics,
     size: ImageSize,
     options: &RenderOptions,
-) -> Outcome {
+) -> Result<Box<Splat>, Culled> {
     let constants = &options.constants;
     let Some(Shape { mean, rotation, scales, unfiltered_share, sigmoid, one_minus_sigmoid, filter }) =
         shape(gaussians, position)
     else {
-        return Outcome::Invalid;
+        return Err(Culled::Invalid);
     };
     let in_camera = optics.rotation * mean + optics.translation;
     if !in_camera.is_finite() {
-        return Outcome::Invalid;
+        return Err(Culled::Invalid);
     }
     if !constants.keeps_depth(in_camera.z) {
-        return Outcome::OutsideDepth;
+        return Err(Culled::OutsideDepth);
     }
     let true_slope = in_camera.truncate() / in_camera.z;
     let slope = true_slope.clamp(optics.jacobian_range[0], optics.jacobian_range[1]);
@@ -103,7 +96,7 @@ pub(crate) fn project(
         None => (focal * true_slope + optics.principal, focal),
         Some(lens) => match (lens.distorted_from_undistorted(true_slope), lens.jacobian(slope)) {
             (Ok(distorted), Ok(jacobian)) => (focal * distorted + optics.principal, focal * jacobian),
-            _ => return Outcome::OutsidePicture,
+            _ => return Err(Culled::OutsidePicture),
         },
     };
     let jacobian = jacobian(pixel_from_slope, slope, in_camera.z);
@@ -120,7 +113,7 @@ pub(crate) fn project(
     let trace = cov2d.x_axis.x + cov2d.y_axis.y;
     let determinant = inner_determinant + constants.blur * trace + constants.blur * constants.blur;
     if !(determinant > 0.0 && determinant.is_finite() && centre.is_finite()) {
-        return Outcome::Invalid;
+        return Err(Culled::Invalid);
     }
     let conic = DVec3::new(cov2d_blurred.y_axis.y, -cov2d_blurred.x_axis.y, cov2d_blurred.x_axis.x) / determinant;
 
@@ -132,10 +125,10 @@ pub(crate) fn project(
     };
     let opacity = sigmoid * filter * compensation;
     if !(opacity >= constants.min_alpha) {
-        return Outcome::Faint;
+        return Err(Culled::Faint);
     }
     let covariance = [cov2d_blurred.x_axis.x, cov2d_blurred.x_axis.y, cov2d_blurred.y_axis.y];
-    let Some(reach) = reach(centre, covariance, opacity, size, constants) else { return Outcome::OutsidePicture };
+    let Some(reach) = reach(centre, covariance, opacity, size, constants) else { return Err(Culled::OutsidePicture) };
 
     let offset = mean - optics.centre;
     let distance = offset.length();
@@ -144,10 +137,10 @@ pub(crate) fn project(
         ShAxes::Standard => direction,
         ShAxes::E3nn => DVec3::new(direction.z, direction.x, direction.y),
     };
-    let Some(raw_rgb) = colour(gaussians, position, direction, options) else { return Outcome::Invalid };
+    let Some(raw_rgb) = colour(gaussians, position, direction, options) else { return Err(Culled::Invalid) };
     let scalar = gaussians.parts().scalars.as_ref().map_or(0.0, |scalars| f64::from(scalars[position]));
     if !(scalar.abs() <= LARGEST_CHANNEL) {
-        return Outcome::Invalid;
+        return Err(Culled::Invalid);
     }
     let parts = Intermediates {
         in_camera,
@@ -170,7 +163,7 @@ pub(crate) fn project(
         raw_rgb,
     };
     let rgb = DVec3::from_array(raw_rgb.to_array().map(|value| if value < 0.0 { 0.0 } else { value }));
-    Outcome::Drawn(Box::new(Splat { position, depth: in_camera.z, centre, conic, opacity, rgb, scalar, reach, parts }))
+    Ok(Box::new(Splat { position, depth: in_camera.z, centre, conic, opacity, rgb, scalar, reach, parts }))
 }
 
 /// `∂pixel/∂(x, y, z)` at a point `slope·z`: `A/z · [1 | −slope]`.

@@ -3,6 +3,7 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::*;
+use crate::stress::parameter::{Parameter, moved};
 use crate::{Channels, GaussianParts, GradientReach, RasterMode, RendererConstants};
 
 /// A few soft Gaussians in front of the camera, using all fields. Every value is a multiple of 2⁻¹², so that adding a
@@ -75,60 +76,6 @@ fn loss(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> f64 {
         + dot(&rendering.scalar.unwrap(), &images.scalar)
 }
 
-/// Every number of the scene in turn, its name, and its analytic derivative.
-type Parameter = (String, fn(&mut GaussianParts, usize, usize) -> Option<&mut f32>, usize, usize, f64);
-
-fn parameters(gaussians: &Gaussians, gradients: &Gradients<f64>) -> Vec<Parameter> {
-    let mut list: Vec<Parameter> = Vec::new();
-    for at in 0..gaussians.len() {
-        for axis in 0..3 {
-            list.push((
-                format!("mean {at}.{axis}"),
-                |p, i, k| p.means[i].get_mut(k),
-                at,
-                axis,
-                gradients.means[at][axis],
-            ));
-            list.push((
-                format!("log scale {at}.{axis}"),
-                |p, i, k| p.log_scales[i].get_mut(k),
-                at,
-                axis,
-                gradients.log_scales[at][axis],
-            ));
-        }
-        for axis in 0..4 {
-            list.push((
-                format!("quaternion {at}.{axis}"),
-                |p, i, k| p.quaternions[i].get_mut(k),
-                at,
-                axis,
-                gradients.quaternions[at][axis],
-            ));
-        }
-        list.push((format!("logit {at}"), |p, i, _| p.opacity_logits.get_mut(i), at, 0, gradients.opacity_logits[at]));
-        list.push((
-            format!("scalar {at}"),
-            |p, i, _| p.scalars.as_mut().and_then(|s| s.get_mut(i)),
-            at,
-            0,
-            gradients.scalars[at],
-        ));
-    }
-    for at in 0..gaussians.parts().sh.len() {
-        for channel in 0..3 {
-            list.push((
-                format!("sh {at}.{channel}"),
-                |p, i, k| p.sh[i].get_mut(k),
-                at,
-                channel,
-                gradients.sh[at][channel],
-            ));
-        }
-    }
-    list
-}
-
 #[expect(clippy::cast_possible_truncation, reason = "a step is a power of two")]
 const fn exact_f32(step: f64) -> f32 {
     step as f32
@@ -138,34 +85,25 @@ const fn exact_f32(step: f64) -> f32 {
 fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let gradients = backward_unchecked(gaussians, view, options, &image_gradients(view)).unwrap();
     let scale = gradients.means.iter().flatten().fold(0.0f64, |most, g| most.maximum_of(g.abs()));
-    for (name, slot, at, axis, analytic) in parameters(gaussians, &gradients) {
-        let moved = |step: f64| {
-            let mut parts = gaussians.parts().clone();
-            let value = slot(&mut parts, at, axis).unwrap();
-            *value += exact_f32(step);
-            loss(&Gaussians::new(parts).unwrap(), view, options)
-        };
-        let numeric = differences(moved);
-        let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3 * scale);
-        assert!(error < 1e-6, "{what}, {name}: analytic {analytic}, numeric {numeric}, relative error {error:.2e}");
-    }
-    check_pose(gaussians, view, options, &gradients, what);
-}
-
-fn check_pose(gaussians: &Gaussians, view: &View, options: &RenderOptions, gradients: &Gradients<f64>, what: &str) {
-    for (axis, analytic) in gradients.pose.iter().enumerate() {
-        let moved = |step: f64| {
-            let unit = [DVec3::X, DVec3::Y, DVec3::Z][axis % 3] * step;
-            let pose = view.camera.camera_from_world;
-            let (turn, shift) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
-            let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
-            let pose = CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation() + shift).unwrap();
-            let camera = Camera { camera_from_world: pose, ..view.camera };
-            loss(gaussians, &View { camera, ..*view }, options)
-        };
-        let numeric = differences(moved);
-        let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3);
-        assert!(error < 1e-6, "{what}, pose {axis}: analytic {analytic}, numeric {numeric}");
+    let others = (0..gaussians.len()).flat_map(|position| Parameter::of_gaussian(gaussians, position));
+    let others = others.filter(|parameter| !matches!(parameter, Parameter::Sh(..)));
+    let sh = (0..gaussians.parts().sh.len()).flat_map(|at| [0, 1, 2].map(|channel| Parameter::Sh(at, channel)));
+    for parameter in others.chain(sh).chain((0..6).map(Parameter::Pose)) {
+        let analytic = parameter.of(&gradients).unwrap();
+        let numeric = differences(|step| match parameter {
+            Parameter::Pose(axis) => loss(gaussians, &moved(view, axis, step).unwrap(), options),
+            _ => {
+                let mut parts = gaussians.parts().clone();
+                *parameter.slot(&mut parts).unwrap() += exact_f32(step);
+                loss(&Gaussians::new(parts).unwrap(), view, options)
+            }
+        });
+        let floor = if matches!(parameter, Parameter::Pose(_)) { 1e-3 } else { 1e-3 * scale };
+        let error = (numeric - analytic).abs() / (analytic.abs() + floor);
+        assert!(
+            error < 1e-6,
+            "{what}, {parameter:?}: analytic {analytic}, numeric {numeric}, relative error {error:.2e}"
+        );
     }
 }
 

@@ -4,7 +4,7 @@
 mod differences;
 mod gradients;
 mod images;
-mod parameter;
+pub(crate) mod parameter;
 mod row;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};

@@ -5,7 +5,7 @@ use crate::{GaussianParts, Gaussians, Gradients, SplatError, View, sh_coefficien
 
 /// A scalar parameter of a rendering that has a gradient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Parameter {
+pub(crate) enum Parameter {
     Mean(usize, usize),
     Quaternion(usize, usize),
     LogScale(usize, usize),
@@ -19,7 +19,7 @@ pub(super) enum Parameter {
 
 impl Parameter {
     /// Every parameter of one Gaussian; of its SH coefficients only the first and the last.
-    pub(super) fn of_gaussian(gaussians: &Gaussians, position: usize) -> Vec<Self> {
+    pub(crate) fn of_gaussian(gaussians: &Gaussians, position: usize) -> Vec<Self> {
         let coefficients = sh_coefficients(gaussians.sh_degree());
         let (first, last) = (position * coefficients, position * coefficients + coefficients - 1);
         let mut list: Vec<Self> =
@@ -32,7 +32,7 @@ impl Parameter {
     }
 
     /// Index of its field in [`Gradients::fields`].
-    pub(super) const fn field(self) -> usize {
+    pub(crate) const fn field(self) -> usize {
         match self {
             Self::Mean(..) => 0,
             Self::Quaternion(..) => 1,
@@ -45,7 +45,7 @@ impl Parameter {
     }
 
     /// The gradient with respect to it.
-    pub(super) fn of<T: Copy + Into<f64>>(self, gradients: &Gradients<T>) -> Option<f64> {
+    pub(crate) fn of<T: Copy + Into<f64>>(self, gradients: &Gradients<T>) -> Option<f64> {
         let value = match self {
             Self::Mean(at, axis) => gradients.means.get(at)?.get(axis)?,
             Self::Quaternion(at, axis) => gradients.quaternions.get(at)?.get(axis)?,
@@ -59,7 +59,7 @@ impl Parameter {
     }
 
     /// The parameter's value in the arrays; `None` for the pose.
-    pub(super) fn slot(self, parts: &mut GaussianParts) -> Option<&mut f32> {
+    pub(crate) fn slot(self, parts: &mut GaussianParts) -> Option<&mut f32> {
         match self {
             Self::Mean(at, axis) => parts.means.get_mut(at)?.get_mut(axis),
             Self::Quaternion(at, axis) => parts.quaternions.get_mut(at)?.get_mut(axis),
@@ -73,7 +73,7 @@ impl Parameter {
 }
 
 /// The view after a small motion of the camera.
-pub(super) fn moved(view: &View, axis: usize, step: f64) -> Result<View, SplatError> {
+pub(crate) fn moved(view: &View, axis: usize, step: f64) -> Result<View, SplatError> {
     let unit = [DVec3::X, DVec3::Y, DVec3::Z][axis % 3] * step;
     let (rotation, translation) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
     let rotation = DMat3::from_quat(DQuat::from_scaled_axis(rotation));
