@@ -9,6 +9,10 @@
 #![expect(clippy::inline_always, reason = "SIMD target features apply only to inlined code")]
 #![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails them")]
 
+// Tests share scenes with the integration tests, which name the crate.
+#[cfg(test)]
+extern crate self as atsplat_splat;
+
 mod constants;
 pub mod cpu;
 pub mod effects;

@@ -111,49 +111,44 @@ fn reference_projections_match_gsplat() {
     Tolerance::absolute(1e-6).assert([depths], [0.0], "depths");
 }
 
+fn image_gradients(stored: &Stored) -> ImageGradients<f32> {
+    let d_image = stored.rows::<4>("v_out_img");
+    ImageGradients {
+        rgb: d_image.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect(),
+        alpha: Some(d_image.iter().map(|[.., alpha]| *alpha).collect()),
+        depth: None,
+        scalar: None,
+    }
+}
+
+fn assert_gradients<T: Copy + Into<f64>>(gradients: &Gradients<T>, stored: &Stored, bound: f64, what: &str) {
+    let cases = [
+        ("v_means", gradients.means.as_flattened()),
+        ("v_quats", gradients.quaternions.as_flattened()),
+        ("v_scales", gradients.log_scales.as_flattened()),
+        ("v_opacities", &gradients.opacity_logits),
+        ("v_coeffs", gradients.sh.as_flattened()),
+        ("v_xy", gradients.means_2d.as_flattened()),
+        ("v_conics", gradients.conics.as_flattened()),
+    ];
+    for (name, actual) in cases {
+        let (_, relative) = max_difference(actual.iter().map(|value| (*value).into()), &stored.values(name));
+        Tolerance::absolute(bound).assert([relative], [0.0], &format!("{what}: {name}"));
+    }
+}
+
 #[test]
 fn reference_gradients_match_gsplat() {
     let stored = Stored::read();
-    let d_image = stored.rows::<4>("v_out_img");
-    let images = ImageGradients {
-        rgb: d_image.iter().map(|[r, g, b, _]| [r, g, b].map(|value| f64::from(*value))).collect(),
-        alpha: Some(d_image.iter().map(|[.., alpha]| f64::from(*alpha)).collect()),
-        depth: None,
-        scalar: None,
-    };
-    let Gradients { means, quaternions, log_scales, opacity_logits, sh, means_2d, conics, .. } =
-        reference::backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
-    let flat = |rows: Vec<Vec<f64>>| rows.into_iter().flatten().collect::<Vec<f64>>();
-    let cases = [
-        ("v_means", flat(means.iter().map(|row| row.to_vec()).collect())),
-        ("v_quats", flat(quaternions.iter().map(|row| row.to_vec()).collect())),
-        ("v_scales", flat(log_scales.iter().map(|row| row.to_vec()).collect())),
-        ("v_opacities", opacity_logits),
-        ("v_coeffs", flat(sh.iter().map(|row| row.to_vec()).collect())),
-        ("v_xy", flat(means_2d.iter().map(|row| row.to_vec()).collect())),
-        ("v_conics", flat(conics.iter().map(|row| row.to_vec()).collect())),
-    ];
-    let mut failures = Vec::new();
-    for (name, actual) in cases {
-        let (difference, relative) = max_difference(actual, &stored.values(name));
-        if !Tolerance::absolute(1e-4).accepts(relative, 0.0) {
-            failures.push(format!("{name}: {difference:.3e}, relative {relative:.3e}"));
-        }
-    }
-    assert!(failures.is_empty(), "{failures:#?}");
+    let images = image_gradients(&stored).map(f64::from);
+    let gradients = reference::backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
+    assert_gradients(&gradients, &stored, 1e-4, "reference");
 }
 
 /// f32 pixels and gradients, with every instruction set and on the GPU.
 #[test]
 fn cpu_and_gpu_match_gsplat() {
     let stored = Stored::read();
-    let d_image = stored.rows::<4>("v_out_img");
-    let images = ImageGradients {
-        rgb: d_image.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect(),
-        alpha: Some(d_image.iter().map(|[.., alpha]| *alpha).collect()),
-        depth: None,
-        scalar: None,
-    };
     let mut renderers: Vec<Box<dyn Renderer>> = Vec::new();
     for simd in SimdLevel::available() {
         renderers.push(Box::new(CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() })));
@@ -169,19 +164,7 @@ fn cpu_and_gpu_match_gsplat() {
         let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|([r, g, b], alpha)| [*r, *g, *b, *alpha]);
         let (difference, _) = max_difference(rgba.map(f64::from), &stored.values("out_img"));
         Tolerance::absolute(1e-5).assert([difference], [0.0], "image");
-        let gradients = renderer.backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
-        let cases = [
-            ("v_means", gradients.means.as_flattened()),
-            ("v_quats", gradients.quaternions.as_flattened()),
-            ("v_scales", gradients.log_scales.as_flattened()),
-            ("v_opacities", &gradients.opacity_logits),
-            ("v_coeffs", gradients.sh.as_flattened()),
-            ("v_xy", gradients.means_2d.as_flattened()),
-            ("v_conics", gradients.conics.as_flattened()),
-        ];
-        for (name, actual) in cases {
-            let (_, relative) = max_difference(actual.iter().map(|value| f64::from(*value)), &stored.values(name));
-            Tolerance::absolute(1e-3).assert([relative], [0.0], name);
-        }
+        let gradients = renderer.backward(&stored.gaussians(), &view(), &options(), &image_gradients(&stored)).unwrap();
+        assert_gradients(&gradients, &stored, 1e-3, &renderer.name());
     }
 }

@@ -1,54 +1,9 @@
-use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
+use atsplat_camera::{Camera, CameraFromWorld, Distortion};
 use glam::{DMat3, DVec3};
 
 use super::*;
-use crate::{Channels, GaussianParts, Gradients, ImageGradients, RasterMode, RendererConstants, reference};
-
-/// Gaussians in front of the camera, from needles and discs to blobs, some outside the view.
-fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
-    let mut state = seed;
-    let mut uniform = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
-    let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
-    for _ in 0..count {
-        let mut project_covariances = |width: f32| width * (2.0 * uniform() - 1.0);
-        parts.means.push([project_covariances(2.5), project_covariances(2.0), 4.0 + project_covariances(3.5)]);
-        parts.quaternions.push([
-            project_covariances(1.0),
-            project_covariances(1.0),
-            project_covariances(1.0),
-            project_covariances(1.0),
-        ]);
-        parts.log_scales.push([
-            -3.0 + project_covariances(2.0),
-            -3.0 + project_covariances(2.0),
-            -3.5 + project_covariances(2.0),
-        ]);
-        parts.opacity_logits.push(project_covariances(5.0));
-        parts.scalars.iter_mut().for_each(|scalars| scalars.push(project_covariances(1.0)));
-        for _ in 0..crate::sh_coefficients(degree) {
-            parts.sh.push([project_covariances(0.8), project_covariances(0.8), project_covariances(0.8)]);
-        }
-    }
-    Gaussians::new(parts).unwrap()
-}
-
-fn view(width: u32, height: u32) -> View {
-    let rotation = DMat3::from_rotation_y(0.2) * DMat3::from_rotation_x(0.1);
-    let pose = CameraFromWorld::new(rotation, DVec3::new(0.3, -0.1, 0.4)).unwrap();
-    let intrinsics = NormalizedIntrinsics::new(0.8, 0.8 * f64::from(width) / f64::from(height), 0.48, 0.53).unwrap();
-    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
-}
-
-fn everything() -> RenderOptions {
-    RenderOptions {
-        background: [0.1, 0.6, 0.3],
-        channels: Channels { depth: true, scalar: true, median_depth: true },
-        ..RenderOptions::default()
-    }
-}
+use crate::{Channels, Gradients, ImageGradients, RasterMode, RendererConstants, reference};
+use cloud::{cloud, everything, image_gradients, narrow, view};
 
 fn rendered(gaussians: &Gaussians, view: &View, options: &RenderOptions, cpu: CpuOptions) -> Rendering<f32> {
     CpuRenderer::new(cpu).render(gaussians, view, options).unwrap()
@@ -171,27 +126,6 @@ fn rejects_jobs_beyond_the_memory_limit() {
     assert!(matches!(outcome, Err(SplatError::Memory { limit: 10_000, .. })));
 }
 
-fn image_gradients(view: &View) -> ImageGradients<f64> {
-    let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
-    let (red, green, blue) = (wave(0.0), wave(1.0), wave(2.0));
-    ImageGradients {
-        rgb: red.into_iter().zip(green).zip(blue).map(|((r, g), b)| [r, g, b]).collect(),
-        alpha: Some(wave(3.0)),
-        depth: Some(wave(4.0)),
-        scalar: Some(wave(5.0)),
-    }
-}
-
-fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
-    let image = |values: &Option<Vec<f64>>| values.as_ref().map(|v| v.iter().map(|x| to_f32(*x)).collect());
-    ImageGradients {
-        rgb: images.rgb.iter().map(|rgb| rgb.map(to_f32)).collect(),
-        alpha: image(&images.alpha),
-        depth: image(&images.depth),
-        scalar: image(&images.scalar),
-    }
-}
-
 /// With a `min_alpha` so low that rounding cannot cross it, only arithmetic is compared.
 #[test]
 fn gradients_match_the_reference() {
@@ -233,6 +167,8 @@ fn threads_and_tiles_do_not_change_gradients() {
     assert!(of(3, TileSize::Pixels16) == expected && of(2, TileSize::Pixels64) == expected);
 }
 
+#[path = "../../tests/common/cloud.rs"]
+mod cloud;
 mod invariance;
 mod limits;
 mod magnitudes;

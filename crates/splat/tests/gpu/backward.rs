@@ -5,7 +5,7 @@ use atsplat_splat::{
     RendererConstants, ShAxes, View, reference,
 };
 
-use crate::scenes::{cloud, everything, filtered, gpu, narrow, ripples, view};
+use crate::scenes::{cloud, everything, filtered, gpu, image_gradients, narrow, view};
 
 /// Lowers `min_alpha`, so that rounding cannot cross the threshold and only arithmetic is compared.
 fn without_thresholds(constants: RendererConstants) -> RendererConstants {
@@ -14,7 +14,7 @@ fn without_thresholds(constants: RendererConstants) -> RendererConstants {
 
 fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let Some(mut gpu) = gpu() else { return };
-    let images = ripples(view);
+    let images = image_gradients(view);
     let expected = reference::backward(gaussians, view, options, &images).unwrap();
     let actual = gpu.backward(gaussians, view, options, &narrow(&images)).unwrap();
     assert!(gpu.backward(gaussians, view, options, &narrow(&images)).unwrap() == actual, "{what}: not deterministic");
@@ -103,7 +103,7 @@ fn absent_inputs_have_no_gradient() {
     parts.scalars = None;
     parts.means[7] = [0.0, 0.0, -5.0];
     let gaussians = Gaussians::new(parts).unwrap();
-    let mut images = narrow(&ripples(&view));
+    let mut images = narrow(&image_gradients(&view));
     (images.alpha, images.depth, images.scalar) = (None, None, None);
     let gradients = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
     assert!(gradients.scalars.is_empty());

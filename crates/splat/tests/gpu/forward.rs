@@ -1,11 +1,17 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize};
 use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::gpu::GpuRenderer;
 use atsplat_splat::{
     Channels, Extent, Gaussians, RasterMode, RenderOptions, Renderer, RendererConstants, SplatError, View, reference,
 };
 use glam::DVec3;
 
-use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, narrow, ripples, view};
+use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, image_gradients, narrow, view};
+
+fn check(gpu: &mut GpuRenderer, gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
+    let expected = reference::render(gaussians, view, options).unwrap();
+    assert_bound(&gpu.render(gaussians, view, options).unwrap(), &expected, what);
+}
 
 #[test]
 fn matches_the_reference_for_every_preset_and_mode() {
@@ -15,9 +21,7 @@ fn matches_the_reference_for_every_preset_and_mode() {
         for mode in [RasterMode::Classic, RasterMode::Antialiased] {
             let constants = RendererConstants::named(preset).unwrap();
             let options = RenderOptions { constants, mode, ..everything() };
-            let expected = reference::render(&gaussians, &view, &options).unwrap();
-            let actual = gpu.render(&gaussians, &view, &options).unwrap();
-            assert_bound(&actual, &expected, &format!("{preset} {mode:?}"));
+            check(&mut gpu, &gaussians, &view, &options, &format!("{preset} {mode:?}"));
         }
     }
 }
@@ -31,9 +35,7 @@ fn matches_the_reference_for_every_degree_filter_and_channel() {
         for max_sh_degree in [1, 4] {
             let channels = Channels { depth: degree % 2 == 0, scalar: degree > 2, median_depth: false };
             let options = RenderOptions { max_sh_degree, channels, ..everything() };
-            let expected = reference::render(&gaussians, &view, &options).unwrap();
-            let actual = gpu.render(&gaussians, &view, &options).unwrap();
-            assert_bound(&actual, &expected, &format!("degree {degree} up to {max_sh_degree}"));
+            check(&mut gpu, &gaussians, &view, &options, &format!("degree {degree} up to {max_sh_degree}"));
         }
     }
 }
@@ -50,9 +52,7 @@ fn matches_the_reference_for_every_lens() {
         Distortion::Fisheye { k: [0.0; 4] },
     ] {
         view.camera.distortion = distortion;
-        let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-        let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
-        assert_bound(&actual, &expected, &format!("{distortion:?}"));
+        check(&mut gpu, &gaussians, &view, &everything(), &format!("{distortion:?}"));
     }
 }
 
@@ -63,9 +63,7 @@ fn matches_the_reference_for_odd_sizes_and_counts() {
     for (width, height) in [(1, 1), (17, 33), (16, 16), (3, 40)] {
         for count in [0, 1, 31, 33, 255, 256, 257] {
             let (gaussians, view) = (cloud(count, 0, 5), view(width, height));
-            let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-            let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
-            assert_bound(&actual, &expected, &format!("{count} on {width}×{height}"));
+            check(&mut gpu, &gaussians, &view, &everything(), &format!("{count} on {width}×{height}"));
         }
     }
     let nothing = gpu.render(&Gaussians::default(), &view(33, 17), &RenderOptions::default()).unwrap();
@@ -124,15 +122,12 @@ fn matches_the_reference_for_extreme_shapes() {
         let mut parts = cloud(60, 0, 29).into_parts();
         parts.log_scales.iter_mut().for_each(|logs| *logs = shape);
         let gaussians = Gaussians::new(parts).unwrap();
-        let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-        let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
-        assert_bound(&actual, &expected, &format!("{shape:?}"));
+        check(&mut gpu, &gaussians, &view, &everything(), &format!("{shape:?}"));
     }
     let mut parts = cloud(10_000, 0, 31).into_parts();
     parts.means.iter_mut().for_each(|mean| *mean = [0.1, 0.2, 3.0]);
     let gaussians = Gaussians::new(parts).unwrap();
-    let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-    assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, "coincident");
+    check(&mut gpu, &gaussians, &view, &everything(), "coincident");
 }
 
 /// Without blur, Gaussians may be arbitrarily narrow: points, and sheets seen edge-on.
@@ -148,10 +143,8 @@ fn matches_the_reference_without_blur() {
             let gaussians = Gaussians::new(parts).unwrap();
             let constants = RendererConstants { blur: 0.0, extent, ..RendererConstants::default() };
             let options = RenderOptions { constants, ..everything() };
-            let expected = reference::render(&gaussians, &view, &options).unwrap();
-            let actual = gpu.render(&gaussians, &view, &options).unwrap();
-            assert_bound(&actual, &expected, &format!("{shape:?} {extent:?}"));
-            let gradients = gpu.backward(&gaussians, &view, &options, &narrow(&ripples(&view))).unwrap();
+            check(&mut gpu, &gaussians, &view, &options, &format!("{shape:?} {extent:?}"));
+            let gradients = gpu.backward(&gaussians, &view, &options, &narrow(&image_gradients(&view))).unwrap();
             assert_eq!(gradients.non_finite(), 0, "{shape:?} {extent:?}");
         }
     }

@@ -4,7 +4,9 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::gpu::{GpuOptions, Threads};
 use atsplat_splat::{RenderOptions, Renderer, reference};
 
-use crate::scenes::{assert_bound, cloud, everything, gpu, narrow, needles, open, ripples, specks, straight, view};
+use crate::scenes::{
+    assert_bound, cloud, everything, gpu, image_gradients, narrow, needles, open, specks, straight, view,
+};
 
 /// Lists are split over many dispatches, as required by drivers that limit loop iterations.
 #[test]
@@ -12,7 +14,7 @@ fn splitting_lists_gives_identical_results() {
     let few = GpuOptions { entries_limit: 37, ..GpuOptions::default() };
     let (Some(mut gpu), Some(mut limited)) = (gpu(), open(few)) else { return };
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
-    let images = narrow(&ripples(&view));
+    let images = narrow(&image_gradients(&view));
     for options in [everything(), RenderOptions::default()] {
         let expected = gpu.render(&gaussians, &view, &options).unwrap();
         assert!(limited.render(&gaussians, &view, &options).unwrap() == expected);
@@ -29,7 +31,7 @@ fn renders_more_gaussians_per_tile_than_a_loop_allows() {
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
     assert!(expected.census.drawn > 65_535, "{:?}", expected.census);
     assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, "specks");
-    let images = ripples(&view);
+    let images = image_gradients(&view);
     let expected = reference::backward(&gaussians, &view, &everything(), &images).unwrap();
     let actual = gpu.backward(&gaussians, &view, &everything(), &narrow(&images)).unwrap();
     let actual: Vec<f64> = actual.opacity_logits.iter().map(|value| f64::from(*value)).collect();
@@ -41,7 +43,7 @@ fn renders_more_gaussians_per_tile_than_a_loop_allows() {
 #[test]
 fn renders_needles_across_a_whole_tile() {
     let (gaussians, view) = (needles(4000), straight(16, 16));
-    let images = ripples(&view);
+    let images = image_gradients(&view);
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
     assert_eq!(expected.census.drawn, 4000);
     let largest = expected.alpha.iter().fold(0.0f64, |largest, alpha| largest.maximum_of(*alpha));

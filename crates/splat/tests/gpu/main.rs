@@ -5,6 +5,8 @@
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod backward;
+#[path = "../common/cloud.rs"]
+mod cloud;
 #[path = "../common/poison.rs"]
 mod common;
 mod devices;

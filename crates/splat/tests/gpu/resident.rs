@@ -3,7 +3,7 @@ use atsplat_splat::gpu::{
 };
 use atsplat_splat::{Gaussians, ImageGradients, Renderer, SplatError};
 
-use crate::scenes::{cloud, everything, external_device, filtered, gpu, narrow, open, ripples, view};
+use crate::scenes::{cloud, everything, external_device, filtered, gpu, image_gradients, narrow, open, view};
 
 /// Results on the device equal those that pass through the host.
 #[test]
@@ -16,7 +16,7 @@ fn resident_results_equal_host_results() {
     let through_host = gpu.render(&gaussians, &view, &everything()).unwrap();
     assert!(gpu.read(&rendering).unwrap() == through_host);
 
-    let images = narrow(&ripples(&view));
+    let images = narrow(&image_gradients(&view));
     let strips = GpuImageGradients {
         strips: vec![GpuStripGradients {
             colours: rendering.strips[0].colours.clone(),

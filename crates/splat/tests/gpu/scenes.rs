@@ -5,9 +5,11 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
-use atsplat_splat::{Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, Rendering, View};
+use atsplat_splat::{Gaussians, Rendering, View};
 use atsplat_tests::skip_without_graphics;
 use glam::{DMat3, DVec3};
+
+pub(crate) use crate::cloud::{cloud, everything, image_gradients, narrow, view};
 
 /// Opens a renderer; `None` if there is no adapter and none is required.
 pub(crate) fn open(options: GpuOptions) -> Option<GpuRenderer> {
@@ -41,28 +43,6 @@ pub(crate) fn external_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(
     Some(pollster::block_on(adapter.request_device(&descriptor)).unwrap())
 }
 
-/// Gaussians in front of the camera, from needles and discs to blobs, some outside the view.
-pub(crate) fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
-    let mut state = seed;
-    let mut uniform = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
-    let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
-    for _ in 0..count {
-        let mut spread = |width: f32| width * (2.0 * uniform() - 1.0);
-        parts.means.push([spread(2.5), spread(2.0), 4.0 + spread(3.5)]);
-        parts.quaternions.push([spread(1.0), spread(1.0), spread(1.0), spread(1.0)]);
-        parts.log_scales.push([-3.0 + spread(2.0), -3.0 + spread(2.0), -3.5 + spread(2.0)]);
-        parts.opacity_logits.push(spread(5.0));
-        parts.scalars.iter_mut().for_each(|scalars| scalars.push(spread(1.0)));
-        for _ in 0..atsplat_splat::sh_coefficients(degree) {
-            parts.sh.push([spread(0.8), spread(0.8), spread(0.8)]);
-        }
-    }
-    Gaussians::new(parts).unwrap()
-}
-
 /// The same with a 3D filter.
 pub(crate) fn filtered(gaussians: &Gaussians) -> Gaussians {
     let mut parts = gaussians.parts().clone();
@@ -86,21 +66,6 @@ pub(crate) fn specks(count: usize) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-pub(crate) fn view(width: u32, height: u32) -> View {
-    let rotation = DMat3::from_rotation_y(0.2) * DMat3::from_rotation_x(0.1);
-    let pose = CameraFromWorld::new(rotation, DVec3::new(0.3, -0.1, 0.4)).unwrap();
-    let intrinsics = NormalizedIntrinsics::new(0.8, 0.8 * f64::from(width) / f64::from(height), 0.48, 0.53).unwrap();
-    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
-}
-
-pub(crate) fn everything() -> RenderOptions {
-    RenderOptions {
-        background: [0.1, 0.6, 0.3],
-        channels: Channels { depth: true, scalar: true, median_depth: true },
-        ..RenderOptions::default()
-    }
-}
-
 /// Parallel needles along the image diagonal: the bounding box of each is the whole image, but each touches few pixels
 /// with low alpha, so that none occludes another.
 pub(crate) fn needles(count: usize) -> Gaussians {
@@ -121,22 +86,6 @@ pub(crate) fn straight(width: u32, height: u32) -> View {
     let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
     let intrinsics = NormalizedIntrinsics::new(0.9, 0.9 * f64::from(width) / f64::from(height), 0.5, 0.5).unwrap();
     View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
-}
-
-/// Image gradients that vary from pixel to pixel.
-pub(crate) fn ripples(view: &View) -> ImageGradients<f64> {
-    let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
-    ImageGradients {
-        rgb: wave(0.0).into_iter().zip(wave(1.0)).zip(wave(2.0)).map(|((r, g), b)| [r, g, b]).collect(),
-        alpha: Some(wave(3.0)),
-        depth: Some(wave(4.0)),
-        scalar: Some(wave(5.0)),
-    }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "sines")]
-pub(crate) fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
-    images.map(|value| value as f32)
 }
 
 /// Asserts the documented bound: 99.99 % of all pixels within 1/255, a PSNR of at least 60 dB, and equal censuses.
