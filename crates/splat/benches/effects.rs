@@ -1,6 +1,6 @@
-//! What is not called for costs nothing: a bare request, and one that asks for everything in vain, in turn.
+//! Unneeded effects cost nothing: times a bare request, and one with effects that change nothing, alternately.
 //!
-//! A word runs one variant alone, so that `perf stat` can count its instructions.
+//! An argument selects a single variant, so that `perf stat` can count its instructions.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
 
@@ -16,8 +16,8 @@ use atsplat_splat::effects::{EffectPlan, EffectSelection};
 use atsplat_splat::{Channels, Exposure, GaussianParts, Gaussians, RenderOptions, Rendering, View};
 use scene::scene;
 
-/// Few enough Gaussians that a round is over before the machine turns to something else; SH coefficients above degree 0
-/// and scalars are all zero.
+/// Few enough Gaussians that a round finishes before the scheduler interrupts it; SH coefficients above degree 0 and
+/// scalars are all zero.
 fn flat_scene(degree: u8) -> (Gaussians, View) {
     let (gaussians, view) = scene(16_384, ImageSize { width: 96, height: 96 }, 0);
     let scalars = Some(vec![0.0; gaussians.len()]);
@@ -25,7 +25,7 @@ fn flat_scene(degree: u8) -> (Gaussians, View) {
     (Gaussians::new(parts).expect("Gaussians"), view)
 }
 
-/// Rounds of all variants in turn, so that what else the machine does falls on all of them alike.
+/// Alternates the variants, so that other load on the machine affects all of them equally.
 fn main() {
     const ROUNDS: usize = 200;
     let only = std::env::args().skip(1).find(|word| !word.starts_with("--"));
@@ -53,7 +53,7 @@ fn main() {
     }
 }
 
-/// What is rendered, and whether a plan is made first.
+/// What to render, and whether to plan first.
 struct Variant {
     name: &'static str,
     view: View,
@@ -64,28 +64,28 @@ struct Variant {
 impl Variant {
     fn render(&self, renderer: &mut CpuRenderer, gaussians: &Gaussians) -> Rendering<f32> {
         let Some(selection) = &self.selection else {
-            return renderer.render(gaussians, &self.view, &self.options).expect("a picture");
+            return renderer.render(gaussians, &self.view, &self.options).expect("an image");
         };
         let plan = EffectPlan::for_scene(gaussians, &self.view, &self.options, selection, EffectPlan::TOLERANCE);
-        plan.expect("a plan").render(renderer, gaussians).expect("a picture")
+        plan.expect("a plan").render(renderer, gaussians).expect("an image")
     }
 }
 
 fn variants(view: View) -> Vec<Variant> {
     let bare = RenderOptions { max_sh_degree: 0, ..RenderOptions::default() };
-    let in_vain = RenderOptions {
+    let without_effect = RenderOptions {
         exposure: Some(Exposure::IDENTITY),
         channels: Channels { scalar: true, ..Channels::default() },
         ..RenderOptions::default()
     };
-    let mut through = view;
-    through.camera.distortion = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+    let mut zero_lens = view;
+    zero_lens.camera.distortion = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
     let variant =
         |name, view, options: &RenderOptions, selection| Variant { name, view, options: options.clone(), selection };
     vec![
         variant("bare", view, &bare, None),
         variant("bare-auto", view, &bare, Some(EffectSelection::Auto)),
-        variant("in-vain-auto", through, &in_vain, Some(EffectSelection::Auto)),
-        variant("in-vain-all", through, &in_vain, Some(EffectSelection::All)),
+        variant("in-vain-auto", zero_lens, &without_effect, Some(EffectSelection::Auto)),
+        variant("in-vain-all", zero_lens, &without_effect, Some(EffectSelection::All)),
     ]
 }

@@ -24,7 +24,7 @@ pub(crate) fn reach(
     constants: &RendererConstants,
 ) -> Option<[[u32; 2]; 2]> {
     const TILE: f64 = 16.0;
-    // Much larger than any rounding error of the cut-off.
+    // Much larger than any rounding error of the threshold.
     const MARGIN: f64 = 0.01;
     if !(centre.abs().max_element() <= FARTHEST) {
         return None;

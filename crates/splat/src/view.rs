@@ -45,7 +45,7 @@ impl View {
             return Ok(());
         }
         let expected = format!("from {} to {} pixels a side", SIDES.start(), SIDES.end());
-        Err(SplatError::View { what: "picture", expected, found: self.size.to_string() })
+        Err(SplatError::View { what: "image size", expected, found: self.size.to_string() })
     }
 
     /// # Errors

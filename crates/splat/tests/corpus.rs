@@ -31,8 +31,8 @@ fn accepts(path: &Path) -> bool {
 fn splat_files() {
     let seeds = inputs("corpus", "splat_files");
     let accepted = seeds.iter().filter(|path| accepts(path)).count();
-    let refused = seeds.len() - accepted;
-    assert!(accepted >= 15 && refused >= 8, "{accepted} accepted, {refused} refused");
+    let rejected = seeds.len() - accepted;
+    assert!(accepted >= 15 && rejected >= 8, "{accepted} accepted, {rejected} rejected");
     for path in inputs("regressions", "splat_files") {
         accepts(&path);
     }

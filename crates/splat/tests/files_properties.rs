@@ -367,7 +367,7 @@ fn writes_extreme_values_within_the_format() {
     assert_eq!(back.opacity_logits, [20.0]);
 
     let folder = tempfile::tempdir().unwrap();
-    let refused = |change: &dyn Fn(&mut GaussianParts)| {
+    let rejected = |change: &dyn Fn(&mut GaussianParts)| {
         let mut parts = parts.clone();
         change(&mut parts);
         let error =
@@ -377,11 +377,11 @@ fn writes_extreme_values_within_the_format() {
         error.to_string()
     };
     for (expected, error) in [
-        ("no filter_3d", refused(&|parts| parts.filter_3d = Some(vec![0.1]))),
-        ("no scalars", refused(&|parts| parts.scalars = Some(vec![0.1]))),
-        ("finite centre", refused(&|parts| parts.means[0][1] = f32::NAN)),
-        ("a quaternion that is not zero", refused(&|parts| parts.quaternions[0] = [0.0; 4])),
-        ("centres within ±8388607", refused(&|parts| parts.means[0][1] = 1e7)),
+        ("no filter_3d", rejected(&|parts| parts.filter_3d = Some(vec![0.1]))),
+        ("no scalars", rejected(&|parts| parts.scalars = Some(vec![0.1]))),
+        ("finite centre", rejected(&|parts| parts.means[0][1] = f32::NAN)),
+        ("a quaternion that is not zero", rejected(&|parts| parts.quaternions[0] = [0.0; 4])),
+        ("centres within ±8388607", rejected(&|parts| parts.means[0][1] = 1e7)),
     ] {
         assert!(error.contains(expected), "{error}");
     }

@@ -42,11 +42,11 @@ fn names_are_unique() {
 }
 
 /// Renders with the reference, and introduces one error.
-struct Broken(fn(&mut Rendering<f32>), fn(&mut Gradients<f32>));
+struct Faulty(fn(&mut Rendering<f32>), fn(&mut Gradients<f32>));
 
-impl Renderer for Broken {
+impl Renderer for Faulty {
     fn name(&self) -> String {
-        "broken".to_owned()
+        "faulty".to_owned()
     }
 
     fn render(
@@ -81,9 +81,9 @@ impl Renderer for Broken {
 #[test]
 fn detects_errors() {
     let case = catalogue().into_iter().find(|case| case.name == "needle-end-on").unwrap();
-    let fails = |image: fn(&mut Rendering<f32>), derivative: fn(&mut Gradients<f32>)| {
-        let broken = Path { renderer: Box::new(Broken(image, derivative)), slack: 1.0 };
-        !rows(&case, &mut [broken]).unwrap().pop().unwrap().passes()
+    let fails = |image: fn(&mut Rendering<f32>), gradient: fn(&mut Gradients<f32>)| {
+        let faulty = Path { renderer: Box::new(Faulty(image, gradient)), slack: 1.0 };
+        !rows(&case, &mut [faulty]).unwrap().pop().unwrap().passes()
     };
     assert!(!fails(|_| {}, |_| {}), "no error");
     let images: [fn(&mut Rendering<f32>); 6] = [
@@ -97,7 +97,7 @@ fn detects_errors() {
     for (number, image) in images.into_iter().enumerate() {
         assert!(fails(image, |_| {}), "image {number}");
     }
-    let derivatives: [fn(&mut Gradients<f32>); 6] = [
+    let gradients: [fn(&mut Gradients<f32>); 6] = [
         |gradients| gradients.means.iter_mut().flatten().for_each(|value| *value *= 1.01),
         |gradients| gradients.quaternions[1][3] = f32::INFINITY,
         |gradients| gradients.log_scales[1] = [0.0; 3],
@@ -105,7 +105,7 @@ fn detects_errors() {
         |gradients| gradients.background[2] += 1.0,
         |gradients| gradients.pose[4] = -gradients.pose[4],
     ];
-    for (number, derivative) in derivatives.into_iter().enumerate() {
-        assert!(fails(|_| {}, derivative), "derivative {number}");
+    for (number, gradient) in gradients.into_iter().enumerate() {
+        assert!(fails(|_| {}, gradient), "gradient {number}");
     }
 }

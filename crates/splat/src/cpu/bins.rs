@@ -11,7 +11,7 @@ pub(super) const RUN: usize = 4096;
 /// Half-open range of tile columns, then of tile rows.
 pub(super) type Reach = [[u16; 2]; 2];
 
-/// The tiles of a picture.
+/// The tiles of an image.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub(super) struct Tiling {
     /// Side of a tile in pixels.
@@ -143,7 +143,7 @@ impl Bins {
         self.entries.clear();
         self.entries.resize(total as usize, Entry::default());
         for (((key, reach), splat), number) in self.reaches.iter().zip(splats).zip(first..) {
-            #[expect(clippy::cast_possible_truncation, reason = "renderers refuse more Gaussians than a u32 counts")]
+            #[expect(clippy::cast_possible_truncation, reason = "renderers reject more Gaussians than a u32 counts")]
             let number = number as u32;
             tiling.for_each_tile(*reach, splat, |tile| {
                 let next = &mut self.starts[tile + 1];

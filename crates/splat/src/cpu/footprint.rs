@@ -46,7 +46,7 @@ impl Footprints {
     /// The pixels in the bounding box of the ellipse on which alpha falls to `min_alpha`.
     #[inline(always)]
     fn reach<S: Simd>(&mut self, simd: S, screen: &Screen, view: &View, constants: &RendererConstants, at: usize) {
-        // Much larger than any rounding error of the cut-off.
+        // Much larger than any rounding error of the threshold.
         const MARGIN: f64 = 0.01;
         let splat = |value| Wide::splat(simd, value);
         let (zero, half) = (splat(0.0), splat(0.5));

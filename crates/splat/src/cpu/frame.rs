@@ -134,9 +134,9 @@ pub(super) fn check_count(what: &'static str, found: u64) -> Result<(), SplatErr
 /// Resizes the requested images to the view, and resets the census.
 fn resize_images(view: &View, options: &RenderOptions, rendering: &mut Rendering<f32>) {
     let pixels = view.pixels();
-    let fit = |image: &mut Option<Vec<f32>>, wanted: bool| match image {
-        Some(image) if wanted => image.resize(pixels, 0.0),
-        _ => *image = wanted.then(|| vec![0.0; pixels]),
+    let fit = |image: &mut Option<Vec<f32>>, requested: bool| match image {
+        Some(image) if requested => image.resize(pixels, 0.0),
+        _ => *image = requested.then(|| vec![0.0; pixels]),
     };
     let Rendering { size, rgb, alpha, depth, scalar, median_depth, census } = rendering;
     (*size, *census) = (view.size, Census::default());

@@ -178,10 +178,10 @@ impl Screen {
         };
         for lane in 0..CHUNK {
             let [slope, clamped_slope] = self.slope.each_ref().map(|rows| DVec2::new(rows[0][lane], rows[1][lane]));
-            let seen = (lens.distorted_from_undistorted(slope), lens.jacobian(clamped_slope));
-            self.visible[lane] = seen.0.is_ok() && seen.1.is_ok();
-            let (Ok(bent), Ok(jacobian)) = seen else { continue };
-            let centre = focal * bent + principal;
+            let mapped = (lens.distorted_from_undistorted(slope), lens.jacobian(clamped_slope));
+            self.visible[lane] = mapped.0.is_ok() && mapped.1.is_ok();
+            let (Ok(distorted), Ok(jacobian)) = mapped else { continue };
+            let centre = focal * distorted + principal;
             (self.centre[0][lane], self.centre[1][lane]) = (centre.x, centre.y);
             let [x, y] = [jacobian.x_axis * focal, jacobian.y_axis * focal];
             (self.lens[0][0][lane], self.lens[0][1][lane]) = (x.x, y.x);
@@ -321,7 +321,7 @@ impl Screen {
                 cut: footprints.cut[lane] * 1.001 + 0.001,
                 reach,
             };
-            #[expect(clippy::cast_possible_truncation, reason = "renderers refuse more Gaussians than a u32 counts")]
+            #[expect(clippy::cast_possible_truncation, reason = "renderers reject more Gaussians than a u32 counts")]
             positions.push(position as u32);
             census.drawn += 1;
         }

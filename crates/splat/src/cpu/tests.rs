@@ -12,17 +12,17 @@ fn rendered(gaussians: &Gaussians, view: &View, options: &RenderOptions, cpu: Cp
 /// Number of values that differ by more than `bound`, and the largest difference.
 fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len());
-    let mut most = 0.0f64;
+    let mut largest = 0.0f64;
     let mut count = 0;
     for (actual, expected) in actual.iter().zip(expected) {
-        let apart = (f64::from(*actual) - expected).abs();
-        assert!(apart.is_finite());
-        count += usize::from(apart > bound);
-        if apart > most {
-            most = apart;
+        let difference = (f64::from(*actual) - expected).abs();
+        assert!(difference.is_finite());
+        count += usize::from(difference > bound);
+        if difference > largest {
+            largest = difference;
         }
     }
-    (count, most)
+    (count, largest)
 }
 
 /// A few pixels may fall on the other side of a threshold, and change by 1/255 of a Gaussian.
@@ -30,14 +30,18 @@ fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) 
     assert_eq!(actual.census, expected.census, "{what}");
     let flat32: Vec<f32> = actual.rgb.iter().flatten().copied().collect();
     let flat64: Vec<f64> = expected.rgb.iter().flatten().copied().collect();
-    let (count, most) = beyond(&flat32, &flat64, 1e-5);
-    assert!(count * 1000 <= flat32.len() && most < 0.01, "{what}: {count} of {} samples, {most:.2e}", flat32.len());
-    let (count, most) = beyond(&actual.alpha, &expected.alpha, 1e-5);
-    assert!(count * 1000 <= actual.alpha.len() && most < 0.01, "{what}: alpha {count}, {most:.2e}");
+    let (count, largest) = beyond(&flat32, &flat64, 1e-5);
+    assert!(
+        count * 1000 <= flat32.len() && largest < 0.01,
+        "{what}: {count} of {} samples, {largest:.2e}",
+        flat32.len()
+    );
+    let (count, largest) = beyond(&actual.alpha, &expected.alpha, 1e-5);
+    assert!(count * 1000 <= actual.alpha.len() && largest < 0.01, "{what}: alpha {count}, {largest:.2e}");
     for (actual, expected) in [(&actual.depth, &expected.depth), (&actual.scalar, &expected.scalar)] {
         if let (Some(actual), Some(expected)) = (actual, expected) {
-            let (count, most) = beyond(actual, expected, 1e-4);
-            assert!(count * 1000 <= actual.len() && most < 0.1, "{what}: channel {count}, {most:.2e}");
+            let (count, largest) = beyond(actual, expected, 1e-4);
+            assert!(count * 1000 <= actual.len() && largest < 0.1, "{what}: channel {count}, {largest:.2e}");
         }
     }
     if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
@@ -145,11 +149,12 @@ fn gradients_match_the_reference() {
 
 fn assert_gradients_close(actual: &Gradients<f32>, expected: &Gradients<f64>, what: &str) {
     for ((name, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
-        let size = expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
+        let size =
+            expected.iter().fold(0.0f64, |largest, value| if value.abs() > largest { value.abs() } else { largest });
         assert_eq!(actual.len(), expected.len());
         for (actual, expected) in actual.iter().zip(expected) {
-            let apart = (f64::from(*actual) - expected).abs();
-            assert!(apart <= 1e-3 * size, "{what} {name}: {actual} against {expected}, size {size}");
+            let difference = (f64::from(*actual) - expected).abs();
+            assert!(difference <= 1e-3 * size, "{what} {name}: {actual} against {expected}, size {size}");
         }
     }
 }

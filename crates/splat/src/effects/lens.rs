@@ -32,7 +32,7 @@ impl Effect for LensEffect {
         };
         let moved = farthest_move(&lens, &request.view);
         if moved != 0.0 {
-            return Assessment::keep(format!("it moves the picture's border by {moved:.2e} pixels"));
+            return Assessment::keep(format!("it moves the image border by {moved:.2e} pixels"));
         }
         let mut reduced = request.clone();
         self.remove_from(&mut reduced);

@@ -40,7 +40,7 @@ pub enum GpuError {
         reason: String,
     },
     /// The driver or wgpu rejected a command.
-    #[error("{adapter}: refused: {reason}")]
+    #[error("{adapter}: rejected command: {reason}")]
     Refused {
         /// Name of the adapter.
         adapter: String,

@@ -206,7 +206,7 @@ fn list(
 ) -> Result<Lists, GpuError> {
     let (context, count) = (recorder.context(), u64::from(block.window[0]));
     let ranges = pool.get(context, "ranges", 0, 8 * window.tiles())?;
-    let with_owners = block.picture_flags() & flag::HAS_OWNERS != 0;
+    let with_owners = block.flags() & flag::HAS_OWNERS != 0;
     let owners = pool.get(context, "owners", 0, if with_owners { 4 * count } else { 4 })?;
     let sorted = pool.get(context, "sorted pairs", 0, 8 * count)?;
     let mut get = |name| pool.get(context, name, 0, 4 * count);

@@ -96,7 +96,7 @@ impl GpuGradients {
         for part in &self.parts {
             let count = part.count as usize;
             let bytes = |each: u64| 4 * each * u64::from(part.count);
-            let mut wanted = vec![
+            let mut sources = vec![
                 (&part.means, bytes(3)),
                 (&part.quaternions, bytes(4)),
                 (&part.log_scales, bytes(3)),
@@ -105,8 +105,8 @@ impl GpuGradients {
                 (&part.means_2d, bytes(2)),
                 (&part.conics, bytes(3)),
             ];
-            wanted.extend(part.scalars.as_ref().map(|scalars| (scalars, bytes(1))));
-            let read = context.read(&wanted)?;
+            sources.extend(part.scalars.as_ref().map(|scalars| (scalars, bytes(1))));
+            let read = context.read(&sources)?;
 
             let targets: [(&mut [f32], usize); 8] = [
                 (gradients.means.as_flattened_mut(), 3),

@@ -67,15 +67,15 @@ impl GpuRendering {
         let bytes = |strip: &GpuStrip| 16 * u64::from(strip.rows) * u64::from(self.size.width);
         let colours: Vec<_> = self.strips.iter().map(|strip| (&strip.colours, bytes(strip))).collect();
         let extras = self.strips.iter().filter_map(|strip| Some((strip.extras.as_ref()?, bytes(strip))));
-        let wanted: Vec<_> = colours.iter().copied().chain(extras).collect();
-        let read = context.read(&wanted)?;
+        let sources: Vec<_> = colours.iter().copied().chain(extras).collect();
+        let read = context.read(&sources)?;
         let (colours, extras) = read.split_at(colours.len());
         let fours = |strips: &[Vec<u8>]| -> Vec<[f32; 4]> {
             let numbers = strips.iter().flat_map(|bytes| bytes.as_chunks::<16>().0);
             numbers.map(|four| bytemuck::cast(*four)).collect()
         };
         let (colours, extras) = (fours(colours), fours(extras));
-        let of_extras = |wanted: bool, at: fn(&[f32; 4]) -> f32| wanted.then(|| extras.iter().map(at).collect());
+        let of_extras = |requested: bool, at: fn(&[f32; 4]) -> f32| requested.then(|| extras.iter().map(at).collect());
         Ok(Rendering {
             size: self.size,
             rgb: colours.iter().map(|[red, green, blue, _]| [*red, *green, *blue]).collect(),

@@ -22,9 +22,9 @@ struct Piece {
 impl Context {
     /// Waits for the device and reads the first bytes (whole words) of buffers. Their total may exceed the largest
     /// buffer.
-    pub(super) fn read(&self, wanted: &[(&wgpu::Buffer, u64)]) -> Result<Vec<Vec<u8>>, GpuError> {
+    pub(super) fn read(&self, sources: &[(&wgpu::Buffer, u64)]) -> Result<Vec<Vec<u8>>, GpuError> {
         let most = self.binding_limit.clamp(256, STAGING_LIMIT);
-        let lengths: Vec<u64> = wanted.iter().map(|(_, bytes)| *bytes).collect();
+        let lengths: Vec<u64> = sources.iter().map(|(_, bytes)| *bytes).collect();
         let loads = loads(&lengths, most);
         let mut read: Vec<Vec<u8>> =
             lengths.iter().map(|bytes| Vec::with_capacity(usize::try_from(*bytes).unwrap_or(0))).collect();
@@ -38,14 +38,14 @@ impl Context {
             mapped_at_creation: false,
         });
         for load in loads {
-            self.read_load(wanted, &load, &staging, &mut read)?;
+            self.read_load(sources, &load, &staging, &mut read)?;
         }
         Ok(read)
     }
 
     fn read_load(
         &self,
-        wanted: &[(&wgpu::Buffer, u64)],
+        sources: &[(&wgpu::Buffer, u64)],
         load: &[Piece],
         staging: &wgpu::Buffer,
         read: &mut [Vec<u8>],
@@ -54,7 +54,7 @@ impl Context {
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let mut at = 0;
         for Piece { buffer, from, bytes } in load {
-            encoder.copy_buffer_to_buffer(wanted[*buffer].0, *from, staging, at, *bytes);
+            encoder.copy_buffer_to_buffer(sources[*buffer].0, *from, staging, at, *bytes);
             at += bytes;
         }
         self.queue.submit([encoder.finish()]);

@@ -54,8 +54,8 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     let actual = actual.map(f64::from);
     for ((field, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
         let zeros = vec![0.0; expected.len()];
-        let apart = max_difference(actual, expected) / max_difference(expected, &zeros);
-        found(&format!("gradient of {field}"), apart, GRADIENT_BOUND)?;
+        let relative = max_difference(actual, expected) / max_difference(expected, &zeros);
+        found(&format!("gradient of {field}"), relative, GRADIENT_BOUND)?;
     }
     Ok(())
 }
@@ -117,6 +117,6 @@ fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
     if actual.len() != expected.len() {
         return f64::INFINITY;
     }
-    let apart = actual.iter().zip(expected).map(|(a, b)| (a - b).abs());
-    apart.fold(0.0, atsplat_numeric::Extremes::maximum_of)
+    let differences = actual.iter().zip(expected).map(|(a, b)| (a - b).abs());
+    differences.fold(0.0, atsplat_numeric::Extremes::maximum_of)
 }

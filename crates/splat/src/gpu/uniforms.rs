@@ -24,7 +24,7 @@ pub(super) struct ViewBlock {
     exposure: [[f32; 4]; 3],
     lens: [f32; 4],
     lens_more: [f32; 4],
-    picture: [u32; 4],
+    image: [u32; 4],
     pub(super) part: [u32; 4],
     pub(super) tiles: [u32; 4],
     pub(super) window: [u32; 4],
@@ -97,7 +97,7 @@ impl ViewBlock {
             exposure: exposure(options.exposure.unwrap_or(Exposure::IDENTITY)),
             lens,
             lens_more,
-            picture: [view.size.width, view.size.height, flags, 0],
+            image: [view.size.width, view.size.height, flags, 0],
             part: [0; 4],
             tiles: [0; 4],
             window: [0; 4],
@@ -106,13 +106,13 @@ impl ViewBlock {
 
     pub(super) const fn with_flag(mut self, flag: u32, on: bool) -> Self {
         if on {
-            self.picture[2] |= flag;
+            self.image[2] |= flag;
         }
         self
     }
 
-    pub(super) const fn picture_flags(&self) -> u32 {
-        self.picture[2]
+    pub(super) const fn flags(&self) -> u32 {
+        self.image[2]
     }
 
     pub(super) fn bytes(&self) -> &[u8] {

@@ -22,7 +22,7 @@ pub(super) fn cases() -> Vec<HardCase> {
         view.camera.distortion = Distortion::Fisheye { k: [0.05, -0.02, 0.004, -0.0004] };
         view
     };
-    let beside = (-6..=6).map(|n: i8| Sample { mean: [f32::from(n), 0.5, 1.5], ..SAMPLE });
+    let row_to_the_sides = (-6..=6).map(|n: i8| Sample { mean: [f32::from(n), 0.5, 1.5], ..SAMPLE });
     vec![
         case("one-pixel", "an image of one pixel", gaussians(row())).with_view(view_of_size(1, 1)),
         case("one-row", "an image one pixel high", gaussians(row())).with_view(view_of_size(67, 1)),
@@ -31,14 +31,14 @@ pub(super) fn cases() -> Vec<HardCase> {
             .with_view(view_of_size(33, 17)),
         case("barrel-lens", "a strong barrel lens", gaussians(row())).with_view(view_through(barrel)),
         case("folding-lens", "a lens that folds inside the image", gaussians(row())).with_view(view_through(folding)),
-        case("fisheye", "a fisheye of 120 degrees", gaussians(beside.clone())).with_view(fisheye),
+        case("fisheye", "a fisheye of 120 degrees", gaussians(row_to_the_sides.clone())).with_view(fisheye),
         case("telephoto", "a focal length of a thousand image widths", {
             let near =
                 |n: i8| Sample { mean: [0.0003 * f32::from(n), 0.0, 2.0], log_scales: [-9.0, -8.5, -8.0], ..SAMPLE };
             gaussians((-2..=2).map(near).chain([BACKDROP]))
         })
         .with_view(wide(1000.0, 1300.0)),
-        case("wide-angle", "a focal length of a twentieth of the image width", gaussians(beside))
+        case("wide-angle", "a focal length of a twentieth of the image width", gaussians(row_to_the_sides))
             .with_view(wide(0.05, 0.07)),
         case("from-the-side", "a view at a right angle", gaussians(row())).with_view(view_at(
             all_round,
@@ -53,7 +53,7 @@ pub(super) fn cases() -> Vec<HardCase> {
         case("away", "a camera that looks the other way", gaussians(row()))
             .with_view(view_at(all_round * all_round, DVec3::ZERO, [0.9, 1.2]))
             .with_census([0, 0, 8, 0, 0]),
-        case("beside-the-picture", "everything projects outside the image", {
+        case("row_to_the_sides-the-picture", "everything projects outside the image", {
             gaussians([Sample { mean: [40.0, 0.0, 2.0], ..SAMPLE }, Sample { mean: [0.0, -1e6, 2.0], ..SAMPLE }])
         })
         .with_view(View { ..view() })

@@ -71,9 +71,9 @@ impl Differences {
         let compared = self.of.len() as u64;
         let mut error = MeasuredError { name: "differences", absolute: 0.0, relative: 0.0, bound, compared };
         for Difference { parameter, value, size } in &self.of {
-            let apart = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
-            error.absolute = error.absolute.maximum_of(apart);
-            error.relative = error.relative.maximum_of(relative(apart, *size));
+            let difference = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
+            error.absolute = error.absolute.maximum_of(difference);
+            error.relative = error.relative.maximum_of(relative(difference, *size));
         }
         Ok(error)
     }

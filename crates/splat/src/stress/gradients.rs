@@ -27,9 +27,9 @@ pub(super) fn error(actual: &Gradients<f32>, expected: &Gradients<f64>, bound: f
     let pairs = actual.fields().into_iter().zip(expected.fields());
     for (((_, actual), (_, expected)), size) in pairs.zip(sizes(expected)) {
         for (actual, expected) in actual.iter().zip(expected) {
-            let apart = (f64::from(*actual) - expected).abs();
-            error.absolute = error.absolute.maximum_of(apart);
-            error.relative = error.relative.maximum_of(relative(apart, size));
+            let difference = (f64::from(*actual) - expected).abs();
+            error.absolute = error.absolute.maximum_of(difference);
+            error.relative = error.relative.maximum_of(relative(difference, size));
             error.compared += 1;
         }
     }
@@ -54,6 +54,6 @@ pub(super) fn sizes(gradients: &Gradients<f64>) -> [f64; 10] {
 
 /// The error relative to a size, which is at least f32's smallest normal number: image gradients are of order one, so
 /// smaller gradients are zero in f32.
-pub(super) fn relative(apart: f64, size: f64) -> f64 {
-    apart / size.maximum_of(f64::from(f32::MIN_POSITIVE))
+pub(super) fn relative(difference: f64, size: f64) -> f64 {
+    difference / size.maximum_of(f64::from(f32::MIN_POSITIVE))
 }

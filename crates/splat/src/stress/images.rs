@@ -33,9 +33,9 @@ pub(super) fn error(
                     continue;
                 }
                 for (actual, expected) in actual.iter().zip(expected) {
-                    let apart = (f64::from(*actual) - expected).abs() - jump.share * spread;
-                    error.absolute = error.absolute.maximum_of(apart);
-                    error.relative = error.relative.maximum_of(apart / size);
+                    let difference = (f64::from(*actual) - expected).abs() - jump.share * spread;
+                    error.absolute = error.absolute.maximum_of(difference);
+                    error.relative = error.relative.maximum_of(difference / size);
                     error.compared += 1;
                 }
             }

@@ -35,14 +35,14 @@ impl<'a> Text<'a> {
     pub(super) fn rows(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         mut take: impl FnMut(&[f64]),
     ) -> Result<(), Malformed> {
         if element.properties.is_empty() {
             return Ok(());
         }
-        let slots = slots(element, wanted);
-        let mut values = vec![0.0; wanted.len()];
+        let slots = slots(element, requested);
+        let mut values = vec![0.0; requested.len()];
         for _ in 0..element.count {
             let line = self.line()?;
             let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());

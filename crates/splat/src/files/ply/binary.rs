@@ -34,28 +34,28 @@ impl<'a> Binary<'a> {
     pub(super) fn rows(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         take: impl FnMut(&[f64]),
     ) -> Result<(), Malformed> {
         let is_list = |property: &Property<'_>| matches!(property.kind, Kind::List { .. });
         if element.properties.iter().any(is_list) {
-            self.rows_with_lists(element, wanted, take)
+            self.rows_with_lists(element, requested, take)
         } else {
-            self.fixed_size_rows(element, wanted, take)
+            self.fixed_size_rows(element, requested, take)
         }
     }
 
     fn fixed_size_rows(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         mut take: impl FnMut(&[f64]),
     ) -> Result<(), Malformed> {
         let size = Self::smallest_row(element);
         let total = usize::try_from(element.count).ok().and_then(|count| count.checked_mul(size));
         // Rows without properties take no bytes, however many there are.
         let bytes = self.bytes(if size == 0 { 0 } else { total.unwrap_or(usize::MAX) })?;
-        if wanted.is_empty() || size == 0 {
+        if requested.is_empty() || size == 0 {
             return Ok(());
         }
         let mut end = 0;
@@ -69,7 +69,7 @@ impl<'a> Binary<'a> {
         };
         let places: Vec<(usize, Scalar)> = element.properties.iter().filter_map(place).collect();
         let columns: Vec<(usize, Scalar)> =
-            wanted.iter().filter_map(|property| places.get(*property).copied()).collect();
+            requested.iter().filter_map(|property| places.get(*property).copied()).collect();
         let mut values = vec![0.0; columns.len()];
         for row in bytes.chunks_exact(size) {
             for (value, (offset, scalar)) in values.iter_mut().zip(&columns) {
@@ -83,11 +83,11 @@ impl<'a> Binary<'a> {
     fn rows_with_lists(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         mut take: impl FnMut(&[f64]),
     ) -> Result<(), Malformed> {
-        let slots = slots(element, wanted);
-        let mut values = vec![0.0; wanted.len()];
+        let slots = slots(element, requested);
+        let mut values = vec![0.0; requested.len()];
         for _ in 0..element.count {
             for (property, slot) in element.properties.iter().zip(&slots) {
                 match property.kind {
@@ -157,10 +157,10 @@ impl<'a> Binary<'a> {
     }
 }
 
-/// For each property of an element, its index in `wanted`.
-pub(super) fn slots(element: &Element<'_>, wanted: &[usize]) -> Vec<Option<usize>> {
+/// For each property of an element, its index in `requested`.
+pub(super) fn slots(element: &Element<'_>, requested: &[usize]) -> Vec<Option<usize>> {
     let mut slots = vec![None; element.properties.len()];
-    for (at, property) in wanted.iter().enumerate() {
+    for (at, property) in requested.iter().enumerate() {
         if let Some(slot) = slots.get_mut(*property) {
             *slot = Some(at);
         }

@@ -25,7 +25,7 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
     for element in &header.elements {
         if element.name == "vertex" {
             parts = columns.start(body.check_length(element)?);
-            body.rows(element, &columns.wanted, |row| columns.push(row, &mut parts))?;
+            body.rows(element, &columns.requested, |row| columns.push(row, &mut parts))?;
         } else {
             body.skip(element)?;
         }
@@ -38,7 +38,7 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
 
 /// Columns to read from a row: the required ones, then `f_rest`, then the optional ones.
 struct Columns {
-    wanted: Vec<usize>,
+    requested: Vec<usize>,
     sh_degree: u8,
     has_filter: bool,
     has_scalar: bool,
@@ -47,22 +47,22 @@ struct Columns {
 
 impl Columns {
     fn of(vertex: &Element<'_>) -> Result<Self, Malformed> {
-        let mut wanted = Vec::new();
+        let mut requested = Vec::new();
         for name in REQUIRED {
-            wanted.push(vertex.required(name)?);
+            requested.push(vertex.required(name)?);
         }
         let rest = vertex.properties.iter().filter(|property| property.name.starts_with("f_rest_")).count();
         let sh_degree = sh_degree(rest)?;
         for k in 0..rest {
-            wanted.push(vertex.required(&format!("f_rest_{k}"))?);
+            requested.push(vertex.required(&format!("f_rest_{k}"))?);
         }
         let (filter, scalar) = (vertex.scalar(FILTER), vertex.scalar(UNCERTAINTY));
-        wanted.extend(filter);
-        wanted.extend(scalar);
-        let is_unused = |at: usize, name: &str| !wanted.contains(&at) && !NORMALS.contains(&name);
+        requested.extend(filter);
+        requested.extend(scalar);
+        let is_unused = |at: usize, name: &str| !requested.contains(&at) && !NORMALS.contains(&name);
         let names = vertex.properties.iter().enumerate().filter(|(at, property)| is_unused(*at, property.name));
         let unused = names.map(|(_, property)| property.name.to_owned()).collect();
-        Ok(Self { wanted, sh_degree, has_filter: filter.is_some(), has_scalar: scalar.is_some(), unused })
+        Ok(Self { requested, sh_degree, has_filter: filter.is_some(), has_scalar: scalar.is_some(), unused })
     }
 
     /// Empty arrays with capacity for `count` Gaussians.

@@ -42,14 +42,14 @@ impl<'a> Body<'a> {
         }
     }
 
-    /// Reads the next element's rows and passes the `wanted` scalar properties of each to `take`, in that order.
+    /// Reads the next element's rows and passes the `requested` scalar properties of each to `take`, in that order.
     ///
     /// Checks first that the file is long enough, so that callers may allocate for the declared count.
-    fn rows(&mut self, element: &Element<'_>, wanted: &[usize], take: impl FnMut(&[f64])) -> Result<(), Malformed> {
+    fn rows(&mut self, element: &Element<'_>, requested: &[usize], take: impl FnMut(&[f64])) -> Result<(), Malformed> {
         self.check_length(element)?;
         match self {
-            Self::Ascii(text) => text.rows(element, wanted, take),
-            Self::Binary(binary) => binary.rows(element, wanted, take),
+            Self::Ascii(text) => text.rows(element, requested, take),
+            Self::Binary(binary) => binary.rows(element, requested, take),
         }
     }
 

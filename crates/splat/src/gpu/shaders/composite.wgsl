@@ -29,8 +29,8 @@ fn main(
         transmittance[r] = vec4(1.0);
         if has(RESUMES) {
             for (var n = 0u; n < 4u; n++) {
-                if row + r < view.picture.y && column + n < view.picture.x {
-                    let pixel = (row + r - view.window.z) * view.picture.x + column + n;
+                if row + r < view.image.y && column + n < view.image.x {
+                    let pixel = (row + r - view.window.z) * view.image.x + column + n;
                     let before = colours[pixel];
                     red[r][n] = before.x;
                     green[r][n] = before.y;
@@ -89,8 +89,8 @@ fn main(
     }
     for (var r = 0u; r < ROWS; r++) {
         for (var n = 0u; n < 4u; n++) {
-            if row + r < view.picture.y && column + n < view.picture.x {
-                let pixel = (row + r - view.window.z) * view.picture.x + column + n;
+            if row + r < view.image.y && column + n < view.image.x {
+                let pixel = (row + r - view.window.z) * view.image.x + column + n;
                 if has(PAUSES) {
                     colours[pixel] = vec4(red[r][n], green[r][n], blue[r][n], transmittance[r][n]);
                     if has(EXTRAS) {

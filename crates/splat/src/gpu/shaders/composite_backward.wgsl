@@ -42,8 +42,8 @@ fn main(
     for (var r = 0u; r < ROWS; r++) {
         transmittance[r] = vec4(-1.0);
         for (var n = 0u; n < 4u; n++) {
-            if row + r < view.picture.y && column + n < view.picture.x {
-                let pixel = 2u * ((row + r - view.window.z) * view.picture.x + column + n);
+            if row + r < view.image.y && column + n < view.image.x {
+                let pixel = 2u * ((row + r - view.window.z) * view.image.x + column + n);
                 let first = pixels[pixel];
                 let second = pixels[pixel + 1u];
                 transmittance[r][n] = second.z;
@@ -155,8 +155,8 @@ fn main(
     if has(PAUSES) {
         for (var r = 0u; r < ROWS; r++) {
             for (var n = 0u; n < 4u; n++) {
-                if row + r < view.picture.y && column + n < view.picture.x {
-                    let pixel = 2u * ((row + r - view.window.z) * view.picture.x + column + n);
+                if row + r < view.image.y && column + n < view.image.x {
+                    let pixel = 2u * ((row + r - view.window.z) * view.image.x + column + n);
                     pixels[pixel + 1u] = vec4(d_scalar[r][n], behind[r][n], transmittance[r][n], 0.0);
                 }
             }

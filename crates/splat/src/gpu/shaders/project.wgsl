@@ -58,7 +58,7 @@ fn main(
 }
 
 fn reach_of(g: Geometry) -> vec2<u32> {
-    let size = vec2(f32(view.picture.x), f32(view.picture.y));
+    let size = vec2(f32(view.image.x), f32(view.image.y));
     // Clamped far outside the image, so that nothing below overflows.
     let centre = clamp(vec2(g.centre_x.x, g.centre_y.x), vec2(-1e30), vec2(1e30));
     // Applied in two steps, because its square may overflow f32.

@@ -9,18 +9,18 @@ fn main(
     @builtin(local_invocation_index) local: u32,
 ) {
     let row = linear_index(group, groups, 64u, local);
-    if row * view.picture.x >= view.window.x {
+    if row * view.image.x >= view.window.x {
         return;
     }
     // Columns of this dispatch, limited like the entries of tile lists.
     let first = view.part.x;
-    let end = first + min(view.part.y, view.picture.x - first);
+    let end = first + min(view.part.y, view.image.x - first);
     var sum = vec4(0.0);
     if first > 0u {
         sum = rows[view.window.z + row];
     }
     for (var column = first; column < end; column++) {
-        sum += d_background[row * view.picture.x + column];
+        sum += d_background[row * view.image.x + column];
     }
     rows[view.window.z + row] = sum;
 }

@@ -24,7 +24,7 @@ struct View {
     // p2, p1, and the largest radius (perspective) or angle (fisheye) that the lens maps.
     lens_more: vec4<f32>,
     // Width, height, flags, zero.
-    picture: vec4<u32>,
+    image: vec4<u32>,
     // Gaussians of this part, index of its first, coefficients stored, degree evaluated. For tile lists: the first
     // entry of this pass, and the number of entries.
     part: vec4<u32>,
@@ -56,7 +56,7 @@ const PAUSES: u32 = 131072u;
 @group(0) @binding(0) var<uniform> view: View;
 
 fn has(flag: u32) -> bool {
-    return (view.picture.z & flag) != 0u;
+    return (view.image.z & flag) != 0u;
 }
 
 // Compilers may assume that no value is NaN or infinite, so this tests the bits.
