@@ -327,32 +327,22 @@ impl<T: Copy> Gradients<T> {
             pose: self.pose.map(number),
         }
     }
-
-    /// Stores one Gaussian's gradients.
-    pub(crate) fn store(
-        &mut self,
-        position: usize,
-        d_gaussian: &GaussianGradient,
-        d_splat: &SplatGradient,
-        number: impl Fn(f64) -> T + Copy,
-    ) {
-        let stored = self.sh.len() / self.means.len();
-        set(&mut self.means, position, d_gaussian.mean.to_array().map(number));
-        set(&mut self.quaternions, position, d_gaussian.quaternion.map(number));
-        set(&mut self.log_scales, position, d_gaussian.log_scales.to_array().map(number));
-        set(&mut self.opacity_logits, position, number(d_gaussian.logit));
-        set(&mut self.scalars, position, number(d_splat.scalar));
-        set(&mut self.means_2d, position, d_splat.centre.to_array().map(number));
-        set(&mut self.conics, position, d_splat.conic.to_array().map(number));
-        let own = self.sh.iter_mut().skip(position * stored).take(stored);
-        for (slot, value) in own.zip(d_gaussian.sh) {
-            *slot = value.map(number);
-        }
-    }
 }
 
-fn set<T>(values: &mut [T], position: usize, value: T) {
-    if let Some(slot) = values.get_mut(position) {
-        *slot = value;
+impl Gradients<f64> {
+    /// Stores one Gaussian's gradients.
+    pub(crate) fn store(&mut self, position: usize, d_gaussian: &GaussianGradient, d_splat: &SplatGradient) {
+        let stored = self.sh.len() / self.means.len();
+        self.means[position] = d_gaussian.mean.to_array();
+        self.quaternions[position] = d_gaussian.quaternion;
+        self.log_scales[position] = d_gaussian.log_scales.to_array();
+        self.opacity_logits[position] = d_gaussian.logit;
+        // Empty if the Gaussians have no scalars.
+        if let Some(slot) = self.scalars.get_mut(position) {
+            *slot = d_splat.scalar;
+        }
+        self.means_2d[position] = d_splat.centre.to_array();
+        self.conics[position] = d_splat.conic.to_array();
+        self.sh[position * stored..][..stored].copy_from_slice(&d_gaussian.sh[..stored]);
     }
 }

@@ -71,6 +71,21 @@ fn round_trip(gaussians: &Gaussians, output: Output) -> Gaussians {
     back
 }
 
+/// Without the fields that SPZ cannot store, and with non-zero quaternions.
+fn for_spz(gaussians: Gaussians) -> Gaussians {
+    let mut parts = gaussians.into_parts();
+    (parts.filter_3d, parts.scalars) = (None, None);
+    parts.quaternions.iter_mut().for_each(|quaternion| quaternion[0] += 1.0);
+    Gaussians::new(parts).unwrap()
+}
+
+/// Header of a PLY file of two Gaussians of degree 0.
+fn ply_header(format: &str) -> String {
+    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
+    format!("ply\nformat {format} 1.0\nelement vertex 2\n{properties}end_header\n")
+}
+
 fn rotation_difference(a: &[f32; 4], b: &[f32; 4]) -> f64 {
     let unit = |q: &[f32; 4]| {
         let norm = q.iter().map(|part| f64::from(*part).powi(2)).sum::<f64>().sqrt();
@@ -90,12 +105,7 @@ proptest! {
 
     #[test]
     fn spz_is_within_its_quantisation_steps(gaussians in gaussians(small()), output in prop::sample::select(&[Output::Spz2 { antialiased: true }, Output::Spz3 { antialiased: false }, Output::Spz3 { antialiased: true }][..])) {
-        let mut parts = gaussians.into_parts();
-        (parts.filter_3d, parts.scalars) = (None, None);
-        for quaternion in &mut parts.quaternions {
-            quaternion[0] += 1.0;
-        }
-        let gaussians = Gaussians::new(parts).unwrap();
+        let gaussians = for_spz(gaussians);
         let back = round_trip(&gaussians, output);
         let (old, new) = (gaussians.parts(), back.parts());
         let wide = |values: &[f32]| values.iter().map(|value| f64::from(*value)).collect::<Vec<_>>();
@@ -129,12 +139,7 @@ proptest! {
     /// Quantised values are stable when written again.
     #[test]
     fn spz_is_stable_after_one_round_trip(gaussians in gaussians(small())) {
-        let mut parts = gaussians.into_parts();
-        (parts.filter_3d, parts.scalars) = (None, None);
-        for quaternion in &mut parts.quaternions {
-            quaternion[0] += 1.0;
-        }
-        let once = round_trip(&Gaussians::new(parts).unwrap(), Output::Spz3 { antialiased: false });
+        let once = round_trip(&for_spz(gaussians), Output::Spz3 { antialiased: false });
         let twice = round_trip(&once, Output::Spz3 { antialiased: false });
         prop_assert_eq!(&once.parts().means, &twice.parts().means);
         prop_assert_eq!(&once.parts().log_scales, &twice.parts().log_scales);
@@ -289,16 +294,13 @@ fn rows_without_properties_cost_nothing() {
 #[test]
 fn rejects_rows_after_the_last() {
     let row = "0 1 2 1 0 0 0 -1 -2 -3 0.25 0.5 0.5 0.5\n";
-    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
-    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
-    let header = |format: &str| format!("ply\nformat {format} 1.0\nelement vertex 2\n{properties}end_header\n");
-    let text = |rows: &str| header("ascii") + rows;
+    let text = |rows: &str| ply_header("ascii") + rows;
     parse(text(&(row.repeat(2) + "\n \r\n")).as_bytes(), Path::new("f.ply")).unwrap();
     assert_eq!(
         error_of(text(&(row.repeat(2) + "\n" + &row.repeat(3))).as_bytes(), "f.ply"),
         "f.ply: line 22: expected the end of the file after the 2 rows of the header, found 3 more"
     );
-    let header = header("binary_little_endian");
+    let header = ply_header("binary_little_endian");
     let binary = |bytes: usize| [header.as_bytes(), &vec![0; bytes]].concat();
     let at = header.len() + 2 * 56;
     for (bytes, found) in [(3 * 56 + 5, "61 bytes, enough for 1 more"), (2 * 56 + 1, "1 bytes")] {
@@ -334,11 +336,8 @@ fn rejects_unknown_formats() {
 #[test]
 fn detects_opacities_that_may_not_be_logits() {
     let row = |opacity: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 {opacity} 0.5 0.5 0.5\n");
-    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
-    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
-    let header = format!("ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n");
     let suspected = |first: &str, second: &str| {
-        let text = header.clone() + &row(first) + &row(second);
+        let text = ply_header("ascii") + &row(first) + &row(second);
         parse(text.as_bytes(), Path::new("f.ply")).unwrap().1.opacities_may_be_no_logits
     };
     assert!(suspected("0.25", "1"));

@@ -2,11 +2,11 @@
 
 use rayon::prelude::*;
 
-use super::RasterParams;
 use super::batch::{BLOCK, CELL, Cell, LANES};
 use super::bins::Tiling;
 use super::composite::plane_count;
-use crate::Rendering;
+use super::{RasterParams, TileSize, has_extra_channels};
+use crate::{RenderOptions, Rendering, View};
 
 /// How a tiling's pixels are stored: cell by cell, each of them `stride` values.
 #[derive(Clone, Copy, Debug)]
@@ -23,6 +23,11 @@ impl Layout {
     pub(super) fn new(tiling: Tiling, extra: bool) -> Self {
         let cell = if tiling.side < CELL { tiling.side } else { CELL };
         Self { tiling, cells: tiling.side / cell, across: cell / BLOCK, extra }
+    }
+
+    /// The layout of a view's pixels.
+    pub(super) fn of(view: &View, options: &RenderOptions, tile: TileSize) -> Self {
+        Self::new(Tiling::new(view.size, tile.pixels()), has_extra_channels(options))
     }
 
     /// Number of values per cell.

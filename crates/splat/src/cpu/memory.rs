@@ -1,10 +1,10 @@
 //! Memory estimates, made before anything is allocated.
 
-use super::bins::{self, Entry, RUN, Tiling};
+use super::TileSize;
+use super::bins::{self, Entry, RUN};
 use super::composite_backward::SUMS;
 use super::frame::Frame;
 use super::images::Layout;
-use super::{TileSize, has_extra_channels};
 use crate::{Gaussians, RenderOptions, SplatError, View};
 
 /// Remainder of a memory limit.
@@ -33,7 +33,7 @@ impl MemoryBudget {
 
 /// Bytes of a view's [`Frame`], excluding tile lists, whose length is known later.
 pub(super) fn frame(gaussians: &Gaussians, view: &View, options: &RenderOptions, tile: TileSize) -> u64 {
-    let layout = Layout::new(Tiling::new(view.size, tile.pixels()), has_extra_channels(options));
+    let layout = Layout::of(view, options, tile);
     let pixels = times(4 * layout.per_tile(), layout.tiling.len());
     let starts = times(bins::start_bytes(layout.tiling), gaussians.len().div_ceil(RUN));
     times(super::frame::BYTES_EACH, gaussians.len()).saturating_add(pixels).saturating_add(starts)

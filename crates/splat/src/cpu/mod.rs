@@ -25,7 +25,6 @@ mod wide;
 
 use std::time::Instant;
 
-use bins::Tiling;
 use frame::Frame;
 use images::Layout;
 use memory::MemoryBudget;
@@ -97,6 +96,15 @@ pub struct Timings {
     pub write_secs: f64,
 }
 
+/// Gaussians to render to some views.
+#[derive(Clone, Copy)]
+struct Job<'a> {
+    gaussians: &'a Gaussians,
+    views: &'a [View],
+    options: &'a RenderOptions,
+    tile: TileSize,
+}
+
 /// Number of views that [`CpuRenderer::render_many`] projects together, if memory allows.
 const VIEW_BATCH: usize = 4;
 
@@ -146,7 +154,8 @@ impl CpuRenderer {
         rendering: &mut Rendering<f32>,
     ) -> Result<(), SplatError> {
         let tile = self.options.tile;
-        let frames = self.render_frames(gaussians, &[*view], options, tile, 0, &mut [rendering])?;
+        let job = Job { gaussians, views: &[*view], options, tile };
+        let frames = self.render_frames(job, 0, &mut [rendering])?;
         self.recycle(frames);
         Ok(())
     }
@@ -180,13 +189,13 @@ impl CpuRenderer {
         let mut timings = Timings::default();
         let mut done = 0;
         while done < views.len() {
-            let past = if done + batch < views.len() { done + batch } else { views.len() };
-            let (Some(now), Some(into)) = (views.get(done..past), renderings.get_mut(done..past)) else { break };
+            let end = if done + batch < views.len() { done + batch } else { views.len() };
+            let job = Job { gaussians, views: &views[done..end], options, tile };
             // The images of all other views are allocated too.
-            let others =
-                now.iter().fold(images, |rest, view| rest.saturating_sub(Rendering::<f32>::bytes(view, options)));
-            let mut into: Vec<_> = into.iter_mut().collect();
-            match self.render_frames(gaussians, now, options, tile, others, &mut into) {
+            let bytes = |rest: u64, view| rest.saturating_sub(Rendering::<f32>::bytes(view, options));
+            let others = job.views.iter().fold(images, bytes);
+            let mut outputs: Vec<_> = renderings[done..end].iter_mut().collect();
+            match self.render_frames(job, others, &mut outputs) {
                 Ok(frames) => self.recycle(frames),
                 Err(SplatError::Memory { .. }) if batch > 1 => {
                     batch = 1;
@@ -198,7 +207,7 @@ impl CpuRenderer {
             timings.bin_secs += self.timings.bin_secs;
             timings.raster_secs += self.timings.raster_secs;
             timings.write_secs += self.timings.write_secs;
-            done = past;
+            done = end;
         }
         self.timings = timings;
         Ok(renderings)
@@ -208,36 +217,31 @@ impl CpuRenderer {
     /// Frees spare frames if memory would not suffice otherwise.
     fn render_frames(
         &mut self,
-        gaussians: &Gaussians,
-        views: &[View],
-        options: &RenderOptions,
-        tile: TileSize,
+        job: Job<'_>,
         others: u64,
         renderings: &mut [&mut Rendering<f32>],
     ) -> Result<Vec<Frame>, SplatError> {
-        let kept = self.spare.len().saturating_sub(views.len());
+        let kept = self.spare.len().saturating_sub(job.views.len());
         let mut frames = self.spare.split_off(kept);
-        frames.resize_with(views.len(), Frame::default);
+        frames.resize_with(job.views.len(), Frame::default);
         let allocated_bytes =
             frames.iter().chain(&self.spare).fold(others, |sum, frame| sum.saturating_add(frame.allocated_bytes()));
         if allocated_bytes > others {
-            match self.fill_frames(gaussians, views, options, tile, (allocated_bytes, frames), renderings) {
+            match self.fill_frames(job, allocated_bytes, frames, renderings) {
                 Err(SplatError::Memory { .. }) => self.spare.clear(),
                 outcome => return outcome,
             }
         }
-        let frames = std::iter::repeat_with(Frame::default).take(views.len()).collect();
-        self.fill_frames(gaussians, views, options, tile, (others, frames), renderings)
+        let frames = std::iter::repeat_with(Frame::default).take(job.views.len()).collect();
+        self.fill_frames(job, others, frames, renderings)
     }
 
     /// Renders one view per frame, while `allocated_bytes` are already in use, and returns the frames.
     fn fill_frames(
         &mut self,
-        gaussians: &Gaussians,
-        views: &[View],
-        options: &RenderOptions,
-        tile: TileSize,
-        (allocated_bytes, mut frames): (u64, Vec<Frame>),
+        Job { gaussians, views, options, tile }: Job<'_>,
+        allocated_bytes: u64,
+        mut frames: Vec<Frame>,
         renderings: &mut [&mut Rendering<f32>],
     ) -> Result<Vec<Frame>, SplatError> {
         options.check()?;
@@ -252,10 +256,7 @@ impl CpuRenderer {
         }
         let (simd, mut clock) = (self.options.simd, Clock::start());
         for (frame, view) in frames.iter_mut().zip(views) {
-            frame.prepare(
-                gaussians.len(),
-                Layout::new(Tiling::new(view.size, tile.pixels()), has_extra_channels(options)),
-            );
+            frame.prepare(gaussians.len(), Layout::of(view, options, tile));
         }
         frame::project(gaussians, options, simd, &view_optics, &mut frames);
         self.timings = Timings { project_secs: clock.lap(), ..Timings::default() };

@@ -11,7 +11,7 @@ use super::images::Layout;
 use super::memory::{self, MemoryBudget};
 use super::order::Sorter;
 use super::scaled::Scaled;
-use super::{CpuOptions, CpuRenderer, RasterParams, SimdLevel, TileSize, bins};
+use super::{CpuOptions, CpuRenderer, Job, RasterParams, SimdLevel, TileSize, bins};
 use crate::constants::LARGEST_CHANNEL;
 use crate::renderer::saturated;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
@@ -44,7 +44,8 @@ impl CpuRenderer {
         let mut rendering = Rendering::blank(view);
         // Always one cell per tile, so that sums over a tile have a fixed order.
         let tile = TileSize::Pixels32;
-        let frames = self.render_frames(gaussians.borrow(), &[*view], options, tile, 0, &mut [&mut rendering])?;
+        let job = Job { gaussians: gaussians.borrow(), views: &[*view], options, tile };
+        let frames = self.render_frames(job, 0, &mut [&mut rendering])?;
         #[expect(clippy::expect_used, reason = "one view was rendered")]
         let frame = frames.into_iter().next().expect("a frame per view");
         let (view, options, cpu) = (*view, options.clone(), self.options);

@@ -22,11 +22,6 @@ impl Effect for Antialiasing {
         if request.options.constants.blur == 0.0 {
             return Assessment::remove(self, request, 0.0, "nothing is blurred, so nothing is compensated");
         }
-        let mut reduced = request.clone();
-        self.remove_from(&mut reduced);
-        match geometry::difference(gaussians, request, &reduced) {
-            None => Assessment::remove(self, request, 0.0, "it changes no Gaussian that is drawn"),
-            Some(difference) => Assessment::keep(difference),
-        }
+        geometry::remove_if_unused(self, gaussians, request, "it changes no Gaussian that is drawn")
     }
 }

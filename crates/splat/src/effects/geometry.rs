@@ -6,16 +6,31 @@
 
 use rayon::prelude::*;
 
-use super::Request;
+use super::{Assessment, Effect, Request};
 use crate::Gaussians;
 use crate::reference::project::{Splat, project};
 use crate::rendering::Culled;
 
 type Projected = Result<Box<Splat>, Culled>;
 
+/// Removes an effect without which every Gaussian projects identically, and keeps any other.
+pub(super) fn remove_if_unused(
+    effect: &dyn Effect,
+    gaussians: &Gaussians,
+    request: &Request,
+    reason: &str,
+) -> Assessment {
+    let mut reduced = request.clone();
+    effect.remove_from(&mut reduced);
+    match difference(gaussians, request, &reduced) {
+        None => Assessment { reduced: Some(reduced), bound: Some(0.0), reason: reason.to_owned() },
+        Some(difference) => Assessment::keep(difference),
+    }
+}
+
 /// Explains why images differ if Gaussians are projected as for `after` instead of `before`; `None` if no Gaussian
 /// changes.
-pub(super) fn difference(gaussians: &Gaussians, before: &Request, after: &Request) -> Option<String> {
+fn difference(gaussians: &Gaussians, before: &Request, after: &Request) -> Option<String> {
     let optics = |request: &Request| request.view.optics(&request.options.constants);
     let (Ok(optics_before), Ok(optics_after)) = (optics(before), optics(after)) else {
         return Some("the view is invalid, which rendering will report".to_owned());

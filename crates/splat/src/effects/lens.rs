@@ -34,12 +34,7 @@ impl Effect for LensEffect {
         if moved != 0.0 {
             return Assessment::keep(format!("it moves the image border by {moved:.2e} pixels"));
         }
-        let mut reduced = request.clone();
-        self.remove_from(&mut reduced);
-        match geometry::difference(gaussians, request, &reduced) {
-            None => Assessment::remove(self, request, 0.0, "it displacements no Gaussian that is drawn"),
-            Some(difference) => Assessment::keep(difference),
-        }
+        geometry::remove_if_unused(self, gaussians, request, "it moves no Gaussian that is drawn")
     }
 }
 

@@ -20,6 +20,9 @@ struct Sums {
     colours: wgpu::Buffer,
     /// Gradient of the background, per pixel row.
     rows: wgpu::Buffer,
+    /// Contributions to the pose gradient, per Gaussian.
+    rotations: wgpu::Buffer,
+    translations: wgpu::Buffer,
 }
 
 /// Records the backward pass into buffers allocated by `allocate`.
@@ -56,6 +59,8 @@ pub(super) fn record(
         seconds: pool.get(context, "second moments", 0, 16 * count)?,
         colours: pool.get(context, "colour gradient sums", 0, 16 * count)?,
         rows: pool.get(context, "background gradient sums", 0, 16 * rows)?,
+        rotations: pool.get(context, "rotation gradients", 0, 16 * count)?,
+        translations: pool.get(context, "translation gradients", 0, 16 * count)?,
     };
     for buffer in [&sums.firsts, &sums.seconds, &sums.colours] {
         recorder.clear(buffer, 16 * count);
@@ -63,33 +68,31 @@ pub(super) fn record(
     // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
     let capacity = pair_capacity(context, limits.memory_limit - needed, 84, 48);
     let windows = (images::windows(&strips, view), capacity);
-    let width = view.size.width;
     forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
         let strip = lists.window.strip;
-        let (Some(images), Some([_, rows])) = (images.strips.get(strip), strips.get(strip)) else { return Ok(()) };
-        differentiate(recorder, pool, &scene, lists, &sums, images, [width, *rows])
+        let size = [view.size.width, strips[strip][1]];
+        composite_backward(recorder, pool, &scene, lists, &sums, &images.strips[strip], size)
     })?;
 
     recorder.stage("project backward");
-    let pose = ["rotation gradients", "translation gradients"].map(|name| pool.get(context, name, 0, 16 * count));
-    let [rotation, translation] = pose;
-    let pose = [rotation?, translation?];
     let mut parts = Vec::new();
     let mut first = 0;
     for (at, part) in gaussians.parts.iter().enumerate() {
         let block = forward::part_block(&block, gaussians.sh_degree, options, part, first);
-        parts.push(part_gradients(recorder, pool, (&scene, &sums, &pose), (part, &block, at), &mut *allocate)?);
+        parts.push(part_gradients(recorder, pool, &scene, &sums, (part, &block, at), &mut *allocate)?);
         first += part.count;
     }
     let result = allocate(pool, "pose and background", 0, 48)?;
-    for (at, (vectors, count)) in [(&pose[0], count), (&pose[1], count), (&sums.rows, rows)].into_iter().enumerate() {
+    for (at, (vectors, count)) in
+        [(&sums.rotations, count), (&sums.translations, count), (&sums.rows, rows)].into_iter().enumerate()
+    {
         reduce(recorder, pool, vectors, count, (&result, 16 * at as u64))?;
     }
     Ok(GpuGradients { sh_degree: gaussians.sh_degree, parts, pose_and_background: result })
 }
 
 /// Backward pass of one window: pixels, their gradients, sums over each tile's pixels, sums over tiles.
-fn differentiate(
+fn composite_backward(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     scene: &Scene,
@@ -150,7 +153,8 @@ fn differentiate(
 fn part_gradients(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
-    (scene, sums, pose): (&Scene, &Sums, &[wgpu::Buffer; 2]),
+    scene: &Scene,
+    sums: &Sums,
     (part, block, at): (&GpuPart, &ViewBlock, usize),
     allocate: Allocate<'_>,
 ) -> Result<GpuGradientPart, GpuError> {
@@ -203,8 +207,8 @@ fn part_gradients(
         (&gradients.opacity_logits, 10, 1, 1, 0),
         (&gradients.means_2d, 11, 2, 2, 0),
         (&gradients.conics, 13, 3, 3, 0),
-        (&pose[0], 16, 3, 4, first),
-        (&pose[1], 19, 3, 4, first),
+        (&sums.rotations, 16, 3, 4, first),
+        (&sums.translations, 19, 3, 4, first),
     ];
     for (result, from, width, stride, first) in unpacked {
         let uniform = [words(&[count, from, width, stride]), words(&[first, 0, 0, 0])].concat();

@@ -53,7 +53,7 @@ pub(super) fn record(
     let capacity = pair_capacity(context, limits.memory_limit - needed, 32, 8);
     let windows = (images::windows(&strips, view), capacity);
     let census = forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
-        let Some((colours, extras)) = buffers.get(lists.window.strip) else { return Ok(()) };
+        let (colours, extras) = &buffers[lists.window.strip];
         composite(recorder, pool, &scene, lists, colours, extras.as_ref())
     })?;
     let strips = strips.iter().zip(buffers).map(|([first_row, rows], (colours, extras))| GpuStrip {

@@ -129,7 +129,7 @@ pub(crate) fn backward_unchecked(
     let optics = view.optics(&options.constants)?;
     for (splat, d_splat) in splats.iter().zip(&d_splats) {
         let d_gaussian = project_backward::gaussian_gradient(gaussians, &optics, options, splat, d_splat);
-        gradients.store(splat.position, &d_gaussian, d_splat, |value| value);
+        gradients.store(splat.position, &d_gaussian, d_splat);
         for (sum, value) in gradients.pose.iter_mut().zip(d_gaussian.pose.iter().flat_map(DVec3::to_array)) {
             *sum += value;
         }

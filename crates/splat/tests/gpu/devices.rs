@@ -2,7 +2,7 @@ use atsplat_camera::ImageSize;
 use atsplat_splat::gpu::{GpuError, GpuOptions, GpuRenderer};
 use atsplat_splat::{Renderer, SplatError, View};
 
-use crate::scenes::{cloud, everything, external_device, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{assert_identical, cloud, everything, external_device, gpu, open, view};
 
 /// The buffers of an image, and of the gradients, each fit the device, but not together.
 #[test]
@@ -13,11 +13,7 @@ fn reads_more_than_the_largest_buffer() {
     let (Some(mut gpu), Some((device, queue))) = (gpu(), external_device(small)) else { return };
     let mut limited = GpuRenderer::with_device(device, queue, GpuOptions::default()).unwrap();
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 71));
-    let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
-    assert!(limited.render(&gaussians, &view, &everything()).unwrap() == expected);
-    let images = narrow(&image_gradients(&view));
-    let expected = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
-    assert!(limited.backward(&gaussians, &view, &everything(), &images).unwrap() == expected);
+    assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
 }
 
 #[test]

@@ -3,7 +3,7 @@ use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, Threa
 use atsplat_splat::{RenderOptions, Renderer, RendererConstants, SplatError, reference};
 use atsplat_tests::skip;
 
-use crate::scenes::{assert_bound, cloud, everything, gpu, image_gradients, narrow, open, view};
+use crate::scenes::{assert_bound, assert_identical, cloud, everything, gpu, open, view};
 
 /// Parts of 640 Gaussians, strips of two tile rows, dispatches in two dimensions.
 #[test]
@@ -12,11 +12,7 @@ fn small_limits_give_identical_results() {
     let (Some(mut gpu), Some(mut limited)) = (gpu(), open(small)) else { return };
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 71));
     assert!(limited.strips(&view).unwrap().len() > 1 && gpu.strips(&view).unwrap().len() == 1);
-    let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
-    assert!(limited.render(&gaussians, &view, &everything()).unwrap() == expected);
-    let images = narrow(&image_gradients(&view));
-    let expected = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
-    assert!(limited.backward(&gaussians, &view, &everything(), &images).unwrap() == expected);
+    assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
 }
 
 /// The pixels per thread change no pixel; only sums over pixels round differently (bounded by the self-test).

@@ -5,7 +5,8 @@ use atsplat_splat::gpu::{GpuOptions, Threads};
 use atsplat_splat::{RenderOptions, Renderer, reference};
 
 use crate::scenes::{
-    assert_bound, cloud, everything, gpu, image_gradients, narrow, needles, open, specks, straight, view,
+    assert_bound, assert_identical, cloud, everything, gpu, image_gradients, narrow, needles, open, specks, straight,
+    view,
 };
 
 /// Lists are split over many dispatches, as required by drivers that limit loop iterations.
@@ -14,12 +15,8 @@ fn splitting_lists_gives_identical_results() {
     let few = GpuOptions { entries_limit: 37, ..GpuOptions::default() };
     let (Some(mut gpu), Some(mut limited)) = (gpu(), open(few)) else { return };
     let (gaussians, view) = (cloud(3000, 1, 7), view(97, 71));
-    let images = narrow(&image_gradients(&view));
     for options in [everything(), RenderOptions::default()] {
-        let expected = gpu.render(&gaussians, &view, &options).unwrap();
-        assert!(limited.render(&gaussians, &view, &options).unwrap() == expected);
-        let expected = gpu.backward(&gaussians, &view, &options, &images).unwrap();
-        assert!(limited.backward(&gaussians, &view, &options, &images).unwrap() == expected);
+        assert_identical(&mut limited, &mut gpu, &gaussians, &view, &options);
     }
 }
 

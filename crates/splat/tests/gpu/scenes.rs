@@ -5,7 +5,7 @@ use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
-use atsplat_splat::{Gaussians, Rendering, View};
+use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, View};
 use atsplat_tests::skip_without_graphics;
 use glam::{DMat3, DVec3};
 
@@ -127,4 +127,19 @@ fn within(actual: &[f64], expected: &[f64], bound: f64, what: &str) {
     let decibels = -10.0 * (squares / actual.len() as f64).log10();
     assert!(beyond * 10_000 <= actual.len(), "{what}: {beyond} of {} beyond 1/255", actual.len());
     assert!(decibels >= 60.0, "{what}: {decibels} dB");
+}
+
+/// Asserts that two renderers give bit-identical images and gradients.
+pub(crate) fn assert_identical(
+    actual: &mut GpuRenderer,
+    expected: &mut GpuRenderer,
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) {
+    let images = narrow(&image_gradients(view));
+    let rendering = expected.render(gaussians, view, options).unwrap();
+    assert!(actual.render(gaussians, view, options).unwrap() == rendering);
+    let gradients = expected.backward(gaussians, view, options, &images).unwrap();
+    assert!(actual.backward(gaussians, view, options, &images).unwrap() == gradients);
 }

@@ -161,9 +161,7 @@ impl<'a> Binary<'a> {
 pub(super) fn slots(element: &Element<'_>, requested: &[usize]) -> Vec<Option<usize>> {
     let mut slots = vec![None; element.properties.len()];
     for (at, property) in requested.iter().enumerate() {
-        if let Some(slot) = slots.get_mut(*property) {
-            *slot = Some(at);
-        }
+        slots[*property] = Some(at);
     }
     slots
 }
