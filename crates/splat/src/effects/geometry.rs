@@ -44,7 +44,7 @@ fn difference(gaussians: &Gaussians, before: &Request, after: &Request) -> Optio
     Some(format!("it changes where or how strongly Gaussian {moved} shows"))
 }
 
-/// All indices in growing_ranges steps: a difference is mostly found early.
+/// All indices in growing steps: a difference is mostly found early.
 fn growing_ranges(count: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
     const FIRST: usize = 256;
     let mut past = 0;

@@ -207,7 +207,7 @@ impl GpuRenderer {
     }
 
     /// Renders Gaussians on the device into buffers that stay there. Only the number of (tile, Gaussian) pairs is read
-    /// back, and the lengths of the tile lists if one may be very long. Stages are not timings, because it does not
+    /// back, and the lengths of the tile lists if one may be very long. Stages are not timed, because it does not
     /// wait for the device.
     ///
     /// # Errors
@@ -232,7 +232,7 @@ impl GpuRenderer {
     }
 
     /// Backward pass for Gaussians and image gradients on the device, into buffers that stay there. Non-finite image
-    /// gradients are not detected: the results become 0 or the largest f32. Stages are not timings.
+    /// gradients are not detected: the results become 0 or the largest f32. Stages are not timed.
     ///
     /// # Errors
     /// As [`crate::Renderer::backward`].

@@ -12,7 +12,7 @@ use crate::{
 
 /// Largest allowed difference of a pixel, in images with values of order one.
 const PIXEL_BOUND: f64 = 1e-4;
-/// Largest allowed difference of a gradient, relative to the max_difference of its field.
+/// Largest allowed difference of a gradient, relative to the largest of its field.
 const GRADIENT_BOUND: f64 = 1e-3;
 /// More than one block of work for every kernel.
 const COUNT: u16 = 2100;
@@ -112,7 +112,7 @@ fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
     ]
 }
 
-/// The max_difference difference; NaN if any is NaN, infinite if the lengths differ.
+/// The largest difference; NaN if any is NaN, infinite if the lengths differ.
 fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
     if actual.len() != expected.len() {
         return f64::INFINITY;
