@@ -69,16 +69,16 @@ impl CellGradient {
                 }
                 let composited = |plane: usize| pixels[plane * LANES + lane];
                 let gradient = images.at(row * width + column);
-                let through = composited(0).abs();
-                let mut behind = -through * gradient.alpha;
+                let transmittance = composited(0).abs();
+                let mut behind = -transmittance * gradient.alpha;
                 if extra {
                     behind += composited(4) * gradient.depth;
                     behind += if scalar_passes { composited(5) * gradient.scalar } else { 0.0 };
                 }
-                for (channel, by) in gradient.rgb.into_iter().enumerate() {
-                    behind += by * (composited(1 + channel) + through * params.background[channel]);
-                    background[channel] += f64::from(by) * f64::from(through);
-                    set(2 + channel, by);
+                for (channel, d_channel) in gradient.rgb.into_iter().enumerate() {
+                    behind += d_channel * (composited(1 + channel) + transmittance * params.background[channel]);
+                    background[channel] += f64::from(d_channel) * f64::from(transmittance);
+                    set(2 + channel, d_channel);
                 }
                 set(0, behind);
                 set(1, 1.0);
@@ -196,8 +196,9 @@ impl<S: Simd> BlockBackward<S> {
                 let d_weight = self.d_weight::<EXTRA>(simd, record, &planes, v);
                 planes[0][v] = simd.sub_f32s(planes[0][v], simd.mul_f32s(weight, d_weight));
                 planes[1][v] = after;
-                let left = simd.sub_f32s(one, alpha);
-                let d_alpha = simd.sub_f32s(simd.mul_f32s(before, d_weight), simd.div_f32s(planes[0][v], left));
+                let one_minus_alpha = simd.sub_f32s(one, alpha);
+                let d_alpha =
+                    simd.sub_f32s(simd.mul_f32s(before, d_weight), simd.div_f32s(planes[0][v], one_minus_alpha));
                 let e = simd.neg_f32s(simd.mul_f32s(full, d_alpha));
                 let mut e = masked(simd, hit, e);
                 if self.clamp_stops {

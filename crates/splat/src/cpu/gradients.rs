@@ -7,7 +7,7 @@ use super::colour::Basis;
 use super::composite_backward::SUMS;
 use super::project::Screen;
 use super::project::Splat;
-use super::project_backward::{At, GaussianGradients, SplatGradients};
+use super::project_backward::{ForwardState, GaussianGradients, SplatGradients};
 use super::shape::Shapes;
 use super::to_f32;
 use super::wide::CHUNK;
@@ -91,7 +91,7 @@ impl WithSimd for ProjectBackward<'_> {
         let parts = gaussians.parts();
         let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
         let (mut d_splat, mut d_gaussian) = (SplatGradients::zeroed(), GaussianGradients::zeroed());
-        let mut shares = Vec::with_capacity(positions.len());
+        let mut pose_gradients = Vec::with_capacity(positions.len());
         let mut drawn = positions.iter().zip(splats).zip(totals).peekable();
         for start in (first..end).step_by(CHUNK) {
             let within = |position: u32| (position as usize) < start + CHUNK;
@@ -122,14 +122,14 @@ impl WithSimd for ProjectBackward<'_> {
                     slot[lane] = value;
                 }
             }
-            d_gaussian.compute(simd, &At { shapes: &shapes, screen: &screen, optics, options }, &d_splat);
+            d_gaussian.compute(simd, &ForwardState { shapes: &shapes, screen: &screen, optics, options }, &d_splat);
             for lane in lanes.into_iter().take(count) {
                 rows.set_gaussian(start - first + lane, lane % CHUNK, &d_gaussian);
                 let [turn, shift] = d_gaussian.pose.each_ref().map(|rows| rows.each_ref().map(|row| row[lane % CHUNK]));
-                shares.push([turn[0], turn[1], turn[2], shift[0], shift[1], shift[2]]);
+                pose_gradients.push([turn[0], turn[1], turn[2], shift[0], shift[1], shift[2]]);
             }
         }
-        shares
+        pose_gradients
     }
 }
 

@@ -43,7 +43,7 @@ pub(super) struct GaussianGradients {
 }
 
 /// The forward values at which the gradient is evaluated.
-pub(super) struct At<'a> {
+pub(super) struct ForwardState<'a> {
     pub(super) shapes: &'a Shapes,
     pub(super) screen: &'a Screen,
     pub(super) optics: &'a Optics,
@@ -52,7 +52,7 @@ pub(super) struct At<'a> {
 
 impl GaussianGradients {
     #[inline(always)]
-    pub(super) fn compute<S: Simd>(&mut self, simd: S, at: &At<'_>, d_splat: &SplatGradients) {
+    pub(super) fn compute<S: Simd>(&mut self, simd: S, at: &ForwardState<'_>, d_splat: &SplatGradients) {
         for vector in 0..CHUNK / S::F64_LANES {
             self.through_covariance(simd, at, d_splat, vector);
         }
@@ -66,8 +66,8 @@ impl GaussianGradients {
 
     /// From splats to opacity and 2D covariance, then to rotation, scales and Jacobian.
     #[inline(always)]
-    fn through_covariance<S: Simd>(&mut self, simd: S, at: &At<'_>, d_splat: &SplatGradients, vector: usize) {
-        let At { shapes, screen, optics, options } = *at;
+    fn through_covariance<S: Simd>(&mut self, simd: S, at: &ForwardState<'_>, d_splat: &SplatGradients, vector: usize) {
+        let ForwardState { shapes, screen, optics, options } = *at;
         let splat = |value| Wide::splat(simd, value);
         let one = splat(1.0);
         let [e, ex, ey] = load3(simd, &d_splat.first, vector);
@@ -77,8 +77,8 @@ impl GaussianGradients {
         let blur = splat(options.constants.blur);
         let (xx, yy) = (uu + blur, vv + blur);
         // The conic is the inverse of [xx, uv; uv, yy].
-        let per = one / outer;
-        let (a, b, c) = (yy * per, -(uv * per), xx * per);
+        let inv_det = one / outer;
+        let (a, b, c) = (yy * inv_det, -(uv * inv_det), xx * inv_det);
         store2([-a.mul_add(ex, b * ey), -b.mul_add(ex, c * ey)], &mut self.centre, vector);
 
         // Gradient of the covariance: −½ Σ⁻¹ [exx, exy; exy, eyy] Σ⁻¹.
@@ -91,15 +91,15 @@ impl GaussianGradients {
         if options.mode == RasterMode::Antialiased {
             // −½ e (Σ⁻¹ − Σ'⁻¹), without and with the blur, unless the compensation is clamped.
             let (least, zero) = (splat(options.constants.min_compensation), splat(0.0));
-            let share = inner / outer;
-            let per_share = e * half / share;
-            let of = |cov2d: Wide<S>, blurred: Wide<S>| {
-                let slope = (cov2d * per - blurred * per * share) * per_share;
-                slope.where_above(share.sqrt(), least, zero)
+            let ratio = inner / outer;
+            let d_ratio = e * half / ratio;
+            let term = |cov2d: Wide<S>, blurred: Wide<S>| {
+                let slope = (cov2d * inv_det - blurred * inv_det * ratio) * d_ratio;
+                slope.where_above(ratio.sqrt(), least, zero)
             };
-            d_xx = d_xx + of(vv, yy);
-            d_xy = d_xy - of(uv, uv);
-            d_yy = d_yy + of(uu, xx);
+            d_xx = d_xx + term(vv, yy);
+            d_xy = d_xy - term(uv, uv);
+            d_yy = d_yy + term(uu, xx);
         }
 
         // Σ = V Vᵀ with V = J W R S.
@@ -144,8 +144,8 @@ impl GaussianGradients {
         for (row, value) in self.quaternion.iter_mut().zip([w, x, y, z]) {
             value.store(row, vector);
         }
-        let rest = Wide::load(simd, &shapes.odds, vector) * Wide::load(simd, &shapes.sigmoid, vector);
-        (-(e * rest)).store(&mut self.logit, vector);
+        let one_minus_sigmoid = Wide::load(simd, &shapes.odds, vector) * Wide::load(simd, &shapes.sigmoid, vector);
+        (-(e * one_minus_sigmoid)).store(&mut self.logit, vector);
 
         let columns = optics.rotation.transpose().to_cols_array_2d();
         let camera = [splat3(simd, columns[0]), splat3(simd, columns[1]), splat3(simd, columns[2])];
@@ -156,18 +156,18 @@ impl GaussianGradients {
 
     /// Gradient of the slope through the lens's Jacobian, lane by lane.
     #[inline(always)]
-    fn through_lens(&mut self, at: &At<'_>) {
-        let At { screen, optics, .. } = *at;
+    fn through_lens(&mut self, at: &ForwardState<'_>) {
+        let ForwardState { screen, optics, .. } = *at;
         let Some(lens) = &optics.lens else { return };
         for lane in 0..CHUNK {
             let [slope, clamped_slope] =
                 [0, 1].map(|of| DVec2::new(screen.slope[of][0][lane], screen.slope[of][1][lane]));
             let rows = [0, 1].map(|row| {
-                let by = &self.d_jacobian[row];
-                (DVec2::new(by[0][lane], by[1][lane]) - clamped_slope * by[2][lane]) / screen.depth[lane]
+                let d_row = &self.d_jacobian[row];
+                (DVec2::new(d_row[0][lane], d_row[1][lane]) - clamped_slope * d_row[2][lane]) / screen.depth[lane]
             });
-            let more = through_lens(lens, clamped_slope, optics.focal, rows);
-            (self.d_slope[0][lane], self.d_slope[1][lane]) = (more.x, more.y);
+            let extra = through_lens(lens, clamped_slope, optics.focal, rows);
+            (self.d_slope[0][lane], self.d_slope[1][lane]) = (extra.x, extra.y);
             let lens_jacobian = lens.jacobian(slope).unwrap_or(glam::DMat2::ZERO);
             let [x, y] = [lens_jacobian.x_axis * optics.focal, lens_jacobian.y_axis * optics.focal];
             (self.lens_jacobian[0][0][lane], self.lens_jacobian[0][1][lane]) = (x.x, y.x);
@@ -177,8 +177,8 @@ impl GaussianGradients {
 
     /// From centre, depth, Jacobian and view direction to mean and pose.
     #[inline(always)]
-    fn through_projection<S: Simd>(&mut self, simd: S, at: &At<'_>, d_splat: &SplatGradients, vector: usize) {
-        let At { screen, optics, options, .. } = *at;
+    fn through_projection<S: Simd>(&mut self, simd: S, at: &ForwardState<'_>, d_splat: &SplatGradients, vector: usize) {
+        let ForwardState { screen, optics, options, .. } = *at;
         let splat = |value| Wide::splat(simd, value);
         let zero = splat(0.0);
         let depth = Wide::load(simd, &screen.depth, vector);
@@ -233,7 +233,7 @@ impl GaussianGradients {
 
 /// Gradient of the mean through the view direction: the tangential component divided by the distance.
 #[inline(always)]
-fn through_direction<S: Simd>(simd: S, at: &At<'_>, d_splat: &SplatGradients, vector: usize) -> [Wide<S>; 3] {
+fn through_direction<S: Simd>(simd: S, at: &ForwardState<'_>, d_splat: &SplatGradients, vector: usize) -> [Wide<S>; 3] {
     let by = load3(simd, &d_splat.direction, vector);
     let by = match at.options.constants.sh_axes {
         ShAxes::Standard => by,
@@ -264,8 +264,8 @@ fn combine2<S: Simd>([a, b]: [[Wide<S>; 3]; 2], [p, q]: [Wide<S>; 2]) -> [Wide<S
 /// Gradient of an unnormalised quaternion `w, x, y, z`, given the gradients `g` of its rotation matrix's columns.
 #[inline(always)]
 fn d_quaternion<S: Simd>([w, x, y, z]: [Wide<S>; 4], g: [[Wide<S>; 3]; 3]) -> [Wide<S>; 4] {
-    let per = w.of(1.0) / w.mul_add(w, x.mul_add(x, y.mul_add(y, z * z))).sqrt();
-    let (w, x, y, z) = (w * per, x * per, y * per, z * per);
+    let inv_det = w.of(1.0) / w.mul_add(w, x.mul_add(x, y.mul_add(y, z * z))).sqrt();
+    let (w, x, y, z) = (w * inv_det, x * inv_det, y * inv_det, z * inv_det);
     let two = w.of(2.0);
     // g[column][row]
     let (turn_x, turn_y, turn_z) = (g[1][2] - g[2][1], g[2][0] - g[0][2], g[0][1] - g[1][0]);
@@ -275,5 +275,10 @@ fn d_quaternion<S: Simd>([w, x, y, z]: [Wide<S>; 4], g: [[Wide<S>; 3]; 3]) -> [W
     let d_y = (dot([w, x, z], [turn_y, even_xy, even_yz]) - two * y * (g[0][0] + g[2][2])) * two;
     let d_z = (dot([w, x, y], [turn_z, even_xz, even_yz]) - two * z * (g[0][0] + g[1][1])) * two;
     let radial = w.mul_add(d_w, dot([x, y, z], [d_x, d_y, d_z]));
-    [(d_w - w * radial) * per, (d_x - x * radial) * per, (d_y - y * radial) * per, (d_z - z * radial) * per]
+    [
+        (d_w - w * radial) * inv_det,
+        (d_x - x * radial) * inv_det,
+        (d_y - y * radial) * inv_det,
+        (d_z - z * radial) * inv_det,
+    ]
 }

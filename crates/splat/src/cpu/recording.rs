@@ -150,7 +150,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         let tile_offsets = tile_offsets(&frame.bins, tiling.len());
         let total = tile_offsets[tiling.len()];
         let CpuOptions { simd, memory_limit, .. } = self.cpu;
-        let sums = std::mem::take(&mut frame.sums);
+        let mut sums = std::mem::take(&mut frame.sums);
         let mut budget = MemoryBudget::new(memory_limit);
         budget.reserve(Rendering::<f32>::bytes(&self.view, &self.options))?;
         budget.reserve(frame.allocated_bytes())?;
@@ -158,7 +158,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         let Scaled { images, unit } = Scaled::of(images, largest, &self.options);
         let images = &*images;
         gradients.fit(gaussians);
-        let mut sums = sums;
+
         sums.resize(total, [0.0; SUMS]);
         let params = RasterParams {
             options: &self.options,
@@ -173,7 +173,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         let coefficients = crate::sh_coefficients(gaussians.sh_degree());
         let run_offsets = run_offsets(bins, &tile_offsets, tiling.len());
         let rows = Rows::of(gradients, bins::RUN, coefficients);
-        let shares: Vec<Vec<[f64; 6]>> = rows
+        let pose_gradients: Vec<Vec<[f64; 6]>> = rows
             .into_par_iter()
             .zip(runs)
             .zip(bins)
@@ -209,7 +209,7 @@ impl<G: Borrow<Gaussians>> Recording<G> {
             .collect();
         // Summed in order over the drawn Gaussians only, so that run boundaries and culled Gaussians do not matter.
         let mut pose = [0.0; 6];
-        for share in shares.into_iter().flatten() {
+        for share in pose_gradients.into_iter().flatten() {
             for (sum, value) in pose.iter_mut().zip(share) {
                 *sum += value;
             }

@@ -28,15 +28,15 @@ pub(super) const SOURCES: [&str; 4] = [
 /// Compares an image and its gradients with the reference.
 pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage)) -> Result<(), GpuError> {
     let adapter = renderer.context.name.clone();
-    let unfit = |error: SplatError| match error {
+    let into_gpu_error = |error: SplatError| match error {
         SplatError::Gpu(error) => error,
         other => GpuError::Refused { adapter: adapter.clone(), reason: other.to_string() },
     };
-    let Case { gaussians, view, options, images } = Case::new().map_err(unfit)?;
+    let Case { gaussians, view, options, images } = Case::new().map_err(into_gpu_error)?;
     begins(ProbeStage::Picture);
-    let expected = reference::render(&gaussians, &view, &options).map_err(unfit)?;
-    let actual = renderer.render(&gaussians, &view, &options).map_err(unfit)?;
-    let found = |what: &str, difference: f64, bound: f64| {
+    let expected = reference::render(&gaussians, &view, &options).map_err(into_gpu_error)?;
+    let actual = renderer.render(&gaussians, &view, &options).map_err(into_gpu_error)?;
+    let check = |what: &str, difference: f64, bound: f64| {
         let (adapter, what) = (adapter.clone(), what.to_owned());
         // Fails for NaN.
         if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
@@ -44,18 +44,18 @@ pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage))
     let counts =
         [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_picture]);
     let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
-    found("census", miscounted as f64, 0.0)?;
+    check("census", miscounted as f64, 0.0)?;
     for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
-        found(what, max_difference(actual, &expected), PIXEL_BOUND)?;
+        check(what, max_difference(actual, &expected), PIXEL_BOUND)?;
     }
     begins(ProbeStage::Derivative);
-    let expected = reference::backward(&gaussians, &view, &options, &images).map_err(unfit)?;
-    let actual = renderer.backward(&gaussians, &view, &options, &images.map(saturated)).map_err(unfit)?;
+    let expected = reference::backward(&gaussians, &view, &options, &images).map_err(into_gpu_error)?;
+    let actual = renderer.backward(&gaussians, &view, &options, &images.map(saturated)).map_err(into_gpu_error)?;
     let actual = actual.map(f64::from);
     for ((field, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
         let zeros = vec![0.0; expected.len()];
         let relative = max_difference(actual, expected) / max_difference(expected, &zeros);
-        found(&format!("gradient of {field}"), relative, GRADIENT_BOUND)?;
+        check(&format!("gradient of {field}"), relative, GRADIENT_BOUND)?;
     }
     Ok(())
 }
@@ -92,12 +92,13 @@ impl Case {
             channels: Channels { depth: true, scalar: true, median_depth: false },
             ..RenderOptions::default()
         };
-        let ripple = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
+        let wave_image =
+            |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
         let images = ImageGradients {
-            rgb: ripple(0.0).into_iter().map(|value| [value, 0.5 - value, value * value]).collect(),
-            alpha: Some(ripple(1.0)),
-            depth: Some(ripple(2.0)),
-            scalar: Some(ripple(3.0)),
+            rgb: wave_image(0.0).into_iter().map(|value| [value, 0.5 - value, value * value]).collect(),
+            alpha: Some(wave_image(1.0)),
+            depth: Some(wave_image(2.0)),
+            scalar: Some(wave_image(3.0)),
         };
         Ok(Self { gaussians: Gaussians::new(parts)?, view, options, images })
     }

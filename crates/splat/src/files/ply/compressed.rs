@@ -8,26 +8,11 @@
 
 use super::gaussians::sh_degree;
 use super::header::{Element, Header, Kind, Scalar};
-use super::{Body, Format, Malformed, Stored};
+use super::{Body, Format, Malformed, Stored, interleaved};
 use crate::GaussianParts;
 use crate::files::{dc, logit, with_largest_component};
 
 const CHUNK: u64 = 256;
-const RANGES: [&str; 12] = [
-    "min_x",
-    "min_y",
-    "min_z",
-    "max_x",
-    "max_y",
-    "max_z",
-    "min_scale_x",
-    "min_scale_y",
-    "min_scale_z",
-    "max_scale_x",
-    "max_scale_y",
-    "max_scale_z",
-];
-const COLOUR_RANGES: [&str; 6] = ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"];
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
 pub(super) fn matches(header: &Header<'_>) -> bool {
@@ -47,17 +32,15 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
         return Err(Malformed::new("element \"sh\"", format!("{vertices} rows"), sh.count.to_string()));
     }
     let degree = sh_degree(sh.map_or(0, |sh| sh.properties.len()))?;
-    let columns = header.elements.iter().map(required_columns).collect::<Result<Vec<_>, _>>()?;
+    let columns_by_element = header.elements.iter().map(required_columns).collect::<Result<Vec<_>, _>>()?;
 
     // The elements may come in any order, so vertices are unpacked after all have been read.
     let (mut chunks, mut vertices, mut rest) = (Vec::new(), Vec::new(), Vec::new());
-    for (element, required_columns) in header.elements.iter().zip(&columns) {
+    for (element, columns) in header.elements.iter().zip(&columns_by_element) {
         match element.name {
-            "chunk" => body.rows(element, required_columns, |row| chunks.push(Chunk::of(row)))?,
-            "vertex" => body.rows(element, required_columns, |row| vertices.push(packed(row)))?,
-            "sh" => {
-                body.rows(element, required_columns, |row| rest.extend(row.iter().map(|byte| coefficient(*byte))))?
-            }
+            "chunk" => body.rows(element, columns, |row| chunks.push(Chunk::of(row)))?,
+            "vertex" => body.rows(element, columns, |row| vertices.push(packed(row)))?,
+            "sh" => body.rows(element, columns, |row| rest.extend(row.iter().map(|byte| coefficient(*byte))))?,
             _ => body.skip(element)?,
         }
     }
@@ -71,8 +54,7 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
     for (vertices, chunk) in vertices.chunks(256).zip(&chunks) {
         for vertex in vertices {
             chunk.unpack(*vertex, &mut parts);
-            let [red, green, blue] = channels(higher(), per_channel);
-            parts.sh.extend(red.iter().zip(green).zip(blue).map(|((red, green), blue)| [*red, *green, *blue]));
+            parts.sh.extend(interleaved(higher(), per_channel));
         }
     }
     let known = ["chunk", "vertex", "sh"];
@@ -81,12 +63,18 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, M
     Ok(Stored { parts, format: Format::CompressedPly, unused, antialiased: None })
 }
 
+/// Names of a chunk's ranges, in triples of minima and maxima.
+fn range_names(has_colours: bool) -> Vec<String> {
+    let groups = [("", "xyz"), ("scale_", "xyz"), ("", "rgb")];
+    let ends =
+        groups.into_iter().take(if has_colours { 3 } else { 2 }).flat_map(|group| [("min", group), ("max", group)]);
+    ends.flat_map(|(end, (prefix, axes))| axes.chars().map(move |axis| format!("{end}_{prefix}{axis}"))).collect()
+}
+
 /// Indices of the required properties of an element.
 fn required_columns(element: &Element<'_>) -> Result<Vec<usize>, Malformed> {
-    let has_colours = element.scalar(COLOUR_RANGES[0]).is_some();
     let names = match element.name {
-        "chunk" if has_colours => RANGES.iter().chain(&COLOUR_RANGES).map(|name| (*name).to_owned()).collect(),
-        "chunk" => RANGES.map(str::to_owned).to_vec(),
+        "chunk" => range_names(element.scalar("min_r").is_some()),
         "vertex" => PACKED.map(str::to_owned).to_vec(),
         "sh" => (0..element.properties.len()).map(|k| format!("f_rest_{k}")).collect(),
         _ => Vec::new(),
@@ -104,12 +92,6 @@ fn required_columns(element: &Element<'_>) -> Result<Vec<usize>, Malformed> {
 fn packed(row: &[f64]) -> [u32; 4] {
     let row = row.first_chunk().unwrap_or_else(|| unreachable!("four properties are read"));
     row.map(|value: f64| value as u32)
-}
-
-fn channels(rest: &[f32], per_channel: usize) -> [&[f32]; 3] {
-    let (red, rest) = rest.split_at(per_channel);
-    let (green, blue) = rest.split_at(per_channel);
-    [red, green, blue]
 }
 
 /// Maps 0 and 255 to the ends of the range, and the rest to the middles of 256 steps.

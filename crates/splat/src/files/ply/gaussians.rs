@@ -2,7 +2,7 @@
 //! `filter_3D` (autonomousvision/mip-splatting, same file) and ATSplat's `uncertainty`.
 
 use super::header::{Element, Header};
-use super::{Body, Format, Malformed, Stored};
+use super::{Body, Format, Malformed, Stored, interleaved};
 use crate::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
 
 /// Required properties, in the order in which rows are read.
@@ -90,12 +90,9 @@ impl Columns {
         parts.log_scales.push([s0, s1, s2].map(narrow));
         parts.opacity_logits.push(narrow(opacity));
         parts.sh.push([red, green, blue].map(narrow));
-        // f_rest holds all of red, then all of green, then all of blue.
         let per_channel = sh_coefficients(self.sh_degree) - 1;
         let (rest, optional) = optional.split_at(3 * per_channel);
-        let (red, rest) = rest.split_at(per_channel);
-        let (green, blue) = rest.split_at(per_channel);
-        parts.sh.extend(red.iter().zip(green).zip(blue).map(|((red, green), blue)| [red, green, blue].map(narrow)));
+        parts.sh.extend(interleaved(rest, per_channel).map(|rgb| rgb.map(|value| narrow(&value))));
         let mut optional = optional.iter().map(narrow);
         for column in [&mut parts.filter_3d, &mut parts.scalars].into_iter().flatten() {
             column.extend(optional.next());

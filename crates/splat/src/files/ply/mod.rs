@@ -26,6 +26,13 @@ pub(super) fn read(bytes: &[u8]) -> Result<Stored, Malformed> {
     Ok(stored)
 }
 
+/// RGB coefficients from `f_rest`, which holds all of red, then all of green, then all of blue.
+fn interleaved<T: Copy>(rest: &[T], per_channel: usize) -> impl Iterator<Item = [T; 3]> {
+    let (red, rest) = rest.split_at(per_channel);
+    let (green, blue) = rest.split_at(per_channel);
+    red.iter().zip(green).zip(blue).map(|((red, green), blue)| [*red, *green, *blue])
+}
+
 /// The rows after the header, element by element.
 enum Body<'a> {
     Ascii(Text<'a>),
