@@ -125,8 +125,16 @@ impl WithSimd for ProjectBackward<'_> {
             d_gaussian.compute(simd, &ForwardState { shapes: &shapes, screen: &screen, optics, options }, &d_splat);
             for lane in lanes.into_iter().take(count) {
                 rows.set_gaussian(start - first + lane, lane % CHUNK, &d_gaussian);
-                let [turn, shift] = d_gaussian.pose.each_ref().map(|rows| rows.each_ref().map(|row| row[lane % CHUNK]));
-                pose_gradients.push([turn[0], turn[1], turn[2], shift[0], shift[1], shift[2]]);
+                let [rotation, translation] =
+                    d_gaussian.pose.each_ref().map(|rows| rows.each_ref().map(|row| row[lane % CHUNK]));
+                pose_gradients.push([
+                    rotation[0],
+                    rotation[1],
+                    rotation[2],
+                    translation[0],
+                    translation[1],
+                    translation[2],
+                ]);
             }
         }
         pose_gradients

@@ -264,8 +264,8 @@ fn combine2<S: Simd>([a, b]: [[Wide<S>; 3]; 2], [p, q]: [Wide<S>; 2]) -> [Wide<S
 /// Gradient of an unnormalised quaternion `w, x, y, z`, given the gradients `g` of its rotation matrix's columns.
 #[inline(always)]
 fn d_quaternion<S: Simd>([w, x, y, z]: [Wide<S>; 4], g: [[Wide<S>; 3]; 3]) -> [Wide<S>; 4] {
-    let inv_det = w.of(1.0) / w.mul_add(w, x.mul_add(x, y.mul_add(y, z * z))).sqrt();
-    let (w, x, y, z) = (w * inv_det, x * inv_det, y * inv_det, z * inv_det);
+    let inv_norm = w.of(1.0) / w.mul_add(w, x.mul_add(x, y.mul_add(y, z * z))).sqrt();
+    let (w, x, y, z) = (w * inv_norm, x * inv_norm, y * inv_norm, z * inv_norm);
     let two = w.of(2.0);
     // g[column][row]
     let (turn_x, turn_y, turn_z) = (g[1][2] - g[2][1], g[2][0] - g[0][2], g[0][1] - g[1][0]);
@@ -276,9 +276,9 @@ fn d_quaternion<S: Simd>([w, x, y, z]: [Wide<S>; 4], g: [[Wide<S>; 3]; 3]) -> [W
     let d_z = (dot([w, x, y], [turn_z, even_xz, even_yz]) - two * z * (g[0][0] + g[1][1])) * two;
     let radial = w.mul_add(d_w, dot([x, y, z], [d_x, d_y, d_z]));
     [
-        (d_w - w * radial) * inv_det,
-        (d_x - x * radial) * inv_det,
-        (d_y - y * radial) * inv_det,
-        (d_z - z * radial) * inv_det,
+        (d_w - w * radial) * inv_norm,
+        (d_x - x * radial) * inv_norm,
+        (d_y - y * radial) * inv_norm,
+        (d_z - z * radial) * inv_norm,
     ]
 }
