@@ -1,55 +1,37 @@
-//! What is not called for costs nothing: a bare request, and one that asks for everything in vain, in turn.
+//! Unneeded effects cost nothing: times a bare request, and one with effects that change nothing, alternately.
 //!
-//! A word runs one variant alone, so that `perf stat` can count its instructions.
+//! An argument selects a single variant, so that `perf stat` can count its instructions.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
+
+mod scene;
 
 use std::hint::black_box;
 use std::io::Write as _;
 use std::time::Instant;
 
-use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
+use atsplat_camera::{Distortion, ImageSize};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectPlan, EffectSelection};
-use atsplat_splat::{Channels, Exposure, GaussianParts, Gaussians, RenderOptions, Rendering, View, sh_coefficients};
-use glam::{DMat3, DVec3};
+use atsplat_splat::{Channels, Exposure, GaussianParts, Gaussians, RenderOptions, Rendering, View};
+use scene::scene;
 
-const COUNT: usize = 16_384;
-const SIZE: ImageSize = ImageSize { width: 96, height: 96 };
-
-/// Gaussians 0.6 pixels wide at smooth depths, few enough that a round is over before the machine turns to something
-/// else; harmonics above degree 0 are all zero.
-fn scene(degree: u8) -> (Gaussians, View) {
-    let intrinsics = NormalizedIntrinsics::new(0.9, 0.9, 0.5, 0.5).expect("intrinsics");
-    let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).expect("a pose");
-    let focal = 0.9 * SIZE.width as f32;
-    let mut state = 1u32;
-    let mut uniform = move || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
-    let mut parts = GaussianParts { sh_degree: degree, scalars: Some(vec![0.0; COUNT]), ..GaussianParts::default() };
-    for _ in 0..COUNT {
-        let (u, v) = (uniform() * SIZE.width as f32, uniform() * SIZE.height as f32);
-        let depth = 3.0 + (u * 0.02).sin() + (v * 0.03).cos() + 0.1 * uniform();
-        let (x, y) = ((u - 0.5 * SIZE.width as f32) / focal, (v - 0.5 * SIZE.height as f32) / focal);
-        parts.means.push([x * depth, y * depth, depth]);
-        parts.quaternions.push([1.0, uniform(), uniform(), uniform()]);
-        parts.log_scales.push([(0.6 * depth / focal).ln(); 3]);
-        parts.opacity_logits.push(4.0 * uniform() - 1.0);
-        parts.sh.push([uniform(), uniform(), uniform()]);
-        parts.sh.extend((1..sh_coefficients(degree)).map(|_| [0.0; 3]));
-    }
-    (Gaussians::new(parts).expect("Gaussians"), View { camera: Camera::pinhole(pose, intrinsics), size: SIZE })
+/// Few enough Gaussians that a round finishes before the scheduler interrupts it; SH coefficients above degree 0 and
+/// scalars are all zero.
+fn flat_scene(degree: u8) -> (Gaussians, View) {
+    let (gaussians, view) = scene(16_384, ImageSize { width: 96, height: 96 }, 0);
+    let scalars = Some(vec![0.0; gaussians.len()]);
+    let parts = GaussianParts { scalars, ..gaussians.with_sh_degree(degree).into_parts() };
+    (Gaussians::new(parts).expect("Gaussians"), view)
 }
 
-/// Rounds of all variants in turn, so that what else the machine does falls on all of them alike.
+/// Alternates the variants, so that other load on the machine affects all of them equally.
 fn main() {
     const ROUNDS: usize = 200;
     let only = std::env::args().skip(1).find(|word| !word.starts_with("--"));
     let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().expect("a thread");
     for degree in [0, 3] {
-        let (gaussians, view) = scene(degree);
+        let (gaussians, view) = flat_scene(degree);
         let variants: Vec<Variant> =
             variants(view).into_iter().filter(|own| only.as_ref().is_none_or(|only| own.name == only)).collect();
         let mut renderer = CpuRenderer::default();
@@ -71,7 +53,7 @@ fn main() {
     }
 }
 
-/// What is rendered, and whether a plan is made first.
+/// What to render, and whether to plan first.
 struct Variant {
     name: &'static str,
     view: View,
@@ -82,28 +64,28 @@ struct Variant {
 impl Variant {
     fn render(&self, renderer: &mut CpuRenderer, gaussians: &Gaussians) -> Rendering<f32> {
         let Some(selection) = &self.selection else {
-            return renderer.render(gaussians, &self.view, &self.options).expect("a picture");
+            return renderer.render(gaussians, &self.view, &self.options).expect("an image");
         };
         let plan = EffectPlan::for_scene(gaussians, &self.view, &self.options, selection, EffectPlan::TOLERANCE);
-        plan.expect("a plan").render(renderer, gaussians).expect("a picture")
+        plan.expect("a plan").render(renderer, gaussians).expect("an image")
     }
 }
 
 fn variants(view: View) -> Vec<Variant> {
     let bare = RenderOptions { max_sh_degree: 0, ..RenderOptions::default() };
-    let in_vain = RenderOptions {
+    let without_effect = RenderOptions {
         exposure: Some(Exposure::IDENTITY),
         channels: Channels { scalar: true, ..Channels::default() },
         ..RenderOptions::default()
     };
-    let mut through = view;
-    through.camera.distortion = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+    let mut zero_lens = view;
+    zero_lens.camera.distortion = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
     let variant =
         |name, view, options: &RenderOptions, selection| Variant { name, view, options: options.clone(), selection };
     vec![
         variant("bare", view, &bare, None),
         variant("bare-auto", view, &bare, Some(EffectSelection::Auto)),
-        variant("in-vain-auto", through, &in_vain, Some(EffectSelection::Auto)),
-        variant("in-vain-all", through, &in_vain, Some(EffectSelection::All)),
+        variant("in-vain-auto", zero_lens, &without_effect, Some(EffectSelection::Auto)),
+        variant("in-vain-all", zero_lens, &without_effect, Some(EffectSelection::All)),
     ]
 }

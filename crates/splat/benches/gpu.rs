@@ -1,7 +1,7 @@
-//! The scenes of `render.rs` on a graphics adapter: `gpu [--adapter NAME] [--rounds N] [--only WORD] [--export FOLDER]`.
+//! The scenes of `render.rs` on a GPU: `gpu [--adapter NAME] [--rounds N] [--only WORD] [--export FOLDER]`.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
-#![expect(clippy::print_stdout, reason = "its result is what it prints")]
+#![expect(clippy::print_stdout, reason = "a benchmark prints its results")]
 
 mod scene;
 
@@ -41,14 +41,14 @@ fn main() {
         let images =
             ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
         let resident = gpu.upload(&gaussians).expect("memory");
-        let picture = gpu.render_resident(&resident, &view, &options).expect("a picture");
-        let rgb = gpu.read(&picture).expect("a picture").rgb;
+        let image = gpu.render_resident(&resident, &view, &options).expect("an image");
+        let rgb = gpu.read(&image).expect("an image").rgb;
         let mean = [0, 1, 2].map(|channel| {
             rgb.iter().filter_map(|rgb| rgb.get(channel)).map(|value| f64::from(*value)).sum::<f64>() / rgb.len() as f64
         });
         println!("{name} mean colour: {:.4} {:.4} {:.4}", mean[0], mean[1], mean[2]);
-        // A picture is as good a gradient as any.
-        let strips = picture.strips.iter();
+        // Any image will do as a gradient.
+        let strips = image.strips.iter();
         let resident_images = GpuImageGradients {
             strips: strips.map(|strip| GpuStripGradients { colours: strip.colours.clone(), extras: None }).collect(),
         };
@@ -66,7 +66,7 @@ fn main() {
                 .collect();
             secs.sort_by(f64::total_cmp);
             let [least, median] = [0, secs.len() / 2].map(|at| 1e3 * secs.get(at).copied().unwrap_or(f64::NAN));
-            // What stays on the device is not timed by stages.
+            // Passes that stay on the device have no stage timings.
             let stages = if what.contains("host") { gpu.stages() } else { Vec::new() };
             let stages: Vec<String> =
                 stages.iter().map(|Stage { name, secs }| format!("{name} {:.1}", 1e3 * secs)).collect();
@@ -77,18 +77,18 @@ fn main() {
             );
         };
         timed("forward from the host", &mut |gpu| {
-            gpu.render(&gaussians, &view, &options).expect("a picture");
+            gpu.render(&gaussians, &view, &options).expect("an image");
         });
         timed("forward on the device", &mut |gpu| {
-            let rendering = gpu.render_resident(&resident, &view, &options).expect("a picture");
-            gpu.read(&rendering).expect("a picture");
+            let rendering = gpu.render_resident(&resident, &view, &options).expect("an image");
+            gpu.read(&rendering).expect("an image");
         });
         timed("backward on the device", &mut |gpu| {
-            gpu.backward_resident(&resident, &view, &options, &resident_images).expect("derivatives");
+            gpu.backward_resident(&resident, &view, &options, &resident_images).expect("gradients");
             gpu.device().poll(wgpu::PollType::wait_indefinitely()).expect("a device");
         });
         timed("backward from the host", &mut |gpu| {
-            gpu.backward(&gaussians, &view, &options, &images).expect("derivatives");
+            gpu.backward(&gaussians, &view, &options, &images).expect("gradients");
         });
     }
 }

@@ -1,4 +1,4 @@
-//! What feed-forward methods put out: a Gaussian per input pixel, small and near its surface.
+//! Scenes like the output of feed-forward methods: one Gaussian per input pixel, small and near its surface.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
 
@@ -29,7 +29,7 @@ fn forward(criterion: &mut Criterion) {
             let options = RenderOptions::default();
             group.bench_function(format!("{name}, {threads} threads"), |bencher| {
                 bencher.iter(|| {
-                    pool.install(|| renderer.render(black_box(&gaussians), &view, &options)).expect("a picture")
+                    pool.install(|| renderer.render(black_box(&gaussians), &view, &options)).expect("an image")
                 });
             });
         }
@@ -37,7 +37,7 @@ fn forward(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// The derivative of the first scene, by colour: what one step of training adds to rendering.
+/// The backward pass of the first scene for a colour loss: what a training step adds to rendering.
 fn backward(criterion: &mut Criterion) {
     let (gaussians, view) = scene(131_072, ImageSize { width: 256, height: 256 }, 0);
     let images = ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
@@ -48,8 +48,7 @@ fn backward(criterion: &mut Criterion) {
         let (mut renderer, options) = (CpuRenderer::default(), RenderOptions::default());
         group.bench_function(format!("131072 to 256x256, degree 0, {threads} threads"), |bencher| {
             bencher.iter(|| {
-                pool.install(|| renderer.backward(black_box(&gaussians), &view, &options, &images))
-                    .expect("derivatives")
+                pool.install(|| renderer.backward(black_box(&gaussians), &view, &options, &images)).expect("gradients")
             });
         });
     }

@@ -1,4 +1,4 @@
-//! How time grows with Gaussians, pixels and threads, and how far it is from what the processor could do.
+//! How time scales with Gaussians, pixels and threads, and how far it is from the hardware limit.
 //!
 //! `cargo bench -p atsplat-splat --bench scaling` prints the tables of `benches/README.md`.
 
@@ -15,12 +15,12 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Gaussians, RenderOptions, View, reference, sh_coefficients};
 use scene::scene;
 
-/// Rounds at least, and seconds after which no further round begins.
+/// Minimum number of rounds, and seconds after which no further round begins.
 const ROUNDS: usize = 5;
 const BUDGET_SECS: f64 = 2.0;
 
-/// Vector lanes per second of one core with two 8-lane FMA ports at 3 GHz: 11 cycles for the 21 operations that one
-/// vector of Gaussian–pixel pairs takes.
+/// Gaussian–pixel pairs per second of one core with two 8-lane FMA ports at 3 GHz: 11 cycles for the 21 operations of
+/// one vector of pairs.
 const LANES_PER_SEC: f64 = 2.1e9;
 
 fn main() {
@@ -73,8 +73,8 @@ fn report(name: &str, secs: f64, gaussians: &Gaussians, view: &View, bandwidth: 
     );
 }
 
-/// Gaussian–pixel pairs on which a Gaussian has at least `min_alpha`, and the least time they and the memory traffic
-/// take one core: what early stopping saves is not counted.
+/// Gaussian–pixel pairs on which a Gaussian has at least `min_alpha`, and the minimum time that they and the memory
+/// traffic take on one core, without the savings of early stopping.
 fn floor(gaussians: &Gaussians, view: &View, bandwidth: f64) -> (f64, f64) {
     let options = RenderOptions::default();
     let splats = reference::project(gaussians, view, &options).expect("a view");
@@ -83,20 +83,20 @@ fn floor(gaussians: &Gaussians, view: &View, bandwidth: f64) -> (f64, f64) {
         2.0 * std::f64::consts::PI * (splat.opacity / options.constants.min_alpha).ln() / (a * c - b * b).sqrt()
     };
     let pairs: f64 = splats.iter().flatten().map(area).sum();
-    // Read once: 11 numbers and the harmonics. A record of 48 bytes written and read, three passes of sorting
-    // 8 bytes out and in, a list entry of 4 bytes written and read.
+    // Per Gaussian: 11 values and the SH coefficients read once, a 48-byte record written and read, three sorting
+    // passes over 8 bytes written and read, and a 4-byte list entry written and read.
     let own = 4 * (11 + 3 * sh_coefficients(gaussians.parts().sh_degree));
     let bytes = gaussians.len() as f64 * (own + 2 * 48 + 3 * 2 * 8 + 2 * 4) as f64;
     (pairs, pairs / LANES_PER_SEC + bytes / bandwidth)
 }
 
-/// Seconds of rendering from world space to pixels.
+/// Median seconds of a rendering, from world space to pixels.
 fn median(threads: usize, gaussians: &Gaussians, view: &View) -> f64 {
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("threads");
     let (mut renderer, options) = (CpuRenderer::default(), RenderOptions::default());
     let mut once = || {
         let start = Instant::now();
-        black_box(pool.install(|| renderer.render(gaussians, view, &options)).expect("a picture"));
+        black_box(pool.install(|| renderer.render(gaussians, view, &options)).expect("an image"));
         start.elapsed().as_secs_f64()
     };
     once();
@@ -109,7 +109,7 @@ fn median(threads: usize, gaussians: &Gaussians, view: &View) -> f64 {
     samples[samples.len() / 2]
 }
 
-/// Bytes per second that one core copies, read and written counted.
+/// Memory bandwidth of one core when copying, counting reads and writes.
 fn bandwidth() -> f64 {
     const BYTES: usize = 256 << 20;
     let (from, mut to) = (vec![1u8; BYTES], vec![0u8; BYTES]);
@@ -122,7 +122,7 @@ fn bandwidth() -> f64 {
     copies.fold(0.0, f64::maximum_of)
 }
 
-/// Exponents of `time ∝ n^e` by least squares on logarithms: of all points, and of the last three.
+/// Exponents of `time ∝ n^e` by least squares on logarithms, over all points and over the last three.
 fn fitted(what: &str, points: &[(f64, f64)]) -> String {
     let exponent = |points: &[(f64, f64)]| {
         let logs: Vec<(f64, f64)> = points.iter().map(|(n, secs)| (n.ln(), secs.ln())).collect();

@@ -1,4 +1,4 @@
-//! Where the time goes, stage by stage: `cargo bench -p atsplat-splat --bench stages [-- part of a scene's name]`.
+//! Time per stage: `cargo bench -p atsplat-splat --bench stages [-- part of a scene's name]`.
 
 #![expect(clippy::expect_used, clippy::print_stdout, reason = "a benchmark stops at the first error, and prints")]
 
@@ -37,7 +37,7 @@ fn main() {
     }
 }
 
-/// The same Gaussians as networks put them out: those behind one patch of 8×8 pixels after the other.
+/// The same Gaussians in the order of network outputs: patch by patch of 8×8 pixels.
 fn by_patch(gaussians: &Gaussians, view: &View) -> Gaussians {
     const PATCH: f32 = 8.0;
     let focal = 0.9 * view.size.width as f32;
@@ -53,29 +53,29 @@ fn by_patch(gaussians: &Gaussians, view: &View) -> Gaussians {
 }
 
 fn rounds(gaussians: &Gaussians, view: &View) {
-    // Derivatives are taken in tiles of 32 pixels; so that buffers are shared, views are too.
+    // The backward pass uses tiles of 32 pixels; the forward pass does too, so that buffers are shared.
     let mut renderer = CpuRenderer::new(CpuOptions { tile: TileSize::Pixels32, ..CpuOptions::default() });
     let options = RenderOptions::default();
     let images = ImageGradients { rgb: vec![[1.0, 0.5, -0.5]; view.pixels()], alpha: None, depth: None, scalar: None };
-    let mut rendering = renderer.render(gaussians, view, &options).expect("a picture");
-    let mut gradients = renderer.backward(gaussians, view, &options, &images).expect("derivatives");
+    let mut rendering = renderer.render(gaussians, view, &options).expect("an image");
+    let mut gradients = renderer.backward(gaussians, view, &options, &images).expect("gradients");
     let views = [*view; 4];
     let mut times: [Vec<f64>; 9] = Default::default();
     for _ in 0..ROUNDS {
         let cpu = thread_secs();
         let clock = Instant::now();
-        renderer.render_into(black_box(gaussians), view, &options, &mut rendering).expect("a picture");
+        renderer.render_into(black_box(gaussians), view, &options, &mut rendering).expect("an image");
         let forward = clock.elapsed().as_secs_f64();
         let cpu = thread_secs() - cpu;
         let timings = renderer.timings();
         let mut recording = renderer.record(gaussians, view, &options).expect("a recording");
         let clock = Instant::now();
-        recording.backward_into(&images, &mut gradients).expect("derivatives");
+        recording.backward_into(&images, &mut gradients).expect("gradients");
         let backward = clock.elapsed().as_secs_f64();
         black_box(&gradients);
         renderer.reuse(recording);
         let clock = Instant::now();
-        drop(black_box(renderer.render_many(gaussians, &views, &options).expect("pictures")));
+        drop(black_box(renderer.render_many(gaussians, &views, &options).expect("images")));
         let each_of_many = clock.elapsed().as_secs_f64() / views.len() as f64;
         let round = [
             forward,
@@ -107,7 +107,7 @@ fn rounds(gaussians: &Gaussians, view: &View) {
     }
 }
 
-/// Seconds that this thread has been running, where Linux tells: other work on the machine counts less.
+/// CPU seconds of this thread on Linux, which are less affected by other load.
 fn thread_secs() -> f64 {
     let text = std::fs::read_to_string("/proc/thread-self/schedstat").unwrap_or_default();
     let nanos = text.split(' ').next().and_then(|nanos| nanos.parse::<f64>().ok());

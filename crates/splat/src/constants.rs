@@ -2,48 +2,50 @@ use serde::{Deserialize, Serialize};
 
 use crate::SplatError;
 
-/// Largest colour channel or scalar of a Gaussian that is drawn, in magnitude; one beyond it counts as invalid. Far
-/// from anything that means a colour, and far enough from f32's range that no sum or derivative overflows.
+/// Largest magnitude of a drawn Gaussian's colour channels and scalar; a Gaussian beyond it counts as invalid. Far
+/// above any real colour, and far enough below f32's maximum that no sum or gradient overflows.
 pub const LARGEST_CHANNEL: f64 = 1e12;
 
-/// Smallest [`RendererConstants::min_alpha`]: exponentials in f32 stop at 2⁻²⁰, where whoever asked for less would see
-/// a Gaussian's falloff turn into a plateau.
+/// Smallest [`RendererConstants::min_alpha`]: the f32 exponential is cut off at 2⁻²⁰, so a smaller threshold would turn
+/// a Gaussian's falloff into a plateau.
 pub const SMALLEST_MIN_ALPHA: f64 = 1e-6;
 
-/// Every number and rule in which published rasterizers differ; a result is worth nothing without them.
+/// Every constant and rule in which published rasterizers differ; a result is not reproducible without them.
 ///
-/// The default is exact: all of an ellipse that can reach `min_alpha` is drawn, and the whole of K is used.
+/// The default is exact: every pixel where a Gaussian reaches `min_alpha` is drawn, and all of the camera matrix K is
+/// used.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RendererConstants {
-    /// Name of the preset that these are, or what the user calls them.
+    /// Name of the preset, or the user's own name for these values.
     pub name: String,
-    /// Gaussians are drawn from this depth on, in scene units; at least 0.
+    /// Smallest depth that is drawn, in scene units; at least 0.
     pub near: f64,
-    /// And up to this one; at least `near`, infinity included.
+    /// Largest depth that is drawn; at least `near`, possibly infinite.
     pub far: f64,
     /// Whether a centre at exactly `near` is culled (diff-gaussian-rasterization) or drawn (gsplat).
     pub near_is_culled: bool,
     /// Variance added to both screen axes, in square pixels; at least 0.
     pub blur: f64,
-    /// Largest opacity that one Gaussian has at one pixel; at most 1.
+    /// Upper clamp of one Gaussian's alpha at a pixel; at most 1.
     pub max_alpha: f64,
-    /// Contributions below this opacity are skipped; from [`SMALLEST_MIN_ALPHA`] to `max_alpha`.
+    /// Contributions below this alpha are skipped; from [`SMALLEST_MIN_ALPHA`] to `max_alpha`.
     pub min_alpha: f64,
-    /// A pixel is finished before the Gaussian that would take its transmittance to this or below; in [0, 1).
+    /// A pixel stops before the Gaussian that would reduce its transmittance to this or below; in [0, 1).
     pub min_transmittance: f64,
-    /// How far from the optical axis the projection's Jacobian still follows, in half widths of what the picture shows,
-    /// a lens included, beyond its border: 0.3 in every published rasterizer; at least 0.
+    /// How far beyond the image border the projection's Jacobian is evaluated at the true position before it is
+    /// clamped, as a fraction of half the visible width (lens distortion included): 0.3 in every published rasterizer;
+    /// at least 0.
     pub jacobian_margin: f64,
-    /// Smallest factor by which anti-aliasing lowers an opacity; in [0, 1].
+    /// Lower clamp of the factor by which anti-aliasing reduces opacity; in [0, 1].
     pub min_compensation: f64,
     /// Which pixels a Gaussian may reach.
     pub extent: Extent,
-    /// Which principal point is projected with.
+    /// Which principal point the projection uses.
     pub principal_point: PrincipalPoint,
-    /// Which axes the spherical harmonics are evaluated on.
+    /// Axis order in which spherical harmonics are evaluated.
     pub sh_axes: ShAxes,
-    /// What the gradient does where a value was clamped.
+    /// Gradient of clamped values.
     pub clamped_gradient: ClampedGradient,
 }
 
@@ -58,17 +60,17 @@ pub enum Extent {
     ThreeSigmaTiles,
 }
 
-/// Which principal point is projected with.
+/// Which principal point the projection uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PrincipalPoint {
     /// The camera's.
     Full,
-    /// The picture's centre, whatever the camera says (pixelSplat and its descendants `cuda_splatting.py`).
+    /// The image centre, regardless of the camera (pixelSplat and its descendants `cuda_splatting.py`).
     Centre,
 }
 
-/// Which axes the spherical harmonics are evaluated on.
+/// Axis order in which spherical harmonics are evaluated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ShAxes {
@@ -78,19 +80,19 @@ pub enum ShAxes {
     E3nn,
 }
 
-/// What the gradient does where a value was clamped.
+/// Gradient of clamped values.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ClampedGradient {
-    /// It is the derivative of what was computed: nothing passes a clamp (gsplat).
+    /// The derivative of the computed function: zero through an active clamp (gsplat).
     Exact,
-    /// diff-gaussian-rasterization's: alpha's clamp is ignored, the Jacobian's holds the distance off axis
-    /// constant (`backward.cu:498-554`, `backward.cu:148-276`).
+    /// As in diff-gaussian-rasterization: alpha's clamp is ignored, and the Jacobian's clamp holds the off-axis
+    /// distance constant (`backward.cu:498-554`, `backward.cu:148-276`).
     Inria,
 }
 
 impl RendererConstants {
-    /// Names that [`Self::named`] knows.
+    /// Names accepted by [`Self::named`].
     pub const PRESETS: [&'static str; 5] = ["exact", "gsplat-1.5", "gsplat-1.6", "inria", "pixelsplat-family"];
 
     /// A preset by name, `None` for a name outside [`Self::PRESETS`].
@@ -116,7 +118,7 @@ impl RendererConstants {
             far: f64::INFINITY,
             near_is_culled: true,
             max_alpha: 0.99,
-            // √0.000025, of the versions that anti-alias.
+            // √0.000025, in the versions with anti-aliasing.
             min_compensation: 0.005,
             extent: Extent::ThreeSigmaTiles,
             principal_point: PrincipalPoint::Centre,
@@ -132,8 +134,8 @@ impl RendererConstants {
         })
     }
 
-    /// What every backend asks before anything else: numbers outside these ranges give pictures of nothing, divisions
-    /// by zero, or what differs from one backend to the next.
+    /// Checks the ranges; every backend calls this first. Values outside them give empty images, divisions by zero, or
+    /// results that differ between backends.
     ///
     /// # Errors
     /// [`SplatError::Constants`] naming the first field that is outside its range.
@@ -156,7 +158,7 @@ impl RendererConstants {
         }
     }
 
-    /// Whether a Gaussian whose centre has this depth is drawn; never for NaN, nor beyond [`LARGEST_CHANNEL`], since
+    /// Whether a Gaussian with its centre at this depth is drawn. False for NaN and beyond [`LARGEST_CHANNEL`], because
     /// depth is composited too.
     pub fn keeps_depth(&self, depth: f64) -> bool {
         let beyond_near = if self.near_is_culled { depth > self.near } else { depth >= self.near };
@@ -167,7 +169,7 @@ impl RendererConstants {
 impl Default for RendererConstants {
     /// The preset `exact`.
     fn default() -> Self {
-        Self::named(Self::PRESETS[0]).unwrap_or_else(|| unreachable!("the first preset is known"))
+        Self::named(Self::PRESETS[0]).unwrap_or_else(|| unreachable!("the first preset exists"))
     }
 }
 
@@ -176,7 +178,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_preset_has_its_name() {
+    fn presets_are_found_by_name() {
         for name in RendererConstants::PRESETS {
             assert_eq!(RendererConstants::named(name).map(|preset| preset.name).as_deref(), Some(name));
         }
@@ -184,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn near_planes() {
+    fn near_plane_is_culled_only_where_the_preset_says() {
         let gsplat = RendererConstants::default();
         let inria = RendererConstants::named("inria").unwrap();
         assert!(gsplat.keeps_depth(0.01) && !gsplat.keeps_depth(0.009_999));
@@ -193,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn every_preset_passes() {
+    fn every_preset_passes_the_check() {
         for name in RendererConstants::PRESETS {
             RendererConstants::named(name).unwrap().check().unwrap();
         }
@@ -207,7 +209,7 @@ mod tests {
     }
 
     #[test]
-    fn every_field_outside_its_range_is_named() {
+    fn the_error_names_the_field_out_of_range() {
         type Set = fn(&mut RendererConstants, f64);
         const INFINITY: f64 = f64::INFINITY;
         let fields: [(&str, Set, &[f64]); 8] = [

@@ -2,7 +2,7 @@ use std::path::PathBuf;
 
 use thiserror::Error;
 
-/// What can go wrong between a file of Gaussians and a picture.
+/// Errors of reading, editing, rendering and writing Gaussians.
 #[derive(Debug, Error)]
 pub enum SplatError {
     /// An array of [`crate::GaussianParts`] has the wrong length.
@@ -10,7 +10,7 @@ pub enum SplatError {
     Length {
         /// Name of the array.
         field: &'static str,
-        /// Entries that the other arrays call for.
+        /// Entries required by the other arrays.
         expected: usize,
         /// Entries found.
         found: usize,
@@ -21,10 +21,10 @@ pub enum SplatError {
         /// Degree found.
         found: u8,
     },
-    /// A position outside the list of Gaussians.
+    /// An index out of range.
     #[error("Gaussians: position {found}, expected below {len}")]
     Position {
-        /// Position asked for.
+        /// The index.
         found: usize,
         /// Number of Gaussians.
         len: usize,
@@ -32,62 +32,59 @@ pub enum SplatError {
     /// A view that cannot be rendered.
     #[error("view: {what}: expected {expected}, found {found}")]
     View {
-        /// What is wrong with it.
+        /// The invalid property.
         what: &'static str,
-        /// What would be right.
+        /// The accepted values.
         expected: String,
-        /// What was there.
+        /// The value found.
         found: String,
     },
-    /// Options with a number that no picture can come of.
+    /// A render option out of range.
     #[error("options: {what}: {found}, expected at most {:e} in magnitude", crate::LARGEST_CHANNEL)]
     Options {
         /// Which option.
         what: &'static str,
-        /// What was there.
+        /// The value found.
         found: f64,
     },
-    /// Constants of a renderer that nothing can be rendered with.
+    /// A renderer constant out of range.
     #[error("constants: {field}: expected {least} to {most}, found {found}")]
     Constants {
-        /// Which of [`crate::RendererConstants`], as files spell it.
+        /// Field of [`crate::RendererConstants`], as spelled in files.
         field: &'static str,
-        /// The smallest that would do.
+        /// Smallest accepted value.
         least: f64,
-        /// The largest that would do.
+        /// Largest accepted value.
         most: f64,
-        /// What was there.
+        /// The value found.
         found: f64,
     },
-    /// A word that names no effect.
+    /// An unknown effect name.
     #[error("effects: expected auto, all, none or a list of {}, found {found:?}", known_effects())]
     Effect {
-        /// The word.
+        /// The name.
         found: String,
     },
-    /// A tolerance that no effect can keep.
+    /// A negative or non-finite tolerance.
     #[error("effects: tolerance: expected a finite number of at least 0, found {found}")]
     Tolerance {
-        /// What was there.
+        /// The value found.
         found: f64,
     },
-    /// A file of Gaussians that breaks its format.
+    /// A malformed file of Gaussians.
     #[error("{path}: {location}: expected {expected}, found {found}")]
     Format {
         /// The file.
         path: PathBuf,
         /// Where in it: a header line, a byte, an element and its property.
         location: String,
-        /// What would be right.
+        /// The accepted values.
         expected: String,
-        /// What was there.
+        /// The value found.
         found: String,
     },
-    /// A file is what Git LFS leaves in the place of one that was not fetched.
-    #[error(
-        "{path}: expected Gaussians, found a Git LFS pointer to them: run `git lfs pull` in the repository that it came \
-         from"
-    )]
+    /// A Git LFS pointer in place of a file that was not fetched.
+    #[error("{path}: expected Gaussians, found a Git LFS pointer: run `git lfs pull` in the repository it came from")]
     LfsPointer {
         /// The file.
         path: PathBuf,
@@ -95,15 +92,15 @@ pub enum SplatError {
     /// Reading or writing failed.
     #[error("{action} {path}")]
     Io {
-        /// What was being done, as "reading" or "writing".
+        /// The operation, "reading" or "writing".
         action: &'static str,
         /// The file.
         path: PathBuf,
-        /// The system's answer.
+        /// The system's error.
         #[source]
         source: std::io::Error,
     },
-    /// More memory than the caller allows.
+    /// Rendering would need more memory than the limit.
     #[error("rendering needs {needed} bytes, the limit is {limit}")]
     Memory {
         /// Estimated bytes.
@@ -111,48 +108,48 @@ pub enum SplatError {
         /// Allowed bytes.
         limit: u64,
     },
-    /// A change of the world that is none.
+    /// A transform that is not a similarity.
     #[error("similarity: {what}: expected {expected}, found {found}")]
     Similarity {
-        /// What of it.
+        /// The invalid property.
         what: &'static str,
-        /// What would be right.
+        /// The accepted values.
         expected: &'static str,
-        /// What was there.
+        /// The value found.
         found: f64,
     },
-    /// More of something than its numbering has numbers.
+    /// A count that overflows its index type.
     #[error("rendering: {found} {what}, expected at most {most}")]
     Count {
-        /// What is numbered.
+        /// What is counted.
         what: &'static str,
         /// Largest count.
         most: u64,
-        /// What was there.
+        /// The value found.
         found: u64,
     },
-    /// A derivative by an image that is no number to go on with.
+    /// An image gradient with a NaN or infinite value.
     #[error("{image}: expected finite numbers, found {found} at pixel {pixel}")]
     NonFinite {
         /// Which image.
         image: &'static str,
-        /// Row by row.
+        /// Row-major pixel index.
         pixel: usize,
-        /// What was there.
+        /// The value found.
         found: f64,
     },
     /// A scalar that cannot be composited.
     #[error("scalars: Gaussian {position}: expected a number within ±{:e}, found {found}", crate::LARGEST_CHANNEL)]
     Scalar {
-        /// Among all Gaussians.
+        /// Index of the Gaussian.
         position: usize,
-        /// What was there.
+        /// The value found.
         found: f32,
     },
-    /// The lens cannot be used.
+    /// The lens is invalid.
     #[error(transparent)]
     Camera(#[from] atsplat_camera::CameraError),
-    /// The graphics processor failed.
+    /// The GPU failed.
     #[error(transparent)]
     Gpu(#[from] crate::gpu::GpuError),
 }

@@ -5,20 +5,20 @@ use rayon::prelude::*;
 
 use crate::{ImageGradients, LARGEST_CHANNEL, RenderOptions, Rendering, SplatError};
 
-/// What a camera's settings make of colour after compositing, background included: `matrix · rgb + offset`.
+/// Exposure compensation: an affine map of composited colour, background included: `matrix · rgb + offset`.
 ///
 /// 3DGS's exposure compensation multiplies a row vector from the left (`gaussian_renderer/__init__.py`), so that its
 /// 3×4 array holds this matrix transposed; see [`Exposure::from_3dgs`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Exposure {
-    /// Rows make red, green and blue; each entry at most [`LARGEST_CHANNEL`] in magnitude.
+    /// One row per output channel; each entry at most [`LARGEST_CHANNEL`] in magnitude.
     pub matrix: [[f64; 3]; 3],
     /// Added to red, green and blue; at most [`LARGEST_CHANNEL`] in magnitude.
     pub offset: [f64; 3],
 }
 
 impl Exposure {
-    /// Leaves colour as it is.
+    /// Leaves colour unchanged.
     pub const IDENTITY: Self = Self { matrix: [[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], offset: [0.0; 3] };
 
     /// From the 3×4 array that 3DGS trains: `out[j] = Σᵢ rgb[i] · array[i][j] + array[j][3]`.
@@ -33,12 +33,12 @@ impl Exposure {
         [[a[0], b[0], c[0], red], [a[1], b[1], c[1], green], [a[2], b[2], c[2], blue]]
     }
 
-    /// Every channel multiplied by `gain`.
+    /// Multiplies every channel by `gain`.
     pub const fn uniform(gain: f64) -> Self {
         Self { matrix: [[gain, 0.0, 0.0], [0.0, gain, 0.0], [0.0, 0.0, gain]], offset: [0.0; 3] }
     }
 
-    /// A colour as this exposure shows it.
+    /// The exposed colour.
     pub fn of(&self, rgb: [f64; 3]) -> [f64; 3] {
         let mut seen = self.offset;
         for (sum, row) in seen.iter_mut().zip(self.matrix) {
@@ -47,28 +47,28 @@ impl Exposure {
         seen
     }
 
-    /// By how much a change of every channel by at most 1 can change a channel.
+    /// Largest change of an output channel when every input channel changes by at most 1.
     pub fn gain(&self) -> f64 {
         let sums = self.matrix.iter().map(|row| row.iter().map(|entry| entry.abs()).sum::<f64>());
         sums.fold(0.0, f64::maximum_of)
     }
 
-    /// Derivative of a loss by this exposure, from the derivative by the exposed pixels and the pixels before
-    /// exposure: a rendering of the same options with `exposure: None`.
+    /// Gradient of a loss with respect to this exposure, from the gradient of the exposed pixels and the pixels before
+    /// exposure (a rendering with the same options and `exposure: None`).
     ///
     /// # Errors
-    /// [`SplatError::Length`] where the two have not equally many pixels.
-    pub fn gradient<T: Copy + Into<f64>>(composited: &[[T; 3]], by_rgb: &[[T; 3]]) -> Result<Self, SplatError> {
-        if composited.len() != by_rgb.len() {
-            return Err(SplatError::Length { field: "rgb gradient", expected: composited.len(), found: by_rgb.len() });
+    /// [`SplatError::Length`] if the two differ in length.
+    pub fn gradient<T: Copy + Into<f64>>(composited: &[[T; 3]], d_rgb: &[[T; 3]]) -> Result<Self, SplatError> {
+        if composited.len() != d_rgb.len() {
+            return Err(SplatError::Length { field: "rgb gradient", expected: composited.len(), found: d_rgb.len() });
         }
         let mut sum = Self { matrix: [[0.0; 3]; 3], offset: [0.0; 3] };
-        for (rgb, by_rgb) in composited.iter().zip(by_rgb) {
-            for ((row, offset), by_channel) in sum.matrix.iter_mut().zip(&mut sum.offset).zip(by_rgb) {
-                let by_channel: f64 = (*by_channel).into();
-                *offset += by_channel;
+        for (rgb, d_rgb) in composited.iter().zip(d_rgb) {
+            for ((row, offset), d_channel) in sum.matrix.iter_mut().zip(&mut sum.offset).zip(d_rgb) {
+                let d_channel: f64 = (*d_channel).into();
+                *offset += d_channel;
                 for (entry, channel) in row.iter_mut().zip(rgb) {
-                    *entry += by_channel * (*channel).into();
+                    *entry += d_channel * (*channel).into();
                 }
             }
         }
@@ -85,11 +85,12 @@ impl Exposure {
     }
 }
 
-/// What every backend calls: before anything, at the end of rendering, at the start of differentiating.
+/// Common to every backend: the check before anything else, exposure at the end of the forward pass and its gradient at
+/// the start of the backward pass.
 impl RenderOptions {
     /// # Errors
-    /// As [`crate::RendererConstants::check`], and [`SplatError::Options`] for a background or an exposure that is not
-    /// finite or beyond [`LARGEST_CHANNEL`].
+    /// As [`crate::RendererConstants::check`], and [`SplatError::Options`] for a background or exposure that is not
+    /// finite or exceeds [`LARGEST_CHANNEL`].
     pub(crate) fn check(&self) -> Result<(), SplatError> {
         self.constants.check()?;
         let exposure = self.exposure.iter().flat_map(|exposure| exposure.entries().map(|entry| ("exposure", entry)));
@@ -100,31 +101,31 @@ impl RenderOptions {
         }
     }
 
-    /// Exposes a composited picture.
+    /// Applies the exposure to a composited image.
     pub(crate) fn expose<T>(&self, rendering: &mut Rendering<T>, number: impl Fn(f64) -> T + Copy + Sync)
     where
         T: Copy + Into<f64> + Send,
     {
-        const AT_ONCE: usize = 1 << 14;
+        const CHUNK: usize = 1 << 14;
         if let Some(exposure) = &self.exposure {
-            let pixels = rendering.rgb.par_iter_mut().with_min_len(AT_ONCE);
+            let pixels = rendering.rgb.par_iter_mut().with_min_len(CHUNK);
             pixels.for_each(|rgb| *rgb = exposure.of(rgb.map(Into::into)).map(number));
         }
     }
 
-    /// Derivatives by the composited picture, from those by the exposed one, as f64.
+    /// Gradients with respect to the composited image, from those of the exposed one.
     pub(crate) fn before_exposure<'a>(&self, images: &'a ImageGradients<f64>) -> Cow<'a, ImageGradients<f64>> {
         if self.exposure.is_none() {
             return Cow::Borrowed(images);
         }
-        let rgb = images.rgb.iter().map(|by_rgb| self.by_composited(*by_rgb)).collect();
+        let rgb = images.rgb.iter().map(|d_rgb| self.composited_gradient(*d_rgb)).collect();
         Cow::Owned(ImageGradients { rgb, ..images.clone() })
     }
 
-    /// The same for one pixel.
-    pub(crate) fn by_composited<T: Into<f64>>(&self, by_exposed: [T; 3]) -> [f64; 3] {
-        let by_exposed = by_exposed.map(Into::into);
-        self.exposure.map_or(by_exposed, |exposure| exposure.transposed().of(by_exposed))
+    /// As [`Self::before_exposure`] for one pixel.
+    pub(crate) fn composited_gradient<T: Into<f64>>(&self, d_exposed: [T; 3]) -> [f64; 3] {
+        let d_exposed = d_exposed.map(Into::into);
+        self.exposure.map_or(d_exposed, |exposure| exposure.transposed().of(d_exposed))
     }
 }
 
@@ -135,14 +136,10 @@ mod tests {
 
     /// Computed with `np.matmul(rgb, e[:3, :3]) + e[:3, 3]`.
     #[test]
-    fn the_array_of_3dgs() {
+    fn converts_the_3dgs_array() {
         let array = [[1.1, 0.2, -0.1, 0.01], [0.05, 0.9, 0.3, -0.02], [0.0, -0.15, 1.2, 0.03]];
         let exposure = Exposure::from_3dgs(array);
-        Tolerance::EXACT.assert(
-            exposure.to_3dgs().into_iter().flatten(),
-            array.into_iter().flatten(),
-            "there and back",
-        );
+        Tolerance::EXACT.assert(exposure.to_3dgs().into_iter().flatten(), array.into_iter().flatten(), "round trip");
         let seen = exposure.of([0.5, 0.25, 0.75]);
         Tolerance::F64.assert(seen, [0.5725, 0.1925, 0.955], "exposed");
         Tolerance::F64.assert([exposure.gain()], [1.6], "row of blue");
@@ -150,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_number_is_refused_by_name() {
+    fn rejects_non_finite_options_by_name() {
         let dark = Exposure { offset: [0.0, f64::NAN, 0.0], ..Exposure::IDENTITY };
         let options = RenderOptions { exposure: Some(dark), ..RenderOptions::default() };
         assert!(matches!(options.check(), Err(SplatError::Options { what: "exposure", .. })));

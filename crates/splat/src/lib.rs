@@ -1,14 +1,17 @@
-//! Gaussian splatting without CUDA: Gaussians and a camera into images, and image gradients into gradients of
-//! everything that made them. Usable on its own; knows nothing of tensors or datasets.
+//! Differentiable Gaussian splatting without CUDA: renders Gaussians from a camera, and propagates image gradients back
+//! to every input. A standalone crate, without tensors or datasets.
 //!
-//! [`files`] reads and writes what people exchange Gaussians in; [`Gaussians`] are counted, cleaned, bounded, merged
-//! and moved.
+//! [`files`] reads and writes the common file formats; [`Gaussians`] validates, cleans, bounds, merges and transforms.
 //!
 //! Camera axes are OpenCV's; pixel `(column, row)` has its centre at `(column + 0.5, row + 0.5)`; quaternions
 //! are `w, x, y, z`; colours are display-referred RGB, nominally in [0, 1].
 
-#![expect(clippy::inline_always, reason = "vector instructions reach only what is inlined")]
-#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "a test that NaN must fail is written so that it does")]
+#![expect(clippy::inline_always, reason = "SIMD target features apply only to inlined code")]
+#![expect(clippy::neg_cmp_op_on_partial_ord, reason = "comparisons are written so that NaN fails them")]
+
+// Tests share scenes with the integration tests, which name the crate.
+#[cfg(test)]
+extern crate self as atsplat_splat;
 
 mod constants;
 pub mod cpu;

@@ -4,17 +4,17 @@ use glam::DVec2;
 use crate::RendererConstants;
 use crate::constants::Extent;
 
-/// Pixels from the picture's corner to the farthest centre that is drawn. Second moments over pixels are sums of
-/// squares of such distances times colours of up to [`crate::LARGEST_CHANNEL`], and have to fit into f32.
+/// Largest distance in pixels from the image corner to a drawn centre. Second moments over pixels sum squares of such
+/// distances times colours of up to [`crate::LARGEST_CHANNEL`], and have to fit in f32.
 pub(crate) const FARTHEST: f64 = 1e10;
 
-/// First and one past the last column, then row, that a Gaussian may reach; `None` where the picture has none of
-/// them. `[xx, xy, yy]` is its covariance on the screen, blur included.
+/// Half-open range of columns, then rows, that a Gaussian may reach; `None` if it misses the image. `[xx, xy, yy]` is
+/// its 2D covariance, blur included.
 ///
-/// For [`Extent::Exact`] these are the pixels whose centres lie in the box around the ellipse on which opacity
-/// falls to `min_alpha`, and whoever composites them still tests each: nothing is lost, little is visited in vain.
+/// For [`Extent::Exact`] these are the pixels with centres in the bounding box of the ellipse on which alpha falls to
+/// `min_alpha`; compositing still tests each pixel, so the box may be slightly too large but never too small.
 ///
-/// A centre beyond [`FARTHEST`] reaches nothing.
+/// A centre beyond [`FARTHEST`] reaches no pixel.
 #[inline(always)]
 pub(crate) fn reach(
     centre: DVec2,
@@ -24,15 +24,15 @@ pub(crate) fn reach(
     constants: &RendererConstants,
 ) -> Option<[[u32; 2]; 2]> {
     const TILE: f64 = 16.0;
-    // Wider than the cut-off by far more than what rounding may move it.
-    const SPARE: f64 = 0.01;
+    // Much larger than any rounding error of the threshold.
+    const MARGIN: f64 = 0.01;
     if !(centre.abs().max_element() <= FARTHEST) {
         return None;
     }
     let (first, past) = match constants.extent {
         Extent::Exact => {
             let cut = 2.0 * (opacity / constants.min_alpha).ln();
-            let half = DVec2::new((xx * cut).sqrt(), (yy * cut).sqrt()) * (1.0 + SPARE) + SPARE;
+            let half = DVec2::new((xx * cut).sqrt(), (yy * cut).sqrt()) * (1.0 + MARGIN) + MARGIN;
             ((centre - half - 0.5).ceil(), (centre + half - 0.5).floor() + 1.0)
         }
         Extent::ThreeSigmaTiles => {
@@ -40,7 +40,7 @@ pub(crate) fn reach(
             let gap = middle * middle - (xx * yy - xy * xy);
             let longest = middle + (if gap > 0.1 { gap } else { 0.1 }).sqrt();
             let radius = (3.0 * longest.sqrt()).ceil();
-            // Pixel indices there count from pixel centres.
+            // There, integer pixel coordinates are pixel centres.
             let tiles = |value: DVec2| (value / TILE).trunc() * TILE;
             (tiles(centre - 0.5 - radius), tiles(centre - 0.5 + radius + (TILE - 1.0)))
         }
@@ -48,12 +48,12 @@ pub(crate) fn reach(
     let span = |first: f64, past: f64, length: u32| {
         let length = f64::from(length);
         let (from, to) = (first.clamp(0.0, length), past.clamp(0.0, length));
-        (from < to).then(|| [whole(from), whole(to)])
+        (from < to).then(|| [truncate(from), truncate(to)])
     };
     Some([span(first.x, past.x, size.width)?, span(first.y, past.y, size.height)?])
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a picture's side, a u32")]
-const fn whole(value: f64) -> u32 {
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to the image side, a u32")]
+const fn truncate(value: f64) -> u32 {
     value as u32
 }

@@ -1,16 +1,16 @@
 use crate::cpu::CpuRenderer;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View, reference};
 
-/// One way to render and to differentiate: what a caller holds where a user chose among them.
+/// A rendering backend with forward and backward passes, chosen at run time.
 pub trait Renderer: Send {
-    /// For people, as `reference` or `cpu, avx2`.
+    /// Display name, such as `reference` or `cpu, avx2`.
     fn name(&self) -> String;
 
     /// Renders a view.
     ///
     /// # Errors
-    /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`] and [`SplatError::Constants`] for what
-    /// cannot be rendered, [`SplatError::Memory`] before more is allocated than is allowed; those of the backend.
+    /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`] and [`SplatError::Constants`] for invalid
+    /// input, [`SplatError::Memory`] if more memory would be needed than allowed; the backend's own errors.
     fn render(
         &mut self,
         gaussians: &Gaussians,
@@ -18,12 +18,12 @@ pub trait Renderer: Send {
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError>;
 
-    /// Derivatives of a loss by everything that made the images, from its derivatives by the images. Needs no
-    /// rendering before it.
+    /// Backward pass: gradients of a loss with respect to every input, from its gradients with respect to the images.
+    /// Needs no forward pass before it.
     ///
     /// # Errors
-    /// As [`Renderer::render`], and [`SplatError::Length`] for an image of another size than the view's,
-    /// [`SplatError::NonFinite`] for a derivative that is not finite.
+    /// As [`Renderer::render`], and [`SplatError::Length`] for an image whose size differs from the view's,
+    /// [`SplatError::NonFinite`] for a gradient that is not finite.
     fn backward(
         &mut self,
         gaussians: &Gaussians,
@@ -32,20 +32,20 @@ pub trait Renderer: Send {
         images: &ImageGradients<f32>,
     ) -> Result<Gradients<f32>, SplatError>;
 
-    /// Where the time of the last rendering went, in the order of the work.
+    /// Time spent in each stage of the last rendering, in order of execution.
     fn stages(&self) -> Vec<Stage>;
 }
 
-/// A part of the work and its time.
+/// A stage of the pipeline and its time.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Stage {
-    /// As `project` or `sort`.
+    /// Such as `project` or `sort`.
     pub name: &'static str,
     /// Wall-clock seconds.
     pub secs: f64,
 }
 
-/// [`reference`](mod@crate::reference), rounded to f32 at the end.
+/// [`reference`](mod@crate::reference), with results rounded to f32.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct ReferenceRenderer;
 
@@ -113,8 +113,8 @@ impl Renderer for CpuRenderer {
     }
 }
 
-/// The nearest f32, the largest where f32 would be infinite: a derivative keeps its sign and stays finite.
-#[expect(clippy::cast_possible_truncation, reason = "clamped before")]
+/// The nearest finite f32: a gradient that would overflow keeps its sign and stays finite.
+#[expect(clippy::cast_possible_truncation, reason = "clamped to f32's range")]
 #[inline(always)]
 pub(crate) const fn saturated(value: f64) -> f32 {
     value.clamp(f32::MIN as f64, f32::MAX as f64) as f32

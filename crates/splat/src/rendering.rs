@@ -9,7 +9,7 @@ use crate::reference::SplatGradient;
 use crate::reference::project_backward::GaussianGradient;
 use crate::{Gaussians, RenderOptions, SplatError, View};
 
-/// Images of one view, row-major, f64 from the reference and f32 from everything else.
+/// The images of one view, row-major; f64 from the reference renderer, f32 from all others.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendering<T> {
     /// In pixels.
@@ -18,30 +18,50 @@ pub struct Rendering<T> {
     pub rgb: Vec<[T; 3]>,
     /// Opacity in [0, 1].
     pub alpha: Vec<T>,
-    /// Where asked for, see [`crate::Channels::depth`].
+    /// If requested, see [`crate::Channels::depth`].
     pub depth: Option<Vec<T>>,
-    /// Where asked for, see [`crate::Channels::scalar`].
+    /// If requested, see [`crate::Channels::scalar`].
     pub scalar: Option<Vec<T>>,
-    /// Where asked for, see [`crate::Channels::median_depth`].
+    /// If requested, see [`crate::Channels::median_depth`].
     pub median_depth: Option<Vec<T>>,
-    /// Gaussians drawn, and why the others were not.
+    /// Counts of Gaussians drawn, and of those culled by reason.
     pub census: Census,
 }
 
-/// What became of each Gaussian.
+/// Number of Gaussians drawn, and culled by reason.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Census {
-    /// Projected onto the picture.
+    /// Projected into the image.
     pub drawn: u64,
-    /// With a value that is NaN or infinite, or whose shape overflows.
+    /// A value is NaN or infinite, or the covariance overflows.
     pub invalid: u64,
-    /// Nearer than the near plane or behind the camera, or beyond the far plane.
+    /// In front of the near plane, behind the camera, or beyond the far plane.
     pub outside_depth: u64,
-    /// Less opaque than `min_alpha` everywhere.
+    /// Alpha below `min_alpha` everywhere.
     pub faint: u64,
-    /// Beside the picture, or where the lens cannot see.
+    /// Outside the image, or outside the lens's field of view.
     pub outside_picture: u64,
+}
+
+/// Why a Gaussian is not drawn; see [`Census`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Culled {
+    Invalid,
+    OutsideDepth,
+    Faint,
+    OutsidePicture,
+}
+
+impl Census {
+    pub(crate) const fn count(&mut self, culled: Culled) {
+        *match culled {
+            Culled::Invalid => &mut self.invalid,
+            Culled::OutsideDepth => &mut self.outside_depth,
+            Culled::Faint => &mut self.faint,
+            Culled::OutsidePicture => &mut self.outside_picture,
+        } += 1;
+    }
 }
 
 impl AddAssign for Census {
@@ -54,46 +74,46 @@ impl AddAssign for Census {
     }
 }
 
-/// Derivatives of a loss by the images of a [`Rendering`]; absent images have none.
+/// Gradients of a loss with respect to the images of a [`Rendering`]; `None` where it has none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageGradients<T> {
-    /// By colour.
+    /// With respect to colour.
     pub rgb: Vec<[T; 3]>,
-    /// By alpha.
+    /// With respect to alpha.
     pub alpha: Option<Vec<T>>,
-    /// By composited depth.
+    /// With respect to composited depth.
     pub depth: Option<Vec<T>>,
-    /// By the composited scalar.
+    /// With respect to the composited scalar.
     pub scalar: Option<Vec<T>>,
 }
 
-/// Derivatives of a loss by everything that made the images.
+/// Gradients of a loss with respect to every input of a rendering.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gradients<T> {
-    /// By means.
+    /// With respect to the means.
     pub means: Vec<[T; 3]>,
-    /// By quaternions as they are stored; orthogonal to them.
+    /// With respect to the quaternions as stored (not normalised); orthogonal to them.
     pub quaternions: Vec<[T; 4]>,
-    /// By the logarithms of scales.
+    /// With respect to the log-scales.
     pub log_scales: Vec<[T; 3]>,
-    /// By opacity logits.
+    /// With respect to the opacity logits.
     pub opacity_logits: Vec<T>,
-    /// By spherical harmonics, of the Gaussians' own degree.
+    /// With respect to the spherical-harmonics coefficients, of the Gaussians' own degree.
     pub sh: Vec<[T; 3]>,
-    /// By scalars; empty where there are none.
+    /// With respect to the scalars; empty if the Gaussians have none.
     pub scalars: Vec<T>,
-    /// By projected centres in pixels: what 3DGS densifies by.
+    /// With respect to the projected means in pixels: the 3DGS densification criterion.
     pub means_2d: Vec<[T; 2]>,
-    /// By inverse screen covariances `(a, b, c)` of `½(a·dx² + c·dy²) + b·dx·dy`.
+    /// With respect to the conics, inverse 2D covariances `(a, b, c)` in `½(a·dx² + c·dy²) + b·dx·dy`.
     pub conics: Vec<[T; 3]>,
-    /// By the background.
+    /// With respect to the background.
     pub background: [T; 3],
-    /// By a small motion of the camera, `camera_from_world ← exp(ξ) · camera_from_world`: rotation, then
+    /// With respect to a small motion of the camera, `camera_from_world ← exp(ξ) · camera_from_world`: rotation, then
     /// translation.
     pub pose: [T; 6],
 }
 
-/// Derivatives of a loss by one pixel; 0 for images that are absent.
+/// Gradient of a loss with respect to one pixel; 0 for absent images.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub(crate) struct PixelGradient<T> {
     pub(crate) rgb: [T; 3],
@@ -103,7 +123,7 @@ pub(crate) struct PixelGradient<T> {
 }
 
 impl<T> Rendering<T> {
-    /// Bytes of the images that the options ask for.
+    /// Bytes of the requested images.
     pub(crate) fn bytes(view: &View, options: &RenderOptions) -> u64 {
         let channels = &options.channels;
         let images = 4 + u64::from(channels.depth) + u64::from(channels.scalar) + u64::from(channels.median_depth);
@@ -111,7 +131,7 @@ impl<T> Rendering<T> {
         pixels.saturating_mul(images * size_of::<T>() as u64)
     }
 
-    /// No images yet.
+    /// A rendering without images yet.
     pub(crate) const fn blank(view: &View) -> Self {
         let census = Census { drawn: 0, invalid: 0, outside_depth: 0, faint: 0, outside_picture: 0 };
         Self {
@@ -127,7 +147,7 @@ impl<T> Rendering<T> {
 }
 
 impl<T: Copy + Default> Rendering<T> {
-    /// Images of zeros, those that the options ask for.
+    /// The requested images, filled with zeros.
     pub(crate) fn empty(view: &View, options: &RenderOptions) -> Self {
         let zeros = || vec![T::default(); view.pixels()];
         Self {
@@ -143,21 +163,21 @@ impl<T: Copy + Default> Rendering<T> {
 }
 
 impl<T: Copy + Into<f64>> Rendering<T> {
-    /// How many values of all images are NaN or infinite.
+    /// Number of NaN or infinite values over all images.
     pub fn non_finite(&self) -> u64 {
         let extra = [&self.depth, &self.scalar, &self.median_depth];
         let extra = extra.into_iter().flatten().flatten();
-        broken(self.rgb.as_flattened().iter().chain(&self.alpha).chain(extra))
+        count_non_finite(self.rgb.as_flattened().iter().chain(&self.alpha).chain(extra))
     }
 }
 
 impl<T: Copy + Into<f64>> Gradients<T> {
-    /// How many values are NaN or infinite.
+    /// Number of NaN or infinite values.
     pub fn non_finite(&self) -> u64 {
-        self.fields().into_iter().map(|(_, list)| broken(list.iter())).sum()
+        self.fields().into_iter().map(|(_, list)| count_non_finite(list.iter())).sum()
     }
 
-    /// Every field's name and numbers, in the order in which the fields are declared.
+    /// Name and values of every field, in declaration order.
     pub fn fields(&self) -> [(&'static str, &[T]); 10] {
         [
             ("means", self.means.as_flattened()),
@@ -174,12 +194,12 @@ impl<T: Copy + Into<f64>> Gradients<T> {
     }
 }
 
-fn broken<'a, T: Copy + Into<f64> + 'a>(values: impl Iterator<Item = &'a T>) -> u64 {
+fn count_non_finite<'a, T: Copy + Into<f64> + 'a>(values: impl Iterator<Item = &'a T>) -> u64 {
     values.map(|value| u64::from(!(*value).into().is_finite())).sum()
 }
 
 impl<T: Copy> Rendering<T> {
-    /// The same images in other numbers.
+    /// Converts every pixel value.
     pub fn map<U>(self, number: impl Fn(T) -> U + Copy) -> Rendering<U> {
         let each = |image: Vec<T>| image.into_iter().map(number).collect();
         Rendering {
@@ -195,7 +215,7 @@ impl<T: Copy> Rendering<T> {
 }
 
 impl<T: Copy> ImageGradients<T> {
-    /// The same derivatives in other numbers.
+    /// Converts every value.
     pub fn map<U>(&self, number: impl Fn(T) -> U + Copy) -> ImageGradients<U> {
         let each = |image: &Vec<T>| image.iter().copied().map(number).collect();
         ImageGradients {
@@ -208,11 +228,11 @@ impl<T: Copy> ImageGradients<T> {
 }
 
 impl<T: Copy + Default + Into<f64> + Sync> ImageGradients<T> {
-    /// Returns the largest magnitude of all derivatives.
+    /// Returns the largest magnitude of all gradients.
     ///
     /// # Errors
-    /// [`SplatError::Length`] naming the first image that has not one value per pixel, [`SplatError::NonFinite`] naming
-    /// the first that has a value that is NaN or infinite.
+    /// [`SplatError::Length`] naming the first image without exactly one value per pixel, [`SplatError::NonFinite`]
+    /// naming the first image with a NaN or infinite value.
     pub(crate) fn check(&self, view: &View) -> Result<f64, SplatError> {
         let expected = view.pixels();
         let images = [
@@ -227,11 +247,11 @@ impl<T: Copy + Default + Into<f64> + Sync> ImageGradients<T> {
         }
         let mut largest = 0.0;
         for (name, image, each) in images() {
-            let most = largest_of(image);
+            let most = max_abs(image);
             if !most.is_finite() {
-                let broken =
+                let non_finite =
                     image.iter().map(|value| (*value).into()).enumerate().find(|(_, value)| !value.is_finite());
-                let (at, found) = broken.unwrap_or((0, most));
+                let (at, found) = non_finite.unwrap_or((0, most));
                 return Err(SplatError::NonFinite { image: name, pixel: at / each, found });
             }
             largest = most.maximum_of(largest);
@@ -240,21 +260,24 @@ impl<T: Copy + Default + Into<f64> + Sync> ImageGradients<T> {
     }
 }
 
-/// Largest magnitude; infinite or NaN where one value is.
-fn largest_of<T: Copy + Into<f64> + Sync>(values: &[T]) -> f64 {
-    const AT_ONCE: usize = 1 << 16;
-    // Of bits without their sign the order is that of magnitudes, and infinities and NaN come last.
+/// Largest magnitude; infinite or NaN if any value is.
+fn max_abs<T: Copy + Into<f64> + Sync>(values: &[T]) -> f64 {
+    const CHUNK: usize = 1 << 16;
+    // Without the sign, bit patterns order like magnitudes, with infinity and NaN last.
     let bits = |value: &T| (*value).into().abs().to_bits();
     let most = |values: &[T]| values.iter().map(bits).fold(0, |most, bits| if bits > most { bits } else { most });
-    f64::from_bits(values.par_chunks(AT_ONCE).map(most).max().unwrap_or_default())
+    f64::from_bits(values.par_chunks(CHUNK).map(most).max().unwrap_or(0))
 }
 
 impl<T: Copy + Default> ImageGradients<T> {
+    /// The gradient at one pixel of images that passed [`Self::check`].
+    #[expect(clippy::expect_used, reason = "every image has one value per pixel")]
     pub(crate) fn at(&self, pixel: usize) -> PixelGradient<T> {
-        let of =
-            |image: &Option<Vec<T>>| image.as_ref().and_then(|image| image.get(pixel).copied()).unwrap_or_default();
+        let of = |image: &Option<Vec<T>>| {
+            image.as_ref().map_or_else(T::default, |image| *image.get(pixel).expect("a pixel of the image"))
+        };
         PixelGradient {
-            rgb: self.rgb.get(pixel).copied().unwrap_or_default(),
+            rgb: *self.rgb.get(pixel).expect("a pixel of the image"),
             alpha: of(&self.alpha),
             depth: of(&self.depth),
             scalar: of(&self.scalar),
@@ -263,7 +286,7 @@ impl<T: Copy + Default> ImageGradients<T> {
 }
 
 impl<T: Copy + Default> Gradients<T> {
-    /// Gives every array the length that derivatives by these Gaussians have; numbers are unspecified.
+    /// Resizes every array to fit these Gaussians; the values are unspecified.
     pub(crate) fn fit(&mut self, gaussians: &Gaussians) {
         let (zero, count, parts) = (T::default(), gaussians.len(), gaussians.parts());
         self.means.resize(count, [zero; 3]);
@@ -276,26 +299,16 @@ impl<T: Copy + Default> Gradients<T> {
         self.conics.resize(count, [zero; 3]);
     }
 
-    /// Zero by everything.
+    /// All zero.
     pub(crate) fn zero(gaussians: &Gaussians) -> Self {
-        let (zero, count, parts) = (T::default(), gaussians.len(), gaussians.parts());
-        Self {
-            means: vec![[zero; 3]; count],
-            quaternions: vec![[zero; 4]; count],
-            log_scales: vec![[zero; 3]; count],
-            opacity_logits: vec![zero; count],
-            sh: vec![[zero; 3]; parts.sh.len()],
-            scalars: vec![zero; if parts.scalars.is_some() { count } else { 0 }],
-            means_2d: vec![[zero; 2]; count],
-            conics: vec![[zero; 3]; count],
-            background: [zero; 3],
-            pose: [zero; 6],
-        }
+        let mut gradients = Self::default();
+        gradients.fit(gaussians);
+        gradients
     }
 }
 
 impl<T: Copy> Gradients<T> {
-    /// The same derivatives in other numbers.
+    /// Converts every value.
     pub fn map<U>(self, number: impl Fn(T) -> U + Copy) -> Gradients<U> {
         fn rows<T: Copy, U, const N: usize>(values: Vec<[T; N]>, number: impl Fn(T) -> U + Copy) -> Vec<[U; N]> {
             values.into_iter().map(|row| row.map(number)).collect()
@@ -314,32 +327,22 @@ impl<T: Copy> Gradients<T> {
             pose: self.pose.map(number),
         }
     }
-
-    /// Puts one Gaussian's derivatives in their place.
-    pub(crate) fn put(
-        &mut self,
-        position: usize,
-        of_gaussian: &GaussianGradient,
-        of_splat: &SplatGradient,
-        number: impl Fn(f64) -> T + Copy,
-    ) {
-        let stored = self.sh.len().checked_div(self.means.len()).unwrap_or_default();
-        place(&mut self.means, position, of_gaussian.mean.to_array().map(number));
-        place(&mut self.quaternions, position, of_gaussian.quaternion.map(number));
-        place(&mut self.log_scales, position, of_gaussian.log_scales.to_array().map(number));
-        place(&mut self.opacity_logits, position, number(of_gaussian.logit));
-        place(&mut self.scalars, position, number(of_splat.scalar));
-        place(&mut self.means_2d, position, of_splat.centre.to_array().map(number));
-        place(&mut self.conics, position, of_splat.conic.to_array().map(number));
-        let own = self.sh.iter_mut().skip(position * stored).take(stored);
-        for (slot, value) in own.zip(of_gaussian.sh) {
-            *slot = value.map(number);
-        }
-    }
 }
 
-fn place<T>(values: &mut [T], position: usize, value: T) {
-    if let Some(slot) = values.get_mut(position) {
-        *slot = value;
+impl Gradients<f64> {
+    /// Stores one Gaussian's gradients.
+    pub(crate) fn store(&mut self, position: usize, d_gaussian: &GaussianGradient, d_splat: &SplatGradient) {
+        let stored = self.sh.len() / self.means.len();
+        self.means[position] = d_gaussian.mean.to_array();
+        self.quaternions[position] = d_gaussian.quaternion;
+        self.log_scales[position] = d_gaussian.log_scales.to_array();
+        self.opacity_logits[position] = d_gaussian.logit;
+        // Empty if the Gaussians have no scalars.
+        if let Some(slot) = self.scalars.get_mut(position) {
+            *slot = d_splat.scalar;
+        }
+        self.means_2d[position] = d_splat.centre.to_array();
+        self.conics[position] = d_splat.conic.to_array();
+        self.sh[position * stored..][..stored].copy_from_slice(&d_gaussian.sh[..stored]);
     }
 }

@@ -5,7 +5,7 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 /// A float that the basis can be evaluated in.
 pub trait Real: Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self> {
-    /// The nearest value to a constant.
+    /// Rounds a constant to this type.
     fn of(constant: f64) -> Self;
 }
 
@@ -24,7 +24,7 @@ impl Real for f32 {
     }
 }
 
-/// `Y₀₀`: an RGB colour is `0.5 + C0 · sh[0]` where the degree is 0.
+/// `Y₀₀`: at degree 0 the RGB colour is `0.5 + C0 · sh[0]`.
 pub const C0: f64 = 0.282_094_791_773_878_14;
 const C1: f64 = 0.488_602_511_902_92;
 const C2: [f64; 5] = [
@@ -55,7 +55,7 @@ const C4: [f64; 9] = [
     0.625_835_735_449_176_2,
 ];
 
-/// Values of the basis in a unit direction; those above `degree` are zero.
+/// Values of the basis functions at a unit direction; zero above `degree`.
 #[inline(always)]
 pub fn basis<T: Real>(degree: u8, [x, y, z]: [T; 3]) -> [T; 25] {
     let c = T::of;
@@ -97,8 +97,8 @@ pub fn basis<T: Real>(degree: u8, [x, y, z]: [T; 3]) -> [T; 25] {
     y_lm
 }
 
-/// Gradients of [`basis`] to x, y and z, each taken as free. Only what is tangential to the sphere has a
-/// meaning; the rest vanishes when the direction is normalised.
+/// Gradients of [`basis`] with respect to x, y and z as independent variables. Only the component tangential to the
+/// sphere is meaningful; the radial part vanishes when the direction is normalised.
 #[inline(always)]
 pub fn basis_gradient<T: Real>(degree: u8, [x, y, z]: [T; 3]) -> [[T; 3]; 25] {
     let c = T::of;
@@ -158,9 +158,10 @@ mod tests {
         })
     }
 
-    /// Mean over the sphere of every product is `1/4π` or nothing; on a Fibonacci lattice, nearly.
+    /// The mean over the sphere of each product of two basis functions is `1/4π` or 0, approximately so on a Fibonacci
+    /// lattice.
     #[test]
-    fn orthonormal() {
+    fn basis_is_orthonormal() {
         const COUNT: u32 = 20_000;
         let mut products = [[0.0; 25]; 25];
         for direction in directions(COUNT) {
@@ -179,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_central_differences() {
+    fn gradients_match_central_differences() {
         const STEP: f64 = 1e-5;
         for direction in directions(50) {
             let gradient = basis_gradient(4, direction.to_array());

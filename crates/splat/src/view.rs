@@ -5,21 +5,21 @@ use glam::{DMat3, DVec2, DVec3};
 use crate::SplatError;
 use crate::constants::{PrincipalPoint, RendererConstants};
 
-/// A camera and the size of the picture it takes.
+/// A camera and its image size.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
-    /// Pose, intrinsics in units of the picture's size, lens.
+    /// Pose, intrinsics normalised by the image size, and lens.
     pub camera: Camera,
-    /// In pixels; from one to 65 535 each way.
+    /// In pixels; from 1 to 65 535 per side.
     pub size: ImageSize,
 }
 
-/// A view in the numbers that projecting needs.
+/// A view in the form that projection needs.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Optics {
     pub(crate) rotation: DMat3,
     pub(crate) translation: DVec3,
-    /// Centre of the camera in the world.
+    /// Camera centre in world coordinates.
     pub(crate) centre: DVec3,
     /// In pixels.
     pub(crate) focal: DVec2,
@@ -27,30 +27,30 @@ pub(crate) struct Optics {
     pub(crate) principal: DVec2,
     /// `None` for a pinhole.
     pub(crate) lens: Option<Lens>,
-    /// Range of `x/z` and `y/z` in which the Jacobian follows a centre.
+    /// Range to which `x/z` and `y/z` are clamped where the Jacobian is evaluated.
     pub(crate) jacobian_range: [DVec2; 2],
 }
 
 impl View {
-    /// Pixels in the picture.
+    /// Number of pixels.
     pub fn pixels(&self) -> usize {
         self.size.width as usize * self.size.height as usize
     }
 
     /// # Errors
-    /// [`SplatError::View`] for a picture without pixels, or with more a side than 16 bits count.
+    /// [`SplatError::View`] for an empty image, or one with a side that does not fit 16 bits.
     pub(crate) fn check_size(&self) -> Result<(), SplatError> {
         const SIDES: std::ops::RangeInclusive<u32> = 1..=u16::MAX as u32;
         if SIDES.contains(&self.size.width) && SIDES.contains(&self.size.height) {
             return Ok(());
         }
         let expected = format!("from {} to {} pixels a side", SIDES.start(), SIDES.end());
-        Err(SplatError::View { what: "picture", expected, found: self.size.to_string() })
+        Err(SplatError::View { what: "image size", expected, found: self.size.to_string() })
     }
 
     /// # Errors
-    /// [`SplatError::View`] for a picture without pixels or with more than reaches can count, in 16 bits;
-    /// [`SplatError::Camera`] for an unusable lens.
+    /// [`SplatError::View`] for an empty image, or one with a side that does not fit 16 bits; [`SplatError::Camera`]
+    /// for an invalid lens.
     pub(crate) fn optics(&self, constants: &RendererConstants) -> Result<Optics, SplatError> {
         self.check_size()?;
         let size = DVec2::new(f64::from(self.size.width), f64::from(self.size.height));
@@ -62,10 +62,10 @@ impl View {
         };
         let lens = match self.camera.distortion {
             atsplat_camera::Distortion::None => None,
-            bent => Some(bent.lens()?),
+            distortion => Some(distortion.lens()?),
         };
-        let [low, high] = seen_slopes(lens.as_ref(), [-principal / focal, (size - principal) / focal]);
-        // Where the lens alone bounds slopes there is nothing to add to.
+        let [low, high] = visible_slopes(lens.as_ref(), [-principal / focal, (size - principal) / focal]);
+        // A lens may make the range infinite; without a margin, 0 · ∞ must not become NaN.
         let margin =
             if constants.jacobian_margin > 0.0 { constants.jacobian_margin * 0.5 * (high - low) } else { DVec2::ZERO };
         let pose = self.camera.camera_from_world;
@@ -81,24 +81,24 @@ impl View {
     }
 }
 
-/// Range of the slopes that a picture shows, between corners given behind the lens.
+/// Range of undistorted slopes visible in the image, given its corners in distorted slopes.
 ///
-/// A lens bends: its corners see further out than its sides, or less far. Where it sees no point of the plane, all
-/// slopes up to its own limit are in the picture.
-fn seen_slopes(lens: Option<&Lens>, [low, high]: [DVec2; 2]) -> [DVec2; 2] {
+/// With distortion, corners may see further out than edges, or less far, so the whole border is sampled. If a border
+/// point has no undistorted slope, every slope up to the lens's own limit counts as visible.
+fn visible_slopes(lens: Option<&Lens>, [low, high]: [DVec2; 2]) -> [DVec2; 2] {
     const STEPS: u32 = 32;
     let Some(lens) = lens else { return [low, high] };
     let limit = lens.angle_limit();
     let limit = if limit < std::f64::consts::FRAC_PI_2 { limit.tan() } else { f64::INFINITY };
     let along = (0..=STEPS).map(|step| low.lerp(high, f64::from(step) / f64::from(STEPS)));
     let border = along.flat_map(|at| [(at.x, low.y), (at.x, high.y), (low.x, at.y), (high.x, at.y)]);
-    let nothing = [DVec2::INFINITY, DVec2::NEG_INFINITY];
-    border.fold(nothing, |[least, most], (x, y)| match lens.undistorted_from_distorted(DVec2::new(x, y)) {
-        Ok(slope) => [each(least, slope, f64::minimum_of), each(most, slope, f64::maximum_of)],
+    let empty = [DVec2::INFINITY, DVec2::NEG_INFINITY];
+    border.fold(empty, |[least, most], (x, y)| match lens.undistorted_from_distorted(DVec2::new(x, y)) {
+        Ok(slope) => [zip_with(least, slope, f64::minimum_of), zip_with(most, slope, f64::maximum_of)],
         Err(_) => [DVec2::splat(-limit), DVec2::splat(limit)],
     })
 }
 
-fn each(a: DVec2, b: DVec2, of_two: impl Fn(f64, f64) -> f64) -> DVec2 {
+fn zip_with(a: DVec2, b: DVec2, of_two: impl Fn(f64, f64) -> f64) -> DVec2 {
     DVec2::new(of_two(a.x, b.x), of_two(a.y, b.y))
 }

@@ -1,15 +1,18 @@
-//! Replays the inputs of the fuzz target `splat_files` without a fuzzer: each gives Gaussians or a typed error, and
-//! never a panic.
+//! Replays the inputs of the fuzz targets without a fuzzer: malformed input gives a typed error, everything else finite
+//! results, and nothing panics.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
+#[path = "../../../fuzz/scene_of_bytes.rs"]
+mod scene_of_bytes;
+
 use std::path::{Path, PathBuf};
 
-use atsplat_splat::Cleaning;
 use atsplat_splat::files::parse;
+use atsplat_splat::{Cleaning, ImageGradients, stress};
 
-fn inputs(folder: &str) -> Vec<PathBuf> {
-    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz").join(folder).join("splat_files");
+fn inputs(folder: &str, target: &str) -> Vec<PathBuf> {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz").join(folder).join(target);
     let entries = std::fs::read_dir(folder).into_iter().flatten();
     let mut inputs: Vec<PathBuf> = entries.map(|entry| entry.unwrap().path()).collect();
     inputs.sort();
@@ -26,11 +29,39 @@ fn accepts(path: &Path) -> bool {
 
 #[test]
 fn splat_files() {
-    let seeds = inputs("corpus");
+    let seeds = inputs("corpus", "splat_files");
     let accepted = seeds.iter().filter(|path| accepts(path)).count();
-    let refused = seeds.len() - accepted;
-    assert!(accepted >= 15 && refused >= 8, "{accepted} accepted, {refused} refused");
-    for path in inputs("regressions") {
+    let rejected = seeds.len() - accepted;
+    assert!(accepted >= 15 && rejected >= 8, "{accepted} accepted, {rejected} rejected");
+    for path in inputs("regressions", "splat_files") {
         accepts(&path);
     }
+}
+
+/// Whether the bytes are a scene that can be rendered.
+fn renders(path: &Path) -> bool {
+    let bytes = std::fs::read(path).unwrap();
+    let Some((gaussians, view, options)) = scene_of_bytes::scene_of_bytes(&bytes) else { return false };
+    let ones = vec![1.0; view.pixels()];
+    let images = ImageGradients {
+        rgb: vec![[1.0; 3]; view.pixels()],
+        alpha: Some(ones.clone()),
+        depth: Some(ones.clone()),
+        scalar: Some(ones),
+    };
+    for stress::Path { mut renderer, .. } in stress::paths() {
+        let what = format!("{} by {}", path.display(), renderer.name());
+        let Ok(rendering) = renderer.render(&gaussians, &view, &options) else { return false };
+        assert_eq!(rendering.non_finite(), 0, "{what}");
+        assert!(rendering.alpha.iter().all(|alpha| (0.0..=1.0).contains(alpha)), "{what}");
+        assert_eq!(renderer.backward(&gaussians, &view, &options, &images).unwrap().non_finite(), 0, "{what}");
+    }
+    true
+}
+
+#[test]
+fn scenes() {
+    let seeds = inputs("corpus", "scenes");
+    let rendered = seeds.iter().filter(|path| renders(path)).count();
+    assert!(rendered >= 60 && rendered < seeds.len(), "{rendered} of {} rendered", seeds.len());
 }

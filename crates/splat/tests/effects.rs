@@ -1,4 +1,4 @@
-//! A plan leaves out what cannot be seen, and nothing else.
+//! A plan skips effects that cannot be seen, and nothing else.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -19,7 +19,7 @@ fn view(distortion: Distortion) -> View {
     View { camera, size: ImageSize { width: 20, height: 15 } }
 }
 
-/// Gaussians of degree 3 whose harmonics above 0 have the given size.
+/// Gaussians of SH degree 3 with the given magnitude of coefficients above degree 0.
 fn scene(count: usize, harmonics: f32, log_scale: f32, scalars: Option<f32>) -> Gaussians {
     let wave = |n: usize, phase: f32| (n as f32 * 1.37 + phase).sin();
     let own = sh_coefficients(3);
@@ -47,8 +47,9 @@ fn decision<'a>(plan: &'a EffectPlan, effect: &str) -> &'a Decision {
     plan.decisions().iter().find(|decision| decision.effect == effect).unwrap()
 }
 
-/// Colour of `auto` is within the tolerance of `all` at every pixel, those at a cut-off included: the reference renders
-/// both, so that only the plan can differ, and f32 rounds each sample once. Every other image is the same to the bit.
+/// Asserts that the colour of `auto` is within the tolerance of `all` at every pixel, even at thresholds: the reference
+/// renders both, so that only the plan differs, and f32 rounds each sample once. Every other image is equal bit for
+/// bit.
 fn assert_equal_within_tolerance(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let [auto, all] = ["auto", "all"].map(|selection| {
         let plan = plan(gaussians, view, options, selection);
@@ -71,7 +72,7 @@ fn auto_equals_all_on_every_hard_case() {
     }
 }
 
-/// A size whose logarithm is spread evenly.
+/// A log-uniform magnitude.
 fn size(from: i32, to: i32) -> impl Strategy<Value = f64> {
     (f64::from(from)..f64::from(to)).prop_map(|exponent| 10f64.powf(exponent))
 }
@@ -122,9 +123,9 @@ proptest! {
     }
 }
 
-/// Everything asked for in vain is left out, with a proof; nothing is left of the request.
+/// Every effect that changes nothing is removed, with a bound of zero.
 #[test]
-fn a_scene_that_calls_for_nothing_gets_nothing() {
+fn a_scene_that_needs_no_effect_gets_none() {
     let gaussians = scene(9, 0.0, -1.0, Some(0.0));
     let zero = Distortion::OpenCv { k1: 0.0, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
     let mut options = RenderOptions {
@@ -145,7 +146,7 @@ fn a_scene_that_calls_for_nothing_gets_nothing() {
 }
 
 #[test]
-fn what_shows_runs_and_says_why() {
+fn visible_effects_run_and_give_a_reason() {
     let gaussians = scene(9, 0.2, -1.0, Some(1.0));
     let lens = Distortion::OpenCv { k1: -0.1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
     let exposure = Some(Exposure { offset: [0.1, 0.0, 0.0], ..Exposure::IDENTITY });
@@ -154,14 +155,21 @@ fn what_shows_runs_and_says_why() {
     let plan = plan(&gaussians, &view(lens), &options, "auto");
     assert_eq!((&plan.reduced().view, &plan.reduced().options), (&view(lens), &options));
     let reasons: Vec<&str> = plan.decisions().iter().map(|decision| decision.reason.as_str()).collect();
-    for (reason, word) in
-        reasons.iter().zip(["white", "degree 3", "border", "how strongly", "empty pixel", "asked", "asked", "asked"])
-    {
+    for (reason, word) in reasons.iter().zip([
+        "white",
+        "degree 3",
+        "border",
+        "how strongly",
+        "empty pixel",
+        "requested",
+        "requested",
+        "requested",
+    ]) {
         assert!(reason.contains(word), "{word}: {reasons:?}");
     }
 }
 
-/// Gaussians wider than the picture, from front to back: opacity logit, degree 0 of all channels, scalar.
+/// Gaussians wider than the image, from front to back: opacity logit, degree-0 coefficient, scalar.
 fn giants(list: &[(f32, f32, f32)]) -> Gaussians {
     let each = |value: fn(&(f32, f32, f32)) -> f32| list.iter().map(value).collect::<Vec<_>>();
     Gaussians::new(GaussianParts {
@@ -180,10 +188,10 @@ fn giants(list: &[(f32, f32, f32)]) -> Gaussians {
     .unwrap()
 }
 
-/// Anti-aliasing and this lens change an opacity by a millionth: enough to take pixels across a cut-off, where no
-/// tolerance bounds what follows.
+/// Anti-aliasing and this lens change an opacity by a millionth: enough to take pixels across a threshold, where no
+/// tolerance bounds the change.
 #[test]
-fn cut_offs_are_crossed_by_what_runs_alone() {
+fn effects_that_may_cross_thresholds_run() {
     let logit = |opacity: f32| (opacity / (1.0 - opacity)).ln();
     let faint: Vec<(f32, f32, f32)> =
         (0u8..30).map(|n| (logit(1.0 / 255.0 * (1.0 + 1e-7 * f32::from(n))), 100.0, 1.0)).collect();
@@ -199,7 +207,7 @@ fn cut_offs_are_crossed_by_what_runs_alone() {
     }
 }
 
-/// What is no number is no bound, whatever selection leaves the effect out.
+/// Under any selection, a non-finite change has no bound.
 #[test]
 fn an_infinite_change_has_no_bound() {
     let mut parts = scene(5, 0.0, -1.0, None).into_parts();
@@ -211,9 +219,9 @@ fn an_infinite_change_has_no_bound() {
     assert!(decision.reason.contains("not finite"), "{}", decision.reason);
 }
 
-/// Only the upper bands are too small to be seen: those below stay.
+/// Only bands too small to be visible are removed.
 #[test]
-fn harmonics_are_cut_where_they_fade() {
+fn invisible_sh_bands_are_removed() {
     let mut parts = scene(5, 0.3, -1.0, None).into_parts();
     for own in parts.sh.as_chunks_mut::<16>().0 {
         own[4..].iter_mut().flatten().for_each(|value| *value *= 1e-5);
@@ -225,7 +233,7 @@ fn harmonics_are_cut_where_they_fade() {
     assert!(decision(&plan, "view-dependence").bound.unwrap() > 0.0);
 }
 
-/// Each change alone would pass; together they may not exceed the tolerance.
+/// Each change alone would be allowed; together they must not exceed the tolerance.
 #[test]
 fn changes_add_up() {
     let gaussians = scene(5, 0.0, -1.0, None);
@@ -239,9 +247,9 @@ fn changes_add_up() {
     assert!(bounds <= plan.tolerance());
 }
 
-/// An exposure that stays makes small changes large.
+/// A remaining exposure amplifies small changes.
 #[test]
-fn exposure_scales_what_the_others_change() {
+fn exposure_amplifies_the_changes_of_other_effects() {
     let gaussians = scene(5, 1e-5, -1.0, None);
     let brighter = |gain: f64| {
         let exposure =
@@ -254,7 +262,7 @@ fn exposure_scales_what_the_others_change() {
     }
 }
 
-/// A NaN in a band that looks empty culls its Gaussian, and goes on doing so.
+/// A NaN in an otherwise empty band culls its Gaussian, and must continue to do so.
 #[test]
 fn a_coefficient_that_culls_is_kept() {
     for value in [f32::NAN, f32::INFINITY, 1e13] {
@@ -268,7 +276,7 @@ fn a_coefficient_that_culls_is_kept() {
 }
 
 #[test]
-fn all_none_and_lists_do_as_they_are_told() {
+fn explicit_selections_are_followed() {
     let gaussians = scene(5, 0.3, -1.0, Some(1.0));
     let options = RenderOptions { background: [0.5; 3], ..everything() };
     let here = view(Distortion::Fisheye { k: [0.0; 4] });
@@ -278,7 +286,7 @@ fn all_none_and_lists_do_as_they_are_told() {
     assert_eq!(none.reduced().view, view(Distortion::None));
     assert_eq!(none.reduced().options, RenderOptions { max_sh_degree: 0, ..RenderOptions::default() });
     let rendering = none.render(&mut ReferenceRenderer, &gaussians).unwrap();
-    assert_eq!((rendering.depth, rendering.scalar), (None, None), "no image is made up");
+    assert_eq!((rendering.depth, rendering.scalar), (None, None), "no image is invented");
     let list = plan(&gaussians, &here, &options, "background,depth");
     Tolerance::EXACT.assert(list.reduced().options.background, [0.5; 3], "background");
     assert_eq!(list.reduced().options.channels, Channels { depth: true, ..Channels::default() });
@@ -286,7 +294,7 @@ fn all_none_and_lists_do_as_they_are_told() {
 }
 
 #[test]
-fn what_cannot_be_rendered_cannot_be_planned() {
+fn rejects_invalid_input() {
     let gaussians = scene(1, 0.0, -1.0, None);
     let options = RenderOptions::default();
     for tolerance in [-1.0, f64::NAN, f64::INFINITY] {

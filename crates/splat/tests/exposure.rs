@@ -1,4 +1,4 @@
-//! Exposure in every renderer, and its derivatives.
+//! Exposure in the reference renderer, and its gradients.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -6,7 +6,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_splat::hard_cases::{HardCase, catalogue};
 use atsplat_splat::{Exposure, ImageGradients, RenderOptions, Rendering, SplatError, reference};
 
-/// Of f64 throughout.
+/// Tolerance for finite differences in f64.
 const DIFFERENCES: Tolerance = Tolerance { absolute: 1e-7, relative: 1e-6 };
 
 fn exposed() -> HardCase {
@@ -14,8 +14,8 @@ fn exposed() -> HardCase {
 }
 
 fn loss(rendering: &Rendering<f64>, images: &ImageGradients<f64>) -> f64 {
-    let (rgb, by_rgb) = (rendering.rgb.as_flattened(), images.rgb.as_flattened());
-    rgb.iter().zip(by_rgb).map(|(value, by)| value * by).sum()
+    let (rgb, d_rgb) = (rendering.rgb.as_flattened(), images.rgb.as_flattened());
+    rgb.iter().zip(d_rgb).map(|(value, by)| value * by).sum()
 }
 
 fn images(case: &HardCase) -> ImageGradients<f64> {
@@ -25,7 +25,7 @@ fn images(case: &HardCase) -> ImageGradients<f64> {
 }
 
 #[test]
-fn it_follows_compositing_and_touches_nothing_else() {
+fn exposure_applies_after_compositing_to_colour_only() {
     let case = exposed();
     let exposure = case.options.exposure.unwrap();
     let options = RenderOptions { exposure: None, ..case.options.clone() };
@@ -37,7 +37,7 @@ fn it_follows_compositing_and_touches_nothing_else() {
 }
 
 #[test]
-fn its_gradient_is_the_differences() {
+fn exposure_gradient_matches_differences() {
     let case = exposed();
     let exposure = case.options.exposure.unwrap();
     let images = images(&case);
@@ -54,21 +54,21 @@ fn its_gradient_is_the_differences() {
         let options = RenderOptions { exposure: Some(of_numbers(numbers)), ..case.options.clone() };
         loss(&reference::render(&case.gaussians, &case.view, &options).unwrap(), &images)
     };
-    for (place, analytic) in numbers(&gradient).into_iter().enumerate() {
+    for (entry, analytic) in numbers(&gradient).into_iter().enumerate() {
         let moved = |step: f64| {
             let mut numbers = numbers(&exposure);
-            numbers[place] += step;
+            numbers[entry] += step;
             at(&numbers)
         };
         // The loss is linear in every entry.
-        DIFFERENCES.assert([analytic], [(moved(0.5) - moved(-0.5)) / 1.0], &format!("entry {place}"));
+        DIFFERENCES.assert([analytic], [(moved(0.5) - moved(-0.5)) / 1.0], &format!("entry {entry}"));
     }
     assert!(matches!(Exposure::gradient(&[[0.0f64; 3]; 2], &images.rgb), Err(SplatError::Length { .. })));
 }
 
-/// The background's derivative passes through it as the colours' do.
+/// The gradient of the background passes through the exposure.
 #[test]
-fn the_gradient_passes_through_it() {
+fn background_gradient_passes_through_exposure() {
     let case = exposed();
     let images = images(&case);
     let gradient = reference::backward(&case.gaussians, &case.view, &case.options, &images).unwrap();

@@ -1,5 +1,5 @@
-//! Every format against independent readers: `fixtures/make_files.py` wrote the files and what plyfile and NumPy
-//! find in them.
+//! Every format against independent readers: `fixtures/make_files.py` wrote the files and the values that plyfile and
+//! NumPy read from them.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -11,7 +11,7 @@ use atsplat_splat::files::{Encoding, Format, Import, read};
 use atsplat_splat::{Field, Gaussians, Problem};
 use serde::Deserialize;
 
-/// What a reader found in one file: the `rows` of each field, and the sums over all rows.
+/// The values that an independent reader found in one file: selected `rows` of each field.
 #[derive(Deserialize)]
 struct Expected {
     count: usize,
@@ -43,7 +43,7 @@ fn wide(values: &[f32]) -> Vec<f64> {
 }
 
 #[test]
-fn every_file_holds_what_other_readers_find() {
+fn matches_independent_readers() {
     let table = std::fs::read(fixtures().join("files.json")).unwrap();
     let table: BTreeMap<String, Expected> = serde_json::from_slice(&table).unwrap();
     assert_eq!(table.len(), std::fs::read_dir(fixtures().join("files")).unwrap().count());
@@ -52,30 +52,31 @@ fn every_file_holds_what_other_readers_find() {
         assert_eq!((gaussians.len(), gaussians.sh_degree()), (expected.count, expected.degree), "{name}");
         assert_eq!(import.validation.rejected, 0, "{name}");
         let rows = gaussians.select(&expected.rows).unwrap().into_parts();
-        // PLY stores the very floats; what is quantised went through one rounding to f32 on each side.
+        // PLY stores exact floats; quantised values are rounded to f32 once on each side.
         let close = if matches!(import.format, Format::Ply(_)) {
             Tolerance::EXACT
         } else {
             Tolerance { absolute: 1e-7, relative: 2e-7 }
         };
-        let check =
-            |found: Vec<f64>, wanted: Vec<f64>, field: &str| close.assert(found, wanted, &format!("{name}: {field}"));
+        let check = |found: Vec<f64>, expected_values: Vec<f64>, field: &str| {
+            close.assert(found, expected_values, &format!("{name}: {field}"))
+        };
         check(flat(&rows.means), expected.means, "means");
         check(flat(&rows.quaternions), expected.quaternions, "quaternions");
         check(flat(&rows.log_scales), expected.log_scales, "log-scales");
         check(wide(&rows.opacity_logits), expected.opacity_logits, "opacity logits");
         check(flat(&rows.sh), expected.sh, "spherical harmonics");
-        for (found, wanted, field) in
+        for (found, expected_values, field) in
             [(rows.filter_3d, expected.filter_3d, "filter"), (rows.scalars, expected.scalars, "scalars")]
         {
-            assert_eq!(found.is_some(), wanted.is_some(), "{name}: {field}");
-            check(wide(&found.unwrap_or_default()), wanted.unwrap_or_default(), field);
+            assert_eq!(found.is_some(), expected_values.is_some(), "{name}: {field}");
+            check(wide(&found.unwrap_or_default()), expected_values.unwrap_or_default(), field);
         }
     }
 }
 
 #[test]
-fn formats_and_what_is_left_out_are_told() {
+fn reports_the_format_and_unused_contents() {
     for (name, format, unused, antialiased) in [
         ("degree3_little_endian.ply", Format::Ply(Encoding::BinaryLittleEndian), &[][..], None),
         (

@@ -1,4 +1,4 @@
-//! Round trips, and bytes that nobody meant to write.
+//! Round trips, and malformed input.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -18,7 +18,7 @@ fn files_in(folder: &str) -> Vec<PathBuf> {
     files
 }
 
-/// Up to ten Gaussians of any degree, their numbers from `values`.
+/// Up to ten Gaussians of any degree, with values drawn from `values`.
 fn gaussians(values: impl Strategy<Value = f32> + Clone + 'static) -> impl Strategy<Value = Gaussians> {
     (0..10usize, 0..=4u8, any::<[bool; 2]>()).prop_flat_map(move |(count, sh_degree, [has_filter, has_scalar])| {
         let floats = 11 + 3 * sh_coefficients(sh_degree) + 2;
@@ -56,19 +56,34 @@ fn small() -> impl Strategy<Value = f32> + Clone {
     -0.95..0.95f32
 }
 
-fn there_and_back(gaussians: &Gaussians, output: Output) -> Gaussians {
+fn round_trip(gaussians: &Gaussians, output: Output) -> Gaussians {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("file");
     write(&path, gaussians, output).unwrap();
     let (back, import) = read(&path).unwrap();
     assert_eq!(import.validation.rejected, 0);
-    let told = match output {
+    let antialiased = match output {
         Output::Ply(_) => None,
         Output::Spz2 { antialiased } | Output::Spz3 { antialiased } => Some(antialiased),
     };
-    assert_eq!(import.antialiased, told);
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "nothing partial is left");
+    assert_eq!(import.antialiased, antialiased);
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 1, "no partial file remains");
     back
+}
+
+/// Without the fields that SPZ cannot store, and with non-zero quaternions.
+fn for_spz(gaussians: Gaussians) -> Gaussians {
+    let mut parts = gaussians.into_parts();
+    (parts.filter_3d, parts.scalars) = (None, None);
+    parts.quaternions.iter_mut().for_each(|quaternion| quaternion[0] += 1.0);
+    Gaussians::new(parts).unwrap()
+}
+
+/// Header of a PLY file of two Gaussians of degree 0.
+fn ply_header(format: &str) -> String {
+    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
+    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
+    format!("ply\nformat {format} 1.0\nelement vertex 2\n{properties}end_header\n")
 }
 
 fn rotation_difference(a: &[f32; 4], b: &[f32; 4]) -> f64 {
@@ -83,20 +98,15 @@ fn rotation_difference(a: &[f32; 4], b: &[f32; 4]) -> f64 {
 proptest! {
     #[test]
     fn ply_is_bit_exact(gaussians in gaussians(finite()), encoding in prop::sample::select(&ENCODINGS[..])) {
-        let back = there_and_back(&gaussians, Output::Ply(encoding));
+        let back = round_trip(&gaussians, Output::Ply(encoding));
         prop_assert_eq!(back.sh_degree(), gaussians.sh_degree());
         prop_assert_eq!(bits(&back), bits(&gaussians));
     }
 
     #[test]
-    fn spz_is_within_its_steps(gaussians in gaussians(small()), output in prop::sample::select(&[Output::Spz2 { antialiased: true }, Output::Spz3 { antialiased: false }, Output::Spz3 { antialiased: true }][..])) {
-        let mut parts = gaussians.into_parts();
-        (parts.filter_3d, parts.scalars) = (None, None);
-        for quaternion in &mut parts.quaternions {
-            quaternion[0] += 1.0;
-        }
-        let gaussians = Gaussians::new(parts).unwrap();
-        let back = there_and_back(&gaussians, output);
+    fn spz_is_within_its_quantisation_steps(gaussians in gaussians(small()), output in prop::sample::select(&[Output::Spz2 { antialiased: true }, Output::Spz3 { antialiased: false }, Output::Spz3 { antialiased: true }][..])) {
+        let gaussians = for_spz(gaussians);
+        let back = round_trip(&gaussians, output);
         let (old, new) = (gaussians.parts(), back.parts());
         let wide = |values: &[f32]| values.iter().map(|value| f64::from(*value)).collect::<Vec<_>>();
         let within = |step: f64, new: &[f32], old: &[f32], field: &str| {
@@ -126,16 +136,11 @@ proptest! {
         }
     }
 
-    /// Written a second time, what was quantised stays.
+    /// Quantised values are stable when written again.
     #[test]
-    fn spz_settles(gaussians in gaussians(small())) {
-        let mut parts = gaussians.into_parts();
-        (parts.filter_3d, parts.scalars) = (None, None);
-        for quaternion in &mut parts.quaternions {
-            quaternion[0] += 1.0;
-        }
-        let once = there_and_back(&Gaussians::new(parts).unwrap(), Output::Spz3 { antialiased: false });
-        let twice = there_and_back(&once, Output::Spz3 { antialiased: false });
+    fn spz_is_stable_after_one_round_trip(gaussians in gaussians(small())) {
+        let once = round_trip(&for_spz(gaussians), Output::Spz3 { antialiased: false });
+        let twice = round_trip(&once, Output::Spz3 { antialiased: false });
         prop_assert_eq!(&once.parts().means, &twice.parts().means);
         prop_assert_eq!(&once.parts().log_scales, &twice.parts().log_scales);
         prop_assert_eq!(&once.parts().opacity_logits, &twice.parts().opacity_logits);
@@ -190,7 +195,7 @@ fn error_of(bytes: &[u8], name: &str) -> String {
 }
 
 #[test]
-fn hostile_headers_are_named() {
+fn hostile_headers_give_precise_errors() {
     let required = "property float x\nproperty float y\nproperty float z\n\
         property float rot_0\nproperty float rot_1\nproperty float rot_2\nproperty float rot_3\n\
         property float scale_0\nproperty float scale_1\nproperty float scale_2\nproperty float opacity\n\
@@ -251,7 +256,7 @@ fn hostile_headers_are_named() {
 }
 
 #[test]
-fn hostile_spz_is_refused_before_it_is_allocated() {
+fn rejects_hostile_spz_before_allocating() {
     let header = |version: u8, count: u32, degree: u8, fraction: u8, streams: u8| {
         let mut bytes = b"NGSP".to_vec();
         bytes.extend([version, 0, 0, 0]);
@@ -265,7 +270,7 @@ fn hostile_spz_is_refused_before_it_is_allocated() {
         (header(2, u32::MAX, 4, 12, 0), "a file that can hold 4294967295 Gaussians of 390842023845 bytes"),
         (header(4, u32::MAX, 4, 12, 6), "a file that can hold 4294967295 Gaussians"),
         (header(4, 5, 0, 12, 6), "5 streams"),
-        (header(4, 5, 0, 12, 5), "32 bytes and the streams behind them"),
+        (header(4, 5, 0, 12, 5), "32 bytes and the streams after them"),
         (header(5, 5, 0, 12, 5), "version 1 to 4"),
         (header(3, 5, 5, 12, 5), "spherical harmonics of degree 0 to 4"),
         (header(3, 5, 0, 32, 5), "fewer than 32 fractional bits"),
@@ -275,9 +280,9 @@ fn hostile_spz_is_refused_before_it_is_allocated() {
     }
 }
 
-/// Rows without properties take no bytes: however many there are, they cost nothing.
+/// Rows without properties take no bytes, so any number of them costs nothing.
 #[test]
-fn empty_rows_are_not_counted() {
+fn rows_without_properties_cost_nothing() {
     for format in ["ascii", "binary_little_endian"] {
         let many =
             format!("ply\nformat {format} 1.0\nelement void 9223372036854775807\nelement vertex 1\nend_header\n");
@@ -285,32 +290,29 @@ fn empty_rows_are_not_counted() {
     }
 }
 
-/// Rows that the header does not count would be left out; a text's blank lines are no rows.
+/// Rows beyond the header's count would be ignored; blank lines of text are not rows.
 #[test]
-fn rows_behind_the_last_are_refused() {
+fn rejects_rows_after_the_last() {
     let row = "0 1 2 1 0 0 0 -1 -2 -3 0.25 0.5 0.5 0.5\n";
-    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
-    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
-    let header = |format: &str| format!("ply\nformat {format} 1.0\nelement vertex 2\n{properties}end_header\n");
-    let text = |rows: &str| header("ascii") + rows;
+    let text = |rows: &str| ply_header("ascii") + rows;
     parse(text(&(row.repeat(2) + "\n \r\n")).as_bytes(), Path::new("f.ply")).unwrap();
     assert_eq!(
         error_of(text(&(row.repeat(2) + "\n" + &row.repeat(3))).as_bytes(), "f.ply"),
-        "f.ply: line 22: expected the end of the file behind the 2 rows of the header, found 3 more"
+        "f.ply: line 22: expected the end of the file after the 2 rows of the header, found 3 more"
     );
-    let header = header("binary_little_endian");
+    let header = ply_header("binary_little_endian");
     let binary = |bytes: usize| [header.as_bytes(), &vec![0; bytes]].concat();
     let at = header.len() + 2 * 56;
     for (bytes, found) in [(3 * 56 + 5, "61 bytes, enough for 1 more"), (2 * 56 + 1, "1 bytes")] {
         assert_eq!(
             error_of(&binary(bytes), "f.ply"),
-            format!("f.ply: byte {at}: expected the end of the file behind the 2 rows of the header, found {found}")
+            format!("f.ply: byte {at}: expected the end of the file after the 2 rows of the header, found {found}")
         );
     }
 }
 
 #[test]
-fn a_git_lfs_pointer_says_what_to_do() {
+fn a_git_lfs_pointer_gives_a_helpful_error() {
     // As long as four rows of `.splat` would be.
     let pointer = format!("{:<128}", "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n");
     for name in ["scene.ply", "scene.spz", "scene.splat"] {
@@ -321,7 +323,7 @@ fn a_git_lfs_pointer_says_what_to_do() {
 }
 
 #[test]
-fn what_is_no_file_of_gaussians() {
+fn rejects_unknown_formats() {
     assert_eq!(
         error_of(b"GIF89a", "f.gif"),
         "f.gif: first bytes: expected a PLY, SPZ or .splat file, found \"GIF89a\""
@@ -330,15 +332,12 @@ fn what_is_no_file_of_gaussians() {
     assert!(matches!(read(Path::new("absent.ply")), Err(SplatError::Io { action: "reading", .. })));
 }
 
-/// What pixelSplat writes looks like logits of opacities between a half and 0.73.
+/// Opacities written by pixelSplat look like logits of opacities between 0.5 and 0.73.
 #[test]
-fn opacities_that_are_no_logits_are_suspected() {
+fn detects_opacities_that_may_not_be_logits() {
     let row = |opacity: &str| format!("0 1 2 1 0 0 0 -1 -2 -3 {opacity} 0.5 0.5 0.5\n");
-    let names = "x y z rot_0 rot_1 rot_2 rot_3 scale_0 scale_1 scale_2 opacity f_dc_0 f_dc_1 f_dc_2";
-    let properties: String = names.split(' ').flat_map(|name| ["property float ", name, "\n"]).collect();
-    let header = format!("ply\nformat ascii 1.0\nelement vertex 2\n{properties}end_header\n");
     let suspected = |first: &str, second: &str| {
-        let text = header.clone() + &row(first) + &row(second);
+        let text = ply_header("ascii") + &row(first) + &row(second);
         parse(text.as_bytes(), Path::new("f.ply")).unwrap().1.opacities_may_be_no_logits
     };
     assert!(suspected("0.25", "1"));
@@ -346,9 +345,9 @@ fn opacities_that_are_no_logits_are_suspected() {
     assert!(!suspected("-0.25", "0.5"));
 }
 
-/// An infinite logit is ±20 in any file; SPZ refuses what it cannot hold, and says what.
+/// An infinite logit is written as ±20 in any format; SPZ rejects what it cannot store, with a precise error.
 #[test]
-fn written_as_far_as_the_format_goes() {
+fn writes_extreme_values_within_the_format() {
     let parts = GaussianParts {
         means: vec![[100_000.0, 0.0, -3.0]],
         quaternions: vec![[1.0, 0.0, 0.0, 0.0]],
@@ -359,15 +358,15 @@ fn written_as_far_as_the_format_goes() {
     };
     let one = Gaussians::new(parts.clone()).unwrap();
     for encoding in ENCODINGS {
-        assert_eq!(there_and_back(&one, Output::Ply(encoding)).parts().opacity_logits, [20.0]);
+        assert_eq!(round_trip(&one, Output::Ply(encoding)).parts().opacity_logits, [20.0]);
     }
-    let back = there_and_back(&one, Output::Spz3 { antialiased: false }).into_parts();
+    let back = round_trip(&one, Output::Spz3 { antialiased: false }).into_parts();
     assert_eq!(back.means, [[100_000.0, 0.0, -3.0]], "fewer fractional bits");
     assert_eq!(back.log_scales, [[-10.0, 0.0, 5.9375]]);
     assert_eq!(back.opacity_logits, [20.0]);
 
     let folder = tempfile::tempdir().unwrap();
-    let refused = |change: &dyn Fn(&mut GaussianParts)| {
+    let rejected = |change: &dyn Fn(&mut GaussianParts)| {
         let mut parts = parts.clone();
         change(&mut parts);
         let error =
@@ -377,11 +376,11 @@ fn written_as_far_as_the_format_goes() {
         error.to_string()
     };
     for (expected, error) in [
-        ("no filter_3d", refused(&|parts| parts.filter_3d = Some(vec![0.1]))),
-        ("no scalars", refused(&|parts| parts.scalars = Some(vec![0.1]))),
-        ("finite centre", refused(&|parts| parts.means[0][1] = f32::NAN)),
-        ("a quaternion that is not zero", refused(&|parts| parts.quaternions[0] = [0.0; 4])),
-        ("centres within ±8388607", refused(&|parts| parts.means[0][1] = 1e7)),
+        ("no filter_3d", rejected(&|parts| parts.filter_3d = Some(vec![0.1]))),
+        ("no scalars", rejected(&|parts| parts.scalars = Some(vec![0.1]))),
+        ("finite centre", rejected(&|parts| parts.means[0][1] = f32::NAN)),
+        ("a quaternion that is not zero", rejected(&|parts| parts.quaternions[0] = [0.0; 4])),
+        ("centres within ±8388607", rejected(&|parts| parts.means[0][1] = 1e7)),
     ] {
         assert!(error.contains(expected), "{error}");
     }

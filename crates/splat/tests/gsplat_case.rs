@@ -1,5 +1,4 @@
-//! Four Gaussians that gsplat rendered and differentiated (`fixtures/gsplat/README.md`), and what is made of them
-//! here.
+//! Images and gradients of four Gaussians against gsplat's (`fixtures/gsplat/README.md`).
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -73,7 +72,7 @@ fn options() -> RenderOptions {
 }
 
 /// Largest difference, and that relative to the largest expected value.
-fn worst(actual: impl IntoIterator<Item = f64>, expected: &[f32]) -> (f64, f64) {
+fn max_difference(actual: impl IntoIterator<Item = f64>, expected: &[f32]) -> (f64, f64) {
     let (mut difference, mut largest, mut count) = (0.0f64, 0.0f64, 0);
     for (actual, expected) in actual.into_iter().zip(expected.iter().map(|value| f64::from(*value))) {
         let apart = (actual - expected).abs();
@@ -91,70 +90,65 @@ fn worst(actual: impl IntoIterator<Item = f64>, expected: &[f32]) -> (f64, f64) 
 }
 
 #[test]
-fn the_reference_renders_as_gsplat_does() {
+fn reference_images_match_gsplat() {
     let stored = Stored::read();
     let rendering = reference::render(&stored.gaussians(), &view(), &options()).unwrap();
     let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|(rgb, alpha)| [rgb[0], rgb[1], rgb[2], *alpha]);
-    let (difference, _) = worst(rgba, &stored.values("out_img"));
+    let (difference, _) = max_difference(rgba, &stored.values("out_img"));
     Tolerance::absolute(2e-6).assert([difference], [0.0], "image");
 }
 
 #[test]
-fn the_reference_projects_as_gsplat_does() {
+fn reference_projections_match_gsplat() {
     let stored = Stored::read();
     let projected = reference::project(&stored.gaussians(), &view(), &options()).unwrap();
     let drawn: Vec<_> = projected.into_iter().map(Option::unwrap).collect();
-    let (centres, _) = worst(drawn.iter().flat_map(|splat| splat.centre), &stored.values("xys"));
+    let (centres, _) = max_difference(drawn.iter().flat_map(|splat| splat.centre), &stored.values("xys"));
     Tolerance::absolute(1e-5).assert([centres], [0.0], "centres in pixels");
-    let (conics, _) = worst(drawn.iter().flat_map(|splat| splat.conic), &stored.values("conics"));
+    let (conics, _) = max_difference(drawn.iter().flat_map(|splat| splat.conic), &stored.values("conics"));
     Tolerance::absolute(1e-6).assert([conics], [0.0], "conics");
-    let (depths, _) = worst(drawn.iter().map(|splat| splat.depth), &stored.values("depths"));
+    let (depths, _) = max_difference(drawn.iter().map(|splat| splat.depth), &stored.values("depths"));
     Tolerance::absolute(1e-6).assert([depths], [0.0], "depths");
 }
 
-#[test]
-fn the_reference_differentiates_as_gsplat_does() {
-    let stored = Stored::read();
-    let by_image = stored.rows::<4>("v_out_img");
-    let images = ImageGradients {
-        rgb: by_image.iter().map(|[r, g, b, _]| [r, g, b].map(|value| f64::from(*value))).collect(),
-        alpha: Some(by_image.iter().map(|[.., alpha]| f64::from(*alpha)).collect()),
+fn image_gradients(stored: &Stored) -> ImageGradients<f32> {
+    let d_image = stored.rows::<4>("v_out_img");
+    ImageGradients {
+        rgb: d_image.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect(),
+        alpha: Some(d_image.iter().map(|[.., alpha]| *alpha).collect()),
         depth: None,
         scalar: None,
-    };
-    let Gradients { means, quaternions, log_scales, opacity_logits, sh, means_2d, conics, .. } =
-        reference::backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
-    let flat = |rows: Vec<Vec<f64>>| rows.into_iter().flatten().collect::<Vec<f64>>();
-    let cases = [
-        ("v_means", flat(means.iter().map(|row| row.to_vec()).collect())),
-        ("v_quats", flat(quaternions.iter().map(|row| row.to_vec()).collect())),
-        ("v_scales", flat(log_scales.iter().map(|row| row.to_vec()).collect())),
-        ("v_opacities", opacity_logits),
-        ("v_coeffs", flat(sh.iter().map(|row| row.to_vec()).collect())),
-        ("v_xy", flat(means_2d.iter().map(|row| row.to_vec()).collect())),
-        ("v_conics", flat(conics.iter().map(|row| row.to_vec()).collect())),
-    ];
-    let mut failures = Vec::new();
-    for (name, actual) in cases {
-        let (difference, relative) = worst(actual, &stored.values(name));
-        if !Tolerance::absolute(1e-4).accepts(relative, 0.0) {
-            failures.push(format!("{name}: {difference:.3e}, relative {relative:.3e}"));
-        }
     }
-    assert!(failures.is_empty(), "{failures:#?}");
 }
 
-/// f32 pixels and derivatives, at every instruction set and on the graphics adapter.
+fn assert_gradients<T: Copy + Into<f64>>(gradients: &Gradients<T>, stored: &Stored, bound: f64, what: &str) {
+    let cases = [
+        ("v_means", gradients.means.as_flattened()),
+        ("v_quats", gradients.quaternions.as_flattened()),
+        ("v_scales", gradients.log_scales.as_flattened()),
+        ("v_opacities", &gradients.opacity_logits),
+        ("v_coeffs", gradients.sh.as_flattened()),
+        ("v_xy", gradients.means_2d.as_flattened()),
+        ("v_conics", gradients.conics.as_flattened()),
+    ];
+    for (name, actual) in cases {
+        let (_, relative) = max_difference(actual.iter().map(|value| (*value).into()), &stored.values(name));
+        Tolerance::absolute(bound).assert([relative], [0.0], &format!("{what}: {name}"));
+    }
+}
+
 #[test]
-fn processors_agree_with_gsplat() {
+fn reference_gradients_match_gsplat() {
     let stored = Stored::read();
-    let by_image = stored.rows::<4>("v_out_img");
-    let images = ImageGradients {
-        rgb: by_image.iter().map(|[r, g, b, _]| [*r, *g, *b]).collect(),
-        alpha: Some(by_image.iter().map(|[.., alpha]| *alpha).collect()),
-        depth: None,
-        scalar: None,
-    };
+    let images = image_gradients(&stored).map(f64::from);
+    let gradients = reference::backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
+    assert_gradients(&gradients, &stored, 1e-4, "reference");
+}
+
+/// f32 pixels and gradients, with every instruction set and on the GPU.
+#[test]
+fn cpu_and_gpu_match_gsplat() {
+    let stored = Stored::read();
     let mut renderers: Vec<Box<dyn Renderer>> = Vec::new();
     for simd in SimdLevel::available() {
         renderers.push(Box::new(CpuRenderer::new(CpuOptions { simd, ..CpuOptions::default() })));
@@ -168,21 +162,9 @@ fn processors_agree_with_gsplat() {
     for mut renderer in renderers {
         let rendering = renderer.render(&stored.gaussians(), &view(), &options()).unwrap();
         let rgba = rendering.rgb.iter().zip(&rendering.alpha).flat_map(|([r, g, b], alpha)| [*r, *g, *b, *alpha]);
-        let (difference, _) = worst(rgba.map(f64::from), &stored.values("out_img"));
+        let (difference, _) = max_difference(rgba.map(f64::from), &stored.values("out_img"));
         Tolerance::absolute(1e-5).assert([difference], [0.0], "image");
-        let gradients = renderer.backward(&stored.gaussians(), &view(), &options(), &images).unwrap();
-        let cases = [
-            ("v_means", gradients.means.as_flattened()),
-            ("v_quats", gradients.quaternions.as_flattened()),
-            ("v_scales", gradients.log_scales.as_flattened()),
-            ("v_opacities", &gradients.opacity_logits),
-            ("v_coeffs", gradients.sh.as_flattened()),
-            ("v_xy", gradients.means_2d.as_flattened()),
-            ("v_conics", gradients.conics.as_flattened()),
-        ];
-        for (name, actual) in cases {
-            let (_, relative) = worst(actual.iter().map(|value| f64::from(*value)), &stored.values(name));
-            Tolerance::absolute(1e-3).assert([relative], [0.0], name);
-        }
+        let gradients = renderer.backward(&stored.gaussians(), &view(), &options(), &image_gradients(&stored)).unwrap();
+        assert_gradients(&gradients, &stored, 1e-3, &renderer.name());
     }
 }

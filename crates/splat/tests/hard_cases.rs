@@ -1,4 +1,4 @@
-//! Every path through every hard case.
+//! Every renderer on every hard case.
 
 use std::fmt::Write as _;
 
@@ -11,12 +11,12 @@ use atsplat_splat::{
 use atsplat_tests::skip_without_graphics;
 
 #[test]
-fn every_path_survives_every_case() {
+fn every_renderer_passes_every_case() {
     let mut paths = paths();
     match gpu_path(&AdapterChoice::Automatic, &()) {
         Ok(path) => paths.push(path),
         Err(error) => {
-            skip_without_graphics("every_path_survives_every_case", error);
+            skip_without_graphics("every_renderer_passes_every_case", error);
         }
     }
     let (mut failed, mut compared) = (String::new(), 0);
@@ -29,7 +29,7 @@ fn every_path_survives_every_case() {
         }
     }
     assert!(failed.is_empty(), "\n{failed}");
-    assert!(compared > 4000, "{compared} derivatives compared with differences");
+    assert!(compared > 4000, "{compared} gradients compared with differences");
 }
 
 #[test]
@@ -41,12 +41,12 @@ fn names_are_unique() {
     assert!(names.len() == count && count > 60, "{count} cases");
 }
 
-/// Renders with the reference, and gets one thing wrong.
-struct Broken(fn(&mut Rendering<f32>), fn(&mut Gradients<f32>));
+/// Renders with the reference, and introduces one error.
+struct Faulty(fn(&mut Rendering<f32>), fn(&mut Gradients<f32>));
 
-impl Renderer for Broken {
+impl Renderer for Faulty {
     fn name(&self) -> String {
-        "broken".to_owned()
+        "faulty".to_owned()
     }
 
     fn render(
@@ -77,15 +77,15 @@ impl Renderer for Broken {
     }
 }
 
-/// The harness itself: a small mistake in any image, derivative or count fails, and so does one NaN.
+/// Tests the harness: a small error in any image, gradient or count is detected, and so is a NaN.
 #[test]
-fn mistakes_are_found() {
+fn detects_errors() {
     let case = catalogue().into_iter().find(|case| case.name == "needle-end-on").unwrap();
-    let fails = |image: fn(&mut Rendering<f32>), derivative: fn(&mut Gradients<f32>)| {
-        let broken = Path { renderer: Box::new(Broken(image, derivative)), slack: 1.0 };
-        !rows(&case, &mut [broken]).unwrap().pop().unwrap().passes()
+    let fails = |image: fn(&mut Rendering<f32>), gradient: fn(&mut Gradients<f32>)| {
+        let faulty = Path { renderer: Box::new(Faulty(image, gradient)), slack: 1.0 };
+        !rows(&case, &mut [faulty]).unwrap().pop().unwrap().passes()
     };
-    assert!(!fails(|_| {}, |_| {}), "nothing wrong");
+    assert!(!fails(|_| {}, |_| {}), "no error");
     let images: [fn(&mut Rendering<f32>); 6] = [
         |rendering| rendering.rgb[100][1] += 1e-4,
         |rendering| rendering.alpha[200] -= 1e-4,
@@ -97,7 +97,7 @@ fn mistakes_are_found() {
     for (number, image) in images.into_iter().enumerate() {
         assert!(fails(image, |_| {}), "image {number}");
     }
-    let derivatives: [fn(&mut Gradients<f32>); 6] = [
+    let gradients: [fn(&mut Gradients<f32>); 6] = [
         |gradients| gradients.means.iter_mut().flatten().for_each(|value| *value *= 1.01),
         |gradients| gradients.quaternions[1][3] = f32::INFINITY,
         |gradients| gradients.log_scales[1] = [0.0; 3],
@@ -105,7 +105,7 @@ fn mistakes_are_found() {
         |gradients| gradients.background[2] += 1.0,
         |gradients| gradients.pose[4] = -gradients.pose[4],
     ];
-    for (number, derivative) in derivatives.into_iter().enumerate() {
-        assert!(fails(|_| {}, derivative), "derivative {number}");
+    for (number, gradient) in gradients.into_iter().enumerate() {
+        assert!(fails(|_| {}, gradient), "gradient {number}");
     }
 }

@@ -1,5 +1,5 @@
-//! Whatever stands in a field, pixels and gradients of finite images are finite: what cannot be used is culled and
-//! counted, what is extreme but usable survives.
+//! Pixels and gradients are finite for any input values: invalid Gaussians are culled and counted, extreme but valid
+//! ones are drawn.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -18,10 +18,10 @@ fn options(mode: RasterMode) -> RenderOptions {
 
 fn check(poisoned: &[(usize, f32)]) {
     let filtered = scene(poisoned);
-    let sharp = Gaussians::new(GaussianParts { filter_3d: None, ..filtered.parts().clone() }).unwrap();
+    let unfiltered = Gaussians::new(GaussianParts { filter_3d: None, ..filtered.parts().clone() }).unwrap();
     for mode in [RasterMode::Classic, RasterMode::Antialiased] {
         check_in(&filtered, mode, &format!("{poisoned:?} {mode:?} filtered"));
-        check_in(&sharp, mode, &format!("{poisoned:?} {mode:?}"));
+        check_in(&unfiltered, mode, &format!("{poisoned:?} {mode:?}"));
     }
 }
 
@@ -39,7 +39,7 @@ fn check_in(gaussians: &Gaussians, mode: RasterMode, what: &str) {
 }
 
 #[test]
-fn every_number_in_every_slot() {
+fn survives_every_value_in_every_slot() {
     for slot in 0..SLOTS {
         for value in POISON {
             check(&[(slot, value)]);
@@ -51,12 +51,12 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
     #[test]
-    fn several_at_once(poisoned in prop::collection::vec((0..NUMBERS, prop::sample::select(&POISON[..])), 1..12)) {
+    fn survives_several_values_at_once(poisoned in prop::collection::vec((0..NUMBERS, prop::sample::select(&POISON[..])), 1..12)) {
         check(&poisoned);
     }
 
     #[test]
-    fn any_bits(poisoned in prop::collection::vec((0..NUMBERS, any::<u32>().prop_map(f32::from_bits)), 1..12)) {
+    fn survives_arbitrary_bits(poisoned in prop::collection::vec((0..NUMBERS, any::<u32>().prop_map(f32::from_bits)), 1..12)) {
         check(&poisoned);
     }
 }

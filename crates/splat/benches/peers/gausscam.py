@@ -1,12 +1,12 @@
-"""Times gausscam (PyPI) and this crate's `gpu` benchmark on the same scenes and adapter, in turns.
+"""Times gausscam (PyPI) and this crate's `gpu` benchmark on the same scenes and adapter, alternately.
 
     cargo bench -p atsplat-splat --bench gpu --no-run     # prints the executable
     python -m venv /tmp/venv && /tmp/venv/bin/pip install "gausscam[webgpu,io]"
     /tmp/venv/bin/python gausscam.py <executable> [adapter] [turns]
 
-Both render 8 frames after a warm-up and report the least and the median. gausscam keeps its Gaussians on the device
-and returns 8-bit RGB and depth in millimetres; our figure beside it is "on the device", which returns f32 RGB and
-alpha.
+Both render 8 frames after a warm-up and report the minimum and the median. gausscam keeps its Gaussians on the device
+and returns 8-bit RGB and depth in millimetres; the comparable figure here is "on the device", which returns f32 RGB
+and alpha.
 """
 
 import statistics
@@ -16,7 +16,7 @@ import tempfile
 import time
 from pathlib import Path
 
-# This file's folder comes first otherwise, and the file has the package's name.
+# This file has the package's name, and its folder would otherwise come first.
 sys.path.pop(0)
 
 import numpy as np  # noqa: E402
@@ -24,8 +24,8 @@ from gausscam.backends.webgpu import Pipeline, pick_variant  # noqa: E402
 from gausscam.core.assets import GaussianCloud  # noqa: E402
 from wgpu.backends.wgpu_native import GPUDevice  # noqa: E402
 
-# gausscam binds 35 storage buffers at once, more than llvmpipe's 32. These belong to kernels that neither a cloud
-# without a robot nor this sort runs: links of the robot, and the other sort's counters.
+# gausscam binds 35 storage buffers at once, more than llvmpipe's 32. The omitted ones belong to kernels that neither a
+# cloud without a robot nor this sort runs: links of the robot, and the other sort's counters.
 UNUSED_BINDINGS = {6, 7, 34, 35}
 UNUSED_KERNELS = {"update_links", "self_cull"}
 

@@ -3,10 +3,10 @@
     pip install --no-deps gsplat==1.5.3 jaxtyping wadler_lindig rich ninja; pip install torch numpy
     python gsplat_torch.py path/to/atsplat [COUNT WIDTH HEIGHT [ROUNDS]]
 
-gsplat projects and evaluates harmonics in PyTorch (`gsplat/cuda/_torch_impl.py`), but lists the pairs of Gaussians and
-pixels in CUDA (`rasterize_to_indices_in_range`), sorts tiles in a Python loop over Gaussians, and composites with
-nerfacc's CUDA scans. Here the first is gsplat's own code; the rest is the least that PyTorch needs for the same
-picture, vectorised: it is faster than what gsplat would do on a processor.
+gsplat projects and evaluates harmonics in PyTorch (`gsplat/cuda/_torch_impl.py`), but lists the pairs of Gaussians
+and pixels in CUDA (`rasterize_to_indices_in_range`), sorts tiles in a Python loop over Gaussians, and composites with
+nerfacc's CUDA scans. Here the first part is gsplat's own code; the rest is the minimum that PyTorch needs for the
+same image, vectorised, and so faster than gsplat itself would be on a CPU.
 """
 
 import json

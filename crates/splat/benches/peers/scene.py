@@ -10,7 +10,7 @@ FOCAL = 0.9
 
 
 def scene(count, width, height, seed=1):
-    """Means, quaternions (w, x, y, z), log scales, opacity logits and degree-0 harmonics."""
+    """Means, quaternions (w, x, y, z), log scales, opacity logits and degree-0 SH coefficients."""
     random = np.random.default_rng(seed)
     u, v = random.random(count) * width, random.random(count) * height
     depth = 3 + np.sin(u * 0.02) + np.cos(v * 0.03) + 0.1 * random.random(count)
@@ -24,7 +24,7 @@ def scene(count, width, height, seed=1):
 
 
 def write(folder, count, width, height, views=9):
-    """The scene, and a trajectory of so many views of it, all the same."""
+    """Writes the scene, and a trajectory of `views` identical views of it."""
     means, quaternions, log_scales, logits, harmonics = scene(count, width, height)
     names = "x y z f_dc_0 f_dc_1 f_dc_2 opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3".split()
     rows = np.concatenate([means, harmonics, logits[:, None], log_scales, quaternions], 1).astype("<f4")

@@ -1,21 +1,21 @@
-//! A batch of splats, sorted into the blocks of a cell by exactly which blocks each ellipse touches.
+//! A batch of splats, and for each block of a cell the splats whose ellipse touches it.
 
 use pulp::Simd;
 
 use super::bins::Entry;
-use super::splat::Splat;
+use super::project::Splat;
 
-/// Side of a block in pixels; what is kept of a block stays in registers while its splats pass.
+/// Side of a block in pixels; a block's state stays in registers while its splats are composited.
 pub(super) const BLOCK: usize = 4;
 /// Pixels in a block.
 pub(super) const LANES: usize = BLOCK * BLOCK;
-/// Side of the largest cell in pixels: its 64 blocks are one word.
+/// Side of the largest cell in pixels: its 64 blocks fit a 64-bit mask.
 pub(super) const CELL: usize = 32;
 /// Blocks in a cell.
 pub(super) const BLOCKS: usize = 64;
-/// Splats that are looked at together.
+/// Splats tested together.
 const GROUP: usize = 16;
-/// Splats in a batch: no more than a byte can count.
+/// Splats in a batch; at most 255, so that indices fit a byte.
 pub(super) const BATCH: usize = 240;
 
 /// A square of blocks.
@@ -23,31 +23,31 @@ pub(super) const BATCH: usize = 240;
 pub(super) struct Cell {
     pub(super) left: usize,
     pub(super) top: usize,
-    /// Blocks in a row of them: 4 or 8.
+    /// Blocks per row: 4 or 8.
     pub(super) across: usize,
 }
 
-/// A splat as the blocks of one cell see it.
+/// A splat's data relative to one cell.
 #[derive(Clone, Copy, Debug, Default)]
 #[repr(align(64))]
 pub(super) struct Record {
     pub(super) whitener: [f32; 3],
     pub(super) shift: [f32; 2],
-    /// From the splat's base to the first pixel of the cell, whole pixels.
+    /// From the splat's base to the cell's first pixel, in whole pixels.
     pub(super) from_base: [f32; 2],
     pub(super) opacity: f32,
     pub(super) rgb: [f32; 3],
     pub(super) depth: f32,
     pub(super) scalar: f32,
-    /// Which of those that the batch was made from.
-    pub(super) place: u32,
+    /// Index in the list that the batch was filled from.
+    pub(super) index: u32,
 }
 
-/// Splats, and for each block those that touch it.
+/// Splats, and for each block the indices of those that touch it.
 #[derive(Debug)]
 pub(super) struct Batch {
-    /// Copies.
-    near: [Splat; BATCH],
+    /// Copies of the splats.
+    copies: [Splat; BATCH],
     records: [Record; 256],
     used: u8,
     lists: [[u8; 256]; BLOCKS],
@@ -57,7 +57,7 @@ pub(super) struct Batch {
 impl Default for Batch {
     fn default() -> Self {
         Self {
-            near: [Splat::default(); BATCH],
+            copies: [Splat::default(); BATCH],
             records: [Record::default(); 256],
             used: 0,
             lists: [[0; 256]; BLOCKS],
@@ -67,8 +67,8 @@ impl Default for Batch {
 }
 
 impl Batch {
-    /// Takes at most [`BATCH`] splats, in their order; `open` has a bit for each block that is not finished. Entries
-    /// are places in `list`, or among all splats where there is none.
+    /// Takes at most [`BATCH`] splats, in order; `open` has a bit for each unfinished block. Entries are indices into
+    /// `list`, or into all splats if there is no list.
     #[inline(always)]
     pub(super) fn fill<S: Simd>(
         &mut self,
@@ -81,33 +81,30 @@ impl Batch {
     ) {
         self.used = 0;
         self.lengths = [0; BLOCKS];
-        // Loads that nothing else stands between wait for memory together, not one after the other.
-        for (near, entry) in self.near.iter_mut().zip(entries) {
-            let splat = match list {
-                None => entry.splat,
-                Some(list) => list.get(entry.splat as usize).copied().unwrap_or(u32::MAX),
-            };
-            *near = splats.get(splat as usize).copied().unwrap_or_default();
+        // A tight loop of loads overlaps their memory latencies.
+        for (copies, entry) in self.copies.iter_mut().zip(entries) {
+            let splat = list.map_or(entry.splat, |list| list[entry.splat as usize]);
+            *copies = splats[splat as usize];
         }
         let count = if entries.len() < BATCH { entries.len() } else { BATCH };
         for start in (0..count).step_by(GROUP) {
             let first = self.used;
             let mut group = Group::default();
             let count = if count - start < GROUP { count - start } else { GROUP };
-            let near = self.near.iter().zip(entries).skip(start).take(count);
-            for ((lane, place), (splat, entry)) in (first..).enumerate().zip(near) {
-                // Kept behind those in use, until it is known which touch anything.
+            let copies = self.copies.iter().zip(entries).skip(start).take(count);
+            for ((lane, index), (splat, entry)) in (first..).enumerate().zip(copies) {
+                // Stored after the records in use until it is known which of them touch a block.
                 let record = record(cell, entry.splat, splat);
-                self.records[usize::from(place)] = record;
-                group.put(lane, cell, splat, &record);
+                self.records[usize::from(index)] = record;
+                group.set(lane, cell, splat, &record);
             }
-            group.shrink::<S>(simd, cell.across);
-            for (lane, place) in (first..).enumerate().take(count) {
+            group.find_blocks::<S>(simd, cell.across);
+            for (lane, index) in (first..).enumerate().take(count) {
                 let mut blocks = group.blocks(lane) & open;
                 if blocks == 0 {
                     continue;
                 }
-                self.records[usize::from(self.used)] = self.records[usize::from(place)];
+                self.records[usize::from(self.used)] = self.records[usize::from(index)];
                 while blocks != 0 {
                     let block = blocks.trailing_zeros() as usize % BLOCKS;
                     let length = &mut self.lengths[block];
@@ -120,11 +117,11 @@ impl Batch {
         }
     }
 
-    /// The splats that touch a block, in their order, as numbers of records.
+    /// The record indices of the splats that touch a block, in order.
     #[inline(always)]
     pub(super) fn list(&self, block: usize) -> &[u8] {
         let block = block % BLOCKS;
-        self.lists[block].get(..usize::from(self.lengths[block])).unwrap_or_default()
+        &self.lists[block][..usize::from(self.lengths[block])]
     }
 
     #[inline(always)]
@@ -133,14 +130,14 @@ impl Batch {
     }
 
     pub(super) fn records(&self) -> &[Record] {
-        self.records.get(..usize::from(self.used)).unwrap_or_default()
+        &self.records[..usize::from(self.used)]
     }
 }
 
 #[inline(always)]
-fn record(cell: Cell, place: u32, splat: &Splat) -> Record {
-    // Pictures and bases are well within 2³¹.
-    let from_base = |start: usize, base: i32| (i32::try_from(start).unwrap_or(i32::MAX / 2) - base) as f32;
+fn record(cell: Cell, index: u32, splat: &Splat) -> Record {
+    #[expect(clippy::cast_possible_truncation, clippy::cast_possible_wrap, reason = "an image side fits 16 bits")]
+    let from_base = |start: usize, base: i32| (start as i32 - base) as f32;
     Record {
         whitener: splat.whitener,
         shift: splat.shift,
@@ -149,26 +146,26 @@ fn record(cell: Cell, place: u32, splat: &Splat) -> Record {
         rgb: splat.rgb,
         depth: splat.depth,
         scalar: splat.scalar,
-        place,
+        index,
     }
 }
 
-/// What decides which blocks splats touch, a lane each.
+/// The data that decides which blocks splats touch, one lane per splat.
 #[derive(Default)]
 struct Group {
     whitener: [[f32; GROUP]; 3],
     shift: [[f32; GROUP]; 2],
     from_base: [[f32; GROUP]; 2],
     cut: [f32; GROUP],
-    /// Blocks in the rectangle of the splat's reach.
+    /// Mask of the blocks in the splat's bounding rectangle.
     rectangle: [u64; GROUP],
-    /// Blocks that the ellipse touches, the upper 32 and the lower.
+    /// Mask of the blocks that the ellipse touches, in two words.
     ellipse: [[u32; GROUP]; 2],
 }
 
 impl Group {
     #[inline(always)]
-    fn put(&mut self, lane: usize, cell: Cell, splat: &Splat, record: &Record) {
+    fn set(&mut self, lane: usize, cell: Cell, splat: &Splat, record: &Record) {
         let lane = lane % GROUP;
         for (row, value) in self.whitener.iter_mut().zip(record.whitener) {
             row[lane] = value;
@@ -189,22 +186,22 @@ impl Group {
         self.rectangle[lane] & (self.ellipse[0][lane] as u64 | (self.ellipse[1][lane] as u64) << 32)
     }
 
-    /// Finds the blocks that the ellipses touch, row by row of them, or a few too many.
+    /// Finds the blocks that the ellipses touch, row by row; conservatively, perhaps a few too many.
     ///
-    /// Whitened, the ellipse is a disc `u² + v² ≤ cut`, rows are strips of `v`, and the strip reaches furthest
-    /// right where `√(cut − v²) − v·shear/down` is greatest: at the middle of the disc's own edge, or at the end
-    /// of the strip nearest to it.
+    /// In whitened coordinates the ellipse is a disc `u² + v² ≤ cut` and a row is a strip of `v`. Within a strip the
+    /// disc extends furthest right where `√(cut − v²) − v·shear/down` is largest: at its unconstrained maximum, or at
+    /// the end of the strip nearest to it.
     #[inline(always)]
-    fn shrink<S: Simd>(&mut self, simd: S, across: usize) {
-        const SPARE: f32 = 0.05;
+    fn find_blocks<S: Simd>(&mut self, simd: S, across: usize) {
+        const MARGIN: f32 = 0.05;
         const BITS: [u32; 32] = bits();
         const LAST: f32 = (BLOCK - 1) as f32;
         let splat = |value: f32| simd.splat_f32s(value);
         let (zero, one, most) = (splat(0.0), splat(1.0), splat(across as f32));
-        let (quarter, low, high) = (splat(0.25), splat(0.5 - (LAST + SPARE) / 4.0), splat(0.5 + SPARE / 4.0));
-        // Adding 2²³ leaves a small whole number in the low bits.
+        let (quarter, low, high) = (splat(0.25), splat(0.5 - (LAST + MARGIN) / 4.0), splat(0.5 + MARGIN / 4.0));
+        // Adding 2²³ moves a small integer into the low bits.
         let (rounder, bits) = (splat(8_388_608.0), simd.splat_u32s(31));
-        let row = |values: &[f32; GROUP], at: usize| S::as_simd_f32s(values).0.get(at).copied().unwrap_or(zero);
+        let row = |values: &[f32; GROUP], at: usize| S::as_simd_f32s(values).0[at];
         for at in 0..GROUP / S::F32_LANES {
             let [along, shear, down] = [0, 1, 2].map(|n| row(&self.whitener[n], at));
             let [shift_u, shift_v] = [0, 1].map(|n| row(&self.shift[n], at));
@@ -246,21 +243,19 @@ impl Group {
                 let columns = simd.sub_u32s(ones(past), ones(from));
                 let touched = simd.greater_than_or_equal_f32s(inside, zero);
                 let columns = simd.select_u32s(touched, columns, simd.splat_u32s(0));
-                let place = block_row * across;
-                let shifted = simd.wrapping_dyn_shl_u32s(columns, simd.splat_u32s(BITS[place % 32]));
-                let word = &mut found[place / 32 % 2];
+                let index = block_row * across;
+                let shifted = simd.wrapping_dyn_shl_u32s(columns, simd.splat_u32s(BITS[index % 32]));
+                let word = &mut found[index / 32 % 2];
                 *word = simd.or_u32s(*word, shifted);
             }
             for (words, found) in self.ellipse.iter_mut().zip(found) {
-                if let Some(slot) = S::as_mut_simd_u32s(words).0.get_mut(at) {
-                    *slot = found;
-                }
+                S::as_mut_simd_u32s(words).0[at] = found;
             }
         }
     }
 }
 
-/// The numbers from 0 to 31.
+/// The integers from 0 to 31.
 const fn bits() -> [u32; 32] {
     let mut bits = [0; 32];
     let mut at = 1;
@@ -271,7 +266,7 @@ const fn bits() -> [u32; 32] {
     bits
 }
 
-/// Blocks of a cell within a rectangle of pixels.
+/// Mask of the blocks of a cell that overlap a rectangle of pixels.
 #[inline(always)]
 fn rectangle(cell: Cell, [columns, rows]: [[u16; 2]; 2]) -> u64 {
     let along = |[from, past]: [u16; 2], start: usize| {
@@ -287,6 +282,6 @@ fn rectangle(cell: Cell, [columns, rows]: [[u16; 2]; 2]) -> u64 {
     let below = |row: usize| if row * cell.across < BLOCKS { (1u64 << (row * cell.across)) - 1 } else { u64::MAX };
     let every_row = if cell.across == 8 { 0x0101_0101_0101_0101 } else { 0x1111 };
     let within = (1u64 << right).wrapping_sub(1 << left);
-    // Where the rectangle misses the cell, one of the differences is nothing.
+    // If the rectangle misses the cell, one of the ranges is empty.
     if right > left && bottom > top { (within * every_row) & below(bottom) & !below(top) } else { 0 }
 }

@@ -1,75 +1,74 @@
-//! Spherical harmonics: the basis for many Gaussians side by side, then each one's coefficients, read once.
+//! Spherical harmonics: evaluates the basis for a chunk of Gaussians, then applies each one's coefficients.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
 use pulp::Simd;
 
-use super::narrowed;
 use super::shape::Shapes;
-use super::wide::{Row, Row32, SIDE_BY_SIDE, Wide, dot, load3, splat3, store3};
+use super::to_f32;
+use super::wide::{CHUNK, Row, Row32, Wide, dot, load3, splat3, store3};
 use crate::constants::{LARGEST_CHANNEL, ShAxes};
 use crate::view::Optics;
 use crate::{GaussianParts, RenderOptions, sh, sh_coefficients};
 
-/// Values of the basis in the directions of Gaussians side by side.
+/// SH basis values at the view directions of a chunk of Gaussians.
 #[derive(Debug)]
 pub(super) struct Basis {
     degree: u8,
     stored: usize,
     values: [Row32; 25],
-    /// The directions, and the basis' slopes along each axis; the derivative alone fills the slopes.
+    /// The directions, and the gradient of each basis function; the gradients are filled only for the backward pass.
     unit: [Row32; 3],
-    slopes: Vec<[Row32; 3]>,
+    gradients: Vec<[Row32; 3]>,
 }
 
 impl Basis {
     pub(super) fn new(parts: &GaussianParts, options: &RenderOptions) -> Self {
         let degree = if options.max_sh_degree < parts.sh_degree { options.max_sh_degree } else { parts.sh_degree };
-        let mut values = [[0.0; SIDE_BY_SIDE]; 25];
-        values[0] = [narrowed(sh::C0); SIDE_BY_SIDE];
+        let mut values = [[0.0; CHUNK]; 25];
+        values[0] = [to_f32(sh::C0); CHUNK];
         Self {
             degree,
             stored: sh_coefficients(parts.sh_degree),
             values,
-            unit: [[0.0; SIDE_BY_SIDE]; 3],
-            slopes: Vec::new(),
+            unit: [[0.0; CHUNK]; 3],
+            gradients: Vec::new(),
         }
     }
 
-    /// Evaluates the basis in the directions from a camera.
+    /// Evaluates the basis at the view directions of a camera.
     #[inline(always)]
-    pub(super) fn look<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, axes: ShAxes) {
+    pub(super) fn evaluate<S: Simd>(&mut self, simd: S, shapes: &Shapes, optics: &Optics, axes: ShAxes) {
         if self.degree == 0 {
             return;
         }
-        let mut unit = [[0.0; SIDE_BY_SIDE]; 3];
+        let mut unit = [[0.0; CHUNK]; 3];
         directions(simd, shapes, optics, axes, &mut unit);
         for (narrow, wide) in self.unit.iter_mut().zip(&unit) {
             for (slot, value) in narrow.iter_mut().zip(wide) {
-                *slot = narrowed(*value);
+                *slot = to_f32(*value);
             }
         }
         let [x, y, z] = &self.unit;
         let used = sh_coefficients(self.degree);
         let eights = x.as_chunks().0.iter().zip(y.as_chunks().0).zip(z.as_chunks().0);
         for (at, ((x, y), z)) in eights.enumerate() {
-            let basis = sh::basis(self.degree, [Eight(*x), Eight(*y), Eight(*z)]);
+            let basis = sh::basis(self.degree, [F32x8(*x), F32x8(*y), F32x8(*z)]);
             for (row, value) in self.values.iter_mut().zip(basis).take(used).skip(1) {
-                if let Some(slot) = row.as_chunks_mut().0.get_mut(at) {
-                    *slot = value.0;
-                }
+                row.as_chunks_mut().0[at] = value.0;
             }
         }
     }
 
-    /// Colour of one of the Gaussians, clamped at 0; `None` where it cannot be used.
+    /// Colour of one of the Gaussians, clamped at 0; `None` if it is invalid.
     #[inline(always)]
     pub(super) fn colour(&self, parts: &GaussianParts, position: usize, lane: usize) -> Option<[f32; 3]> {
-        let lane = lane % SIDE_BY_SIDE;
+        let lane = lane % CHUNK;
         let coefficients = parts.sh.get(position * self.stored..)?;
         let mut sum = [0.5f32; 4];
         let used = sh_coefficients(self.degree);
-        // Four floats at a time, of which the last are the next coefficient's; the very last has none behind it.
+        // Loads four floats at a time, of which the fourth belongs to the next coefficient; the last coefficient has no
+        // successor.
         let (last, others) = coefficients.get(..used)?.split_last()?;
         let flat = coefficients.as_flattened();
         for ((at, _), basis) in others.iter().enumerate().zip(&self.values) {
@@ -79,44 +78,42 @@ impl Basis {
         }
         let value = self.values.get(used - 1)?[lane];
         let [r, g, b] = [sum[0] + last[0] * value, sum[1] + last[1] * value, sum[2] + last[2] * value];
-        let largest = narrowed(LARGEST_CHANNEL);
-        let usable = (r.abs() <= largest) & (g.abs() <= largest) & (b.abs() <= largest);
-        // The sign of zero tells the derivative that nothing passes.
+        let largest = to_f32(LARGEST_CHANNEL);
+        let valid = (r.abs() <= largest) & (g.abs() <= largest) & (b.abs() <= largest);
+        // A negative zero marks a clamped channel for the backward pass.
         let seen = |channel: f32| if channel < 0.0 { -0.0 } else { channel };
-        usable.then_some([seen(r), seen(g), seen(b)])
+        valid.then_some([seen(r), seen(g), seen(b)])
     }
 
-    /// Coefficients that a Gaussian has.
+    /// Number of coefficients stored per Gaussian.
     pub(super) const fn stored(&self) -> usize {
         self.stored
     }
 
-    /// Evaluates the slopes of the basis, in the directions that it was evaluated in.
+    /// Evaluates the gradients of the basis at the same directions.
     #[inline(always)]
-    pub(super) fn slopes(&mut self) {
+    pub(super) fn evaluate_gradients(&mut self) {
         if self.degree == 0 {
             return;
         }
         let used = sh_coefficients(self.degree);
-        self.slopes.resize(used, [[0.0; SIDE_BY_SIDE]; 3]);
+        self.gradients.resize(used, [[0.0; CHUNK]; 3]);
         let [x, y, z] = &self.unit;
         let eights = x.as_chunks().0.iter().zip(y.as_chunks().0).zip(z.as_chunks().0);
         for (at, ((x, y), z)) in eights.enumerate() {
-            let slopes = sh::basis_gradient(self.degree, [Eight(*x), Eight(*y), Eight(*z)]);
-            for (rows, slopes) in self.slopes.iter_mut().zip(slopes) {
-                for (row, slope) in rows.iter_mut().zip(slopes) {
-                    if let Some(slot) = row.as_chunks_mut().0.get_mut(at) {
-                        *slot = slope.0;
-                    }
+            let gradients = sh::basis_gradient(self.degree, [F32x8(*x), F32x8(*y), F32x8(*z)]);
+            for (rows, gradients) in self.gradients.iter_mut().zip(gradients) {
+                for (row, slope) in rows.iter_mut().zip(gradients) {
+                    row.as_chunks_mut().0[at] = slope.0;
                 }
             }
         }
     }
 
-    /// Carries the derivative by the colour of one of the Gaussians, of which `seen` is the colour, to its
-    /// coefficients; returns that by the direction, nothing without slopes.
+    /// Backward pass of [`Self::colour`]: from the colour `seen` and the gradient `by` with respect to it, writes the
+    /// gradients of the coefficients to `rows` and returns that of the direction (zero without basis gradients).
     #[inline(always)]
-    pub(super) fn carry(
+    pub(super) fn backward(
         &self,
         parts: &GaussianParts,
         position: usize,
@@ -124,7 +121,7 @@ impl Basis {
         (seen, by): ([f32; 3], [f32; 3]),
         rows: &mut [[f32; 3]],
     ) -> [f64; 3] {
-        let lane = lane % SIDE_BY_SIDE;
+        let lane = lane % CHUNK;
         let through = |seen: f32, by: f32| if seen.is_sign_negative() { 0.0 } else { by };
         let [r, g, b] = [through(seen[0], by[0]), through(seen[1], by[1]), through(seen[2], by[2])];
         let used = sh_coefficients(self.degree);
@@ -132,26 +129,25 @@ impl Basis {
             let value = basis[lane];
             *row = [r * value, g * value, b * value];
         }
-        let coefficients = parts.sh.get(position * self.stored..).unwrap_or_default();
-        // In f64, where no coefficient overflows.
+        let coefficients = &parts.sh[position * self.stored..];
+        // In f64, which cannot overflow here.
         let [r, g, b] = [f64::from(r), f64::from(g), f64::from(b)];
         let mut sum = [0.0f64; 3];
-        for (coefficient, [x, y, z]) in coefficients.iter().zip(&self.slopes) {
+        for (coefficient, [x, y, z]) in coefficients.iter().zip(&self.gradients) {
             let [cr, cg, cb] = *coefficient;
-            let worth = f64::from(cr) * r + f64::from(cg) * g + f64::from(cb) * b;
+            let d_basis = f64::from(cr) * r + f64::from(cg) * g + f64::from(cb) * b;
             let [x, y, z] = [f64::from(x[lane]), f64::from(y[lane]), f64::from(z[lane])];
-            sum = [sum[0] + x * worth, sum[1] + y * worth, sum[2] + z * worth];
+            sum = [sum[0] + x * d_basis, sum[1] + y * d_basis, sum[2] + z * d_basis];
         }
         sum
     }
 }
 
-/// Unit directions from the camera, in the axes that the harmonics are evaluated on; returns nothing of the
-/// distances, which [`away`] tells.
+/// Unit directions from the camera, in the axis order of the spherical harmonics.
 #[inline(always)]
 pub(super) fn directions<S: Simd>(simd: S, shapes: &Shapes, optics: &Optics, axes: ShAxes, rows: &mut [Row; 3]) {
-    for at in 0..SIDE_BY_SIDE / S::F64_LANES {
-        let ([x, y, z], _) = away(simd, shapes, optics, at);
+    for at in 0..CHUNK / S::F64_LANES {
+        let ([x, y, z], _) = view_direction(simd, shapes, optics, at);
         let unit = match axes {
             ShAxes::Standard => [x, y, z],
             ShAxes::E3nn => [z, x, y],
@@ -160,9 +156,9 @@ pub(super) fn directions<S: Simd>(simd: S, shapes: &Shapes, optics: &Optics, axe
     }
 }
 
-/// Unit direction from the camera, the optical axis' own where there is none, and the distance.
+/// Unit direction from the camera, +z at the camera centre, and the distance.
 #[inline(always)]
-pub(super) fn away<S: Simd>(simd: S, shapes: &Shapes, optics: &Optics, at: usize) -> ([Wide<S>; 3], Wide<S>) {
+pub(super) fn view_direction<S: Simd>(simd: S, shapes: &Shapes, optics: &Optics, at: usize) -> ([Wide<S>; 3], Wide<S>) {
     let [x, y, z] = load3(simd, &shapes.mean, at);
     let centre = splat3(simd, optics.centre.to_array());
     let (x, y, z) = (x - centre[0], y - centre[1], z - centre[2]);
@@ -176,11 +172,11 @@ pub(super) fn away<S: Simd>(simd: S, shapes: &Shapes, optics: &Optics, at: usize
     (unit, distance)
 }
 
-/// Eight numbers, which compilers turn into vectors.
+/// Eight f32, which the compiler turns into a vector.
 #[derive(Clone, Copy)]
-struct Eight([f32; 8]);
+struct F32x8([f32; 8]);
 
-impl Eight {
+impl F32x8 {
     #[inline(always)]
     fn zip(self, other: Self, of: impl Fn(f32, f32) -> f32) -> Self {
         let mut values = self.0;
@@ -191,31 +187,23 @@ impl Eight {
     }
 }
 
-impl Add for Eight {
-    type Output = Self;
-    #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        self.zip(other, |a, b| a + b)
-    }
+macro_rules! lanewise {
+    ($trait:ident, $method:ident, $operator:tt) => {
+        impl $trait for F32x8 {
+            type Output = Self;
+            #[inline(always)]
+            fn $method(self, other: Self) -> Self {
+                self.zip(other, |a, b| a $operator b)
+            }
+        }
+    };
 }
 
-impl Sub for Eight {
-    type Output = Self;
-    #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        self.zip(other, |a, b| a - b)
-    }
-}
+lanewise!(Add, add, +);
+lanewise!(Sub, sub, -);
+lanewise!(Mul, mul, *);
 
-impl Mul for Eight {
-    type Output = Self;
-    #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        self.zip(other, |a, b| a * b)
-    }
-}
-
-impl Neg for Eight {
+impl Neg for F32x8 {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
@@ -223,9 +211,9 @@ impl Neg for Eight {
     }
 }
 
-impl sh::Real for Eight {
+impl sh::Real for F32x8 {
     #[inline(always)]
     fn of(constant: f64) -> Self {
-        Self([narrowed(constant); 8])
+        Self([to_f32(constant); 8])
     }
 }

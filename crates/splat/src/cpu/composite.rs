@@ -1,28 +1,29 @@
-//! Compositing: block by block, with everything about the block's pixels in registers.
+//! Front-to-back compositing, block by block, with the block's pixels in registers.
 
 use pulp::{Simd, WithSimd};
 
-use super::Paint;
+use super::RasterParams;
 use super::batch::{BATCH, BLOCK, BLOCKS, Batch, Cell, LANES, Record};
 use super::bins::Entry;
-use super::elementary::Exp2;
-use super::splat::Splat;
+use super::math::Exp2;
+use super::project::Splat;
 use crate::RendererConstants;
 
-/// What is kept of a pixel: transmittance, red, green, blue; and where asked for, depth, scalar, median depth.
+/// Values per pixel: transmittance, red, green, blue; with extra channels also depth, scalar and median depth.
 ///
-/// Transmittance has its sign turned where the pixel is finished: no later splat passes the test on it.
-pub(super) const fn kept(extra: bool) -> usize {
+/// The transmittance of a finished pixel is negated, so that no later splat passes the threshold.
+pub(super) const fn plane_count(extra: bool) -> usize {
     if extra { 7 } else { 4 }
 }
 
-/// The most vectors that hold a block.
+/// Maximal number of vectors per block.
 pub(super) const MOST_VECTORS: usize = 4;
 
-/// Composites one cell into `pixels`: block by block, of each what [`kept`] names, 16 pixels of one at a time.
+/// Composites one cell into `pixels`: block by block, and within a block plane by plane (see [`plane_count`]) of 16
+/// pixels.
 pub(super) struct Composite<'a> {
-    pub(super) paint: &'a Paint<'a>,
-    /// Places in `list`, or among all splats where there is none.
+    pub(super) params: &'a RasterParams<'a>,
+    /// Indices into `list`, or into all splats if there is no list.
     pub(super) order: &'a [Entry],
     pub(super) list: Option<&'a [u32]>,
     pub(super) splats: &'a [Splat],
@@ -36,8 +37,8 @@ impl WithSimd for Composite<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        // The common case pays nothing for images that nobody asked for.
-        if self.paint.extra {
+        // The common case does not pay for channels that were not requested.
+        if self.params.extra {
             composite::<S, true, 7>(simd, self);
         } else {
             composite::<S, false, 4>(simd, self);
@@ -46,20 +47,27 @@ impl WithSimd for Composite<'_> {
 }
 
 #[inline(always)]
-fn composite<S: Simd, const EXTRA: bool, const KEPT: usize>(simd: S, task: Composite<'_>) {
-    let Composite { paint, order, list, splats, cell, batch, pixels } = task;
+fn composite<S: Simd, const EXTRA: bool, const PLANES: usize>(simd: S, task: Composite<'_>) {
+    let Composite { params, order, list, splats, cell, batch, pixels } = task;
     let grid = Grid::<S>::new(simd);
-    let limits = Limits::<S>::new(simd, &paint.options.constants);
+    let thresholds = Thresholds::<S>::new(simd, &params.options.constants);
     let exp2 = Exp2::new(simd);
-    let mut open = clear(pixels, KEPT, cell, paint);
+    let mut open = clear(pixels, PLANES, cell, params);
     for entries in order.chunks(BATCH) {
         batch.fill(simd, cell, open, entries, list, splats);
-        for (block, pixels) in pixels.chunks_exact_mut(KEPT * LANES).enumerate().take(BLOCKS) {
+        for (block, pixels) in pixels.chunks_exact_mut(PLANES * LANES).enumerate().take(BLOCKS) {
             let list = batch.list(block);
             if list.is_empty() {
                 continue;
             }
-            let done = one_block::<S, EXTRA, KEPT>(simd, (&grid, &limits, &exp2), batch, list, cell.at(block), pixels);
+            let done = composite_block::<S, EXTRA, PLANES>(
+                simd,
+                (&grid, &thresholds, &exp2),
+                batch,
+                list,
+                cell.at(block),
+                pixels,
+            );
             if done {
                 open &= !(1 << block);
             }
@@ -71,18 +79,18 @@ fn composite<S: Simd, const EXTRA: bool, const KEPT: usize>(simd: S, task: Compo
 }
 
 impl Cell {
-    /// Column and row of a block's first pixel, from the cell's.
+    /// Column and row of a block's first pixel, relative to the cell's.
     #[inline(always)]
     pub(super) const fn at(self, block: usize) -> [usize; 2] {
         [block % self.across * BLOCK, block / self.across * BLOCK]
     }
 }
 
-/// Returns whether no pixel lets anything through any more.
+/// Returns whether every pixel of the block is finished.
 #[inline(always)]
-fn one_block<S: Simd, const EXTRA: bool, const KEPT: usize>(
+fn composite_block<S: Simd, const EXTRA: bool, const PLANES: usize>(
     simd: S,
-    (grid, limits, exp2): (&Grid<S>, &Limits<S>, &Exp2<S>),
+    (grid, thresholds, exp2): (&Grid<S>, &Thresholds<S>, &Exp2<S>),
     batch: &Batch,
     list: &[u8],
     at: [usize; 2],
@@ -91,8 +99,8 @@ fn one_block<S: Simd, const EXTRA: bool, const KEPT: usize>(
     let vectors = vectors::<S>();
     let (zero, half) = (simd.splat_f32s(0.0), simd.splat_f32s(0.5));
     let (stored, _) = S::as_mut_simd_f32s(pixels);
-    let mut kept = [[zero; MOST_VECTORS]; KEPT];
-    for (values, stored) in kept.iter_mut().zip(stored.chunks_exact(vectors)) {
+    let mut planes = [[zero; MOST_VECTORS]; PLANES];
+    for (values, stored) in planes.iter_mut().zip(stored.chunks_exact(vectors)) {
         for (value, stored) in values.iter_mut().zip(stored) {
             *value = *stored;
         }
@@ -105,49 +113,49 @@ fn one_block<S: Simd, const EXTRA: bool, const KEPT: usize>(
         let opacity = splat(record.opacity);
         for v in 0..vectors {
             let power = ellipse.power(simd, y[v]).0;
-            let alpha = simd.min_f32s(limits.max_alpha, simd.mul_f32s(opacity, exp2.of_negative(simd, power)));
-            let before = kept[0][v];
-            let Passed { weight, after, hit } = limits.pass(simd, alpha, before);
+            let alpha = simd.min_f32s(thresholds.max_alpha, simd.mul_f32s(opacity, exp2.of_negative(simd, power)));
+            let before = planes[0][v];
+            let Blended { weight, after, hit } = thresholds.blend(simd, alpha, before);
             if EXTRA {
                 let depth = splat(record.depth);
-                kept[KEPT - 3][v] = simd.mul_add_e_f32s(weight, depth, kept[KEPT - 3][v]);
-                kept[KEPT - 2][v] = simd.mul_add_e_f32s(weight, splat(record.scalar), kept[KEPT - 2][v]);
+                planes[PLANES - 3][v] = simd.mul_add_e_f32s(weight, depth, planes[PLANES - 3][v]);
+                planes[PLANES - 2][v] = simd.mul_add_e_f32s(weight, splat(record.scalar), planes[PLANES - 2][v]);
                 let from_above = simd.greater_than_f32s(before, half);
                 let to_below = simd.greater_than_or_equal_f32s(half, after);
                 let crosses = simd.and_m32s(hit, simd.and_m32s(from_above, to_below));
-                kept[KEPT - 1][v] = simd.select_f32s(crosses, depth, kept[KEPT - 1][v]);
+                planes[PLANES - 1][v] = simd.select_f32s(crosses, depth, planes[PLANES - 1][v]);
             }
-            kept[0][v] = after;
+            planes[0][v] = after;
             for (channel, value) in record.rgb.iter().enumerate() {
-                kept[1 + channel][v] = simd.mul_add_e_f32s(weight, splat(*value), kept[1 + channel][v]);
+                planes[1 + channel][v] = simd.mul_add_e_f32s(weight, splat(*value), planes[1 + channel][v]);
             }
         }
     }
-    for (values, stored) in kept.iter().zip(stored.chunks_exact_mut(vectors)) {
+    for (values, stored) in planes.iter().zip(stored.chunks_exact_mut(vectors)) {
         for (value, stored) in values.iter().zip(stored) {
             *stored = *value;
         }
     }
-    let mut most = kept[0][0];
-    for value in kept[0].iter().take(vectors).skip(1) {
-        most = simd.max_f32s(most, *value);
+    let mut max_transmittance = planes[0][0];
+    for value in planes[0].iter().take(vectors).skip(1) {
+        max_transmittance = simd.max_f32s(max_transmittance, *value);
     }
-    simd.reduce_max_f32s(most) <= 0.0
+    simd.reduce_max_f32s(max_transmittance) <= 0.0
 }
 
-/// Vectors that hold a block.
+/// Number of vectors per block.
 #[inline(always)]
 pub(super) const fn vectors<S: Simd>() -> usize {
     LANES / S::F32_LANES
 }
 
-/// Starts all pixels: those beyond the picture are finished. Returns a bit for each block that has others.
+/// Initialises all pixels, those outside the image as finished. Returns a bit for each block with unfinished pixels.
 #[inline(always)]
-pub(super) fn clear(pixels: &mut [f32], kept: usize, cell: Cell, paint: &Paint<'_>) -> u64 {
+pub(super) fn clear(pixels: &mut [f32], planes: usize, cell: Cell, params: &RasterParams<'_>) -> u64 {
     let inside = |start: usize, length: u32| (length as usize).saturating_sub(start);
-    let (width, height) = (inside(cell.left, paint.size.width), inside(cell.top, paint.size.height));
+    let (width, height) = (inside(cell.left, params.size.width), inside(cell.top, params.size.height));
     let mut open = 0;
-    for (block, pixels) in pixels.chunks_exact_mut(kept * LANES).enumerate().take(cell.across * cell.across) {
+    for (block, pixels) in pixels.chunks_exact_mut(planes * LANES).enumerate().take(cell.across * cell.across) {
         pixels.fill(0.0);
         let [column, row] = cell.at(block);
         for (lane, transmittance) in pixels.iter_mut().take(LANES).enumerate() {
@@ -161,7 +169,7 @@ pub(super) fn clear(pixels: &mut [f32], kept: usize, cell: Cell, paint: &Paint<'
     open
 }
 
-/// Where the pixels of a block lie.
+/// Coordinates of the pixels of a block.
 pub(super) struct Grid<S: Simd> {
     x: S::f32s,
     y: [S::f32s; MOST_VECTORS],
@@ -184,7 +192,7 @@ impl<S: Simd> Grid<S> {
         Self { x: lanes(|lane| lane % BLOCK)[0], y: lanes(|lane| lane / BLOCK) }
     }
 
-    /// Of the pixels of a block, from the cell's first.
+    /// Coordinates of a block's pixels, relative to the cell's first.
     #[inline(always)]
     pub(super) fn at(&self, simd: S, [column, row]: [usize; 2]) -> (S::f32s, [S::f32s; MOST_VECTORS]) {
         let row = simd.splat_f32s(row as f32);
@@ -192,9 +200,9 @@ impl<S: Simd> Grid<S> {
     }
 }
 
-/// A splat's shape at a column of pixels.
+/// A splat's ellipse, evaluated along columns of pixels.
 pub(super) struct Ellipse<S: Simd> {
-    /// From the base.
+    /// Columns from the base.
     pub(super) x: S::f32s,
     u: S::f32s,
     whitener: [S::f32s; 2],
@@ -227,51 +235,51 @@ impl<S: Simd> Ellipse<S> {
     }
 }
 
-/// The thresholds of compositing in every lane.
-pub(super) struct Limits<S: Simd> {
+/// The compositing thresholds, broadcast to every lane.
+pub(super) struct Thresholds<S: Simd> {
     pub(super) max_alpha: S::f32s,
     min_alpha: S::f32s,
     min_transmittance: S::f32s,
     sign: S::f32s,
 }
 
-/// What a splat does to pixels.
-pub(super) struct Passed<S: Simd> {
-    /// `α·T` where it is drawn, 0 elsewhere.
+/// The effect of a splat on a vector of pixels.
+pub(super) struct Blended<S: Simd> {
+    /// Compositing weight `α·T` where the splat is drawn, 0 elsewhere.
     pub(super) weight: S::f32s,
-    /// Transmittance behind the splat; with its sign turned where the splat would finish the pixel.
+    /// Transmittance after the splat; negated where the splat would finish the pixel.
     pub(super) after: S::f32s,
-    /// Where it is drawn: opaque enough, and the pixel neither finished nor to be.
+    /// Where the splat is drawn: alpha reaches the threshold, and the pixel is neither finished nor finished by it.
     pub(super) hit: S::m32s,
 }
 
-impl<S: Simd> Limits<S> {
+impl<S: Simd> Thresholds<S> {
     #[inline(always)]
     pub(super) fn new(simd: S, constants: &RendererConstants) -> Self {
         let [max_alpha, min_alpha, min_transmittance] =
             [constants.max_alpha, constants.min_alpha, constants.min_transmittance]
-                .map(|value| simd.splat_f32s(super::narrowed(value)));
+                .map(|value| simd.splat_f32s(super::to_f32(value)));
         Self { max_alpha, min_alpha, min_transmittance, sign: simd.splat_f32s(-0.0) }
     }
 
-    /// Where nothing is seen, alpha counts as 0: transmittance stays, and stays above its least where it was.
+    /// Below `min_alpha` alpha counts as 0, which leaves the transmittance unchanged.
     #[inline(always)]
-    pub(super) fn pass(&self, simd: S, alpha: S::f32s, before: S::f32s) -> Passed<S> {
-        let seen = simd.greater_than_or_equal_f32s(alpha, self.min_alpha);
-        let weight = simd.mul_f32s(only(simd, seen, alpha), before);
+    pub(super) fn blend(&self, simd: S, alpha: S::f32s, before: S::f32s) -> Blended<S> {
+        let opaque = simd.greater_than_or_equal_f32s(alpha, self.min_alpha);
+        let weight = simd.mul_f32s(masked(simd, opaque, alpha), before);
         let after = simd.sub_f32s(before, weight);
         let open = simd.greater_than_f32s(after, self.min_transmittance);
         let closed = simd.or_f32s(before, self.sign);
-        Passed {
-            weight: only(simd, open, weight),
+        Blended {
+            weight: masked(simd, open, weight),
             after: simd.select_f32s(open, after, closed),
-            hit: simd.and_m32s(seen, open),
+            hit: simd.and_m32s(opaque, open),
         }
     }
 }
 
 /// `value` where the mask is set, 0 elsewhere.
 #[inline(always)]
-pub(super) fn only<S: Simd>(simd: S, mask: S::m32s, value: S::f32s) -> S::f32s {
+pub(super) fn masked<S: Simd>(simd: S, mask: S::m32s, value: S::f32s) -> S::f32s {
     simd.select_f32s(mask, value, simd.splat_f32s(0.0))
 }

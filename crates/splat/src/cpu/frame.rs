@@ -1,34 +1,34 @@
-//! One view, from Gaussians to pixels: the stages, and the buffers between them.
+//! The pipeline of one view, from Gaussians to pixels: its stages and the buffers between them.
 
 use rayon::prelude::*;
 
 use super::batch::Batch;
 use super::bins::{Bins, Entry, RUN, Reach, Tiling};
 use super::composite::Composite;
-use super::differentiate::SUMS;
+use super::composite_backward::SUMS;
 use super::images::{self, Layout};
-use super::memory::{self, Room};
+use super::memory::{self, MemoryBudget};
 use super::order::Sorter;
+use super::project::Splat;
 use super::project::{Project, Run, Target};
-use super::splat::Splat;
-use super::{Paint, SimdLevel};
+use super::{RasterParams, SimdLevel};
 use crate::view::Optics;
 use crate::{Census, Gaussians, RenderOptions, Rendering, SplatError, View};
 
-/// Bytes that a frame takes for each Gaussian, but for tile lists.
+/// Bytes of a frame per Gaussian, excluding tile lists.
 pub(super) const BYTES_EACH: usize = size_of::<Splat>() + size_of::<Reach>() + 2 * size_of::<u32>();
 
-/// Everything about one view, from splats to pixels; its buffers are used again.
+/// The reusable buffers of one view, from splats to pixels.
 #[derive(Debug)]
 pub(super) struct Frame {
-    /// A place for each Gaussian; of each run, those drawn come first.
+    /// One slot per Gaussian; in each run, the drawn ones come first.
     pub(super) splats: Vec<Splat>,
     pub(super) runs: Vec<Run>,
     pub(super) bins: Vec<Bins>,
     pub(super) layout: Layout,
-    /// As they are composited, tile by tile.
+    /// Composited pixels, tile by tile.
     pub(super) pixels: Vec<f32>,
-    /// Of the derivative: one for each entry of the bins' lists, tile by tile.
+    /// Sums of the backward pass: one per entry of the bins' lists, tile by tile.
     pub(super) sums: Vec<[f32; SUMS]>,
 }
 
@@ -44,7 +44,7 @@ impl Frame {
         self.layout.tiling
     }
 
-    /// Makes room for a view of so many Gaussians.
+    /// Resizes the buffers for a view of `gaussians` Gaussians.
     pub(super) fn prepare(&mut self, gaussians: usize, layout: Layout) {
         self.layout = layout;
         let runs = gaussians.div_ceil(RUN);
@@ -53,52 +53,52 @@ impl Frame {
         self.bins.resize_with(runs, Bins::default);
     }
 
-    /// Bytes of all buffers, used or not.
-    pub(super) fn held(&self) -> u64 {
+    /// Allocated bytes of all buffers.
+    pub(super) fn allocated_bytes(&self) -> u64 {
         let Self { splats, runs, bins, pixels, sums, .. } = self;
         let own = splats.capacity() * size_of::<Splat>()
             + pixels.capacity() * size_of::<f32>()
             + sums.capacity() * size_of::<[f32; SUMS]>()
             + runs.iter().map(|run| run.positions.capacity() * size_of::<u32>()).sum::<usize>()
-            + bins.iter().map(Bins::held).sum::<usize>();
+            + bins.iter().map(Bins::allocated_bytes).sum::<usize>();
         own as u64
     }
 
-    /// Splats in the longest of the tiles' lists.
-    pub(super) fn longest(&self) -> usize {
+    /// Length of the longest tile list.
+    pub(super) fn longest_list(&self) -> usize {
         let length = |tile| self.bins.iter().map(|run| run.list(tile).len()).sum();
-        (0..self.tiling().len()).into_par_iter().map(length).max().unwrap_or_default()
+        (0..self.tiling().len()).into_par_iter().map(length).max().unwrap_or(0)
     }
 
-    /// Sorts splats into tiles: counts, and fills where what was counted fits.
+    /// Bins the splats into tiles: counts the entries, then fills the lists if they fit the budget.
     ///
     /// # Errors
-    /// [`SplatError::Memory`] before the lists are made, or what they are sorted with; [`SplatError::Count`].
-    pub(super) fn bin(&mut self, room: &mut Room) -> Result<(), SplatError> {
+    /// [`SplatError::Memory`] before the lists or the sort buffers are allocated; [`SplatError::Count`].
+    pub(super) fn bin(&mut self, budget: &mut MemoryBudget) -> Result<(), SplatError> {
         let tiling = self.tiling();
         let Self { splats, runs, bins, .. } = self;
         let counts: Vec<u64> = bins
             .par_iter_mut()
             .zip(splats.par_chunks(RUN))
             .zip(&*runs)
-            .map(|((bins, splats), run)| bins.count(splats.get(..run.positions.len()).unwrap_or_default(), tiling))
+            .map(|((bins, splats), run)| bins.count(&splats[..run.positions.len()], tiling))
             .collect();
         let lists = counts.iter().fold(0u64, |sum, count| sum.saturating_add(*count));
-        let most = counts.iter().copied().max().unwrap_or_default();
-        countable("tiles of 4096 Gaussians", most)?;
-        room.take(lists.saturating_mul(size_of::<Entry>() as u64))?;
+        let most = counts.iter().copied().max().unwrap_or(0);
+        check_count("tiles of 4096 Gaussians", most)?;
+        budget.reserve(lists.saturating_mul(size_of::<Entry>() as u64))?;
         let runs = bins.par_iter_mut().zip(splats.par_chunks(RUN)).enumerate();
         runs.for_each(|(at, (bins, splats))| bins.fill(at * RUN, splats, tiling));
-        // Rarely worth counting: all of the lists in one tile would do.
+        // The exact length is computed only if the upper bound, all entries in one tile, does not fit.
         let most = usize::try_from(lists).unwrap_or(usize::MAX);
-        if memory::sorters(most) > room.left {
-            room.take(memory::sorters(self.longest()))?;
+        if memory::sorters(most) > budget.left {
+            budget.reserve(memory::sorters(self.longest_list()))?;
         }
         Ok(())
     }
 
     /// Composites every tile.
-    pub(super) fn composite(&mut self, simd: SimdLevel, paint: &Paint<'_>) {
+    pub(super) fn composite(&mut self, simd: SimdLevel, params: &RasterParams<'_>) {
         let Self { splats, bins, layout, pixels, .. } = self;
         let (layout, splats, bins) = (*layout, splats.as_slice(), bins.as_slice());
         pixels.resize(layout.per_tile() * layout.tiling.len(), 0.0);
@@ -107,36 +107,36 @@ impl Frame {
         tiles.for_each_init(scratch, |(sorter, batch), (tile, pixels)| {
             let order = sorter.by_depth(bins, tile);
             for (cell, pixels) in layout.cells(tile).zip(pixels.chunks_mut(layout.stride())) {
-                simd.dispatch(Composite { paint, order, list: None, splats, cell, batch, pixels });
+                simd.dispatch(Composite { params, order, list: None, splats, cell, batch, pixels });
             }
         });
     }
 
-    /// Writes the pixels into images.
-    pub(super) fn write(&self, paint: &Paint<'_>, view: &View, rendering: &mut Rendering<f32>) {
-        shape(view, paint.options, rendering);
+    /// Writes the pixels into the images.
+    pub(super) fn write(&self, params: &RasterParams<'_>, view: &View, rendering: &mut Rendering<f32>) {
+        resize_images(view, params.options, rendering);
         for run in &self.runs {
             rendering.census += run.census;
         }
-        images::write(self.layout, &self.pixels, paint, rendering);
+        images::write(self.layout, &self.pixels, params, rendering);
     }
 }
 
-/// Positions and lists are numbered in 32 bits.
+/// Checks that a count fits 32-bit indices.
 ///
 /// # Errors
-/// [`SplatError::Count`] for more.
-pub(super) fn countable(what: &'static str, found: u64) -> Result<(), SplatError> {
+/// [`SplatError::Count`] if it does not.
+pub(super) fn check_count(what: &'static str, found: u64) -> Result<(), SplatError> {
     let most = u64::from(u32::MAX);
     if found <= most { Ok(()) } else { Err(SplatError::Count { what, most, found }) }
 }
 
-/// Gives images the size that a view's have, none of them counted yet.
-fn shape(view: &View, options: &RenderOptions, rendering: &mut Rendering<f32>) {
+/// Resizes the requested images to the view, and resets the census.
+fn resize_images(view: &View, options: &RenderOptions, rendering: &mut Rendering<f32>) {
     let pixels = view.pixels();
-    let fit = |image: &mut Option<Vec<f32>>, wanted: bool| match image {
-        Some(image) if wanted => image.resize(pixels, 0.0),
-        _ => *image = wanted.then(|| vec![0.0; pixels]),
+    let fit = |image: &mut Option<Vec<f32>>, requested: bool| match image {
+        Some(image) if requested => image.resize(pixels, 0.0),
+        _ => *image = requested.then(|| vec![0.0; pixels]),
     };
     let Rendering { size, rgb, alpha, depth, scalar, median_depth, census } = rendering;
     (*size, *census) = (view.size, Census::default());
@@ -147,7 +147,7 @@ fn shape(view: &View, options: &RenderOptions, rendering: &mut Rendering<f32>) {
     fit(median_depth, options.channels.median_depth);
 }
 
-/// Projects Gaussians to several views at once: what the views share is worked out once for each few Gaussians.
+/// Projects Gaussians to several views at once; camera-independent work is done once per chunk of Gaussians.
 pub(super) fn project(
     gaussians: &Gaussians,
     options: &RenderOptions,
@@ -163,7 +163,7 @@ pub(super) fn project(
     }
     tasks.into_par_iter().enumerate().for_each(|(at, mut targets)| {
         let first = at * RUN;
-        let past = if first + RUN < gaussians.len() { first + RUN } else { gaussians.len() };
-        simd.dispatch(Project { gaussians, options, first, past, targets: &mut targets });
+        let end = if first + RUN < gaussians.len() { first + RUN } else { gaussians.len() };
+        simd.dispatch(Project { gaussians, options, first, end, targets: &mut targets });
     });
 }

@@ -1,15 +1,16 @@
-//! From sums over tiles to derivatives by Gaussians, one run of them after the other.
+//! From sums over tiles to gradients of the Gaussians, run by run.
 
+use bytemuck::Zeroable as _;
 use pulp::{Simd, WithSimd};
 
-use super::adjoint::{At, ByGaussian, BySplat};
 use super::colour::Basis;
-use super::differentiate::SUMS;
-use super::narrowed;
+use super::composite_backward::SUMS;
 use super::project::Screen;
+use super::project::Splat;
+use super::project_backward::{ForwardState, GaussianGradients, SplatGradients};
 use super::shape::Shapes;
-use super::splat::Splat;
-use super::wide::SIDE_BY_SIDE;
+use super::to_f32;
+use super::wide::CHUNK;
 use crate::renderer::saturated;
 use crate::view::Optics;
 use crate::{Gaussians, Gradients, RenderOptions};
@@ -17,7 +18,7 @@ use crate::{Gaussians, Gradients, RenderOptions};
 /// Sums over all tiles for one splat.
 pub(super) type Totals = [f64; SUMS];
 
-/// The derivatives by the Gaussians of one run.
+/// The gradients of one run's Gaussians.
 #[derive(Debug, Default)]
 pub(super) struct Rows<'a> {
     means: &'a mut [[f32; 3]],
@@ -31,7 +32,7 @@ pub(super) struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    /// Cuts derivatives into runs of `length` Gaussians.
+    /// Splits gradients into runs of `length` Gaussians.
     pub(super) fn of(gradients: &'a mut Gradients<f32>, length: usize, coefficients: usize) -> Vec<Self> {
         let mut scalars = gradients.scalars.chunks_mut(length);
         let shapes = gradients.quaternions.chunks_mut(length).zip(gradients.log_scales.chunks_mut(length));
@@ -44,14 +45,14 @@ impl<'a> Rows<'a> {
             log_scales,
             opacity_logits,
             sh,
-            scalars: scalars.next().unwrap_or_default(),
+            scalars: scalars.next().unwrap_or(&mut []),
             means_2d,
             conics,
         })
         .collect()
     }
 
-    /// Zero by everything: what is not drawn has no derivative.
+    /// Zeroes everything: Gaussians that are not drawn have no gradient.
     pub(super) fn clear(&mut self) {
         let Self { means, quaternions, log_scales, opacity_logits, sh, scalars, means_2d, conics } = self;
         means.as_flattened_mut().fill(0.0);
@@ -65,78 +66,86 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Carries the derivatives by one run's splats to its Gaussians; returns each one's share of those by the pose.
-pub(super) struct Carry<'a> {
+/// Backward pass of projection for one run, from splats to Gaussians; returns each Gaussian's contribution to the pose
+/// gradient.
+pub(super) struct ProjectBackward<'a> {
     pub(super) gaussians: &'a Gaussians,
     pub(super) options: &'a RenderOptions,
     pub(super) optics: &'a Optics,
-    /// Positions of the run's first Gaussian, and one past its last.
+    /// Half-open range of the run's Gaussians.
     pub(super) first: usize,
-    pub(super) past: usize,
-    /// Of the run's splats, which come in the same order.
+    pub(super) end: usize,
+    /// Indices of the Gaussians of the run's splats, in the same order.
     pub(super) positions: &'a [u32],
     pub(super) splats: &'a [Splat],
     pub(super) totals: &'a [Totals],
     pub(super) rows: Rows<'a>,
 }
 
-impl WithSimd for Carry<'_> {
+impl WithSimd for ProjectBackward<'_> {
     type Output = Vec<[f64; 6]>;
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Vec<[f64; 6]> {
-        let Self { gaussians, options, optics, first, past, positions, splats, totals, mut rows } = self;
+        let Self { gaussians, options, optics, first, end, positions, splats, totals, mut rows } = self;
         let parts = gaussians.parts();
         let (mut shapes, mut screen, mut basis) = (Shapes::default(), Screen::default(), Basis::new(parts, options));
-        let (mut by_splat, mut by_gaussian) = (BySplat::default(), ByGaussian::default());
-        let mut shares = Vec::with_capacity(positions.len());
+        let (mut d_splat, mut d_gaussian) = (SplatGradients::zeroed(), GaussianGradients::zeroed());
+        let mut pose_gradients = Vec::with_capacity(positions.len());
         let mut drawn = positions.iter().zip(splats).zip(totals).peekable();
-        for start in (first..past).step_by(SIDE_BY_SIDE) {
-            let within = |position: u32| (position as usize) < start + SIDE_BY_SIDE;
+        for start in (first..end).step_by(CHUNK) {
+            let within = |position: u32| (position as usize) < start + CHUNK;
             if drawn.peek().is_none_or(|((position, _), _)| !within(**position)) {
                 continue;
             }
-            shapes.take(simd, parts, start, past);
+            shapes.load(simd, parts, start, end);
             screen.project(simd, &shapes, optics, options);
-            basis.look(simd, &shapes, optics, options.constants.sh_axes);
+            basis.evaluate(simd, &shapes, optics, options.constants.sh_axes);
             if !options.gradients.directions_stop {
-                basis.slopes();
+                basis.evaluate_gradients();
             }
-            let mut lanes = [0usize; SIDE_BY_SIDE];
+            let mut lanes = [0usize; CHUNK];
             let mut count = 0;
             while let Some(((position, splat), totals)) = drawn.next_if(|((position, _), _)| within(**position)) {
-                let lane = (*position as usize - start) % SIDE_BY_SIDE;
-                lanes[count % SIDE_BY_SIDE] = lane;
+                let lane = (*position as usize - start) % CHUNK;
+                lanes[count % CHUNK] = lane;
                 count += 1;
                 let row = start - first + lane;
-                by_splat.put(lane, &screen, splat, totals);
-                rows.put_splat(row, lane, &by_splat, totals);
-                // Three times as much, more than a basis reaches, would still be an f32.
-                let by_rgb = [6, 7, 8].map(|channel: usize| narrowed(totals[channel].clamp(-1e38, 1e38)));
+                d_splat.set(lane, &screen, splat, totals);
+                rows.set_splat(row, lane, &d_splat, totals);
+                // Leaves room for the basis: three times as much is still a finite f32.
+                let d_rgb = [6, 7, 8].map(|channel: usize| to_f32(totals[channel].clamp(-1e38, 1e38)));
                 let stored = basis.stored();
-                let sh = rows.sh.get_mut(row * stored..(row + 1) * stored).unwrap_or_default();
-                let by_direction = basis.carry(parts, start + lane, lane, (splat.rgb, by_rgb), sh);
-                for (slot, value) in by_splat.direction.iter_mut().zip(by_direction) {
+                let sh = &mut rows.sh[row * stored..(row + 1) * stored];
+                let d_direction = basis.backward(parts, start + lane, lane, (splat.rgb, d_rgb), sh);
+                for (slot, value) in d_splat.direction.iter_mut().zip(d_direction) {
                     slot[lane] = value;
                 }
             }
-            by_gaussian.take(simd, &At { shapes: &shapes, screen: &screen, optics, options }, &by_splat);
+            d_gaussian.compute(simd, &ForwardState { shapes: &shapes, screen: &screen, optics, options }, &d_splat);
             for lane in lanes.into_iter().take(count) {
-                rows.put_gaussian(start - first + lane, lane % SIDE_BY_SIDE, &by_gaussian);
-                let [turn, shift] =
-                    by_gaussian.pose.each_ref().map(|rows| rows.each_ref().map(|row| row[lane % SIDE_BY_SIDE]));
-                shares.push([turn[0], turn[1], turn[2], shift[0], shift[1], shift[2]]);
+                rows.set_gaussian(start - first + lane, lane % CHUNK, &d_gaussian);
+                let [rotation, translation] =
+                    d_gaussian.pose.each_ref().map(|rows| rows.each_ref().map(|row| row[lane % CHUNK]));
+                pose_gradients.push([
+                    rotation[0],
+                    rotation[1],
+                    rotation[2],
+                    translation[0],
+                    translation[1],
+                    translation[2],
+                ]);
             }
         }
-        shares
+        pose_gradients
     }
 }
 
-impl BySplat {
-    /// Takes sums with distances from the base to ones from the centre.
+impl SplatGradients {
+    /// Converts moments about the base to moments about the centre.
     #[inline(always)]
-    fn put(&mut self, lane: usize, screen: &Screen, splat: &Splat, totals: &Totals) {
-        let lane = lane % SIDE_BY_SIDE;
+    fn set(&mut self, lane: usize, screen: &Screen, splat: &Splat, totals: &Totals) {
+        let lane = lane % CHUNK;
         let [e, ex, ey, exx, exy, eyy, ..] = *totals;
         let x = f64::from(splat.base[0]) + 0.5 - screen.centre[0][lane];
         let y = f64::from(splat.base[1]) + 0.5 - screen.centre[1][lane];
@@ -153,26 +162,22 @@ impl BySplat {
 
 impl Rows<'_> {
     #[inline(always)]
-    fn put_splat(&mut self, row: usize, lane: usize, by_splat: &BySplat, totals: &Totals) {
-        put(self.scalars, row, saturated(totals[10]));
-        let [xx, xy, yy] = by_splat.second.each_ref().map(|values| values[lane % SIDE_BY_SIDE]);
-        put(self.conics, row, [saturated(0.5 * xx), saturated(xy), saturated(0.5 * yy)]);
+    fn set_splat(&mut self, row: usize, lane: usize, d_splat: &SplatGradients, totals: &Totals) {
+        // Empty if the Gaussians have no scalars.
+        if let Some(slot) = self.scalars.get_mut(row) {
+            *slot = saturated(totals[10]);
+        }
+        let [xx, xy, yy] = d_splat.second.each_ref().map(|values| values[lane % CHUNK]);
+        self.conics[row] = [saturated(0.5 * xx), saturated(xy), saturated(0.5 * yy)];
     }
 
     #[inline(always)]
-    fn put_gaussian(&mut self, row: usize, lane: usize, by: &ByGaussian) {
-        let lane = lane % SIDE_BY_SIDE;
-        put(self.means, row, by.mean.each_ref().map(|values| saturated(values[lane])));
-        put(self.quaternions, row, by.quaternion.each_ref().map(|values| saturated(values[lane])));
-        put(self.log_scales, row, by.log_scales.each_ref().map(|values| saturated(values[lane])));
-        put(self.opacity_logits, row, saturated(by.logit[lane]));
-        put(self.means_2d, row, by.centre.each_ref().map(|values| saturated(values[lane])));
-    }
-}
-
-#[inline(always)]
-fn put<T>(values: &mut [T], at: usize, value: T) {
-    if let Some(slot) = values.get_mut(at) {
-        *slot = value;
+    fn set_gaussian(&mut self, row: usize, lane: usize, d_gaussian: &GaussianGradients) {
+        let lane = lane % CHUNK;
+        self.means[row] = d_gaussian.mean.each_ref().map(|values| saturated(values[lane]));
+        self.quaternions[row] = d_gaussian.quaternion.each_ref().map(|values| saturated(values[lane]));
+        self.log_scales[row] = d_gaussian.log_scales.each_ref().map(|values| saturated(values[lane]));
+        self.opacity_logits[row] = saturated(d_gaussian.logit[lane]);
+        self.means_2d[row] = d_gaussian.centre.each_ref().map(|values| saturated(values[lane]));
     }
 }

@@ -1,20 +1,20 @@
-//! From pixels as they are composited, cell by cell, to images.
+//! From composited pixels, stored cell by cell, to row-major images.
 
 use rayon::prelude::*;
 
-use super::Paint;
 use super::batch::{BLOCK, CELL, Cell, LANES};
 use super::bins::Tiling;
-use super::composite::kept;
-use crate::Rendering;
+use super::composite::plane_count;
+use super::{RasterParams, TileSize, has_extra_channels};
+use crate::{RenderOptions, Rendering, View};
 
-/// How a tiling's pixels are kept: cell by cell, each of them `stride` values.
+/// How a tiling's pixels are stored: cell by cell, each of them `stride` values.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Layout {
     pub(super) tiling: Tiling,
-    /// Cells along a side of a tile.
+    /// Cells per side of a tile.
     cells: usize,
-    /// Blocks along a side of a cell.
+    /// Blocks per side of a cell.
     across: usize,
     pub(super) extra: bool,
 }
@@ -25,12 +25,17 @@ impl Layout {
         Self { tiling, cells: tiling.side / cell, across: cell / BLOCK, extra }
     }
 
-    /// Values of one cell.
-    pub(super) const fn stride(self) -> usize {
-        self.across * self.across * LANES * kept(self.extra)
+    /// The layout of a view's pixels.
+    pub(super) fn of(view: &View, options: &RenderOptions, tile: TileSize) -> Self {
+        Self::new(Tiling::new(view.size, tile.pixels()), has_extra_channels(options))
     }
 
-    /// Values of one tile.
+    /// Number of values per cell.
+    pub(super) const fn stride(self) -> usize {
+        self.across * self.across * LANES * plane_count(self.extra)
+    }
+
+    /// Number of values per tile.
     pub(super) const fn per_tile(self) -> usize {
         self.stride() * self.cells * self.cells
     }
@@ -45,12 +50,12 @@ impl Layout {
         })
     }
 
-    /// Where each four pixels of a row begin, from left to right, of what is kept first.
+    /// Offsets of each four pixels of a row, from left to right, in the first plane.
     fn quads(self, row: usize) -> impl Iterator<Item = usize> {
         let Self { tiling, cells, across, .. } = self;
         let (tile_row, within) = (row / tiling.side, row % tiling.side);
         let block_row = within / BLOCK;
-        let block = LANES * kept(self.extra);
+        let block = LANES * plane_count(self.extra);
         let first = block_row % across * across * block + within % BLOCK * BLOCK;
         (0..tiling.columns).flat_map(move |column| {
             let tile = (tile_row * tiling.columns + column) * self.per_tile();
@@ -62,11 +67,11 @@ impl Layout {
     }
 }
 
-/// Writes what was composited into images, over the background.
-pub(super) fn write(layout: Layout, pixels: &[f32], paint: &Paint<'_>, rendering: &mut Rendering<f32>) {
-    let width = paint.size.width as usize;
+/// Writes the composited pixels over the background into the images.
+pub(super) fn write(layout: Layout, pixels: &[f32], params: &RasterParams<'_>, rendering: &mut Rendering<f32>) {
+    let width = params.size.width as usize;
     let Rendering { rgb, alpha, depth, scalar, median_depth, .. } = rendering;
-    let [behind_red, behind_green, behind_blue] = paint.background;
+    let [behind_red, behind_green, behind_blue] = params.background;
     let colour = |transmittance: &[f32; BLOCK], red: &[f32; BLOCK], green: &[f32; BLOCK], blue: &[f32; BLOCK]| {
         let through = transmittance.map(f32::abs);
         let over: [[f32; 3]; BLOCK] = std::array::from_fn(|n| {
@@ -76,20 +81,18 @@ pub(super) fn write(layout: Layout, pixels: &[f32], paint: &Paint<'_>, rendering
     };
     rgb.par_chunks_mut(width).zip(alpha.par_chunks_mut(width)).enumerate().for_each(|(row, (rgb, alpha))| {
         for (from, (rgb, alpha)) in layout.quads(row).zip(rgb.chunks_mut(BLOCK).zip(alpha.chunks_mut(BLOCK))) {
-            let quad = |of: usize| pixels.get(from + of * LANES..).and_then(<[f32]>::first_chunk);
-            let (Some(transmittance), Some(red), Some(green), Some(blue)) = (quad(0), quad(1), quad(2), quad(3)) else {
-                continue;
-            };
-            let (over, opaque) = colour(transmittance, red, green, blue);
+            #[expect(clippy::expect_used, reason = "every plane has four pixels per row of a block")]
+            let quad = |plane: usize| pixels[from + plane * LANES..].first_chunk().expect("four pixels");
+            let (over, opaque) = colour(quad(0), quad(1), quad(2), quad(3));
             rgb.iter_mut().zip(over).for_each(|(slot, value)| *slot = value);
             alpha.iter_mut().zip(opaque).for_each(|(slot, value)| *slot = value);
         }
     });
-    for (of, image) in [(4, depth), (5, scalar), (6, median_depth)] {
+    for (plane, image) in [(4, depth), (5, scalar), (6, median_depth)] {
         let Some(image) = image else { continue };
         image.par_chunks_mut(width).enumerate().for_each(|(row, values)| {
             for (from, values) in layout.quads(row).zip(values.chunks_mut(BLOCK)) {
-                let quad = pixels.get(from + of * LANES..).unwrap_or_default();
+                let quad = &pixels[from + plane * LANES..];
                 values.iter_mut().zip(quad).for_each(|(slot, value)| *slot = *value);
             }
         });

@@ -1,35 +1,33 @@
-//! The renderer for processors: geometry in f64, pixels in f32, tiles on rayon's threads.
+//! The CPU renderer: geometry in f64, pixels in f32, tiles parallelised with rayon.
 //!
-//! The same bits come out for any number of threads, any tile size, and every instruction set that fuses
-//! multiplication with addition: each pixel composites its own Gaussians in one order, whatever surrounds it.
+//! Results are bit-identical for any number of threads, any tile size, and every instruction set with fused
+//! multiply-add: each pixel composites its Gaussians in a fixed order, independent of its tile.
 
-mod adjoint;
 mod batch;
 mod bins;
 mod colour;
 mod composite;
-mod differentiate;
-mod elementary;
+mod composite_backward;
+mod footprint;
 mod frame;
 mod gradients;
 mod images;
+mod math;
 mod memory;
 mod order;
-mod place;
 mod project;
+mod project_backward;
 mod recording;
 mod scaled;
 mod shape;
 mod simd;
-mod splat;
 mod wide;
 
 use std::time::Instant;
 
-use bins::Tiling;
 use frame::Frame;
 use images::Layout;
-use memory::Room;
+use memory::MemoryBudget;
 
 use crate::renderer::saturated;
 use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
@@ -37,19 +35,19 @@ use crate::{Gaussians, RenderOptions, Rendering, SplatError, View};
 pub use recording::Recording;
 pub use simd::SimdLevel;
 
-/// How the processor is used; results do not depend on it, but for levels without fused multiplication.
+/// Execution options; results do not depend on them, except for instruction sets without fused multiply-add.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct CpuOptions {
     /// Instruction set.
     pub simd: SimdLevel,
     /// Side of a tile in pixels: 16, 32 or 64.
     pub tile: TileSize,
-    /// Bytes that buffers may take.
+    /// Limit on the bytes of all buffers.
     pub memory_limit: u64,
 }
 
 impl Default for CpuOptions {
-    /// The best instruction set that the processor has, tiles of 32 pixels, 16 GiB.
+    /// The best available instruction set, tiles of 32 pixels, 16 GiB.
     fn default() -> Self {
         Self { simd: SimdLevel::best(), tile: TileSize::Pixels32, memory_limit: 16 << 30 }
     }
@@ -58,11 +56,11 @@ impl Default for CpuOptions {
 /// Side of a tile.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum TileSize {
-    /// 16 pixels: for scenes that hide most of themselves.
+    /// 16 pixels: for scenes with heavy occlusion.
     Pixels16,
     /// 32 pixels.
     Pixels32,
-    /// 64 pixels: for few and large Gaussians.
+    /// 64 pixels: for few, large Gaussians.
     Pixels64,
 }
 
@@ -77,7 +75,7 @@ impl TileSize {
     }
 }
 
-/// A renderer that keeps its buffers from one view to the next.
+/// A renderer that reuses its buffers from view to view.
 #[derive(Debug, Default)]
 pub struct CpuRenderer {
     options: CpuOptions,
@@ -85,35 +83,44 @@ pub struct CpuRenderer {
     timings: Timings,
 }
 
-/// Where the time of one rendering went, in seconds.
+/// Time of one rendering by stage, in seconds.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Timings {
-    /// World to screen, colour, culling.
+    /// Projection, colour and culling.
     pub project_secs: f64,
-    /// Into tiles.
+    /// Binning into tiles.
     pub bin_secs: f64,
     /// Sorting each tile's splats by depth, and compositing its pixels.
     pub raster_secs: f64,
-    /// Images from pixels.
+    /// Writing the images.
     pub write_secs: f64,
 }
 
-/// Views that are projected to together by [`CpuRenderer::render_many`], if memory allows it.
-const TOGETHER: usize = 4;
+/// Gaussians to render to some views.
+#[derive(Clone, Copy)]
+struct Job<'a> {
+    gaussians: &'a Gaussians,
+    views: &'a [View],
+    options: &'a RenderOptions,
+    tile: TileSize,
+}
+
+/// Number of views that [`CpuRenderer::render_many`] projects together, if memory allows.
+const VIEW_BATCH: usize = 4;
 
 impl CpuRenderer {
-    /// A renderer without buffers yet.
+    /// A renderer without any buffers.
     pub fn new(options: CpuOptions) -> Self {
         let simd = options.simd.or_portable();
         Self { options: CpuOptions { simd, ..options }, ..Self::default() }
     }
 
-    /// The instruction set that it uses: the one asked for, or [`SimdLevel::Portable`] where the processor lacks it.
+    /// The instruction set in use: the requested one, or [`SimdLevel::Portable`] if the CPU lacks it.
     pub const fn simd(&self) -> SimdLevel {
         self.options.simd
     }
 
-    /// Where the time of the last rendering went, of all views together.
+    /// Time of the last rendering by stage, summed over views.
     pub const fn timings(&self) -> Timings {
         self.timings
     }
@@ -122,8 +129,8 @@ impl CpuRenderer {
     ///
     /// # Errors
     /// [`SplatError::View`], [`SplatError::Camera`], [`SplatError::Options`], [`SplatError::Constants`];
-    /// [`SplatError::Count`] for more Gaussians than 32 bits number; [`SplatError::Memory`] before anything is allocated
-    /// that would not fit.
+    /// [`SplatError::Count`] for more Gaussians than a 32-bit index can count; [`SplatError::Memory`] before an
+    /// allocation that would exceed the limit.
     pub fn render(
         &mut self,
         gaussians: &Gaussians,
@@ -135,10 +142,10 @@ impl CpuRenderer {
         Ok(rendering)
     }
 
-    /// As [`CpuRenderer::render`], into images whose memory is used again, whatever they were.
+    /// As [`CpuRenderer::render`], reusing the memory of existing images of any size.
     ///
     /// # Errors
-    /// As [`CpuRenderer::render`]; the images are unspecified then.
+    /// As [`CpuRenderer::render`]; the images are then unspecified.
     pub fn render_into(
         &mut self,
         gaussians: &Gaussians,
@@ -147,16 +154,17 @@ impl CpuRenderer {
         rendering: &mut Rendering<f32>,
     ) -> Result<(), SplatError> {
         let tile = self.options.tile;
-        let frames = self.render_frames(gaussians, &[*view], options, tile, 0, &mut [rendering])?;
-        self.keep(frames);
+        let job = Job { gaussians, views: &[*view], options, tile };
+        let frames = self.render_frames(job, 0, &mut [rendering])?;
+        self.recycle(frames);
         Ok(())
     }
 
-    /// Renders several views of the same Gaussians: the images of [`CpuRenderer::render`], bit for bit. What does
-    /// not depend on the camera is worked out once for several views, while it is in the nearest caches.
+    /// Renders several views of the same Gaussians, bit for bit as [`CpuRenderer::render`] does. Camera-independent
+    /// work is done once for several views, while its data is in cache.
     ///
     /// # Errors
-    /// As [`CpuRenderer::render`], before anything is rendered where one of the views is at fault.
+    /// As [`CpuRenderer::render`]; an invalid view is reported before anything is rendered.
     pub fn render_many(
         &mut self,
         gaussians: &Gaussians,
@@ -164,7 +172,7 @@ impl CpuRenderer {
         options: &RenderOptions,
     ) -> Result<Vec<Rendering<f32>>, SplatError> {
         options.check()?;
-        frame::countable("Gaussians", gaussians.len() as u64)?;
+        frame::check_count("Gaussians", gaussians.len() as u64)?;
         for view in views {
             view.optics(&options.constants)?;
         }
@@ -172,25 +180,25 @@ impl CpuRenderer {
         let images = views.iter().fold(0u64, |sum, view| sum.saturating_add(Rendering::<f32>::bytes(view, options)));
         let most = views.iter().map(|view| memory::frame(gaussians, view, options, tile)).max();
         let Some(frame) = most else { return Ok(Vec::new()) };
-        let mut room = Room::new(self.options.memory_limit);
-        room.take(images.saturating_add(frame))?;
-        let together = 1 + usize::try_from(room.left / frame).unwrap_or(usize::MAX);
-        let mut together = if together < TOGETHER { together } else { TOGETHER };
+        let mut budget = MemoryBudget::new(self.options.memory_limit);
+        budget.reserve(images.saturating_add(frame))?;
+        let fitting = 1 + usize::try_from(budget.left / frame).unwrap_or(usize::MAX);
+        let mut batch = if fitting < VIEW_BATCH { fitting } else { VIEW_BATCH };
 
         let mut renderings: Vec<_> = views.iter().map(Rendering::blank).collect();
         let mut timings = Timings::default();
         let mut done = 0;
         while done < views.len() {
-            let past = if done + together < views.len() { done + together } else { views.len() };
-            let (Some(now), Some(into)) = (views.get(done..past), renderings.get_mut(done..past)) else { break };
-            // The images of the other views are there as well.
-            let others =
-                now.iter().fold(images, |rest, view| rest.saturating_sub(Rendering::<f32>::bytes(view, options)));
-            let mut into: Vec<_> = into.iter_mut().collect();
-            match self.render_frames(gaussians, now, options, tile, others, &mut into) {
-                Ok(frames) => self.keep(frames),
-                Err(SplatError::Memory { .. }) if together > 1 => {
-                    together = 1;
+            let end = if done + batch < views.len() { done + batch } else { views.len() };
+            let job = Job { gaussians, views: &views[done..end], options, tile };
+            // The images of all other views are allocated too.
+            let bytes = |rest: u64, view| rest.saturating_sub(Rendering::<f32>::bytes(view, options));
+            let others = job.views.iter().fold(images, bytes);
+            let mut outputs: Vec<_> = renderings[done..end].iter_mut().collect();
+            match self.render_frames(job, others, &mut outputs) {
+                Ok(frames) => self.recycle(frames),
+                Err(SplatError::Memory { .. }) if batch > 1 => {
+                    batch = 1;
                     continue;
                 }
                 Err(error) => return Err(error),
@@ -199,85 +207,81 @@ impl CpuRenderer {
             timings.bin_secs += self.timings.bin_secs;
             timings.raster_secs += self.timings.raster_secs;
             timings.write_secs += self.timings.write_secs;
-            done = past;
+            done = end;
         }
         self.timings = timings;
         Ok(renderings)
     }
 
-    /// Renders views together, each with a frame, beside `others` bytes in use; returns the frames. What is left of
-    /// earlier jobs makes way where it would not fit.
+    /// Renders views together, each with its own frame, while `others` bytes are in use elsewhere; returns the frames.
+    /// Frees spare frames if memory would not suffice otherwise.
     fn render_frames(
         &mut self,
-        gaussians: &Gaussians,
-        views: &[View],
-        options: &RenderOptions,
-        tile: TileSize,
+        job: Job<'_>,
         others: u64,
         renderings: &mut [&mut Rendering<f32>],
     ) -> Result<Vec<Frame>, SplatError> {
-        let kept = self.spare.len().saturating_sub(views.len());
+        let kept = self.spare.len().saturating_sub(job.views.len());
         let mut frames = self.spare.split_off(kept);
-        frames.resize_with(views.len(), Frame::default);
-        let held = frames.iter().chain(&self.spare).fold(others, |sum, frame| sum.saturating_add(frame.held()));
-        if held > others {
-            match self.fill_frames(gaussians, views, options, tile, (held, frames), renderings) {
+        frames.resize_with(job.views.len(), Frame::default);
+        let allocated_bytes =
+            frames.iter().chain(&self.spare).fold(others, |sum, frame| sum.saturating_add(frame.allocated_bytes()));
+        if allocated_bytes > others {
+            match self.fill_frames(job, allocated_bytes, frames, renderings) {
                 Err(SplatError::Memory { .. }) => self.spare.clear(),
                 outcome => return outcome,
             }
         }
-        let frames = std::iter::repeat_with(Frame::default).take(views.len()).collect();
-        self.fill_frames(gaussians, views, options, tile, (others, frames), renderings)
+        let frames = std::iter::repeat_with(Frame::default).take(job.views.len()).collect();
+        self.fill_frames(job, others, frames, renderings)
     }
 
-    /// Renders as many views as there are frames, beside so many bytes in use, and returns the frames.
+    /// Renders one view per frame, while `allocated_bytes` are already in use, and returns the frames.
     fn fill_frames(
         &mut self,
-        gaussians: &Gaussians,
-        views: &[View],
-        options: &RenderOptions,
-        tile: TileSize,
-        (held, mut frames): (u64, Vec<Frame>),
+        Job { gaussians, views, options, tile }: Job<'_>,
+        allocated_bytes: u64,
+        mut frames: Vec<Frame>,
         renderings: &mut [&mut Rendering<f32>],
     ) -> Result<Vec<Frame>, SplatError> {
         options.check()?;
-        frame::countable("Gaussians", gaussians.len() as u64)?;
-        let mut room = Room::new(self.options.memory_limit);
-        room.take(held)?;
-        let mut eyes = Vec::with_capacity(views.len());
+        frame::check_count("Gaussians", gaussians.len() as u64)?;
+        let mut budget = MemoryBudget::new(self.options.memory_limit);
+        budget.reserve(allocated_bytes)?;
+        let mut view_optics = Vec::with_capacity(views.len());
         for view in views {
-            eyes.push((*view, view.optics(&options.constants)?));
-            room.take(Rendering::<f32>::bytes(view, options))?;
-            room.take(memory::frame(gaussians, view, options, tile))?;
+            view_optics.push((*view, view.optics(&options.constants)?));
+            budget.reserve(Rendering::<f32>::bytes(view, options))?;
+            budget.reserve(memory::frame(gaussians, view, options, tile))?;
         }
         let (simd, mut clock) = (self.options.simd, Clock::start());
         for (frame, view) in frames.iter_mut().zip(views) {
-            frame.prepare(gaussians.len(), Layout::new(Tiling::new(view.size, tile.pixels()), kept_extra(options)));
+            frame.prepare(gaussians.len(), Layout::of(view, options, tile));
         }
-        frame::project(gaussians, options, simd, &eyes, &mut frames);
+        frame::project(gaussians, options, simd, &view_optics, &mut frames);
         self.timings = Timings { project_secs: clock.lap(), ..Timings::default() };
         for ((frame, view), rendering) in frames.iter_mut().zip(views).zip(renderings) {
-            let paint = Paint::new(view, options);
-            frame.bin(&mut room)?;
+            let params = RasterParams::new(view, options);
+            frame.bin(&mut budget)?;
             self.timings.bin_secs += clock.lap();
-            frame.composite(simd, &paint);
+            frame.composite(simd, &params);
             self.timings.raster_secs += clock.lap();
-            frame.write(&paint, view, rendering);
+            frame.write(&params, view, rendering);
             options.expose(rendering, saturated);
             self.timings.write_secs += clock.lap();
         }
         Ok(frames)
     }
 
-    /// Keeps the buffers of a job for the next, of no more frames than are ever used together.
-    fn keep(&mut self, frames: impl IntoIterator<Item = Frame>) {
+    /// Keeps frames for reuse, at most as many as are ever used together.
+    fn recycle(&mut self, frames: impl IntoIterator<Item = Frame>) {
         self.spare.extend(frames);
-        self.spare.truncate(TOGETHER);
+        self.spare.truncate(VIEW_BATCH);
     }
 }
 
-/// Whether pixels have more than colour and alpha.
-const fn kept_extra(options: &RenderOptions) -> bool {
+/// Whether channels other than colour and alpha are composited.
+const fn has_extra_channels(options: &RenderOptions) -> bool {
     options.channels.depth || options.channels.scalar || options.channels.median_depth
 }
 
@@ -297,8 +301,8 @@ impl Clock {
     }
 }
 
-/// What all pixels share.
-pub(crate) struct Paint<'a> {
+/// Parameters shared by all pixels.
+pub(crate) struct RasterParams<'a> {
     options: &'a RenderOptions,
     background: [f32; 3],
     size: atsplat_camera::ImageSize,
@@ -306,16 +310,16 @@ pub(crate) struct Paint<'a> {
     extra: bool,
 }
 
-impl<'a> Paint<'a> {
+impl<'a> RasterParams<'a> {
     fn new(view: &View, options: &'a RenderOptions) -> Self {
-        let background = options.background.map(narrowed);
-        Self { options, background, size: view.size, extra: kept_extra(options) }
+        let background = options.background.map(to_f32);
+        Self { options, background, size: view.size, extra: has_extra_channels(options) }
     }
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "pixels are f32")]
 #[inline(always)]
-pub(crate) const fn narrowed(value: f64) -> f32 {
+pub(crate) const fn to_f32(value: f64) -> f32 {
     value as f32
 }
 

@@ -4,21 +4,21 @@ use rayon::prelude::*;
 
 use super::batch::Batch;
 use super::composite::Composite;
-use super::differentiate::{CellGradient, Differentiate, SUMS};
+use super::composite_backward::{CellGradient, CompositeBackward, SUMS};
 use super::frame::Frame;
-use super::gradients::{Carry, Rows, Totals};
+use super::gradients::{ProjectBackward, Rows, Totals};
 use super::images::Layout;
-use super::memory::{self, Room};
+use super::memory::{self, MemoryBudget};
 use super::order::Sorter;
 use super::scaled::Scaled;
-use super::{CpuOptions, CpuRenderer, Paint, SimdLevel, TileSize, bins};
+use super::{CpuOptions, CpuRenderer, Job, RasterParams, SimdLevel, TileSize, bins};
 use crate::constants::LARGEST_CHANNEL;
 use crate::renderer::saturated;
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
-/// A rendering with everything that its derivative needs again.
+/// A rendering with all the state that its backward pass needs.
 ///
-/// It holds the Gaussians, as a reference or shared or its own, so that they cannot change between the two.
+/// Holds the Gaussians (borrowed, shared or owned), so that they cannot change between the forward and backward passes.
 #[derive(Debug)]
 pub struct Recording<G> {
     gaussians: G,
@@ -30,8 +30,8 @@ pub struct Recording<G> {
 }
 
 impl CpuRenderer {
-    /// Renders a view as [`CpuRenderer::render`] does, and keeps what its derivative needs: splats, tile lists, and
-    /// what pixels were composited to. Takes the renderer's buffers along; [`CpuRenderer::reuse`] gives them back.
+    /// Renders a view as [`CpuRenderer::render`] does, and keeps the state for the backward pass: splats, tile lists
+    /// and composited pixels. Takes the renderer's buffers; [`CpuRenderer::reuse`] returns them.
     ///
     /// # Errors
     /// As [`CpuRenderer::render`].
@@ -42,26 +42,28 @@ impl CpuRenderer {
         options: &RenderOptions,
     ) -> Result<Recording<G>, SplatError> {
         let mut rendering = Rendering::blank(view);
-        // One cell a tile, whatever the tiles for rendering are: sums over a tile have one order.
+        // Always one cell per tile, so that sums over a tile have a fixed order.
         let tile = TileSize::Pixels32;
-        let frames = self.render_frames(gaussians.borrow(), &[*view], options, tile, 0, &mut [&mut rendering])?;
-        let frame = frames.into_iter().next().unwrap_or_default();
+        let job = Job { gaussians: gaussians.borrow(), views: &[*view], options, tile };
+        let frames = self.render_frames(job, 0, &mut [&mut rendering])?;
+        #[expect(clippy::expect_used, reason = "one view was rendered")]
+        let frame = frames.into_iter().next().expect("a frame per view");
         let (view, options, cpu) = (*view, options.clone(), self.options);
         Ok(Recording { gaussians, view, options, cpu, rendering, frame })
     }
 
-    /// Takes the buffers of a recording that is done with; returns its Gaussians and images.
+    /// Reclaims the buffers of a recording; returns its Gaussians and images.
     pub fn reuse<G>(&mut self, recording: Recording<G>) -> (G, Rendering<f32>) {
-        self.keep([recording.frame]);
+        self.recycle([recording.frame]);
         (recording.gaussians, recording.rendering)
     }
 
-    /// Derivatives of a loss by everything that made the images, from its derivatives by the images. Renders first;
-    /// whoever has a [`Recording`] asks that.
+    /// Forward and backward pass: gradients of a loss with respect to every input, from its gradients with respect to
+    /// the images. With a [`Recording`], use [`Recording::backward`] instead.
     ///
     /// # Errors
-    /// As [`CpuRenderer::render`], and [`SplatError::Length`] for an image of another size than the view's,
-    /// [`SplatError::NonFinite`] for derivatives that are not finite.
+    /// As [`CpuRenderer::render`], and [`SplatError::Length`] for an image whose size differs from the view's,
+    /// [`SplatError::NonFinite`] for gradients that are not finite.
     pub fn backward(
         &mut self,
         gaussians: &Gaussians,
@@ -85,18 +87,18 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         &self.rendering
     }
 
-    /// Composites other scalars, one for each Gaussian: the images of a recording of Gaussians that have these, bit for
-    /// bit, for the price of compositing alone. So any number of channels are drawn and differentiated one after the
-    /// other; derivatives by what channels share add up. The recording has to be of Gaussians with scalars, and the
-    /// scalar image one of its channels.
+    /// Recomposites with other scalars, one per Gaussian: bit for bit the images of recording the Gaussians with these
+    /// scalars, at the cost of compositing alone. Any number of channels can thus be rendered and differentiated in
+    /// turn; gradients of shared parameters add up. The recorded Gaussians must have scalars, and the scalar image must
+    /// be one of the recorded channels.
     ///
     /// # Errors
-    /// [`SplatError::Length`] for another number of scalars than of Gaussians, or where it is none that the recording
-    /// has a place for; [`SplatError::Scalar`] for one that no renderer draws.
+    /// [`SplatError::Length`] if the number of scalars differs from that of the Gaussians, or nothing was recorded for
+    /// scalars; [`SplatError::Scalar`] for a value that cannot be composited.
     pub fn composite_scalars(&mut self, scalars: &[f32]) -> Result<(), SplatError> {
         let gaussians = self.gaussians.borrow();
-        let has_place = self.options.channels.scalar && gaussians.parts().scalars.is_some();
-        let expected = if has_place { gaussians.len() } else { 0 };
+        let has_scalars = self.options.channels.scalar && gaussians.parts().scalars.is_some();
+        let expected = if has_scalars { gaussians.len() } else { 0 };
         if scalars.len() != expected {
             return Err(SplatError::Length { field: "scalars", expected, found: scalars.len() });
         }
@@ -107,34 +109,34 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         let Frame { splats, runs, .. } = &mut self.frame;
         for (splats, run) in splats.chunks_mut(bins::RUN).zip(runs) {
             for (splat, position) in splats.iter_mut().zip(&run.positions) {
-                splat.scalar = scalars.get(*position as usize).copied().unwrap_or_default();
+                splat.scalar = scalars[*position as usize];
             }
         }
-        let paint = Paint::new(&self.view, &self.options);
-        self.frame.composite(self.cpu.simd, &paint);
-        self.frame.write(&paint, &self.view, &mut self.rendering);
+        let params = RasterParams::new(&self.view, &self.options);
+        self.frame.composite(self.cpu.simd, &params);
+        self.frame.write(&params, &self.view, &mut self.rendering);
         self.options.expose(&mut self.rendering, saturated);
         Ok(())
     }
 
-    /// Derivatives of a loss by everything that made the images, from its derivatives by the images.
+    /// Gradients of a loss with respect to every input, from its gradients with respect to the images.
     ///
-    /// Sums have a fixed order: pixels of a block, blocks of a cell of 32×32 pixels, cells row by row. The result
-    /// is the same for any number of threads and every instruction set that fuses multiplication with addition.
+    /// Sums have a fixed order: pixels of a block, blocks of a cell of 32×32 pixels, cells row by row. The result is
+    /// bit-identical for any number of threads and every instruction set with fused multiply-add.
     ///
     /// # Errors
-    /// [`SplatError::Length`] for an image of another size than the view's, [`SplatError::NonFinite`] for derivatives
-    /// that are not finite, [`SplatError::Memory`] where there is no room for the derivatives beside what was recorded.
+    /// [`SplatError::Length`] for an image whose size differs from the view's, [`SplatError::NonFinite`] for gradients
+    /// that are not finite, [`SplatError::Memory`] if the backward pass does not fit in memory next to the recording.
     pub fn backward(&mut self, images: &ImageGradients<f32>) -> Result<Gradients<f32>, SplatError> {
         let mut gradients = Gradients::zero(self.gaussians.borrow());
         self.backward_into(images, &mut gradients)?;
         Ok(gradients)
     }
 
-    /// As [`Recording::backward`], into derivatives whose memory is used again, whatever they were.
+    /// As [`Recording::backward`], reusing the memory of existing gradients of any size.
     ///
     /// # Errors
-    /// As [`Recording::backward`]; the derivatives are unspecified then.
+    /// As [`Recording::backward`]; the gradients are then unspecified.
     pub fn backward_into(
         &mut self,
         images: &ImageGradients<f32>,
@@ -145,33 +147,33 @@ impl<G: Borrow<Gaussians>> Recording<G> {
         let optics = self.view.optics(&self.options.constants)?;
         let frame = &mut self.frame;
         let tiling = frame.tiling();
-        let starts = starts(&frame.bins, tiling.len());
-        let total = starts.last().copied().unwrap_or_default();
+        let tile_offsets = tile_offsets(&frame.bins, tiling.len());
+        let total = tile_offsets[tiling.len()];
         let CpuOptions { simd, memory_limit, .. } = self.cpu;
-        let sums = std::mem::take(&mut frame.sums);
-        let mut room = Room::new(memory_limit);
-        room.take(Rendering::<f32>::bytes(&self.view, &self.options))?;
-        room.take(frame.held())?;
-        room.take(memory::backward(gaussians, frame, total, Scaled::bytes(images)))?;
+        let mut sums = std::mem::take(&mut frame.sums);
+        let mut budget = MemoryBudget::new(memory_limit);
+        budget.reserve(Rendering::<f32>::bytes(&self.view, &self.options))?;
+        budget.reserve(frame.allocated_bytes())?;
+        budget.reserve(memory::backward(gaussians, frame, total, Scaled::bytes(images)))?;
         let Scaled { images, unit } = Scaled::of(images, largest, &self.options);
         let images = &*images;
         gradients.fit(gaussians);
-        let mut sums = sums;
+
         sums.resize(total, [0.0; SUMS]);
-        let paint = Paint {
+        let params = RasterParams {
             options: &self.options,
-            background: self.options.background.map(super::narrowed),
+            background: self.options.background.map(super::to_f32),
             size: self.view.size,
             extra: images.depth.is_some() || images.scalar.is_some(),
         };
-        let background = over_tiles(frame, simd, &paint, images, &starts, &mut sums);
+        let background = backward_over_tiles(frame, simd, &params, images, &tile_offsets, &mut sums);
         gradients.background = background.map(|sum| saturated(sum * unit));
 
         let Frame { splats, runs, bins, .. } = &*frame;
         let coefficients = crate::sh_coefficients(gaussians.sh_degree());
-        let places = places(bins, &starts, tiling.len());
+        let run_offsets = run_offsets(bins, &tile_offsets, tiling.len());
         let rows = Rows::of(gradients, bins::RUN, coefficients);
-        let shares: Vec<Vec<[f64; 6]>> = rows
+        let pose_gradients: Vec<Vec<[f64; 6]>> = rows
             .into_par_iter()
             .zip(runs)
             .zip(bins)
@@ -179,36 +181,35 @@ impl<G: Borrow<Gaussians>> Recording<G> {
             .map_init(Vec::new, |totals: &mut Vec<Totals>, (at, ((mut rows, run), bins))| {
                 rows.clear();
                 let first = at * bins::RUN;
-                let past = if first + bins::RUN < gaussians.len() { first + bins::RUN } else { gaussians.len() };
+                let end = if first + bins::RUN < gaussians.len() { first + bins::RUN } else { gaussians.len() };
                 totals.clear();
                 totals.resize(run.positions.len(), [0.0; SUMS]);
                 for tile in 0..tiling.len() {
                     let list = bins.list(tile);
-                    let from = places.get(at * tiling.len() + tile).copied().unwrap_or_default();
-                    for (entry, sums) in list.iter().zip(sums.get(from..).unwrap_or_default()) {
-                        let Some(totals) = totals.get_mut(entry.splat as usize - first) else { continue };
-                        for (total, sum) in totals.iter_mut().zip(sums) {
+                    let from = run_offsets[at * tiling.len() + tile];
+                    for (entry, sums) in list.iter().zip(&sums[from..]) {
+                        for (total, sum) in totals[entry.splat as usize - first].iter_mut().zip(sums) {
                             *total += f64::from(*sum);
                         }
                     }
                 }
                 totals.as_flattened_mut().iter_mut().for_each(|total| *total *= unit);
-                simd.dispatch(Carry {
+                simd.dispatch(ProjectBackward {
                     gaussians,
                     options: &self.options,
                     optics: &optics,
                     first,
-                    past,
+                    end,
                     positions: &run.positions,
-                    splats: splats.get(first..past).unwrap_or_default(),
+                    splats: &splats[first..end],
                     totals,
                     rows,
                 })
             })
             .collect();
-        // One after the other, as if only those that matter were there: runs may end anywhere.
+        // Summed in order over the drawn Gaussians only, so that run boundaries and culled Gaussians do not matter.
         let mut pose = [0.0; 6];
-        for share in shares.into_iter().flatten() {
+        for share in pose_gradients.into_iter().flatten() {
             for (sum, value) in pose.iter_mut().zip(share) {
                 *sum += value;
             }
@@ -219,8 +220,8 @@ impl<G: Borrow<Gaussians>> Recording<G> {
     }
 }
 
-/// Where each tile's sums begin, and the end of the last.
-fn starts(bins: &[bins::Bins], tiles: usize) -> Vec<usize> {
+/// Offsets of each tile's sums, and the end of the last.
+fn tile_offsets(bins: &[bins::Bins], tiles: usize) -> Vec<usize> {
     let mut starts = vec![0; tiles + 1];
     for run in bins {
         for (tile, start) in starts.iter_mut().skip(1).enumerate() {
@@ -235,36 +236,36 @@ fn starts(bins: &[bins::Bins], tiles: usize) -> Vec<usize> {
     starts
 }
 
-/// Where the sums of each run begin in each tile, all tiles of the first run first.
-fn places(bins: &[bins::Bins], starts: &[usize], tiles: usize) -> Vec<usize> {
-    let mut next = starts.get(..tiles).unwrap_or_default().to_vec();
-    let mut places = Vec::with_capacity(bins.len() * tiles);
+/// Offsets of each run's sums within each tile, run by run.
+fn run_offsets(bins: &[bins::Bins], tile_offsets: &[usize], tiles: usize) -> Vec<usize> {
+    let mut next = tile_offsets[..tiles].to_vec();
+    let mut offsets = Vec::with_capacity(bins.len() * tiles);
     for run in bins {
-        places.extend_from_slice(&next);
+        offsets.extend_from_slice(&next);
         for (tile, next) in next.iter_mut().enumerate() {
             *next += run.list(tile).len();
         }
     }
-    places
+    offsets
 }
 
-/// Sums over the pixels of each tile; returns the derivative by the background.
-fn over_tiles(
+/// Backward pass over the pixels of each tile; returns the gradient of the background.
+fn backward_over_tiles(
     frame: &Frame,
     simd: SimdLevel,
-    paint: &Paint<'_>,
+    params: &RasterParams<'_>,
     images: &ImageGradients<f32>,
-    starts: &[usize],
+    tile_offsets: &[usize],
     sums: &mut [[f32; SUMS]],
 ) -> [f64; 3] {
     let layout = frame.layout;
-    let whole = Layout::new(frame.tiling(), true);
-    let mut rest = sums;
-    let mut tiles = Vec::with_capacity(starts.len());
-    for (ends, pixels) in starts.windows(2).zip(frame.pixels.chunks(layout.per_tile())) {
-        let length = ends.last().copied().unwrap_or_default() - ends.first().copied().unwrap_or_default();
-        let (sums, after) = std::mem::take(&mut rest).split_at_mut(length);
-        rest = after;
+    let with_extra = Layout::new(frame.tiling(), true);
+    let mut remaining = sums;
+    let mut tiles = Vec::with_capacity(tile_offsets.len());
+    for (range, pixels) in tile_offsets.windows(2).zip(frame.pixels.chunks(layout.per_tile())) {
+        let length = range[1] - range[0];
+        let (sums, after) = std::mem::take(&mut remaining).split_at_mut(length);
+        remaining = after;
         tiles.push((sums, pixels));
     }
     let backgrounds: Vec<[f64; 3]> = tiles
@@ -272,40 +273,40 @@ fn over_tiles(
         .enumerate()
         .map_init(Scratch::default, |scratch, (tile, (sums, pixels))| {
             sums.fill([0.0; SUMS]);
-            let Scratch { sorter, list, batch, gradient, again } = scratch;
+            let Scratch { sorter, list, batch, gradient, recomposited } = scratch;
             let Some(cell) = layout.cells(tile).next() else { return [0.0; 3] };
             list.clear();
-            let order = sorter.places_by_depth(&frame.bins, tile, list);
-            // Images that the loss asks for, but the recording has not.
-            let (pixels, extra) = if paint.extra && !layout.extra {
-                again.resize(whole.per_tile(), 0.0);
+            let order = sorter.indices_by_depth(&frame.bins, tile, list);
+            // The loss has channels that were not recorded.
+            let (pixels, extra) = if params.extra && !layout.extra {
+                recomposited.resize(with_extra.per_tile(), 0.0);
                 let (list, splats) = (Some(list.as_slice()), frame.splats.as_slice());
-                simd.dispatch(Composite { paint, order, list, splats, cell, batch, pixels: again });
-                (again.as_slice(), true)
+                simd.dispatch(Composite { params, order, list, splats, cell, batch, pixels: recomposited });
+                (recomposited.as_slice(), true)
             } else {
                 (pixels, layout.extra)
             };
-            let background = gradient.fill(pixels, extra, cell, paint, images);
+            let background = gradient.fill(pixels, extra, cell, params, images);
             let splats = frame.splats.as_slice();
-            simd.dispatch(Differentiate { paint, order, list, splats, cell, batch, gradient, sums });
+            simd.dispatch(CompositeBackward { params, order, list, splats, cell, batch, gradient, sums });
             background
         })
         .collect();
-    let mut by_background = [0.0; 3];
+    let mut d_background = [0.0; 3];
     for background in backgrounds {
-        for (sum, value) in by_background.iter_mut().zip(background) {
+        for (sum, value) in d_background.iter_mut().zip(background) {
             *sum += value;
         }
     }
-    by_background
+    d_background
 }
 
-/// What one thread works with.
+/// Buffers of one thread.
 #[derive(Default)]
 struct Scratch {
     sorter: Sorter,
     list: Vec<u32>,
     batch: Box<Batch>,
     gradient: CellGradient,
-    again: Vec<f32>,
+    recomposited: Vec<f32>,
 }

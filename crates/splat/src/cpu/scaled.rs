@@ -1,40 +1,40 @@
-//! Derivatives by images, as sums over pixels in f32 can take them.
+//! Image gradients, scaled so that f32 sums over pixels neither overflow nor vanish.
 
 use std::borrow::Cow;
 
 use rayon::prelude::*;
 
-use super::narrowed;
+use super::to_f32;
 use crate::{ImageGradients, RenderOptions};
 
-/// Derivatives by the composited picture, divided by a power of two.
+/// Gradients of the composited image, divided by a power of two.
 ///
-/// Sums in f32 hold colours, depths and squares of distances beside them, of which none may overflow or vanish. A power
-/// of two moves no bit but those of overflow and underflow; it is undone in f64.
+/// The f32 sums multiply them by colours, depths and squared distances, and must neither overflow nor vanish. Scaling
+/// by a power of two is exact except for overflow and underflow; it is undone in f64.
 pub(super) struct Scaled<'a> {
     pub(super) images: Cow<'a, ImageGradients<f32>>,
-    /// What sums are to be multiplied with.
+    /// Factor by which sums have to be multiplied.
     pub(super) unit: f64,
 }
 
 impl<'a> Scaled<'a> {
-    /// `largest` is the largest magnitude of the derivatives, which are finite.
+    /// `largest` is the largest magnitude of the gradients, which are finite.
     pub(super) fn of(images: &'a ImageGradients<f32>, largest: f64, options: &RenderOptions) -> Self {
-        // Magnitudes that need no scale: sums are of up to 1e29 times as much, and 1e-20 of it still counts.
+        // Magnitudes that need no scaling: sums reach up to 1e29 times as much, and 1e-20 of that is still significant.
         const FITTING: std::ops::RangeInclusive<f64> = 1e-15..=1e6;
         if options.exposure.is_none() && (largest == 0.0 || FITTING.contains(&largest)) {
             return Self { images: Cow::Borrowed(images), unit: 1.0 };
         }
-        let exposed = |by_rgb: &[f32; 3]| options.by_composited(*by_rgb);
-        let most = |by_rgb: &[f32; 3]| exposed(by_rgb).into_iter().map(f64::abs).fold(0.0, larger);
+        let exposed = |d_rgb: &[f32; 3]| options.composited_gradient(*d_rgb);
+        let most = |d_rgb: &[f32; 3]| exposed(d_rgb).into_iter().map(f64::abs).fold(0.0, larger);
         let of_rgb = images.rgb.par_iter().map(most).reduce(|| 0.0, larger);
         let unit = power_of_two(larger(of_rgb, largest));
         let per = unit.recip();
         let image = |image: &Option<Vec<f32>>| {
-            image.as_ref().map(|image| image.iter().map(|value| narrowed(f64::from(*value) * per)).collect())
+            image.as_ref().map(|image| image.iter().map(|value| to_f32(f64::from(*value) * per)).collect())
         };
         let images = ImageGradients {
-            rgb: images.rgb.par_iter().map(|by_rgb| exposed(by_rgb).map(|value| narrowed(value * per))).collect(),
+            rgb: images.rgb.par_iter().map(|d_rgb| exposed(d_rgb).map(|value| to_f32(value * per))).collect(),
             alpha: image(&images.alpha),
             depth: image(&images.depth),
             scalar: image(&images.scalar),
@@ -42,7 +42,7 @@ impl<'a> Scaled<'a> {
         Self { images: Cow::Owned(images), unit }
     }
 
-    /// Bytes beside the images that it was made of.
+    /// Bytes of the scaled copy.
     pub(super) fn bytes(images: &ImageGradients<f32>) -> u64 {
         let of = |image: &Option<Vec<f32>>| image.as_ref().map_or(0, Vec::len);
         let values = 3 * images.rgb.len() + of(&images.alpha) + of(&images.depth) + of(&images.scalar);
@@ -54,7 +54,7 @@ const fn larger(a: f64, b: f64) -> f64 {
     if b > a { b } else { a }
 }
 
-/// The largest power of two up to a normal number, 1 for 0.
+/// The largest power of two not above a positive normal number; 1 for 0.
 fn power_of_two(value: f64) -> f64 {
     const EXPONENT: u64 = 0x7ff << 52;
     if value > 0.0 { f64::from_bits(value.to_bits() & EXPONENT) } else { 1.0 }

@@ -1,42 +1,43 @@
-//! What of Gaussians does not depend on the camera, many side by side.
+//! The camera-independent part of projection, in chunks.
 
 use pulp::Simd;
 
-use super::elementary::exp;
-use super::wide::{Row, SIDE_BY_SIDE, Wide, store3};
+use super::math::exp;
+use super::wide::{CHUNK, Row, Wide, store3};
 use crate::{GaussianParts, LOG_SCALE_LIMIT};
 
-/// Gaussians' numbers, worked out as far as no camera is needed.
+/// A chunk of Gaussians, processed as far as possible without a camera.
 #[derive(Debug)]
 pub(super) struct Shapes {
-    /// Position of the first in the list of Gaussians.
+    /// Index of the first Gaussian.
     pub(super) first: usize,
     pub(super) count: usize,
-    /// Whether every number can be used.
-    pub(super) usable: [bool; SIDE_BY_SIDE],
+    /// Whether every parameter is valid.
+    pub(super) valid: [bool; CHUNK],
     pub(super) mean: [Row; 3],
-    /// Axes of the ellipsoid, one standard deviation long; `axes[k]` is the `k`-th in the world.
+    /// Axes of the ellipsoid, one standard deviation long; `axes[k]` is the `k`-th in world coordinates.
     pub(super) axes: [[Row; 3]; 3],
     /// After the sigmoid and the 3D filter.
     pub(super) opacity: Row,
     pub(super) quaternion: [Row; 4],
     /// Standard deviations, after the 3D filter.
     pub(super) scales: [Row; 3],
-    /// After the sigmoid, and `e^(−logit)`: of opacities that f64 rounds to 1, what is left is `odds · sigmoid`.
+    /// The sigmoid, and `e^(−logit)`; `1 − sigmoid` is computed as `odds · sigmoid`, which is accurate where f64 rounds
+    /// the sigmoid to 1.
     pub(super) sigmoid: Row,
     pub(super) odds: Row,
-    /// Share of the variances that the 3D filter left to the Gaussian.
-    pub(super) own_share: [Row; 3],
+    /// Ratio of the Gaussian's own variances to the filtered ones.
+    pub(super) unfiltered_share: [Row; 3],
 }
 
-const ZERO: Row = [0.0; SIDE_BY_SIDE];
+const ZERO: Row = [0.0; CHUNK];
 
 impl Default for Shapes {
     fn default() -> Self {
         Self {
             first: 0,
             count: 0,
-            usable: [false; SIDE_BY_SIDE],
+            valid: [false; CHUNK],
             mean: [ZERO; 3],
             axes: [[ZERO; 3]; 3],
             opacity: ZERO,
@@ -44,37 +45,37 @@ impl Default for Shapes {
             scales: [ZERO; 3],
             sigmoid: ZERO,
             odds: ZERO,
-            own_share: [[1.0; SIDE_BY_SIDE]; 3],
+            unfiltered_share: [[1.0; CHUNK]; 3],
         }
     }
 }
 
 impl Shapes {
-    /// Takes the Gaussians from position `first` on, at most [`SIDE_BY_SIDE`] and none from `past` on.
+    /// Loads the Gaussians from index `first` on: at most [`CHUNK`], and none from `end` on.
     #[inline(always)]
-    pub(super) fn take<S: Simd>(&mut self, simd: S, parts: &GaussianParts, first: usize, past: usize) {
-        let room = past.saturating_sub(first);
+    pub(super) fn load<S: Simd>(&mut self, simd: S, parts: &GaussianParts, first: usize, end: usize) {
+        let remaining = end.saturating_sub(first);
         self.first = first;
-        self.count = if room < SIDE_BY_SIDE { room } else { SIDE_BY_SIDE };
+        self.count = if remaining < CHUNK { remaining } else { CHUNK };
         self.read(simd, parts);
         if let Some(filters) = parts.filter_3d.as_ref().and_then(|filters| filters.get(first..first + self.count)) {
-            self.widen(filters);
+            self.apply_filter(filters);
         }
-        for at in 0..SIDE_BY_SIDE / S::F64_LANES {
-            self.turn(simd, at);
+        for at in 0..CHUNK / S::F64_LANES {
+            self.compute_axes(simd, at);
         }
     }
 
     #[inline(always)]
     fn read<S: Simd>(&mut self, simd: S, parts: &GaussianParts) {
         let range = self.first..self.first + self.count;
-        let means = parts.means.get(range.clone()).unwrap_or_default();
-        let quaternions = parts.quaternions.get(range.clone()).unwrap_or_default();
-        let log_scales = parts.log_scales.get(range.clone()).unwrap_or_default();
-        let logits = parts.opacity_logits.get(range).unwrap_or_default();
-        let mut logs = [[0.0f32; SIDE_BY_SIDE]; 4];
+        let means = &parts.means[range.clone()];
+        let quaternions = &parts.quaternions[range.clone()];
+        let log_scales = &parts.log_scales[range.clone()];
+        let logits = &parts.opacity_logits[range];
+        let mut logs = [[0.0f32; CHUNK]; 4];
         for (lane, (((mean, quaternion), scales), logit)) in
-            means.iter().zip(quaternions).zip(log_scales).zip(logits).enumerate().take(SIDE_BY_SIDE)
+            means.iter().zip(quaternions).zip(log_scales).zip(logits).enumerate().take(CHUNK)
         {
             let [x, y, z] = *mean;
             let [qw, qx, qy, qz] = *quaternion;
@@ -89,9 +90,9 @@ impl Shapes {
                 row[lane] = value;
             }
             let finite = mean.iter().chain(quaternion).all(|value| value.is_finite());
-            let turned = quaternion.iter().any(|value| *value != 0.0);
+            let nonzero = quaternion.iter().any(|value| *value != 0.0);
             let small = scales.iter().all(|log| *log <= LOG_SCALE_LIMIT);
-            self.usable[lane] = finite && turned && small && !logit.is_nan();
+            self.valid[lane] = finite && nonzero && small && !logit.is_nan();
         }
         for row in &mut logs {
             for lanes in S::as_mut_simd_f32s(row).0 {
@@ -112,27 +113,27 @@ impl Shapes {
         }
     }
 
-    /// The 3D filter: a scale `s` becomes `√(s² + f²)`, and opacity falls by what the volume grows.
+    /// Applies the 3D filter: a scale `s` becomes `√(s² + f²)`, and opacity decreases as the volume grows.
     #[inline(always)]
-    fn widen(&mut self, filters: &[f32]) {
-        for (lane, filter) in filters.iter().enumerate().take(SIDE_BY_SIDE) {
+    fn apply_filter(&mut self, filters: &[f32]) {
+        for (lane, filter) in filters.iter().enumerate().take(CHUNK) {
             let mut volume = 1.0;
-            for (scale, share) in self.scales.iter_mut().zip(&mut self.own_share) {
+            for (scale, share) in self.scales.iter_mut().zip(&mut self.unfiltered_share) {
                 let own = scale[lane] * scale[lane];
                 let total = own + f64::from(*filter) * f64::from(*filter);
-                let there = *filter != 0.0;
-                share[lane] = if there { own / total } else { 1.0 };
-                scale[lane] = if there { total.sqrt() } else { scale[lane] };
+                let has_filter = *filter != 0.0;
+                share[lane] = if has_filter { own / total } else { 1.0 };
+                scale[lane] = if has_filter { total.sqrt() } else { scale[lane] };
                 volume *= share[lane];
             }
-            self.usable[lane] &= filter.is_finite();
+            self.valid[lane] &= filter.is_finite();
             self.opacity[lane] *= volume.sqrt();
         }
     }
 
-    /// Axes from quaternions and scales.
+    /// Computes the axes from quaternions and scales.
     #[inline(always)]
-    fn turn<S: Simd>(&mut self, simd: S, at: usize) {
+    fn compute_axes<S: Simd>(&mut self, simd: S, at: usize) {
         let [w, x, y, z] = &self.quaternion;
         let rotation = rotation([
             Wide::load(simd, w, at),
@@ -147,7 +148,7 @@ impl Shapes {
     }
 }
 
-/// Columns of the rotation of a quaternion `w, x, y, z` of any length but zero.
+/// Columns of the rotation matrix of a quaternion `w, x, y, z` of any norm but zero.
 #[inline(always)]
 pub(super) fn rotation<S: Simd>([w, x, y, z]: [Wide<S>; 4]) -> [[Wide<S>; 3]; 3] {
     let (one, two) = (w.of(1.0), w.of(2.0));

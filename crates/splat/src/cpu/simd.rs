@@ -2,11 +2,12 @@ use std::fmt::{self, Display, Formatter};
 
 use pulp::{Scalar256b, Simd, WithSimd};
 
-/// Instruction sets that pixels are composited with.
+/// Instruction sets for compositing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum SimdLevel {
-    /// What every processor has, without fused multiplication: other bits than the rest.
+    /// Available on every CPU; without fused multiply-add, so that results differ from the other levels in the last
+    /// bits.
     Portable,
     /// 8 lanes: AVX2 and FMA.
     #[cfg(target_arch = "x86_64")]
@@ -17,27 +18,27 @@ pub enum SimdLevel {
     /// 4 lanes.
     #[cfg(target_arch = "aarch64")]
     Neon,
-    /// 4 lanes, as portable as [`Self::Portable`].
+    /// 4 lanes, otherwise as [`Self::Portable`].
     #[cfg(test)]
     Lanes4,
-    /// 16 lanes, as portable as [`Self::Portable`].
+    /// 16 lanes, otherwise as [`Self::Portable`].
     #[cfg(test)]
     Lanes16,
-    /// 4 lanes that fuse.
+    /// 4 lanes with fused multiply-add.
     #[cfg(all(test, target_arch = "x86_64"))]
     Fused4,
-    /// 16 lanes that fuse.
+    /// 16 lanes with fused multiply-add.
     #[cfg(all(test, target_arch = "x86_64"))]
     Fused16,
 }
 
 impl SimdLevel {
-    /// The best level that this processor has.
+    /// The best level that this CPU supports.
     pub fn best() -> Self {
         Self::available().last().copied().unwrap_or(Self::Portable)
     }
 
-    /// Every level that this processor has, the best last.
+    /// Every level that this CPU supports, best last.
     pub fn available() -> Vec<Self> {
         let mut levels = vec![Self::Portable];
         #[cfg(target_arch = "x86_64")]
@@ -50,9 +51,9 @@ impl SimdLevel {
         levels
     }
 
-    /// Levels that fuse, those of other lanes than processors of this kind have among them.
+    /// Levels with fused multiply-add, including lane counts that this CPU does not have natively.
     #[cfg(test)]
-    pub(super) fn fusing() -> Vec<Self> {
+    pub(super) fn with_fma() -> Vec<Self> {
         let mut levels = Self::available();
         levels.retain(|level| *level != Self::Portable);
         #[cfg(target_arch = "x86_64")]
@@ -62,16 +63,16 @@ impl SimdLevel {
         levels
     }
 
-    /// This level, or [`Self::Portable`] where the processor lacks it: what [`Self::dispatch`] runs at.
+    /// This level, or [`Self::Portable`] if the CPU lacks it: the level that [`Self::dispatch`] uses.
     pub(super) fn or_portable(self) -> Self {
         #[cfg(test)]
-        if matches!(self, Self::Lanes4 | Self::Lanes16) || Self::fusing().contains(&self) {
+        if matches!(self, Self::Lanes4 | Self::Lanes16) || Self::with_fma().contains(&self) {
             return self;
         }
         if Self::available().contains(&self) { self } else { Self::Portable }
     }
 
-    /// Runs an operation at this level, or portably where the processor lacks it.
+    /// Runs an operation at this level, or portably if the CPU lacks it.
     pub(crate) fn dispatch<O: WithSimd>(self, operation: O) -> O::Output {
         match self {
             #[cfg(target_arch = "x86_64")]

@@ -1,79 +1,47 @@
-use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
+use atsplat_camera::{Camera, CameraFromWorld, Distortion};
 use glam::{DMat3, DVec3};
 
 use super::*;
-use crate::{Channels, GaussianParts, Gradients, ImageGradients, RasterMode, RendererConstants, reference};
-
-/// A cloud in front of the camera, from needles and discs to blobs, some of it outside the view.
-fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
-    let mut state = seed;
-    let mut uniform = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
-    let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
-    for _ in 0..count {
-        let mut spread = |width: f32| width * (2.0 * uniform() - 1.0);
-        parts.means.push([spread(2.5), spread(2.0), 4.0 + spread(3.5)]);
-        parts.quaternions.push([spread(1.0), spread(1.0), spread(1.0), spread(1.0)]);
-        parts.log_scales.push([-3.0 + spread(2.0), -3.0 + spread(2.0), -3.5 + spread(2.0)]);
-        parts.opacity_logits.push(spread(5.0));
-        parts.scalars.iter_mut().for_each(|scalars| scalars.push(spread(1.0)));
-        for _ in 0..crate::sh_coefficients(degree) {
-            parts.sh.push([spread(0.8), spread(0.8), spread(0.8)]);
-        }
-    }
-    Gaussians::new(parts).unwrap()
-}
-
-fn view(width: u32, height: u32) -> View {
-    let rotation = DMat3::from_rotation_y(0.2) * DMat3::from_rotation_x(0.1);
-    let pose = CameraFromWorld::new(rotation, DVec3::new(0.3, -0.1, 0.4)).unwrap();
-    let intrinsics = NormalizedIntrinsics::new(0.8, 0.8 * f64::from(width) / f64::from(height), 0.48, 0.53).unwrap();
-    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
-}
-
-fn everything() -> RenderOptions {
-    RenderOptions {
-        background: [0.1, 0.6, 0.3],
-        channels: Channels { depth: true, scalar: true, median_depth: true },
-        ..RenderOptions::default()
-    }
-}
+use crate::{Channels, Gradients, ImageGradients, RasterMode, RendererConstants, reference};
+use cloud::{cloud, everything, image_gradients, narrow, view};
 
 fn rendered(gaussians: &Gaussians, view: &View, options: &RenderOptions, cpu: CpuOptions) -> Rendering<f32> {
     CpuRenderer::new(cpu).render(gaussians, view, options).unwrap()
 }
 
-/// Pixels at which images differ by more than `bound`, and the largest difference.
+/// Number of values that differ by more than `bound`, and the largest difference.
 fn beyond(actual: &[f32], expected: &[f64], bound: f64) -> (usize, f64) {
     assert_eq!(actual.len(), expected.len());
-    let mut most = 0.0f64;
+    let mut largest = 0.0f64;
     let mut count = 0;
     for (actual, expected) in actual.iter().zip(expected) {
-        let apart = (f64::from(*actual) - expected).abs();
-        assert!(apart.is_finite());
-        count += usize::from(apart > bound);
-        if apart > most {
-            most = apart;
+        let difference = (f64::from(*actual) - expected).abs();
+        assert!(difference.is_finite());
+        count += usize::from(difference > bound);
+        if difference > largest {
+            largest = difference;
         }
     }
-    (count, most)
+    (count, largest)
 }
 
-/// A pixel may fall on the other side of a cut-off: one 255th of one Gaussian, in few pixels.
+/// A few pixels may fall on the other side of a threshold, and change by 1/255 of a Gaussian.
 fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
     assert_eq!(actual.census, expected.census, "{what}");
     let flat32: Vec<f32> = actual.rgb.iter().flatten().copied().collect();
     let flat64: Vec<f64> = expected.rgb.iter().flatten().copied().collect();
-    let (count, most) = beyond(&flat32, &flat64, 1e-5);
-    assert!(count * 1000 <= flat32.len() && most < 0.01, "{what}: {count} of {} samples, {most:.2e}", flat32.len());
-    let (count, most) = beyond(&actual.alpha, &expected.alpha, 1e-5);
-    assert!(count * 1000 <= actual.alpha.len() && most < 0.01, "{what}: alpha {count}, {most:.2e}");
+    let (count, largest) = beyond(&flat32, &flat64, 1e-5);
+    assert!(
+        count * 1000 <= flat32.len() && largest < 0.01,
+        "{what}: {count} of {} samples, {largest:.2e}",
+        flat32.len()
+    );
+    let (count, largest) = beyond(&actual.alpha, &expected.alpha, 1e-5);
+    assert!(count * 1000 <= actual.alpha.len() && largest < 0.01, "{what}: alpha {count}, {largest:.2e}");
     for (actual, expected) in [(&actual.depth, &expected.depth), (&actual.scalar, &expected.scalar)] {
         if let (Some(actual), Some(expected)) = (actual, expected) {
-            let (count, most) = beyond(actual, expected, 1e-4);
-            assert!(count * 1000 <= actual.len() && most < 0.1, "{what}: channel {count}, {most:.2e}");
+            let (count, largest) = beyond(actual, expected, 1e-4);
+            assert!(count * 1000 <= actual.len() && largest < 0.1, "{what}: channel {count}, {largest:.2e}");
         }
     }
     if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
@@ -83,7 +51,7 @@ fn assert_close(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) 
 }
 
 #[test]
-fn pixels_are_the_references() {
+fn pixels_match_the_reference() {
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 61));
     for preset in RendererConstants::PRESETS {
         for mode in [RasterMode::Classic, RasterMode::Antialiased] {
@@ -100,7 +68,7 @@ fn pixels_are_the_references() {
 }
 
 #[test]
-fn a_lens_is_the_references() {
+fn a_lens_matches_the_reference() {
     let (gaussians, mut view) = (cloud(1000, 1, 3), view(64, 48));
     view.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 };
     let expected = reference::render(&gaussians, &view, &everything()).unwrap();
@@ -109,13 +77,13 @@ fn a_lens_is_the_references() {
 }
 
 #[test]
-fn one_picture_whatever_the_tiles_threads_and_instructions() {
+fn tiles_threads_and_instruction_sets_do_not_change_images() {
     let (gaussians, view) = (cloud(4000, 2, 11), view(131, 77));
     let expected = rendered(&gaussians, &view, &everything(), CpuOptions::default());
     for tile in [TileSize::Pixels16, TileSize::Pixels32, TileSize::Pixels64] {
         for threads in [1, 3] {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            for simd in SimdLevel::fusing() {
+            for simd in SimdLevel::with_fma() {
                 let cpu = CpuOptions { simd, tile, ..CpuOptions::default() };
                 let actual = pool.install(|| rendered(&gaussians, &view, &everything(), cpu));
                 assert!(actual == expected, "{tile:?}, {threads} threads, {simd:?}");
@@ -124,7 +92,7 @@ fn one_picture_whatever_the_tiles_threads_and_instructions() {
     }
 }
 
-/// What cannot be seen leaves no trace, wherever it stands in the list; and buffers carry nothing over.
+/// Invisible Gaussians have no effect, wherever they are in the list; and reused buffers carry nothing over.
 #[test]
 fn culled_gaussians_change_nothing() {
     let (gaussians, view) = (cloud(800, 0, 5), view(70, 50));
@@ -149,43 +117,22 @@ fn culled_gaussians_change_nothing() {
 }
 
 #[test]
-fn nothing_gives_the_background() {
+fn an_empty_scene_gives_the_background() {
     let rendering = rendered(&Gaussians::default(), &view(33, 17), &everything(), CpuOptions::default());
     assert!(rendering.rgb.iter().all(|rgb| rgb.map(f32::to_bits) == [0.1f32, 0.6, 0.3].map(f32::to_bits)));
     assert!(rendering.alpha.iter().all(|alpha| alpha.to_bits() == 0));
 }
 
 #[test]
-fn too_much_memory_is_refused_beforehand() {
+fn rejects_jobs_beyond_the_memory_limit() {
     let cpu = CpuOptions { memory_limit: 10_000, ..CpuOptions::default() };
     let outcome = CpuRenderer::new(cpu).render(&cloud(1000, 0, 1), &view(64, 64), &everything());
     assert!(matches!(outcome, Err(SplatError::Memory { limit: 10_000, .. })));
 }
 
-fn image_gradients(view: &View) -> ImageGradients<f64> {
-    let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
-    let (red, green, blue) = (wave(0.0), wave(1.0), wave(2.0));
-    ImageGradients {
-        rgb: red.into_iter().zip(green).zip(blue).map(|((r, g), b)| [r, g, b]).collect(),
-        alpha: Some(wave(3.0)),
-        depth: Some(wave(4.0)),
-        scalar: Some(wave(5.0)),
-    }
-}
-
-fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
-    let image = |values: &Option<Vec<f64>>| values.as_ref().map(|v| v.iter().map(|x| narrowed(*x)).collect());
-    ImageGradients {
-        rgb: images.rgb.iter().map(|rgb| rgb.map(narrowed)).collect(),
-        alpha: image(&images.alpha),
-        depth: image(&images.depth),
-        scalar: image(&images.scalar),
-    }
-}
-
-/// Opacities without cut-offs that a rounding could cross: what is compared is arithmetic.
+/// With a `min_alpha` so low that rounding cannot cross it, only arithmetic is compared.
 #[test]
-fn gradients_are_the_references() {
+fn gradients_match_the_reference() {
     let (gaussians, view) = (cloud(600, 2, 21), view(61, 45));
     for mode in [RasterMode::Classic, RasterMode::Antialiased] {
         let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::default() };
@@ -202,17 +149,18 @@ fn gradients_are_the_references() {
 
 fn assert_gradients_close(actual: &Gradients<f32>, expected: &Gradients<f64>, what: &str) {
     for ((name, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
-        let size = expected.iter().fold(0.0f64, |most, value| if value.abs() > most { value.abs() } else { most });
+        let size =
+            expected.iter().fold(0.0f64, |largest, value| if value.abs() > largest { value.abs() } else { largest });
         assert_eq!(actual.len(), expected.len());
         for (actual, expected) in actual.iter().zip(expected) {
-            let apart = (f64::from(*actual) - expected).abs();
-            assert!(apart <= 1e-3 * size, "{what} {name}: {actual} against {expected}, size {size}");
+            let difference = (f64::from(*actual) - expected).abs();
+            assert!(difference <= 1e-3 * size, "{what} {name}: {actual} against {expected}, size {size}");
         }
     }
 }
 
 #[test]
-fn one_gradient_for_any_number_of_threads_and_tiles() {
+fn threads_and_tiles_do_not_change_gradients() {
     let (gaussians, view) = (cloud(2000, 1, 23), view(90, 70));
     let images = narrow(&image_gradients(&view));
     let of = |threads: usize, tile| {
@@ -224,6 +172,8 @@ fn one_gradient_for_any_number_of_threads_and_tiles() {
     assert!(of(3, TileSize::Pixels16) == expected && of(2, TileSize::Pixels64) == expected);
 }
 
+#[path = "../../tests/common/cloud.rs"]
+mod cloud;
 mod invariance;
 mod limits;
 mod magnitudes;

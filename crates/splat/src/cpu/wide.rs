@@ -1,21 +1,22 @@
-//! Arithmetic on several f64 at once, written as on one.
+//! SIMD vectors of f64 with scalar syntax.
 
 use std::ops::{Add, Div, Mul, Neg, Sub};
 
 use pulp::Simd;
 
-/// Gaussians whose numbers lie side by side while they are worked on: what is known of them fits the nearest caches.
-pub(super) const SIDE_BY_SIDE: usize = 64;
+/// Gaussians per chunk, processed together in structure-of-arrays form: their intermediate data fits the L1 and L2
+/// caches.
+pub(super) const CHUNK: usize = 64;
 
-/// One number of each of them.
-pub(super) type Row = [f64; SIDE_BY_SIDE];
-/// The same, where f32 is enough.
-pub(super) type Row32 = [f32; SIDE_BY_SIDE];
+/// One value per Gaussian of a chunk.
+pub(super) type Row = [f64; CHUNK];
+/// As [`Row`], in f32.
+pub(super) type Row32 = [f32; CHUNK];
 
-/// One number of as many Gaussians as a vector holds.
+/// A vector with one value per Gaussian.
 ///
-/// Every operation rounds each lane as it would alone; [`Wide::mul_add`] fuses on all instruction sets but
-/// portable ones, and nothing else does. So results depend on neither the number of lanes nor a Gaussian's place.
+/// Every operation rounds each lane independently, and only [`Wide::mul_add`] is fused, on all but the portable
+/// instruction sets. So results depend neither on the number of lanes nor on a Gaussian's lane.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Wide<S: Simd> {
     simd: S,
@@ -28,18 +29,15 @@ impl<S: Simd> Wide<S> {
         Self { simd, lanes: simd.splat_f64s(value) }
     }
 
-    /// The vector that stands `at` vectors from the start of a row.
+    /// The vector at index `at` of a row.
     #[inline(always)]
     pub(super) fn load(simd: S, row: &Row, at: usize) -> Self {
-        let lanes = S::as_simd_f64s(row).0.get(at).copied();
-        Self { simd, lanes: lanes.unwrap_or_else(|| simd.splat_f64s(0.0)) }
+        Self { simd, lanes: S::as_simd_f64s(row).0[at] }
     }
 
     #[inline(always)]
     pub(super) fn store(self, row: &mut Row, at: usize) {
-        if let Some(slot) = S::as_mut_simd_f64s(row).0.get_mut(at) {
-            *slot = self.lanes;
-        }
+        S::as_mut_simd_f64s(row).0[at] = self.lanes;
     }
 
     #[inline(always)]
@@ -58,10 +56,10 @@ impl<S: Simd> Wide<S> {
         Self { lanes: self.simd.sqrt_f64s(self.lanes), ..self }
     }
 
-    /// The largest whole number that is not above, of numbers within 2⁵¹ of zero.
+    /// The floor, for magnitudes up to 2⁵¹.
     #[inline(always)]
     pub(super) fn floor(self) -> Self {
-        // Adding it leaves the nearest whole number.
+        // Adding and subtracting 1.5·2⁵² rounds to the nearest integer.
         let rounder = self.of(6_755_399_441_055_744.0);
         let nearest = (self + rounder) - rounder;
         (nearest - self.of(1.0)).where_above(nearest, self, nearest)
@@ -106,7 +104,7 @@ pub(super) fn combine<S: Simd>([a, b, c]: [[Wide<S>; 3]; 3], weights: [Wide<S>; 
     [dot([a[0], b[0], c[0]], weights), dot([a[1], b[1], c[1]], weights), dot([a[2], b[2], c[2]], weights)]
 }
 
-// Arrays are written out: what `array::map` calls is not always inlined, and only what is inlined is vectorised.
+// Arrays are written out, because closures of `array::map` are not always inlined, and only inlined code is vectorised.
 
 #[inline(always)]
 pub(super) fn splat3<S: Simd>(simd: S, [x, y, z]: [f64; 3]) -> [Wide<S>; 3] {

@@ -5,37 +5,37 @@ use crate::{Gaussians, LARGEST_CHANNEL, MAX_SH_DEGREE, sh_coefficients};
 
 const BANDS: usize = MAX_SH_DEGREE as usize + 1;
 
-/// For each degree, a bound on what the bands above it add to any channel of any Gaussian in any direction; the first
-/// entry counts all bands above none, so `0.5 +` it bounds colour itself.
+/// Upper bounds, over all Gaussians, channels and directions, of the contribution of all SH bands from each degree on:
+/// entry 0 covers every band, so `0.5 +` it bounds the colour itself.
 pub(super) type Above = [f64; BANDS + 1];
 
-/// Gaussians that one task takes.
+/// Gaussians per task.
 const CHUNK: usize = 4096;
 
-/// Looks at all Gaussians, or at as many as it takes until `enough`; the answer does not depend on threads.
+/// Bounds over all Gaussians, or over as many as it takes until `enough`; independent of the number of threads.
 ///
 /// By the addition theorem, `|Σₘ cₘ Yₗₘ| ≤ ‖c‖ √((2l + 1) / 4π)` in every direction.
 pub(super) fn above(gaussians: &Gaussians, degree: u8, enough: impl Fn(&Above) -> bool) -> Above {
     let parts = gaussians.parts();
     let (stored, used) = (sh_coefficients(parts.sh_degree), sh_coefficients(degree));
-    let mut most = [0.0; BANDS + 1];
+    let mut largest = [0.0; BANDS + 1];
     let mut rest = parts.sh.as_slice();
     let mut chunks = 1;
-    // Ever larger steps: what is found at once costs little, what is never found costs few joins.
-    while !rest.is_empty() && !enough(&most) {
+    // Growing steps: stopping early costs little, and never stopping costs few joins.
+    while !rest.is_empty() && !enough(&largest) {
         let (now, after) = rest.split_at_checked(chunks * CHUNK * stored).unwrap_or((rest, &[]));
         let of_chunk = |chunk: &[[f32; 3]]| {
             let each = chunk.chunks_exact(stored).map(|own| of_one(own.get(..used).unwrap_or(own)));
             each.fold([0.0; BANDS + 1], larger)
         };
-        most = now.par_chunks(CHUNK * stored).map(of_chunk).collect::<Vec<_>>().into_iter().fold(most, larger);
+        largest = now.par_chunks(CHUNK * stored).map(of_chunk).collect::<Vec<_>>().into_iter().fold(largest, larger);
         (rest, chunks) = (after, chunks * 2);
     }
-    most
+    largest
 }
 
-/// Whether every coefficient above degree 0 is zero, as in files that fill up what a method does not predict: told by
-/// the bits, many times faster than a bound.
+/// Whether every coefficient above degree 0 is zero, as in files padded to a higher degree. Tests the bits, which is
+/// many times faster than computing a bound.
 pub(super) fn is_flat(gaussians: &Gaussians, degree: u8) -> bool {
     let parts = gaussians.parts();
     let (stored, used) = (sh_coefficients(parts.sh_degree), sh_coefficients(degree));
@@ -47,7 +47,7 @@ pub(super) fn is_flat(gaussians: &Gaussians, degree: u8) -> bool {
 }
 
 fn of_one(coefficients: &[[f32; 3]]) -> Above {
-    // More than sums of 25 squares can lose in f32.
+    // More than f32 rounding loses in a sum of 25 squares.
     const ROUNDING: f64 = 1.0 + 1e-5;
     let mut above = [0.0; BANDS + 1];
     let mut sum = 0.0;
@@ -59,7 +59,7 @@ fn of_one(coefficients: &[[f32; 3]]) -> Above {
         sum += ROUNDING * (f64::from(largest) * (2.0 * band as f64 + 1.0) * 0.25 * std::f64::consts::FRAC_1_PI).sqrt();
         *slot = sum;
     }
-    // A colour that may be too large to be drawn depends on every band.
+    // Whether a colour is too large to be drawn depends on every band.
     if above.first().is_some_and(|all| !(*all < 0.5 * LARGEST_CHANNEL)) {
         above.iter_mut().take(BANDS).for_each(|slot| *slot = f64::INFINITY);
     }
@@ -73,7 +73,7 @@ fn larger(mut most: Above, other: Above) -> Above {
     most
 }
 
-/// The degree that is evaluated.
+/// The SH degree that is evaluated.
 pub(super) fn degree(gaussians: &Gaussians, max_sh_degree: u8) -> u8 {
     gaussians.sh_degree().min(max_sh_degree)
 }

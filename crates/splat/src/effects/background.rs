@@ -1,6 +1,6 @@
 use atsplat_numeric::Extremes as _;
 
-use super::{Effect, Judgement, Request};
+use super::{Assessment, Effect, Request};
 use crate::Gaussians;
 
 /// A colour behind everything.
@@ -12,21 +12,21 @@ impl Effect for Background {
         "background"
     }
 
-    fn is_asked_for(&self, _: &Gaussians, request: &Request) -> bool {
+    fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
         request.options.background.iter().any(|channel| *channel != 0.0)
     }
 
-    fn leave_out(&self, request: &mut Request) {
+    fn remove_from(&self, request: &mut Request) {
         request.options.background = [0.0; 3];
     }
 
-    fn judge(&self, _: &Gaussians, request: &Request, budget: f64) -> Judgement {
+    fn assess(&self, _: &Gaussians, request: &Request, budget: f64) -> Assessment {
         let brightest = request.options.background.iter().map(|channel| channel.abs()).fold(0.0, f64::maximum_of);
         let bound = brightest * request.gain();
         if bound <= budget {
-            Judgement::leaves_out(self, request, bound, format!("an empty pixel shows no more than {bound:.1e} of it"))
+            Assessment::remove(self, request, bound, format!("an empty pixel shows no more than {bound:.1e} of it"))
         } else {
-            Judgement::runs(format!("an empty pixel shows {bound:.2} of it"))
+            Assessment::keep(format!("an empty pixel shows {bound:.2} of it"))
         }
     }
 }

@@ -1,84 +1,45 @@
-use super::{Effect, Judgement, Request};
-use crate::Gaussians;
+use super::{Assessment, Effect, Request};
+use crate::{Channels, Gaussians};
+
+/// An image rendered in addition to colour and alpha.
+#[derive(Debug)]
+pub(super) struct Channel {
+    name: &'static str,
+    flag: fn(&mut Channels) -> &mut bool,
+}
 
 /// Depth along the optical axis.
-#[derive(Debug)]
-pub(super) struct Depth;
+pub(super) const DEPTH: Channel = Channel { name: "depth", flag: |channels| &mut channels.depth };
+/// The per-Gaussian scalar, such as ATSplat's uncertainty.
+pub(super) const SCALAR: Channel = Channel { name: "scalar", flag: |channels| &mut channels.scalar };
+/// Depth at which the transmittance falls to one half.
+pub(super) const MEDIAN_DEPTH: Channel = Channel { name: "median-depth", flag: |channels| &mut channels.median_depth };
 
-impl Effect for Depth {
+impl Effect for Channel {
     fn name(&self) -> &'static str {
-        "depth"
+        self.name
     }
 
-    fn is_asked_for(&self, _: &Gaussians, request: &Request) -> bool {
-        request.options.channels.depth
+    fn is_requested(&self, _: &Gaussians, request: &Request) -> bool {
+        let mut channels = request.options.channels;
+        *(self.flag)(&mut channels)
     }
 
-    fn leave_out(&self, request: &mut Request) {
-        request.options.channels.depth = false;
+    fn remove_from(&self, request: &mut Request) {
+        *(self.flag)(&mut request.options.channels) = false;
     }
 
-    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
-        unless_empty(self, gaussians, request)
-    }
-}
-
-/// The Gaussians' own scalar, as ATSplat's uncertainty.
-#[derive(Debug)]
-pub(super) struct Scalar;
-
-impl Effect for Scalar {
-    fn name(&self) -> &'static str {
-        "scalar"
-    }
-
-    fn is_asked_for(&self, _: &Gaussians, request: &Request) -> bool {
-        request.options.channels.scalar
-    }
-
-    fn leave_out(&self, request: &mut Request) {
-        request.options.channels.scalar = false;
-    }
-
-    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
-        // What is NaN is culled, and shows in no image.
+    fn assess(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Assessment {
+        // A Gaussian with a NaN scalar is culled.
         let shows = |scalar: &f32| *scalar != 0.0 && !scalar.is_nan();
-        match &gaussians.parts().scalars {
-            None => Judgement::leaves_out(self, request, 0.0, "the Gaussians have none: the image is zero"),
-            Some(scalars) if !scalars.iter().any(shows) => {
-                Judgement::leaves_out(self, request, 0.0, "every scalar is zero, and so is the image")
+        let reason = match &gaussians.parts().scalars {
+            None if self.name == SCALAR.name => "the Gaussians have none: the image is zero",
+            Some(scalars) if self.name == SCALAR.name && !scalars.iter().any(shows) => {
+                "every scalar is zero, and so is the image"
             }
-            Some(_) => Judgement::runs("its image was asked for"),
-        }
-    }
-}
-
-/// Depth at which half of the light is blocked.
-#[derive(Debug)]
-pub(super) struct MedianDepth;
-
-impl Effect for MedianDepth {
-    fn name(&self) -> &'static str {
-        "median-depth"
-    }
-
-    fn is_asked_for(&self, _: &Gaussians, request: &Request) -> bool {
-        request.options.channels.median_depth
-    }
-
-    fn leave_out(&self, request: &mut Request) {
-        request.options.channels.median_depth = false;
-    }
-
-    fn judge(&self, gaussians: &Gaussians, request: &Request, _: f64) -> Judgement {
-        unless_empty(self, gaussians, request)
-    }
-}
-
-fn unless_empty(effect: &dyn Effect, gaussians: &Gaussians, request: &Request) -> Judgement {
-    if gaussians.is_empty() {
-        Judgement::leaves_out(effect, request, 0.0, "without Gaussians the image is zero")
-    } else {
-        Judgement::runs("its image was asked for")
+            _ if self.name != SCALAR.name && gaussians.is_empty() => "without Gaussians the image is zero",
+            _ => return Assessment::keep("its image is requested"),
+        };
+        Assessment::remove(self, request, 0.0, reason)
     }
 }

@@ -6,40 +6,40 @@ use serde::Serialize;
 use super::{EFFECTS, EffectPlan, Request, Verdict};
 use crate::{Gaussians, Renderer, SplatError};
 
-/// What each effect costs, and what the plan saves: the table of `render --explain`.
+/// Cost of each effect and savings of the plan: the table of `render --explain`.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Explanation {
     /// The renderer that was timed.
     pub renderer: String,
-    /// Largest change that the plan allows itself.
+    /// Largest change that the plan allows.
     pub tolerance: f64,
     /// One row per effect.
     pub effects: Vec<Cost>,
-    /// Deciding.
+    /// Planning time.
     pub plan_ms: f64,
-    /// Rendering everything that was asked for: the median.
+    /// Median time of rendering the original request.
     pub asked_ms: f64,
-    /// Rendering what the plan left of it: the median.
+    /// Median time of rendering the reduced request.
     pub reduced_ms: f64,
-    /// Pairs of renderings behind each number.
+    /// Pairs of renderings per measurement.
     pub pairs: usize,
 }
 
-/// An effect, what became of it and what it costs.
+/// The decision on an effect, and its cost.
 #[derive(Clone, Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Cost {
     /// The decision.
     #[serde(flatten)]
     pub decision: super::Decision,
-    /// How much longer everything takes with the effect than without it: the median difference of pairs, which may
-    /// be negative where it costs less than timing can tell. `None` where it was not asked for.
+    /// Median over pairs of the time with the effect minus the time without it; may be negative within timing noise.
+    /// `None` if the effect was not requested.
     pub ms: Option<f64>,
 }
 
 impl EffectPlan {
-    /// Times each effect by pairs of renderings in turn, with it and without; every other effect runs as asked for.
+    /// Times each effect by alternating renderings with and without it; every other effect runs as requested.
     ///
     /// # Errors
     /// As [`Renderer::render`].
@@ -55,28 +55,28 @@ impl EffectPlan {
             let ms = if decision.verdict == Verdict::NotAsked {
                 None
             } else {
-                let mut without = self.asked().clone();
-                effect.leave_out(&mut without);
-                let differences = in_turn(renderer, gaussians, [self.asked(), &without], pairs)?;
+                let mut without = self.requested().clone();
+                effect.remove_from(&mut without);
+                let differences = time_pairs(renderer, gaussians, [self.requested(), &without], pairs)?;
                 Some(median(differences.iter().map(|[with, without]| with - without)))
             };
             effects.push(Cost { decision: decision.clone(), ms });
         }
-        let both = in_turn(renderer, gaussians, [self.asked(), self.reduced()], pairs)?;
+        let pair_times = time_pairs(renderer, gaussians, [self.requested(), self.reduced()], pairs)?;
         Ok(Explanation {
             renderer: renderer.name(),
             tolerance: self.tolerance(),
             effects,
             plan_ms: 1e3 * self.secs(),
-            asked_ms: median(both.iter().map(|[asked, _]| *asked)),
-            reduced_ms: median(both.iter().map(|[_, reduced]| *reduced)),
+            asked_ms: median(pair_times.iter().map(|[requested, _]| *requested)),
+            reduced_ms: median(pair_times.iter().map(|[_, reduced]| *reduced)),
             pairs,
         })
     }
 }
 
-/// Milliseconds of two requests, rendered one after the other, after a pair that does not count.
-fn in_turn(
+/// Milliseconds of two requests rendered alternately, after one warm-up pair.
+fn time_pairs(
     renderer: &mut dyn Renderer,
     gaussians: &Gaussians,
     requests: [&Request; 2],
@@ -84,14 +84,14 @@ fn in_turn(
 ) -> Result<Vec<[f64; 2]>, SplatError> {
     let mut times = Vec::with_capacity(pairs);
     for pair in 0..=pairs {
-        let mut both = [0.0; 2];
-        for (slot, request) in both.iter_mut().zip(requests) {
+        let mut pair_times = [0.0; 2];
+        for (slot, request) in pair_times.iter_mut().zip(requests) {
             let start = Instant::now();
             renderer.render(gaussians, &request.view, &request.options)?;
             *slot = 1e3 * start.elapsed().as_secs_f64();
         }
         if pair > 0 {
-            times.push(both);
+            times.push(pair_times);
         }
     }
     Ok(times)
@@ -127,7 +127,7 @@ impl Display for Explanation {
         }
         writeln!(
             f,
-            "\n{}: {:.2} ms for everything asked for, {:.2} ms for what the plan left of it, {:.3} ms to decide \
+            "\n{}: {:.2} ms for everything requested, {:.2} ms for what the plan left of it, {:.3} ms to decide \
              (medians of {} pairs; tolerance {:.1e} of display range, in colour alone)",
             self.renderer, self.asked_ms, self.reduced_ms, self.plan_ms, self.pairs, self.tolerance
         )

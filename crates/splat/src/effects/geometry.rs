@@ -1,33 +1,51 @@
-//! Whether Gaussians have the same shapes, places and opacities on the screen in two requests.
+//! Tests whether Gaussians project to the same shapes, positions and opacities in two requests.
 //!
-//! The same to the bit, in f64: a difference however small takes an opacity across a cut-off somewhere, where a pixel
-//! jumps by `min_alpha` times whatever colour that is, and a median depth from one Gaussian to another. No bound that
-//! grows with the difference holds there.
+//! Bit for bit in f64: any difference, however small, may take an alpha across a threshold, where a pixel jumps by
+//! `min_alpha` times the Gaussian's colour and a median depth jumps to another Gaussian. No bound proportional to the
+//! difference holds there.
 
 use rayon::prelude::*;
 
-use super::Request;
+use super::{Assessment, Effect, Request};
 use crate::Gaussians;
-use crate::reference::project::{Outcome, Splat, project};
+use crate::reference::project::{Splat, project};
+use crate::rendering::Culled;
 
-/// Why pictures differ where Gaussians are projected as for `after` instead of `before`, in words; `None` where no
-/// Gaussian does.
-pub(super) fn objection(gaussians: &Gaussians, before: &Request, after: &Request) -> Option<String> {
+type Projected = Result<Box<Splat>, Culled>;
+
+/// Removes an effect without which every Gaussian projects identically, and keeps any other.
+pub(super) fn remove_if_unused(
+    effect: &dyn Effect,
+    gaussians: &Gaussians,
+    request: &Request,
+    reason: &str,
+) -> Assessment {
+    let mut reduced = request.clone();
+    effect.remove_from(&mut reduced);
+    match difference(gaussians, request, &reduced) {
+        None => Assessment { reduced: Some(reduced), bound: Some(0.0), reason: reason.to_owned() },
+        Some(difference) => Assessment::keep(difference),
+    }
+}
+
+/// Explains why images differ if Gaussians are projected as for `after` instead of `before`; `None` if no Gaussian
+/// changes.
+fn difference(gaussians: &Gaussians, before: &Request, after: &Request) -> Option<String> {
     let optics = |request: &Request| request.view.optics(&request.options.constants);
     let (Ok(optics_before), Ok(optics_after)) = (optics(before), optics(after)) else {
-        return Some("the view cannot be rendered, which rendering tells".to_owned());
+        return Some("the view is invalid, which rendering will report".to_owned());
     };
     let is_moved = |position: &usize| {
         let one =
             |request: &Request, optics| project(gaussians, *position, optics, request.view.size, &request.options);
         !is_same(&one(before, &optics_before), &one(after, &optics_after))
     };
-    let moved = growing(gaussians.len()).find_map(|positions| positions.into_par_iter().find_first(is_moved))?;
+    let moved = growing_ranges(gaussians.len()).find_map(|positions| positions.into_par_iter().find_first(is_moved))?;
     Some(format!("it changes where or how strongly Gaussian {moved} shows"))
 }
 
-/// All positions in ever larger steps: an objection is mostly found at once.
-fn growing(count: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
+/// All indices in growing steps: a difference is mostly found early.
+fn growing_ranges(count: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
     const FIRST: usize = 256;
     let mut past = 0;
     std::iter::from_fn(move || {
@@ -37,11 +55,12 @@ fn growing(count: usize) -> impl Iterator<Item = std::ops::Range<usize>> {
     })
 }
 
-/// Whether a picture is composited of the same, or of neither for the same reason.
-fn is_same(before: &Outcome, after: &Outcome) -> bool {
+/// Whether both are drawn identically, or culled for the same reason.
+fn is_same(before: &Projected, after: &Projected) -> bool {
     match (before, after) {
-        (Outcome::Drawn(a), Outcome::Drawn(b)) => a.reach == b.reach && bits(a) == bits(b),
-        _ => std::mem::discriminant(before) == std::mem::discriminant(after),
+        (Ok(a), Ok(b)) => a.reach == b.reach && bits(a) == bits(b),
+        (Err(a), Err(b)) => a == b,
+        _ => false,
     }
 }
 
@@ -56,9 +75,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn steps_cover_everything_once() {
+    fn growing_steps_cover_every_index_once() {
         for count in [0, 1, 255, 256, 257, 5000] {
-            let positions: Vec<usize> = growing(count).flatten().collect();
+            let positions: Vec<usize> = growing_ranges(count).flatten().collect();
             assert_eq!(positions, (0..count).collect::<Vec<_>>());
         }
     }

@@ -1,12 +1,12 @@
-//! What rendering may skip: each effect in its file, and the plan that runs those that a scene calls for.
+//! Effects that rendering may skip, one per file, and the plan that runs only what a scene calls for.
 //!
-//! A plan is the request with less in it, so that every backend renders it as it is, and what is skipped costs
-//! nothing there. Bounds are proved from the data in exact arithmetic; the rounding of f32 comes on top, as between
-//! any two backends. Only colour ever changes: shapes, places and opacities stay, and with them opacity, depth and
-//! scalar images and everything that a cut-off decides.
+//! A plan is a reduced request, which every backend renders like any other, so that a skipped effect costs nothing.
+//! Bounds are proved from the data in exact arithmetic; f32 rounding comes on top, as between any two backends. Only
+//! colour ever changes: shapes, positions and opacities stay, and with them the alpha, depth and scalar images and
+//! every threshold decision.
 //!
-//! **For pictures, not for training.** A request with less in it has other derivatives: harmonics that are all zero
-//! have a gradient, and the plan's options would give none. Differentiate what was asked for, never the plan.
+//! **For rendering, not for training.** A reduced request has other gradients: SH coefficients that are all zero have a
+//! gradient, which the reduced options would drop. Differentiate the original request, never the reduced one.
 
 mod amplitude;
 mod antialiasing;
@@ -28,70 +28,70 @@ pub use explain::{Cost, Explanation};
 pub use plan::{Decision, EffectPlan, Verdict};
 pub use selection::EffectSelection;
 
-/// What is to be rendered: by itself, or after effects were taken out.
+/// A view and options to render, in full or after effects were removed.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
     /// Camera and size.
     pub view: View,
-    /// Everything else.
+    /// All other options.
     pub options: RenderOptions,
 }
 
-/// Something that rendering may skip.
+/// An effect that rendering may skip.
 pub trait Effect: Debug + Send + Sync {
-    /// As in `--effects`.
+    /// Name, as in `--effects`.
     fn name(&self) -> &'static str;
 
-    /// Whether the request has it at all.
-    fn is_asked_for(&self, gaussians: &Gaussians, request: &Request) -> bool;
+    /// Whether the request includes it at all.
+    fn is_requested(&self, gaussians: &Gaussians, request: &Request) -> bool;
 
-    /// Takes all of it out of the request.
-    fn leave_out(&self, request: &mut Request);
+    /// Removes it from the request.
+    fn remove_from(&self, request: &mut Request);
 
-    /// Finds the least that does for this scene where images may change by `budget`, see [`Judgement::bound`].
-    fn judge(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Judgement;
+    /// Finds the smallest part of it that this scene needs if colour may change by `budget`, see [`Assessment::bound`].
+    fn assess(&self, gaussians: &Gaussians, request: &Request, budget: f64) -> Assessment;
 }
 
-/// What an effect does to a scene.
+/// Whether a scene needs an effect.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Judgement {
-    /// The request with as little of the effect as does; `None` where all of it has to run.
+pub struct Assessment {
+    /// The request with as little of the effect as suffices; `None` if all of it has to run.
     pub reduced: Option<Request>,
-    /// Largest change that this makes of any sample of any image, in units of display range; `None` where none was
+    /// Upper bound on how much this changes any sample of any image, in units of display range; `None` if none was
     /// proved, and never infinite.
     pub bound: Option<f64>,
-    /// In words.
+    /// Explanation for the user.
     pub reason: String,
 }
 
-impl Judgement {
-    /// The effect has to run.
-    fn runs(reason: impl Into<String>) -> Self {
+impl Assessment {
+    /// The whole effect has to run.
+    fn keep(reason: impl Into<String>) -> Self {
         Self { reduced: None, bound: None, reason: reason.into() }
     }
 
-    /// All of the effect can be left out.
-    fn leaves_out(effect: &dyn Effect, request: &Request, bound: f64, reason: impl Into<String>) -> Self {
+    /// The whole effect can be removed.
+    fn remove(effect: &dyn Effect, request: &Request, bound: f64, reason: impl Into<String>) -> Self {
         let mut reduced = request.clone();
-        effect.leave_out(&mut reduced);
+        effect.remove_from(&mut reduced);
         Self { reduced: Some(reduced), bound: Some(bound), reason: reason.into() }
     }
 }
 
-/// Every effect, in the order in which they are judged: exposure first, because it scales what the others change.
+/// Every effect, in order of assessment: exposure first, because it scales the changes of the others.
 pub const EFFECTS: [&dyn Effect; 8] = [
     &exposure::ExposureEffect,
     &view_dependence::ViewDependence,
     &lens::LensEffect,
     &antialiasing::Antialiasing,
     &background::Background,
-    &channels::Depth,
-    &channels::Scalar,
-    &channels::MedianDepth,
+    &channels::DEPTH,
+    &channels::SCALAR,
+    &channels::MEDIAN_DEPTH,
 ];
 
 impl Request {
-    /// How much larger a change of composited colour is in the picture.
+    /// Factor by which exposure amplifies a change of composited colour.
     fn gain(&self) -> f64 {
         self.options.exposure.map_or(1.0, |exposure| exposure.gain())
     }

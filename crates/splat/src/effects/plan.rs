@@ -2,13 +2,13 @@ use std::time::Instant;
 
 use serde::Serialize;
 
-use super::{EFFECTS, Effect, EffectSelection, Judgement, Request};
+use super::{Assessment, EFFECTS, Effect, EffectSelection, Request};
 use crate::{Gaussians, RenderOptions, Renderer, Rendering, SplatError, View};
 
-/// Which effects of a request run for a scene, and why.
+/// Which requested effects run for a scene, and why.
 #[derive(Clone, Debug)]
 pub struct EffectPlan {
-    asked: Request,
+    requested: Request,
     reduced: Request,
     /// One per effect, in the order of [`EFFECTS`].
     decisions: Vec<Decision>,
@@ -16,47 +16,46 @@ pub struct EffectPlan {
     secs: f64,
 }
 
-/// What becomes of an effect.
+/// The decision on an effect.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Decision {
     /// Name of the effect.
     pub effect: &'static str,
-    /// What becomes of it.
+    /// The decision.
     pub verdict: Verdict,
-    /// See [`Judgement::bound`].
+    /// See [`Assessment::bound`].
     pub bound: Option<f64>,
     /// In words.
     pub reason: String,
 }
 
-/// What becomes of an effect.
+/// The decision on an effect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// The request does without.
+    /// The request does not include it.
     NotAsked,
-    /// It runs as asked for.
+    /// It runs as requested.
     Runs,
     /// Part of it runs.
     Reduced,
-    /// It was asked for, and is left out.
+    /// It was requested, but is skipped.
     LeftOut,
 }
 
 impl EffectPlan {
-    /// Largest change of a picture unless another is given: a quarter of a step of 8 bits.
+    /// Default tolerance: a quarter of an 8-bit step.
     pub const TOLERANCE: f64 = 1.0 / 1024.0;
 
-    /// Decides for a scene.
+    /// Decides which effects a scene needs.
     ///
-    /// Under [`EffectSelection::Auto`] the changes that are made in order to save time add up to at most `tolerance`
-    /// in every sample of colour, in units of display range, and no other image changes. Under the other selections
-    /// bounds are told, not kept.
+    /// Under [`EffectSelection::Auto`] the skipped effects together change each colour sample by at most `tolerance`,
+    /// in units of display range, and no other image. The other selections report the bounds but do not enforce them.
     ///
     /// # Errors
-    /// [`SplatError::Tolerance`] for one that is negative or not finite, [`SplatError::Options`] for options that cannot
-    /// be rendered, [`SplatError::View`] and [`SplatError::Camera`] for such a view.
+    /// [`SplatError::Tolerance`] if it is negative or not finite, [`SplatError::Options`] for invalid options,
+    /// [`SplatError::View`] and [`SplatError::Camera`] for an invalid view.
     pub fn for_scene(
         gaussians: &Gaussians,
         view: &View,
@@ -70,53 +69,53 @@ impl EffectPlan {
         }
         options.check()?;
         view.optics(&options.constants)?;
-        let asked = Request { view: *view, options: options.clone() };
-        let mut planning = Planning { gaussians, selection, reduced: asked.clone(), budget: tolerance };
+        let requested = Request { view: *view, options: options.clone() };
+        let mut planning = Planning { gaussians, selection, reduced: requested.clone(), budget: tolerance };
         let decisions = EFFECTS.iter().map(|effect| planning.decide(*effect)).collect();
         let reduced = planning.reduced;
-        Ok(Self { asked, reduced, decisions, tolerance, secs: start.elapsed().as_secs_f64() })
+        Ok(Self { requested, reduced, decisions, tolerance, secs: start.elapsed().as_secs_f64() })
     }
 
-    /// What was asked for.
-    pub const fn asked(&self) -> &Request {
-        &self.asked
+    /// The original request.
+    pub const fn requested(&self) -> &Request {
+        &self.requested
     }
 
-    /// What is rendered instead. Its derivatives are not those of what was asked for.
+    /// The request that is rendered instead. Its gradients are not those of the original.
     pub const fn reduced(&self) -> &Request {
         &self.reduced
     }
 
-    /// What becomes of each effect.
+    /// The decision on each effect.
     pub fn decisions(&self) -> &[Decision] {
         &self.decisions
     }
 
-    /// Largest change that was allowed.
+    /// Largest allowed change.
     pub const fn tolerance(&self) -> f64 {
         self.tolerance
     }
 
-    /// Wall-clock seconds that deciding took.
+    /// Wall-clock seconds spent planning.
     pub const fn secs(&self) -> f64 {
         self.secs
     }
 
-    /// Renders what is left of the request, and fills images that are known to be zero.
+    /// Renders the reduced request, and fills in the images that are known to be zero.
     ///
     /// # Errors
     /// As [`Renderer::render`].
     pub fn render(&self, renderer: &mut dyn Renderer, gaussians: &Gaussians) -> Result<Rendering<f32>, SplatError> {
         let mut rendering = renderer.render(gaussians, &self.reduced.view, &self.reduced.options)?;
         let proved = |name| self.decisions.iter().any(|own| own.effect == name && own.bound == Some(0.0));
-        let zeros = || vec![0.0; self.asked.view.pixels()];
-        let channels = self.asked.options.channels;
-        for (asked, name, image) in [
+        let zeros = || vec![0.0; self.requested.view.pixels()];
+        let channels = self.requested.options.channels;
+        for (requested, name, image) in [
             (channels.depth, "depth", &mut rendering.depth),
             (channels.scalar, "scalar", &mut rendering.scalar),
             (channels.median_depth, "median-depth", &mut rendering.median_depth),
         ] {
-            if asked && image.is_none() && proved(name) {
+            if requested && image.is_none() && proved(name) {
                 *image = Some(zeros());
             }
         }
@@ -124,30 +123,30 @@ impl EffectPlan {
     }
 }
 
-/// A plan in the making.
+/// State while planning.
 struct Planning<'a> {
     gaussians: &'a Gaussians,
     selection: &'a EffectSelection,
     reduced: Request,
-    /// What of the tolerance is left.
+    /// Remaining tolerance.
     budget: f64,
 }
 
 impl Planning<'_> {
     fn decide(&mut self, effect: &dyn Effect) -> Decision {
         let decision = |verdict, bound, reason: String| Decision { effect: effect.name(), verdict, bound, reason };
-        if !effect.is_asked_for(self.gaussians, &self.reduced) {
+        if !effect.is_requested(self.gaussians, &self.reduced) {
             return decision(Verdict::NotAsked, Some(0.0), "not asked for".to_owned());
         }
         if *self.selection == EffectSelection::Auto {
-            return self.judge(effect);
+            return self.assess(effect);
         }
         if self.selection.allows(effect.name()) {
             return decision(Verdict::Runs, None, format!("chosen by `{}`", self.selection));
         }
-        // Whatever is finite is told as a bound.
-        let Judgement { bound, reason, .. } = effect.judge(self.gaussians, &self.reduced, f64::MAX);
-        effect.leave_out(&mut self.reduced);
+        // Unlimited, so that any finite bound is reported.
+        let Assessment { bound, reason, .. } = effect.assess(self.gaussians, &self.reduced, f64::MAX);
+        effect.remove_from(&mut self.reduced);
         let reason = match bound {
             Some(_) => format!("left out by `{}`; {reason}", self.selection),
             None => format!("left out by `{}`, though {reason}", self.selection),
@@ -155,15 +154,15 @@ impl Planning<'_> {
         decision(Verdict::LeftOut, bound, reason)
     }
 
-    fn judge(&mut self, effect: &dyn Effect) -> Decision {
-        let Judgement { reduced, bound, reason } = effect.judge(self.gaussians, &self.reduced, self.budget);
+    fn assess(&mut self, effect: &dyn Effect) -> Decision {
+        let Assessment { reduced, bound, reason } = effect.assess(self.gaussians, &self.reduced, self.budget);
         let (Some(reduced), Some(change)) = (reduced, bound) else {
             return Decision { effect: effect.name(), verdict: Verdict::Runs, bound, reason };
         };
         self.reduced = reduced;
         self.budget -= change;
         let verdict =
-            if effect.is_asked_for(self.gaussians, &self.reduced) { Verdict::Reduced } else { Verdict::LeftOut };
+            if effect.is_requested(self.gaussians, &self.reduced) { Verdict::Reduced } else { Verdict::LeftOut };
         Decision { effect: effect.name(), verdict, bound, reason }
     }
 }

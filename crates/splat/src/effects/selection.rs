@@ -7,19 +7,19 @@ use crate::SplatError;
 /// Which effects of a request run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum EffectSelection {
-    /// Those that can change a picture by more than the tolerance.
+    /// Those that can change an image by more than the tolerance.
     #[default]
     Auto,
-    /// Those that were asked for.
+    /// Everything requested.
     All,
     /// None.
     Nothing,
-    /// Those of this list that were asked for, by name.
+    /// The requested effects in this list of names.
     Only(Vec<&'static str>),
 }
 
 impl EffectSelection {
-    /// Whether an effect of this name may run where it is asked for.
+    /// Whether the effect of this name may run if requested.
     pub fn allows(&self, effect: &str) -> bool {
         match self {
             Self::Auto | Self::All => true,
@@ -62,9 +62,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn words_come_back() {
-        for words in ["auto", "all", "none", "lens", "view-dependence,background"] {
-            assert_eq!(words.parse::<EffectSelection>().unwrap().to_string(), words);
+    fn selections_round_trip_through_text() {
+        for text in ["auto", "all", "none", "lens", "view-dependence,background"] {
+            assert_eq!(text.parse::<EffectSelection>().unwrap().to_string(), text);
         }
         assert_eq!("lens, scalar".parse::<EffectSelection>().unwrap(), EffectSelection::Only(vec!["lens", "scalar"]));
         let list: EffectSelection = "depth,lens".parse().unwrap();

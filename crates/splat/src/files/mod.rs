@@ -1,4 +1,4 @@
-//! Files of Gaussians: one module per format, told apart by their first bytes.
+//! File formats of Gaussians: one module per format, detected from the first bytes.
 //!
 //! | format | read | written |
 //! |---|---|---|
@@ -7,40 +7,40 @@
 //! | SPZ 1 to 4 (Niantic) | yes | 2 and 3 |
 //! | `.splat` (antimatter15) | yes | no |
 //!
-//! Gaussians come out in the axes of 3DGS' PLY files (+x right, +y down, +z forward), which are OpenCV's; SPZ is
-//! converted. Any bytes give Gaussians or a typed error, and memory stays within a constant factor of what the
-//! file's size can hold.
+//! Gaussians are returned in the axes of 3DGS' PLY files (+x right, +y down, +z forward), which are OpenCV's; SPZ is
+//! converted. Any input gives Gaussians or a typed error, with memory bounded by a constant multiple of what a file of
+//! its size can hold.
 
-mod disk;
-mod fault;
 mod ply;
-mod quantised;
 mod splat;
 mod spz;
 
+use std::fs;
+use std::io;
 use std::path::Path;
 
+use atsplat_files::Writer;
 use serde::Serialize;
 
+use crate::sh::C0;
 use crate::{Cleaning, GaussianParts, Gaussians, SplatError, Validation};
-use fault::Fault;
 
-/// How a Git LFS pointer begins (git-lfs `docs/spec.md`).
+/// First bytes of a Git LFS pointer (git-lfs `docs/spec.md`).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 
-/// How numbers are stored in a PLY file.
+/// Number encoding of a PLY file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Encoding {
-    /// Decimal text, one row a line.
+    /// Decimal text, one row per line.
     Ascii,
-    /// Least significant byte first: what every 3DGS tool writes.
+    /// Least significant byte first, as every 3DGS tool writes it.
     BinaryLittleEndian,
     /// Most significant byte first.
     BinaryBigEndian,
 }
 
-/// The format that a file turned out to have.
+/// The detected format of a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Format {
@@ -54,44 +54,43 @@ pub enum Format {
     Splat,
 }
 
-/// The formats that can be written.
+/// A format to write.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Output {
-    /// 3DGS' PLY, bit for bit but for infinite opacity logits, which become ±20.
+    /// 3DGS' PLY; lossless except that infinite opacity logits become ±20.
     Ply(Encoding),
-    /// SPZ 2: quantised, quaternions in 3 bytes. Centres to 2⁻¹² scene units, log-scales to 1/16 within
-    /// [−10, 5.9375], coefficients to 1/16 (degree 1) or 1/8 within [−1, 1).
+    /// SPZ 2: quantised, with quaternions in 3 bytes. Centres to 2⁻¹² scene units, log-scales to 1/16 within [−10,
+    /// 5.9375], coefficients to 1/16 (degree 1) or 1/8 within [−1, 1).
     Spz2 {
-        /// Whether the Gaussians were trained with, and are to be drawn with, [`crate::RasterMode::Antialiased`].
+        /// Whether the Gaussians were trained, and should be rendered, with [`crate::RasterMode::Antialiased`].
         antialiased: bool,
     },
-    /// SPZ 3: as 2, but quaternions in 4 bytes.
+    /// SPZ 3: as SPZ 2, with quaternions in 4 bytes.
     Spz3 {
-        /// As of SPZ 2.
+        /// As for SPZ 2.
         antialiased: bool,
     },
 }
 
-/// What reading a file came across.
+/// Report of reading a file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Import {
     /// The file's format.
     pub format: Format,
-    /// What was wrong with the stored Gaussians; those with a NaN are left out, infinite opacity logits are ±20
+    /// Problems of the stored Gaussians; those with a NaN are dropped, infinite opacity logits become ±20
     /// ([`Cleaning::Import`]).
     pub validation: Validation,
-    /// What the file holds and the Gaussians do not: properties, elements, extensions.
+    /// Ignored contents of the file: properties, elements, extensions.
     pub unused: Vec<String>,
-    /// Whether the Gaussians were trained with anti-aliasing, where the format says.
+    /// Whether the Gaussians were trained with anti-aliasing, if the format records it.
     pub antialiased: Option<bool>,
-    /// Whether a PLY file's opacities all lie in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities where
-    /// everybody else writes their logits, and nothing in the file tells. [`Gaussians::with_opacities_as_stored`]
-    /// reads them so.
+    /// Whether all opacity values of a PLY file lie in [0, 1]: pixelSplat's and NoPoSplat's exporters write opacities
+    /// where all others write logits, without marking the file. [`Gaussians::with_opacities_as_stored`] converts them.
     pub opacities_may_be_no_logits: bool,
 }
 
-/// What a format's reader takes out of bytes.
+/// Contents of a file, as a format's reader returns them.
 struct Stored {
     parts: GaussianParts,
     format: Format,
@@ -104,20 +103,21 @@ struct Stored {
 /// # Errors
 /// [`SplatError::Io`]; otherwise as [`parse`].
 pub fn read(path: &Path) -> Result<(Gaussians, Import), SplatError> {
-    parse(&disk::read(path)?, path)
+    parse(&read_bytes(path)?, path)
 }
 
-/// Reads Gaussians out of a file's bytes; `path` names them in errors, and its extension tells `.splat`, which has
-/// no first bytes of its own.
+/// Parses the bytes of a file; `path` names it in errors, and its extension identifies `.splat`, which has no magic
+/// bytes.
 ///
 /// # Errors
-/// [`SplatError::Format`] for bytes that are none of the formats or break theirs, those behind the last row of a PLY
-/// file's header among them; [`SplatError::LfsPointer`].
+/// [`SplatError::Format`] for an unknown format or a malformed file, including bytes after the last row that a PLY
+/// header declares; [`SplatError::LfsPointer`].
 pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, Import), SplatError> {
     if bytes.starts_with(LFS_POINTER) {
         return Err(SplatError::LfsPointer { path: path.to_owned() });
     }
-    let Stored { parts, format, unused, antialiased } = stored(bytes, path).map_err(|fault| fault.in_file(path))?;
+    let Stored { parts, format, unused, antialiased } =
+        read_stored(bytes, path).map_err(|malformed| malformed.in_file(path))?;
     let (gaussians, validation) = Gaussians::new(parts)?.into_cleaned(Cleaning::Import);
     let logits = &gaussians.parts().opacity_logits;
     let is_opacity = |logit: &f32| (0.0..=1.0).contains(logit);
@@ -126,8 +126,8 @@ pub fn parse(bytes: &[u8], path: &Path) -> Result<(Gaussians, Import), SplatErro
     Ok((gaussians, Import { format, validation, unused, antialiased, opacities_may_be_no_logits }))
 }
 
-fn stored(bytes: &[u8], path: &Path) -> Result<Stored, Fault> {
-    let has_extension = |wanted: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(wanted));
+fn read_stored(bytes: &[u8], path: &Path) -> Result<Stored, Malformed> {
+    let has_extension = |expected: &str| path.extension().is_some_and(|found| found.eq_ignore_ascii_case(expected));
     if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
         ply::read(bytes)
     } else if bytes.starts_with(&spz::GZIP_MAGIC) || bytes.starts_with(&spz::MAGIC) {
@@ -136,24 +136,96 @@ fn stored(bytes: &[u8], path: &Path) -> Result<Stored, Fault> {
         splat::read(bytes)
     } else {
         let start = bytes.get(..8).unwrap_or(bytes).escape_ascii();
-        Err(Fault::new("first bytes", "a PLY, SPZ or .splat file", format!("\"{start}\"")))
+        Err(Malformed::new("first bytes", "a PLY, SPZ or .splat file", format!("\"{start}\"")))
     }
 }
 
 /// Writes Gaussians to a file, which appears when it is complete.
 ///
 /// # Errors
-/// [`SplatError::Format`] where the format has no place for what the Gaussians hold, [`SplatError::Io`].
+/// [`SplatError::Format`] if the format cannot store the Gaussians, [`SplatError::Io`].
 pub fn write(path: &Path, gaussians: &Gaussians, output: Output) -> Result<(), SplatError> {
     let parts = gaussians.parts();
     match output {
-        Output::Ply(encoding) => disk::write(path, |out| ply::write(parts, encoding, out)),
+        Output::Ply(encoding) => write_file(path, |out| ply::write(parts, encoding, out)),
         Output::Spz2 { antialiased } => write_spz(path, parts, 2, antialiased),
         Output::Spz3 { antialiased } => write_spz(path, parts, 3, antialiased),
     }
 }
 
 fn write_spz(path: &Path, parts: &GaussianParts, version: u32, antialiased: bool) -> Result<(), SplatError> {
-    let payload = spz::encode(parts, version, antialiased).map_err(|fault| fault.in_file(path))?;
-    disk::write(path, |out| spz::compress(&payload, out))
+    let payload = spz::encode(parts, version, antialiased).map_err(|malformed| malformed.in_file(path))?;
+    write_file(path, |out| spz::compress(&payload, out))
+}
+
+/// All bytes of a regular file; a pipe or device could block or never end.
+fn read_bytes(path: &Path) -> Result<Vec<u8>, SplatError> {
+    let failed = |source| SplatError::Io { action: "reading", path: path.to_owned(), source };
+    let metadata = fs::metadata(path).map_err(failed)?;
+    if !metadata.is_file() {
+        return Err(failed(io::Error::new(io::ErrorKind::InvalidInput, "not a regular file")));
+    }
+    fs::read(path).map_err(failed)
+}
+
+/// Writes a file that appears under its name when it is complete.
+fn write_file(path: &Path, contents: impl FnOnce(&mut Writer) -> io::Result<()>) -> Result<(), SplatError> {
+    let failed = |source| SplatError::Io { action: "writing", path: path.to_owned(), source };
+    atsplat_files::write_with(path, contents).map_err(failed)
+}
+
+/// A malformed file, before its path is added.
+#[derive(Debug)]
+struct Malformed {
+    location: String,
+    expected: String,
+    found: String,
+}
+
+impl Malformed {
+    fn new(location: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
+        Self { location: location.into(), expected: expected.into(), found: found.into() }
+    }
+
+    fn in_file(self, path: &Path) -> SplatError {
+        let Self { location, expected, found } = self;
+        SplatError::Format { path: path.to_owned(), location, expected, found }
+    }
+}
+
+/// Bytes quoted for an error message: escaped, and truncated after 40.
+fn quoted(bytes: &[u8]) -> String {
+    match bytes.get(..40) {
+        Some(start) if bytes.len() > 40 => format!("\"{}…\"", start.escape_ascii()),
+        _ => format!("\"{}\"", bytes.escape_ascii()),
+    }
+}
+
+/// The logit of an opacity in [0, 1]; infinite at 0 and 1, which import clamps.
+#[expect(clippy::cast_possible_truncation, reason = "logits are stored as f32")]
+fn logit(opacity: f64) -> f32 {
+    (opacity / (1.0 - opacity)).ln() as f32
+}
+
+/// The SH coefficient of degree 0 that gives a colour.
+#[expect(clippy::cast_possible_truncation, reason = "coefficients are stored as f32")]
+fn dc(colour: f64) -> f32 {
+    ((colour - 0.5) / C0) as f32
+}
+
+/// A unit quaternion from the index of its largest component, which is not stored, and the other three.
+fn with_largest_component(index: u32, [a, b, c]: [f64; 3]) -> [f64; 4] {
+    let largest = missing_component([a, b, c]);
+    match index {
+        0 => [largest, a, b, c],
+        1 => [a, largest, b, c],
+        2 => [a, b, largest, c],
+        _ => [a, b, c, largest],
+    }
+}
+
+/// The component of a unit quaternion that is not stored; ≥ 0.
+fn missing_component(others: [f64; 3]) -> f64 {
+    let squared = 1.0 - others.iter().map(|component| component * component).sum::<f64>();
+    if squared > 0.0 { squared.sqrt() } else { 0.0 }
 }

@@ -3,14 +3,14 @@ use glam::{DMat3, DQuat, DVec3};
 
 use super::{Gaussians, LOG_SCALE_LIMIT};
 
-/// An axis-aligned box in scene units.
+/// An axis-aligned bounding box in scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Bounds {
     /// The corner of the smallest coordinates.
     pub min: DVec3,
     /// The corner of the largest coordinates.
     pub max: DVec3,
-    /// Gaussians that have no finite extent and are not in the box.
+    /// Gaussians skipped because their extent is not finite.
     pub left_out: usize,
 }
 
@@ -25,8 +25,8 @@ impl Bounds {
         self.max - self.min
     }
 
-    fn around(boxes: impl Iterator<Item = (DVec3, DVec3)>) -> Option<Self> {
-        let mut around: Option<Self> = None;
+    fn enclosing(boxes: impl Iterator<Item = (DVec3, DVec3)>) -> Option<Self> {
+        let mut enclosing: Option<Self> = None;
         let mut left_out = 0;
         for (middle, half) in boxes {
             let (min, max) = (middle - half, middle + half);
@@ -34,30 +34,30 @@ impl Bounds {
                 left_out += 1;
                 continue;
             }
-            let so_far = around.unwrap_or(Self { min, max, left_out: 0 });
-            let (min, max) = (each(so_far.min, min, f64::minimum_of), each(so_far.max, max, f64::maximum_of));
-            around = Some(Self { min, max, left_out: 0 });
+            let so_far = enclosing.unwrap_or(Self { min, max, left_out: 0 });
+            let (min, max) = (zip_with(so_far.min, min, f64::minimum_of), zip_with(so_far.max, max, f64::maximum_of));
+            enclosing = Some(Self { min, max, left_out: 0 });
         }
-        around.map(|bounds| Self { left_out, ..bounds })
+        enclosing.map(|bounds| Self { left_out, ..bounds })
     }
 }
 
 impl Gaussians {
-    /// The box around the finite centres; `None` where there are none.
+    /// Bounding box of the finite means; `None` if there are none.
     pub fn bounds_of_means(&self) -> Option<Bounds> {
-        Bounds::around(self.parts().means.iter().map(|mean| (wide(mean), DVec3::ZERO)))
+        Bounds::enclosing(self.parts().means.iter().map(|mean| (wide(mean), DVec3::ZERO)))
     }
 
-    /// The box around the ellipsoids at `sigmas` standard deviations, with Mip-Splatting's filter where there
-    /// is one; `None` where there are none. Left out is what renderers call invalid: beside what is not finite,
-    /// log-scales beyond [`LOG_SCALE_LIMIT`] and opacity logits that are NaN.
+    /// Bounding box of the ellipsoids at `sigmas` standard deviations, including Mip-Splatting's filter if present;
+    /// `None` if there are none. Skips the Gaussians that renderers count as invalid: non-finite values, log-scales
+    /// above [`LOG_SCALE_LIMIT`] and NaN opacity logits.
     ///
     /// An ellipsoid of covariance Σ reaches `sigmas · √Σᵢᵢ` along axis i.
     pub fn bounds_of_ellipsoids(&self, sigmas: f64) -> Option<Bounds> {
         let parts = self.parts();
         let filters = parts.filter_3d.iter().flatten().copied().chain(std::iter::repeat(0.0));
         let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(&parts.opacity_logits).zip(filters);
-        Bounds::around(parts.means.iter().zip(shapes).map(|(mean, (((quaternion, log_scales), logit), filter))| {
+        Bounds::enclosing(parts.means.iter().zip(shapes).map(|(mean, (((quaternion, log_scales), logit), filter))| {
             if logit.is_nan() || !log_scales.iter().all(|log| *log <= LOG_SCALE_LIMIT) {
                 return (wide(mean), DVec3::NAN);
             }
@@ -80,7 +80,7 @@ fn wide(values: &[f32; 3]) -> DVec3 {
     DVec3::from_array(values.map(f64::from))
 }
 
-fn each(a: DVec3, b: DVec3, of_two: impl Fn(f64, f64) -> f64) -> DVec3 {
+fn zip_with(a: DVec3, b: DVec3, of_two: impl Fn(f64, f64) -> f64) -> DVec3 {
     DVec3::new(of_two(a.x, b.x), of_two(a.y, b.y), of_two(a.z, b.z))
 }
 
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn means_and_what_has_none() {
+    fn bounds_of_means_skip_nan() {
         let some =
             gaussians(vec![[1.0, 2.0, 3.0], [f32::NAN, 0.0, 0.0], [-1.0, 5.0, 3.0]], [1.0, 0.0, 0.0, 0.0], [0.0; 3]);
         let bounds = some.bounds_of_means().unwrap();
@@ -116,9 +116,9 @@ mod tests {
         assert_eq!(Gaussians::default().bounds_of_means(), None);
     }
 
-    /// Standard deviations 1, 2, 3 turned a quarter about z reach 2, 1, 3.
+    /// Standard deviations 1, 2, 3 rotated by 90° about z extend to 2, 1, 3.
     #[test]
-    fn ellipsoids_reach_as_far_as_their_covariance_says() {
+    fn bounds_of_ellipsoids_follow_their_covariance() {
         let scales = [0.0, 2.0f32.ln(), 3.0f32.ln()];
         let one = gaussians(vec![[0.0; 3]], [2.0, 0.0, 0.0, 2.0], scales);
         let bounds = one.bounds_of_ellipsoids(3.0).unwrap();
@@ -131,7 +131,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_never_drawn_takes_no_room() {
+    fn bounds_skip_gaussians_that_are_never_drawn() {
         let mut parts = gaussians(vec![[0.0; 3]; 4], [1.0, 0.0, 0.0, 0.0], [0.0; 3]).into_parts();
         parts.log_scales[1] = [100.0, 0.0, 0.0];
         parts.opacity_logits[2] = f32::NAN;

@@ -1,61 +1,61 @@
-//! Takes out or mends what cannot be rendered.
+//! Drops or repairs Gaussians that cannot be rendered.
 
 use serde::Serialize;
 
 use super::validate::{each_problem, squared_norm};
 use super::{Field, GaussianParts, Gaussians, LOG_SCALE_LIMIT, Problem, Validation};
 
-/// What an infinite opacity logit becomes: exactly opacity 1 in f32, or 2.1e-9.
+/// Replaces an infinite opacity logit: an opacity of exactly 1 in f32, or of 2.1e-9.
 pub const LOGIT_OF_INFINITY: f32 = 20.0;
 
-/// What becomes of Gaussians that have a [`Problem`].
+/// How Gaussians with a [`Problem`] are handled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Cleaning {
-    /// What reading a file does: infinite logits become ±[`LOGIT_OF_INFINITY`], a Gaussian with a NaN is left
-    /// out, everything else stays as stored for the renderer to cull.
+    /// Used when reading a file: infinite logits become ±[`LOGIT_OF_INFINITY`], a Gaussian with a NaN is dropped,
+    /// everything else stays as stored for the renderer to cull.
     Import,
-    /// Infinite and out-of-range logits become ±[`LOGIT_OF_INFINITY`], zero quaternions the identity, overlong
-    /// ones unit quaternions, log-scales are clamped to ±[`LOG_SCALE_LIMIT`]; what has any other problem is
-    /// left out.
+    /// Infinite and out-of-range logits become ±[`LOGIT_OF_INFINITY`], zero quaternions the identity, quaternions whose
+    /// norm overflows unit quaternions; log-scales are clamped to ±[`LOG_SCALE_LIMIT`]; a Gaussian with any other
+    /// problem is dropped.
     Repair,
-    /// A Gaussian with any problem is left out.
+    /// A Gaussian with any problem is dropped.
     Reject,
 }
 
-/// What a policy does with one Gaussian's problem.
+/// How a policy handles one Gaussian's problem.
 #[derive(Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-enum Verdict {
+enum Action {
     Keep,
-    Mend,
+    Repair,
     Drop,
 }
 
 impl Cleaning {
-    fn verdict(self, field: Field, problem: Problem) -> Verdict {
+    fn action(self, field: Field, problem: Problem) -> Action {
         let is_nan = problem == Problem::NotANumber;
-        let mends = match field {
+        let repairs = match field {
             Field::OpacityLogits | Field::LogScales => !is_nan,
             Field::Quaternions => matches!(problem, Problem::ZeroNorm | Problem::OutOfRange),
             Field::Means | Field::Sh | Field::Scalars | Field::Filter3d => false,
         };
         match self {
-            Self::Import if is_nan => Verdict::Drop,
-            Self::Import if (field, problem) == (Field::OpacityLogits, Problem::Infinite) => Verdict::Mend,
-            Self::Import => Verdict::Keep,
-            Self::Repair if mends => Verdict::Mend,
-            Self::Repair | Self::Reject => Verdict::Drop,
+            Self::Import if is_nan => Action::Drop,
+            Self::Import if (field, problem) == (Field::OpacityLogits, Problem::Infinite) => Action::Repair,
+            Self::Import => Action::Keep,
+            Self::Repair if repairs => Action::Repair,
+            Self::Repair | Self::Reject => Action::Drop,
         }
     }
 }
 
 impl Gaussians {
-    /// The Gaussians that a policy leaves, in their order, with what was found before it was applied.
+    /// Applies a policy; returns the remaining Gaussians in order, and what was found before it was applied.
     pub fn cleaned(&self, policy: Cleaning) -> (Self, Validation) {
         self.clone().into_cleaned(policy)
     }
 
-    /// [`Self::cleaned`] without a copy where nothing is left out.
+    /// [`Self::cleaned`] without a copy if nothing is dropped.
     pub(crate) fn into_cleaned(self, policy: Cleaning) -> (Self, Validation) {
         let mut validation = self.validate();
         if validation.is_clean() {
@@ -64,35 +64,34 @@ impl Gaussians {
         let mut parts = self.into_parts();
         let mut kept = Vec::new();
         for position in 0..parts.means.len() {
-            let mut mends = Vec::new();
-            let mut worst = Verdict::Keep;
+            let mut repairs = Vec::new();
+            let mut strictest = Action::Keep;
             each_problem(&parts, position, |field, problem| {
-                let verdict = policy.verdict(field, problem);
-                worst = worst.max(verdict);
-                if verdict == Verdict::Mend {
-                    mends.push(field);
+                let action = policy.action(field, problem);
+                strictest = strictest.max(action);
+                if action == Action::Repair {
+                    repairs.push(field);
                 }
             });
-            match worst {
-                Verdict::Keep => kept.push(position),
-                Verdict::Drop => validation.rejected += 1,
-                Verdict::Mend => {
+            match strictest {
+                Action::Keep => kept.push(position),
+                Action::Drop => validation.rejected += 1,
+                Action::Repair => {
                     kept.push(position);
                     validation.repaired += 1;
-                    for field in mends {
-                        mend(&mut parts, position, field);
+                    for field in repairs {
+                        repair(&mut parts, position, field);
                     }
                 }
             }
         }
         let all = Self(parts);
-        let left = if validation.rejected == 0 { all } else { all.picked(&kept) };
-        (left, validation)
+        (if validation.rejected == 0 { all } else { all.picked(&kept) }, validation)
     }
 }
 
-/// Makes one field of one Gaussian usable.
-fn mend(parts: &mut GaussianParts, position: usize, field: Field) {
+/// Repairs one field of one Gaussian.
+fn repair(parts: &mut GaussianParts, position: usize, field: Field) {
     match field {
         Field::OpacityLogits => {
             if let Some(logit) = parts.opacity_logits.get_mut(position) {
@@ -126,7 +125,7 @@ fn unit(quaternion: &[f32; 4]) -> [f32; 4] {
 mod tests {
     use super::*;
 
-    /// Six Gaussians: a good one, then one with each of five problems.
+    /// One valid Gaussian, then one with each of five problems.
     fn six() -> Gaussians {
         let mut means = vec![[0.0; 3]; 6];
         means[1] = [0.0, f32::NAN, 0.0];
@@ -143,7 +142,7 @@ mod tests {
     }
 
     #[test]
-    fn counted_by_field_with_the_first_position() {
+    fn counts_problems_by_field_with_the_first_index() {
         let validation = six().validate();
         let found: Vec<_> = validation.findings.iter().map(|f| (f.field, f.problem, f.count, f.first)).collect();
         assert_eq!(
@@ -160,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn each_policy_leaves_what_it_says() {
+    fn each_policy_keeps_repairs_and_drops_as_documented() {
         let outcome = |policy| {
             let (left, validation) = six().cleaned(policy);
             assert_eq!(left.len() + validation.rejected, 6);
@@ -183,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn nan_outranks_infinity_and_overlong_quaternions_are_normalised() {
+    fn nan_outranks_infinity_and_overflowing_quaternions_are_normalised() {
         let mut parts = six().select(&[0, 0]).unwrap().into_parts();
         parts.log_scales[0] = [f32::INFINITY, f32::NAN, 0.0];
         parts.quaternions[1] = [0.0, 0.0, -3e38, 0.0];
@@ -196,9 +195,9 @@ mod tests {
         assert_eq!(left.parts().quaternions, [[0.0, 0.0, -1.0, 0.0]]);
     }
 
-    /// Renderers draw every quaternion but zero, so that none is a problem or turned into another.
+    /// Renderers accept every quaternion but zero, so a tiny one is neither a problem nor replaced.
     #[test]
-    fn short_quaternions_have_a_direction() {
+    fn tiny_quaternions_are_valid() {
         let mut parts = six().select(&[0, 0]).unwrap().into_parts();
         parts.quaternions = vec![[9e-7, 0.0, 0.0, -1e-7], [0.0, 1e-45, 0.0, 0.0]];
         let short = Gaussians::new(parts).unwrap();

@@ -2,10 +2,10 @@ use super::{GaussianParts, Gaussians, LOGIT_OF_INFINITY, sh_coefficients};
 use crate::SplatError;
 
 impl Gaussians {
-    /// The Gaussians at these positions, in this order; a position may occur again.
+    /// The Gaussians at these indices, in this order; an index may repeat.
     ///
     /// # Errors
-    /// [`SplatError::Position`] for a position outside the list.
+    /// [`SplatError::Position`] for an index out of range.
     pub fn select(&self, positions: &[usize]) -> Result<Self, SplatError> {
         if let Some(&found) = positions.iter().find(|position| **position >= self.len()) {
             return Err(SplatError::Position { found, len: self.len() });
@@ -13,7 +13,7 @@ impl Gaussians {
         Ok(self.picked(positions))
     }
 
-    /// [`Self::select`] for positions known to be inside.
+    /// [`Self::select`] for indices known to be in range.
     pub(super) fn picked(&self, positions: &[usize]) -> Self {
         let parts = self.parts();
         let coefficients = sh_coefficients(parts.sh_degree);
@@ -33,8 +33,8 @@ impl Gaussians {
         })
     }
 
-    /// Both sets, those of `self` first, in the higher of the two spherical-harmonics degrees; missing
-    /// coefficients, scalars and filters are zero.
+    /// Concatenates both sets, `self` first, at the higher of the two SH degrees; missing coefficients, scalars and
+    /// filters are zero.
     #[must_use]
     pub fn merge(&self, other: &Self) -> Self {
         let degree = if other.sh_degree() > self.sh_degree() { other.sh_degree() } else { self.sh_degree() };
@@ -52,8 +52,8 @@ impl Gaussians {
         })
     }
 
-    /// The same Gaussians with spherical harmonics of another degree, at most [`super::MAX_SH_DEGREE`]: cut off,
-    /// or continued with zeros.
+    /// The same Gaussians with another SH degree, at most [`super::MAX_SH_DEGREE`]: coefficients are truncated or
+    /// padded with zeros.
     #[must_use]
     pub fn with_sh_degree(&self, degree: u8) -> Self {
         let degree = degree.min(super::MAX_SH_DEGREE);
@@ -68,8 +68,8 @@ impl Gaussians {
         Self(parts)
     }
 
-    /// The same Gaussians with their stored logits taken for opacities in [0, 1], as pixelSplat's PLY exporter
-    /// writes them; 0 and 1 get logits of ±[`LOGIT_OF_INFINITY`], what is outside becomes NaN.
+    /// Reinterprets the stored logits as opacities in [0, 1], as pixelSplat's PLY exporter writes them; 0 and 1 become
+    /// logits of ±[`LOGIT_OF_INFINITY`], values outside become NaN.
     #[must_use]
     pub fn with_opacities_as_stored(&self) -> Self {
         let mut parts = self.parts().clone();
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn merged_and_taken_apart_again() {
+    fn select_undoes_merge() {
         let (low, mut high) = (two(0), two(1).into_parts());
         high.scalars = Some(vec![7.0, 8.0]);
         let high = Gaussians::new(high).unwrap();
@@ -131,12 +131,12 @@ mod tests {
     }
 
     #[test]
-    fn positions_outside_are_refused() {
+    fn rejects_indices_out_of_range() {
         assert!(matches!(two(0).select(&[0, 2]), Err(SplatError::Position { found: 2, len: 2 })));
     }
 
     #[test]
-    fn lengths_that_disagree_are_named() {
+    fn the_error_names_the_array_of_wrong_length() {
         let mut parts = two(1).into_parts();
         parts.sh.pop();
         let error = Gaussians::new(parts).unwrap_err();
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn opacities_that_were_no_logits() {
+    fn converts_stored_opacities_to_logits() {
         let mut parts = two(0).into_parts();
         parts.opacity_logits = vec![0.75, 1.0];
         let logits = Gaussians::new(parts).unwrap().with_opacities_as_stored().into_parts().opacity_logits;
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn bytes() {
+    fn size_in_bytes_counts_every_array() {
         assert_eq!(two(0).size_in_bytes(), 2 * 14 * 4);
         assert_eq!(two(3).size_in_bytes(), 2 * 59 * 4);
     }

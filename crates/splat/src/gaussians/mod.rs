@@ -11,20 +11,20 @@ pub use validate::{Field, Finding, LOG_SCALE_LIMIT, LOGIT_LIMIT, Problem, Valida
 
 use crate::SplatError;
 
-/// The highest degree of spherical harmonics that anything here evaluates.
+/// The highest supported degree of spherical harmonics.
 pub const MAX_SH_DEGREE: u8 = 4;
 
-/// Coefficients per colour channel of spherical harmonics of a degree: `(degree + 1)²`.
+/// Number of SH coefficients per colour channel: `(degree + 1)²`.
 pub const fn sh_coefficients(degree: u8) -> usize {
     (degree as usize + 1) * (degree as usize + 1)
 }
 
-/// What [`Gaussians`] are made of; every list is as long as `means`, `sh` is `(sh_degree + 1)²` times as long.
+/// The arrays of [`Gaussians`]; each is as long as `means`, except `sh`, which is `(sh_degree + 1)²` times as long.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct GaussianParts {
     /// Centres in scene units.
     pub means: Vec<[f32; 3]>,
-    /// Rotations world from Gaussian as `w, x, y, z`; of any length but zero, normalised where they are used.
+    /// Rotations `world_from_gaussian` as `w, x, y, z`; of any norm but zero, normalised on use.
     pub quaternions: Vec<[f32; 4]>,
     /// Natural logarithms of the standard deviations along the Gaussian's axes, in scene units.
     pub log_scales: Vec<[f32; 3]>,
@@ -32,10 +32,10 @@ pub struct GaussianParts {
     pub opacity_logits: Vec<f32>,
     /// Degree of the spherical harmonics, at most [`MAX_SH_DEGREE`].
     pub sh_degree: u8,
-    /// RGB coefficients, all of the first Gaussian before those of the second; index `l² + l + m`, and
-    /// `colour = Σ basis · coefficient + 0.5`.
+    /// RGB coefficients, Gaussian by Gaussian; within one at index `l² + l + m`, with `colour = Σ basis · coefficient +
+    /// 0.5`.
     pub sh: Vec<[f32; 3]>,
-    /// One value per Gaussian that is composited like a colour: ATSplat's uncertainty, or anything else.
+    /// One value per Gaussian that is composited like a colour, such as ATSplat's uncertainty.
     pub scalars: Option<Vec<f32>>,
     /// Mip-Splatting's 3D smoothing filter, a standard deviation in scene units per Gaussian.
     pub filter_3d: Option<Vec<f32>>,
@@ -43,16 +43,16 @@ pub struct GaussianParts {
 
 /// 3D Gaussians as a structure of arrays, parameterised as 3DGS (Kerbl et al. 2023) and its PLY files do.
 ///
-/// The lengths of the arrays always agree. The values may be anything: [`Gaussians::validate`] counts what is
-/// unusable, renderers cull it.
+/// The array lengths always agree. The values may be anything: [`Gaussians::validate`] counts invalid ones, and
+/// renderers cull them.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Gaussians(GaussianParts);
 
 impl Gaussians {
-    /// Takes parts whose lengths agree.
+    /// Wraps arrays of matching lengths.
     ///
     /// # Errors
-    /// [`SplatError::Length`] naming the first array whose length does not fit, [`SplatError::ShDegree`].
+    /// [`SplatError::Length`] naming the first array of a wrong length, [`SplatError::ShDegree`].
     pub fn new(parts: GaussianParts) -> Result<Self, SplatError> {
         if parts.sh_degree > MAX_SH_DEGREE {
             return Err(SplatError::ShDegree { found: parts.sh_degree });
@@ -75,7 +75,7 @@ impl Gaussians {
         Ok(Self(parts))
     }
 
-    /// Gives the arrays back.
+    /// Returns the arrays.
     pub fn into_parts(self) -> GaussianParts {
         self.0
     }
@@ -85,7 +85,7 @@ impl Gaussians {
         &self.0
     }
 
-    /// How many there are.
+    /// Number of Gaussians.
     pub const fn len(&self) -> usize {
         self.0.means.len()
     }
@@ -100,7 +100,7 @@ impl Gaussians {
         self.0.sh_degree
     }
 
-    /// Bytes of the arrays' contents, as f32.
+    /// Size of the arrays' contents in bytes.
     pub fn size_in_bytes(&self) -> u64 {
         let optional = u64::from(self.0.scalars.is_some()) + u64::from(self.0.filter_3d.is_some());
         let floats = 11 + 3 * sh_coefficients(self.0.sh_degree) as u64 + optional;

@@ -1,4 +1,4 @@
-//! Spherical harmonics in turned axes.
+//! Rotation of spherical-harmonics coefficients.
 
 use std::f64::consts::TAU;
 
@@ -15,19 +15,19 @@ const GAUSS_LEGENDRE: [(f64, f64); 5] = [
     (0.538_469_310_105_683_1, 0.478_628_670_499_366_5),
     (0.906_179_845_938_664, 0.236_926_885_056_189_1),
 ];
-/// Azimuths per ring, exact up to frequency 10: with the five rings, products of two functions of degree 4.
+/// Azimuths per ring, exact up to frequency 10; with the five rings, exact for products of two functions of degree 4.
 const AZIMUTHS: u32 = 11;
-/// An entry this close to −1, 0 or 1 is that number: axes that are only swapped or flipped stay exact.
+/// Entries this close to −1, 0 or 1 are rounded to it, so that swapping or flipping axes is exact.
 const ROUNDING: f64 = 1e-13;
 
-/// Coefficients in new axes from coefficients in old axes, one band after another.
+/// Matrix from coefficients in old axes to coefficients in new axes, block-diagonal by band.
 ///
-/// Band l's matrix is `∫ Y(d) Y(Rᵀd)ᵀ dd`, which a quadrature of 55 directions gives to rounding; no recursion
-/// has to agree with the basis' signs and order.
+/// Band l's matrix is `∫ Y(d) Y(Rᵀd)ᵀ dd`, evaluated by a quadrature of 55 directions, exact up to rounding; unlike a
+/// recursion, it follows the basis's signs and order by construction.
 pub(super) struct ShRotation([[f64; 25]; 25]);
 
 impl ShRotation {
-    /// For directions that turn as `new = rotation · old`; a reflection will do as well.
+    /// For directions that map as `new = new_from_old · old`; reflections are allowed too.
     pub(super) fn new(new_from_old: DMat3) -> Self {
         let mut matrix = [[0.0; 25]; 25];
         for (direction, weight) in sphere() {
@@ -40,15 +40,15 @@ impl ShRotation {
             }
         }
         for entry in matrix.as_flattened_mut() {
-            let whole = entry.round();
-            if (*entry - whole).abs() < ROUNDING {
-                *entry = whole;
+            let rounded = entry.round();
+            if (*entry - rounded).abs() < ROUNDING {
+                *entry = rounded;
             }
         }
         Self(matrix)
     }
 
-    /// Turns the coefficients of one Gaussian.
+    /// Rotates the coefficients of one Gaussian.
     #[expect(clippy::cast_possible_truncation, reason = "coefficients are stored as f32")]
     pub(super) fn apply(&self, coefficients: &mut [[f32; 3]]) {
         for degree in 1..=MAX_SH_DEGREE {
@@ -106,9 +106,10 @@ mod tests {
     }
 
     proptest! {
-        /// A colour seen from a direction is the colour that turned Gaussians show from the turned direction.
+        /// Rotated coefficients give in the rotated direction the colour that the originals give in the original
+        /// direction.
         #[test]
-        fn turned_functions_in_turned_directions(
+        fn rotated_coefficients_in_rotated_directions(
             old in coefficients(), axis in unit(), angle in -4.0..4.0, direction in unit(), mirrored: bool,
         ) {
             let mut matrix = DMat3::from_quat(DQuat::from_axis_angle(axis, angle));
@@ -123,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_turned_and_half_turns_are_exact() {
+    fn identity_and_half_turns_are_exact() {
         let old: Vec<[f32; 3]> = (0..25u8).map(|n| [f32::from(n), 0.1 * f32::from(n), -1e-30]).collect();
         let mut same = old.clone();
         ShRotation::new(DMat3::IDENTITY).apply(&mut same);

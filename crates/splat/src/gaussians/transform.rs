@@ -6,63 +6,63 @@ use super::sh_rotation::ShRotation;
 use super::{Gaussians, sh_coefficients};
 use crate::SplatError;
 
-/// Rotations come from files with as few as six decimals.
+/// Tolerance for rotations read from files with as few as six decimals.
 const ROTATION: Tolerance = Tolerance::absolute(1e-4);
 
 impl Gaussians {
-    /// The same Gaussians in a changed world: centres moved, turned and scaled, shapes, filters and spherical
-    /// harmonics along with them. Computed in f64, stored as f32.
+    /// Applies a similarity to means, covariances, filters and spherical harmonics. Computed in f64, stored as f32.
     ///
     /// # Errors
-    /// [`SplatError::Similarity`] for a scale that is not positive and finite, or a rotation that is none.
-    pub fn transformed(&self, change: &Similarity) -> Result<Self, SplatError> {
-        let refused = |what, expected, found| Err(SplatError::Similarity { what, expected, found });
-        if !(change.scale > 0.0 && change.scale.is_finite()) {
-            return refused("scale", "a positive number", change.scale);
+    /// [`SplatError::Similarity`] for a scale that is not positive and finite, or a matrix that is not a rotation.
+    pub fn transformed(&self, similarity: &Similarity) -> Result<Self, SplatError> {
+        let invalid = |what, expected, found| Err(SplatError::Similarity { what, expected, found });
+        if !(similarity.scale > 0.0 && similarity.scale.is_finite()) {
+            return invalid("scale", "a positive number", similarity.scale);
         }
-        let off = (change.rotation * change.rotation.transpose() - DMat3::IDENTITY).to_cols_array();
+        let off = (similarity.rotation * similarity.rotation.transpose() - DMat3::IDENTITY).to_cols_array();
         let off = off.into_iter().map(f64::abs).fold(0.0, f64::maximum_of);
         if !(off <= ROTATION.absolute) {
-            return refused("rotation's distance from an orthonormal matrix", "almost 0", off);
+            return invalid("largest deviation of the rotation from orthonormality", "almost 0", off);
         }
-        let determinant = change.rotation.determinant();
+        let determinant = similarity.rotation.determinant();
         if !(determinant > 0.0) {
-            return refused("rotation's determinant", "1", determinant);
+            return invalid("rotation's determinant", "1", determinant);
         }
-        Ok(self.changed(change))
+        Ok(self.transform_unchecked(similarity))
     }
 
-    fn changed(&self, change: &Similarity) -> Self {
+    fn transform_unchecked(&self, similarity: &Similarity) -> Self {
         let mut parts = self.parts().clone();
         for mean in &mut parts.means {
-            *mean = narrow(change.new_from_old(DVec3::from_array(mean.map(f64::from))).to_array());
+            *mean = narrow(similarity.new_from_old(DVec3::from_array(mean.map(f64::from))).to_array());
         }
-        let rotation = DQuat::from_mat3(&change.rotation).normalize();
+        let rotation = DQuat::from_mat3(&similarity.rotation).normalize();
         for quaternion in &mut parts.quaternions {
             let [w, x, y, z] = quaternion.map(f64::from);
-            let turned = rotation * DQuat::from_xyzw(x, y, z, w);
-            *quaternion = narrow([turned.w, turned.x, turned.y, turned.z]);
+            let rotated = rotation * DQuat::from_xyzw(x, y, z, w);
+            *quaternion = narrow([rotated.w, rotated.x, rotated.y, rotated.z]);
         }
         for log_scales in &mut parts.log_scales {
-            *log_scales = narrow(log_scales.map(|log_scale| f64::from(log_scale) + change.scale.ln()));
+            *log_scales = narrow(log_scales.map(|log_scale| f64::from(log_scale) + similarity.scale.ln()));
         }
         for filter in parts.filter_3d.iter_mut().flatten() {
-            [*filter] = narrow([f64::from(*filter) * change.scale]);
+            [*filter] = narrow([f64::from(*filter) * similarity.scale]);
         }
         if parts.sh_degree > 0 {
-            // From the unit quaternion: the quadrature needs a rotation, the file's nine decimals are nearly one.
+            // From the unit quaternion: the quadrature needs an exact rotation, and a matrix from a file is only nearly
+            // one.
             let sh_rotation = ShRotation::new(DMat3::from_quat(rotation));
             parts.sh.chunks_exact_mut(sh_coefficients(parts.sh_degree)).for_each(|of_one| sh_rotation.apply(of_one));
         }
         Self(parts)
     }
 
-    /// The same Gaussians in a world moved by the rigid motion `new_from_old`: with a view's pose, Gaussians in
-    /// that view's axes are taken into the world.
+    /// Applies the rigid motion `new_from_old`: with a view's pose, this takes Gaussians from camera to world
+    /// coordinates.
     #[must_use]
     pub fn moved_by(&self, new_from_old: &WorldFromCamera) -> Self {
         let origin = new_from_old.inverse().translation();
-        self.changed(&Similarity { rotation: new_from_old.rotation(), origin, scale: 1.0 })
+        self.transform_unchecked(&Similarity { rotation: new_from_old.rotation(), origin, scale: 1.0 })
     }
 }
 
@@ -91,7 +91,7 @@ mod tests {
         .unwrap()
     }
 
-    fn change() -> Similarity {
+    fn similarity() -> Similarity {
         let rotation = DMat3::from_quat(DQuat::from_axis_angle(DVec3::new(1.0, 2.0, -0.5).normalize(), 1.1));
         Similarity { rotation, origin: DVec3::new(0.3, 1.0, -2.0), scale: 2.5 }
     }
@@ -111,13 +111,13 @@ mod tests {
     }
 
     #[test]
-    fn every_part_follows() {
-        let (old, change) = (one(), change());
-        let new = old.transformed(&change).unwrap();
-        let expected = change.new_from_old(DVec3::new(1.0, -2.0, 0.5));
+    fn transforms_every_field() {
+        let (old, similarity) = (one(), similarity());
+        let new = old.transformed(&similarity).unwrap();
+        let expected = similarity.new_from_old(DVec3::new(1.0, -2.0, 0.5));
         Tolerance::F32_ROUND_TRIP.assert(new.parts().means[0].map(f64::from), expected.to_array(), "mean");
-        let r = change.rotation;
-        let turned = r * covariance(&old) * r.transpose() * (change.scale * change.scale);
+        let r = similarity.rotation;
+        let turned = r * covariance(&old) * r.transpose() * (similarity.scale * similarity.scale);
         Tolerance { absolute: 1e-5, relative: 1e-5 }.assert(
             covariance(&new).to_cols_array(),
             turned.to_cols_array(),
@@ -130,8 +130,8 @@ mod tests {
     }
 
     #[test]
-    fn back_again_and_into_the_world() {
-        let pose = WorldFromCamera::new(change().rotation, DVec3::new(4.0, 5.0, 6.0)).unwrap();
+    fn moving_by_a_pose_and_its_inverse_is_the_identity() {
+        let pose = WorldFromCamera::new(similarity().rotation, DVec3::new(4.0, 5.0, 6.0)).unwrap();
         let moved = one().moved_by(&pose);
         let expected = pose.transform_point(DVec3::new(1.0, -2.0, 0.5));
         Tolerance::F32_ROUND_TRIP.assert(moved.parts().means[0].map(f64::from), expected.to_array(), "mean");
@@ -141,19 +141,19 @@ mod tests {
     }
 
     #[test]
-    fn the_change_that_changes_nothing_is_exact() {
+    fn the_identity_is_exact() {
         assert_eq!(one().transformed(&Similarity::IDENTITY).unwrap(), one());
     }
 
     #[test]
-    fn what_is_no_similarity_is_refused() {
+    fn rejects_what_is_not_a_similarity() {
         for scale in [0.0, -1.0, f64::NAN, f64::INFINITY] {
-            let outcome = one().transformed(&Similarity { scale, ..change() });
+            let outcome = one().transformed(&Similarity { scale, ..similarity() });
             assert!(matches!(outcome, Err(SplatError::Similarity { what: "scale", .. })), "{scale}");
         }
         let mirror = DMat3::from_diagonal(DVec3::new(1.0, 1.0, -1.0));
         for rotation in [mirror, 2.0 * DMat3::IDENTITY, DMat3::NAN] {
-            assert!(one().transformed(&Similarity { rotation, ..change() }).is_err(), "{rotation}");
+            assert!(one().transformed(&Similarity { rotation, ..similarity() }).is_err(), "{rotation}");
         }
     }
 }

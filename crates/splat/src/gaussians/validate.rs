@@ -1,6 +1,6 @@
-//! Counts what cannot be rendered.
+//! Counts Gaussians that cannot be rendered.
 //!
-//! Files in the wild hold all of it: `logit(1) = +∞` (pixelSplat's and DepthSplat's exporters), 889,536 zero
+//! All of these occur in published files: `logit(1) = +∞` (pixelSplat's and DepthSplat's exporters), 889,536 zero
 //! quaternions in one scene (playcanvas/splat-transform #288), NaN positions (playcanvas/supersplat #360).
 
 use std::fmt;
@@ -9,9 +9,9 @@ use serde::Serialize;
 
 use super::{GaussianParts, Gaussians, sh_coefficients};
 
-/// Beyond this magnitude of a log-scale the variance `exp(2 s)` leaves f32's normal numbers.
+/// Largest magnitude of a log-scale `s` whose variance `exp(2 s)` is a normal f32.
 pub const LOG_SCALE_LIMIT: f32 = 43.5;
-/// Beyond this magnitude of an opacity logit its exponential leaves f32.
+/// Largest magnitude of an opacity logit whose exponential is a normal f32.
 pub const LOGIT_LIMIT: f32 = 88.0;
 
 /// A per-Gaussian field of [`GaussianParts`].
@@ -28,13 +28,13 @@ pub enum Field {
     OpacityLogits,
     /// Spherical harmonics.
     Sh,
-    /// The extra scalar.
+    /// The additional scalar.
     Scalars,
     /// Mip-Splatting's filter.
     Filter3d,
 }
 
-/// What can be wrong with a field of one Gaussian; the first that applies is counted.
+/// A problem in a field of one Gaussian; only the first that applies is counted.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Problem {
@@ -42,38 +42,38 @@ pub enum Problem {
     NotANumber,
     /// An infinity.
     Infinite,
-    /// A quaternion of zeros: every other has a direction, which renderers normalise in f64.
+    /// A zero quaternion; any other can be normalised in f64, as renderers do.
     ZeroNorm,
     /// A log-scale beyond ±[`LOG_SCALE_LIMIT`], a logit beyond ±[`LOGIT_LIMIT`], a quaternion whose squared norm
-    /// is no f32, a negative filter.
+    /// overflows f32, a negative filter.
     OutOfRange,
 }
 
-/// How many Gaussians have one problem in one field.
+/// Number of Gaussians with one problem in one field.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub struct Finding {
     /// The field.
     pub field: Field,
-    /// What is wrong with it.
+    /// The problem.
     pub problem: Problem,
-    /// Gaussians that have it.
+    /// Number of Gaussians with it.
     pub count: usize,
-    /// Position of the first that has it.
+    /// Index of the first of them.
     pub first: usize,
 }
 
-/// What was found among Gaussians, and what was done about it.
+/// Result of validating and cleaning Gaussians.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 pub struct Validation {
-    /// Gaussians looked at.
+    /// Gaussians examined.
     pub total: usize,
     /// Gaussians with any problem.
     pub invalid: usize,
-    /// Gaussians left out.
+    /// Gaussians dropped.
     pub rejected: usize,
-    /// Gaussians kept with something changed.
+    /// Gaussians repaired and kept.
     pub repaired: usize,
-    /// Counts by field and problem, in that order; only what occurs.
+    /// Non-zero counts, sorted by field, then problem.
     pub findings: Vec<Finding>,
 }
 
@@ -99,12 +99,12 @@ impl fmt::Display for Finding {
 }
 
 impl Validation {
-    /// Whether nothing was wrong.
+    /// Whether no problem was found.
     pub const fn is_clean(&self) -> bool {
         self.invalid == 0
     }
 
-    /// Gaussians with this problem in this field.
+    /// Number of Gaussians with this problem in this field.
     pub fn count(&self, field: Field, problem: Problem) -> usize {
         self.findings.iter().find(|finding| (finding.field, finding.problem) == (field, problem)).map_or(0, |f| f.count)
     }
@@ -118,7 +118,7 @@ impl Validation {
 }
 
 impl Gaussians {
-    /// Counts what is unusable, by field and kind.
+    /// Counts the problems by field and kind.
     pub fn validate(&self) -> Validation {
         let mut validation = Validation { total: self.len(), ..Validation::default() };
         for position in 0..self.len() {
@@ -138,7 +138,7 @@ impl Gaussians {
 pub(super) fn each_problem(parts: &GaussianParts, position: usize, mut found: impl FnMut(Field, Problem)) {
     let coefficients = sh_coefficients(parts.sh_degree);
     let sh = parts.sh.get(position * coefficients..(position + 1) * coefficients);
-    let sh = sh.unwrap_or_else(|| unreachable!("every Gaussian has all coefficients of its degree"));
+    let sh = sh.unwrap_or_else(|| unreachable!("every Gaussian has all the coefficients of its degree"));
     let optional = |values: &Option<Vec<f32>>| values.as_ref().and_then(|values| values.get(position).copied());
     let beyond = |limit: f32| move |value: &f32| value.abs() > limit;
     let fields = [
@@ -158,7 +158,7 @@ pub(super) fn each_problem(parts: &GaussianParts, position: usize, mut found: im
 }
 
 fn non_finite(values: &[f32]) -> Option<Problem> {
-    // x · 0 is 0 for finite x alone, so that one branch clears a clean row.
+    // x · 0 is 0 only for finite x, so one branch accepts a valid row.
     if values.iter().fold(0.0, |sum, value| sum + value * 0.0) == 0.0 {
         return None;
     }
@@ -172,9 +172,9 @@ fn problem(values: &[f32], is_out_of_range: impl FnMut(&f32) -> bool) -> Option<
 
 fn quaternion_problem(quaternion: &[f32; 4]) -> Option<Problem> {
     let norm = squared_norm(quaternion);
-    let unusable =
+    let norm_problem =
         if norm == 0.0 { Some(Problem::ZeroNorm) } else { (norm > f64::from(f32::MAX)).then_some(Problem::OutOfRange) };
-    non_finite(quaternion).or(unusable)
+    non_finite(quaternion).or(norm_problem)
 }
 
 pub(super) fn squared_norm(quaternion: &[f32; 4]) -> f64 {

@@ -1,45 +1,46 @@
 use std::fmt::{self, Display, Formatter};
 
-use super::contained::contained;
+use super::panics::catch_panics;
 use super::{GpuError, GpuOptions, GpuRenderer, Verdict, VerdictKey, Watcher};
 
 /// Which adapter to render on.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum AdapterChoice {
-    /// What the environment variable [`ADAPTER_VARIABLE`] names; without it the first discrete one, else integrated,
-    /// else virtual, else software, Vulkan, Metal and DX12 before GL.
+    /// The adapter named by the environment variable [`ADAPTER_VARIABLE`]; without it the first discrete one, then
+    /// integrated, virtual and software, with Vulkan, Metal and DX12 before GL.
     #[default]
     Automatic,
-    /// Position in the list of [`adapters`]. From 100 on also a number in its name, as 630 or 4090, where the list is
-    /// shorter.
+    /// Index in the list of [`adapters`]. From 100 on, beyond the list, a model number in the name, such as 630 or
+    /// 4090.
     Index(usize),
-    /// Part of its name or of its backend's, in any case, as `radeon`, `gl` or `llvmpipe`.
+    /// Case-insensitive part of the adapter's or backend's name, such as `radeon`, `gl` or `llvmpipe`.
     Name(String),
 }
 
-/// Overrides [`AdapterChoice::Automatic`]: a position in the list of [`adapters`] or part of a name.
+/// Environment variable that overrides [`AdapterChoice::Automatic`]: an index in the list of [`adapters`], or part of a
+/// name.
 pub const ADAPTER_VARIABLE: &str = "ATSPLAT_ADAPTER";
 
-/// Smaller numbers stand for positions alone.
+/// Smaller numbers are always indices.
 const MODEL_NUMBERS: usize = 100;
 
-/// What kind of processor an adapter is, best first.
+/// Kind of an adapter, best first.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum AdapterKind {
-    /// A graphics card.
+    /// A discrete GPU.
     Discrete,
-    /// Part of the main processor.
+    /// A GPU integrated into the CPU.
     Integrated,
-    /// Inside a virtual machine.
+    /// A virtual GPU.
     Virtual,
-    /// The driver does not say.
+    /// Not reported by the driver.
     Unknown,
-    /// The main processor itself.
+    /// A software renderer on the CPU.
     Software,
 }
 
 impl AdapterKind {
-    /// For people and files.
+    /// Name, for display and files.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Discrete => "discrete",
@@ -51,26 +52,26 @@ impl AdapterKind {
     }
 }
 
-/// One way to reach a graphics processor.
+/// A GPU, as reached through one backend.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AdapterDescription {
-    /// As its driver calls it.
+    /// Name reported by the driver.
     pub name: String,
-    /// As `Vulkan` or `Gl`.
+    /// Such as `Vulkan` or `Gl`.
     pub backend: String,
-    /// What it is.
+    /// Its kind.
     pub kind: AdapterKind,
-    /// Name and version of the driver, as far as it tells.
+    /// Name and version of the driver, as far as reported.
     pub driver: String,
-    /// Bytes that a kernel can see of one buffer.
+    /// Largest binding of a storage buffer, in bytes.
     pub largest_binding: u64,
-    /// Bytes of the largest buffer.
+    /// Largest buffer, in bytes.
     pub largest_buffer: u64,
-    /// Buffers that one kernel can see.
+    /// Storage buffers per kernel.
     pub storage_buffers: u32,
     /// Workgroups along one dimension of a dispatch.
     pub workgroups: u32,
-    /// Whether it can time its own work.
+    /// Whether it supports timestamp queries.
     pub timestamps: bool,
 }
 
@@ -101,7 +102,7 @@ impl AdapterDescription {
         (self.kind, self.backend == "Gl")
     }
 
-    fn answers_to(&self, name: &str) -> bool {
+    fn matches_name(&self, name: &str) -> bool {
         self.to_string().to_lowercase().contains(&name.to_lowercase())
     }
 
@@ -116,23 +117,23 @@ impl Display for AdapterDescription {
     }
 }
 
-/// Every adapter that Vulkan, Metal, DX12 and GL offer, in the drivers' order. Empty where there is none.
+/// Every adapter of Vulkan, Metal, DX12 and GL, in the drivers' order. May be empty.
 pub fn adapters() -> Vec<AdapterDescription> {
     found().into_iter().map(|(_, description)| description).collect()
 }
 
-/// An adapter, and what its test came to.
+/// An adapter and the result of its self-test.
 #[derive(Clone, Debug)]
 pub struct Examined {
     /// The adapter.
     pub description: AdapterDescription,
-    /// Why it cannot be used.
+    /// Why it cannot be used, if so.
     pub outcome: Result<(), GpuError>,
-    /// Whether it was tested before, and not again.
+    /// Whether the result is remembered from an earlier test.
     pub remembered: bool,
 }
 
-/// Every adapter with the verdict of its test: of an earlier one where `watcher` remembers it.
+/// Tests every adapter; results remembered by `watcher` are not repeated.
 pub fn examine(watcher: &dyn Watcher) -> Vec<Examined> {
     let examined = found().into_iter().map(|candidate| {
         let description = candidate.1.clone();
@@ -147,7 +148,7 @@ pub fn examine(watcher: &dyn Watcher) -> Vec<Examined> {
     examined.collect()
 }
 
-/// The verdict of an earlier test with the usual options.
+/// The remembered verdict of an earlier test with default options.
 pub(super) fn recalled(
     description: &AdapterDescription,
     options: &GpuOptions,
@@ -156,11 +157,11 @@ pub(super) fn recalled(
     (*options == GpuOptions::default()).then(|| watcher.recall(&VerdictKey::of(description))).flatten()
 }
 
-/// A driver that panics when it is asked for its adapters has none.
+/// All adapters; a driver that panics while listing them counts as having none.
 fn found() -> Vec<(wgpu::Adapter, AdapterDescription)> {
     let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
     let of = |backend: wgpu::Backends| {
-        let listed = contained("adapters", || Ok(pollster::block_on(instance.enumerate_adapters(backend))));
+        let listed = catch_panics("adapters", || Ok(pollster::block_on(instance.enumerate_adapters(backend))));
         listed.unwrap_or_default().into_iter().map(|adapter| {
             let description = AdapterDescription::of(&adapter);
             (adapter, description)
@@ -170,21 +171,21 @@ fn found() -> Vec<(wgpu::Adapter, AdapterDescription)> {
     backends.into_iter().flat_map(of).collect()
 }
 
-/// An adapter, and what is known of it.
+/// An adapter and its description.
 pub(super) type Candidate = (wgpu::Adapter, AdapterDescription);
 
-/// The adapter that a choice means.
+/// The best adapter for a choice.
 pub(super) fn choose(choice: &AdapterChoice) -> Result<Candidate, GpuError> {
     let Candidates { adapters, none } = candidates(choice);
     adapters.into_iter().next().ok_or(none)
 }
 
-/// Adapters that a choice may mean.
+/// Adapters that match a choice.
 #[derive(Debug)]
 pub(super) struct Candidates {
     /// Best first.
     pub(super) adapters: Vec<Candidate>,
-    /// What there is to say where there are none.
+    /// The error to report if there are none.
     pub(super) none: GpuError,
 }
 
@@ -192,7 +193,7 @@ pub(super) fn candidates(choice: &AdapterChoice) -> Candidates {
     let found = found();
     let names = || found.iter().map(|(_, description)| description.to_string()).collect::<Vec<_>>().join(", ");
     let listed = if found.is_empty() { "none".to_owned() } else { names() };
-    let choice = named(choice);
+    let choice = resolve(choice);
     let order = positions(&choice, &found.iter().map(|(_, description)| description.clone()).collect::<Vec<_>>());
     let expected = match &choice {
         AdapterChoice::Automatic => "any".to_owned(),
@@ -203,21 +204,21 @@ pub(super) fn candidates(choice: &AdapterChoice) -> Candidates {
     Candidates { adapters, none: GpuError::NoAdapter { expected, found: listed } }
 }
 
-/// The choice, or what the environment says instead of [`AdapterChoice::Automatic`].
-pub(super) fn named(choice: &AdapterChoice) -> AdapterChoice {
+/// The choice, with [`AdapterChoice::Automatic`] replaced by the environment variable if set.
+pub(super) fn resolve(choice: &AdapterChoice) -> AdapterChoice {
     match (choice, std::env::var(ADAPTER_VARIABLE)) {
-        (AdapterChoice::Automatic, Ok(wanted)) if !wanted.is_empty() => {
-            wanted.parse().map_or_else(|_| AdapterChoice::Name(wanted.clone()), AdapterChoice::Index)
+        (AdapterChoice::Automatic, Ok(value)) if !value.is_empty() => {
+            value.parse().map_or_else(|_| AdapterChoice::Name(value.clone()), AdapterChoice::Index)
         }
         _ => choice.clone(),
     }
 }
 
-/// Positions of the adapters that a choice may mean, best first.
+/// Indices of the adapters that match a choice, best first.
 fn positions(choice: &AdapterChoice, found: &[AdapterDescription]) -> Vec<usize> {
-    let best_first = |wanted: &dyn Fn(&AdapterDescription) -> bool| {
+    let best_first = |matches: &dyn Fn(&AdapterDescription) -> bool| {
         let mut fitting: Vec<usize> =
-            found.iter().enumerate().filter(|(_, description)| wanted(description)).map(|(at, _)| at).collect();
+            found.iter().enumerate().filter(|(_, description)| matches(description)).map(|(at, _)| at).collect();
         fitting.sort_by_key(|at| found.get(*at).map(AdapterDescription::rank));
         fitting
     };
@@ -228,7 +229,7 @@ fn positions(choice: &AdapterChoice, found: &[AdapterDescription]) -> Vec<usize>
             best_first(&|description| description.has_number(*index))
         }
         AdapterChoice::Index(_) => Vec::new(),
-        AdapterChoice::Name(name) => best_first(&|description| description.answers_to(name)),
+        AdapterChoice::Name(name) => best_first(&|description| description.matches_name(name)),
     }
 }
 
@@ -251,7 +252,7 @@ mod tests {
     }
 
     #[test]
-    fn cards_come_before_software_and_names_are_found() {
+    fn discrete_adapters_come_first_and_names_match() {
         let found = [
             one("llvmpipe", "Vulkan", AdapterKind::Software),
             one("Radeon", "Gl", AdapterKind::Discrete),
@@ -266,12 +267,12 @@ mod tests {
         assert_eq!(position(&AdapterChoice::Name("apple".to_owned())), None);
         assert_eq!(position(&AdapterChoice::Index(4)), None);
         assert_eq!(positions(&AdapterChoice::Automatic, &[]), [0; 0]);
-        // The same card through another driver, then the next best.
+        // The same GPU through another backend, then the next best.
         assert_eq!(positions(&AdapterChoice::Automatic, &found), [2, 1, 3, 0]);
     }
 
     #[test]
-    fn model_numbers_are_names() {
+    fn model_numbers_match_names() {
         let found = [
             one("llvmpipe (LLVM 15.0.6, 256 bits)", "Vulkan", AdapterKind::Software),
             one("NVIDIA GeForce RTX 4090", "Vulkan", AdapterKind::Discrete),

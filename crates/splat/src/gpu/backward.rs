@@ -1,4 +1,4 @@
-//! Recording the derivative of a picture. It renders once more, as nothing is kept from a rendering before.
+//! Recording the backward pass, which repeats the forward pass, because no state is kept from an earlier rendering.
 
 use super::context::Context;
 use super::forward::{self, Lists, Scene, TILE};
@@ -6,37 +6,40 @@ use super::gaussians::GpuPart;
 use super::gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
 use super::images;
 use super::kernels::{Kernel, Pool};
-use super::picture::{Job, Make, bytes_needed, check_memory, composite, pair_capacity};
 use super::record::Recorder;
+use super::render::{Allocate, Job, bytes_needed, check_memory, composite, pair_capacity};
 use super::sort::words;
 use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
 use crate::SplatError;
 
-/// Sums by Gaussian over pixels.
+/// Sums over pixels, per Gaussian.
 struct Sums {
     firsts: wgpu::Buffer,
     seconds: wgpu::Buffer,
     colours: wgpu::Buffer,
-    /// By the background, a row of pixels each.
+    /// Gradient of the background, per pixel row.
     rows: wgpu::Buffer,
+    /// Contributions to the pose gradient, per Gaussian.
+    rotations: wgpu::Buffer,
+    translations: wgpu::Buffer,
 }
 
-/// Records the derivative into buffers that `make` provides.
+/// Records the backward pass into buffers allocated by `allocate`.
 pub(super) fn record(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     limits: &GpuOptions,
     job: Job<'_>,
     images: &GpuImageGradients,
-    make: Make<'_>,
+    allocate: Allocate<'_>,
 ) -> Result<GpuGradients, SplatError> {
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     options.check()?;
     let optics = view.optics(&options.constants)?;
     let count = gaussians.len();
-    // Sums 48, pose 32, records 96 of a Gaussian, and derivatives by all its numbers and by 5 on the screen; two images
-    // more and what a pixel brings.
+    // Bytes per Gaussian: sums 48, pose 32, records 96, gradients of its parameters and of 5 projected values; and per
+    // pixel two more images and its gradients.
     let own = gaussians.size_in_bytes().saturating_add(count.saturating_mul(176 + 20));
     let needed =
         bytes_needed(gaussians, view).saturating_add(own).saturating_add((view.pixels() as u64).saturating_mul(80));
@@ -46,50 +49,50 @@ pub(super) fn record(
     check_images(context, &strips, view, images)?;
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, true)
-        .with_flag(flag::SLOTS, true)
-        .with_flag(flag::WAS_EXPOSED, options.exposure.is_some());
+        .with_flag(flag::HAS_OWNERS, true)
+        .with_flag(flag::EXPOSED_LOSS, options.exposure.is_some());
 
     let scene = forward::project(recorder, pool, gaussians, &block, options)?;
     let rows = u64::from(view.size.height);
     let sums = Sums {
         firsts: pool.get(context, "first moments", 0, 16 * count)?,
         seconds: pool.get(context, "second moments", 0, 16 * count)?,
-        colours: pool.get(context, "sums by colour", 0, 16 * count)?,
-        rows: pool.get(context, "sums by background", 0, 16 * rows)?,
+        colours: pool.get(context, "colour gradient sums", 0, 16 * count)?,
+        rows: pool.get(context, "background gradient sums", 0, 16 * rows)?,
+        rotations: pool.get(context, "rotation gradients", 0, 16 * count)?,
+        translations: pool.get(context, "translation gradients", 0, 16 * count)?,
     };
     for buffer in [&sums.firsts, &sums.seconds, &sums.colours] {
         recorder.clear(buffer, 16 * count);
     }
-    // Keys and values twice, digits, sorted pairs, boxes, owners, sums.
+    // Bytes per pair: keys and values twice, digits, sorted pairs, boxes, owners, sums.
     let capacity = pair_capacity(context, limits.memory_limit - needed, 84, 48);
     let windows = (images::windows(&strips, view), capacity);
-    let width = view.size.width;
     forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
         let strip = lists.window.strip;
-        let (Some(images), Some([_, rows])) = (images.strips.get(strip), strips.get(strip)) else { return Ok(()) };
-        differentiate(recorder, pool, &scene, lists, &sums, images, [width, *rows])
+        let size = [view.size.width, strips[strip][1]];
+        composite_backward(recorder, pool, &scene, lists, &sums, &images.strips[strip], size)
     })?;
 
     recorder.stage("project backward");
-    let pose = ["turns", "shifts"].map(|name| pool.get(context, name, 0, 16 * count));
-    let [turns, shifts] = pose;
-    let pose = [turns?, shifts?];
     let mut parts = Vec::new();
     let mut first = 0;
     for (at, part) in gaussians.parts.iter().enumerate() {
         let block = forward::part_block(&block, gaussians.sh_degree, options, part, first);
-        parts.push(of_part(recorder, pool, (&scene, &sums, &pose), (part, &block, at), &mut *make)?);
+        parts.push(part_gradients(recorder, pool, &scene, &sums, (part, &block, at), &mut *allocate)?);
         first += part.count;
     }
-    let result = make(pool, "pose and background", 0, 48)?;
-    for (at, (vectors, count)) in [(&pose[0], count), (&pose[1], count), (&sums.rows, rows)].into_iter().enumerate() {
+    let result = allocate(pool, "pose and background", 0, 48)?;
+    for (at, (vectors, count)) in
+        [(&sums.rotations, count), (&sums.translations, count), (&sums.rows, rows)].into_iter().enumerate()
+    {
         reduce(recorder, pool, vectors, count, (&result, 16 * at as u64))?;
     }
     Ok(GpuGradients { sh_degree: gaussians.sh_degree, parts, pose_and_background: result })
 }
 
-/// One window: pixels, what they bring to the derivative, sums over each tile's pixels, sums over tiles.
-fn differentiate(
+/// Backward pass of one window: pixels, their gradients, sums over each tile's pixels, sums over tiles.
+fn composite_backward(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     scene: &Scene,
@@ -105,41 +108,55 @@ fn differentiate(
     composite(recorder, pool, scene, lists, &colours, Some(&extras))?;
 
     let seeds = pool.get(context, "seeds", 0, 32 * pixels)?;
-    let by_background = pool.get(context, "by background", 0, 16 * pixels)?;
+    let d_background = pool.get(context, "background gradients", 0, 16 * pixels)?;
     let none = pool.get(context, "no extra gradients", 0, 16)?;
-    let by_pair = pool.get(context, "sums by pair", 0, 48 * lists.pairs)?;
-    recorder.clear(&by_pair, 48 * lists.pairs);
+    let d_pair = pool.get(context, "pair sums", 0, 48 * lists.pairs)?;
+    recorder.clear(&d_pair, 48 * lists.pairs);
     recorder.stage("composite backward");
     let mut block = lists.block;
     block.window[0] = u32::try_from(pixels).unwrap_or(u32::MAX);
     let extra_gradients = images.extras.as_ref().unwrap_or(&none);
     let block = block.with_flag(flag::EXTRA_GRADIENTS, images.extras.is_some());
-    let buffers = [&images.colours, extra_gradients, &colours, &extras, &seeds, &by_background];
-    recorder.dispatch(Kernel::Seed, block.bytes(), &buffers, pixels.div_ceil(64))?;
-    for first in (0..width).step_by(context.columns_at_once as usize) {
+    let buffers = [&images.colours, extra_gradients, &colours, &extras, &seeds, &d_background];
+    recorder.dispatch(Kernel::PixelGradients, block.bytes(), &buffers, pixels.div_ceil(64))?;
+    for first in (0..width).step_by(context.columns_per_dispatch as usize) {
         let mut block = block;
-        block.part = [first, context.columns_at_once, 0, 0];
-        recorder.dispatch(Kernel::Rows, block.bytes(), &[&by_background, &sums.rows], u64::from(rows).div_ceil(64))?;
+        block.part = [first, context.columns_per_dispatch, 0, 0];
+        recorder.dispatch(
+            Kernel::RowSums,
+            block.bytes(),
+            &[&d_background, &sums.rows],
+            u64::from(rows).div_ceil(64),
+        )?;
     }
     if lists.pairs == 0 {
         return Ok(());
     }
-    let buffers =
-        [&scene.shapes, &scene.places, &scene.paints, &lists.sorted, &lists.boxes, &lists.ranges, &seeds, &by_pair];
+    let buffers = [
+        &scene.shapes,
+        &scene.positions,
+        &scene.splat_colours,
+        &lists.sorted,
+        &lists.boxes,
+        &lists.ranges,
+        &seeds,
+        &d_pair,
+    ];
     for block in lists.passes() {
-        recorder.dispatch(Kernel::Differentiate, block.bytes(), &buffers, lists.window.tiles())?;
+        recorder.dispatch(Kernel::CompositeBackward, block.bytes(), &buffers, lists.window.tiles())?;
     }
-    let buffers = [&scene.order, &scene.offsets, &by_pair, &sums.firsts, &sums.seconds, &sums.colours];
+    let buffers = [&scene.order, &scene.offsets, &d_pair, &sums.firsts, &sums.seconds, &sums.colours];
     recorder.dispatch(Kernel::Gather, block.bytes(), &buffers, scene.count.div_ceil(64))
 }
 
-/// Splats' derivatives to one part's Gaussians, and their shares of those by the pose.
-fn of_part(
+/// Backward pass from splats to one part's Gaussians, and their contributions to the pose gradient.
+fn part_gradients(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
-    (scene, sums, pose): (&Scene, &Sums, &[wgpu::Buffer; 2]),
+    scene: &Scene,
+    sums: &Sums,
     (part, block, at): (&GpuPart, &ViewBlock, usize),
-    make: Make<'_>,
+    allocate: Allocate<'_>,
 ) -> Result<GpuGradientPart, GpuError> {
     let context = recorder.context();
     let count = u64::from(part.count);
@@ -147,17 +164,17 @@ fn of_part(
     let records = pool.get(context, "records", 0, 96 * count)?;
     let dummies = [pool.get(context, "no filter", 0, 4)?, pool.get(context, "no scalar gradient", 0, 4)?];
     let stored = u64::from(block.part[2]);
-    let mut field = |pool: &mut Pool, name, each: u64| make(pool, name, at, 4 * each * count);
+    let mut field = |pool: &mut Pool, name, each: u64| allocate(pool, name, at, 4 * each * count);
     let gradients = GpuGradientPart {
         count: part.count,
-        means: field(pool, "by means", 3)?,
-        quaternions: field(pool, "by quaternions", 4)?,
-        log_scales: field(pool, "by log scales", 3)?,
-        opacity_logits: field(pool, "by opacity logits", 1)?,
-        sh: field(pool, "by harmonics", 3 * stored)?,
-        scalars: part.scalars.is_some().then(|| field(pool, "by scalars", 1)).transpose()?,
-        means_2d: field(pool, "by means on the screen", 2)?,
-        conics: field(pool, "by conics", 3)?,
+        means: field(pool, "mean gradients", 3)?,
+        quaternions: field(pool, "quaternion gradients", 4)?,
+        log_scales: field(pool, "log-scale gradients", 3)?,
+        opacity_logits: field(pool, "opacity-logit gradients", 1)?,
+        sh: field(pool, "SH gradients", 3 * stored)?,
+        scalars: part.scalars.is_some().then(|| field(pool, "scalar gradients", 1)).transpose()?,
+        means_2d: field(pool, "2D mean gradients", 2)?,
+        conics: field(pool, "conic gradients", 3)?,
     };
     let buffers = [
         &part.means,
@@ -182,7 +199,7 @@ fn of_part(
     ];
     recorder.dispatch(Kernel::ProjectBackward, block.bytes(), &buffers, groups)?;
     let first = u64::from(block.part[1]);
-    // Where in a record, how many numbers, how many in the result, the first Gaussian there.
+    // Output, offset in a record, number of values, stride in the output, first Gaussian there.
     let unpacked = [
         (&gradients.means, 0, 3, 3, 0),
         (&gradients.quaternions, 3, 4, 4, 0),
@@ -190,8 +207,8 @@ fn of_part(
         (&gradients.opacity_logits, 10, 1, 1, 0),
         (&gradients.means_2d, 11, 2, 2, 0),
         (&gradients.conics, 13, 3, 3, 0),
-        (&pose[0], 16, 3, 4, first),
-        (&pose[1], 19, 3, 4, first),
+        (&sums.rotations, 16, 3, 4, first),
+        (&sums.translations, 19, 3, 4, first),
     ];
     for (result, from, width, stride, first) in unpacked {
         let uniform = [words(&[count, from, width, stride]), words(&[first, 0, 0, 0])].concat();
@@ -200,7 +217,7 @@ fn of_part(
     Ok(gradients)
 }
 
-/// Sums vectors as a tree, to a place in a buffer.
+/// Sums vectors as a tree, into `result` at `offset`.
 fn reduce(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
@@ -227,9 +244,9 @@ fn check_images(
     view: &crate::View,
     images: &GpuImageGradients,
 ) -> Result<(), SplatError> {
-    let wrong = |expected: usize, found: usize| SplatError::Length { field: "strips of gradients", expected, found };
+    let mismatch = |expected: usize, found: usize| SplatError::Length { field: "strips of gradients", expected, found };
     if images.strips.len() != strips.len() {
-        return Err(wrong(strips.len(), images.strips.len()));
+        return Err(mismatch(strips.len(), images.strips.len()));
     }
     for ([_, rows], strip) in strips.iter().zip(&images.strips) {
         let expected = 4 * *rows as usize * view.size.width as usize;

@@ -3,45 +3,45 @@ use std::sync::{Arc, Mutex, PoisonError};
 use super::adapters::AdapterDescription;
 use super::{GpuError, GpuOptions, Threads};
 
-/// A device, what it may be asked for, and what became of it.
+/// A device with its limits and error state.
 #[derive(Debug)]
 pub(super) struct Context {
     pub(super) device: wgpu::Device,
     pub(super) queue: wgpu::Queue,
-    /// For people.
+    /// Display name.
     pub(super) name: String,
-    /// Bytes of a buffer that a kernel sees, and of any buffer here.
+    /// Limit on the bytes of a binding, and of any buffer created here.
     pub(super) binding_limit: u64,
-    /// Workgroups along a dimension of a dispatch.
+    /// Limit on the workgroups along one dimension of a dispatch.
     pub(super) groups_limit: u32,
     pub(super) timestamps: bool,
-    /// Bytes that buffers kept in a pool may take.
+    /// Limit on the bytes of pooled buffers.
     pub(super) memory_limit: u64,
-    /// Rows of four pixels that a thread composites, 1 or 4.
+    /// Rows of four pixels per thread, 1 or 4.
     pub(super) thread_rows: u32,
-    /// Entries of a tile's list that one dispatch passes over.
-    pub(super) entries_at_once: u32,
-    /// Tiles of one window.
-    pub(super) tiles_at_once: u64,
-    /// Columns of pixels that one dispatch sums up.
-    pub(super) columns_at_once: u32,
-    /// Why the device is no more.
+    /// Limit on the entries of a tile's list per dispatch.
+    pub(super) entries_per_dispatch: u32,
+    /// Limit on the tiles of a window.
+    pub(super) tiles_per_window: u64,
+    /// Limit on the pixel columns summed per dispatch.
+    pub(super) columns_per_dispatch: u32,
+    /// Why the device was lost, if so.
     lost: Arc<Mutex<Option<String>>>,
-    /// The first fault of a command that is not ours, until it was reported.
-    foreign: Arc<Mutex<Option<String>>>,
+    /// The first error of a command of others, until it is reported.
+    uncaptured: Arc<Mutex<Option<String>>>,
 }
 
-/// Buffers that the largest kernel sees.
+/// Storage buffers of the largest kernel.
 const STORAGE_BUFFERS: u32 = 8;
-/// Bytes that a workgroup of the largest kernel shares.
+/// Shared memory of the largest kernel's workgroup, in bytes.
 const SHARED_BYTES: u32 = 13 << 10;
-/// Turns of all loops for one entry of a tile's list. Differentiating takes most where 16 threads have 16 pixels each
-/// and the driver unrolls nothing: 11 to clear sums, one for each thread that passes over it at another time, 4 rows of
-/// pixels, 11 to store sums, 12 to add those of all threads; some 40 at the worst.
-pub(super) const TURNS_OF_AN_ENTRY: u32 = 64;
+/// Upper bound on the loop iterations per entry of a tile's list. The backward pass needs most if 16 threads have 16
+/// pixels each and the driver unrolls nothing: 11 to clear sums, one for each thread that skips the entry separately, 4
+/// rows of pixels, 11 to store sums, 12 to add those of all threads; about 40 in the worst case.
+pub(super) const ITERATIONS_PER_ENTRY: u32 = 64;
 
 impl Context {
-    /// Opens an adapter with all that it has.
+    /// Opens a device with all the limits of its adapter.
     pub(super) fn open(
         adapter: &wgpu::Adapter,
         description: &AdapterDescription,
@@ -63,16 +63,16 @@ impl Context {
         context.device.set_device_lost_callback(move |reason, message| {
             *lost.lock().unwrap_or_else(PoisonError::into_inner) = Some(format!("lost ({reason:?}): {message}"));
         });
-        // Error scopes take what this crate causes; wgpu's own handler would panic on the rest.
-        let foreign = Arc::clone(&context.foreign);
+        // Error scopes catch the errors of this crate's commands; wgpu's default handler would panic on all others.
+        let uncaptured = Arc::clone(&context.uncaptured);
         context.device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
-            let mut first = foreign.lock().unwrap_or_else(PoisonError::into_inner);
+            let mut first = uncaptured.lock().unwrap_or_else(PoisonError::into_inner);
             first.get_or_insert_with(|| error.to_string());
         }));
         Ok(context)
     }
 
-    /// Takes a device that somebody else opened, and leaves its handlers alone.
+    /// Wraps a device opened by the caller, without touching its error handlers.
     pub(super) fn with_device(
         device: wgpu::Device,
         queue: wgpu::Queue,
@@ -91,14 +91,14 @@ impl Context {
                 return Err(GpuError::Unfit { adapter: name, what, expected, found });
             }
         }
-        // Bindings end on words; u32 indexes them.
+        // Kernels index words with u32.
         let allowed = [limits.max_storage_buffer_binding_size, limits.max_buffer_size, options.binding_limit];
         let binding_limit = allowed.into_iter().fold(1 << 33, Ord::min) & !255;
         let groups_limit = limits.max_compute_workgroups_per_dimension.min(options.groups_limit).max(1);
         let timestamps = device.features().contains(wgpu::Features::TIMESTAMP_QUERY);
-        let is_processor = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
-        let few = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_processor);
-        let thread_rows = if few { 4 } else { 1 };
+        let is_software = device.adapter_info().device_type == wgpu::DeviceType::Cpu;
+        let few_threads = options.threads == Threads::Few || (options.threads == Threads::Automatic && is_software);
+        let thread_rows = if few_threads { 4 } else { 1 };
         Ok(Self {
             device,
             queue,
@@ -108,23 +108,23 @@ impl Context {
             timestamps,
             memory_limit: options.memory_limit,
             thread_rows,
-            entries_at_once: options.entries_limit.max(1),
-            tiles_at_once: u64::MAX,
-            columns_at_once: u32::MAX,
+            entries_per_dispatch: options.entries_limit.max(1),
+            tiles_per_window: u64::MAX,
+            columns_per_dispatch: u32::MAX,
             lost: Arc::default(),
-            foreign: Arc::default(),
+            uncaptured: Arc::default(),
         })
     }
 
-    /// Cuts what kernels loop over to what the driver allows, or to what does not keep a device so long that the
-    /// system takes it for dead.
-    pub(super) fn allow_turns(&mut self, turns: u32) {
-        self.entries_at_once = self.entries_at_once.min(turns / TURNS_OF_AN_ENTRY).max(1);
-        self.tiles_at_once = u64::from(turns / 2).max(1);
-        self.columns_at_once = (turns / 2).max(1);
+    /// Limits the loops of kernels to the iterations that the driver allows, and to what finishes before the system
+    /// considers the device hung.
+    pub(super) fn limit_iterations(&mut self, iterations: u32) {
+        self.entries_per_dispatch = self.entries_per_dispatch.min(iterations / ITERATIONS_PER_ENTRY).max(1);
+        self.tiles_per_window = u64::from(iterations / 2).max(1);
+        self.columns_per_dispatch = (iterations / 2).max(1);
     }
 
-    /// Does something with the device and reports what the driver thinks of it.
+    /// Runs `work` and reports the errors that the driver raised during it.
     pub(super) fn guarded<T, E: From<GpuError>>(&self, work: impl FnOnce() -> Result<T, E>) -> Result<T, E> {
         let memory = self.device.push_error_scope(wgpu::ErrorFilter::OutOfMemory);
         let internal = self.device.push_error_scope(wgpu::ErrorFilter::Internal);
@@ -132,7 +132,7 @@ impl Context {
         let result = work();
         let [validation, internal, memory] = [pop(validation), pop(internal), pop(memory)];
         let adapter = self.name.clone();
-        if let Some(error) = gravest(memory, internal, validation) {
+        if let Some(error) = root_cause(memory, internal, validation) {
             let reason = error.to_string();
             return Err(match error {
                 wgpu::Error::OutOfMemory { .. } => GpuError::OutOfMemory { adapter, reason },
@@ -143,9 +143,9 @@ impl Context {
         if let Some(reason) = self.lost.lock().unwrap_or_else(PoisonError::into_inner).clone() {
             return Err(GpuError::Device { adapter, reason }.into());
         }
-        // A fault of this call is reported first.
+        // Errors of this call take precedence.
         if result.is_ok()
-            && let Some(reason) = self.foreign.lock().unwrap_or_else(PoisonError::into_inner).take()
+            && let Some(reason) = self.uncaptured.lock().unwrap_or_else(PoisonError::into_inner).take()
         {
             let reason = format!("a command from outside this renderer: {reason}");
             return Err(GpuError::Refused { adapter, reason }.into());
@@ -153,7 +153,7 @@ impl Context {
         result
     }
 
-    /// Whether kernels can see so many bytes of a buffer of somebody else.
+    /// Checks that kernels can bind the first `bytes` of a buffer of the caller.
     pub(super) fn check_binding(&self, what: &'static str, buffer: &wgpu::Buffer, bytes: u64) -> Result<(), GpuError> {
         let adapter = self.name.clone();
         if bytes > self.binding_limit {
@@ -185,8 +185,8 @@ fn pop(scope: wgpu::ErrorScopeGuard) -> Option<wgpu::Error> {
     pollster::block_on(scope.pop())
 }
 
-/// What the other faults follow from: a buffer for which there was no memory is invalid wherever it is used.
-fn gravest(
+/// The error that causes the others: a buffer that could not be allocated is invalid wherever it is used.
+fn root_cause(
     memory: Option<wgpu::Error>,
     internal: Option<wgpu::Error>,
     validation: Option<wgpu::Error>,
@@ -199,11 +199,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn want_of_memory_is_not_taken_for_what_follows_from_it() {
+    fn out_of_memory_takes_precedence_over_its_consequences() {
         let memory = || wgpu::Error::OutOfMemory { source: "none left".into() };
         let validation = || wgpu::Error::Validation { source: "buffer".into(), description: "is invalid".to_owned() };
-        assert!(matches!(gravest(Some(memory()), None, Some(validation())), Some(wgpu::Error::OutOfMemory { .. })));
-        assert!(matches!(gravest(None, None, Some(validation())), Some(wgpu::Error::Validation { .. })));
-        assert!(gravest(None, None, None).is_none());
+        assert!(matches!(root_cause(Some(memory()), None, Some(validation())), Some(wgpu::Error::OutOfMemory { .. })));
+        assert!(matches!(root_cause(None, None, Some(validation())), Some(wgpu::Error::Validation { .. })));
+        assert!(root_cause(None, None, None).is_none());
     }
 }

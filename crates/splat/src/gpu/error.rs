@@ -1,67 +1,67 @@
 use thiserror::Error;
 
-/// What can go wrong with a graphics processor.
+/// Errors of the GPU renderer.
 #[derive(Clone, Debug, Error, PartialEq)]
 pub enum GpuError {
-    /// No adapter fits what was asked for.
+    /// No adapter matches the choice.
     #[error("graphics adapter: expected {expected}, found {found}")]
     NoAdapter {
-        /// What was asked for.
+        /// The choice.
         expected: String,
-        /// Adapters that there are.
+        /// The available adapters.
         found: String,
     },
-    /// An adapter that lacks what compute kernels need.
+    /// The adapter lacks a capability that the kernels need.
     #[error("{adapter}: {what}: expected {expected}, found {found}")]
     Unfit {
-        /// Its name.
+        /// Name of the adapter.
         adapter: String,
-        /// The limit or ability that falls short.
+        /// The limit or capability.
         what: &'static str,
-        /// What is needed.
+        /// The required value.
         expected: String,
-        /// What it has.
+        /// The adapter's value.
         found: String,
     },
-    /// The driver refused a device or lost it.
+    /// The device could not be opened or was lost.
     #[error("{adapter}: device: {reason}")]
     Device {
         /// Name of the adapter.
         adapter: String,
-        /// The driver's words.
+        /// The driver's message.
         reason: String,
     },
-    /// The adapter's memory does not suffice.
+    /// The adapter ran out of memory.
     #[error("{adapter}: out of memory: {reason}")]
     OutOfMemory {
         /// Name of the adapter.
         adapter: String,
-        /// The driver's words.
+        /// The driver's message.
         reason: String,
     },
-    /// A command that the driver or wgpu refused.
-    #[error("{adapter}: refused: {reason}")]
+    /// The driver or wgpu rejected a command.
+    #[error("{adapter}: rejected command: {reason}")]
     Refused {
         /// Name of the adapter.
         adapter: String,
-        /// The words of wgpu.
+        /// wgpu's message.
         reason: String,
     },
-    /// More than the adapter can bind at once, however it is cut.
+    /// More than the adapter can bind, even when split.
     #[error("{adapter}: {what} take {needed} {unit}, at most {limit} are possible")]
     TooLarge {
         /// Name of the adapter.
         adapter: String,
         /// What is too large.
         what: &'static str,
-        /// What is counted, as `bytes`.
+        /// The unit, such as `bytes`.
         unit: &'static str,
-        /// Of these, needed.
+        /// Required amount.
         needed: u64,
-        /// Allowed.
+        /// Allowed amount.
         limit: u64,
     },
-    /// The adapter computes wrong numbers.
+    /// The adapter computes wrong results.
     #[error("{adapter}: self-test: {what} differs by {difference:e}, expected at most {bound:e}")]
     SelfTest {
         /// Name of the adapter.

@@ -1,14 +1,14 @@
-use super::adapters::{AdapterChoice, Candidates, candidates, named};
+use super::adapters::{AdapterChoice, Candidates, candidates, resolve};
 use super::{GpuError, GpuOptions, GpuRenderer, Watcher};
 use crate::Renderer;
 use crate::cpu::{CpuOptions, CpuRenderer};
 
-/// A renderer, and why it is not the one that comes first.
+/// The chosen renderer, and why better candidates could not be used.
 pub struct Fallback {
-    /// On an adapter, or on the processor.
+    /// On a GPU, or on the CPU.
     pub renderer: Box<dyn Renderer>,
-    /// Why each adapter before it cannot be used, best first: for a warning. [`GpuError::NoAdapter`] alone where there
-    /// is none at all.
+    /// Why each adapter before it cannot be used, best first, for a warning. A single [`GpuError::NoAdapter`] if there
+    /// are no adapters.
     pub passed_over: Vec<GpuError>,
 }
 
@@ -22,16 +22,15 @@ impl std::fmt::Debug for Fallback {
     }
 }
 
-/// The renderer on the first adapter of a choice that passes its test, or the processor's where none does. Several
-/// adapters may fit: a card by way of Vulkan and of GL, one beside the main processor.
+/// The renderer on the first adapter matching a choice that passes its self-test, or the CPU renderer if none does.
+/// Several adapters may match, for example a GPU through both Vulkan and GL.
 ///
-/// Only opening falls back. An adapter that is lost later, runs out of memory or cannot hold a scene answers with an
-/// error, and the caller may go on with [`CpuRenderer`]. Software adapters are adapters like others, and far slower
-/// than [`CpuRenderer`].
+/// Falls back only on opening. An adapter that is later lost, runs out of memory or cannot hold a scene returns an
+/// error, after which the caller may continue with [`CpuRenderer`]. Software adapters are not treated specially, and
+/// are far slower than [`CpuRenderer`].
 ///
 /// # Errors
-/// [`GpuError::NoAdapter`] where an adapter was named, by the choice or by [`super::ADAPTER_VARIABLE`], and there is
-/// none of that name.
+/// [`GpuError::NoAdapter`] if an adapter was named, by the choice or by [`super::ADAPTER_VARIABLE`], and none matches.
 pub fn with_fallback(
     choice: &AdapterChoice,
     options: GpuOptions,
@@ -39,11 +38,11 @@ pub fn with_fallback(
     watcher: &dyn Watcher,
 ) -> Result<Fallback, GpuError> {
     let Candidates { adapters, none } = candidates(choice);
-    if adapters.is_empty() && named(choice) != AdapterChoice::Automatic {
+    if adapters.is_empty() && resolve(choice) != AdapterChoice::Automatic {
         return Err(none);
     }
     let none = if adapters.is_empty() { vec![none] } else { Vec::new() };
-    let (opened, mut passed_over) = first_that_opens(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
+    let (opened, mut passed_over) = first_success(adapters, |adapter| GpuRenderer::open(&adapter, options, watcher));
     passed_over.extend(none);
     let renderer: Box<dyn Renderer> = match opened {
         Some(renderer) => Box::new(renderer),
@@ -52,8 +51,8 @@ pub fn with_fallback(
     Ok(Fallback { renderer, passed_over })
 }
 
-/// The first success, and the failures before it.
-fn first_that_opens<A, R, E>(
+/// The first candidate that opens, and the failures before it.
+fn first_success<A, R, E>(
     candidates: impl IntoIterator<Item = A>,
     mut open: impl FnMut(A) -> Result<R, E>,
 ) -> (Option<R>, Vec<E>) {
@@ -72,10 +71,10 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_next_is_tried_and_none_after_it() {
+    fn candidates_are_tried_until_one_opens() {
         let even = |number: i32| if number % 2 == 0 { Ok(number) } else { Err(number) };
-        assert_eq!(first_that_opens([1, 3, 4, 5, 6], even), (Some(4), vec![1, 3]));
-        assert_eq!(first_that_opens([1, 3], even), (None, vec![1, 3]));
-        assert_eq!(first_that_opens([], even), (None, Vec::<i32>::new()));
+        assert_eq!(first_success([1, 3, 4, 5, 6], even), (Some(4), vec![1, 3]));
+        assert_eq!(first_success([1, 3], even), (None, vec![1, 3]));
+        assert_eq!(first_success([], even), (None, Vec::<i32>::new()));
     }
 }

@@ -1,4 +1,4 @@
-//! From Gaussians to tiles with their Gaussians, nearest first.
+//! From Gaussians to depth-sorted tile lists.
 
 use super::GpuError;
 use super::context::Context;
@@ -12,54 +12,54 @@ use crate::{Census, RenderOptions, sh_coefficients};
 /// Side of a tile in pixels.
 pub(super) const TILE: u32 = 16;
 
-/// Every Gaussian as the picture sees it, and their order.
+/// The projected Gaussians and their depth order.
 pub(super) struct Scene {
     pub(super) count: u64,
     pub(super) shapes: wgpu::Buffer,
-    pub(super) places: wgpu::Buffer,
-    pub(super) paints: wgpu::Buffer,
+    pub(super) positions: wgpu::Buffer,
+    pub(super) splat_colours: wgpu::Buffer,
     pub(super) reaches: wgpu::Buffer,
-    /// Nearest first, those that are not drawn last.
+    /// Indices by depth, nearest first, culled ones last.
     pub(super) order: wgpu::Buffer,
-    /// Where each Gaussian's pairs begin, in that order.
+    /// Offsets of each Gaussian's pairs, in that order.
     pub(super) offsets: wgpu::Buffer,
     census: wgpu::Buffer,
 }
 
-/// Tiles that are drawn at once: first column and row, past them.
+/// Tiles that are rendered together: half-open ranges of columns and rows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Window {
     pub(super) columns: [u32; 2],
     pub(super) rows: [u32; 2],
-    /// Number of the strip of the picture that it lies in, and the strip's first row of pixels.
+    /// Index of the image strip that contains it, and the strip's first pixel row.
     pub(super) strip: usize,
     pub(super) first_row: u32,
 }
 
-/// The pairs of tile and Gaussian of a window.
+/// The (tile, Gaussian) pairs of a window.
 pub(super) struct Lists {
-    /// With tiles, pairs and first row filled in.
+    /// The uniform block, with tiles, pairs and first row filled in.
     pub(super) block: ViewBlock,
     pub(super) window: Window,
     pub(super) pairs: u64,
-    /// Number of each pair in the order of `Scene::order`, where asked for, and its Gaussian; tile by tile.
+    /// Index of each pair in the order of `Scene::order`, if requested, and its Gaussian; tile by tile.
     pub(super) sorted: wgpu::Buffer,
-    /// Which of the tile's pixels each may reach.
+    /// The tile's pixels that each pair may reach.
     pub(super) boxes: wgpu::Buffer,
-    /// First and past the last of each tile.
+    /// Range of the pairs of each tile.
     pub(super) ranges: wgpu::Buffer,
-    /// Entries of the longest tile's list, or as many as can be passed over at once.
+    /// Length of the longest tile list, or 0 if one dispatch suffices for all.
     longest: u32,
-    entries_at_once: u32,
+    entries_per_dispatch: u32,
 }
 
 impl Lists {
-    /// The block of each dispatch that passes over the lists, one after the other.
+    /// The uniform block of each dispatch over the lists, in order.
     pub(super) fn passes(&self) -> impl Iterator<Item = ViewBlock> {
-        let (count, whole) = (self.longest.div_ceil(self.entries_at_once).max(1), self.block);
+        let (count, full) = (self.longest.div_ceil(self.entries_per_dispatch).max(1), self.block);
         (0..count).map(move |pass| {
-            let mut block = whole.with_flag(flag::GOES_ON, pass > 0).with_flag(flag::STOPS_HERE, pass + 1 < count);
-            block.part = [pass * self.entries_at_once, self.entries_at_once, 0, 0];
+            let mut block = full.with_flag(flag::RESUMES, pass > 0).with_flag(flag::PAUSES, pass + 1 < count);
+            block.part = [pass * self.entries_per_dispatch, self.entries_per_dispatch, 0, 0];
             block
         })
     }
@@ -70,7 +70,7 @@ impl Window {
         (self.columns[1] - self.columns[0]) as u64 * (self.rows[1] - self.rows[0]) as u64
     }
 
-    /// Two halves, the upper or the left one first; `None` for a single tile.
+    /// Splits the window in two, the upper or left half first; `None` for a single tile.
     fn halves(self) -> Option<[Self; 2]> {
         let cut = |[from, past]: [u32; 2]| (past - from > 1).then(|| from + (past - from) / 2);
         if let Some(middle) = cut(self.rows) {
@@ -83,7 +83,7 @@ impl Window {
     }
 }
 
-/// World to screen, and the order by depth.
+/// Projects the Gaussians and sorts them by depth.
 pub(super) fn project(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
@@ -93,7 +93,7 @@ pub(super) fn project(
 ) -> Result<Scene, GpuError> {
     let (context, count) = (recorder.context(), gaussians.len());
     let mut get = |name, each: u64| pool.get(context, name, 0, each * count);
-    let (shapes, places, paints) = (get("shapes", 16)?, get("places", 16)?, get("paints", 16)?);
+    let (shapes, positions, splat_colours) = (get("shapes", 16)?, get("positions", 16)?, get("splat_colours", 16)?);
     let reaches = get("reaches", 8)?;
     let keys = Sorted { keys: get("depth keys", 4)?, values: get("depth values", 4)? };
     let spare = Sorted { keys: get("spare depth keys", 4)?, values: get("spare depth values", 4)? };
@@ -116,24 +116,24 @@ pub(super) fn project(
             &part.opacity_logits,
             filters,
             &shapes,
-            &places,
+            &positions,
             &reaches,
         ];
         recorder.dispatch(Kernel::Project, block.bytes(), &buffers, groups)?;
-        let buffers = [&part.means, &part.sh, scalars, &reaches, &paints];
+        let buffers = [&part.means, &part.sh, scalars, &reaches, &splat_colours];
         recorder.dispatch(Kernel::Colour, block.bytes(), &buffers, groups)?;
         first += part.count;
     }
     recorder.stage("sort");
     let mut block = *block;
     block.window[3] = first;
-    let buffers = [&reaches, &places, &keys.keys, &keys.values, &census];
+    let buffers = [&reaches, &positions, &keys.keys, &keys.values, &census];
     recorder.dispatch(Kernel::Keys, block.bytes(), &buffers, count.div_ceil(64))?;
     let order = sort(recorder, pool, keys, spare, count, u32::BITS)?.values;
-    Ok(Scene { count, shapes, places, paints, reaches, order, offsets, census })
+    Ok(Scene { count, shapes, positions, splat_colours, reaches, order, offsets, census })
 }
 
-/// The view's block for one part of the Gaussians.
+/// The uniform block for one part of the Gaussians.
 pub(super) fn part_block(
     block: &ViewBlock,
     sh_degree: u8,
@@ -142,14 +142,15 @@ pub(super) fn part_block(
     first: u32,
 ) -> ViewBlock {
     let degree = if options.max_sh_degree < sh_degree { options.max_sh_degree } else { sh_degree };
-    let stored = u32::try_from(sh_coefficients(sh_degree)).unwrap_or(0);
+    #[expect(clippy::cast_possible_truncation, reason = "at most 25 coefficients")]
+    let stored = sh_coefficients(sh_degree) as u32;
     let mut block =
         block.with_flag(flag::HAS_FILTER, part.filter_3d.is_some()).with_flag(flag::HAS_SCALAR, part.scalars.is_some());
     block.part = [part.count, first, stored, degree.into()];
     block
 }
 
-/// Calls `with` for windows that cover the given ones in their order, each small enough for `capacity` pairs; returns
+/// Calls `with` for windows that cover the given ones in order, split until each has at most `capacity` pairs; returns
 /// the census.
 pub(super) fn for_windows(
     recorder: &mut Recorder<'_>,
@@ -175,11 +176,11 @@ pub(super) fn for_windows(
         recorder.submit();
         census = read_census(context, &scene.census)?;
         let pairs = u64::from(census[7]);
-        if pairs > capacity || (window.tiles() > context.tiles_at_once && window.tiles() > 1) {
+        if pairs > capacity || (window.tiles() > context.tiles_per_window && window.tiles() > 1) {
             let halves = window.halves().ok_or_else(|| GpuError::TooLarge {
                 adapter: context.name.clone(),
                 what: "Gaussians of one tile",
-                unit: "places in its list",
+                unit: "list entries",
                 needed: pairs,
                 limit: capacity,
             })?;
@@ -194,7 +195,7 @@ pub(super) fn for_windows(
     Ok(Census { drawn, invalid, outside_depth, faint, outside_picture })
 }
 
-/// Pairs of tiles and Gaussians, sorted by tile.
+/// The (tile, Gaussian) pairs of a window, sorted by tile.
 fn list(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
@@ -205,7 +206,7 @@ fn list(
 ) -> Result<Lists, GpuError> {
     let (context, count) = (recorder.context(), u64::from(block.window[0]));
     let ranges = pool.get(context, "ranges", 0, 8 * window.tiles())?;
-    let with_owners = block.picture_flags() & flag::SLOTS != 0;
+    let with_owners = block.flags() & flag::HAS_OWNERS != 0;
     let owners = pool.get(context, "owners", 0, if with_owners { 4 * count } else { 4 })?;
     let sorted = pool.get(context, "sorted pairs", 0, 8 * count)?;
     let mut get = |name| pool.get(context, name, 0, 4 * count);
@@ -222,18 +223,18 @@ fn list(
         let buffers = [&keys, &values, &owners, &scene.reaches, &ranges, &sorted, &boxes];
         recorder.dispatch(Kernel::Ranges, block.bytes(), &buffers, count.div_ceil(64))?;
     }
-    let entries_at_once = context.entries_at_once;
-    // No list is longer than either; only then is it worth waiting for the device.
-    let longest = if drawn > entries_at_once && count > u64::from(entries_at_once) {
+    let entries_per_dispatch = context.entries_per_dispatch;
+    // No list is longer than either; otherwise it is not worth waiting for the device.
+    let longest = if drawn > entries_per_dispatch && count > u64::from(entries_per_dispatch) {
         recorder.submit();
         longest(context, &ranges, window)?
     } else {
         0
     };
-    Ok(Lists { block: *block, window, pairs: count, sorted, boxes, ranges, longest, entries_at_once })
+    Ok(Lists { block: *block, window, pairs: count, sorted, boxes, ranges, longest, entries_per_dispatch })
 }
 
-/// Entries of the longest tile's list.
+/// Length of the longest tile list.
 fn longest(context: &Context, ranges: &wgpu::Buffer, window: Window) -> Result<u32, GpuError> {
     let bytes = context.read(&[(ranges, 8 * window.tiles())])?.concat();
     let words: Vec<u32> = bytes.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();

@@ -3,37 +3,37 @@ use super::context::Context;
 use super::kernels::Pool;
 use crate::{Gaussians, SplatError, sh_coefficients};
 
-/// Gaussians in the device's memory: tightly packed f32, as [`crate::GaussianParts`] holds them.
+/// Gaussians in device memory: tightly packed f32, as in [`crate::GaussianParts`].
 ///
-/// Cut into parts of consecutive Gaussians, each small enough for the adapter's bindings.
+/// Split into parts of consecutive Gaussians that fit the adapter's bindings.
 #[derive(Clone, Debug)]
 pub struct GpuGaussians {
     pub(super) sh_degree: u8,
     pub(super) parts: Vec<GpuPart>,
 }
 
-/// A run of Gaussians in buffers of usage `STORAGE`, which may be longer than the numbers in them.
+/// A part of the Gaussians, in buffers of usage `STORAGE`, which may be longer than their contents.
 #[derive(Clone, Debug)]
 pub struct GpuPart {
-    /// How many there are.
+    /// Number of Gaussians.
     pub count: u32,
-    /// x, y, z of each.
+    /// x, y, z per Gaussian.
     pub means: wgpu::Buffer,
-    /// w, x, y, z of each.
+    /// w, x, y, z per Gaussian.
     pub quaternions: wgpu::Buffer,
-    /// x, y, z of each.
+    /// x, y, z per Gaussian.
     pub log_scales: wgpu::Buffer,
-    /// One of each.
+    /// One per Gaussian.
     pub opacity_logits: wgpu::Buffer,
-    /// RGB of each coefficient of each.
+    /// RGB per SH coefficient per Gaussian.
     pub sh: wgpu::Buffer,
-    /// One of each, where there are any.
+    /// One per Gaussian, if present.
     pub scalars: Option<wgpu::Buffer>,
-    /// One of each, where there are any.
+    /// One per Gaussian, if present.
     pub filter_3d: Option<wgpu::Buffer>,
 }
 
-/// Some numbers of each Gaussian.
+/// A per-Gaussian array.
 struct Field<'a> {
     name: &'static str,
     buffer: &'a wgpu::Buffer,
@@ -56,8 +56,8 @@ impl GpuPart {
 }
 
 impl GpuGaussians {
-    /// Takes buffers that are in the device's memory already. Those of another device are refused when they are rendered,
-    /// as [`GpuError::Refused`]; of a device of another `wgpu::Instance`, wgpu panics.
+    /// Wraps buffers in device memory. Buffers of another device are rejected on rendering, as [`GpuError::Refused`];
+    /// for a device of another `wgpu::Instance`, wgpu panics.
     ///
     /// # Errors
     /// [`SplatError::ShDegree`], and [`SplatError::Length`] for a buffer that is too short.
@@ -77,7 +77,7 @@ impl GpuGaussians {
         Ok(Self { sh_degree, parts })
     }
 
-    /// How many there are.
+    /// Number of Gaussians.
     pub fn len(&self) -> u64 {
         self.parts.iter().map(|part| u64::from(part.count)).sum()
     }
@@ -92,7 +92,7 @@ impl GpuGaussians {
         self.sh_degree
     }
 
-    /// Bytes of all numbers.
+    /// Size of the contents in bytes.
     pub(super) fn size_in_bytes(&self) -> u64 {
         let bytes = |part: &GpuPart| -> u64 {
             part.fields(self.sh_degree).map(|field| 4 * field.each * u64::from(part.count)).sum()
@@ -100,7 +100,7 @@ impl GpuGaussians {
         self.parts.iter().map(bytes).sum()
     }
 
-    /// Whether kernels can see these buffers, which may be others' than ours.
+    /// Checks that kernels can bind these buffers, which may be the caller's.
     pub(super) fn check(&self, context: &Context) -> Result<(), GpuError> {
         for part in &self.parts {
             for Field { name, buffer, each } in part.fields(self.sh_degree) {
@@ -123,7 +123,7 @@ impl GpuGaussians {
         let mut parts = Vec::new();
         for (at, from) in (0..gaussians.len()).step_by(each).enumerate() {
             let past = (from + each).min(gaussians.len());
-            let mut put = |name, values: &[f32]| -> Result<wgpu::Buffer, GpuError> {
+            let mut upload = |name, values: &[f32]| -> Result<wgpu::Buffer, GpuError> {
                 let bytes: &[u8] = bytemuck::cast_slice(values);
                 let buffer = pool.get(context, name, at, bytes.len() as u64)?;
                 if !bytes.is_empty() {
@@ -133,31 +133,23 @@ impl GpuGaussians {
             };
             parts.push(GpuPart {
                 count: u32::try_from(past - from).unwrap_or(u32::MAX),
-                means: put("means", rows(&of.means, from..past).as_flattened())?,
-                quaternions: put("quaternions", rows(&of.quaternions, from..past).as_flattened())?,
-                log_scales: put("log scales", rows(&of.log_scales, from..past).as_flattened())?,
-                opacity_logits: put("opacity logits", rows(&of.opacity_logits, from..past))?,
-                sh: put("harmonics", rows(&of.sh, from * stored..past * stored).as_flattened())?,
-                scalars: of.scalars.as_ref().map(|values| put("scalars", rows(values, from..past))).transpose()?,
-                filter_3d: of
-                    .filter_3d
-                    .as_ref()
-                    .map(|values| put("3D filters", rows(values, from..past)))
-                    .transpose()?,
+                means: upload("means", of.means[from..past].as_flattened())?,
+                quaternions: upload("quaternions", of.quaternions[from..past].as_flattened())?,
+                log_scales: upload("log scales", of.log_scales[from..past].as_flattened())?,
+                opacity_logits: upload("opacity logits", &of.opacity_logits[from..past])?,
+                sh: upload("harmonics", of.sh[from * stored..past * stored].as_flattened())?,
+                scalars: of.scalars.as_ref().map(|values| upload("scalars", &values[from..past])).transpose()?,
+                filter_3d: of.filter_3d.as_ref().map(|values| upload("3D filters", &values[from..past])).transpose()?,
             });
         }
         Ok(Self { sh_degree: of.sh_degree, parts })
     }
 }
 
-/// Gaussians of which the longest array still is one binding, whole workgroups of them.
+/// Number of Gaussians, in whole workgroups, whose longest array fits one binding.
 pub(super) fn part_length(context: &Context, sh_degree: u8) -> usize {
-    // Records of the derivative take 96 bytes.
+    // Records of the backward pass take 96 bytes.
     let widest = (12 * sh_coefficients(sh_degree) as u64).max(96);
     let fitting = context.binding_limit / widest / 64 * 64;
     usize::try_from(fitting.clamp(64, 1 << 30)).unwrap_or(64)
-}
-
-fn rows<T>(values: &[T], range: std::ops::Range<usize>) -> &[T] {
-    values.get(range).unwrap_or_default()
 }

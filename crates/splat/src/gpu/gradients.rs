@@ -3,60 +3,60 @@ use super::context::Context;
 use super::kernels::Pool;
 use crate::{Gaussians, Gradients, ImageGradients, SplatError, View, sh_coefficients};
 
-/// Derivatives of a loss by the images of a [`super::GpuRendering`], strip by strip as [`super::GpuRenderer::strips`]
-/// cuts them.
+/// Gradients of a loss with respect to the images of a [`super::GpuRendering`], in the strips of
+/// [`super::GpuRenderer::strips`].
 #[derive(Clone, Debug)]
 pub struct GpuImageGradients {
-    /// From the top.
+    /// From top to bottom.
     pub strips: Vec<GpuStripGradients>,
 }
 
-/// Derivatives by the pixels of a strip: four f32 a pixel in each buffer, row by row.
+/// Gradients of the pixels of a strip: four f32 per pixel in each buffer, row-major.
 #[derive(Clone, Debug)]
 pub struct GpuStripGradients {
-    /// By red, green, blue, alpha.
+    /// With respect to red, green, blue, alpha.
     pub colours: wgpu::Buffer,
-    /// By depth and scalar; the other two are ignored. `None` for zeros.
+    /// With respect to depth and scalar; the other two are ignored. `None` for zeros.
     pub extras: Option<wgpu::Buffer>,
 }
 
-/// Derivatives of a loss by everything that made the images, in the device's memory.
+/// Gradients of a loss with respect to every input of a rendering, in device memory.
 #[derive(Clone, Debug)]
 pub struct GpuGradients {
     /// Degree of the spherical harmonics.
     pub sh_degree: u8,
-    /// As the parts of [`super::GpuGaussians`].
+    /// One for each part of [`super::GpuGaussians`].
     pub parts: Vec<GpuGradientPart>,
-    /// Twelve f32: by the camera's rotation, 0, by its translation, 0, by the background, 0. See
+    /// Twelve f32: gradients of the camera's rotation, 0, its translation, 0, the background, 0. See
     /// [`crate::Gradients::pose`].
     pub pose_and_background: wgpu::Buffer,
 }
 
-/// Derivatives by a run of Gaussians: tightly packed f32, as [`crate::Gradients`] holds them.
+/// Gradients of a part of the Gaussians: tightly packed f32, as in [`crate::Gradients`].
 #[derive(Clone, Debug)]
 pub struct GpuGradientPart {
-    /// How many Gaussians.
+    /// Number of Gaussians.
     pub count: u32,
-    /// Three of each.
+    /// Three per Gaussian.
     pub means: wgpu::Buffer,
-    /// Four of each.
+    /// Four per Gaussian.
     pub quaternions: wgpu::Buffer,
-    /// Three of each.
+    /// Three per Gaussian.
     pub log_scales: wgpu::Buffer,
-    /// One of each.
+    /// One per Gaussian.
     pub opacity_logits: wgpu::Buffer,
-    /// Three of each coefficient.
+    /// Three per SH coefficient.
     pub sh: wgpu::Buffer,
-    /// One of each, where there are scalars.
+    /// One per Gaussian, if there are scalars.
     pub scalars: Option<wgpu::Buffer>,
-    /// Two of each.
+    /// Two per Gaussian.
     pub means_2d: wgpu::Buffer,
-    /// Three of each.
+    /// Three per Gaussian.
     pub conics: wgpu::Buffer,
 }
 
 impl GpuImageGradients {
-    /// Copies derivatives to the device, into buffers of the pool.
+    /// Copies gradients to the device, into buffers of the pool.
     pub(super) fn upload(
         context: &Context,
         pool: &mut Pool,
@@ -65,7 +65,7 @@ impl GpuImageGradients {
         images: &ImageGradients<f32>,
     ) -> Result<Self, GpuError> {
         let with_extras = images.depth.is_some() || images.scalar.is_some();
-        let mut put = |name, at, values: Vec<[f32; 4]>| -> Result<wgpu::Buffer, GpuError> {
+        let mut upload = |name, at, values: Vec<[f32; 4]>| -> Result<wgpu::Buffer, GpuError> {
             let bytes: &[u8] = bytemuck::cast_slice(&values);
             let buffer = pool.get(context, name, at, bytes.len() as u64)?;
             context.queue.write_buffer(&buffer, 0, bytes);
@@ -77,9 +77,9 @@ impl GpuImageGradients {
             let pixels = *first as usize * width..(first + rows) as usize * width;
             let colours =
                 pixels.clone().map(|pixel| images.at(pixel)).map(|by| [by.rgb[0], by.rgb[1], by.rgb[2], by.alpha]);
-            let colours = put("colour gradients", at, colours.collect())?;
+            let colours = upload("colour gradients", at, colours.collect())?;
             let extras = || pixels.clone().map(|pixel| images.at(pixel)).map(|by| [by.depth, by.scalar, 0.0, 0.0]);
-            let extras = with_extras.then(|| put("extra gradients", at, extras().collect())).transpose()?;
+            let extras = with_extras.then(|| upload("extra gradients", at, extras().collect())).transpose()?;
             uploaded.push(GpuStripGradients { colours, extras });
         }
         Ok(Self { strips: uploaded })
@@ -87,27 +87,27 @@ impl GpuImageGradients {
 }
 
 impl GpuGradients {
-    /// Copies the derivatives to the host.
+    /// Copies the gradients to the host.
     pub(super) fn read(&self, context: &Context, gaussians: &Gaussians) -> Result<Gradients<f32>, SplatError> {
         self.check(gaussians)?;
         let mut gradients = Gradients::zero(gaussians);
-        let stored = sh_coefficients(self.sh_degree) as u64;
+        let stored = sh_coefficients(self.sh_degree);
         let mut first = 0;
         for part in &self.parts {
             let count = part.count as usize;
             let bytes = |each: u64| 4 * each * u64::from(part.count);
-            let mut wanted = vec![
+            let mut sources = vec![
                 (&part.means, bytes(3)),
                 (&part.quaternions, bytes(4)),
                 (&part.log_scales, bytes(3)),
                 (&part.opacity_logits, bytes(1)),
-                (&part.sh, bytes(3 * stored)),
+                (&part.sh, bytes(3 * stored as u64)),
                 (&part.means_2d, bytes(2)),
                 (&part.conics, bytes(3)),
             ];
-            wanted.extend(part.scalars.as_ref().map(|scalars| (scalars, bytes(1))));
-            let read = context.read(&wanted)?;
-            let stored = usize::try_from(stored).unwrap_or_default();
+            sources.extend(part.scalars.as_ref().map(|scalars| (scalars, bytes(1))));
+            let read = context.read(&sources)?;
+
             let targets: [(&mut [f32], usize); 8] = [
                 (gradients.means.as_flattened_mut(), 3),
                 (gradients.quaternions.as_flattened_mut(), 4),
@@ -128,22 +128,24 @@ impl GpuGradients {
         }
         let read = context.read(&[(&self.pose_and_background, 48)])?.concat();
         let numbers: Vec<f32> = read.as_chunks().0.iter().map(|word| f32::from_le_bytes(*word)).collect();
-        if let [rx, ry, rz, _, tx, ty, tz, _, red, green, blue, _] = *numbers {
-            gradients.pose = [rx, ry, rz, tx, ty, tz];
-            gradients.background = [red, green, blue];
-        }
+        let [rx, ry, rz, _, tx, ty, tz, _, red, green, blue, _] = *numbers else {
+            unreachable!("48 bytes are twelve f32")
+        };
+        gradients.pose = [rx, ry, rz, tx, ty, tz];
+        gradients.background = [red, green, blue];
         Ok(gradients)
     }
-    /// Whether these are derivatives by such Gaussians.
+
+    /// Checks that these are gradients of such Gaussians.
     fn check(&self, gaussians: &Gaussians) -> Result<(), SplatError> {
         let of = gaussians.parts();
         let counts = |parts: &mut dyn Iterator<Item = &GpuGradientPart>| parts.map(|part| part.count as usize).sum();
         let scalars = of.scalars.as_ref().map_or(0, Vec::len);
         let lengths: [(_, usize, usize); 3] = [
-            ("derivatives by Gaussians", gaussians.len(), counts(&mut self.parts.iter())),
-            ("derivatives by scalars", scalars, counts(&mut self.parts.iter().filter(|part| part.scalars.is_some()))),
+            ("gradients", gaussians.len(), counts(&mut self.parts.iter())),
+            ("gradients of scalars", scalars, counts(&mut self.parts.iter().filter(|part| part.scalars.is_some()))),
             (
-                "derivatives by harmonics, each",
+                "gradients of SH coefficients per Gaussian",
                 sh_coefficients(of.sh_degree),
                 if gaussians.is_empty() { sh_coefficients(of.sh_degree) } else { sh_coefficients(self.sh_degree) },
             ),

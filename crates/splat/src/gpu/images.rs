@@ -5,35 +5,35 @@ use super::context::Context;
 use super::forward::{TILE, Window};
 use crate::{Census, Channels, Rendering, SplatError, View};
 
-/// Images in the device's memory, cut into strips of rows that the adapter can bind.
+/// Images in device memory, split into strips of rows that the adapter can bind.
 #[derive(Clone, Debug)]
 pub struct GpuRendering {
     /// In pixels.
     pub size: ImageSize,
-    /// From the top.
+    /// From top to bottom.
     pub strips: Vec<GpuStrip>,
-    /// What became of each Gaussian.
+    /// Counts of drawn and culled Gaussians.
     pub census: Census,
     pub(super) channels: Channels,
 }
 
-/// Some rows of the picture: four f32 a pixel in each buffer, row by row.
+/// Some rows of the image: four f32 per pixel in each buffer, row-major.
 #[derive(Clone, Debug)]
 pub struct GpuStrip {
-    /// First row of pixels.
+    /// First pixel row.
     pub first_row: u32,
-    /// Rows of pixels.
+    /// Number of pixel rows.
     pub rows: u32,
     /// Red, green, blue over the background, and alpha.
     pub colours: wgpu::Buffer,
-    /// Depth, scalar, median depth and transmittance, where any of them was asked for.
+    /// Depth, scalar, median depth and transmittance, if any of them was requested.
     pub extras: Option<wgpu::Buffer>,
 }
 
-/// Bytes of the widest record of a pixel.
+/// Bytes of the largest per-pixel record.
 const PIXEL_BYTES: u64 = 32;
 
-/// First row and rows of each strip.
+/// First row and number of rows of each strip.
 pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, SplatError> {
     view.check_size()?;
     let row_of_tiles = PIXEL_BYTES * u64::from(TILE) * u64::from(view.size.width);
@@ -49,7 +49,7 @@ pub(super) fn strips(context: &Context, view: &View) -> Result<Vec<[u32; 2]>, Sp
     Ok((0..view.size.height).step_by(rows as usize).map(strip).collect())
 }
 
-/// The tiles of each strip.
+/// The window of tiles of each strip.
 pub(super) fn windows(strips: &[[u32; 2]], view: &View) -> Vec<Window> {
     let columns = [0, view.size.width.div_ceil(TILE)];
     let of = |(strip, [first_row, rows]): (usize, &[u32; 2])| Window {
@@ -67,15 +67,15 @@ impl GpuRendering {
         let bytes = |strip: &GpuStrip| 16 * u64::from(strip.rows) * u64::from(self.size.width);
         let colours: Vec<_> = self.strips.iter().map(|strip| (&strip.colours, bytes(strip))).collect();
         let extras = self.strips.iter().filter_map(|strip| Some((strip.extras.as_ref()?, bytes(strip))));
-        let wanted: Vec<_> = colours.iter().copied().chain(extras).collect();
-        let read = context.read(&wanted)?;
-        let (colours, extras) = read.split_at_checked(colours.len()).unwrap_or_default();
+        let sources: Vec<_> = colours.iter().copied().chain(extras).collect();
+        let read = context.read(&sources)?;
+        let (colours, extras) = read.split_at(colours.len());
         let fours = |strips: &[Vec<u8>]| -> Vec<[f32; 4]> {
             let numbers = strips.iter().flat_map(|bytes| bytes.as_chunks::<16>().0);
             numbers.map(|four| bytemuck::cast(*four)).collect()
         };
         let (colours, extras) = (fours(colours), fours(extras));
-        let of_extras = |wanted: bool, at: fn(&[f32; 4]) -> f32| wanted.then(|| extras.iter().map(at).collect());
+        let of_extras = |requested: bool, at: fn(&[f32; 4]) -> f32| requested.then(|| extras.iter().map(at).collect());
         Ok(Rendering {
             size: self.size,
             rgb: colours.iter().map(|[red, green, blue, _]| [*red, *green, *blue]).collect(),

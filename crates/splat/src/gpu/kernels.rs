@@ -3,7 +3,7 @@ use std::collections::BTreeMap;
 use super::GpuError;
 use super::context::Context;
 
-/// One compute kernel; its source is in `shaders/`.
+/// A compute kernel; its source is in `shaders/`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(super) enum Kernel {
     Project,
@@ -17,9 +17,9 @@ pub(super) enum Kernel {
     Emit,
     Ranges,
     Composite,
-    Seed,
-    Rows,
-    Differentiate,
+    PixelGradients,
+    RowSums,
+    CompositeBackward,
     Gather,
     ColourBackward,
     ProjectBackward,
@@ -46,9 +46,9 @@ impl Kernel {
         Self::Emit,
         Self::Ranges,
         Self::Composite,
-        Self::Seed,
-        Self::Rows,
-        Self::Differentiate,
+        Self::PixelGradients,
+        Self::RowSums,
+        Self::CompositeBackward,
         Self::Gather,
         Self::ColourBackward,
         Self::ProjectBackward,
@@ -69,10 +69,10 @@ impl Kernel {
             Self::TileCount => sources!("view", "tiles", "tile_count"),
             Self::Emit => sources!("view", "tiles", "emit"),
             Self::Ranges => sources!("view", "ranges"),
-            Self::Composite => sources!("view", "falloff", "lists", "composite"),
-            Self::Seed => sources!("view", "seed"),
-            Self::Rows => sources!("view", "rows"),
-            Self::Differentiate => sources!("view", "falloff", "lists", "differentiate"),
+            Self::Composite => sources!("view", "raster", "composite"),
+            Self::PixelGradients => sources!("view", "pixel_gradients"),
+            Self::RowSums => sources!("view", "row_sums"),
+            Self::CompositeBackward => sources!("view", "raster", "composite_backward"),
             Self::Gather => sources!("view", "gather"),
             Self::ColourBackward => sources!("view", "double", "exponent", "harmonics", "colour_backward"),
             Self::ProjectBackward => {
@@ -85,7 +85,7 @@ impl Kernel {
     }
 }
 
-/// Kernels as they were first needed.
+/// Pipelines, compiled on first use.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Pipelines(BTreeMap<Kernel, wgpu::ComputePipeline>);
 
@@ -111,28 +111,28 @@ impl Pipelines {
     }
 }
 
-/// Buffers that are kept from one picture to the next, by what they hold and of which part.
+/// Buffers reused from frame to frame, by content and part.
 #[derive(Debug, Default)]
 pub(super) struct Pool {
     buffers: BTreeMap<(&'static str, usize), Pooled>,
-    /// Pictures begun so far.
-    pictures: u64,
+    /// Number of frames begun.
+    frames: u64,
 }
 
 #[derive(Debug)]
 struct Pooled {
     buffer: wgpu::Buffer,
-    /// The last picture that it was used for.
-    picture: u64,
+    /// The last frame that used it.
+    frame: u64,
 }
 
 impl Pool {
-    /// What was used before may be freed from now on.
-    pub(super) const fn begin_picture(&mut self) {
-        self.pictures += 1;
+    /// Begins a frame: buffers of earlier frames may be freed from now on.
+    pub(super) const fn begin_frame(&mut self) {
+        self.frames += 1;
     }
 
-    /// A buffer of at least this many bytes; what it held is lost where it was too small.
+    /// A buffer of at least this many bytes; its contents are lost if it has to grow.
     pub(super) fn get(
         &mut self,
         context: &Context,
@@ -140,31 +140,31 @@ impl Pool {
         part: usize,
         bytes: u64,
     ) -> Result<wgpu::Buffer, GpuError> {
-        let picture = self.pictures;
+        let frame = self.frames;
         if let Some(kept) = self.buffers.get_mut(&(name, part))
             && kept.buffer.size() >= bytes
         {
-            kept.picture = picture;
+            kept.frame = frame;
             return Ok(kept.buffer.clone());
         }
         self.buffers.remove(&(name, part));
-        // A quarter more, so that scenes of about one size share it.
-        let roomy = (bytes + bytes / 4).min(context.binding_limit);
-        if self.bytes().saturating_add(roomy) > context.memory_limit {
-            self.buffers.retain(|_, kept| kept.picture == picture);
+        // A quarter larger, so that scenes of similar size can share it.
+        let padded = (bytes + bytes / 4).min(context.binding_limit);
+        if self.bytes().saturating_add(padded) > context.memory_limit {
+            self.buffers.retain(|_, kept| kept.frame == frame);
         }
-        let has_room = self.bytes().saturating_add(roomy) <= context.memory_limit;
-        let buffer = context.buffer(name, if has_room && roomy > bytes { roomy } else { bytes })?;
-        self.buffers.insert((name, part), Pooled { buffer: buffer.clone(), picture });
+        let has_room = self.bytes().saturating_add(padded) <= context.memory_limit;
+        let buffer = context.buffer(name, if has_room && padded > bytes { padded } else { bytes })?;
+        self.buffers.insert((name, part), Pooled { buffer: buffer.clone(), frame });
         Ok(buffer)
     }
 
-    /// Bytes of all that is kept.
+    /// Bytes of all pooled buffers.
     pub(super) fn bytes(&self) -> u64 {
         self.buffers.values().map(|kept| kept.buffer.size()).sum()
     }
 
-    /// Frees everything.
+    /// Frees all buffers.
     pub(super) fn clear(&mut self) {
         self.buffers.clear();
     }

@@ -1,22 +1,21 @@
-//! The renderer for graphics processors: compute kernels in WGSL, through wgpu on Vulkan, Metal, DX12 and GL.
+//! The GPU renderer: WGSL compute kernels, through wgpu on Vulkan, Metal, DX12 and GL.
 //!
-//! Every sum has one order, so that a device gives the same bits on every run, however buffers are cut to fit its
-//! limits. The bound on pixels, which this crate's tests hold over every rule and lens, is 1/255 from the reference's
-//! on 99.99 % of them, and 60 dB. [`GpuRenderer::new`] tests a driver on one picture without cut-offs that a rounding
-//! could cross, to 1e-4, and its derivative: that finds one which computes nonsense, and no fault in rules that this
-//! picture does not use.
+//! Every sum has a fixed order, so that a device gives bit-identical results on every run, however buffers are split to
+//! fit its limits. This crate's tests require, for every rule and lens, that 99.99 % of pixels are within 1/255 of the
+//! reference, and a PSNR of 60 dB. [`GpuRenderer::new`] tests a driver on one image without thresholds that rounding
+//! could cross, to 1e-4, and on its gradients: this detects a broken driver, but not errors in rules that the test
+//! image does not use.
 //!
-//! What lies in arrays by Gaussian, as degree-4 harmonics of millions, is cut to fit the device's bindings, and so are
-//! pictures and tile lists. Sixteen bytes of every Gaussian lie in one binding and bound their number: 8 million where
-//! a device binds no more than WebGPU's default of 128 MiB, beyond which [`GpuError::TooLarge`] says so.
+//! Per-Gaussian arrays, such as degree-4 SH coefficients of millions, are split to fit the device's binding limits, and
+//! so are images and tile lists. Sixteen bytes per Gaussian must fit one binding, which limits their number: to 8
+//! million with WebGPU's default of 128 MiB per binding; beyond that, [`GpuError::TooLarge`] is returned.
 //!
-//! Run have Vulkan and OpenGL on Mesa's software drivers. Metal and DX12 are compiled and untested; wgpu prefers
-//! `dxcompiler.dll` where it finds one, and the old compiler beside may refuse the derivative's barriers, which the
-//! self-test turns into an error.
+//! Tested with Vulkan and OpenGL on Mesa's software drivers; Metal and DX12 are compiled but untested. wgpu prefers
+//! `dxcompiler.dll` if it finds one; the older FXC compiler may reject the barriers of the backward pass, which the
+//! self-test reports as an error.
 
 mod adapters;
 mod backward;
-mod contained;
 mod context;
 mod error;
 mod fallback;
@@ -25,10 +24,11 @@ mod gaussians;
 mod gradients;
 mod images;
 mod kernels;
-mod picture;
+mod panics;
 mod probe;
 mod read;
 mod record;
+mod render;
 mod self_test;
 mod sort;
 #[cfg(test)]
@@ -42,48 +42,48 @@ pub use fallback::{Fallback, with_fallback};
 pub use gaussians::{GpuGaussians, GpuPart};
 pub use gradients::{GpuGradientPart, GpuGradients, GpuImageGradients, GpuStripGradients};
 pub use images::{GpuRendering, GpuStrip};
-pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongNumber};
+pub use verdict::{ProbeStage, Verdict, VerdictKey, Watcher, WrongResult};
 
 use std::time::Instant;
 
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Renderer, Rendering, SplatError, Stage, View};
-use contained::contained;
 use context::Context;
 use kernels::{Pipelines, Pool};
-use picture::{Job, check_before_upload, check_memory};
+use panics::catch_panics;
 use record::Recorder;
+use render::{Job, check_memory, check_memory_before_upload};
 
-/// How a device is used; pictures do not depend on it.
+/// Execution options; images do not depend on them.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct GpuOptions {
-    /// Bytes that one picture or derivative may take on the device, its Gaussians and tile lists included; tile lists
-    /// are cut to fit. Buffers that are kept from one picture to the next stay within it too. Not counted: up to 64 MiB
-    /// on their way to the host, and what else the caller keeps there, as other scenes or earlier pictures.
+    /// Limit on the bytes of one forward or backward pass on the device, including Gaussians and tile lists; tile lists
+    /// are split to fit. Buffers kept between passes also stay within it. Not counted: up to 64 MiB of staging buffers,
+    /// and other buffers of the caller, such as other scenes or earlier images.
     pub memory_limit: u64,
-    /// Bytes of the largest buffer, where that is less than the adapter allows.
+    /// Limit on the bytes of a buffer, if smaller than the adapter's.
     pub binding_limit: u64,
-    /// Workgroups along one dimension of a dispatch, where that is less than the adapter allows.
+    /// Limit on the workgroups along one dimension of a dispatch, if smaller than the adapter's.
     pub groups_limit: u32,
-    /// Entries of a tile's list that one dispatch passes over, where that is less than the driver allows.
+    /// Limit on the entries of a tile's list per dispatch, if smaller than the driver's.
     pub entries_limit: u32,
-    /// How many pixels a thread composites.
+    /// Number of pixels per thread.
     pub threads: Threads,
 }
 
-/// How many pixels a thread composites; only the last bits of gradients depend on it.
+/// Number of pixels per thread; only the last bits of gradients depend on it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Threads {
-    /// As suits the adapter.
+    /// Chosen by the kind of adapter.
     #[default]
     Automatic,
-    /// Four pixels each: for graphics processors.
+    /// Four pixels per thread: for GPUs.
     Many,
-    /// Sixteen pixels each: for processors that stand in for one.
+    /// Sixteen pixels per thread: for software adapters.
     Few,
 }
 
 impl Default for GpuOptions {
-    /// 8 GiB, and whatever the adapter allows.
+    /// 8 GiB, and the adapter's own limits.
     fn default() -> Self {
         Self {
             memory_limit: 8 << 30,
@@ -95,7 +95,7 @@ impl Default for GpuOptions {
     }
 }
 
-/// A renderer on one device, which keeps its buffers from one view to the next.
+/// A renderer on one device, which reuses its buffers from view to view.
 #[derive(Debug)]
 pub struct GpuRenderer {
     context: Context,
@@ -106,15 +106,15 @@ pub struct GpuRenderer {
 }
 
 impl GpuRenderer {
-    /// Opens an adapter and tests it, forward and backward, against the reference.
+    /// Opens an adapter and tests its forward and backward pass against the reference.
     ///
     /// # Errors
-    /// [`GpuError`]: no such adapter, one that cannot do what is needed, or does it wrong.
+    /// [`GpuError`] if there is no such adapter, or it lacks a required capability or fails the test.
     pub fn new(choice: &AdapterChoice, options: GpuOptions) -> Result<Self, GpuError> {
         Self::watched(choice, options, &())
     }
 
-    /// The same; `watcher` hears of it, and an adapter whose verdict it remembers is not tested again.
+    /// As [`Self::new`], reporting to `watcher`; an adapter whose verdict it remembers is not tested again.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -133,10 +133,10 @@ impl GpuRenderer {
         if let Some(verdict) = &known {
             verdict.outcome(&name)?;
         }
-        contained(&name, || {
+        catch_panics(&name, || {
             watcher.begins(description, ProbeStage::Opening);
             let context = Context::open(adapter, description, &options)?;
-            let mut renderer = Self::over(context, options)?;
+            let mut renderer = Self::with_context(context, options)?;
             if known.is_none() {
                 let tested = self_test::self_test(&mut renderer, &|stage| watcher.begins(description, stage));
                 if let Some(verdict) = Verdict::of(&tested).filter(|_| options == GpuOptions::default()) {
@@ -149,20 +149,20 @@ impl GpuRenderer {
         })
     }
 
-    /// Renders on a device that somebody else opened, and leaves its error handlers alone: a device that is lost shows
-    /// in what wgpu says of the next command. It is not tested; [`Self::self_test`] does that.
+    /// Renders on a device opened by the caller, without touching its error handlers: a lost device is reported by wgpu
+    /// with the next command. The device is not tested; see [`Self::self_test`].
     ///
     /// # Errors
     /// [`GpuError::Unfit`] for a device with limits below wgpu's defaults for compute.
     pub fn with_device(device: wgpu::Device, queue: wgpu::Queue, options: GpuOptions) -> Result<Self, GpuError> {
         let info = device.adapter_info();
         let name = format!("{} ({:?})", info.name, info.backend);
-        Self::over(Context::with_device(device, queue, name, &options)?, options)
+        Self::with_context(Context::with_device(device, queue, name, &options)?, options)
     }
 
-    fn over(mut context: Context, options: GpuOptions) -> Result<Self, GpuError> {
+    fn with_context(mut context: Context, options: GpuOptions) -> Result<Self, GpuError> {
         let mut pipelines = Pipelines::default();
-        context.allow_turns(probe::turns(&context, &mut pipelines)?);
+        context.limit_iterations(probe::max_iterations(&context, &mut pipelines)?);
         Ok(Self { context, options, pipelines, pool: Pool::default(), stages: Vec::new() })
     }
 
@@ -171,8 +171,8 @@ impl GpuRenderer {
         &self.context.name
     }
 
-    /// The device, for buffers that are shared with it. An error that wgpu finds in other commands than this
-    /// renderer's is returned once, by the renderer's next call, as [`GpuError::Refused`].
+    /// The device, for sharing buffers. An error that wgpu finds in commands other than this renderer's is returned
+    /// once, by the renderer's next call, as [`GpuError::Refused`].
     pub const fn device(&self) -> &wgpu::Device {
         &self.context.device
     }
@@ -182,16 +182,16 @@ impl GpuRenderer {
         &self.context.queue
     }
 
-    /// Tests the device: a picture and its derivative against the reference's.
+    /// Tests the device: compares an image and its gradients with the reference.
     ///
     /// # Errors
-    /// [`GpuError::SelfTest`] for wrong numbers, and whatever the driver fails with.
+    /// [`GpuError::SelfTest`] for wrong results, and any error of the driver.
     pub fn self_test(&mut self) -> Result<(), GpuError> {
         let adapter = self.context.name.clone();
-        contained(&adapter, || self_test::self_test(self, &|_stage| ()))
+        catch_panics(&adapter, || self_test::self_test(self, &|_stage| ()))
     }
 
-    /// Frees the buffers that are kept for the next picture.
+    /// Frees the buffers that are kept for reuse.
     pub fn free_buffers(&mut self) {
         self.pool.clear();
     }
@@ -206,9 +206,9 @@ impl GpuRenderer {
         context.guarded(|| Ok(GpuGaussians::upload(context, &mut Pool::default(), gaussians)?))
     }
 
-    /// Renders Gaussians that are on the device into buffers that stay there. Only the count of pairs of tiles and
-    /// Gaussians comes to the host, and where some tile may have very many, the lengths of the tiles' lists. Stages
-    /// are not timed, as it does not wait for the device.
+    /// Renders Gaussians on the device into buffers that stay there. Only the number of (tile, Gaussian) pairs is read
+    /// back, and the lengths of the tile lists if one may be very long. Stages are not timed, because it does not
+    /// wait for the device.
     ///
     /// # Errors
     /// As [`crate::Renderer::render`].
@@ -219,21 +219,20 @@ impl GpuRenderer {
         options: &RenderOptions,
     ) -> Result<GpuRendering, SplatError> {
         self.stages.clear();
-        self.pool.begin_picture();
+        self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, .. } = self;
         context.guarded(|| {
             let mut recorder = Recorder::new(context, pipelines);
-            let mut make = |_: &mut Pool, name, _, bytes| context.buffer(name, bytes);
+            let mut allocate = |_: &mut Pool, name, _, bytes| context.buffer(name, bytes);
             let job = Job { gaussians, view, options };
-            let rendering = picture::record(&mut recorder, pool, limits, job, &mut make)?;
+            let rendering = render::record(&mut recorder, pool, limits, job, &mut allocate)?;
             recorder.submit();
             Ok(rendering)
         })
     }
 
-    /// Differentiates with respect to Gaussians that are on the device, from gradients that are, into buffers that
-    /// stay there. Gradients that are not finite are not looked for: what they lead to comes out as 0 or the largest
-    /// f32. Stages are not timed.
+    /// Backward pass for Gaussians and image gradients on the device, into buffers that stay there. Non-finite image
+    /// gradients are not detected: the results become 0 or the largest f32. Stages are not timed.
     ///
     /// # Errors
     /// As [`crate::Renderer::backward`].
@@ -245,28 +244,28 @@ impl GpuRenderer {
         images: &GpuImageGradients,
     ) -> Result<GpuGradients, SplatError> {
         self.stages.clear();
-        self.pool.begin_picture();
+        self.pool.begin_frame();
         let Self { context, pool, pipelines, options: limits, .. } = self;
         context.guarded(|| {
             let mut recorder = Recorder::new(context, pipelines);
-            let mut make = |_: &mut Pool, name, _, bytes| context.buffer(name, bytes);
+            let mut allocate = |_: &mut Pool, name, _, bytes| context.buffer(name, bytes);
             let job = Job { gaussians, view, options };
-            let gradients = backward::record(&mut recorder, pool, limits, job, images, &mut make)?;
+            let gradients = backward::record(&mut recorder, pool, limits, job, images, &mut allocate)?;
             recorder.submit();
             Ok(gradients)
         })
     }
 
-    /// Gaussians of the longest part that the adapter can bind.
+    /// Largest number of Gaussians per part that the adapter can bind.
     pub fn part_length(&self, sh_degree: u8) -> usize {
         gaussians::part_length(&self.context, sh_degree)
     }
 
-    /// First row and number of rows of the strips that a picture is cut into.
+    /// First row and number of rows of each strip that an image is split into.
     ///
     /// # Errors
-    /// [`SplatError::View`] for a picture without pixels or with more than 65 535 a side; [`GpuError::TooLarge`] for
-    /// one of which the adapter cannot bind 16 rows.
+    /// [`SplatError::View`] for an empty image or one with more than 65 535 pixels per side; [`GpuError::TooLarge`] if
+    /// the adapter cannot bind 16 of its rows.
     pub fn strips(&self, view: &View) -> Result<Vec<[u32; 2]>, SplatError> {
         images::strips(&self.context, view)
     }
@@ -279,69 +278,17 @@ impl GpuRenderer {
         self.context.guarded(|| Ok(rendering.read(&self.context)?))
     }
 
-    /// Copies gradients to the host, by Gaussians of the number and the arrays that they were made from.
+    /// Copies gradients to the host; `gaussians` must have the size and arrays that they were computed for.
     ///
     /// # Errors
-    /// [`SplatError::Length`] for Gaussians of another number, degree or with scalars that the gradients lack or have
-    /// alone; [`SplatError::Gpu`].
+    /// [`SplatError::Length`] if the Gaussians differ in number or SH degree, or in whether they have scalars;
+    /// [`SplatError::Gpu`].
     pub fn read_gradients(
         &self,
         gradients: &GpuGradients,
         gaussians: &Gaussians,
     ) -> Result<Gradients<f32>, SplatError> {
         self.context.guarded(|| gradients.read(&self.context, gaussians))
-    }
-
-    fn render_from_host(
-        &mut self,
-        gaussians: &Gaussians,
-        view: &View,
-        options: &RenderOptions,
-    ) -> Result<Rendering<f32>, SplatError> {
-        let start = Instant::now();
-        self.stages.clear();
-        self.pool.begin_picture();
-        let Self { context, pool, pipelines, options: limits, .. } = self;
-        let (rendering, timed) = context.guarded(|| {
-            check_before_upload(gaussians, view, limits.memory_limit)?;
-            let resident = GpuGaussians::upload(context, pool, gaussians)?;
-            let mut recorder = Recorder::new(context, pipelines);
-            let mut make = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
-            let job = Job { gaussians: &resident, view, options };
-            let rendering = picture::record(&mut recorder, pool, limits, job, &mut make)?;
-            let timed = recorder.finish()?;
-            Ok::<_, SplatError>((rendering.read(context)?, timed))
-        })?;
-        self.stages = stages(&timed, start.elapsed().as_secs_f64());
-        Ok(rendering)
-    }
-
-    fn backward_from_host(
-        &mut self,
-        gaussians: &Gaussians,
-        view: &View,
-        options: &RenderOptions,
-        images: &ImageGradients<f32>,
-    ) -> Result<Gradients<f32>, SplatError> {
-        let start = Instant::now();
-        images.check(view)?;
-        self.stages.clear();
-        self.pool.begin_picture();
-        let Self { context, pool, pipelines, options: limits, .. } = self;
-        let (gradients, timed) = context.guarded(|| {
-            check_before_upload(gaussians, view, limits.memory_limit)?;
-            let resident = GpuGaussians::upload(context, pool, gaussians)?;
-            view.optics(&options.constants)?;
-            let images = GpuImageGradients::upload(context, pool, view, &images::strips(context, view)?, images)?;
-            let mut recorder = Recorder::new(context, pipelines);
-            let mut make = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
-            let job = Job { gaussians: &resident, view, options };
-            let gradients = backward::record(&mut recorder, pool, limits, job, &images, &mut make)?;
-            let timed = recorder.finish()?;
-            Ok::<_, SplatError>((gradients.read(context, gaussians)?, timed))
-        })?;
-        self.stages = stages(&timed, start.elapsed().as_secs_f64());
-        Ok(gradients)
     }
 }
 
@@ -356,7 +303,22 @@ impl Renderer for GpuRenderer {
         view: &View,
         options: &RenderOptions,
     ) -> Result<Rendering<f32>, SplatError> {
-        self.render_from_host(gaussians, view, options)
+        let start = Instant::now();
+        self.stages.clear();
+        self.pool.begin_frame();
+        let Self { context, pool, pipelines, options: limits, .. } = self;
+        let (rendering, timings) = context.guarded(|| {
+            check_memory_before_upload(gaussians, view, limits.memory_limit)?;
+            let resident = GpuGaussians::upload(context, pool, gaussians)?;
+            let mut recorder = Recorder::new(context, pipelines);
+            let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
+            let job = Job { gaussians: &resident, view, options };
+            let rendering = render::record(&mut recorder, pool, limits, job, &mut allocate)?;
+            let timings = recorder.finish()?;
+            Ok::<_, SplatError>((rendering.read(context)?, timings))
+        })?;
+        self.stages = stages(&timings, start.elapsed().as_secs_f64());
+        Ok(rendering)
     }
 
     fn backward(
@@ -366,7 +328,25 @@ impl Renderer for GpuRenderer {
         options: &RenderOptions,
         images: &ImageGradients<f32>,
     ) -> Result<Gradients<f32>, SplatError> {
-        self.backward_from_host(gaussians, view, options, images)
+        let start = Instant::now();
+        images.check(view)?;
+        self.stages.clear();
+        self.pool.begin_frame();
+        let Self { context, pool, pipelines, options: limits, .. } = self;
+        let (gradients, timings) = context.guarded(|| {
+            check_memory_before_upload(gaussians, view, limits.memory_limit)?;
+            let resident = GpuGaussians::upload(context, pool, gaussians)?;
+            view.optics(&options.constants)?;
+            let images = GpuImageGradients::upload(context, pool, view, &images::strips(context, view)?, images)?;
+            let mut recorder = Recorder::new(context, pipelines);
+            let mut allocate = |pool: &mut Pool, name, part, bytes| pool.get(context, name, part, bytes);
+            let job = Job { gaussians: &resident, view, options };
+            let gradients = backward::record(&mut recorder, pool, limits, job, &images, &mut allocate)?;
+            let timings = recorder.finish()?;
+            Ok::<_, SplatError>((gradients.read(context, gaussians)?, timings))
+        })?;
+        self.stages = stages(&timings, start.elapsed().as_secs_f64());
+        Ok(gradients)
     }
 
     fn stages(&self) -> Vec<Stage> {
@@ -374,10 +354,10 @@ impl Renderer for GpuRenderer {
     }
 }
 
-/// Stages of one name together, in the order of the work; the whole where the device cannot tell.
-fn stages(timed: &[(&'static str, f64)], whole: f64) -> Vec<Stage> {
+/// Sums the stages by name, in order of execution; a single stage `whole` if the device cannot time them.
+fn stages(timings: &[(&'static str, f64)], whole: f64) -> Vec<Stage> {
     let mut stages: Vec<Stage> = Vec::new();
-    for (name, secs) in timed {
+    for (name, secs) in timings {
         match stages.iter_mut().find(|stage| stage.name == *name) {
             Some(stage) => stage.secs += secs,
             None => stages.push(Stage { name, secs: *secs }),

@@ -1,38 +1,39 @@
-//! Software Vulkan ends all loops of a kernel together after some ten thousand turns, and says nothing.
+//! Determines how many loop iterations a driver allows: software Vulkan silently aborts loops after some ten thousand
+//! iterations in total.
 
 use super::GpuError;
-use super::context::{Context, TURNS_OF_AN_ENTRY};
+use super::context::{Context, ITERATIONS_PER_ENTRY};
 use super::kernels::{Kernel, Pipelines};
 use super::record::Recorder;
 
-/// Turns that loops take at most, also where drivers do not count them: a tile's list is passed over 2^16 entries at a
-/// time, which keeps no device busy for the two seconds after which Windows resets it.
-const WANTED: u32 = TURNS_OF_AN_ENTRY << 16;
-/// With fewer, cutting lists would cost more than rendering.
-const LEAST: u32 = TURNS_OF_AN_ENTRY << 6;
+/// Upper limit even for drivers without one: 2^16 entries of a tile's list per dispatch, which stays below the two
+/// seconds after which Windows resets a device.
+const MAX_ITERATIONS: u32 = ITERATIONS_PER_ENTRY << 16;
+/// With fewer, splitting lists would cost more than rendering.
+const MIN_ITERATIONS: u32 = ITERATIONS_PER_ENTRY << 6;
 
-/// Turns that loops may take together.
-pub(super) fn turns(context: &Context, pipelines: &mut Pipelines) -> Result<u32, GpuError> {
+/// Loop iterations that the driver allows.
+pub(super) fn max_iterations(context: &Context, pipelines: &mut Pipelines) -> Result<u32, GpuError> {
     context.guarded(|| {
         let mut recorder = Recorder::new(context, pipelines);
         let result = context.buffer("probe", 8)?;
-        recorder.dispatch(Kernel::Probe, bytemuck::bytes_of(&[WANTED, 0, 0, 0]), &[&result], 1)?;
+        recorder.dispatch(Kernel::Probe, bytemuck::bytes_of(&[MAX_ITERATIONS, 0, 0, 0]), &[&result], 1)?;
         recorder.submit();
         let read = context.read(&[(&result, 8)])?.concat();
         let words: Vec<u32> = read.as_chunks().0.iter().map(|word| u32::from_le_bytes(*word)).collect();
-        usable(&words).map_err(|found| GpuError::Unfit {
+        validated(&words).map_err(|found| GpuError::Unfit {
             adapter: context.name.clone(),
-            what: "turns of a loop",
-            expected: format!("at least {LEAST}"),
+            what: "loop iterations",
+            expected: format!("at least {MIN_ITERATIONS}"),
             found,
         })
     })
 }
 
-/// What the probe's turns and what they led to allow, or what is wrong with them.
-fn usable(words: &[u32]) -> Result<u32, String> {
-    let [made, state] = *words else { return Err("no answer".to_owned()) };
-    if !(LEAST..=WANTED).contains(&made) {
+/// The allowed iterations from the probe's count and final state, or what is wrong with them.
+fn validated(words: &[u32]) -> Result<u32, String> {
+    let [made, state] = *words else { return Err("no result".to_owned()) };
+    if !(MIN_ITERATIONS..=MAX_ITERATIONS).contains(&made) {
         return Err(made.to_string());
     }
     let expected = (0..made).fold(1u32, |state, _| state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
@@ -44,13 +45,19 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_probe_that_failed_allows_nothing() {
-        let after = |turns: u32| (0..turns).fold(1u32, |s, _| s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
-        assert_eq!(usable(&[WANTED, after(WANTED)]), Ok(WANTED));
-        assert_eq!(usable(&[65_535, after(65_535)]), Ok(65_535));
-        for failed in [&[0, 0][..], &[LEAST - 1, after(LEAST - 1)], &[65_535, 0], &[WANTED + 1, after(WANTED + 1)], &[]]
-        {
-            assert!(usable(failed).is_err(), "{failed:?}");
+    fn rejects_a_failed_probe() {
+        let after =
+            |iterations: u32| (0..iterations).fold(1u32, |s, _| s.wrapping_mul(1_664_525).wrapping_add(1_013_904_223));
+        assert_eq!(validated(&[MAX_ITERATIONS, after(MAX_ITERATIONS)]), Ok(MAX_ITERATIONS));
+        assert_eq!(validated(&[65_535, after(65_535)]), Ok(65_535));
+        for failed in [
+            &[0, 0][..],
+            &[MIN_ITERATIONS - 1, after(MIN_ITERATIONS - 1)],
+            &[65_535, 0],
+            &[MAX_ITERATIONS + 1, after(MAX_ITERATIONS + 1)],
+            &[],
+        ] {
+            assert!(validated(failed).is_err(), "{failed:?}");
         }
     }
 }

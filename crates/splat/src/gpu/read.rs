@@ -1,17 +1,17 @@
-//! From the device's memory to the host's.
+//! Reading device memory.
 
 use std::time::Duration;
 
 use super::GpuError;
-use super::contained::contained;
 use super::context::Context;
+use super::panics::catch_panics;
 
-/// Bytes of the largest staging buffer.
-const MOST_STAGED: u64 = 64 << 20;
-/// How long an answer may take once the device is done.
-const ANSWER: Duration = Duration::from_mins(1);
+/// Limit on the bytes of the staging buffer.
+const STAGING_LIMIT: u64 = 64 << 20;
+/// Timeout for mapping once the device is done.
+const MAP_TIMEOUT: Duration = Duration::from_mins(1);
 
-/// A run of bytes of one of the buffers that are read.
+/// A byte range of one of the buffers to read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Piece {
     buffer: usize,
@@ -20,14 +20,14 @@ struct Piece {
 }
 
 impl Context {
-    /// Waits for the device and reads the first bytes of buffers, whole words of them. Together they may be more than
-    /// one buffer can be.
-    pub(super) fn read(&self, wanted: &[(&wgpu::Buffer, u64)]) -> Result<Vec<Vec<u8>>, GpuError> {
-        let most = self.binding_limit.clamp(256, MOST_STAGED);
-        let lengths: Vec<u64> = wanted.iter().map(|(_, bytes)| *bytes).collect();
+    /// Waits for the device and reads the first bytes (whole words) of buffers. Their total may exceed the largest
+    /// buffer.
+    pub(super) fn read(&self, sources: &[(&wgpu::Buffer, u64)]) -> Result<Vec<Vec<u8>>, GpuError> {
+        let most = self.binding_limit.clamp(256, STAGING_LIMIT);
+        let lengths: Vec<u64> = sources.iter().map(|(_, bytes)| *bytes).collect();
         let loads = loads(&lengths, most);
         let mut read: Vec<Vec<u8>> =
-            lengths.iter().map(|bytes| Vec::with_capacity(usize::try_from(*bytes).unwrap_or_default())).collect();
+            lengths.iter().map(|bytes| Vec::with_capacity(usize::try_from(*bytes).unwrap_or(0))).collect();
         let Some(largest) = loads.iter().map(|load| load.iter().map(|piece| piece.bytes).sum()).max() else {
             return Ok(read);
         };
@@ -38,47 +38,45 @@ impl Context {
             mapped_at_creation: false,
         });
         for load in loads {
-            self.read_load(wanted, &load, &staging, &mut read)?;
+            self.read_load(sources, &load, &staging, &mut read)?;
         }
         Ok(read)
     }
 
     fn read_load(
         &self,
-        wanted: &[(&wgpu::Buffer, u64)],
+        sources: &[(&wgpu::Buffer, u64)],
         load: &[Piece],
         staging: &wgpu::Buffer,
         read: &mut [Vec<u8>],
     ) -> Result<(), GpuError> {
-        let fault = |reason: String| GpuError::Device { adapter: self.name.clone(), reason };
+        let failed = |reason: String| GpuError::Device { adapter: self.name.clone(), reason };
         let mut encoder = self.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let mut at = 0;
         for Piece { buffer, from, bytes } in load {
-            if let Some((source, _)) = wanted.get(*buffer) {
-                encoder.copy_buffer_to_buffer(source, *from, staging, at, *bytes);
-            }
+            encoder.copy_buffer_to_buffer(sources[*buffer].0, *from, staging, at, *bytes);
             at += bytes;
         }
         self.queue.submit([encoder.finish()]);
         let (sender, receiver) = std::sync::mpsc::channel();
         staging.map_async(wgpu::MapMode::Read, ..at, move |outcome| {
-            // Nobody listens any more where waiting failed.
+            // The receiver is gone if waiting failed.
             sender.send(outcome).ok();
         });
-        contained(&self.name, || {
-            self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| fault(error.to_string()))
+        catch_panics(&self.name, || {
+            self.device.poll(wgpu::PollType::wait_indefinitely()).map_err(|error| failed(error.to_string()))
         })?;
-        // Another thread that waits for the same device may be the one that gives the answer.
+        // Another thread waiting for the same device may run the callback.
         let outcome =
-            receiver.recv_timeout(ANSWER).map_err(|error| fault(format!("no answer when mapping: {error}")))?;
-        outcome.map_err(|error| fault(error.to_string()))?;
+            receiver.recv_timeout(MAP_TIMEOUT).map_err(|error| failed(format!("no reply to mapping: {error}")))?;
+        outcome.map_err(|error| failed(error.to_string()))?;
         {
-            let view = staging.get_mapped_range(..at).map_err(|error| fault(error.to_string()))?;
+            let view = staging.get_mapped_range(..at).map_err(|error| failed(error.to_string()))?;
             let mut rest: &[u8] = &view;
             for Piece { buffer, bytes, .. } in load {
-                let length = usize::try_from(*bytes).map_err(|error| fault(error.to_string()))?;
-                let (own, after) = rest.split_at_checked(length).unwrap_or((rest, &[]));
-                read.get_mut(*buffer).into_iter().for_each(|whole| whole.extend_from_slice(own));
+                let length = usize::try_from(*bytes).map_err(|error| failed(error.to_string()))?;
+                let (own, after) = rest.split_at(length);
+                read[*buffer].extend_from_slice(own);
                 rest = after;
             }
         }
@@ -87,7 +85,7 @@ impl Context {
     }
 }
 
-/// Cuts buffers of so many bytes into loads of at most `most`, one after the other.
+/// Splits buffers of these lengths into consecutive loads of at most `most` bytes.
 fn loads(lengths: &[u64], most: u64) -> Vec<Vec<Piece>> {
     let (mut loads, mut load, mut room) = (Vec::new(), Vec::new(), most);
     for (buffer, length) in lengths.iter().enumerate() {
@@ -113,7 +111,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn loads_are_full_and_leave_nothing_out() {
+    fn loads_are_full_and_complete() {
         let piece = |buffer, from, bytes| Piece { buffer, from, bytes };
         assert_eq!(loads(&[], 256), Vec::<Vec<Piece>>::new());
         assert_eq!(loads(&[0, 0], 256), Vec::<Vec<Piece>>::new());

@@ -2,14 +2,14 @@ use super::GpuError;
 use super::context::Context;
 use super::kernels::{Kernel, Pipelines};
 
-/// Bytes of the uniform blocks of one submission.
+/// Bytes of the uniform buffer of one submission.
 const UNIFORM_BYTES: usize = 64 << 10;
-/// What every adapter accepts as the offset of a block.
+/// Offset alignment that every adapter accepts.
 const UNIFORM_STEP: usize = 256;
-/// Runs of stages that are timed: two marks each, as many as wgpu has in one set.
-const MOST_RUNS: u32 = 2048;
+/// Timed runs of stages: two timestamps each, up to wgpu's limit per query set.
+const MAX_RUNS: u32 = 2048;
 
-/// Commands on their way to the device: dispatches within named stages.
+/// Records commands for the device: dispatches within named stages.
 #[derive(Debug)]
 pub(super) struct Recorder<'a> {
     context: &'a Context,
@@ -20,9 +20,9 @@ pub(super) struct Recorder<'a> {
     uniform_buffer: wgpu::Buffer,
     clock: Option<wgpu::QuerySet>,
     stage: Option<&'static str>,
-    /// The stage of each run that is timed.
+    /// The stage of each timed run.
     timed: Vec<&'static str>,
-    /// Whether a run was not timed.
+    /// Whether some run was not timed.
     is_incomplete: bool,
 }
 
@@ -32,7 +32,7 @@ impl<'a> Recorder<'a> {
             context.device.create_query_set(&wgpu::QuerySetDescriptor {
                 label: None,
                 ty: wgpu::QueryType::Timestamp,
-                count: 2 * MOST_RUNS,
+                count: 2 * MAX_RUNS,
             })
         });
         Self {
@@ -53,18 +53,18 @@ impl<'a> Recorder<'a> {
         self.context
     }
 
-    /// What follows belongs to a stage of this name.
+    /// Begins a stage.
     pub(super) fn stage(&mut self, name: &'static str) {
         self.pass = None;
         self.stage = Some(name);
     }
 
-    /// The pass that is under way, or a new one: a stage is cut by what is not a dispatch.
+    /// The current compute pass, or a new one; commands other than dispatches end a pass.
     fn pass(&mut self) -> &mut wgpu::ComputePass<'static> {
         let Self { encoder, stage, clock, timed, is_incomplete, .. } = self;
         self.pass.get_or_insert_with(|| {
-            let at = u32::try_from(timed.len()).unwrap_or(MOST_RUNS);
-            let clock = clock.as_ref().filter(|_| at < MOST_RUNS);
+            let at = u32::try_from(timed.len()).unwrap_or(MAX_RUNS);
+            let clock = clock.as_ref().filter(|_| at < MAX_RUNS);
             match (&clock, *stage) {
                 (Some(_), Some(name)) => timed.push(name),
                 _ => *is_incomplete = true,
@@ -81,7 +81,7 @@ impl<'a> Recorder<'a> {
         })
     }
 
-    /// One kernel over so many groups: its uniform block, then its buffers from binding 1 on.
+    /// Dispatches a kernel over workgroups, with its uniform block at binding 0 and its buffers from binding 1 on.
     pub(super) fn dispatch(
         &mut self,
         kernel: Kernel,
@@ -128,7 +128,7 @@ impl<'a> Recorder<'a> {
         self.encoder.copy_buffer_to_buffer(from.0, from.1, to.0, to.1, bytes);
     }
 
-    /// Hands everything so far to the device.
+    /// Submits all commands so far.
     pub(super) fn submit(&mut self) {
         self.pass = None;
         let encoder = std::mem::replace(&mut self.encoder, encoder(self.context));
@@ -139,14 +139,14 @@ impl<'a> Recorder<'a> {
         self.context.queue.submit([encoder.finish()]);
     }
 
-    /// Submits, and says how long each run of a stage took, where the device can tell of all of them. Waits for it.
+    /// Submits, and returns the time of each stage's runs if the device could time them all. Waits for the device.
     pub(super) fn finish(mut self) -> Result<Vec<(&'static str, f64)>, GpuError> {
         self.pass = None;
         let (Some(clock), false) = (self.clock.take(), self.timed.is_empty() || self.is_incomplete) else {
             self.submit();
             return Ok(Vec::new());
         };
-        let marks = u32::try_from(2 * self.timed.len()).unwrap_or(2 * MOST_RUNS);
+        let marks = u32::try_from(2 * self.timed.len()).unwrap_or(2 * MAX_RUNS);
         let bytes = 8 * u64::from(marks);
         let resolved = self.context.device.create_buffer(&wgpu::BufferDescriptor {
             label: Some("timestamps"),
@@ -163,13 +163,13 @@ impl<'a> Recorder<'a> {
         Ok(self.timed.iter().copied().zip(lengths).collect())
     }
 
-    /// All that can be bound of a buffer; those of others may be longer, or end within a word.
+    /// Binds as much of a buffer as possible; buffers of the caller may be too long, or end within a word.
     fn bound<'b>(&self, buffer: &'b wgpu::Buffer) -> wgpu::BindingResource<'b> {
         let size = buffer.size().min(self.context.binding_limit.max(256)) & !3;
         wgpu::BindingResource::Buffer(wgpu::BufferBinding { buffer, offset: 0, size: wgpu::BufferSize::new(size) })
     }
 
-    /// Where a uniform block lies; a submission is cut where they no longer fit one buffer.
+    /// Stores a uniform block and returns its offset; submits first if the buffer is full.
     fn place_uniform(&mut self, uniform: &[u8]) -> usize {
         if self.uniforms.len().next_multiple_of(UNIFORM_STEP) + uniform.len() > UNIFORM_BYTES {
             self.submit();
@@ -194,7 +194,7 @@ fn uniform_buffer(context: &Context) -> wgpu::Buffer {
     })
 }
 
-/// Groups across and down; kernels return at once from those in excess.
+/// Grid of at least `groups` workgroups; kernels return early from excess ones.
 fn grid(groups: u64, context: &Context) -> Result<[u32; 2], GpuError> {
     let limit = u64::from(context.groups_limit);
     let across = if groups < limit { groups } else { limit };

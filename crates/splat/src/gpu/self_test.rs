@@ -1,4 +1,4 @@
-//! A small scene with a known answer, so that a driver which computes nonsense is found before it draws anything.
+//! Self-test: renders a small scene and compares it with the reference, to detect broken drivers before use.
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
@@ -6,18 +6,18 @@ use glam::{DMat3, DVec3};
 use super::{GpuError, GpuRenderer, ProbeStage};
 use crate::renderer::saturated;
 use crate::{
-    Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, RendererConstants, Rendering, SplatError, View,
-    reference,
+    Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer as _, RendererConstants, Rendering,
+    SplatError, View, reference,
 };
 
-/// Largest difference of a pixel, of images whose values are about one.
+/// Largest allowed difference of a pixel, in images with values of order one.
 const PIXEL_BOUND: f64 = 1e-4;
-/// Largest difference of a derivative, relative to the largest of its kind.
+/// Largest allowed difference of a gradient, relative to the largest of its field.
 const GRADIENT_BOUND: f64 = 1e-3;
-/// More than one block of every kernel's work.
+/// More than one block of work for every kernel.
 const COUNT: u16 = 2100;
 
-/// What decides a verdict beside the kernels: this file, and the work that is handed to them.
+/// Sources other than kernels that determine a verdict: this file, and the code that drives the kernels.
 pub(super) const SOURCES: [&str; 4] = [
     include_str!("self_test.rs"),
     include_str!("forward.rs"),
@@ -25,37 +25,37 @@ pub(super) const SOURCES: [&str; 4] = [
     include_str!("uniforms.rs"),
 ];
 
-/// Compares a picture and its derivative with the reference's.
+/// Compares an image and its gradients with the reference.
 pub(super) fn self_test(renderer: &mut GpuRenderer, begins: &dyn Fn(ProbeStage)) -> Result<(), GpuError> {
     let adapter = renderer.context.name.clone();
-    let unfit = |error: SplatError| match error {
+    let into_gpu_error = |error: SplatError| match error {
         SplatError::Gpu(error) => error,
         other => GpuError::Refused { adapter: adapter.clone(), reason: other.to_string() },
     };
-    let Case { gaussians, view, options, images } = Case::new().map_err(unfit)?;
+    let Case { gaussians, view, options, images } = Case::new().map_err(into_gpu_error)?;
     begins(ProbeStage::Picture);
-    let expected = reference::render(&gaussians, &view, &options).map_err(unfit)?;
-    let actual = renderer.render_from_host(&gaussians, &view, &options).map_err(unfit)?;
-    let found = |what: &str, difference: f64, bound: f64| {
+    let expected = reference::render(&gaussians, &view, &options).map_err(into_gpu_error)?;
+    let actual = renderer.render(&gaussians, &view, &options).map_err(into_gpu_error)?;
+    let check = |what: &str, difference: f64, bound: f64| {
         let (adapter, what) = (adapter.clone(), what.to_owned());
-        // NaN fails.
+        // Fails for NaN.
         if difference <= bound { Ok(()) } else { Err(GpuError::SelfTest { adapter, what, difference, bound }) }
     };
     let counts =
         [actual.census, expected.census].map(|c| [c.drawn, c.invalid, c.outside_depth, c.faint, c.outside_picture]);
     let miscounted = counts[0].iter().zip(counts[1]).map(|(a, b)| a.abs_diff(b)).sum::<u64>();
-    found("census", miscounted as f64, 0.0)?;
+    check("census", miscounted as f64, 0.0)?;
     for ((what, actual), (_, expected)) in images_of(actual.map(f64::from)).iter().zip(images_of(expected)) {
-        found(what, largest(actual, &expected), PIXEL_BOUND)?;
+        check(what, max_difference(actual, &expected), PIXEL_BOUND)?;
     }
     begins(ProbeStage::Derivative);
-    let expected = reference::backward(&gaussians, &view, &options, &images).map_err(unfit)?;
-    let actual = renderer.backward_from_host(&gaussians, &view, &options, &images.map(saturated)).map_err(unfit)?;
+    let expected = reference::backward(&gaussians, &view, &options, &images).map_err(into_gpu_error)?;
+    let actual = renderer.backward(&gaussians, &view, &options, &images.map(saturated)).map_err(into_gpu_error)?;
     let actual = actual.map(f64::from);
     for ((field, actual), (_, expected)) in actual.fields().into_iter().zip(expected.fields()) {
         let zeros = vec![0.0; expected.len()];
-        let apart = largest(actual, expected) / largest(expected, &zeros);
-        found(&format!("gradient of {field}"), apart, GRADIENT_BOUND)?;
+        let relative = max_difference(actual, expected) / max_difference(expected, &zeros);
+        check(&format!("gradient of {field}"), relative, GRADIENT_BOUND)?;
     }
     Ok(())
 }
@@ -68,7 +68,7 @@ struct Case {
 }
 
 impl Case {
-    /// Soft Gaussians of which a pixel shows many, and no cut-off that a rounding could cross.
+    /// Soft, overlapping Gaussians, without thresholds that rounding could cross.
     fn new() -> Result<Self, SplatError> {
         let wave = |n: u16, step: f32, phase: f32| (f32::from(n) * step + phase).sin();
         let mut parts = GaussianParts { sh_degree: 1, scalars: Some(Vec::new()), ..GaussianParts::default() };
@@ -92,12 +92,13 @@ impl Case {
             channels: Channels { depth: true, scalar: true, median_depth: false },
             ..RenderOptions::default()
         };
-        let ripple = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
+        let wave_image =
+            |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
         let images = ImageGradients {
-            rgb: ripple(0.0).into_iter().map(|value| [value, 0.5 - value, value * value]).collect(),
-            alpha: Some(ripple(1.0)),
-            depth: Some(ripple(2.0)),
-            scalar: Some(ripple(3.0)),
+            rgb: wave_image(0.0).into_iter().map(|value| [value, 0.5 - value, value * value]).collect(),
+            alpha: Some(wave_image(1.0)),
+            depth: Some(wave_image(2.0)),
+            scalar: Some(wave_image(3.0)),
         };
         Ok(Self { gaussians: Gaussians::new(parts)?, view, options, images })
     }
@@ -112,11 +113,11 @@ fn images_of(rendering: Rendering<f64>) -> Vec<(&'static str, Vec<f64>)> {
     ]
 }
 
-/// The largest difference; NaN where there is one, infinite where the lengths differ.
-fn largest(actual: &[f64], expected: &[f64]) -> f64 {
+/// The largest difference; NaN if any is NaN, infinite if the lengths differ.
+fn max_difference(actual: &[f64], expected: &[f64]) -> f64 {
     if actual.len() != expected.len() {
         return f64::INFINITY;
     }
-    let apart = actual.iter().zip(expected).map(|(a, b)| (a - b).abs());
-    apart.fold(0.0, atsplat_numeric::Extremes::maximum_of)
+    let differences = actual.iter().zip(expected).map(|(a, b)| (a - b).abs());
+    differences.fold(0.0, atsplat_numeric::Extremes::maximum_of)
 }

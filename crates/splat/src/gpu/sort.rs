@@ -4,14 +4,14 @@ use super::GpuError;
 use super::kernels::{Kernel, Pool};
 use super::record::Recorder;
 
-/// Numbers that one workgroup sums up.
+/// Numbers summed by one workgroup.
 const BLOCK: u64 = 2048;
-/// Keys that one thread counts and moves.
+/// Keys per thread.
 const RUN: u64 = 32;
 const DIGIT_BITS: u32 = 4;
 const THREADS: u64 = 64;
 
-/// Replaces each of the first `count` numbers by the sum of those before it; sums beyond u32 stay at its largest.
+/// Exclusive prefix sum of the first `count` numbers, saturating at the largest u32.
 pub(super) fn scan(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
@@ -39,14 +39,14 @@ fn scan_level(
     recorder.dispatch(Kernel::ScanApply, &uniform, &[&sums, numbers], blocks)
 }
 
-/// Keys, and what they stand for, in the order of the keys.
+/// Keys and their values.
 pub(super) struct Sorted {
     pub(super) keys: wgpu::Buffer,
     pub(super) values: wgpu::Buffer,
 }
 
-/// Sorts by the lowest `bits` of the keys; equal ones keep their order. Reads from `keys` and `values`, which it may
-/// overwrite, and from their `spare` fellows.
+/// Stable radix sort by the lowest `bits` of the keys. Overwrites `pairs` and `spare`; returns the one that holds the
+/// result.
 pub(super) fn sort(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
@@ -70,7 +70,7 @@ pub(super) fn sort(
     Ok(from)
 }
 
-/// A uniform block of four words; what is too large for one counts as all there are and is refused elsewhere.
+/// A uniform block of four words; too large values saturate, and are rejected elsewhere.
 pub(super) fn words(values: &[u64; 4]) -> Vec<u8> {
     values.iter().flat_map(|value| u32::try_from(*value).unwrap_or(u32::MAX).to_le_bytes()).collect()
 }
@@ -86,7 +86,7 @@ mod tests {
     use crate::gpu::kernels::Pipelines;
     use crate::gpu::{GpuError, GpuOptions};
 
-    /// `None` where there is no adapter at all and none is required.
+    /// `None` if there is no adapter and none is required.
     fn context() -> Option<Context> {
         match choose(&AdapterChoice::Automatic) {
             Ok((adapter, description)) => Some(Context::open(&adapter, &description, &GpuOptions::default()).unwrap()),
@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn sorts_as_a_stable_sort_does() {
+    fn sorts_stably() {
         let Some(context) = context() else { return };
         let mut pipelines = Pipelines::default();
         let key = prop_oneof![any::<u32>(), 0u32..4, Just(u32::MAX)];
@@ -142,9 +142,9 @@ mod tests {
         }
     }
 
-    /// Three levels of blocks; and sums beyond u32 that stay there.
+    /// Up to three levels of blocks, and saturating sums.
     #[test]
-    fn scans_as_a_running_sum_does() {
+    fn prefix_sums_saturate() {
         let Some(context) = context() else { return };
         let mut pipelines = Pipelines::default();
         for (count, step) in [(1u32, 3), (2048, 1), (2049, 7), (70_000, 5), (4_200_000, 1), (9000, 1_000_000)] {

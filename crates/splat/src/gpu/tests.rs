@@ -1,4 +1,4 @@
-//! What only shows from within: limits that drivers set, and what is kept.
+//! Tests of internals: limits of drivers, and pooled buffers.
 
 use atsplat_tests::{skip, skip_without_graphics};
 
@@ -8,7 +8,7 @@ use super::record::Recorder;
 use super::{AdapterChoice, GpuError, GpuOptions, GpuRenderer, adapters};
 use crate::{GaussianParts, Gaussians, ImageGradients, RenderOptions, Renderer, View};
 
-/// `None` where there is no adapter at all and none is required.
+/// `None` if there is no adapter and none is required.
 fn opened<T>(opened: Result<T, GpuError>) -> Option<T> {
     match opened {
         Ok(opened) => Some(opened),
@@ -43,10 +43,9 @@ fn scene() -> (Gaussians, View) {
     (Gaussians::new(parts).unwrap(), View { camera, size: atsplat_camera::ImageSize { width: 90, height: 70 } })
 }
 
-/// Windows of few tiles, rows of pixels summed up in parts, as pictures of many tiles and wide ones need on drivers
-/// that end loops early.
+/// Windows of few tiles and partial row sums, as large images need on drivers that limit loop iterations.
 #[test]
-fn fewer_turns_give_the_same_bits() {
+fn limiting_iterations_does_not_change_results() {
     let Some(mut gpu) = opened(GpuRenderer::new(&AdapterChoice::Automatic, GpuOptions::default())) else { return };
     let ((gaussians, view), options) = (scene(), RenderOptions::default());
     let images = ImageGradients {
@@ -55,36 +54,36 @@ fn fewer_turns_give_the_same_bits() {
         depth: None,
         scalar: None,
     };
-    let picture = gpu.render(&gaussians, &view, &options).unwrap();
+    let rendering = gpu.render(&gaussians, &view, &options).unwrap();
     let gradients = gpu.backward(&gaussians, &view, &options, &images).unwrap();
-    for turns in [14, 2, 1] {
-        (gpu.context.tiles_at_once, gpu.context.columns_at_once) = (u64::from(turns), turns);
-        assert!(gpu.render(&gaussians, &view, &options).unwrap() == picture, "{turns}");
-        assert!(gpu.backward(&gaussians, &view, &options, &images).unwrap() == gradients, "{turns}");
+    for iterations in [14, 2, 1] {
+        (gpu.context.tiles_per_window, gpu.context.columns_per_dispatch) = (u64::from(iterations), iterations);
+        assert!(gpu.render(&gaussians, &view, &options).unwrap() == rendering, "{iterations}");
+        assert!(gpu.backward(&gaussians, &view, &options, &images).unwrap() == gradients, "{iterations}");
     }
 }
 
 #[test]
-fn a_pool_keeps_within_the_limit() {
+fn a_pool_stays_within_the_limit() {
     let Some(context) = context(&GpuOptions { memory_limit: 10_000, ..GpuOptions::default() }) else { return };
     let mut pool = Pool::default();
     let size = |pool: &mut Pool, name, bytes| pool.get(&context, name, 0, bytes).unwrap().size();
     assert_eq!(size(&mut pool, "a", 4096), 5120);
     assert_eq!((size(&mut pool, "a", 5000), pool.bytes()), (5120, 5120), "kept");
-    // No room for a quarter more.
+    // Padding does not fit.
     assert_eq!((size(&mut pool, "b", 4096), pool.bytes()), (4096, 9216));
-    pool.begin_picture();
+    pool.begin_frame();
     assert_eq!((size(&mut pool, "b", 4096), pool.bytes()), (4096, 9216));
-    // `a` is not used for this picture.
+    // `a` is not used in this frame.
     assert_eq!((size(&mut pool, "c", 2048), pool.bytes()), (2560, 6656));
 }
 
-/// A stage goes on behind what is submitted or copied in between; where some of it cannot be timed, nothing is said.
+/// A stage continues after a submission or copy; if some of it cannot be timed, no times are returned.
 #[test]
-fn all_of_a_stage_is_timed() {
+fn stages_are_timed_completely_or_not_at_all() {
     let Some(context) = context(&GpuOptions::default()) else { return };
     if !context.timestamps {
-        skip("all_of_a_stage_is_timed", "this adapter cannot time");
+        skip("stages_are_timed_completely_or_not_at_all", "this adapter has no timestamps");
         return;
     }
     let mut pipelines = Pipelines::default();

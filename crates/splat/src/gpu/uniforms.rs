@@ -2,7 +2,7 @@ use bytemuck::{Pod, Zeroable};
 use glam::DVec2;
 
 use crate::constants::{ClampedGradient, Extent, ShAxes};
-use crate::cpu::narrowed;
+use crate::cpu::to_f32;
 use crate::view::Optics;
 use crate::{Exposure, RasterMode, RenderOptions, View};
 
@@ -24,7 +24,7 @@ pub(super) struct ViewBlock {
     exposure: [[f32; 4]; 3],
     lens: [f32; 4],
     lens_more: [f32; 4],
-    picture: [u32; 4],
+    image: [u32; 4],
     pub(super) part: [u32; 4],
     pub(super) tiles: [u32; 4],
     pub(super) window: [u32; 4],
@@ -44,12 +44,12 @@ pub(super) mod flag {
     pub(crate) const SCALAR_STOPS: u32 = 512;
     pub(crate) const DIRECTIONS_STOP: u32 = 1024;
     pub(crate) const EXTRAS: u32 = 2048;
-    pub(crate) const SLOTS: u32 = 4096;
+    pub(crate) const HAS_OWNERS: u32 = 4096;
     pub(crate) const EXTRA_GRADIENTS: u32 = 8192;
-    pub(crate) const EXPOSES: u32 = 16384;
-    pub(crate) const WAS_EXPOSED: u32 = 32768;
-    pub(crate) const GOES_ON: u32 = 65536;
-    pub(crate) const STOPS_HERE: u32 = 131_072;
+    pub(crate) const APPLY_EXPOSURE: u32 = 16384;
+    pub(crate) const EXPOSED_LOSS: u32 = 32768;
+    pub(crate) const RESUMES: u32 = 65536;
+    pub(crate) const PAUSES: u32 = 131_072;
 }
 
 impl ViewBlock {
@@ -66,7 +66,7 @@ impl ViewBlock {
         };
         let [least, greatest] = optics.jacobian_range.map(|slope| slope.to_array().map(bounded));
         let (lens, lens_more, lens_flag) = lens(view, optics);
-        let [red, green, blue] = options.background.map(narrowed);
+        let [red, green, blue] = options.background.map(to_f32);
         let flags = [
             (constants.near_is_culled, flag::NEAR_IS_CULLED),
             (options.mode == RasterMode::Antialiased, flag::ANTIALIASED),
@@ -97,7 +97,7 @@ impl ViewBlock {
             exposure: exposure(options.exposure.unwrap_or(Exposure::IDENTITY)),
             lens,
             lens_more,
-            picture: [view.size.width, view.size.height, flags, 0],
+            image: [view.size.width, view.size.height, flags, 0],
             part: [0; 4],
             tiles: [0; 4],
             window: [0; 4],
@@ -106,13 +106,13 @@ impl ViewBlock {
 
     pub(super) const fn with_flag(mut self, flag: u32, on: bool) -> Self {
         if on {
-            self.picture[2] |= flag;
+            self.image[2] |= flag;
         }
         self
     }
 
-    pub(super) const fn picture_flags(&self) -> u32 {
-        self.picture[2]
+    pub(super) const fn flags(&self) -> u32 {
+        self.image[2]
     }
 
     pub(super) fn bytes(&self) -> &[u8] {
@@ -133,7 +133,7 @@ fn lens(view: &View, optics: &Optics) -> ([f32; 4], [f32; 4], u32) {
     }
 }
 
-/// Rows of the matrix, the offset last.
+/// Rows of the matrix, followed by the offset.
 fn exposure(exposure: Exposure) -> [[f32; 4]; 3] {
     let [rows, offset] = [exposure.matrix, [exposure.offset; 3]];
     std::array::from_fn(|at| {
@@ -142,13 +142,13 @@ fn exposure(exposure: Exposure) -> [[f32; 4]; 3] {
     })
 }
 
-/// The nearest f32 and what it leaves.
+/// Splits into the nearest f32 and the remainder.
 fn split(value: f64) -> [f32; 2] {
     let high = bounded(value);
     [high, bounded(value - f64::from(high))]
 }
 
-/// The nearest f32 that is finite and leaves room to calculate.
+/// The nearest f32 of at most 3e38 in magnitude, to leave headroom.
 fn bounded(value: f64) -> f32 {
-    narrowed(value.clamp(-3e38, 3e38))
+    to_f32(value.clamp(-3e38, 3e38))
 }

@@ -4,32 +4,32 @@ use super::adapters::AdapterDescription;
 use super::kernels::Kernel;
 use super::{GpuError, self_test};
 
-/// What the verdict of a self-test is about: it stands until the adapter, its driver, the kernels or the test change.
+/// Key of a self-test's verdict, which is valid until the adapter, its driver, the kernels or the test change.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct VerdictKey {
-    /// As its driver calls it.
+    /// Name reported by the driver.
     pub adapter: String,
-    /// As `Vulkan` or `Gl`.
+    /// Such as `Vulkan` or `Gl`.
     pub backend: String,
     /// Name and version of the driver.
     pub driver: String,
-    /// Hash of the kernels and of what is tested.
+    /// Hash of the kernels and the test.
     pub version: String,
 }
 
-/// What a self-test came to.
+/// Result of a self-test.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Verdict {
-    /// What is computed wrong; `None` where the picture and its derivative are right.
-    pub fault: Option<WrongNumber>,
+    /// The wrong result, if any.
+    pub fault: Option<WrongResult>,
 }
 
-/// A number beyond its bound.
+/// A result that exceeds its error bound.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-pub struct WrongNumber {
+pub struct WrongResult {
     /// The image or gradient.
     pub what: String,
     /// Largest difference found; `None` for NaN.
@@ -38,36 +38,37 @@ pub struct WrongNumber {
     pub bound: f64,
 }
 
-/// What is done to an adapter; each may take minutes where a driver compiles kernels slowly.
+/// Stage of examining an adapter; each may take minutes if a driver compiles kernels slowly.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ProbeStage {
-    /// The device is opened and its loops are counted.
+    /// The device is opened and its loop limit is probed.
     Opening,
-    /// A picture is rendered and compared.
+    /// An image is rendered and compared.
     Picture,
-    /// Its derivative is computed and compared.
+    /// Its gradients are computed and compared.
     Derivative,
 }
 
-/// Hears what is done to adapters, and may remember what came of it.
+/// Observes the examination of adapters, and may remember the verdicts.
 pub trait Watcher {
     /// A stage begins.
     fn begins(&self, _adapter: &AdapterDescription, _stage: ProbeStage) {}
 
-    /// The verdict of an earlier test, which is then not repeated.
+    /// The verdict of an earlier test, which then is not repeated.
     fn recall(&self, _key: &VerdictKey) -> Option<Verdict> {
         None
     }
 
-    /// A test was passed, or failed for good. What may be otherwise next time, as a lost device, is not kept.
+    /// A test passed, or failed deterministically. Results that may differ next time, such as a lost device, are not
+    /// kept.
     fn keep(&self, _key: &VerdictKey, _verdict: &Verdict) {}
 }
 
-/// Hears nothing and remembers nothing.
+/// Ignores everything.
 impl Watcher for () {}
 
 impl VerdictKey {
-    /// Of an adapter as it is now.
+    /// The key of an adapter.
     pub fn of(description: &AdapterDescription) -> Self {
         Self {
             adapter: description.name.clone(),
@@ -79,24 +80,24 @@ impl VerdictKey {
 }
 
 impl Verdict {
-    /// What a test came to; `None` where it may come to something else next time.
+    /// The verdict of a test; `None` if the result may differ next time.
     pub(super) fn of(outcome: &Result<(), GpuError>) -> Option<Self> {
         match outcome {
             Ok(()) => Some(Self { fault: None }),
             Err(GpuError::SelfTest { what, difference, bound, .. }) => {
                 let difference = difference.is_finite().then_some(*difference);
-                Some(Self { fault: Some(WrongNumber { what: what.clone(), difference, bound: *bound }) })
+                Some(Self { fault: Some(WrongResult { what: what.clone(), difference, bound: *bound }) })
             }
             Err(_) => None,
         }
     }
 
-    /// The outcome again.
+    /// Converts the verdict back to a result.
     ///
     /// # Errors
     /// [`GpuError::SelfTest`].
     pub fn outcome(&self, adapter: &str) -> Result<(), GpuError> {
-        let Some(WrongNumber { what, difference, bound }) = &self.fault else { return Ok(()) };
+        let Some(WrongResult { what, difference, bound }) = &self.fault else { return Ok(()) };
         Err(GpuError::SelfTest {
             adapter: adapter.to_owned(),
             what: what.clone(),
@@ -106,7 +107,7 @@ impl Verdict {
     }
 }
 
-/// FNV-1a over the kernels' sources and the test's: no secret, only a sign of change.
+/// FNV-1a over the sources of the kernels and the test, to detect changes.
 fn version() -> String {
     let texts = Kernel::ALL.iter().map(|kernel| kernel.source()).chain(self_test::SOURCES);
     let hash = texts
@@ -120,7 +121,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_certain_is_kept_and_comes_back() {
+    fn only_deterministic_results_become_verdicts() {
         let wrong = |difference: f64| {
             let (adapter, what) = ("a".to_owned(), "depth".to_owned());
             Err(GpuError::SelfTest { adapter, what, difference, bound: 1e-4 })
@@ -135,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn the_version_is_a_function_of_the_sources() {
+    fn the_version_is_deterministic() {
         assert_eq!(version(), version());
         assert_eq!(version().len(), 16);
     }

@@ -1,46 +1,46 @@
 use atsplat_camera::ImageSize;
 
 use super::HardCase;
-use super::scene::{BACKDROP, ONE, One, case, gaussians, sized};
+use super::scene::{BACKDROP, SAMPLE, Sample, case, gaussians, view_of_size};
 
-/// Many in one place, each of its own colour.
-fn coincident(count: usize, logit: f32) -> impl Iterator<Item = One> {
+/// Gaussians at one position, each with its own colour.
+fn coincident(count: usize, logit: f32) -> impl Iterator<Item = Sample> {
     (0..count).map(move |n| {
         let shade = (n % 97) as f32 / 97.0;
-        One { logit, colour: [shade, 1.0 - shade, 0.5 - shade], ..ONE }
+        Sample { logit, colour: [shade, 1.0 - shade, 0.5 - shade], ..SAMPLE }
     })
 }
 
 pub(super) fn cases() -> Vec<HardCase> {
     let batch = |name, count| {
-        let description = "as many as a batch, a tile's list or a byte holds, and one beside it";
-        let case = case(name, description, gaussians(coincident(count, -3.5))).counted([count as u64, 0, 0, 0, 0]);
-        case.with_image_to(5e-6).with_gradient_to(1e-3)
+        let description = "counts around the capacity of a batch or a byte";
+        let case = case(name, description, gaussians(coincident(count, -3.5))).with_census([count as u64, 0, 0, 0, 0]);
+        case.with_image_bound(5e-6).with_gradient_bound(1e-3)
     };
     let ties = (0..300).map(|n| {
         let turn = n as f32;
         let mean = [0.4 * (0.7 * turn).sin(), 0.3 * (1.1 * turn).cos(), 2.0];
-        One { mean, logit: -1.0, colour: [turn.sin(), turn.cos(), 0.2], ..ONE }
+        Sample { mean, logit: -1.0, colour: [turn.sin(), turn.cos(), 0.2], ..SAMPLE }
     });
     let mut depth = 2.0f32;
     let adjacent = std::iter::repeat_with(|| {
         depth = depth.next_down();
-        One { mean: [0.0, 0.0, depth], logit: 0.0, colour: [depth.fract(), (2.0 - depth) * 4e5, 0.1], ..ONE }
+        Sample { mean: [0.0, 0.0, depth], logit: 0.0, colour: [depth.fract(), (2.0 - depth) * 4e5, 0.1], ..SAMPLE }
     });
-    let adjacent: Vec<One> = adjacent.take(12).collect();
-    let crowd = case("ten-thousand", "ten thousand Gaussians in one place", gaussians(coincident(10_000, -4.0)))
-        .counted([10_000, 0, 0, 0, 0])
-        .with_image_to(1e-5)
-        .with_gradient_to(1e-3);
+    let adjacent: Vec<Sample> = adjacent.take(12).collect();
+    let crowd = case("ten-thousand", "ten thousand Gaussians at one position", gaussians(coincident(10_000, -4.0)))
+        .with_census([10_000, 0, 0, 0, 0])
+        .with_image_bound(1e-5)
+        .with_gradient_bound(1e-3);
     let small = ImageSize { width: 5, height: 4 };
     vec![
-        case("nothing", "no Gaussians at all", gaussians([])).counted([0; 5]),
-        crowd.seen(sized(small.width, small.height)),
+        case("nothing", "no Gaussians at all", gaussians([])).with_census([0; 5]),
+        crowd.with_view(view_of_size(small.width, small.height)),
         batch("255-in-one-place", 255),
         batch("256-in-one-place", 256),
         batch("257-in-one-place", 257),
-        case("equal-depths", "three hundred at one depth: their order is the list's", gaussians(ties))
-            .with_image_to(5e-6),
+        case("equal-depths", "three hundred at one depth, composited in list order", gaussians(ties))
+            .with_image_bound(5e-6),
         case("adjacent-depths", "depths one unit in the last place apart, listed from the farthest", {
             gaussians(adjacent.into_iter().chain([BACKDROP]))
         }),

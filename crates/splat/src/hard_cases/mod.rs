@@ -1,6 +1,6 @@
-//! Scenes at which renderers break: each a name, the data, and the error that a renderer may make on it.
+//! Scenes that break renderers: each has a name, its data, and the error bounds that a renderer must meet.
 //!
-//! What is invalid is culled and counted, what is extreme but valid survives. Sources: the issue trackers of
+//! Invalid Gaussians are culled and counted; extreme but valid ones are drawn. Sources: the issue trackers of
 //! gaussian-splatting, diff-gaussian-rasterization, gsplat, brush, fvdb-core, supersplat and others.
 
 mod crowds;
@@ -16,38 +16,39 @@ use crate::{Census, Gaussians, RenderOptions, View};
 /// A scene that is hard to render.
 #[derive(Clone, Debug)]
 pub struct HardCase {
-    /// As in `--case`.
+    /// Name, as in `--case`.
     pub name: &'static str,
-    /// What is hard about it.
+    /// What makes it hard.
     pub description: &'static str,
-    /// What is rendered.
+    /// The scene.
     pub gaussians: Gaussians,
-    /// From where.
+    /// The view.
     pub view: View,
-    /// And how.
+    /// The render options.
     pub options: RenderOptions,
-    /// What has to become of the Gaussians; `None` where a cut-off decides and rounding with it.
+    /// Expected census; `None` if it depends on rounding near a threshold.
     pub census: Option<Census>,
-    /// What a renderer in f32 may get wrong.
+    /// Error bounds for a renderer in f32.
     pub bounds: ErrorBounds,
-    /// Whether derivatives take geometry in f64: a renderer with less has to give finite ones, and no more.
+    /// Whether accurate gradients need geometry in f64; of other renderers only finite gradients are required.
     pub derivatives_need_f64: bool,
 }
 
-/// Errors that a renderer may make, against the reference in f64.
+/// Error bounds of a renderer against the f64 reference.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct ErrorBounds {
-    /// Of a sample of an image, outside the band: as a share of the largest value of that image, at least of 1.
+    /// For a sample of an image, apart from jumps at thresholds: relative to the image's largest magnitude, or to 1 if
+    /// that is larger.
     pub image: f64,
-    /// Of a derivative, as a share of the largest in its field.
+    /// For a gradient, relative to the largest of its field.
     pub gradient: f64,
-    /// Relative error of an opacity: pixels at which that takes one across a cut-off may jump, by as much as then
-    /// follows (see [`crate::reference::jumps`]).
+    /// Relative error of an alpha: pixels where such an error may cross a threshold are allowed to jump accordingly
+    /// (see [`crate::reference::jumps`]).
     pub band: f64,
 }
 
 impl ErrorBounds {
-    /// Larger, or smaller, by a factor: for a renderer that computes more coarsely, or less.
+    /// Scales every bound, for a renderer of lower or higher precision.
     #[must_use]
     pub fn scaled(self, factor: f64) -> Self {
         let Self { image, gradient, band } = self;
@@ -56,7 +57,7 @@ impl ErrorBounds {
 }
 
 impl Default for ErrorBounds {
-    /// What geometry in f64 and pixels in f32 leave.
+    /// The bounds for geometry in f64 and pixels in f32.
     fn default() -> Self {
         Self { image: 1e-6, gradient: 2e-4, band: 1e-4 }
     }

@@ -1,4 +1,4 @@
-//! What the cases are put together from.
+//! Building blocks of the cases.
 
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
@@ -6,9 +6,9 @@ use glam::{DMat3, DVec3};
 use super::{ErrorBounds, HardCase};
 use crate::{Census, Channels, GaussianParts, Gaussians, RenderOptions, RendererConstants, View, sh_coefficients};
 
-/// One Gaussian as the cases write it down: red, a quarter see-through, a third of a unit wide, two units ahead.
+/// One Gaussian of a case.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct One {
+pub(super) struct Sample {
     pub(super) mean: [f32; 3],
     pub(super) quaternion: [f32; 4],
     pub(super) log_scales: [f32; 3],
@@ -17,7 +17,8 @@ pub(super) struct One {
     pub(super) scalar: f32,
 }
 
-pub(super) const ONE: One = One {
+/// Reddish, a quarter transparent, two units in front of the camera.
+pub(super) const SAMPLE: Sample = Sample {
     mean: [0.0, 0.0, 2.0],
     quaternion: [0.9, 0.2, -0.3, 0.25],
     log_scales: [-1.5, -1.25, -1.75],
@@ -26,8 +27,8 @@ pub(super) const ONE: One = One {
     scalar: 0.5,
 };
 
-/// A Gaussian behind the case's own, so that what they let through shows.
-pub(super) const BACKDROP: One = One {
+/// A Gaussian behind those of the case, visible through them.
+pub(super) const BACKDROP: Sample = Sample {
     mean: [0.1, -0.05, 6.0],
     quaternion: [1.0, 0.1, 0.0, 0.3],
     log_scales: [0.75, 0.5, 0.25],
@@ -37,14 +38,14 @@ pub(super) const BACKDROP: One = One {
 };
 
 /// Gaussians of degree 0 with scalars.
-pub(super) fn gaussians(each: impl IntoIterator<Item = One>) -> Gaussians {
+pub(super) fn gaussians(each: impl IntoIterator<Item = Sample>) -> Gaussians {
     of_degree(0, each, |_| [0.0; 3])
 }
 
-/// Gaussians whose harmonics above degree 0 are `wave` of their number.
+/// Gaussians with SH coefficients above degree 0 given by `wave` of their index.
 pub(super) fn of_degree(
     degree: u8,
-    each: impl IntoIterator<Item = One>,
+    each: impl IntoIterator<Item = Sample>,
     mut wave: impl FnMut(usize) -> [f32; 3],
 ) -> Gaussians {
     let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
@@ -60,36 +61,42 @@ pub(super) fn of_degree(
             parts.sh.push(wave(next));
         }
     }
-    // The lengths agree by construction.
-    Gaussians::new(parts).unwrap_or_default()
+
+    valid(parts)
 }
 
-/// Looks along +z from the origin on 24×18 pixels, without a lens, with a principal point beside the centre.
+/// Gaussians of arrays whose lengths agree.
+#[expect(clippy::expect_used, reason = "the catalogue's arrays agree in length")]
+pub(super) fn valid(parts: GaussianParts) -> Gaussians {
+    Gaussians::new(parts).expect("arrays of matching lengths")
+}
+
+/// A 24×18 pinhole view along +z from the origin, with a principal point off the image centre.
 pub(super) fn view() -> View {
-    looking(DMat3::IDENTITY, DVec3::ZERO, [0.9, 1.2])
+    view_at(DMat3::IDENTITY, DVec3::ZERO, [0.9, 1.2])
 }
 
-/// The same picture by another pose and focal lengths.
-pub(super) fn looking(rotation: DMat3, translation: DVec3, [fx, fy]: [f64; 2]) -> View {
+/// The same image size with another pose and focal lengths.
+pub(super) fn view_at(rotation: DMat3, translation: DVec3, [fx, fy]: [f64; 2]) -> View {
     let pose = CameraFromWorld::new(rotation, translation);
     let intrinsics = NormalizedIntrinsics::new(fx, fy, 0.49, 0.52);
-    let (Ok(pose), Ok(intrinsics)) = (pose, intrinsics) else { unreachable!("the catalogue's cameras are cameras") };
+    let (Ok(pose), Ok(intrinsics)) = (pose, intrinsics) else { unreachable!("the catalogue's cameras are valid") };
     View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: 24, height: 18 } }
 }
 
-/// The same camera with another size of picture.
-pub(super) fn sized(width: u32, height: u32) -> View {
+/// The same camera with another image size.
+pub(super) fn view_of_size(width: u32, height: u32) -> View {
     View { size: ImageSize { width, height }, ..view() }
 }
 
-/// The same camera through a lens.
-pub(super) fn through(distortion: Distortion) -> View {
+/// The same camera with lens distortion.
+pub(super) fn view_through(distortion: Distortion) -> View {
     let mut view = view();
     view.camera.distortion = distortion;
     view
 }
 
-/// Every image on a background.
+/// Every channel, over a background.
 pub(super) fn options() -> RenderOptions {
     RenderOptions {
         background: [0.2, 0.3, 0.4],
@@ -98,14 +105,14 @@ pub(super) fn options() -> RenderOptions {
     }
 }
 
-/// With some constants of their own.
-pub(super) fn with(change: impl FnOnce(&mut RendererConstants)) -> RenderOptions {
+/// The default options of a case with other constants.
+pub(super) fn options_with(change: impl FnOnce(&mut RendererConstants)) -> RenderOptions {
     let mut options = options();
     change(&mut options.constants);
     options
 }
 
-/// A case in the usual view, drawn as usual.
+/// A case with the default view and options.
 pub(super) fn case(name: &'static str, description: &'static str, gaussians: Gaussians) -> HardCase {
     HardCase {
         name,
@@ -120,31 +127,31 @@ pub(super) fn case(name: &'static str, description: &'static str, gaussians: Gau
 }
 
 impl HardCase {
-    pub(super) fn seen(self, view: View) -> Self {
+    pub(super) fn with_view(self, view: View) -> Self {
         Self { view, ..self }
     }
 
-    pub(super) fn drawn(self, options: RenderOptions) -> Self {
+    pub(super) fn with_options(self, options: RenderOptions) -> Self {
         Self { options, ..self }
     }
 
-    /// A case at which derivatives are worse than usual.
-    pub(super) fn with_gradient_to(self, gradient: f64) -> Self {
+    /// Sets a larger gradient bound.
+    pub(super) fn with_gradient_bound(self, gradient: f64) -> Self {
         Self { bounds: ErrorBounds { gradient, ..self.bounds }, ..self }
     }
 
-    /// A case whose derivatives geometry in f32 cannot give.
-    pub(super) fn beyond_f32(self) -> Self {
+    /// Marks a case whose gradients need geometry in f64.
+    pub(super) fn with_gradients_in_f64_only(self) -> Self {
         Self { derivatives_need_f64: true, ..self }
     }
 
-    /// A case at which images are worse than usual.
-    pub(super) fn with_image_to(self, image: f64) -> Self {
+    /// Sets a larger image bound.
+    pub(super) fn with_image_bound(self, image: f64) -> Self {
         Self { bounds: ErrorBounds { image, ..self.bounds }, ..self }
     }
 
-    /// How many are drawn, invalid, outside depth, faint, outside the picture.
-    pub(super) fn counted(self, [drawn, invalid, outside_depth, faint, outside_picture]: [u64; 5]) -> Self {
+    /// Sets the expected counts: drawn, invalid, outside depth, faint, outside the image.
+    pub(super) fn with_census(self, [drawn, invalid, outside_depth, faint, outside_picture]: [u64; 5]) -> Self {
         Self { census: Some(Census { drawn, invalid, outside_depth, faint, outside_picture }), ..self }
     }
 }

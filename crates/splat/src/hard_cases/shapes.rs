@@ -1,9 +1,9 @@
 use super::HardCase;
-use super::scene::{BACKDROP, ONE, One, case, gaussians, options, with};
-use crate::{Gaussians, RasterMode, RenderOptions};
+use super::scene::{BACKDROP, SAMPLE, Sample, case, gaussians, options, options_with, valid};
+use crate::{RasterMode, RenderOptions};
 
-/// Turns by 0, 45, 90 and 135 degrees about the optical axis, and two others.
-const TURNS: [[f32; 4]; 6] = [
+/// Rotations by 0, 45, 90 and 135 degrees about the optical axis, and two others.
+const ROTATIONS: [[f32; 4]; 6] = [
     [1.0, 0.0, 0.0, 0.0],
     [0.923_879_5, 0.0, 0.0, 0.382_683_43],
     [0.707_106_77, 0.0, 0.0, 0.707_106_77],
@@ -12,83 +12,79 @@ const TURNS: [[f32; 4]; 6] = [
     [0.6, -0.5, 0.4, 0.3],
 ];
 
-fn turned(log_scales: [f32; 3]) -> impl Iterator<Item = One> {
-    TURNS.into_iter().enumerate().map(move |(n, quaternion)| {
+fn rotated(log_scales: [f32; 3]) -> impl Iterator<Item = Sample> {
+    ROTATIONS.into_iter().enumerate().map(move |(n, quaternion)| {
         let n = n as f32;
-        One { mean: [0.15 * n - 0.4, 0.3 - 0.1 * n, 2.0 + 0.25 * n], quaternion, log_scales, ..ONE }
+        Sample { mean: [0.15 * n - 0.4, 0.3 - 0.1 * n, 2.0 + 0.25 * n], quaternion, log_scales, ..SAMPLE }
     })
 }
 
 pub(super) fn cases() -> Vec<HardCase> {
     let antialiased = || RenderOptions { mode: RasterMode::Antialiased, ..options() };
-    let end_on = One { log_scales: [-9.0, -9.0, 1.0], quaternion: [1.0, 0.0, 0.0, 0.0], ..ONE };
+    let end_on = Sample { log_scales: [-9.0, -9.0, 1.0], quaternion: [1.0, 0.0, 0.0, 0.0], ..SAMPLE };
     let dust = (0..400).map(|n| {
         let (column, row) = (n % 20, n / 20);
         let mean = [0.1 * (column as f32 - 9.5), 0.075 * (row as f32 - 9.5), 2.0 + 0.001 * n as f32];
-        One { mean, log_scales: [-7.0, -7.5, -6.5], ..ONE }
+        Sample { mean, log_scales: [-7.0, -7.5, -6.5], ..SAMPLE }
     });
-    let dust: Vec<One> = dust.collect();
+    let dust: Vec<Sample> = dust.collect();
     let filtered = |filter: f32| {
-        let mut parts = gaussians([ONE, end_on, BACKDROP]).into_parts();
+        let mut parts = gaussians([SAMPLE, end_on, BACKDROP]).into_parts();
         parts.filter_3d = Some(vec![filter; 3]);
-        Gaussians::new(parts).unwrap_or_default()
+        valid(parts)
     };
     vec![
-        case("needles", "a thousand times longer than wide, in every direction", gaussians(turned([0.0, -7.0, -7.0])))
-            .counted([6, 0, 0, 0, 0]),
-        case("long-needles", "a hundred million times longer than wide", gaussians(turned([8.0, -11.0, -11.0])))
-            .with_gradient_to(3e-2)
-            .beyond_f32(),
+        case("needles", "a thousand times longer than wide, in every direction", gaussians(rotated([0.0, -7.0, -7.0])))
+            .with_census([6, 0, 0, 0, 0]),
+        case("long-needles", "a hundred million times longer than wide", gaussians(rotated([8.0, -11.0, -11.0])))
+            .with_gradient_bound(3e-2)
+            .with_gradients_in_f64_only(),
         case("needle-end-on", "a needle along the optical axis", gaussians([end_on, BACKDROP]))
-            .counted([2, 0, 0, 0, 0]),
+            .with_census([2, 0, 0, 0, 0]),
         case(
             "flat-discs",
-            "one scale is nothing, seen from the front and edge-on",
-            gaussians(turned([-1.0, -1.0, -60.0])),
+            "one scale is almost zero, seen from the front and edge-on",
+            gaussians(rotated([-1.0, -1.0, -60.0])),
         )
-        .counted([6, 0, 0, 0, 0]),
-        case("points", "all scales are nothing: the blur alone is drawn", gaussians(turned([-100.0; 3])))
-            .counted([6, 0, 0, 0, 0]),
-        case("denormal-scales", "scales whose exponential is a denormal of f32, or zero", {
+        .with_census([6, 0, 0, 0, 0]),
+        case("points", "all scales are almost zero: only the blur is drawn", gaussians(rotated([-100.0; 3])))
+            .with_census([6, 0, 0, 0, 0]),
+        case("denormal-scales", "scales that are denormal in f32, or zero", {
             let scales = [-87.0, -88.0, -100.0, -103.0, -104.0, -200.0];
-            gaussians(turned([0.0; 3]).zip(scales).map(|(one, log)| One { log_scales: [log, -1.5, log], ..one }))
+            gaussians(rotated([0.0; 3]).zip(scales).map(|(one, log)| Sample { log_scales: [log, -1.5, log], ..one }))
         }),
-        case("tiny", "scales of 1e-6, in classic mode", gaussians(turned([-13.8, -14.3, -13.5])))
-            .counted([6, 0, 0, 0, 0]),
-        case(
-            "tiny-antialiased",
-            "scales of 1e-6, whose compensation leaves nothing",
-            gaussians(turned([-13.8, -14.3, -13.5])),
-        )
-        .drawn(antialiased())
-        .counted([0, 0, 0, 6, 0]),
-        case("huge", "scales of 1e6", gaussians(turned([13.8, 14.3, 13.5]))).with_gradient_to(1e-3),
+        case("tiny", "scales of 1e-6, in classic mode", gaussians(rotated([-13.8, -14.3, -13.5])))
+            .with_census([6, 0, 0, 0, 0]),
+        case("tiny-antialiased", "scales of 1e-6, antialiased to nothing", gaussians(rotated([-13.8, -14.3, -13.5])))
+            .with_options(antialiased())
+            .with_census([0, 0, 0, 6, 0]),
+        case("huge", "scales of 1e6", gaussians(rotated([13.8, 14.3, 13.5]))).with_gradient_bound(1e-3),
         case("dust", "hundreds of Gaussians a hundredth of a pixel wide", gaussians(dust.clone())),
         case("dust-antialiased", "the same, antialiased, most of it too faint", gaussians(dust.clone()))
-            .drawn(antialiased()),
-        case("dust-compensated", "the same with a smallest compensation, as gsplat 1.6 has it", gaussians(dust)).drawn(
-            {
+            .with_options(antialiased()),
+        case("dust-compensated", "the same with a minimum compensation, as in gsplat 1.6", gaussians(dust))
+            .with_options({
                 let mut options = antialiased();
                 options.constants.min_compensation = 0.02;
                 options
-            },
-        ),
+            }),
         case(
             "antialiased",
             "needles and a backdrop, antialiased",
-            gaussians(turned([-1.0, -4.0, -4.0]).chain([BACKDROP])),
+            gaussians(rotated([-1.0, -4.0, -4.0]).chain([BACKDROP])),
         )
-        .drawn(antialiased()),
-        case("no-blur", "no screen-space blur at all", gaussians(turned([-1.0, -2.0, -2.5])))
-            .drawn(with(|constants| constants.blur = 0.0)),
+        .with_options(antialiased()),
+        case("no-blur", "no screen-space blur at all", gaussians(rotated([-1.0, -2.0, -2.5])))
+            .with_options(options_with(|constants| constants.blur = 0.0)),
         case("no-blur-disc-edge-on", "without blur a disc seen edge-on has no area", {
-            let disc = One { quaternion: [1.0, 0.0, 0.0, 0.0], log_scales: [-1.0, f32::NEG_INFINITY, -1.0], ..ONE };
-            gaussians([One { mean: [0.0, 0.0, 2.0], ..disc }, BACKDROP])
+            let disc =
+                Sample { quaternion: [1.0, 0.0, 0.0, 0.0], log_scales: [-1.0, f32::NEG_INFINITY, -1.0], ..SAMPLE };
+            gaussians([Sample { mean: [0.0, 0.0, 2.0], ..disc }, BACKDROP])
         })
-        .drawn(with(|constants| constants.blur = 0.0))
-        .counted([1, 1, 0, 0, 0]),
+        .with_options(options_with(|constants| constants.blur = 0.0))
+        .with_census([1, 1, 0, 0, 0]),
         case("filter-none", "a 3D filter of zero", filtered(0.0)),
         case("filter-thin", "a 3D filter wider than a needle", filtered(0.05)),
-        case("filter-huge", "a 3D filter that leaves no opacity", filtered(1e6)).counted([0, 0, 0, 3, 0]),
+        case("filter-huge", "a 3D filter that reduces opacity to nothing", filtered(1e6)).with_census([0, 0, 0, 3, 0]),
     ]
 }

@@ -3,29 +3,29 @@ use glam::DVec2;
 use super::project::Splat;
 use crate::{RenderOptions, Rendering, View};
 
-/// Centres of all pixels, row by row.
-pub(super) fn pixel_centres(view: &View) -> impl Iterator<Item = [u32; 2]> {
+/// Columns and rows of all pixels, row-major.
+pub(super) fn pixels(view: &View) -> impl Iterator<Item = [u32; 2]> {
     let (width, height) = (view.size.width, view.size.height);
     (0..height).flat_map(move |row| (0..width).map(move |column| [column, row]))
 }
 
-/// What one splat does at one pixel.
+/// The contribution of one splat to one pixel.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hit {
-    /// Among the splats.
+    /// Index of the splat.
     pub(super) splat: usize,
-    /// From the projected centre to the pixel's.
+    /// From the projected centre to the pixel centre.
     pub(super) offset: DVec2,
     /// `exp(−½ dᵀ Σ⁻¹ d)`.
     pub(super) falloff: f64,
     pub(super) alpha: f64,
-    /// Whether `max_alpha` cut it.
+    /// Whether it was clamped to `max_alpha`.
     pub(super) saturated: bool,
-    /// What came through everything in front.
+    /// Transmittance in front of the splat.
     pub(super) transmittance: f64,
 }
 
-/// The splats that a pixel shows, nearest first, and the transmittance behind the last.
+/// The splats composited at a pixel, nearest first, and the final transmittance.
 pub(super) fn hits(splats: &[Splat], at: [u32; 2], options: &RenderOptions) -> (Vec<Hit>, f64) {
     let constants = &options.constants;
     let mut transmittance = 1.0;
@@ -48,7 +48,7 @@ pub(super) fn hits(splats: &[Splat], at: [u32; 2], options: &RenderOptions) -> (
     (hits, transmittance)
 }
 
-/// From a splat's centre to a pixel's, and `exp(−½ dᵀ Σ⁻¹ d)`; `None` beyond its reach.
+/// Offset from a splat's centre to a pixel centre, and `exp(−½ dᵀ Σ⁻¹ d)`; `None` outside its reach.
 pub(super) fn falloff(splat: &Splat, [column, row]: [u32; 2]) -> Option<(DVec2, f64)> {
     let [columns, rows] = splat.reach;
     if !(columns[0]..columns[1]).contains(&column) || !(rows[0]..rows[1]).contains(&row) {
@@ -57,7 +57,7 @@ pub(super) fn falloff(splat: &Splat, [column, row]: [u32; 2]) -> Option<(DVec2, 
     let offset = DVec2::new(f64::from(column) + 0.5, f64::from(row) + 0.5) - splat.centre;
     let exponent = 0.5 * (splat.conic.x * offset.x * offset.x + splat.conic.z * offset.y * offset.y)
         + splat.conic.y * offset.x * offset.y;
-    // Never negative but for rounding.
+    // Negative only by rounding.
     let exponent = if exponent < 0.0 { 0.0 } else { exponent };
     Some((offset, (-exponent).exp()))
 }
@@ -74,7 +74,7 @@ pub(super) fn composite(
     let mut rgb = options.background.map(|channel| channel * transmittance);
     let (mut depth, mut scalar, mut median) = (0.0, 0.0, 0.0);
     for hit in hits {
-        let Some(splat) = splats.get(hit.splat) else { continue };
+        let splat = &splats[hit.splat];
         let weight = hit.alpha * hit.transmittance;
         for (sum, channel) in rgb.iter_mut().zip(splat.rgb.to_array()) {
             *sum += weight * channel;
@@ -85,14 +85,13 @@ pub(super) fn composite(
             median = splat.depth;
         }
     }
-    let put = |image: &mut [f64], value| image.get_mut(pixel).into_iter().for_each(|slot| *slot = value);
-    rendering.rgb.get_mut(pixel).into_iter().for_each(|slot| *slot = rgb);
-    put(&mut rendering.alpha, 1.0 - transmittance);
+    rendering.rgb[pixel] = rgb;
+    rendering.alpha[pixel] = 1.0 - transmittance;
     for (image, value) in
         [(&mut rendering.depth, depth), (&mut rendering.scalar, scalar), (&mut rendering.median_depth, median)]
     {
         if let Some(image) = image {
-            put(image, value);
+            image[pixel] = value;
         }
     }
 }

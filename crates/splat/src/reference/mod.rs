@@ -1,22 +1,22 @@
-//! The slow, obvious renderer in f64 that every other path is compared with: one Gaussian after the other, one
-//! pixel after the other, and the derivative of exactly that.
+//! The reference renderer in f64 that every other backend is tested against: a plain loop over Gaussians and pixels,
+//! and its exact gradient.
 
-mod backward;
-mod band;
 mod composite;
+mod composite_backward;
+mod jumps;
 pub(crate) mod project;
 pub(crate) mod project_backward;
 
-pub(crate) use backward::SplatGradient;
-pub use band::{Jump, jumps};
+pub(crate) use composite_backward::SplatGradient;
+pub use jumps::{Jump, jumps};
 
 use glam::DVec3;
 
 use crate::{Gaussians, Gradients, ImageGradients, RenderOptions, Rendering, SplatError, View};
 
-use project::{Outcome, Splat};
+use project::Splat;
 
-/// Bytes that images may take.
+/// Limit on the bytes of the images.
 const LIMIT: u64 = 16 << 30;
 
 /// Renders a view.
@@ -29,36 +29,37 @@ pub fn render(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> Re
     render_unchecked(gaussians, view, options)
 }
 
-/// As [`render()`], whatever the options: f64 fades below [`crate::SMALLEST_MIN_ALPHA`], where differences need it.
+/// As [`render()`] without checking the options: finite differences need a `min_alpha` below
+/// [`crate::SMALLEST_MIN_ALPHA`], which f64 supports.
 pub(crate) fn render_unchecked(
     gaussians: &Gaussians,
     view: &View,
     options: &RenderOptions,
 ) -> Result<Rendering<f64>, SplatError> {
     let (splats, mut rendering) = prepare(gaussians, view, options)?;
-    for (pixel, at) in composite::pixel_centres(view).enumerate() {
+    for (pixel, at) in composite::pixels(view).enumerate() {
         composite::composite(&splats, at, options, pixel, &mut rendering);
     }
     options.expose(&mut rendering, |value| value);
     Ok(rendering)
 }
 
-/// One Gaussian as the picture sees it.
+/// A projected Gaussian.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projection {
     /// Projected centre in pixels.
     pub centre: [f64; 2],
-    /// Inverse covariance on the screen, blur included: `(a, b, c)` of `½(a·dx² + c·dy²) + b·dx·dy`.
+    /// Inverse 2D covariance, blur included: `(a, b, c)` of `½(a·dx² + c·dy²) + b·dx·dy`.
     pub conic: [f64; 3],
-    /// Along the optical axis, in scene units.
+    /// Depth along the optical axis, in scene units.
     pub depth: f64,
     /// After the sigmoid, the 3D filter and anti-aliasing.
     pub opacity: f64,
-    /// Colour from this side, at least 0.
+    /// View-dependent colour, at least 0.
     pub rgb: [f64; 3],
 }
 
-/// Where and how each Gaussian appears; `None` for those that are not drawn.
+/// Projects every Gaussian; `None` for those that are not drawn.
 ///
 /// # Errors
 /// As [`render`].
@@ -71,31 +72,31 @@ pub fn project(
     project_unchecked(gaussians, view, options)
 }
 
-/// As [`project()`], whatever the options.
+/// As [`project()`] without checking the options.
 pub(crate) fn project_unchecked(
     gaussians: &Gaussians,
     view: &View,
     options: &RenderOptions,
 ) -> Result<Vec<Option<Projection>>, SplatError> {
     let optics = view.optics(&options.constants)?;
-    let one = |position| match project::project(gaussians, position, &optics, view.size, options) {
-        Outcome::Drawn(splat) => Some(Projection {
+    let one = |position| {
+        let splat = project::project(gaussians, position, &optics, view.size, options).ok()?;
+        Some(Projection {
             centre: splat.centre.to_array(),
             conic: splat.conic.to_array(),
             depth: splat.depth,
             opacity: splat.opacity,
             rgb: splat.rgb.to_array(),
-        }),
-        _ => None,
+        })
     };
     Ok((0..gaussians.len()).map(one).collect())
 }
 
-/// Derivatives of a loss by everything that made the images, from its derivatives by the images.
+/// Gradients of a loss with respect to every input, from its gradients with respect to the images.
 ///
 /// # Errors
-/// As [`render`], and [`SplatError::Length`] for an image of another size than the view's, [`SplatError::NonFinite`] for
-/// derivatives that are not finite.
+/// As [`render`], and [`SplatError::Length`] for an image whose size differs from the view's, [`SplatError::NonFinite`]
+/// for gradients that are not finite.
 pub fn backward(
     gaussians: &Gaussians,
     view: &View,
@@ -106,7 +107,7 @@ pub fn backward(
     backward_unchecked(gaussians, view, options, images)
 }
 
-/// As [`backward()`], whatever the options.
+/// As [`backward()`] without checking the options.
 pub(crate) fn backward_unchecked(
     gaussians: &Gaussians,
     view: &View,
@@ -117,26 +118,26 @@ pub(crate) fn backward_unchecked(
     let images = options.before_exposure(images);
     let (splats, _) = prepare(gaussians, view, options)?;
     let mut gradients = Gradients::zero(gaussians);
-    let mut of_splats = vec![SplatGradient::default(); splats.len()];
-    for (pixel, at) in composite::pixel_centres(view).enumerate() {
+    let mut d_splats = vec![SplatGradient::default(); splats.len()];
+    for (pixel, at) in composite::pixels(view).enumerate() {
         let image = images.at(pixel);
-        let background = backward::composite(&splats, at, options, &image, &mut of_splats);
+        let background = composite_backward::composite_backward(&splats, at, options, &image, &mut d_splats);
         for (sum, value) in gradients.background.iter_mut().zip(background) {
             *sum += value;
         }
     }
     let optics = view.optics(&options.constants)?;
-    for (splat, of_splat) in splats.iter().zip(&of_splats) {
-        let of_gaussian = project_backward::of_gaussian(gaussians, &optics, options, splat, of_splat);
-        gradients.put(splat.position, &of_gaussian, of_splat, |value| value);
-        for (sum, value) in gradients.pose.iter_mut().zip(of_gaussian.pose.iter().flat_map(DVec3::to_array)) {
+    for (splat, d_splat) in splats.iter().zip(&d_splats) {
+        let d_gaussian = project_backward::gaussian_gradient(gaussians, &optics, options, splat, d_splat);
+        gradients.store(splat.position, &d_gaussian, d_splat);
+        for (sum, value) in gradients.pose.iter_mut().zip(d_gaussian.pose.iter().flat_map(DVec3::to_array)) {
             *sum += value;
         }
     }
     Ok(gradients)
 }
 
-/// Splats in the order they are composited, nearest first and ties by position, and an empty picture.
+/// The splats in compositing order (nearest first, ties by index), and an empty rendering.
 fn prepare(
     gaussians: &Gaussians,
     view: &View,
@@ -151,17 +152,14 @@ fn prepare(
     let mut splats = Vec::new();
     for position in 0..gaussians.len() {
         match project::project(gaussians, position, &optics, view.size, options) {
-            Outcome::Drawn(splat) => {
+            Ok(splat) => {
                 rendering.census.drawn += 1;
                 splats.push(*splat);
             }
-            Outcome::Invalid => rendering.census.invalid += 1,
-            Outcome::OutsideDepth => rendering.census.outside_depth += 1,
-            Outcome::Faint => rendering.census.faint += 1,
-            Outcome::OutsidePicture => rendering.census.outside_picture += 1,
+            Err(culled) => rendering.census.count(culled),
         }
     }
-    // Published rasterizers sort f32 keys, so that depths that f32 cannot tell apart keep their order.
+    // Published rasterizers sort f32 keys, so depths that are equal in f32 keep their order.
     #[expect(clippy::cast_possible_truncation, reason = "see above")]
     splats.sort_by(|a, b| (a.depth as f32).total_cmp(&(b.depth as f32)).then(a.position.cmp(&b.position)));
     Ok((splats, rendering))

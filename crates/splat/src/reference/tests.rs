@@ -3,10 +3,11 @@ use atsplat_numeric::{Extremes as _, Tolerance};
 use glam::{DMat3, DQuat, DVec3};
 
 use super::*;
+use crate::stress::parameter::{Parameter, moved};
 use crate::{Channels, GaussianParts, GradientReach, RasterMode, RendererConstants};
 
-/// A few soft Gaussians in front of the camera, some beside it, all fields in play. Every number is a multiple of
-/// 2⁻¹², so that f32 holds it moved by a step too.
+/// A few soft Gaussians in front of the camera, using all fields. Every value is a multiple of 2⁻¹², so that adding a
+/// step is exact in f32.
 fn scene(degree: u8) -> Gaussians {
     let coefficients = crate::sh_coefficients(degree);
     let even = |value: f32| (value * 4096.0).round() / 4096.0;
@@ -41,7 +42,7 @@ fn view(distortion: Distortion) -> View {
     }
 }
 
-/// No cut-offs: the function is smooth, and its derivative can be compared with differences.
+/// No thresholds: the function is smooth, and its gradient can be compared with differences.
 fn smooth() -> RenderOptions {
     let constants =
         RendererConstants { min_alpha: 1e-12, min_transmittance: 0.0, max_alpha: 1.0, ..RendererConstants::default() };
@@ -53,7 +54,7 @@ fn smooth() -> RenderOptions {
     }
 }
 
-/// Derivatives by images that differ from pixel to pixel.
+/// Image gradients that vary from pixel to pixel.
 fn image_gradients(view: &View) -> ImageGradients<f64> {
     let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.7 + phase).sin()).collect::<Vec<_>>();
     let (red, green, blue) = (wave(0.0), wave(1.0), wave(2.0));
@@ -75,101 +76,38 @@ fn loss(gaussians: &Gaussians, view: &View, options: &RenderOptions) -> f64 {
         + dot(&rendering.scalar.unwrap(), &images.scalar)
 }
 
-/// Every number of the scene in turn, its name, and its analytic derivative.
-type Parameter = (String, fn(&mut GaussianParts, usize, usize) -> Option<&mut f32>, usize, usize, f64);
-
-fn parameters(gaussians: &Gaussians, gradients: &Gradients<f64>) -> Vec<Parameter> {
-    let mut list: Vec<Parameter> = Vec::new();
-    for at in 0..gaussians.len() {
-        for axis in 0..3 {
-            list.push((
-                format!("mean {at}.{axis}"),
-                |p, i, k| p.means[i].get_mut(k),
-                at,
-                axis,
-                gradients.means[at][axis],
-            ));
-            list.push((
-                format!("log scale {at}.{axis}"),
-                |p, i, k| p.log_scales[i].get_mut(k),
-                at,
-                axis,
-                gradients.log_scales[at][axis],
-            ));
-        }
-        for axis in 0..4 {
-            list.push((
-                format!("quaternion {at}.{axis}"),
-                |p, i, k| p.quaternions[i].get_mut(k),
-                at,
-                axis,
-                gradients.quaternions[at][axis],
-            ));
-        }
-        list.push((format!("logit {at}"), |p, i, _| p.opacity_logits.get_mut(i), at, 0, gradients.opacity_logits[at]));
-        list.push((
-            format!("scalar {at}"),
-            |p, i, _| p.scalars.as_mut().and_then(|s| s.get_mut(i)),
-            at,
-            0,
-            gradients.scalars[at],
-        ));
-    }
-    for at in 0..gaussians.parts().sh.len() {
-        for channel in 0..3 {
-            list.push((
-                format!("sh {at}.{channel}"),
-                |p, i, k| p.sh[i].get_mut(k),
-                at,
-                channel,
-                gradients.sh[at][channel],
-            ));
-        }
-    }
-    list
-}
-
 #[expect(clippy::cast_possible_truncation, reason = "a step is a power of two")]
 const fn exact_f32(step: f64) -> f32 {
     step as f32
 }
 
-/// Every analytic derivative against extrapolated central differences.
+/// Compares every gradient with extrapolated central differences.
 fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let gradients = backward_unchecked(gaussians, view, options, &image_gradients(view)).unwrap();
     let scale = gradients.means.iter().flatten().fold(0.0f64, |most, g| most.maximum_of(g.abs()));
-    for (name, slot, at, axis, analytic) in parameters(gaussians, &gradients) {
-        let moved = |step: f64| {
-            let mut parts = gaussians.parts().clone();
-            let value = slot(&mut parts, at, axis).unwrap();
-            *value += exact_f32(step);
-            loss(&Gaussians::new(parts).unwrap(), view, options)
-        };
-        let numeric = differences(moved);
-        let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3 * scale);
-        assert!(error < 1e-6, "{what}, {name}: analytic {analytic}, numeric {numeric}, relative error {error:.2e}");
-    }
-    check_pose(gaussians, view, options, &gradients, what);
-}
-
-fn check_pose(gaussians: &Gaussians, view: &View, options: &RenderOptions, gradients: &Gradients<f64>, what: &str) {
-    for (axis, analytic) in gradients.pose.iter().enumerate() {
-        let moved = |step: f64| {
-            let unit = [DVec3::X, DVec3::Y, DVec3::Z][axis % 3] * step;
-            let pose = view.camera.camera_from_world;
-            let (turn, shift) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
-            let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
-            let pose = CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation() + shift).unwrap();
-            let camera = Camera { camera_from_world: pose, ..view.camera };
-            loss(gaussians, &View { camera, ..*view }, options)
-        };
-        let numeric = differences(moved);
-        let error = (numeric - analytic).abs() / (analytic.abs() + 1e-3);
-        assert!(error < 1e-6, "{what}, pose {axis}: analytic {analytic}, numeric {numeric}");
+    let others = (0..gaussians.len()).flat_map(|position| Parameter::of_gaussian(gaussians, position));
+    let others = others.filter(|parameter| !matches!(parameter, Parameter::Sh(..)));
+    let sh = (0..gaussians.parts().sh.len()).flat_map(|at| [0, 1, 2].map(|channel| Parameter::Sh(at, channel)));
+    for parameter in others.chain(sh).chain((0..6).map(Parameter::Pose)) {
+        let analytic = parameter.of(&gradients).unwrap();
+        let numeric = differences(|step| match parameter {
+            Parameter::Pose(axis) => loss(gaussians, &moved(view, axis, step).unwrap(), options),
+            _ => {
+                let mut parts = gaussians.parts().clone();
+                *parameter.slot(&mut parts).unwrap() += exact_f32(step);
+                loss(&Gaussians::new(parts).unwrap(), view, options)
+            }
+        });
+        let floor = if matches!(parameter, Parameter::Pose(_)) { 1e-3 } else { 1e-3 * scale };
+        let error = (numeric - analytic).abs() / (analytic.abs() + floor);
+        assert!(
+            error < 1e-6,
+            "{what}, {parameter:?}: analytic {analytic}, numeric {numeric}, relative error {error:.2e}"
+        );
     }
 }
 
-/// Richardson's extrapolation of central differences of three step lengths.
+/// Richardson extrapolation of central differences with three step sizes.
 fn differences(loss_at: impl Fn(f64) -> f64) -> f64 {
     let central = |step: f64| (loss_at(step) - loss_at(-step)) / (2.0 * step);
     let [wide, middle, narrow] = [1.0 / 512.0, 1.0 / 1024.0, 1.0 / 2048.0].map(central);
@@ -178,44 +116,44 @@ fn differences(loss_at: impl Fn(f64) -> f64) -> f64 {
 }
 
 #[test]
-fn gradients_are_central_differences() {
+fn gradients_match_central_differences() {
     for degree in [0, 3, 4] {
         check(&scene(degree), &view(Distortion::None), &smooth(), &format!("degree {degree}"));
     }
 }
 
 #[test]
-fn gradients_of_antialiasing() {
+fn gradients_match_with_antialiasing() {
     let options = RenderOptions { mode: RasterMode::Antialiased, ..smooth() };
     check(&scene(1), &view(Distortion::None), &options, "antialiased");
 }
 
 #[test]
-fn gradients_through_a_lens() {
+fn gradients_match_through_a_lens() {
     let lens = Distortion::OpenCv { k1: -0.12, k2: 0.03, k3: 0.002, p1: 0.004, p2: -0.003 };
     check(&scene(1), &view(lens), &smooth(), "lens");
 }
 
 #[test]
-fn gradients_in_e3nn_axes() {
+fn gradients_match_in_e3nn_axes() {
     let constants = RendererConstants { sh_axes: crate::ShAxes::E3nn, ..smooth().constants };
     check(&scene(3), &view(Distortion::None), &RenderOptions { constants, ..smooth() }, "e3nn");
 }
 
 #[test]
-fn a_stopped_scalar_pulls_at_nothing_but_itself() {
+fn a_stopped_scalar_has_a_gradient_with_respect_to_scalars_only() {
     let (gaussians, view) = (scene(0), view(Distortion::None));
     let all = image_gradients(&view);
     let without = ImageGradients { scalar: None, ..all.clone() };
     let stopped = RenderOptions { gradients: GradientReach { scalar_stops: true, directions_stop: false }, ..smooth() };
     let with_stop = backward_unchecked(&gaussians, &view, &stopped, &all).unwrap();
-    let never_asked = backward_unchecked(&gaussians, &view, &smooth(), &without).unwrap();
-    assert_eq!(Gradients { scalars: never_asked.scalars.clone(), ..with_stop.clone() }, never_asked);
+    let not_rendered = backward_unchecked(&gaussians, &view, &smooth(), &without).unwrap();
+    assert_eq!(Gradients { scalars: not_rendered.scalars.clone(), ..with_stop.clone() }, not_rendered);
     let free = backward_unchecked(&gaussians, &view, &smooth(), &all).unwrap();
     assert_eq!(with_stop.scalars, free.scalars);
 }
 
-/// Three opaque layers at one pixel: the third would take the transmittance to 1e-5 and is not drawn.
+/// Three opaque layers at one pixel: the third would reduce the transmittance to 1e-5 and is not drawn.
 #[test]
 fn a_pixel_stops_before_the_gaussian_that_would_finish_it() {
     let layer = |depth: f32, logit: f32, sh: f32| (depth, logit, sh);

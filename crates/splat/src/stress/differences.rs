@@ -1,17 +1,17 @@
-//! Derivatives against differences of the function itself, of which the cut-offs are smooth.
+//! Gradients against finite differences of the rendering function with its thresholds removed.
 //!
-//! At a cut-off the true function jumps, and has no derivative. What is differentiated is therefore the same function
-//! without an early end and with a `min_alpha` of 1e-12, where the Gaussian itself has faded away. Jumps that are left
-//! (near plane) and kinks (clamps, ties of depth) show in differences that do not settle as steps shrink, or that are
-//! not the same to both sides; such parameters are left out, and what was compared is counted. Paths in f32 do not go below 1e-6: what a cut-off there takes away from a
-//! derivative is known from the reference, and taken from the difference too.
+//! At a threshold the rendering function jumps and has no gradient. The tests therefore differentiate it without an
+//! early stop and with a `min_alpha` of 1e-12, where a Gaussian has faded out. The remaining jumps (near plane) and
+//! kinks (clamps, depth ties) show as differences that do not converge as steps shrink, or that differ between the two
+//! sides; such parameters are skipped, and the compared ones are counted. Backends in f32 support a `min_alpha` of at
+//! least 1e-6: its effect on a gradient is known from the reference, and is subtracted from the difference.
 
 use atsplat_numeric::Extremes as _;
 
 use super::MeasuredError;
 use rayon::prelude::*;
 
-use super::gradients::{of_loss, share, sizes};
+use super::gradients::{loss_gradients, relative, sizes};
 use super::parameter::{Parameter, moved};
 use crate::constants::{Extent, SMALLEST_MIN_ALPHA};
 use crate::hard_cases::HardCase;
@@ -20,12 +20,12 @@ use crate::{
     View, reference,
 };
 
-/// Below which even the reference goes.
+/// `min_alpha` for the reference.
 const FADED: f64 = 1e-12;
-/// As far as f32 paths go.
+/// `min_alpha` for f32 backends.
 const FADED_IN_F32: f64 = SMALLEST_MIN_ALPHA;
 
-/// Differences by some parameters.
+/// Finite differences with respect to selected parameters.
 #[derive(Debug)]
 pub(super) struct Differences {
     images: ImageGradients<f32>,
@@ -36,13 +36,13 @@ pub(super) struct Differences {
 struct Difference {
     parameter: Parameter,
     value: f64,
-    /// The largest derivative of its field.
+    /// The largest gradient of its field.
     size: f64,
 }
 
 impl Differences {
     pub(super) fn of(case: &HardCase) -> Result<Self, SplatError> {
-        let images = of_loss(&case.view, &[]);
+        let images = loss_gradients(&case.view, &[]);
         let options = smooth(&case.options, FADED);
         let scene = Scene { case, options: &options, images: &images.map(f64::from) };
         let analytic = |min_alpha| {
@@ -59,7 +59,7 @@ impl Differences {
         Ok(Self { of: of.collect(), images })
     }
 
-    /// How far a path's derivatives are from the differences.
+    /// Compares a path's gradients with the differences.
     pub(super) fn error(
         &self,
         case: &HardCase,
@@ -71,15 +71,15 @@ impl Differences {
         let compared = self.of.len() as u64;
         let mut error = MeasuredError { name: "differences", absolute: 0.0, relative: 0.0, bound, compared };
         for Difference { parameter, value, size } in &self.of {
-            let apart = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
-            error.absolute = error.absolute.maximum_of(apart);
-            error.relative = error.relative.maximum_of(share(apart, *size));
+            let difference = (parameter.of(&gradients).unwrap_or(f64::NAN) - value).abs();
+            error.absolute = error.absolute.maximum_of(difference);
+            error.relative = error.relative.maximum_of(relative(difference, *size));
         }
         Ok(error)
     }
 }
 
-/// The same without cut-offs, and with the derivative of what is computed.
+/// The options without thresholds, and with exact gradients of clamped values.
 fn smooth(options: &RenderOptions, min_alpha: f64) -> RenderOptions {
     let constants = RendererConstants {
         min_alpha,
@@ -98,7 +98,7 @@ struct Scene<'a> {
 }
 
 impl Scene<'_> {
-    /// Those of a few Gaussians and the pose, with a step each over which the picture changes little.
+    /// The parameters of a few Gaussians and the pose, each with a step that changes the image little.
     fn parameters(&self) -> Result<Vec<(Parameter, f64)>, SplatError> {
         const SMALL: f64 = 1.0 / 256.0;
         let HardCase { gaussians, view, .. } = self.case;
@@ -109,7 +109,7 @@ impl Scene<'_> {
             .filter_map(|(position, projection)| Some((position, projection.as_ref()?.depth)))
             .collect();
         let k = view.camera.intrinsics.pixel_from_normalized(view.size);
-        // A pixel, at a distance of one.
+        // Size of a pixel at unit distance.
         let pixel = k.fx.maximum_of(k.fy).recip();
         let mut chosen: Vec<(usize, f64)> = [0, drawn.len() / 2, drawn.len().saturating_sub(1)]
             .into_iter()
@@ -120,11 +120,11 @@ impl Scene<'_> {
         let step = |parameter: Parameter, depth: f64| match parameter {
             Parameter::Mean(..) => SMALL * pixel * depth,
             Parameter::Quaternion(at, _) => {
-                let own = gaussians.parts().quaternions.get(at).copied().unwrap_or_default();
+                let own = gaussians.parts().quaternions[at];
                 SMALL * own.iter().map(|value| f64::from(*value).powi(2)).sum::<f64>().sqrt()
             }
             Parameter::Sh(at, _) => {
-                let own = gaussians.parts().sh.get(at).copied().unwrap_or_default();
+                let own = gaussians.parts().sh[at];
                 SMALL * own.iter().map(|value| f64::from(value.abs())).fold(1.0, f64::maximum_of)
             }
             _ => SMALL,
@@ -142,12 +142,12 @@ impl Scene<'_> {
         Ok(list)
     }
 
-    /// The derivative by a parameter; `None` where none can be told by differences.
+    /// The derivative with respect to a parameter; `None` if the differences do not converge.
     fn difference(&self, parameter: Parameter, step: f64, size: f64) -> Option<f64> {
         const TRIES: i32 = 5;
-        // What sums over pixels lose, as a share of the sum of magnitudes.
+        // Rounding error of sums over pixels, relative to the sum of magnitudes.
         const ROUNDING: f64 = 1e-15;
-        // Smaller than what is to be found, by far.
+        // Far below the errors to be detected.
         const SETTLED: f64 = 1e-5;
         let here = self.loss(&self.case.gaussians, &self.case.view)?;
         (0..TRIES).find_map(|attempt| {
@@ -163,9 +163,9 @@ impl Scene<'_> {
         })
     }
 
-    /// Of the loss over a step to both sides, as f32 has them.
+    /// Slopes of the loss over a step to both sides; steps are rounded to f32.
     fn slope(&self, parameter: Parameter, step: f64, here: f64) -> Option<Slope> {
-        // So many units in the last place are a step.
+        // Smallest step in units in the last place.
         const RESOLVED: f64 = 64.0;
         if let Parameter::Pose(axis) = parameter {
             let at = |step: f64| {
@@ -196,13 +196,15 @@ impl Scene<'_> {
         let mut loss = Loss::default();
         loss.add(rgb.as_flattened(), by.rgb.as_flattened());
         for (image, by) in [(&Some(alpha), &by.alpha), (&depth, &by.depth), (&scalar, &by.scalar)] {
-            loss.add(image.as_deref().unwrap_or_default(), by.as_deref().unwrap_or_default());
+            if let (Some(image), Some(by)) = (image, by) {
+                loss.add(image, by);
+            }
         }
         Some(loss)
     }
 }
 
-/// A weighted sum of all samples.
+/// The loss: a weighted sum of all samples.
 #[derive(Clone, Copy, Debug, Default)]
 struct Loss {
     sum: f64,
@@ -220,9 +222,9 @@ impl Loss {
 }
 
 struct Slope {
-    /// Of the parabola through three points, at the middle one.
+    /// Derivative of the parabola through three points, at the middle one.
     central: f64,
-    /// To the right less to the left: of the order of the step where there is no kink.
+    /// Right slope minus left slope: proportional to the step unless there is a kink.
     bend: f64,
 }
 

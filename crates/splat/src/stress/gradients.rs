@@ -5,8 +5,8 @@ use super::MeasuredError;
 use crate::reference::Jump;
 use crate::{Gradients, ImageGradients, View};
 
-/// Derivatives by images that differ from pixel to pixel, none where a pixel may jump: there is no derivative.
-pub(super) fn of_loss(view: &View, jumps: &[Jump]) -> ImageGradients<f32> {
+/// Image gradients that vary from pixel to pixel; zero where a pixel may jump, because no gradient exists there.
+pub(super) fn loss_gradients(view: &View, jumps: &[Jump]) -> ImageGradients<f32> {
     let wave = |phase: f32| -> Vec<f32> {
         let value = |pixel: usize| (pixel as f32 * 0.7 + phase).sin();
         let is_smooth = |pixel: usize| jumps.get(pixel).is_none_or(|jump| jump.share == 0.0);
@@ -21,36 +21,39 @@ pub(super) fn of_loss(view: &View, jumps: &[Jump]) -> ImageGradients<f32> {
     }
 }
 
-/// The largest error of all fields, each as a share of its largest value.
+/// The largest error over all fields, absolute and relative to the field's largest value.
 pub(super) fn error(actual: &Gradients<f32>, expected: &Gradients<f64>, bound: f64) -> MeasuredError {
     let mut error = MeasuredError { name: "gradient", absolute: 0.0, relative: 0.0, bound, compared: 0 };
     let pairs = actual.fields().into_iter().zip(expected.fields());
     for (((_, actual), (_, expected)), size) in pairs.zip(sizes(expected)) {
         for (actual, expected) in actual.iter().zip(expected) {
-            let apart = (f64::from(*actual) - expected).abs();
-            error.absolute = error.absolute.maximum_of(apart);
-            error.relative = error.relative.maximum_of(share(apart, size));
+            let difference = (f64::from(*actual) - expected).abs();
+            error.absolute = error.absolute.maximum_of(difference);
+            error.relative = error.relative.maximum_of(relative(difference, size));
             error.compared += 1;
         }
     }
     error
 }
 
-/// The largest derivative of each field. Of log-scales, logits, harmonics and scalars, whose units compare, at least a
-/// thousandth of the largest: where nothing depends on a field, its derivatives are what others left by rounding.
+/// The largest gradient of each field. For log-scales, logits, SH coefficients and scalars, whose units are comparable,
+/// at least a thousandth of the largest among them: if nothing depends on a field, its gradients are only rounding
+/// errors of others.
 pub(super) fn sizes(gradients: &Gradients<f64>) -> [f64; 10] {
-    const ALIKE: std::ops::RangeInclusive<usize> = 2..=5;
+    const COMPARABLE: std::ops::RangeInclusive<usize> = 2..=5;
     let largest =
         gradients.fields().map(|(_, field)| field.iter().fold(0.0, |most: f64, value| most.maximum_of(value.abs())));
-    let of_alike = largest.iter().skip(*ALIKE.start()).take(ALIKE.count()).copied().fold(0.0, f64::maximum_of);
+    let largest_comparable =
+        largest.iter().skip(*COMPARABLE.start()).take(COMPARABLE.count()).copied().fold(0.0, f64::maximum_of);
     let mut sizes = largest;
-    for field in ALIKE {
-        sizes.get_mut(field).into_iter().for_each(|size| *size = size.maximum_of(1e-3 * of_alike));
+    for field in COMPARABLE {
+        sizes[field] = sizes[field].maximum_of(1e-3 * largest_comparable);
     }
     sizes
 }
 
-/// Of a size below which a derivative is nothing: derivatives by images are of order one, and f32 has no less.
-pub(super) fn share(apart: f64, size: f64) -> f64 {
-    apart / size.maximum_of(f64::from(f32::MIN_POSITIVE))
+/// The error relative to a size, which is at least f32's smallest normal number: image gradients are of order one, so
+/// smaller gradients are zero in f32.
+pub(super) fn relative(difference: f64, size: f64) -> f64 {
+    difference / size.maximum_of(f64::from(f32::MIN_POSITIVE))
 }

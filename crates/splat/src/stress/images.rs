@@ -6,15 +6,15 @@ use crate::hard_cases::HardCase;
 use crate::reference::{self, Jump};
 use crate::{Rendering, SplatError};
 
-/// One kind of image, and how much of a jump a sample may make.
+/// An image to compare, and the range of its composited values.
 struct Compared<'a> {
     actual: &'a [f32],
     expected: &'a [f64],
-    /// By how much the values that are composited differ at most.
+    /// Range of the composited values.
     spread: f64,
 }
 
-/// The largest error of all images, less what a pixel may jump.
+/// The largest error over all images, minus the allowed jumps.
 pub(super) fn error(
     case: &HardCase,
     actual: &Rendering<f32>,
@@ -33,9 +33,9 @@ pub(super) fn error(
                     continue;
                 }
                 for (actual, expected) in actual.iter().zip(expected) {
-                    let apart = (f64::from(*actual) - expected).abs() - jump.share * spread;
-                    error.absolute = error.absolute.maximum_of(apart);
-                    error.relative = error.relative.maximum_of(apart / size);
+                    let difference = (f64::from(*actual) - expected).abs() - jump.share * spread;
+                    error.absolute = error.absolute.maximum_of(difference);
+                    error.relative = error.relative.maximum_of(difference / size);
                     error.compared += 1;
                 }
             }
@@ -57,7 +57,7 @@ pub(super) fn error(
     Ok(error)
 }
 
-/// Ranges of what is composited: colour with the background, depth and scalar with zero.
+/// Ranges of the composited values: colour including the background, depth and scalar including zero.
 fn spreads(case: &HardCase) -> Result<[f64; 3], SplatError> {
     let mut ranges = [[0.0; 2]; 3];
     let mut widen = |range: usize, value: f64| {

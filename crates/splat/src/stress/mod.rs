@@ -1,9 +1,10 @@
-//! Every path through the hard cases, against the reference in f64 and its derivative against differences.
+//! Stress test: renders the hard cases with every backend, and compares images and gradients with the f64 reference and
+//! with finite differences.
 
 mod differences;
 mod gradients;
 mod images;
-mod parameter;
+pub(crate) mod parameter;
 mod row;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
@@ -16,16 +17,16 @@ use differences::Differences;
 
 pub use row::{MeasuredError, StressRow};
 
-/// A renderer, and what it may get wrong.
-#[expect(missing_debug_implementations, reason = "renderers have none")]
+/// A renderer and its error allowance.
+#[expect(missing_debug_implementations, reason = "renderers do not implement it")]
 pub struct Path {
     /// The renderer.
     pub renderer: Box<dyn Renderer>,
-    /// Factor on every bound of a case, which are those of geometry in f64 and pixels in f32.
+    /// Factor on the bounds of a case, which hold for geometry in f64 and pixels in f32.
     pub slack: f64,
 }
 
-/// The reference, and the processor at each of its instruction sets.
+/// The reference, and the CPU renderer with each available instruction set.
 pub fn paths() -> Vec<Path> {
     let mut paths = vec![Path { renderer: Box::new(ReferenceRenderer), slack: 1.0 }];
     for simd in SimdLevel::available() {
@@ -35,24 +36,23 @@ pub fn paths() -> Vec<Path> {
     paths
 }
 
-/// The renderer on an adapter, which has geometry in f32.
+/// The GPU renderer on an adapter, with geometry in f32.
 ///
 /// # Errors
-/// [`GpuError`] where there is no adapter, or none that passes its test.
+/// [`GpuError`] if there is no such adapter, or it fails its self-test.
 pub fn gpu_path(choice: &AdapterChoice, watcher: &dyn Watcher) -> Result<Path, GpuError> {
     let renderer = GpuRenderer::watched(choice, GpuOptions::default(), watcher)?;
     Ok(Path { renderer: Box::new(renderer), slack: GPU_SLACK })
 }
 
-/// What geometry in f32 adds to errors that pixels in f32 have. Software Vulkan needs none; other drivers round
-/// otherwise.
+/// Allowance for geometry in f32. Software Vulkan does not need it; other drivers round differently.
 const GPU_SLACK: f64 = 2.0;
 
-/// Puts every path through a case, a row each.
+/// Runs every path on a case; one row per path.
 ///
 /// # Errors
-/// As [`reference::render`]: for a case that cannot be rendered at all, of which the catalogue has none. What a path
-/// answers with an error is a finding in its row.
+/// As [`reference::render`] for an invalid case, of which the catalogue has none. An error of a path is a finding in
+/// its row.
 pub fn rows(case: &HardCase, paths: &mut [Path]) -> Result<Vec<StressRow>, SplatError> {
     let mut rows = Vec::with_capacity(paths.len());
     let mut known: Option<Expected<'_>> = None;
@@ -67,12 +67,12 @@ pub fn rows(case: &HardCase, paths: &mut [Path]) -> Result<Vec<StressRow>, Splat
     Ok(rows)
 }
 
-/// Errors that are none because nothing was compared: right where nothing is drawn, and nowhere else.
+/// Findings for errors without any compared value, which is correct only if nothing is drawn.
 fn uncompared(errors: &[MeasuredError]) -> impl Iterator<Item = String> {
     errors.iter().filter(|error| error.compared == 0).map(|error| format!("{}: nothing was compared", error.name))
 }
 
-/// What a hard case has to give.
+/// The expected results of a hard case.
 #[derive(Debug)]
 struct Expected<'a> {
     case: &'a HardCase,
@@ -80,14 +80,14 @@ struct Expected<'a> {
     bounds: ErrorBounds,
     rendering: Rendering<f64>,
     jumps: Vec<Jump>,
-    /// Of a loss that looks away from pixels that may jump.
+    /// Gradients of a loss that ignores pixels that may jump.
     images: ImageGradients<f32>,
     gradients: Gradients<f64>,
     differences: Differences,
 }
 
 impl<'a> Expected<'a> {
-    /// Renders and differentiates a case in f64, and takes the differences of its smooth variant.
+    /// Renders and differentiates a case in f64, and computes finite differences of its smooth variant.
     fn of(case: &'a HardCase, slack: f64) -> Result<Self, SplatError> {
         let HardCase { gaussians, view, options, .. } = case;
         let mut bounds = case.bounds.scaled(slack);
@@ -95,7 +95,7 @@ impl<'a> Expected<'a> {
             bounds.gradient = f64::INFINITY;
         }
         let jumps = reference::jumps(gaussians, view, options, bounds.band)?;
-        let images = gradients::of_loss(view, &jumps);
+        let images = gradients::loss_gradients(view, &jumps);
         Ok(Self {
             case,
             slack,
@@ -125,10 +125,10 @@ impl<'a> Expected<'a> {
     fn try_row(&self, path: &mut dyn Renderer, row: &mut StressRow) -> Result<(), SplatError> {
         let HardCase { gaussians, view, options, census, .. } = self.case;
         let rendering = path.render(gaussians, view, options)?;
-        let derivatives = path.backward(gaussians, view, options, &self.images)?;
-        row.non_finite = rendering.non_finite() + derivatives.non_finite();
+        let gradients = path.backward(gaussians, view, options, &self.images)?;
+        row.non_finite = rendering.non_finite() + gradients.non_finite();
         row.errors.push(images::error(self.case, &rendering, &self.rendering, &self.jumps, self.bounds.image)?);
-        row.errors.push(gradients::error(&derivatives, &self.gradients, self.bounds.gradient));
+        row.errors.push(gradients::error(&gradients, &self.gradients, self.bounds.gradient));
         row.errors.push(self.differences.error(self.case, path, self.bounds.gradient)?);
         if self.rendering.census.drawn > 0 {
             row.findings.extend(uncompared(&row.errors));
@@ -147,7 +147,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_not_compared_is_found() {
+    fn reports_errors_without_compared_values() {
         let error = |name, compared| MeasuredError { name, absolute: 0.0, relative: 0.0, bound: 1.0, compared };
         let found: Vec<String> = uncompared(&[error("image", 9), error("differences", 0)]).collect();
         assert_eq!(found, ["differences: nothing was compared"]);

@@ -3,23 +3,23 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::{GaussianParts, Gaussians, Gradients, SplatError, View, sh_coefficients};
 
-/// A number that a rendering depends on, and by which it has a derivative.
+/// A scalar parameter of a rendering that has a gradient.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Parameter {
+pub(crate) enum Parameter {
     Mean(usize, usize),
     Quaternion(usize, usize),
     LogScale(usize, usize),
     Logit(usize),
     Scalar(usize),
-    /// Coefficient among all, channel.
+    /// Index among all coefficients, and channel.
     Sh(usize, usize),
     /// Rotation, then translation.
     Pose(usize),
 }
 
 impl Parameter {
-    /// Every parameter of one Gaussian; of its harmonics the first and the last.
-    pub(super) fn of_gaussian(gaussians: &Gaussians, position: usize) -> Vec<Self> {
+    /// Every parameter of one Gaussian; of its SH coefficients only the first and the last.
+    pub(crate) fn of_gaussian(gaussians: &Gaussians, position: usize) -> Vec<Self> {
         let coefficients = sh_coefficients(gaussians.sh_degree());
         let (first, last) = (position * coefficients, position * coefficients + coefficients - 1);
         let mut list: Vec<Self> =
@@ -31,8 +31,8 @@ impl Parameter {
         list
     }
 
-    /// Its place in [`Gradients::fields`].
-    pub(super) const fn field(self) -> usize {
+    /// Index of its field in [`Gradients::fields`].
+    pub(crate) const fn field(self) -> usize {
         match self {
             Self::Mean(..) => 0,
             Self::Quaternion(..) => 1,
@@ -44,8 +44,8 @@ impl Parameter {
         }
     }
 
-    /// The derivative by it.
-    pub(super) fn of<T: Copy + Into<f64>>(self, gradients: &Gradients<T>) -> Option<f64> {
+    /// The gradient with respect to it.
+    pub(crate) fn of<T: Copy + Into<f64>>(self, gradients: &Gradients<T>) -> Option<f64> {
         let value = match self {
             Self::Mean(at, axis) => gradients.means.get(at)?.get(axis)?,
             Self::Quaternion(at, axis) => gradients.quaternions.get(at)?.get(axis)?,
@@ -58,8 +58,8 @@ impl Parameter {
         Some((*value).into())
     }
 
-    /// Where a Gaussian's own number stands; `None` for the pose.
-    pub(super) fn slot(self, parts: &mut GaussianParts) -> Option<&mut f32> {
+    /// The parameter's value in the arrays; `None` for the pose.
+    pub(crate) fn slot(self, parts: &mut GaussianParts) -> Option<&mut f32> {
         match self {
             Self::Mean(at, axis) => parts.means.get_mut(at)?.get_mut(axis),
             Self::Quaternion(at, axis) => parts.quaternions.get_mut(at)?.get_mut(axis),
@@ -73,11 +73,11 @@ impl Parameter {
 }
 
 /// The view after a small motion of the camera.
-pub(super) fn moved(view: &View, axis: usize, step: f64) -> Result<View, SplatError> {
-    let unit = [DVec3::X, DVec3::Y, DVec3::Z].get(axis % 3).copied().unwrap_or_default() * step;
-    let (turn, shift) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
-    let turn = DMat3::from_quat(DQuat::from_scaled_axis(turn));
+pub(crate) fn moved(view: &View, axis: usize, step: f64) -> Result<View, SplatError> {
+    let unit = [DVec3::X, DVec3::Y, DVec3::Z][axis % 3] * step;
+    let (rotation, translation) = if axis < 3 { (unit, DVec3::ZERO) } else { (DVec3::ZERO, unit) };
+    let rotation = DMat3::from_quat(DQuat::from_scaled_axis(rotation));
     let pose = view.camera.camera_from_world;
-    let pose = CameraFromWorld::new(turn * pose.rotation(), turn * pose.translation() + shift)?;
+    let pose = CameraFromWorld::new(rotation * pose.rotation(), rotation * pose.translation() + translation)?;
     Ok(View { camera: Camera { camera_from_world: pose, ..view.camera }, ..*view })
 }

@@ -1,7 +1,6 @@
 use serde::Serialize;
 
-/// What one implementation made of one hard case: a row of the table that `atsplat stress` prints, whichever crate it
-/// comes from.
+/// Result of one implementation on one hard case: a row of the table of `atsplat stress`, shared by several crates.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct StressRow {
@@ -9,44 +8,44 @@ pub struct StressRow {
     pub case: String,
     /// Name of the implementation.
     pub path: String,
-    /// Errors, in an order that a case's rows share.
+    /// Errors, in the same order in every row of a case.
     pub errors: Vec<MeasuredError>,
-    /// Values that are NaN or infinite and should not be.
+    /// Number of unexpected NaN or infinite values.
     pub non_finite: u64,
-    /// What else is wrong, in words; nothing where all is well.
+    /// Descriptions of other problems.
     pub findings: Vec<String>,
 }
 
-/// An error and what it may be.
+/// A measured error and its bound.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MeasuredError {
-    /// As `image` or `gradient`.
+    /// Such as `image` or `gradient`.
     pub name: &'static str,
-    /// Largest difference; NaN where one of the values was.
+    /// Largest difference; NaN if one of the values is NaN.
     pub absolute: f64,
-    /// As a share of the size of what is compared.
+    /// The same, relative to the size of the compared values.
     pub relative: f64,
-    /// Largest `relative` that passes.
+    /// Largest passing `relative`.
     pub bound: f64,
-    /// Values that were compared.
+    /// Number of compared values.
     pub compared: u64,
 }
 
 impl MeasuredError {
-    /// Whether it is within its bound; never where it is NaN.
+    /// Whether it is within its bound; false for NaN.
     pub fn passes(&self) -> bool {
         self.relative <= self.bound
     }
 }
 
 impl StressRow {
-    /// Whether every error is within its bound and nothing else is wrong.
+    /// Whether every error is within its bound and there are no other problems.
     pub fn passes(&self) -> bool {
         self.non_finite == 0 && self.findings.is_empty() && self.errors.iter().all(MeasuredError::passes)
     }
 
-    /// An error by its name.
+    /// The error of a given name.
     pub fn error(&self, name: &str) -> Option<&MeasuredError> {
         self.errors.iter().find(|error| error.name == name)
     }
@@ -67,8 +66,8 @@ mod tests {
             findings: findings.iter().map(ToString::to_string).collect(),
         };
         assert!(row(1e-6, 0, &[]).passes());
-        for broken in [row(f64::NAN, 0, &[]), row(1e-4, 0, &[]), row(0.0, 1, &[]), row(0.0, 0, &["census"])] {
-            assert!(!broken.passes(), "{broken:?}");
+        for failing in [row(f64::NAN, 0, &[]), row(1e-4, 0, &[]), row(0.0, 1, &[]), row(0.0, 0, &["census"])] {
+            assert!(!failing.passes(), "{failing:?}");
         }
     }
 }

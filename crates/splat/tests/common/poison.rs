@@ -1,4 +1,4 @@
-//! Numbers that break arithmetic, and a scene of which any number may be replaced by them.
+//! Values that break arithmetic, and a scene in which any value may be replaced by them.
 
 use std::fmt::Debug;
 
@@ -6,7 +6,7 @@ use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_splat::{GaussianParts, Gaussians, Gradients, ImageGradients, Rendering, View};
 use glam::{DMat3, DVec3};
 
-/// Numbers at which arithmetic changes its rules.
+/// Special and extreme values.
 pub(crate) const POISON: [f32; 26] = [
     f32::NAN,
     f32::INFINITY,
@@ -36,9 +36,9 @@ pub(crate) const POISON: [f32; 26] = [
     20.0,
 ];
 
-/// Numbers of one Gaussian.
+/// Values per Gaussian.
 pub(crate) const SLOTS: usize = 25;
-/// Numbers of the scene.
+/// Values in the scene.
 pub(crate) const NUMBERS: usize = COUNT * SLOTS;
 const COUNT: usize = 4;
 
@@ -48,7 +48,7 @@ pub(crate) fn view() -> View {
     View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width: 20, height: 15 } }
 }
 
-/// Harmless Gaussians in front of the camera, of which any number may be replaced.
+/// Ordinary Gaussians in front of the camera, with some values replaced.
 pub(crate) fn scene(poisoned: &[(usize, f32)]) -> Gaussians {
     let mut numbers: Vec<f32> = (0..COUNT)
         .flat_map(|n| {
@@ -79,7 +79,7 @@ pub(crate) fn scene(poisoned: &[(usize, f32)]) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-/// Ones by every image.
+/// Image gradients of one everywhere.
 pub(crate) fn ones<T: Copy>(one: T) -> ImageGradients<T> {
     let pixels = view().pixels();
     ImageGradients {

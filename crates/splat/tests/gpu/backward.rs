@@ -1,39 +1,24 @@
 use atsplat_camera::Distortion;
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::{
-    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, Gradients, RasterMode, RenderOptions, Renderer,
+    ClampedGradient, Extent, GaussianParts, Gaussians, GradientReach, RasterMode, RenderOptions, Renderer,
     RendererConstants, ShAxes, View, reference,
 };
 
-use crate::scenes::{cloud, everything, filtered, gpu, narrow, ripples, view};
+use crate::scenes::{cloud, everything, filtered, gpu, image_gradients, narrow, view};
 
-pub(crate) fn fields(gradients: &Gradients<f64>) -> Vec<(&'static str, Vec<f64>)> {
-    vec![
-        ("means", gradients.means.as_flattened().to_vec()),
-        ("quaternions", gradients.quaternions.as_flattened().to_vec()),
-        ("log scales", gradients.log_scales.as_flattened().to_vec()),
-        ("logits", gradients.opacity_logits.clone()),
-        ("sh", gradients.sh.as_flattened().to_vec()),
-        ("scalars", gradients.scalars.clone()),
-        ("means on the screen", gradients.means_2d.as_flattened().to_vec()),
-        ("conics", gradients.conics.as_flattened().to_vec()),
-        ("background", gradients.background.to_vec()),
-        ("pose", gradients.pose.to_vec()),
-    ]
-}
-
-/// Opacities without cut-offs that a rounding could cross: what is compared is arithmetic.
-fn without_cuts(constants: RendererConstants) -> RendererConstants {
+/// Lowers `min_alpha`, so that rounding cannot cross the threshold and only arithmetic is compared.
+fn without_thresholds(constants: RendererConstants) -> RendererConstants {
     RendererConstants { min_alpha: 1e-5, ..constants }
 }
 
 fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
     let Some(mut gpu) = gpu() else { return };
-    let images = ripples(view);
+    let images = image_gradients(view);
     let expected = reference::backward(gaussians, view, options, &images).unwrap();
     let actual = gpu.backward(gaussians, view, options, &narrow(&images)).unwrap();
-    assert!(gpu.backward(gaussians, view, options, &narrow(&images)).unwrap() == actual, "{what}: other bits");
-    for ((name, actual), (_, expected)) in fields(&actual.map(f64::from)).into_iter().zip(fields(&expected)) {
+    assert!(gpu.backward(gaussians, view, options, &narrow(&images)).unwrap() == actual, "{what}: not deterministic");
+    for ((name, actual), (_, expected)) in actual.map(f64::from).fields().into_iter().zip(expected.fields()) {
         assert_eq!(actual.len(), expected.len(), "{what}: {name}");
         let size = expected.iter().fold(0.0f64, |most, value| most.maximum_of(value.abs()));
         Tolerance::absolute(1e-4 * size).assert(
@@ -41,27 +26,32 @@ fn check(gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str
             expected.iter().copied(),
             &format!("{what}: {name}"),
         );
-        // That says nothing of all that is small beside the largest. The pose's are sums over everything that cancel.
+        // This does not test gradients that are small compared to the largest. Those of the pose are sums with
+        // cancellation.
         if name == "pose" {
             continue;
         }
-        let rest = || actual.iter().zip(&expected).filter(|(_, expected)| expected.abs() <= 0.01 * size);
+        let small = || actual.iter().zip(expected).filter(|(_, expected)| expected.abs() <= 0.01 * size);
         let norm = |numbers: &mut dyn Iterator<Item = f64>| numbers.map(|number| number * number).sum::<f64>().sqrt();
-        let apart = norm(&mut rest().map(|(actual, expected)| actual - expected));
-        let whole = norm(&mut rest().map(|(_, expected)| *expected));
-        Tolerance::absolute(REST_BOUND * whole).assert([apart], [0.0], &format!("{what}: the rest of {name}, {whole}"));
+        let apart = norm(&mut small().map(|(actual, expected)| actual - expected));
+        let whole = norm(&mut small().map(|(_, expected)| *expected));
+        Tolerance::absolute(SMALL_GRADIENT_BOUND * whole).assert(
+            [apart],
+            [0.0],
+            &format!("{what}: the small of {name}, {whole}"),
+        );
     }
 }
 
-/// Distance of those derivatives that are below a hundredth of the largest, relative to their norm.
-const REST_BOUND: f64 = 1e-3;
+/// Largest error of the gradients below a hundredth of the largest, relative to their norm.
+const SMALL_GRADIENT_BOUND: f64 = 1e-3;
 
 #[test]
-fn every_mode_rule_and_filter() {
+fn gradients_match_for_every_mode_rule_and_filter() {
     let gaussians = cloud(600, 2, 21);
     for mode in [RasterMode::Classic, RasterMode::Antialiased] {
         for gaussians in [&gaussians, &filtered(&gaussians)] {
-            let constants = without_cuts(RendererConstants::default());
+            let constants = without_thresholds(RendererConstants::default());
             let what = format!("{mode:?}, filter {}", gaussians.parts().filter_3d.is_some());
             check(gaussians, &view(61, 45), &RenderOptions { constants, mode, ..everything() }, &what);
         }
@@ -75,45 +65,45 @@ fn every_mode_rule_and_filter() {
     check(
         &gaussians,
         &view(61, 45),
-        &RenderOptions { constants: without_cuts(inria), ..everything() },
+        &RenderOptions { constants: without_thresholds(inria), ..everything() },
         "inria's rules",
     );
 }
 
 #[test]
-fn every_degree_and_reach() {
+fn gradients_match_for_every_degree_and_stop() {
     for degree in 0..=4 {
         let gradients = GradientReach { scalar_stops: degree % 2 == 1, directions_stop: degree == 2 };
-        let constants = without_cuts(RendererConstants::default());
+        let constants = without_thresholds(RendererConstants::default());
         let options = RenderOptions { constants, gradients, max_sh_degree: 3, ..everything() };
         check(&cloud(300, degree, 9), &view(33, 29), &options, &format!("degree {degree}"));
     }
 }
 
 #[test]
-fn every_lens() {
+fn gradients_match_for_every_lens() {
     let mut view = view(61, 45);
     for distortion in [
         Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: -0.003, p1: 0.003, p2: -0.002 },
         Distortion::Fisheye { k: [0.02, -0.01, 0.003, -0.001] },
     ] {
         view.camera.distortion = distortion;
-        let constants = without_cuts(RendererConstants::default());
+        let constants = without_thresholds(RendererConstants::default());
         let options = RenderOptions { constants, ..everything() };
         check(&cloud(500, 1, 23), &view, &options, &format!("{distortion:?}"));
     }
 }
 
-/// Without scalars, without images beside colour, without Gaussians; and of one hidden behind others nothing is left.
+/// Without scalars, with a colour gradient only, without Gaussians; a culled Gaussian has zero gradients.
 #[test]
-fn what_is_absent_has_no_derivative() {
+fn absent_inputs_have_no_gradient() {
     let Some(mut gpu) = gpu() else { return };
     let view = view(20, 30);
     let mut parts = cloud(50, 0, 3).into_parts();
     parts.scalars = None;
     parts.means[7] = [0.0, 0.0, -5.0];
     let gaussians = Gaussians::new(parts).unwrap();
-    let mut images = narrow(&ripples(&view));
+    let mut images = narrow(&image_gradients(&view));
     (images.alpha, images.depth, images.scalar) = (None, None, None);
     let gradients = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
     assert!(gradients.scalars.is_empty());

@@ -2,26 +2,22 @@ use atsplat_camera::ImageSize;
 use atsplat_splat::gpu::{GpuError, GpuOptions, GpuRenderer};
 use atsplat_splat::{Renderer, SplatError, View};
 
-use crate::scenes::{cloud, everything, gpu, guest_device, narrow, open, ripples, view};
+use crate::scenes::{assert_identical, cloud, everything, external_device, gpu, open, view};
 
-/// Buffers of a picture, and of the derivatives by some Gaussians, each fit the device, but not together.
+/// The buffers of an image, and of the gradients, each fit the device, but not together.
 #[test]
-fn more_is_read_than_one_buffer_holds() {
+fn reads_more_than_the_largest_buffer() {
     let small = |limits: &mut wgpu::Limits| {
         (limits.max_buffer_size, limits.max_storage_buffer_binding_size) = (128 << 10, 128 << 10);
     };
-    let (Some(mut gpu), Some((device, queue))) = (gpu(), guest_device(small)) else { return };
-    let mut cut = GpuRenderer::with_device(device, queue, GpuOptions::default()).unwrap();
+    let (Some(mut gpu), Some((device, queue))) = (gpu(), external_device(small)) else { return };
+    let mut limited = GpuRenderer::with_device(device, queue, GpuOptions::default()).unwrap();
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 71));
-    let whole = gpu.render(&gaussians, &view, &everything()).unwrap();
-    assert!(cut.render(&gaussians, &view, &everything()).unwrap() == whole);
-    let images = narrow(&ripples(&view));
-    let whole = gpu.backward(&gaussians, &view, &everything(), &images).unwrap();
-    assert!(cut.backward(&gaussians, &view, &everything(), &images).unwrap() == whole);
+    assert_identical(&mut limited, &mut gpu, &gaussians, &view, &everything());
 }
 
 #[test]
-fn no_strips_of_no_picture() {
+fn rejects_strips_of_invalid_sizes() {
     let Some(gpu) = gpu() else { return };
     for size in [[0, 3], [3, 0], [0, 0], [70_000, 3], [3, 70_000]] {
         let outcome = gpu.strips(&View { size: ImageSize { width: size[0], height: size[1] }, ..view(3, 3) });
@@ -30,24 +26,24 @@ fn no_strips_of_no_picture() {
     assert_eq!(gpu.strips(&view(7, 5)).unwrap(), [[0, 5]]);
 }
 
-/// Who shares the device learns of his mistake once, and the renderer goes on.
+/// An error by another user of the device is reported once, and the renderer continues to work.
 #[test]
-fn mistakes_of_others_are_told_once() {
+fn errors_of_other_users_are_reported_once() {
     let Some(mut gpu) = open(GpuOptions::default()) else { return };
     let mut render = || gpu.render(&cloud(10, 0, 1), &view(8, 8), &everything());
-    let picture = render().unwrap();
-    let mistaken = wgpu::BufferDescriptor {
-        label: Some("mistaken"),
+    let expected = render().unwrap();
+    let invalid = wgpu::BufferDescriptor {
+        label: Some("invalid"),
         size: 256,
         usage: wgpu::BufferUsages::MAP_READ | wgpu::BufferUsages::MAP_WRITE | wgpu::BufferUsages::UNIFORM,
         mapped_at_creation: false,
     };
-    drop(gpu.device().create_buffer(&mistaken));
+    drop(gpu.device().create_buffer(&invalid));
     let mut render = || gpu.render(&cloud(10, 0, 1), &view(8, 8), &everything());
     let outcome = render();
     assert!(
         matches!(&outcome, Err(SplatError::Gpu(GpuError::Refused { reason, .. })) if reason.contains("outside")),
         "{outcome:?}"
     );
-    assert!(render().unwrap() == picture);
+    assert!(render().unwrap() == expected);
 }

@@ -1,29 +1,33 @@
 use atsplat_camera::{Camera, CameraFromWorld, Distortion, ImageSize};
 use atsplat_splat::cpu::CpuRenderer;
+use atsplat_splat::gpu::GpuRenderer;
 use atsplat_splat::{
     Channels, Extent, Gaussians, RasterMode, RenderOptions, Renderer, RendererConstants, SplatError, View, reference,
 };
 use glam::DVec3;
 
-use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, narrow, ripples, view};
+use crate::scenes::{assert_bound, cloud, dust, everything, filtered, gpu, image_gradients, narrow, view};
+
+fn check(gpu: &mut GpuRenderer, gaussians: &Gaussians, view: &View, options: &RenderOptions, what: &str) {
+    let expected = reference::render(gaussians, view, options).unwrap();
+    assert_bound(&gpu.render(gaussians, view, options).unwrap(), &expected, what);
+}
 
 #[test]
-fn every_preset_and_mode() {
+fn matches_the_reference_for_every_preset_and_mode() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(3000, 3, 7), view(97, 61));
     for preset in RendererConstants::PRESETS {
         for mode in [RasterMode::Classic, RasterMode::Antialiased] {
             let constants = RendererConstants::named(preset).unwrap();
             let options = RenderOptions { constants, mode, ..everything() };
-            let expected = reference::render(&gaussians, &view, &options).unwrap();
-            let actual = gpu.render(&gaussians, &view, &options).unwrap();
-            assert_bound(&actual, &expected, &format!("{preset} {mode:?}"));
+            check(&mut gpu, &gaussians, &view, &options, &format!("{preset} {mode:?}"));
         }
     }
 }
 
 #[test]
-fn every_degree_and_filter_and_channel() {
+fn matches_the_reference_for_every_degree_filter_and_channel() {
     let Some(mut gpu) = gpu() else { return };
     let view = view(50, 40);
     for degree in 0..=4 {
@@ -31,15 +35,13 @@ fn every_degree_and_filter_and_channel() {
         for max_sh_degree in [1, 4] {
             let channels = Channels { depth: degree % 2 == 0, scalar: degree > 2, median_depth: false };
             let options = RenderOptions { max_sh_degree, channels, ..everything() };
-            let expected = reference::render(&gaussians, &view, &options).unwrap();
-            let actual = gpu.render(&gaussians, &view, &options).unwrap();
-            assert_bound(&actual, &expected, &format!("degree {degree} up to {max_sh_degree}"));
+            check(&mut gpu, &gaussians, &view, &options, &format!("degree {degree} up to {max_sh_degree}"));
         }
     }
 }
 
 #[test]
-fn every_lens() {
+fn matches_the_reference_for_every_lens() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, mut view) = (cloud(1000, 1, 3), view(64, 48));
     for distortion in [
@@ -50,22 +52,18 @@ fn every_lens() {
         Distortion::Fisheye { k: [0.0; 4] },
     ] {
         view.camera.distortion = distortion;
-        let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-        let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
-        assert_bound(&actual, &expected, &format!("{distortion:?}"));
+        check(&mut gpu, &gaussians, &view, &everything(), &format!("{distortion:?}"));
     }
 }
 
-/// Blocks, workgroups and tiles that are not full, and nothing at all.
+/// Partially filled blocks, workgroups and tiles, and empty scenes.
 #[test]
-fn odd_sizes_and_counts() {
+fn matches_the_reference_for_odd_sizes_and_counts() {
     let Some(mut gpu) = gpu() else { return };
     for (width, height) in [(1, 1), (17, 33), (16, 16), (3, 40)] {
         for count in [0, 1, 31, 33, 255, 256, 257] {
             let (gaussians, view) = (cloud(count, 0, 5), view(width, height));
-            let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-            let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
-            assert_bound(&actual, &expected, &format!("{count} on {width}×{height}"));
+            check(&mut gpu, &gaussians, &view, &everything(), &format!("{count} on {width}×{height}"));
         }
     }
     let nothing = gpu.render(&Gaussians::default(), &view(33, 17), &RenderOptions::default()).unwrap();
@@ -75,9 +73,9 @@ fn odd_sizes_and_counts() {
     assert!(matches!(empty, Err(SplatError::View { .. })), "{empty:?}");
 }
 
-/// Around 2¹⁶, and where prefix sums need a third level.
+/// Counts around 2¹⁶, and where prefix sums need a third level.
 #[test]
-fn many_gaussians_as_the_processor_has_them() {
+fn many_gaussians_match_the_cpu() {
     let Some(mut gpu) = gpu() else { return };
     let view = view(160, 120);
     let mut cpu = CpuRenderer::default();
@@ -89,10 +87,10 @@ fn many_gaussians_as_the_processor_has_them() {
     }
 }
 
-/// A scene and camera moved and scaled together: f32 holds the means, two of them hold everything from there to the
-/// picture.
+/// Scene and camera translated and scaled together: means are f32, and double-single arithmetic is used up to the
+/// image.
 #[test]
-fn far_away_and_far_apart() {
+fn matches_the_reference_far_from_the_origin_and_at_other_scales() {
     let Some(mut gpu) = gpu() else { return };
     let view = view(97, 61);
     for (scale, shift) in [(1e6f32, 0.0f32), (1e-4, 0.0), (1.0, 5e3), (100.0, 3.3e5), (1e6, 1e8)] {
@@ -114,9 +112,9 @@ fn far_away_and_far_apart() {
     }
 }
 
-/// What is extreme but valid survives, as the reference has it.
+/// Extreme but valid Gaussians are drawn as by the reference.
 #[test]
-fn needles_discs_giants_and_coincident_ones() {
+fn matches_the_reference_for_extreme_shapes() {
     let Some(mut gpu) = gpu() else { return };
     let view = view(80, 60);
     let shapes = [[3.0, -9.0, -9.0], [2.0, 2.0, -12.0], [20.0, 20.0, 20.0], [30.0, -20.0, 1.0], [-40.0, -40.0, -40.0]];
@@ -124,20 +122,17 @@ fn needles_discs_giants_and_coincident_ones() {
         let mut parts = cloud(60, 0, 29).into_parts();
         parts.log_scales.iter_mut().for_each(|logs| *logs = shape);
         let gaussians = Gaussians::new(parts).unwrap();
-        let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-        let actual = gpu.render(&gaussians, &view, &everything()).unwrap();
-        assert_bound(&actual, &expected, &format!("{shape:?}"));
+        check(&mut gpu, &gaussians, &view, &everything(), &format!("{shape:?}"));
     }
     let mut parts = cloud(10_000, 0, 31).into_parts();
     parts.means.iter_mut().for_each(|mean| *mean = [0.1, 0.2, 3.0]);
     let gaussians = Gaussians::new(parts).unwrap();
-    let expected = reference::render(&gaussians, &view, &everything()).unwrap();
-    assert_bound(&gpu.render(&gaussians, &view, &everything()).unwrap(), &expected, "coincident");
+    check(&mut gpu, &gaussians, &view, &everything(), "coincident");
 }
 
-/// Without blur, Gaussians may be as narrow as numbers allow: points, sheets seen edge-on.
+/// Without blur, Gaussians may be arbitrarily narrow: points, and sheets seen edge-on.
 #[test]
-fn nothing_blurs_the_narrowest() {
+fn matches_the_reference_without_blur() {
     let Some(mut gpu) = gpu() else { return };
     let view = view(80, 60);
     let shapes = [[-24.0, -24.0, -24.0], [-30.0, -31.0, -29.0], [-40.0, -40.0, -40.0], [-3.0, -12.0, -14.0]];
@@ -148,21 +143,19 @@ fn nothing_blurs_the_narrowest() {
             let gaussians = Gaussians::new(parts).unwrap();
             let constants = RendererConstants { blur: 0.0, extent, ..RendererConstants::default() };
             let options = RenderOptions { constants, ..everything() };
-            let expected = reference::render(&gaussians, &view, &options).unwrap();
-            let actual = gpu.render(&gaussians, &view, &options).unwrap();
-            assert_bound(&actual, &expected, &format!("{shape:?} {extent:?}"));
-            let gradients = gpu.backward(&gaussians, &view, &options, &narrow(&ripples(&view))).unwrap();
+            check(&mut gpu, &gaussians, &view, &options, &format!("{shape:?} {extent:?}"));
+            let gradients = gpu.backward(&gaussians, &view, &options, &narrow(&image_gradients(&view))).unwrap();
             assert_eq!(gradients.non_finite(), 0, "{shape:?} {extent:?}");
         }
     }
 }
 
 #[test]
-fn the_same_bits_every_time() {
+fn rendering_is_deterministic() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(4000, 2, 11), view(131, 77));
     let first = gpu.render(&gaussians, &view, &everything()).unwrap();
-    // Another picture in between leaves nothing behind.
+    // Another rendering in between has no effect.
     gpu.render(&cloud(900, 1, 2), &View { size: ImageSize { width: 40, height: 50 }, ..view }, &everything()).unwrap();
     for _ in 0..3 {
         assert!(gpu.render(&gaussians, &view, &everything()).unwrap() == first);

@@ -1,10 +1,12 @@
-//! The graphics processor against the f64 reference and the processor.
+//! The GPU renderer against the f64 reference and the CPU renderer.
 //!
-//! Without an adapter these tests say so and pass; with `ATSPLAT_REQUIRE_GPU=1` they fail.
+//! Without an adapter these tests print a notice and pass; with `ATSPLAT_REQUIRE_GPU=1` they fail.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "a test fails by panicking")]
 
 mod backward;
+#[path = "../common/cloud.rs"]
+mod cloud;
 #[path = "../common/poison.rs"]
 mod common;
 mod devices;

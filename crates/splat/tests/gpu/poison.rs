@@ -1,4 +1,4 @@
-//! Whatever stands in a field, pixels and gradients of finite images are finite.
+//! Pixels and gradients are finite for any input values.
 
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_splat::gpu::GpuRenderer;
@@ -8,10 +8,10 @@ use proptest::prelude::*;
 use crate::common::{NUMBERS, POISON, SLOTS, assert_finite, ones, scene, view};
 use crate::scenes::{everything, gpu};
 
-/// Largest difference of a pixel, relative to the largest: a cut-off and what f32 brings.
+/// Largest difference of a pixel, relative to the largest: a threshold crossing and f32 rounding.
 const PIXEL_BOUND: f64 = 0.01;
 
-/// Whether geometry in f32 may have to give up a Gaussian of such a number, which the reference in f64 draws.
+/// Whether a value may force geometry in f32 to cull a Gaussian that the f64 reference draws.
 fn is_beyond_f32((slot, value): (usize, f32)) -> bool {
     let is_log_scale = (7..10).contains(&(slot % SLOTS));
     let magnitude = value.abs();
@@ -24,12 +24,12 @@ fn check(gpu: &mut GpuRenderer, poisoned: &[(usize, f32)], mode: RasterMode) {
     let rendering = gpu.render(&gaussians, &view, &options).unwrap();
     let expected = reference::render(&gaussians, &view, &options).unwrap();
     let what = format!("{poisoned:?} {mode:?}");
-    let given_up = poisoned.iter().filter(|poison| is_beyond_f32(**poison)).count();
-    if given_up > 0 {
-        assert!(rendering.census.drawn.abs_diff(expected.census.drawn) <= given_up as u64, "{what}");
+    let culled_in_f32 = poisoned.iter().filter(|poison| is_beyond_f32(**poison)).count();
+    if culled_in_f32 > 0 {
+        assert!(rendering.census.drawn.abs_diff(expected.census.drawn) <= culled_in_f32 as u64, "{what}");
     } else {
         assert_eq!(rendering.census.drawn, expected.census.drawn, "{what}");
-        // Of several reasons not to draw one Gaussian, any may be counted.
+        // If several reasons to cull a Gaussian apply, any may be counted.
         assert!(poisoned.len() > 1 || rendering.census == expected.census, "{what}: {:?}", rendering.census);
         let expected = expected.rgb.as_flattened();
         let size = expected.iter().fold(1.0f64, |most, value| most.maximum_of(value.abs()));
@@ -41,7 +41,7 @@ fn check(gpu: &mut GpuRenderer, poisoned: &[(usize, f32)], mode: RasterMode) {
 }
 
 #[test]
-fn every_number_in_every_slot() {
+fn survives_every_value_in_every_slot() {
     let Some(mut gpu) = gpu() else { return };
     for slot in 0..SLOTS {
         for (n, value) in POISON.into_iter().enumerate() {
@@ -55,7 +55,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(60))]
 
     #[test]
-    fn several_at_once(
+    fn survives_several_values_at_once(
         poisoned in prop::collection::vec((0..NUMBERS, prop::sample::select(&POISON[..])), 1..12),
         antialiased in any::<bool>(),
     ) {
@@ -64,7 +64,7 @@ proptest! {
     }
 
     #[test]
-    fn any_bits(poisoned in prop::collection::vec((0..NUMBERS, any::<u32>().prop_map(f32::from_bits)), 1..12)) {
+    fn survives_arbitrary_bits(poisoned in prop::collection::vec((0..NUMBERS, any::<u32>().prop_map(f32::from_bits)), 1..12)) {
         let Some(mut gpu) = gpu() else { return Ok(()) };
         check(&mut gpu, &poisoned, RasterMode::Classic);
     }

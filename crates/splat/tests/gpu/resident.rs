@@ -3,11 +3,11 @@ use atsplat_splat::gpu::{
 };
 use atsplat_splat::{Gaussians, ImageGradients, Renderer, SplatError};
 
-use crate::scenes::{cloud, everything, filtered, gpu, guest_device, narrow, open, ripples, view};
+use crate::scenes::{cloud, everything, external_device, filtered, gpu, image_gradients, narrow, open, view};
 
-/// Gaussians, pictures and gradients that stay on the device are those that pass through the host.
+/// Results on the device equal those that pass through the host.
 #[test]
-fn nothing_changes_on_the_way() {
+fn resident_results_equal_host_results() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(700, 1, 19), view(53, 41));
     let resident = gpu.upload(&gaussians).unwrap();
@@ -16,14 +16,14 @@ fn nothing_changes_on_the_way() {
     let through_host = gpu.render(&gaussians, &view, &everything()).unwrap();
     assert!(gpu.read(&rendering).unwrap() == through_host);
 
-    let images = narrow(&ripples(&view));
+    let images = narrow(&image_gradients(&view));
     let strips = GpuImageGradients {
         strips: vec![GpuStripGradients {
             colours: rendering.strips[0].colours.clone(),
             extras: rendering.strips[0].extras.clone(),
         }],
     };
-    // A picture is as good a gradient as any: here of half its own sum of squares.
+    // Uses the image as its own gradient, that of half its sum of squares.
     let gradients = gpu.backward_resident(&resident, &view, &everything(), &strips).unwrap();
     let own = ImageGradients {
         rgb: through_host.rgb,
@@ -37,14 +37,15 @@ fn nothing_changes_on_the_way() {
 }
 
 #[test]
-fn buffers_and_devices_of_others_are_taken() {
+fn accepts_buffers_and_devices_of_the_caller() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(300, 1, 19), view(30, 20));
     let uploaded = gpu.upload(&gaussians).unwrap();
-    let mut guest = GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), GpuOptions::default()).unwrap();
-    let taken = GpuGaussians::from_parts(uploaded.parts().to_vec(), 1).unwrap();
-    let rendering = guest.render_resident(&taken, &view, &everything()).unwrap();
-    assert!(guest.read(&rendering).unwrap() == gpu.render(&gaussians, &view, &everything()).unwrap());
+    let mut external =
+        GpuRenderer::with_device(gpu.device().clone(), gpu.queue().clone(), GpuOptions::default()).unwrap();
+    let wrapped = GpuGaussians::from_parts(uploaded.parts().to_vec(), 1).unwrap();
+    let rendering = external.render_resident(&wrapped, &view, &everything()).unwrap();
+    assert!(external.read(&rendering).unwrap() == gpu.render(&gaussians, &view, &everything()).unwrap());
 
     let mut short = uploaded.parts().to_vec();
     short[0].count = 100_000;
@@ -54,7 +55,7 @@ fn buffers_and_devices_of_others_are_taken() {
 }
 
 #[test]
-fn stages_are_timed() {
+fn reports_stage_timings() {
     let Some(mut gpu) = gpu() else { return };
     gpu.render(&cloud(300, 1, 19), &view(30, 20), &everything()).unwrap();
     let stages = gpu.stages();
@@ -62,17 +63,17 @@ fn stages_are_timed() {
     assert!(gpu.name().starts_with("gpu, ") && gpu.name().contains(gpu.adapter()));
 }
 
-/// Some of a picture's strips come with derivatives by depth and scalar.
+/// Only some strips have gradients of depth and scalar.
 #[test]
-fn parts_and_strips_are_one_whole() {
+fn splitting_into_parts_and_strips_changes_nothing() {
     let small = GpuOptions { binding_limit: 128 << 10, ..GpuOptions::default() };
-    let (Some(mut gpu), Some(mut cut)) = (gpu(), open(small)) else { return };
+    let (Some(mut gpu), Some(mut limited)) = (gpu(), open(small)) else { return };
     let (gaussians, view) = (cloud(2000, 3, 19), view(97, 71));
-    let resident = cut.upload(&gaussians).unwrap();
-    let rendering = cut.render_resident(&resident, &view, &everything()).unwrap();
+    let resident = limited.upload(&gaussians).unwrap();
+    let rendering = limited.render_resident(&resident, &view, &everything()).unwrap();
     assert!(resident.parts().len() > 2 && rendering.strips.len() > 2);
     let picture = gpu.render(&gaussians, &view, &everything()).unwrap();
-    assert!(cut.read(&rendering).unwrap() == picture);
+    assert!(limited.read(&rendering).unwrap() == picture);
 
     let has_extras = |strip: usize| strip % 2 == 1;
     let strips = rendering.strips.iter().enumerate().map(|(n, strip)| GpuStripGradients {
@@ -80,7 +81,7 @@ fn parts_and_strips_are_one_whole() {
         extras: strip.extras.clone().filter(|_| has_extras(n)),
     });
     let strips = GpuImageGradients { strips: strips.collect() };
-    let gradients = cut.backward_resident(&resident, &view, &everything(), &strips).unwrap();
+    let gradients = limited.backward_resident(&resident, &view, &everything(), &strips).unwrap();
     let mut own =
         ImageGradients { rgb: picture.rgb, alpha: Some(picture.alpha), depth: picture.depth, scalar: picture.scalar };
     for (n, strip) in rendering.strips.iter().enumerate().filter(|(n, _)| !has_extras(*n)) {
@@ -91,11 +92,11 @@ fn parts_and_strips_are_one_whole() {
         assert!(n % 2 == 0);
     }
     let expected = gpu.backward(&gaussians, &view, &everything(), &own).unwrap();
-    assert!(cut.read_gradients(&gradients, &gaussians).unwrap() == expected);
+    assert!(limited.read_gradients(&gradients, &gaussians).unwrap() == expected);
 }
 
 #[test]
-fn gradients_are_read_for_the_gaussians_they_are_of() {
+fn rejects_reading_gradients_for_other_gaussians() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(100, 1, 19), view(30, 20));
     let resident = gpu.upload(&gaussians).unwrap();
@@ -111,7 +112,7 @@ fn gradients_are_read_for_the_gaussians_they_are_of() {
     gpu.read_gradients(&gradients, &gaussians).unwrap();
 }
 
-/// One strip of zeros.
+/// A single strip of zeros.
 fn constant(gpu: &GpuRenderer, pixels: u64, usage: wgpu::BufferUsages) -> GpuImageGradients {
     let descriptor = wgpu::BufferDescriptor { label: None, size: 16 * pixels, usage, mapped_at_creation: false };
     let colours = gpu.device().create_buffer(&descriptor);
@@ -119,7 +120,7 @@ fn constant(gpu: &GpuRenderer, pixels: u64, usage: wgpu::BufferUsages) -> GpuIma
 }
 
 #[test]
-fn gradients_of_another_shape_are_typed_errors() {
+fn rejects_gradients_of_the_wrong_shape() {
     let Some(mut gpu) = gpu() else { return };
     let (gaussians, view) = (cloud(100, 1, 19), view(30, 20));
     let resident = gpu.upload(&gaussians).unwrap();
@@ -150,10 +151,10 @@ fn gradients_of_another_shape_are_typed_errors() {
 #[test]
 fn buffers_of_others_are_taken_or_refused_in_words() {
     let lower = |limits: &mut wgpu::Limits| limits.max_storage_buffer_binding_size = 128 << 10;
-    let (Some(mut gpu), Some((device, queue))) = (gpu(), guest_device(lower)) else { return };
+    let (Some(mut gpu), Some((device, queue))) = (gpu(), external_device(lower)) else { return };
     let (gaussians, view) = (cloud(300, 1, 19), view(30, 20));
-    let mut guest = GpuRenderer::with_device(device.clone(), queue.clone(), GpuOptions::default()).unwrap();
-    let (other_device, other_queue) = guest_device(lower).unwrap();
+    let mut external = GpuRenderer::with_device(device.clone(), queue.clone(), GpuOptions::default()).unwrap();
+    let (other_device, other_queue) = external_device(lower).unwrap();
     let mut stranger = GpuRenderer::with_device(other_device, other_queue, GpuOptions::default()).unwrap();
     let put = |values: &[f32], size: u64, usage: wgpu::BufferUsages| {
         let usage = usage | wgpu::BufferUsages::COPY_DST;
@@ -179,13 +180,13 @@ fn buffers_of_others_are_taken_or_refused_in_words() {
     let expected = gpu.render(&gaussians, &view, &everything()).unwrap();
     for size in [(512 << 10) + 2, 14_402] {
         let long = GpuGaussians::from_parts(vec![part(size, wgpu::BufferUsages::STORAGE)], 1).unwrap();
-        let rendering = guest.render_resident(&long, &view, &everything()).unwrap();
-        assert!(guest.read(&rendering).unwrap() == expected, "{size}");
+        let rendering = external.render_resident(&long, &view, &everything()).unwrap();
+        assert!(external.read(&rendering).unwrap() == expected, "{size}");
         let outcome = stranger.render_resident(&long, &view, &everything());
         assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::Refused { .. }))), "{outcome:?}");
     }
     let unseen = GpuGaussians::from_parts(vec![part(14_400, wgpu::BufferUsages::COPY_SRC)], 1).unwrap();
-    let outcome = guest.render_resident(&unseen, &view, &everything());
+    let outcome = external.render_resident(&unseen, &view, &everything());
     assert!(
         matches!(&outcome, Err(SplatError::Gpu(GpuError::Refused { reason, .. })) if reason.contains("STORAGE, found")),
         "{outcome:?}"
@@ -193,7 +194,7 @@ fn buffers_of_others_are_taken_or_refused_in_words() {
     let mut many = part(512 << 10, wgpu::BufferUsages::STORAGE);
     many.count = 12_000;
     let many = GpuGaussians::from_parts(vec![many], 0).unwrap();
-    let outcome = guest.render_resident(&many, &view, &everything());
+    let outcome = external.render_resident(&many, &view, &everything());
     assert!(matches!(outcome, Err(SplatError::Gpu(GpuError::TooLarge { .. }))), "{outcome:?}");
 }
 

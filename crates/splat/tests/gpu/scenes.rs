@@ -1,15 +1,17 @@
-//! Scenes, and the one device that all tests share.
+//! Test scenes, and the device shared by all tests.
 
 use std::sync::{Mutex, MutexGuard, OnceLock, PoisonError};
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
 use atsplat_splat::gpu::{AdapterChoice, GpuError, GpuOptions, GpuRenderer};
-use atsplat_splat::{Channels, GaussianParts, Gaussians, ImageGradients, RenderOptions, Rendering, View};
+use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, View};
 use atsplat_tests::skip_without_graphics;
 use glam::{DMat3, DVec3};
 
-/// A renderer of its own, `None` where there is no adapter at all and none is required.
+pub(crate) use crate::cloud::{cloud, everything, image_gradients, narrow, view};
+
+/// Opens a renderer; `None` if there is no adapter and none is required.
 pub(crate) fn open(options: GpuOptions) -> Option<GpuRenderer> {
     match GpuRenderer::new(&AdapterChoice::Automatic, options) {
         Ok(renderer) => Some(renderer),
@@ -28,9 +30,9 @@ pub(crate) fn gpu() -> Option<MutexGuard<'static, GpuRenderer>> {
     Some(shared.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// A device that is not opened by this crate, with limits lowered.
-pub(crate) fn guest_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(wgpu::Device, wgpu::Queue)> {
-    // wgpu panics where devices of two instances meet.
+/// A device not opened by this crate, with lowered limits.
+pub(crate) fn external_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(wgpu::Device, wgpu::Queue)> {
+    // wgpu panics if devices of two instances are mixed.
     static INSTANCE: OnceLock<wgpu::Instance> = OnceLock::new();
     let instance = INSTANCE.get_or_init(|| wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle()));
     let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
@@ -41,28 +43,6 @@ pub(crate) fn guest_device(lower: impl FnOnce(&mut wgpu::Limits)) -> Option<(wgp
     Some(pollster::block_on(adapter.request_device(&descriptor)).unwrap())
 }
 
-/// A cloud in front of the camera, from needles and discs to blobs, some of it outside the view.
-pub(crate) fn cloud(count: usize, degree: u8, seed: u32) -> Gaussians {
-    let mut state = seed;
-    let mut uniform = || {
-        state = state.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-        (state >> 8) as f32 / (1 << 24) as f32
-    };
-    let mut parts = GaussianParts { sh_degree: degree, scalars: Some(Vec::new()), ..GaussianParts::default() };
-    for _ in 0..count {
-        let mut spread = |width: f32| width * (2.0 * uniform() - 1.0);
-        parts.means.push([spread(2.5), spread(2.0), 4.0 + spread(3.5)]);
-        parts.quaternions.push([spread(1.0), spread(1.0), spread(1.0), spread(1.0)]);
-        parts.log_scales.push([-3.0 + spread(2.0), -3.0 + spread(2.0), -3.5 + spread(2.0)]);
-        parts.opacity_logits.push(spread(5.0));
-        parts.scalars.iter_mut().for_each(|scalars| scalars.push(spread(1.0)));
-        for _ in 0..atsplat_splat::sh_coefficients(degree) {
-            parts.sh.push([spread(0.8), spread(0.8), spread(0.8)]);
-        }
-    }
-    Gaussians::new(parts).unwrap()
-}
-
 /// The same with a 3D filter.
 pub(crate) fn filtered(gaussians: &Gaussians) -> Gaussians {
     let mut parts = gaussians.parts().clone();
@@ -71,14 +51,14 @@ pub(crate) fn filtered(gaussians: &Gaussians) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-/// Small ones by the hundred thousand.
+/// Small Gaussians, for scenes of hundreds of thousands.
 pub(crate) fn dust(count: usize) -> Gaussians {
     let mut parts = cloud(count, 0, 77).into_parts();
     parts.log_scales.iter_mut().for_each(|logs| *logs = logs.map(|log| log - 2.5));
     Gaussians::new(parts).unwrap()
 }
 
-/// Specks of a pixel, just opaque enough to be seen: hundreds on a pixel leave it transparent.
+/// Pixel-sized Gaussians barely above the alpha threshold: hundreds on a pixel leave it transparent.
 pub(crate) fn specks(count: usize) -> Gaussians {
     let mut parts = cloud(count, 0, 78).into_parts();
     parts.log_scales.iter_mut().for_each(|logs| *logs = [-8.0; 3]);
@@ -86,23 +66,8 @@ pub(crate) fn specks(count: usize) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-pub(crate) fn view(width: u32, height: u32) -> View {
-    let rotation = DMat3::from_rotation_y(0.2) * DMat3::from_rotation_x(0.1);
-    let pose = CameraFromWorld::new(rotation, DVec3::new(0.3, -0.1, 0.4)).unwrap();
-    let intrinsics = NormalizedIntrinsics::new(0.8, 0.8 * f64::from(width) / f64::from(height), 0.48, 0.53).unwrap();
-    View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
-}
-
-pub(crate) fn everything() -> RenderOptions {
-    RenderOptions {
-        background: [0.1, 0.6, 0.3],
-        channels: Channels { depth: true, scalar: true, median_depth: true },
-        ..RenderOptions::default()
-    }
-}
-
-/// Needles along the picture's diagonal, side by side: the box of each is all of it, and each touches few pixels and
-/// dims them little, so that none hides another.
+/// Parallel needles along the image diagonal: the bounding box of each is the whole image, but each touches few pixels
+/// with low alpha, so that none occludes another.
 pub(crate) fn needles(count: usize) -> Gaussians {
     let mut parts = cloud(count, 0, 79).into_parts();
     let (sine, cosine) = std::f32::consts::FRAC_PI_8.sin_cos();
@@ -116,30 +81,14 @@ pub(crate) fn needles(count: usize) -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-/// Looks along the third axis from the origin.
+/// A view along +z from the origin.
 pub(crate) fn straight(width: u32, height: u32) -> View {
     let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
     let intrinsics = NormalizedIntrinsics::new(0.9, 0.9 * f64::from(width) / f64::from(height), 0.5, 0.5).unwrap();
     View { camera: Camera::pinhole(pose, intrinsics), size: ImageSize { width, height } }
 }
 
-/// Derivatives by images that differ from pixel to pixel.
-pub(crate) fn ripples(view: &View) -> ImageGradients<f64> {
-    let wave = |phase: f64| (0..view.pixels()).map(move |n| (n as f64 * 0.37 + phase).sin()).collect::<Vec<_>>();
-    ImageGradients {
-        rgb: wave(0.0).into_iter().zip(wave(1.0)).zip(wave(2.0)).map(|((r, g), b)| [r, g, b]).collect(),
-        alpha: Some(wave(3.0)),
-        depth: Some(wave(4.0)),
-        scalar: Some(wave(5.0)),
-    }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "sines")]
-pub(crate) fn narrow(images: &ImageGradients<f64>) -> ImageGradients<f32> {
-    images.map(|value| value as f32)
-}
-
-/// The published bound: at most 1/255 on 99.99 % of pixels and 60 dB or better, nothing left out; and one census.
+/// Asserts the documented bound: 99.99 % of all pixels within 1/255, a PSNR of at least 60 dB, and equal censuses.
 pub(crate) fn assert_bound(actual: &Rendering<f32>, expected: &Rendering<f64>, what: &str) {
     assert_eq!(actual.census, expected.census, "{what}");
     let flat: Vec<f64> = actual.rgb.iter().flatten().map(|value| f64::from(*value)).collect();
@@ -158,7 +107,7 @@ pub(crate) fn assert_bound(actual: &Rendering<f32>, expected: &Rendering<f64>, w
         }
     }
     if let (Some(actual), Some(expected)) = (&actual.median_depth, &expected.median_depth) {
-        // Another Gaussian may take the transmittance past one half: a cut-off like the others.
+        // At the threshold of one half, another Gaussian may be chosen.
         let near = Tolerance { absolute: 1e-4, relative: 1e-4 };
         let apart = image(actual).iter().zip(expected).filter(|(a, e)| !near.accepts(**a, **e)).count();
         assert!(apart * 1000 <= expected.len(), "{what}: {apart} median depths of {}", expected.len());
@@ -178,4 +127,19 @@ fn within(actual: &[f64], expected: &[f64], bound: f64, what: &str) {
     let decibels = -10.0 * (squares / actual.len() as f64).log10();
     assert!(beyond * 10_000 <= actual.len(), "{what}: {beyond} of {} beyond 1/255", actual.len());
     assert!(decibels >= 60.0, "{what}: {decibels} dB");
+}
+
+/// Asserts that two renderers give bit-identical images and gradients.
+pub(crate) fn assert_identical(
+    actual: &mut GpuRenderer,
+    expected: &mut GpuRenderer,
+    gaussians: &Gaussians,
+    view: &View,
+    options: &RenderOptions,
+) {
+    let images = narrow(&image_gradients(view));
+    let rendering = expected.render(gaussians, view, options).unwrap();
+    assert!(actual.render(gaussians, view, options).unwrap() == rendering);
+    let gradients = expected.backward(gaussians, view, options, &images).unwrap();
+    assert!(actual.backward(gaussians, view, options, &images).unwrap() == gradients);
 }

@@ -1,4 +1,4 @@
-//! What must not change a bit, and what only the structure of this renderer could get wrong.
+//! Bit-exact invariances, and errors specific to this renderer's structure.
 
 use super::*;
 
@@ -7,9 +7,9 @@ fn gradients(gaussians: &Gaussians, view: &View, simd: SimdLevel) -> Gradients<f
     renderer.backward(gaussians, view, &everything(), &narrow(&image_gradients(view))).unwrap()
 }
 
-/// Vectors of 4, 8 and 16 lanes, none of which fuses.
+/// Vectors of 4, 8 and 16 lanes, without fused multiply-add.
 #[test]
-fn the_number_of_lanes_changes_nothing() {
+fn the_number_of_lanes_does_not_change_results() {
     let (gaussians, view) = (cloud(1500, 3, 31), view(83, 67));
     let of = |simd| rendered(&gaussians, &view, &everything(), CpuOptions { simd, ..CpuOptions::default() });
     let (expected, expected_gradients) = (of(SimdLevel::Portable), gradients(&gaussians, &view, SimdLevel::Portable));
@@ -23,14 +23,14 @@ fn bits(values: [f32; 3]) -> [u32; 3] {
     values.map(f32::to_bits)
 }
 
-/// Of the derivatives that no Gaussian has to itself.
-fn of_all(gradients: &Gradients<f32>) -> ([u32; 6], [u32; 3]) {
+/// The gradients shared by all Gaussians.
+fn shared(gradients: &Gradients<f32>) -> ([u32; 6], [u32; 3]) {
     (gradients.pose.map(f32::to_bits), bits(gradients.background))
 }
 
-/// One run and more of what is culled, in front, behind and in between; and what is hidden behind walls.
+/// More than a run of culled Gaussians, before, after and in between the others.
 #[test]
-fn what_is_not_seen_pulls_at_nothing() {
+fn culled_gaussians_do_not_affect_gradients() {
     let (gaussians, view) = (cloud(3000, 0, 35), view(70, 50));
     let expected = gradients(&gaussians, &view, SimdLevel::best());
     let culled = {
@@ -47,7 +47,7 @@ fn what_is_not_seen_pulls_at_nothing() {
         [(culled.merge(&gaussians), 4500, 4500), (gaussians.merge(&culled), 0, 0), (between, 0, 1700)]
     {
         let found = gradients(&with, &view, SimdLevel::best());
-        assert_eq!(of_all(&found), of_all(&expected));
+        assert_eq!(shared(&found), shared(&expected));
         let own = |at: usize| {
             if first > 0 {
                 at + first
@@ -62,9 +62,9 @@ fn what_is_not_seen_pulls_at_nothing() {
     }
 }
 
-/// One recording draws and differentiates channel after channel.
+/// One recording renders and differentiates several scalar channels in turn.
 #[test]
-fn scalars_are_exchanged_without_a_trace() {
+fn exchanging_scalars_equals_recording_anew() {
     let (gaussians, view) = (cloud(900, 1, 41), view(61, 47));
     let scalars: Vec<f32> = (0..900u16).map(|at| f32::from(at % 37) - 11.5).collect();
     let mut parts = gaussians.clone().into_parts();
@@ -90,9 +90,9 @@ fn scalars_are_exchanged_without_a_trace() {
     assert!(*found.rendering() == first);
 }
 
-/// Behind walls that let nothing through, anything may stand anywhere in the list.
+/// Gaussians behind opaque walls have no effect, wherever they are in the list.
 #[test]
-fn what_is_hidden_changes_nothing() {
+fn occluded_gaussians_change_nothing() {
     let view = view(70, 50);
     let mut walls = cloud(40, 0, 37).into_parts();
     for (at, mean) in walls.means.iter_mut().enumerate() {
@@ -112,22 +112,22 @@ fn what_is_hidden_changes_nothing() {
         rendering.census = alone.census;
         assert!(rendering == alone);
         let found = gradients(&both, &view, SimdLevel::best());
-        assert_eq!(of_all(&found), of_all(&expected));
+        assert_eq!(shared(&found), shared(&expected));
         assert!(found.means[first..first + 40] == expected.means[..]);
     }
 }
 
 #[test]
-fn one_gradient_for_every_instruction_set_that_fuses() {
+fn gradients_are_identical_for_every_instruction_set_with_fma() {
     let (gaussians, view) = (cloud(1500, 2, 33), view(70, 90));
     let expected = gradients(&gaussians, &view, SimdLevel::best());
-    for simd in SimdLevel::fusing() {
+    for simd in SimdLevel::with_fma() {
         assert!(gradients(&gaussians, &view, simd) == expected, "{simd:?}");
     }
 }
 
 #[test]
-fn a_recording_is_the_rendering_and_its_derivative() {
+fn a_recording_gives_the_rendering_and_its_gradients() {
     let view = view(75, 51);
     let images = narrow(&image_gradients(&view));
     let mut renderer = CpuRenderer::default();
@@ -139,7 +139,7 @@ fn a_recording_is_the_rendering_and_its_derivative() {
         let shared = std::sync::Arc::new(gaussians);
         let mut recording = renderer.record(std::sync::Arc::clone(&shared), &view, &everything()).unwrap();
         assert!(*recording.rendering() == rendering);
-        // Another rendering in between has buffers of its own.
+        // Another rendering in between uses other buffers.
         renderer.render(&cloud(50, 0, 44), &view, &everything()).unwrap();
         assert!(recording.backward(&images).unwrap() == expected);
         recording.backward_into(&images, &mut reused).unwrap();
@@ -149,9 +149,9 @@ fn a_recording_is_the_rendering_and_its_derivative() {
     }
 }
 
-/// A loss may ask for images that were not rendered.
+/// A loss may use channels that were not rendered.
 #[test]
-fn derivatives_of_images_that_were_not_recorded() {
+fn gradients_of_channels_that_were_not_recorded() {
     let (gaussians, view) = (cloud(700, 0, 45), view(50, 40));
     let images = narrow(&image_gradients(&view));
     let mut renderer = CpuRenderer::default();
@@ -161,7 +161,7 @@ fn derivatives_of_images_that_were_not_recorded() {
 }
 
 #[test]
-fn many_cameras_are_each_alone() {
+fn rendering_many_views_equals_rendering_each() {
     let gaussians = cloud(5000, 2, 51);
     let views: Vec<View> = (0..7)
         .map(|n| {
@@ -182,7 +182,7 @@ fn many_cameras_are_each_alone() {
 }
 
 #[test]
-fn images_of_any_shape_are_used_again() {
+fn images_of_any_shape_can_be_reused() {
     let gaussians = cloud(200, 0, 52);
     let mut images = rendered(&cloud(90, 0, 53), &view(90, 20), &everything(), CpuOptions::default());
     for (size, options) in [((33, 47), RenderOptions::default()), ((64, 64), everything())] {
@@ -192,9 +192,9 @@ fn images_of_any_shape_are_used_again() {
     }
 }
 
-/// Tile lists of Gaussians that cover everything, and sums over them, count towards the limit.
+/// Long tile lists, and the sums over them, count towards the limit.
 #[test]
-fn long_lists_are_refused_beforehand() {
+fn rejects_tile_lists_beyond_the_memory_limit() {
     let mut parts = cloud(4000, 0, 54).into_parts();
     parts.log_scales.fill([5.0; 3]);
     parts.opacity_logits.fill(4.0);
@@ -210,10 +210,10 @@ fn long_lists_are_refused_beforehand() {
     assert!(matches!(outcome, Err(SplatError::Memory { .. })), "{outcome:?}");
 }
 
-/// Needles and specks far thinner than a pixel and longer than the picture, and surfaces that hide the rest: blocks
-/// are found and finished right.
+/// Needles longer than the image, specks far smaller than a pixel, and occluding surfaces: blocks are found and
+/// finished correctly.
 #[test]
-fn needles_and_walls_are_the_references() {
+fn needles_and_walls_match_the_reference() {
     let view = view(101, 67);
     let mut parts = cloud(1500, 0, 61).into_parts();
     for (at, (scales, logit)) in parts.log_scales.iter_mut().zip(&mut parts.opacity_logits).enumerate() {
@@ -235,17 +235,17 @@ fn needles_and_walls_are_the_references() {
     }
 }
 
-/// Directions, lenses, both gradients at clamps, and what stops, in the derivative written for vectors.
+/// Lenses, filters, presets and stopped gradients in the SIMD backward pass.
 #[test]
-fn gradients_of_every_rule_are_the_references() {
+fn gradients_of_every_rule_match_the_reference() {
     let gaussians = {
         let mut parts = cloud(400, 3, 71).into_parts();
         parts.filter_3d = Some((0..400).map(|n| 0.01 * (n % 4) as f32).collect());
         Gaussians::new(parts).unwrap()
     };
-    let mut bent = view(47, 58);
-    bent.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 };
-    for view in [view(47, 58), bent] {
+    let mut distorted = view(47, 58);
+    distorted.camera.distortion = Distortion::OpenCv { k1: -0.1, k2: 0.02, k3: 0.0, p1: 0.003, p2: -0.002 };
+    for view in [view(47, 58), distorted] {
         for preset in RendererConstants::PRESETS {
             for stops in [false, true] {
                 let constants = RendererConstants { min_alpha: 1e-5, ..RendererConstants::named(preset).unwrap() };
@@ -261,13 +261,13 @@ fn gradients_of_every_rule_are_the_references() {
     }
 }
 
-/// A needle across the picture is in the lists of the tiles on its way, not of all in the box around it.
+/// A diagonal needle is listed only in the tiles that it touches, not in all tiles of its bounding box.
 #[test]
-fn lists_follow_the_ellipse() {
+fn tile_lists_follow_the_ellipse() {
     let mut parts = cloud(1, 0, 81).into_parts();
     parts.means = vec![[0.0, 0.0, 2.0]];
-    let half_turn = std::f32::consts::FRAC_PI_8;
-    parts.quaternions = vec![[half_turn.cos(), 0.0, 0.0, half_turn.sin()]];
+    let half_angle = std::f32::consts::FRAC_PI_8;
+    parts.quaternions = vec![[half_angle.cos(), 0.0, 0.0, half_angle.sin()]];
     parts.log_scales = vec![[1.0, -6.0, -6.0]];
     parts.opacity_logits = vec![5.0];
     let gaussians = Gaussians::new(parts).unwrap();

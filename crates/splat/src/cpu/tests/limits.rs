@@ -1,10 +1,10 @@
-//! What is refused, before it is allocated.
+//! Requests that are rejected before anything is allocated.
 
 use super::*;
 
-/// Of all memory that there is, and of what fits into 16 bits.
+/// Larger than memory, and larger than 16-bit coordinates.
 #[test]
-fn pictures_that_no_memory_holds() {
+fn rejects_images_that_do_not_fit() {
     let gaussians = cloud(3, 0, 1);
     let images = ImageGradients { rgb: vec![[1.0f32; 3]; 4], alpha: None, depth: None, scalar: None };
     for side in [u32::MAX, 100_000] {
@@ -30,28 +30,28 @@ fn constants_are_checked_by_every_backend() {
     let constants = RendererConstants { min_alpha: 0.0, ..RendererConstants::default() };
     let options = RenderOptions { constants, ..everything() };
     let images = narrow(&image_gradients(&view));
-    let refused = |outcome: Result<(), SplatError>| {
+    let rejected = |outcome: Result<(), SplatError>| {
         assert!(matches!(outcome, Err(SplatError::Constants { field: "min-alpha", .. })), "{outcome:?}");
     };
     let mut renderer = CpuRenderer::default();
-    refused(renderer.render(&gaussians, &view, &options).map(drop));
-    refused(renderer.render_many(&gaussians, &[view], &options).map(drop));
-    refused(renderer.record(&gaussians, &view, &options).map(drop));
-    refused(renderer.backward(&gaussians, &view, &options, &images).map(drop));
-    refused(reference::render(&gaussians, &view, &options).map(drop));
-    refused(reference::project(&gaussians, &view, &options).map(drop));
-    refused(reference::backward(&gaussians, &view, &options, &image_gradients(&view)).map(drop));
-    refused(reference::jumps(&gaussians, &view, &options, 0.0).map(drop));
+    rejected(renderer.render(&gaussians, &view, &options).map(drop));
+    rejected(renderer.render_many(&gaussians, &[view], &options).map(drop));
+    rejected(renderer.record(&gaussians, &view, &options).map(drop));
+    rejected(renderer.backward(&gaussians, &view, &options, &images).map(drop));
+    rejected(reference::render(&gaussians, &view, &options).map(drop));
+    rejected(reference::project(&gaussians, &view, &options).map(drop));
+    rejected(reference::backward(&gaussians, &view, &options, &image_gradients(&view)).map(drop));
+    rejected(reference::jumps(&gaussians, &view, &options, 0.0).map(drop));
 }
 
 #[test]
-fn positions_and_lists_have_32_bits() {
-    assert!(frame::countable("Gaussians", u64::from(u32::MAX)).is_ok());
-    let outcome = frame::countable("Gaussians", 1 << 32);
+fn rejects_counts_beyond_32_bits() {
+    assert!(frame::check_count("Gaussians", u64::from(u32::MAX)).is_ok());
+    let outcome = frame::check_count("Gaussians", 1 << 32);
     assert!(matches!(outcome, Err(SplatError::Count { what: "Gaussians", found: 0x1_0000_0000, .. })));
 }
 
-/// Gaussians of which each covers the picture.
+/// Gaussians that each cover the whole image.
 fn sheets(count: usize) -> Gaussians {
     let mut parts = cloud(count, 0, 54).into_parts();
     parts.log_scales.fill([5.0; 3]);
@@ -63,7 +63,7 @@ fn limited(memory_limit: u64) -> CpuRenderer {
     CpuRenderer::new(CpuOptions { memory_limit, ..CpuOptions::default() })
 }
 
-/// The smallest limit under which an operation succeeds, to a 64th.
+/// The smallest limit under which an operation succeeds, to a precision of 1/64.
 fn least_limit(succeeds: impl Fn(u64) -> bool) -> u64 {
     let (mut fails, mut fits) = (0u64, 1 << 30);
     assert!(succeeds(fits));
@@ -74,9 +74,9 @@ fn least_limit(succeeds: impl Fn(u64) -> bool) -> u64 {
     fits
 }
 
-/// What fits one by one is rendered, if not together.
+/// Views that fit only one at a time are rendered one at a time.
 #[test]
-fn many_views_need_no_more_than_their_images_and_one() {
+fn many_views_fit_if_their_images_and_one_frame_do() {
     let (gaussians, view) = (sheets(3000), view(256, 256));
     let options = RenderOptions::default();
     let one = least_limit(|limit| limited(limit).render(&gaussians, &view, &options).is_ok());
@@ -87,9 +87,9 @@ fn many_views_need_no_more_than_their_images_and_one() {
     assert!(together.iter().all(|rendering| *rendering == alone));
 }
 
-/// The derivative counts what the recording holds, and buffers of an earlier job make way or count.
+/// The backward pass counts the recording's memory, and buffers of earlier jobs are freed or counted.
 #[test]
-fn all_that_is_held_counts() {
+fn all_allocated_buffers_count() {
     let (gaussians, view) = (sheets(2000), view(256, 256));
     let options = RenderOptions::default();
     let images = ImageGradients { rgb: vec![[1.0; 3]; view.pixels()], alpha: None, depth: None, scalar: None };
@@ -98,21 +98,21 @@ fn all_that_is_held_counts() {
     let mut recording = renderer.record(&gaussians, &view, &options).unwrap();
     recording.backward(&images).unwrap();
     renderer.reuse(recording);
-    let frames: u64 = renderer.spare.iter().map(Frame::held).sum();
-    let held = frames + Rendering::<f32>::bytes(&view, &options) + gaussians.size_in_bytes();
-    assert!(limit >= held, "{limit} bytes allowed, {held} in use");
+    let frames: u64 = renderer.spare.iter().map(Frame::allocated_bytes).sum();
+    let allocated_bytes = frames + Rendering::<f32>::bytes(&view, &options) + gaussians.size_in_bytes();
+    assert!(limit >= allocated_bytes, "{limit} bytes allowed, {allocated_bytes} in use");
 
-    // Buffers of a large job, under a limit that the small one alone stays below.
+    // Buffers of a large job must be freed under a limit that only the small job fits.
     let small = least_limit(|limit| limited(limit).render(&cloud(10, 0, 1), &view, &options).is_ok());
     assert!(frames > small);
     renderer.options.memory_limit = small;
     renderer.render(&cloud(10, 0, 1), &view, &options).unwrap();
-    let held: u64 = renderer.spare.iter().map(Frame::held).sum();
-    assert!(held <= small, "{held} bytes held, {small} allowed");
+    let allocated_bytes: u64 = renderer.spare.iter().map(Frame::allocated_bytes).sum();
+    assert!(allocated_bytes <= small, "{allocated_bytes} bytes allocated, {small} allowed");
 }
 
 #[test]
-fn no_more_frames_are_kept_than_are_used_together() {
+fn keeps_at_most_one_batch_of_frames() {
     let (gaussians, view) = (cloud(10, 0, 1), view(16, 16));
     let mut renderer = CpuRenderer::default();
     let recordings: Vec<_> =
@@ -120,12 +120,12 @@ fn no_more_frames_are_kept_than_are_used_together() {
     for recording in recordings {
         renderer.reuse(recording);
     }
-    assert_eq!(renderer.spare.len(), TOGETHER);
+    assert_eq!(renderer.spare.len(), VIEW_BATCH);
 }
 
-/// Under its own name, or that of what runs instead.
+/// The requested level, or the fallback.
 #[test]
-fn a_renderer_says_what_it_uses() {
+fn reports_the_instruction_set_in_use() {
     let levels = SimdLevel::available();
     #[cfg(target_arch = "x86_64")]
     for simd in [SimdLevel::Avx2, SimdLevel::Avx512] {

@@ -1,4 +1,4 @@
-//! Derivatives by images of any size.
+//! Image gradients of any magnitude.
 
 use super::*;
 use crate::Exposure;
@@ -9,7 +9,7 @@ fn times(images: &ImageGradients<f32>, factor: f32) -> ImageGradients<f32> {
     images.map(|value| value * factor)
 }
 
-/// Numbers that have an f32 and lie far from its ends: what was cut off there may differ.
+/// Compares values well within f32's range; others may have been clamped.
 fn assert_scaled(scaled: &Gradients<f32>, plain: &Gradients<f32>, factor: f64) {
     for ((name, scaled), (_, plain)) in scaled.fields().into_iter().zip(plain.fields()) {
         for (scaled, plain) in scaled.iter().zip(plain) {
@@ -24,21 +24,21 @@ fn assert_scaled(scaled: &Gradients<f32>, plain: &Gradients<f32>, factor: f64) {
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(24))]
 
-    /// A power of two of the derivatives by images is one of all others, bit for bit.
+    /// Scaling the image gradients by a power of two scales all gradients, bit for bit.
     #[test]
-    fn powers_of_two_come_through(exponent in -100i32..126) {
+    fn scaling_by_powers_of_two_is_exact(exponent in -100i32..126) {
         let (gaussians, view) = (cloud(200, 1, 91), view(33, 21));
         let images = narrow(&image_gradients(&view));
         let factor = f64::from(exponent).exp2();
         let plain = CpuRenderer::default().backward(&gaussians, &view, &everything(), &images).unwrap();
-        let scaled = times(&images, narrowed(factor));
+        let scaled = times(&images, to_f32(factor));
         let scaled = CpuRenderer::default().backward(&gaussians, &view, &everything(), &scaled).unwrap();
         prop_assert_eq!(scaled.non_finite(), 0);
         assert_scaled(&scaled, &plain, factor);
     }
 
     #[test]
-    fn nothing_overflows(magnitude in prop_oneof![Just(3e38f32), Just(2e38), Just(1e-38), 1e-30f32..3e38], bright: bool, gain: bool) {
+    fn gradients_never_overflow(magnitude in prop_oneof![Just(3e38f32), Just(2e38), Just(1e-38), 1e-30f32..3e38], bright: bool, gain: bool) {
         let mut parts = cloud(60, 1, 92).into_parts();
         if bright {
             parts.sh.iter_mut().for_each(|rgb| *rgb = rgb.map(|value| value * 1e11));
@@ -60,7 +60,7 @@ proptest! {
 }
 
 #[test]
-fn what_is_not_finite_is_refused_by_name() {
+fn rejects_non_finite_image_gradients() {
     let (gaussians, view) = (cloud(20, 0, 93), view(9, 7));
     for (pixel, value) in [(0, f32::NAN), (13, f32::INFINITY), (62, f32::NEG_INFINITY)] {
         let mut images = narrow(&image_gradients(&view));
@@ -79,9 +79,9 @@ fn what_is_not_finite_is_refused_by_name() {
     assert!(matches!(outcome, Err(SplatError::NonFinite { image: "depth gradient", pixel: 0, .. })), "{outcome:?}");
 }
 
-/// An opacity that f64 rounds to 1 still has a derivative by its logit, where clamps let it pass.
+/// An opacity that f64 rounds to 1 still has a gradient with respect to its logit, if clamps let it pass.
 #[test]
-fn saturated_opacities_have_a_slope() {
+fn saturated_opacities_have_a_gradient() {
     let mut parts = cloud(1, 0, 94).into_parts();
     parts.means = vec![[0.0, 0.0, 3.0]];
     parts.opacity_logits = vec![40.0];

@@ -1,9 +1,9 @@
-use super::super::fault::shown;
-use super::Fault;
+use super::super::quoted;
+use super::Malformed;
 use super::binary::slots;
 use super::header::{Element, Kind, Scalar};
 
-/// Rows as lines of text.
+/// Reader of rows in text encoding.
 pub(super) struct Text<'a> {
     rest: &'a [u8],
     /// Lines of the file before `rest`.
@@ -15,19 +15,19 @@ impl<'a> Text<'a> {
         Self { rest, lines }
     }
 
-    pub(super) const fn left(&self) -> usize {
+    pub(super) const fn remaining(&self) -> usize {
         self.rest.len()
     }
 
-    /// The first line that is not blank and how many there are, where there are any.
-    pub(super) fn surplus(&self) -> Option<(usize, usize)> {
+    /// Number of the first remaining line that is not blank, and the count of such lines; `None` if there are none.
+    pub(super) fn trailing_rows(&self) -> Option<(usize, usize)> {
         let mut lines =
             self.rest.split(|byte| *byte == b'\n').enumerate().filter(|(_, line)| !line.trim_ascii().is_empty());
         let (first, _) = lines.next()?;
         Some((self.lines + first + 1, 1 + lines.count()))
     }
 
-    /// Bytes of a row of digits: each with a blank or a line break behind it.
+    /// Bytes of the shortest row: one digit and one separator per property.
     pub(super) fn smallest_row(element: &Element<'_>) -> usize {
         2 * element.properties.len()
     }
@@ -35,14 +35,14 @@ impl<'a> Text<'a> {
     pub(super) fn rows(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         mut take: impl FnMut(&[f64]),
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Malformed> {
         if element.properties.is_empty() {
             return Ok(());
         }
-        let slots = slots(element, wanted);
-        let mut values = vec![0.0; wanted.len()];
+        let slots = slots(element, requested);
+        let mut values = vec![0.0; requested.len()];
         for _ in 0..element.count {
             let line = self.line()?;
             let mut words = line.split(u8::is_ascii_whitespace).filter(|word| !word.is_empty());
@@ -57,7 +57,7 @@ impl<'a> Text<'a> {
                     Kind::List { length, item } => {
                         let mut left = self.number(length, words.next())?;
                         if left < 0.0 {
-                            return Err(self.fault("a length of a list", &left.to_string()));
+                            return Err(self.malformed("a non-negative list length", &left.to_string()));
                         }
                         while left > 0.0 {
                             self.number(item, words.next())?;
@@ -67,7 +67,7 @@ impl<'a> Text<'a> {
                 }
             }
             if let Some(word) = words.next() {
-                return Err(self.fault("the end of the line", &shown(word)));
+                return Err(self.malformed("the end of the line", &quoted(word)));
             }
             take(&values);
         }
@@ -75,7 +75,7 @@ impl<'a> Text<'a> {
     }
 
     /// The next line that is not blank.
-    fn line(&mut self) -> Result<&'a [u8], Fault> {
+    fn line(&mut self) -> Result<&'a [u8], Malformed> {
         while !self.rest.is_empty() {
             let length = self.rest.iter().position(|byte| *byte == b'\n');
             let (line, rest) = self.rest.split_at(length.map_or(self.rest.len(), |length| length + 1));
@@ -86,14 +86,13 @@ impl<'a> Text<'a> {
                 return Ok(line);
             }
         }
-        Err(self.fault("a row", "the end of the file"))
+        Err(self.malformed("a row", "the end of the file"))
     }
 
-    /// Parsed as the property's own type: a decimal read as f64 and then rounded to f32 may end beside the f32
-    /// that was written.
-    fn number(&self, scalar: Scalar, word: Option<&[u8]>) -> Result<f64, Fault> {
-        let word = word.ok_or_else(|| self.fault("another number", "the end of the line"))?;
-        let text = str::from_utf8(word).unwrap_or_default();
+    /// Parses as the property's own type: rounding a decimal to f64 and then to f32 may miss the f32 that was written.
+    fn number(&self, scalar: Scalar, word: Option<&[u8]>) -> Result<f64, Malformed> {
+        let word = word.ok_or_else(|| self.malformed("another number", "the end of the line"))?;
+        let text = str::from_utf8(word).map_err(|_not_text| self.malformed("text", &quoted(word)))?;
         let number = match scalar {
             Scalar::F32 => text.parse::<f32>().ok().map(f64::from),
             Scalar::F64 => text.parse().ok(),
@@ -104,10 +103,10 @@ impl<'a> Text<'a> {
             Scalar::I32 => text.parse::<i32>().ok().map(f64::from),
             Scalar::U32 => text.parse::<u32>().ok().map(f64::from),
         };
-        number.ok_or_else(|| self.fault(&format!("a number of type {scalar:?}"), &shown(word)))
+        number.ok_or_else(|| self.malformed(&format!("a number of type {scalar:?}"), &quoted(word)))
     }
 
-    fn fault(&self, expected: &str, found: &str) -> Fault {
-        Fault::new(format!("line {}", self.lines), expected, found)
+    fn malformed(&self, expected: &str, found: &str) -> Malformed {
+        Malformed::new(format!("line {}", self.lines), expected, found)
     }
 }

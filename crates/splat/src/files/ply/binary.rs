@@ -1,7 +1,7 @@
-use super::Fault;
+use super::Malformed;
 use super::header::{Element, Kind, Property, Scalar};
 
-/// Rows as bytes without gaps.
+/// Reader of rows in binary encoding.
 pub(super) struct Binary<'a> {
     rest: &'a [u8],
     /// Byte of the file at which `rest` starts.
@@ -14,16 +14,16 @@ impl<'a> Binary<'a> {
         Self { rest, at, big_endian }
     }
 
-    pub(super) const fn left(&self) -> usize {
+    pub(super) const fn remaining(&self) -> usize {
         self.rest.len()
     }
 
-    /// The byte behind the last row and how many there are, where there are any.
-    pub(super) fn surplus(&self) -> Option<(usize, usize)> {
+    /// Offset and number of the bytes after the last row; `None` if there are none.
+    pub(super) fn trailing_bytes(&self) -> Option<(usize, usize)> {
         (!self.rest.is_empty()).then_some((self.at, self.rest.len()))
     }
 
-    /// Bytes of a row whose lists are empty.
+    /// Bytes of a row with empty lists.
     pub(super) fn smallest_row(element: &Element<'_>) -> usize {
         let size = |kind| match kind {
             Kind::Scalar(scalar) | Kind::List { length: scalar, .. } => Scalar::size(scalar),
@@ -34,28 +34,28 @@ impl<'a> Binary<'a> {
     pub(super) fn rows(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         take: impl FnMut(&[f64]),
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Malformed> {
         let is_list = |property: &Property<'_>| matches!(property.kind, Kind::List { .. });
         if element.properties.iter().any(is_list) {
-            self.rows_with_lists(element, wanted, take)
+            self.rows_with_lists(element, requested, take)
         } else {
-            self.rows_of_one_size(element, wanted, take)
+            self.fixed_size_rows(element, requested, take)
         }
     }
 
-    fn rows_of_one_size(
+    fn fixed_size_rows(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         mut take: impl FnMut(&[f64]),
-    ) -> Result<(), Fault> {
+    ) -> Result<(), Malformed> {
         let size = Self::smallest_row(element);
         let total = usize::try_from(element.count).ok().and_then(|count| count.checked_mul(size));
         // Rows without properties take no bytes, however many there are.
         let bytes = self.bytes(if size == 0 { 0 } else { total.unwrap_or(usize::MAX) })?;
-        if wanted.is_empty() || size == 0 {
+        if requested.is_empty() || size == 0 {
             return Ok(());
         }
         let mut end = 0;
@@ -69,7 +69,7 @@ impl<'a> Binary<'a> {
         };
         let places: Vec<(usize, Scalar)> = element.properties.iter().filter_map(place).collect();
         let columns: Vec<(usize, Scalar)> =
-            wanted.iter().filter_map(|property| places.get(*property).copied()).collect();
+            requested.iter().filter_map(|property| places.get(*property).copied()).collect();
         let mut values = vec![0.0; columns.len()];
         for row in bytes.chunks_exact(size) {
             for (value, (offset, scalar)) in values.iter_mut().zip(&columns) {
@@ -83,11 +83,11 @@ impl<'a> Binary<'a> {
     fn rows_with_lists(
         &mut self,
         element: &Element<'_>,
-        wanted: &[usize],
+        requested: &[usize],
         mut take: impl FnMut(&[f64]),
-    ) -> Result<(), Fault> {
-        let slots = slots(element, wanted);
-        let mut values = vec![0.0; wanted.len()];
+    ) -> Result<(), Malformed> {
+        let slots = slots(element, requested);
+        let mut values = vec![0.0; requested.len()];
         for _ in 0..element.count {
             for (property, slot) in element.properties.iter().zip(&slots) {
                 match property.kind {
@@ -101,7 +101,11 @@ impl<'a> Binary<'a> {
                         let at = self.at;
                         let count = self.next_number(length)?;
                         if count < 0.0 {
-                            return Err(Fault::new(format!("byte {at}"), "a length of a list", count.to_string()));
+                            return Err(Malformed::new(
+                                format!("byte {at}"),
+                                "a non-negative list length",
+                                count.to_string(),
+                            ));
                         }
                         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "0 ≤ count < 2³²")]
                         self.bytes((count as usize).saturating_mul(item.size()))?;
@@ -113,28 +117,28 @@ impl<'a> Binary<'a> {
         Ok(())
     }
 
-    fn bytes(&mut self, count: usize) -> Result<&'a [u8], Fault> {
+    fn bytes(&mut self, count: usize) -> Result<&'a [u8], Malformed> {
         let Some((taken, rest)) = self.rest.split_at_checked(count) else {
             let found = format!("{} bytes", self.rest.len());
-            return Err(Fault::new(format!("byte {}", self.at), format!("{count} bytes"), found));
+            return Err(Malformed::new(format!("byte {}", self.at), format!("{count} bytes"), found));
         };
         self.rest = rest;
         self.at += count;
         Ok(taken)
     }
 
-    fn next_number(&mut self, scalar: Scalar) -> Result<f64, Fault> {
+    fn next_number(&mut self, scalar: Scalar) -> Result<f64, Malformed> {
         let bytes = self.bytes(scalar.size())?;
         Ok(self.number(scalar, bytes, 0))
     }
 
-    /// The number at `offset`, which the bytes hold whole; an f64 holds every one exactly.
+    /// The number at `offset`; every type converts exactly to f64.
     #[inline]
     fn number(&self, scalar: Scalar, bytes: &[u8], offset: usize) -> f64 {
         macro_rules! decoded {
             ($number:ty) => {{
                 let bytes = bytes.get(offset..).and_then(<[u8]>::first_chunk);
-                let bytes = *bytes.expect("a row holds each of its properties");
+                let bytes = *bytes.expect("a row contains all its properties");
                 let number =
                     if self.big_endian { <$number>::from_be_bytes(bytes) } else { <$number>::from_le_bytes(bytes) };
                 f64::from(number)
@@ -153,13 +157,11 @@ impl<'a> Binary<'a> {
     }
 }
 
-/// For each property of an element its position among the wanted ones.
-pub(super) fn slots(element: &Element<'_>, wanted: &[usize]) -> Vec<Option<usize>> {
+/// For each property of an element, its index in `requested`.
+pub(super) fn slots(element: &Element<'_>, requested: &[usize]) -> Vec<Option<usize>> {
     let mut slots = vec![None; element.properties.len()];
-    for (at, property) in wanted.iter().enumerate() {
-        if let Some(slot) = slots.get_mut(*property) {
-            *slot = Some(at);
-        }
+    for (at, property) in requested.iter().enumerate() {
+        slots[*property] = Some(at);
     }
     slots
 }

@@ -1,75 +1,60 @@
-//! PlayCanvas' compressed PLY: 16 bytes a Gaussian, quantised within chunks of 256 (playcanvas/splat-transform
+//! PlayCanvas' compressed PLY: 16 bytes per Gaussian, quantised within chunks of 256 (playcanvas/splat-transform
 //! `src/lib/readers/decompress-ply.ts`, `src/lib/writers/compressed-chunk.ts`).
 //!
-//! Centres and log-scales are 11, 10 and 11 bits between their chunk's extremes; a quaternion is the position of
-//! its largest part (2 bits) and the other three, 10 bits each over ±√½; a colour is 8 bits a channel between the
-//! chunk's extremes (older files: [0, 1]) and 8 bits of opacity. Element `sh` holds `f_rest` as bytes over ±4.
+//! Centres and log-scales have 11, 10 and 11 bits between the chunk's minimum and maximum; a quaternion is the index of
+//! its largest component (2 bits) and the other three, 10 bits each over ±√½; a colour has 8 bits per channel between
+//! the chunk's minimum and maximum (older files: [0, 1]) and 8 bits of opacity. Element `sh` holds `f_rest` as bytes
+//! over ±4.
 
 use super::gaussians::sh_degree;
 use super::header::{Element, Header, Kind, Scalar};
-use super::rows::Body;
-use super::{Fault, Format, Stored};
+use super::{Body, Format, Malformed, Stored, interleaved};
 use crate::GaussianParts;
-use crate::files::quantised::{dc, logit};
+use crate::files::{dc, logit, with_largest_component};
 
 const CHUNK: u64 = 256;
-const EXTREMES: [&str; 12] = [
-    "min_x",
-    "min_y",
-    "min_z",
-    "max_x",
-    "max_y",
-    "max_z",
-    "min_scale_x",
-    "min_scale_y",
-    "min_scale_z",
-    "max_scale_x",
-    "max_scale_y",
-    "max_scale_z",
-];
-const COLOUR_EXTREMES: [&str; 6] = ["min_r", "min_g", "min_b", "max_r", "max_g", "max_b"];
 const PACKED: [&str; 4] = ["packed_position", "packed_rotation", "packed_scale", "packed_color"];
 
-pub(super) fn is_described_by(header: &Header<'_>) -> bool {
+pub(super) fn matches(header: &Header<'_>) -> bool {
     header.element("chunk").is_some()
         && header.element("vertex").is_some_and(|vertex| vertex.scalar(PACKED[0]).is_some())
 }
 
-pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, Fault> {
+pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, Malformed> {
     let count = |name| header.element(name).map_or(0, |element| element.count);
     let (chunks, vertices) = (count("chunk"), count("vertex"));
     if chunks != vertices.div_ceil(CHUNK) {
         let expected = format!("{} chunks of {CHUNK} for {vertices} rows", vertices.div_ceil(CHUNK));
-        return Err(Fault::new("element \"chunk\"", expected, chunks.to_string()));
+        return Err(Malformed::new("element \"chunk\"", expected, chunks.to_string()));
     }
     let sh = header.element("sh");
     if let Some(sh) = sh.filter(|sh| sh.count != vertices) {
-        return Err(Fault::new("element \"sh\"", format!("{vertices} rows"), sh.count.to_string()));
+        return Err(Malformed::new("element \"sh\"", format!("{vertices} rows"), sh.count.to_string()));
     }
     let degree = sh_degree(sh.map_or(0, |sh| sh.properties.len()))?;
-    let columns = header.elements.iter().map(wanted).collect::<Result<Vec<_>, _>>()?;
+    let columns_by_element = header.elements.iter().map(required_columns).collect::<Result<Vec<_>, _>>()?;
 
-    // The elements may come in any order, so a vertex is unpacked when all have been read.
+    // The elements may come in any order, so vertices are unpacked after all have been read.
     let (mut chunks, mut vertices, mut rest) = (Vec::new(), Vec::new(), Vec::new());
-    for (element, wanted) in header.elements.iter().zip(&columns) {
+    for (element, columns) in header.elements.iter().zip(&columns_by_element) {
         match element.name {
-            "chunk" => body.rows(element, wanted, |row| chunks.push(Chunk::of(row)))?,
-            "vertex" => body.rows(element, wanted, |row| vertices.push(packed(row)))?,
-            "sh" => body.rows(element, wanted, |row| rest.extend(row.iter().map(|byte| coefficient(*byte))))?,
+            "chunk" => body.rows(element, columns, |row| chunks.push(Chunk::of(row)))?,
+            "vertex" => body.rows(element, columns, |row| vertices.push(packed(row)))?,
+            "sh" => body.rows(element, columns, |row| rest.extend(row.iter().map(|byte| coefficient(*byte))))?,
             _ => body.skip(element)?,
         }
     }
     let mut parts = GaussianParts { sh_degree: degree, ..GaussianParts::default() };
     let per_channel = crate::sh_coefficients(degree) - 1;
     let mut rest = rest.chunks_exact((3 * per_channel).max(1));
-    // Without an element `sh` there is nothing but the first coefficient; with it, a row for each vertex.
-    let mut higher =
-        || if per_channel == 0 { &[] } else { rest.next().unwrap_or_else(|| unreachable!("counted above")) };
+    // Without an element `sh` only the first coefficient is stored; with it, there is one row per vertex.
+    let mut higher = || {
+        if per_channel == 0 { &[] } else { rest.next().unwrap_or_else(|| unreachable!("`sh` has a row per vertex")) }
+    };
     for (vertices, chunk) in vertices.chunks(256).zip(&chunks) {
         for vertex in vertices {
             chunk.unpack(*vertex, &mut parts);
-            let [red, green, blue] = channels(higher(), per_channel);
-            parts.sh.extend(red.iter().zip(green).zip(blue).map(|((red, green), blue)| [*red, *green, *blue]));
+            parts.sh.extend(interleaved(higher(), per_channel));
         }
     }
     let known = ["chunk", "vertex", "sh"];
@@ -78,12 +63,18 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, F
     Ok(Stored { parts, format: Format::CompressedPly, unused, antialiased: None })
 }
 
-/// The properties that an element of this format has to have.
-fn wanted(element: &Element<'_>) -> Result<Vec<usize>, Fault> {
-    let has_colours = element.scalar(COLOUR_EXTREMES[0]).is_some();
+/// Names of a chunk's ranges, in triples of minima and maxima.
+fn range_names(has_colours: bool) -> Vec<String> {
+    let groups = [("", "xyz"), ("scale_", "xyz"), ("", "rgb")];
+    let ends =
+        groups.into_iter().take(if has_colours { 3 } else { 2 }).flat_map(|group| [("min", group), ("max", group)]);
+    ends.flat_map(|(end, (prefix, axes))| axes.chars().map(move |axis| format!("{end}_{prefix}{axis}"))).collect()
+}
+
+/// Indices of the required properties of an element.
+fn required_columns(element: &Element<'_>) -> Result<Vec<usize>, Malformed> {
     let names = match element.name {
-        "chunk" if has_colours => EXTREMES.iter().chain(&COLOUR_EXTREMES).map(|name| (*name).to_owned()).collect(),
-        "chunk" => EXTREMES.map(str::to_owned).to_vec(),
+        "chunk" => range_names(element.scalar("min_r").is_some()),
         "vertex" => PACKED.map(str::to_owned).to_vec(),
         "sh" => (0..element.properties.len()).map(|k| format!("f_rest_{k}")).collect(),
         _ => Vec::new(),
@@ -91,25 +82,19 @@ fn wanted(element: &Element<'_>) -> Result<Vec<usize>, Fault> {
     let position = |name: &String| {
         let at = element.required(name)?;
         let is_packed = element.properties.get(at).is_some_and(|property| property.kind == Kind::Scalar(Scalar::U32));
-        let fault = || Fault::new("element \"vertex\"", format!("{name} as uint"), "another type");
-        (is_packed || element.name != "vertex").then_some(at).ok_or_else(fault)
+        let malformed = || Malformed::new("element \"vertex\"", format!("{name} as uint"), "another type");
+        (is_packed || element.name != "vertex").then_some(at).ok_or_else(malformed)
     };
     names.iter().map(position).collect()
 }
 
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "the file's own u32 in an f64")]
 fn packed(row: &[f64]) -> [u32; 4] {
-    let row = row.first_chunk().unwrap_or_else(|| unreachable!("four properties are asked for"));
+    let row = row.first_chunk().unwrap_or_else(|| unreachable!("four properties are read"));
     row.map(|value: f64| value as u32)
 }
 
-fn channels(rest: &[f32], per_channel: usize) -> [&[f32]; 3] {
-    let (red, rest) = rest.split_at(per_channel);
-    let (green, blue) = rest.split_at(per_channel);
-    [red, green, blue]
-}
-
-/// 0 and 255 are the ends of the range, the rest the middles of 256 steps.
+/// Maps 0 and 255 to the ends of the range, and the rest to the middles of 256 steps.
 #[expect(clippy::cast_possible_truncation, reason = "coefficients are stored as f32")]
 fn coefficient(byte: f64) -> f32 {
     let share = if byte <= 0.0 {
@@ -122,14 +107,14 @@ fn coefficient(byte: f64) -> f32 {
     ((share - 0.5) * 8.0) as f32
 }
 
-/// The extremes that 256 Gaussians are quantised between.
+/// Value ranges of a chunk of 256 Gaussians.
 struct Chunk {
     means: Range,
     log_scales: Range,
     colours: Range,
 }
 
-/// Smallest and largest value per axis or channel.
+/// Minimum and maximum per axis or channel.
 struct Range([f64; 3], [f64; 3]);
 
 impl Chunk {
@@ -168,20 +153,13 @@ fn fractions_11_10_11(packed: u32) -> [f64; 3] {
     [fraction(packed >> 21, 11), fraction(packed >> 11, 10), fraction(packed, 11)]
 }
 
-/// The lowest bits over their largest value.
+/// The lowest bits, divided by their largest value.
 fn fraction(packed: u32, bits: u32) -> f64 {
     let largest = (1 << bits) - 1;
     f64::from(packed & largest) / f64::from(largest)
 }
 
 fn quaternion(packed: u32) -> [f64; 4] {
-    let [a, b, c] = [20, 10, 0].map(|shift| (fraction(packed >> shift, 10) - 0.5) * std::f64::consts::SQRT_2);
-    let left = 1.0 - (a * a + b * b + c * c);
-    let largest = if left > 0.0 { left.sqrt() } else { 0.0 };
-    match packed >> 30 {
-        0 => [largest, a, b, c],
-        1 => [a, largest, b, c],
-        2 => [a, b, largest, c],
-        _ => [a, b, c, largest],
-    }
+    let others = [20, 10, 0].map(|shift| (fraction(packed >> shift, 10) - 0.5) * std::f64::consts::SQRT_2);
+    with_largest_component(packed >> 30, others)
 }

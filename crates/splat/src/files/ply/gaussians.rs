@@ -2,31 +2,30 @@
 //! `filter_3D` (autonomousvision/mip-splatting, same file) and ATSplat's `uncertainty`.
 
 use super::header::{Element, Header};
-use super::rows::Body;
-use super::{Fault, Format, Stored};
+use super::{Body, Format, Malformed, Stored, interleaved};
 use crate::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
 
-/// Properties that every file of Gaussians has, in the order in which rows are taken apart.
+/// Required properties, in the order in which rows are read.
 const REQUIRED: [&str; 14] = [
     "x", "y", "z", "rot_0", "rot_1", "rot_2", "rot_3", "scale_0", "scale_1", "scale_2", "opacity", "f_dc_0", "f_dc_1",
     "f_dc_2",
 ];
-/// Written as zeros by 3DGS and read by nobody.
+/// Written as zeros by 3DGS; always ignored.
 const NORMALS: [&str; 3] = ["nx", "ny", "nz"];
 /// Mip-Splatting's smoothing filter.
 pub(super) const FILTER: &str = "filter_3D";
-/// The extra scalar.
+/// The additional scalar.
 pub(super) const UNCERTAINTY: &str = "uncertainty";
 
-pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, Fault> {
+pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, Malformed> {
     let vertex = header.element("vertex");
-    let vertex = vertex.ok_or_else(|| Fault::new("header", "an element vertex", "none"))?;
+    let vertex = vertex.ok_or_else(|| Malformed::new("header", "an element vertex", "none"))?;
     let columns = Columns::of(vertex)?;
     let mut parts = GaussianParts::default();
     for element in &header.elements {
         if element.name == "vertex" {
             parts = columns.start(body.check_length(element)?);
-            body.rows(element, &columns.wanted, |row| columns.push(row, &mut parts))?;
+            body.rows(element, &columns.requested, |row| columns.push(row, &mut parts))?;
         } else {
             body.skip(element)?;
         }
@@ -37,9 +36,9 @@ pub(super) fn read(header: &Header<'_>, body: &mut Body<'_>) -> Result<Stored, F
     Ok(Stored { parts, format: Format::Ply(header.encoding), unused, antialiased: None })
 }
 
-/// Where a row's numbers go: the required ones, then `f_rest`, then the optional ones.
+/// Columns to read from a row: the required ones, then `f_rest`, then the optional ones.
 struct Columns {
-    wanted: Vec<usize>,
+    requested: Vec<usize>,
     sh_degree: u8,
     has_filter: bool,
     has_scalar: bool,
@@ -47,26 +46,26 @@ struct Columns {
 }
 
 impl Columns {
-    fn of(vertex: &Element<'_>) -> Result<Self, Fault> {
-        let mut wanted = Vec::new();
+    fn of(vertex: &Element<'_>) -> Result<Self, Malformed> {
+        let mut requested = Vec::new();
         for name in REQUIRED {
-            wanted.push(vertex.required(name)?);
+            requested.push(vertex.required(name)?);
         }
         let rest = vertex.properties.iter().filter(|property| property.name.starts_with("f_rest_")).count();
         let sh_degree = sh_degree(rest)?;
         for k in 0..rest {
-            wanted.push(vertex.required(&format!("f_rest_{k}"))?);
+            requested.push(vertex.required(&format!("f_rest_{k}"))?);
         }
         let (filter, scalar) = (vertex.scalar(FILTER), vertex.scalar(UNCERTAINTY));
-        wanted.extend(filter);
-        wanted.extend(scalar);
-        let is_unused = |at: usize, name: &str| !wanted.contains(&at) && !NORMALS.contains(&name);
+        requested.extend(filter);
+        requested.extend(scalar);
+        let is_unused = |at: usize, name: &str| !requested.contains(&at) && !NORMALS.contains(&name);
         let names = vertex.properties.iter().enumerate().filter(|(at, property)| is_unused(*at, property.name));
         let unused = names.map(|(_, property)| property.name.to_owned()).collect();
-        Ok(Self { wanted, sh_degree, has_filter: filter.is_some(), has_scalar: scalar.is_some(), unused })
+        Ok(Self { requested, sh_degree, has_filter: filter.is_some(), has_scalar: scalar.is_some(), unused })
     }
 
-    /// Empty parts with room for `count` Gaussians.
+    /// Empty arrays with capacity for `count` Gaussians.
     fn start(&self, count: usize) -> GaussianParts {
         GaussianParts {
             means: Vec::with_capacity(count),
@@ -81,9 +80,9 @@ impl Columns {
     }
 
     #[expect(clippy::cast_possible_truncation, reason = "Gaussians are stored as f32")]
-    #[expect(clippy::expect_used, reason = "a row has every property that is wanted of it")]
+    #[expect(clippy::expect_used, reason = "a row has every required property")]
     fn push(&self, row: &[f64], parts: &mut GaussianParts) {
-        let (required, optional) = row.split_first_chunk().expect("a row begins with what is required");
+        let (required, optional) = row.split_first_chunk().expect("a row begins with the required properties");
         let [x, y, z, w, i, j, k, s0, s1, s2, opacity, red, green, blue] = required;
         let narrow = |value: &f64| *value as f32;
         parts.means.push([x, y, z].map(narrow));
@@ -91,12 +90,9 @@ impl Columns {
         parts.log_scales.push([s0, s1, s2].map(narrow));
         parts.opacity_logits.push(narrow(opacity));
         parts.sh.push([red, green, blue].map(narrow));
-        // f_rest holds all of red, then all of green, then all of blue.
         let per_channel = sh_coefficients(self.sh_degree) - 1;
         let (rest, optional) = optional.split_at(3 * per_channel);
-        let (red, rest) = rest.split_at(per_channel);
-        let (green, blue) = rest.split_at(per_channel);
-        parts.sh.extend(red.iter().zip(green).zip(blue).map(|((red, green), blue)| [red, green, blue].map(narrow)));
+        parts.sh.extend(interleaved(rest, per_channel).map(|rgb| rgb.map(|value| narrow(&value))));
         let mut optional = optional.iter().map(narrow);
         for column in [&mut parts.filter_3d, &mut parts.scalars].into_iter().flatten() {
             column.extend(optional.next());
@@ -104,10 +100,10 @@ impl Columns {
     }
 }
 
-/// The degree of spherical harmonics with this many coefficients beyond the first, over all channels.
-pub(super) fn sh_degree(rest: usize) -> Result<u8, Fault> {
+/// The SH degree with this many coefficients above degree 0, over all channels.
+pub(super) fn sh_degree(rest: usize) -> Result<u8, Malformed> {
     (0..=MAX_SH_DEGREE).find(|degree| 3 * (sh_coefficients(*degree) - 1) == rest).ok_or_else(|| {
         let expected = "0, 9, 24, 45 or 72 properties f_rest_*, for degrees 0 to 4";
-        Fault::new("header", expected, rest.to_string())
+        Malformed::new("header", expected, rest.to_string())
     })
 }

@@ -1,20 +1,20 @@
 use std::collections::HashSet;
 
-use super::super::fault::shown;
-use super::{Encoding, Fault};
+use super::super::quoted;
+use super::{Encoding, Malformed};
 
-/// What a PLY file says about itself, in the file's own words.
+/// The parsed header of a PLY file.
 #[derive(Debug)]
 pub(super) struct Header<'a> {
     pub(super) encoding: Encoding,
     pub(super) elements: Vec<Element<'a>>,
-    /// Byte behind the header.
+    /// Offset of the first byte after the header.
     pub(super) end: usize,
-    /// Lines of the header.
+    /// Number of header lines.
     pub(super) lines: usize,
 }
 
-/// Rows of one kind.
+/// An element: rows with the same properties.
 #[derive(Debug)]
 pub(super) struct Element<'a> {
     pub(super) name: &'a str,
@@ -29,14 +29,14 @@ pub(super) struct Property<'a> {
     pub(super) kind: Kind,
 }
 
-/// What a column holds in a row.
+/// Type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Scalar(Scalar),
     List { length: Scalar, item: Scalar },
 }
 
-/// The types of numbers.
+/// Number types.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Scalar {
     I8,
@@ -64,7 +64,7 @@ impl Scalar {
         })
     }
 
-    /// Bytes in a binary file.
+    /// Size in bytes in a binary file.
     pub(super) const fn size(self) -> usize {
         match self {
             Self::I8 | Self::U8 => 1,
@@ -76,17 +76,17 @@ impl Scalar {
 }
 
 impl<'a> Header<'a> {
-    pub(super) fn parse(bytes: &'a [u8]) -> Result<Self, Fault> {
+    pub(super) fn parse(bytes: &'a [u8]) -> Result<Self, Malformed> {
         let mut encoding = None;
         let mut elements: Vec<Element<'_>> = Vec::new();
         let (mut element_names, mut property_names) = (HashSet::new(), HashSet::new());
         let (mut end, mut lines) = (0, 0);
         loop {
-            let rest = bytes.get(end..).unwrap_or_default();
+            let rest = &bytes[end..];
             let Some(length) = rest.iter().position(|byte| *byte == b'\n') else {
-                return Err(fault(lines + 1, "end_header", "the end of the file"));
+                return Err(malformed(lines + 1, "end_header", "the end of the file"));
             };
-            let line = rest.get(..length).unwrap_or_default().trim_ascii();
+            let line = rest[..length].trim_ascii();
             end += length + 1;
             lines += 1;
             let text = str::from_utf8(line).unwrap_or_default();
@@ -94,33 +94,34 @@ impl<'a> Header<'a> {
             match *words {
                 ["ply"] if lines == 1 => {}
                 ["comment" | "obj_info", ..] => {}
-                // A comment may be in any character set; a blank line says nothing.
+                // A comment may be in any encoding, so that it is not valid UTF-8; blank lines are ignored.
                 [] if line.is_empty() || line.starts_with(b"comment") || line.starts_with(b"obj_info") => {}
                 ["format", name, version] if encoding.is_none() => encoding = Some(format(lines, name, version)?),
                 ["element", name, count] => {
                     let count = count.parse::<u64>().ok().filter(|count| i64::try_from(*count).is_ok());
-                    let count = count.ok_or_else(|| fault(lines, "a count of rows below 2⁶³", &shown(line)))?;
+                    let count = count.ok_or_else(|| malformed(lines, "a count of rows below 2⁶³", &quoted(line)))?;
                     if !element_names.insert(name) {
-                        return Err(fault(lines, "each element once", &shown(line)));
+                        return Err(malformed(lines, "each element once", &quoted(line)));
                     }
                     property_names.clear();
                     elements.push(Element { name, count, properties: Vec::new() });
                 }
                 ["property", .., name] => {
-                    let kind = kind(&words).ok_or_else(|| fault(lines, "a property of a known type", &shown(line)))?;
+                    let kind =
+                        kind(&words).ok_or_else(|| malformed(lines, "a property of a known type", &quoted(line)))?;
                     let element = elements.last_mut();
                     let element =
-                        element.ok_or_else(|| fault(lines, "an element before its properties", &shown(line)))?;
+                        element.ok_or_else(|| malformed(lines, "an element before its properties", &quoted(line)))?;
                     if !property_names.insert(name) {
-                        return Err(fault(lines, "each property once", &shown(line)));
+                        return Err(malformed(lines, "each property once", &quoted(line)));
                     }
                     element.properties.push(Property { name, kind });
                 }
                 ["end_header"] => break,
-                _ => return Err(fault(lines, "a line of a PLY header", &shown(line))),
+                _ => return Err(malformed(lines, "a line of a PLY header", &quoted(line))),
             }
         }
-        let encoding = encoding.ok_or_else(|| fault(lines, "a line \"format\"", "none before end_header"))?;
+        let encoding = encoding.ok_or_else(|| malformed(lines, "a line \"format\"", "none before end_header"))?;
         Ok(Self { encoding, elements, end, lines })
     }
 
@@ -130,23 +131,27 @@ impl<'a> Header<'a> {
 }
 
 impl Element<'_> {
-    /// Position of a scalar property.
+    /// Index of a scalar property.
     pub(super) fn scalar(&self, name: &str) -> Option<usize> {
         self.properties.iter().position(|property| property.name == name && matches!(property.kind, Kind::Scalar(_)))
     }
 
-    /// Position of a scalar property that has to be there.
-    pub(super) fn required(&self, name: &str) -> Result<usize, Fault> {
+    /// Index of a required scalar property.
+    pub(super) fn required(&self, name: &str) -> Result<usize, Malformed> {
         self.scalar(name).ok_or_else(|| {
             let found: Vec<&str> = self.properties.iter().map(|property| property.name).take(12).collect();
             let more = if self.properties.len() > found.len() { ", …" } else { "" };
             let found = if found.is_empty() { "no properties".to_owned() } else { found.join(", ") };
-            Fault::new(format!("element {}", shown(self.name.as_bytes())), format!("a property {name}"), found + more)
+            Malformed::new(
+                format!("element {}", quoted(self.name.as_bytes())),
+                format!("a property {name}"),
+                found + more,
+            )
         })
     }
 }
 
-fn format(line: usize, name: &str, version: &str) -> Result<Encoding, Fault> {
+fn format(line: usize, name: &str, version: &str) -> Result<Encoding, Malformed> {
     let encoding = match name {
         "ascii" => Some(Encoding::Ascii),
         "binary_little_endian" => Some(Encoding::BinaryLittleEndian),
@@ -155,7 +160,7 @@ fn format(line: usize, name: &str, version: &str) -> Result<Encoding, Fault> {
     };
     let known = encoding.filter(|_| version == "1.0");
     let expected = "ascii, binary_little_endian or binary_big_endian 1.0";
-    known.ok_or_else(|| fault(line, expected, &shown(format!("{name} {version}").as_bytes())))
+    known.ok_or_else(|| malformed(line, expected, &quoted(format!("{name} {version}").as_bytes())))
 }
 
 /// The type in `property <type> <name>` or `property list <type> <type> <name>`.
@@ -170,6 +175,6 @@ fn kind(words: &[&str]) -> Option<Kind> {
     }
 }
 
-fn fault(line: usize, expected: &str, found: &str) -> Fault {
-    Fault::new(format!("header line {line}"), expected, found)
+fn malformed(line: usize, expected: &str, found: &str) -> Malformed {
+    Malformed::new(format!("header line {line}"), expected, found)
 }

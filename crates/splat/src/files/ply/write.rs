@@ -6,7 +6,7 @@ use crate::{GaussianParts, LOGIT_OF_INFINITY, sh_coefficients};
 
 /// Writes 3DGS' properties in 3DGS' order with zero normals, as every viewer expects them, then the optional ones.
 ///
-/// An infinite opacity logit becomes ±20: graphdeco's viewer and others turn it into NaN.
+/// An infinite opacity logit becomes ±20, because graphdeco's viewer and others turn it into NaN.
 pub(in super::super) fn write(parts: &GaussianParts, encoding: Encoding, out: &mut impl Write) -> io::Result<()> {
     let name = match encoding {
         Encoding::Ascii => "ascii",
@@ -49,7 +49,7 @@ fn properties(parts: &GaussianParts) -> impl Iterator<Item = String> {
     fixed("x y z nx ny nz f_dc_0 f_dc_1 f_dc_2")
         .chain((0..rest).map(|k| format!("f_rest_{k}")))
         .chain(fixed("opacity scale_0 scale_1 scale_2 rot_0 rot_1 rot_2 rot_3"))
-        .chain(optional.into_iter().filter(|(_, is_there)| *is_there).map(|(name, _)| name.to_owned()))
+        .chain(optional.into_iter().filter(|(_, is_present)| *is_present).map(|(name, _)| name.to_owned()))
 }
 
 fn write_row(row: &[f32], encoding: Encoding, out: &mut impl Write) -> io::Result<()> {

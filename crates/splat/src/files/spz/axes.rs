@@ -1,32 +1,32 @@
 use glam::DVec3;
 
-use super::Fault;
+use super::Malformed;
 use crate::sh::basis;
 use crate::{GaussianParts, MAX_SH_DEGREE, sh_coefficients};
 
 /// `SPZ_ADOBE_coordinate_system` (nianticlabs/spz `extensions/cc/splat-extensions.h`).
 const COORDINATE_SYSTEM: u32 = 0xadbe_0003;
 
-/// Which of PLY's axes (right, down, front) the stored axes run against.
+/// Signs of the stored axes relative to PLY's axes (right, down, front).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Axes {
     signs: DVec3,
 }
 
 impl Axes {
-    /// Right, up, back: what is stored where nothing else is said.
+    /// Right, up, back: the default.
     pub(super) const RUB: Self = Self { signs: DVec3::new(1.0, -1.0, -1.0) };
 
-    /// The axes that an extension names. What other extensions say changes no Gaussian; they are listed as unused.
-    pub(super) fn from_extensions(mut records: &[u8], unused: &mut Vec<String>) -> Result<Self, Fault> {
+    /// The axes declared by an extension. Other extensions do not affect the Gaussians and are listed as unused.
+    pub(super) fn from_extensions(mut records: &[u8], unused: &mut Vec<String>) -> Result<Self, Malformed> {
         let mut axes = Self::RUB;
         while let Some((kind, rest)) = records.split_first_chunk() {
             let kind = u32::from_le_bytes(*kind);
             let record = rest
                 .split_first_chunk()
                 .and_then(|(length, rest)| rest.split_at_checked(usize::try_from(u32::from_le_bytes(*length)).ok()?));
-            let (payload, rest) =
-                record.ok_or_else(|| Fault::new("SPZ extensions", "a record of (type, length, bytes)", "the end"))?;
+            let (payload, rest) = record
+                .ok_or_else(|| Malformed::new("SPZ extensions", "a record of (type, length, bytes)", "the end"))?;
             match (kind, payload.first_chunk()) {
                 (COORDINATE_SYSTEM, Some(system)) => axes = Self::from_code(u32::from_le_bytes(*system))?,
                 _ => unused.push(format!("extension 0x{kind:08x}")),
@@ -36,23 +36,23 @@ impl Axes {
         Ok(axes)
     }
 
-    /// LDB, RDB, LUB, RUB, LDF, RDF, LUF, RUF are 1 to 8; 0 leaves it open.
-    fn from_code(code: u32) -> Result<Self, Fault> {
+    /// 1 to 8 are LDB, RDB, LUB, RUB, LDF, RDF, LUF, RUF; 0 is unspecified.
+    fn from_code(code: u32) -> Result<Self, Malformed> {
         if code == 0 {
             return Ok(Self::RUB);
         }
         let Some(bits @ 0..8) = code.checked_sub(1) else {
-            // 9 to 16 have y and z swapped; the reference's arithmetic gives some of them other axes than their
-            // names, so that there is nothing to agree with.
-            return Err(Fault::new("SPZ extensions", "coordinate system 0 to 8", code.to_string()));
+            // 9 to 16 have y and z swapped; for some of them the reference's arithmetic contradicts their names, so
+            // that their meaning is ambiguous.
+            return Err(Malformed::new("SPZ extensions", "coordinate system 0 to 8", code.to_string()));
         };
         let sign = |bit: u32, same: u32| if (bits >> bit) & 1 == same { 1.0 } else { -1.0 };
         Ok(Self { signs: DVec3::new(sign(0, 1), sign(1, 0), sign(2, 1)) })
     }
 
-    /// Takes Gaussians into PLY's axes, or out of them, exactly: signs are all that changes. A mirrored ellipsoid
-    /// is one whose own axes are mirrored along, `D R D`, which is a rotation again.
-    pub(super) fn plys_from_stored(self, parts: &mut GaussianParts) {
+    /// Converts Gaussians to or from PLY's axes, exactly, since only signs change. Mirroring an ellipsoid also mirrors
+    /// its own axes: `D R D`, which is again a rotation.
+    pub(super) fn ply_from_stored(self, parts: &mut GaussianParts) {
         let narrow = |sign: f64| if sign < 0.0 { -1.0f32 } else { 1.0 };
         let DVec3 { x, y, z } = self.signs;
         let signed = |value: &mut f32, sign: f64| *value *= narrow(sign);
@@ -76,9 +76,11 @@ impl Axes {
         }
     }
 
-    /// Every function of the basis is even or odd in each axis, so that one direction tells its sign.
+    /// Signs of the SH coefficients. Each basis function is even or odd in each axis, so evaluating it in one direction
+    /// gives its sign.
     ///
-    /// The last of degree 4 is even in y, but the reference flips it: files that it wrote mean what it reads.
+    /// The last function of degree 4 is even in y, but the reference implementation flips it; this follows the
+    /// reference, which writes the files.
     fn sh_signs(self) -> [f64; 25] {
         let direction = DVec3::new(0.3, 0.5, 0.7).normalize();
         let mut signs = basis(MAX_SH_DEGREE, direction.to_array());
@@ -96,13 +98,13 @@ mod tests {
 
     /// The table of nianticlabs/spz `src/cc/splat-types.h`, for RUB to RDF: y = z = −1.
     #[test]
-    fn signs_are_the_references() {
+    fn sh_signs_match_the_reference() {
         let signs: String = Axes::RUB.sh_signs().iter().map(|sign| if *sign > 0.0 { '+' } else { '-' }).collect();
         assert_eq!(signs, ["+", "--+", "-++-+", "-+--+-+", "-+-++-+--"].concat());
     }
 
     #[test]
-    fn codes_name_axes() {
+    fn coordinate_system_codes_map_to_axes() {
         assert_eq!(Axes::from_code(4).unwrap(), Axes::RUB);
         assert_eq!(Axes::from_code(6).unwrap().signs, DVec3::ONE, "RDF is PLY's");
         assert_eq!(Axes::from_code(7).unwrap().signs, DVec3::new(-1.0, -1.0, 1.0), "LUF");

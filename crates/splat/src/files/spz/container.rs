@@ -1,4 +1,4 @@
-//! Bytes as stored into bytes per attribute.
+//! Decompression of a file into the bytes of each attribute.
 
 use std::io::{self, Read, Write};
 
@@ -7,90 +7,90 @@ use flate2::read::GzDecoder;
 use flate2::write::GzEncoder;
 use ruzstd::decoding::{FrameDecoder, StreamingDecoder};
 
-use super::Fault;
+use super::Malformed;
 use super::header::{Header, MAGIC};
 
 /// The first bytes of gzip's header.
 pub(in super::super) const GZIP_MAGIC: [u8; 2] = [0x1f, 0x8b];
-/// Deflate's densest code: 258 bytes in two bits.
+/// Deflate's maximal compression: 258 bytes in two bits.
 const DEFLATE_RATIO: u64 = 1032;
-/// The reference refuses version 4 where a header claims more than this many bytes of centres per byte of file.
+/// For version 4, the reference rejects headers that declare more than this many bytes of centres per byte of file.
 const ZSTD_RATIO: u64 = 1024;
-/// The window that every Zstandard decoder should support (RFC 8878, 3.1.1.1.2), whatever the stream's length.
+/// Window size that every Zstandard decoder should support (RFC 8878, 3.1.1.1.2), regardless of the stream's length.
 const ZSTD_WINDOW: u64 = 8 << 20;
-/// More than any extension holds.
+/// More than any known extension needs.
 const MOST_EXTENSION_BYTES: u64 = 1 << 16;
 
-/// A file without its compression.
+/// A decompressed file.
 pub(super) struct Container {
     pub(super) header: Header,
-    /// Centres, opacities, colours, log-scales, quaternions, higher coefficients; as long as the header says.
+    /// Centres, opacities, colours, log-scales, quaternions, higher coefficients; with the lengths declared in the
+    /// header.
     pub(super) attributes: [Vec<u8>; 6],
     pub(super) extensions: Vec<u8>,
-    /// What follows behind the last attribute without being announced.
+    /// Description of undeclared bytes after the last attribute, if any.
     pub(super) unused: Vec<String>,
 }
 
 impl Container {
-    pub(super) fn open(bytes: &[u8]) -> Result<Self, Fault> {
+    pub(super) fn open(bytes: &[u8]) -> Result<Self, Malformed> {
         if !bytes.starts_with(&MAGIC) {
             return Self::in_one_stream(GzDecoder::new(bytes), bytes.len() as u64, DEFLATE_RATIO);
         }
         let header = Header::parse(bytes)?;
         if header.version < 4 {
-            // Tools that unpack gzip in passing hand this on.
+            // Such files result from tools that decompress gzip transparently.
             return Self::in_one_stream(bytes, bytes.len() as u64, 1);
         }
         Self::in_streams(header, bytes)
     }
 
-    /// Versions 1 to 3. `ratio` is how far the stream may expand the file.
-    fn in_one_stream(mut stream: impl Read, length: u64, ratio: u64) -> Result<Self, Fault> {
+    /// Versions 1 to 3. `ratio` bounds the stream's expansion.
+    fn in_one_stream(mut stream: impl Read, length: u64, ratio: u64) -> Result<Self, Malformed> {
         let header = Header::parse(&take(&mut stream, "SPZ header", Header::OLD_SIZE as u64)?)?;
         if header.version >= 4 {
-            // Its header is longer, and its streams are compressed themselves.
+            // Version 4 has a longer header, and compresses each stream itself.
             let found = format!("version {}", header.version);
-            return Err(Fault::new("SPZ header", "version 1 to 3 within gzip", found));
+            return Err(Malformed::new("SPZ header", "version 1 to 3 within gzip", found));
         }
         let needed: u64 = header.sizes().iter().sum();
         if needed > length.saturating_mul(ratio) {
             let expected = format!("a file that can hold {} Gaussians of {needed} bytes", header.count);
-            return Err(Fault::new("SPZ header", expected, format!("{length} bytes")));
+            return Err(Malformed::new("SPZ header", expected, format!("{length} bytes")));
         }
         let mut attributes = [const { Vec::new() }; 6];
         for (attribute, size) in attributes.iter_mut().zip(header.sizes()) {
             *attribute = take(&mut stream, "SPZ attributes", size)?;
         }
-        let mut behind = Vec::new();
-        stream.take(MOST_EXTENSION_BYTES).read_to_end(&mut behind).map_err(|error| broken("SPZ stream", &error))?;
+        let mut trailing = Vec::new();
+        stream.take(MOST_EXTENSION_BYTES).read_to_end(&mut trailing).map_err(|error| corrupt("SPZ stream", &error))?;
         let (mut extensions, mut unused) = (Vec::new(), Vec::new());
         if header.has_extensions {
-            extensions = behind;
-        } else if !behind.is_empty() {
-            unused.push("bytes behind the last attribute".to_owned());
+            extensions = trailing;
+        } else if !trailing.is_empty() {
+            unused.push("bytes after the last attribute".to_owned());
         }
         Ok(Self { header, attributes, extensions, unused })
     }
 
-    /// Version 4: a table of (compressed, uncompressed) sizes, then the streams of the attributes that are not
-    /// empty.
-    fn in_streams(header: Header, bytes: &[u8]) -> Result<Self, Fault> {
+    /// Version 4: a table of (compressed, uncompressed) sizes, then one stream per non-empty attribute.
+    fn in_streams(header: Header, bytes: &[u8]) -> Result<Self, Malformed> {
         let short =
-            || Fault::new("SPZ header", "32 bytes and the streams behind them", format!("{} bytes", bytes.len()));
+            || Malformed::new("SPZ header", "32 bytes and the streams after them", format!("{} bytes", bytes.len()));
         if 9 * u64::from(header.count) > ZSTD_RATIO * bytes.len() as u64 {
             let expected = format!("a file that can hold {} Gaussians", header.count);
-            return Err(Fault::new("SPZ header", expected, format!("{} bytes", bytes.len())));
+            return Err(Malformed::new("SPZ header", expected, format!("{} bytes", bytes.len())));
         }
         let (&streams, rest) = bytes.get(15..).and_then(<[u8]>::split_first).ok_or_else(short)?;
         let table = u32::from_le_bytes(*rest.first_chunk().ok_or_else(short)?) as usize;
-        let announced = header.sizes().iter().filter(|size| **size > 0).count();
-        if usize::from(streams) != announced {
-            return Err(Fault::new("SPZ header", format!("{announced} streams"), streams.to_string()));
+        let declared = header.sizes().iter().filter(|size| **size > 0).count();
+        if usize::from(streams) != declared {
+            return Err(Malformed::new("SPZ header", format!("{declared} streams"), streams.to_string()));
         }
         let extensions = bytes.get(Header::NEW_SIZE..table).ok_or_else(short)?;
         let extensions = if header.has_extensions { extensions.to_vec() } else { Vec::new() };
         let (sizes, mut rest) =
-            bytes.get(table..).and_then(|rest| rest.split_at_checked(16 * announced)).ok_or_else(short)?;
+            bytes.get(table..).and_then(|rest| rest.split_at_checked(16 * declared)).ok_or_else(short)?;
         let mut sizes = sizes.as_chunks::<8>().0.iter().map(|size| u64::from_le_bytes(*size));
 
         let mut attributes = [const { Vec::new() }; 6];
@@ -100,49 +100,49 @@ impl Container {
             }
             let (compressed, uncompressed) = sizes.next().zip(sizes.next()).ok_or_else(short)?;
             if uncompressed != needed {
-                return Err(Fault::new("SPZ stream", format!("{needed} bytes"), format!("{uncompressed} bytes")));
+                return Err(Malformed::new("SPZ stream", format!("{needed} bytes"), format!("{uncompressed} bytes")));
             }
             let stream = usize::try_from(compressed).ok().and_then(|length| rest.split_at_checked(length));
-            let (stream, behind) = stream.ok_or_else(|| {
-                Fault::new("SPZ stream", format!("{compressed} bytes"), format!("{} bytes", rest.len()))
+            let (stream, trailing) = stream.ok_or_else(|| {
+                Malformed::new("SPZ stream", format!("{compressed} bytes"), format!("{} bytes", rest.len()))
             })?;
             *attribute = unpack(stream, needed)?;
-            rest = behind;
+            rest = trailing;
         }
-        let surplus = if rest.is_empty() { Vec::new() } else { vec!["bytes behind the last stream".to_owned()] };
-        Ok(Self { header, attributes, extensions, unused: surplus })
+        let trailing = if rest.is_empty() { Vec::new() } else { vec!["bytes after the last stream".to_owned()] };
+        Ok(Self { header, attributes, extensions, unused: trailing })
     }
 }
 
-/// One Zstandard frame of `length` bytes.
-fn unpack(stream: &[u8], length: u64) -> Result<Vec<u8>, Fault> {
+/// Decompresses one Zstandard frame of `length` bytes.
+fn unpack(stream: &[u8], length: u64) -> Result<Vec<u8>, Malformed> {
     let mut frame = FrameDecoder::new();
     frame.set_max_window_size(if length > ZSTD_WINDOW { length } else { ZSTD_WINDOW });
     let decoder = StreamingDecoder::new_with_decoder(stream, frame);
-    let mut decoder = decoder.map_err(|error| broken("SPZ stream", &io::Error::other(error.to_string())))?;
+    let mut decoder = decoder.map_err(|error| corrupt("SPZ stream", &io::Error::other(error.to_string())))?;
     let bytes = take(&mut decoder, "SPZ stream", length)?;
-    let surplus = take(&mut decoder, "SPZ stream", 1);
-    match surplus {
-        Ok(_) => Err(Fault::new("SPZ stream", format!("{length} bytes"), "more")),
+    let trailing = take(&mut decoder, "SPZ stream", 1);
+    match trailing {
+        Ok(_) => Err(Malformed::new("SPZ stream", format!("{length} bytes"), "more")),
         Err(_) => Ok(bytes),
     }
 }
 
-/// The next `length` bytes; memory grows with what is there, not with what is announced.
-fn take(stream: &mut impl Read, location: &str, length: u64) -> Result<Vec<u8>, Fault> {
+/// The next `length` bytes; memory grows with the bytes present, not with the declared length.
+fn take(stream: &mut impl Read, location: &str, length: u64) -> Result<Vec<u8>, Malformed> {
     let mut bytes = Vec::new();
-    stream.take(length).read_to_end(&mut bytes).map_err(|error| broken(location, &error))?;
+    stream.take(length).read_to_end(&mut bytes).map_err(|error| corrupt(location, &error))?;
     if bytes.len() as u64 == length {
         return Ok(bytes);
     }
-    Err(Fault::new(location, format!("{length} bytes"), format!("{} bytes", bytes.len())))
+    Err(Malformed::new(location, format!("{length} bytes"), format!("{} bytes", bytes.len())))
 }
 
-fn broken(location: &str, error: &io::Error) -> Fault {
-    Fault::new(location, "compressed data", error.to_string())
+fn corrupt(location: &str, error: &io::Error) -> Malformed {
+    Malformed::new(location, "compressed data", error.to_string())
 }
 
-/// A gzip stream without a time or a name, so that the same Gaussians give the same file.
+/// Writes a gzip stream without a timestamp or name, so that the same Gaussians give the same file.
 pub(in super::super) fn compress(payload: &[u8], out: &mut impl Write) -> io::Result<()> {
     let mut encoder = GzEncoder::new(out, Compression::default());
     encoder.write_all(payload)?;
@@ -153,9 +153,9 @@ pub(in super::super) fn compress(payload: &[u8], out: &mut impl Write) -> io::Re
 mod tests {
     use super::*;
 
-    /// With bytes enough to be taken for centres and the rest.
+    /// With enough bytes to be mistaken for the attributes.
     #[test]
-    fn version_4_within_gzip_is_refused() {
+    fn rejects_version_4_within_gzip() {
         let header = Header {
             version: 4,
             count: 2,
@@ -168,7 +168,7 @@ mod tests {
         payload.extend([7; 200]);
         let mut file = Vec::new();
         compress(&payload, &mut file).unwrap();
-        let fault = Container::open(&file).err().unwrap();
-        assert!(format!("{fault:?}").contains("version 1 to 3 within gzip"), "{fault:?}");
+        let error = Container::open(&file).err().unwrap();
+        assert!(format!("{error:?}").contains("version 1 to 3 within gzip"), "{error:?}");
     }
 }

@@ -1,10 +1,10 @@
-use super::super::quantised::logit;
+use super::super::logit;
 use super::COLOUR_SCALE;
 use super::header::Header;
 use super::quaternions::{from_four_bytes, from_three_bytes};
 use crate::{GaussianParts, sh_coefficients};
 
-/// Gaussians in stored axes.
+/// Decodes Gaussians, in the stored axes.
 #[expect(clippy::cast_possible_truncation, reason = "Gaussians are stored as f32")]
 pub(super) fn decode(header: &Header, attributes: &[Vec<u8>; 6]) -> GaussianParts {
     let [centres, opacities, colours, log_scales, quaternions, rest] = attributes;
@@ -37,7 +37,7 @@ pub(super) fn decode(header: &Header, attributes: &[Vec<u8>; 6]) -> GaussianPart
     }
 }
 
-/// Version 1 has half floats, later ones integers of 24 bits.
+/// Version 1 stores half floats, later versions 24-bit integers.
 #[expect(clippy::cast_possible_truncation, reason = "24 bits fit an f32, halves too")]
 fn means(header: &Header, centres: &[u8]) -> Vec<[f32; 3]> {
     if header.version == 1 {
@@ -47,7 +47,7 @@ fn means(header: &Header, centres: &[u8]) -> Vec<[f32; 3]> {
     }
     let step = (-f64::from(header.fractional_bits)).exp2();
     let fixed = |[low, middle, high]: &[u8; 3]| {
-        // The highest byte brings the sign along.
+        // The arithmetic shift extends the sign of the highest byte.
         (f64::from(i32::from_le_bytes([0, *low, *middle, *high]) >> 8) * step) as f32
     };
     let centres = centres.as_chunks::<3>().0.as_chunks::<3>().0;
@@ -72,7 +72,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn halves() {
+    fn converts_half_floats() {
         for (bits, expected) in [
             (0x3c00, 1.0f32),
             (0xc000, -2.0),

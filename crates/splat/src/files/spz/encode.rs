@@ -1,29 +1,29 @@
 use super::axes::Axes;
 use super::header::Header;
 use super::quaternions::{to_four_bytes, to_three_bytes};
-use super::{COLOUR_SCALE, Fault};
+use super::{COLOUR_SCALE, Malformed};
 use crate::{GaussianParts, sh_coefficients};
 
-/// The reference's: a quarter of a millimetre where a scene unit is a metre.
+/// As in the reference: a quarter of a millimetre if a scene unit is a metre.
 const FRACTIONAL_BITS: u8 = 12;
-/// Centres are integers of 24 bits with a sign.
+/// Centres are signed 24-bit integers.
 const LARGEST_CENTRE: f64 = 8_388_607.0;
-/// Coefficients are rounded to multiples of these, out of 256 over [−1, 1): the reference's 5 bits for degree 1
-/// and 4 for the rest.
+/// SH coefficients are rounded to multiples of these, with 256 levels over [−1, 1): as in the reference, 5 bits for
+/// degree 1 and 4 bits above.
 const STEPS: (i32, i32) = (1 << 3, 1 << 4);
 
-/// The payload of a file of version 2 or 3, not yet compressed.
+/// Encodes the uncompressed payload of version 2 or 3.
 ///
-/// A scene that reaches further than ±2047 gets fewer fractional bits.
-pub(in super::super) fn encode(parts: &GaussianParts, version: u32, antialiased: bool) -> Result<Vec<u8>, Fault> {
+/// A scene extending beyond ±2047 gets fewer fractional bits.
+pub(in super::super) fn encode(parts: &GaussianParts, version: u32, antialiased: bool) -> Result<Vec<u8>, Malformed> {
     check(parts)?;
     let mut parts = parts.clone();
     // Signs are their own inverse.
-    Axes::RUB.plys_from_stored(&mut parts);
+    Axes::RUB.ply_from_stored(&mut parts);
     let header = Header {
         version,
         count: u32::try_from(parts.means.len())
-            .map_err(|_too_large| Fault::new("Gaussians", "fewer than 2³²", parts.means.len().to_string()))?,
+            .map_err(|_too_large| Malformed::new("Gaussians", "fewer than 2³²", parts.means.len().to_string()))?,
         sh_degree: parts.sh_degree,
         fractional_bits: fractional_bits(&parts)?,
         antialiased,
@@ -58,11 +58,11 @@ pub(in super::super) fn encode(parts: &GaussianParts, version: u32, antialiased:
     Ok(payload)
 }
 
-/// Refuses what the format has no place for: a value that is no number, and fields that it does not know.
-fn check(parts: &GaussianParts) -> Result<(), Fault> {
-    for (field, is_there) in [("filter_3d", parts.filter_3d.is_some()), ("scalars", parts.scalars.is_some())] {
-        if is_there {
-            return Err(Fault::new(
+/// Rejects what the format cannot store: non-finite values and unsupported fields.
+fn check(parts: &GaussianParts) -> Result<(), Malformed> {
+    for (field, is_present) in [("filter_3d", parts.filter_3d.is_some()), ("scalars", parts.scalars.is_some())] {
+        if is_present {
+            return Err(Malformed::new(
                 "Gaussians",
                 format!("no {field}, which SPZ cannot hold"),
                 format!("{field} for each"),
@@ -74,28 +74,29 @@ fn check(parts: &GaussianParts) -> Result<(), Fault> {
     for (position, ((((mean, quaternion), scales), logit), sh)) in
         rows.zip(parts.sh.chunks_exact(coefficients)).enumerate()
     {
-        let fault = |expected: &str, found: String| Err(Fault::new(format!("Gaussian {position}"), expected, found));
+        let malformed =
+            |expected: &str, found: String| Err(Malformed::new(format!("Gaussian {position}"), expected, found));
         let finite = |values: &[f32]| values.iter().all(|value| value.is_finite());
         if !(finite(mean) && finite(quaternion) && finite(sh.as_flattened())) {
-            return fault("finite centre, quaternion and colour", format!("{mean:?}, {quaternion:?}, {sh:?}"));
+            return malformed("finite centre, quaternion and colour", format!("{mean:?}, {quaternion:?}, {sh:?}"));
         }
-        // An infinite log-scale or logit is the end of the format's range.
+        // An infinite log-scale or logit is clamped to the end of the format's range.
         if logit.is_nan() || scales.iter().any(|scale| scale.is_nan()) {
-            return fault("log-scales and an opacity logit", format!("{scales:?}, {logit}"));
+            return malformed("log-scales and an opacity logit that are not NaN", format!("{scales:?}, {logit}"));
         }
         if quaternion.iter().all(|part| *part == 0.0) {
-            return fault("a quaternion that is not zero", format!("{quaternion:?}"));
+            return malformed("a quaternion that is not zero", format!("{quaternion:?}"));
         }
     }
     Ok(())
 }
 
-fn fractional_bits(parts: &GaussianParts) -> Result<u8, Fault> {
+fn fractional_bits(parts: &GaussianParts) -> Result<u8, Malformed> {
     let fits = |bits: u8| {
         let largest = LARGEST_CENTRE / f64::from(bits).exp2();
         parts.means.as_flattened().iter().all(|centre| f64::from(centre.abs()) <= largest)
     };
-    let expected = || Fault::new("Gaussians", format!("centres within ±{LARGEST_CENTRE}"), "one beyond");
+    let expected = || Malformed::new("Gaussians", format!("centres within ±{LARGEST_CENTRE}"), "one beyond");
     (0..=FRACTIONAL_BITS).rev().find(|bits| fits(*bits)).ok_or_else(expected)
 }
 
@@ -105,15 +106,15 @@ fn unit(quaternion: &[f32; 4]) -> [f64; 4] {
     wide.map(|part| part / norm)
 }
 
-/// Rounded half away from zero, as C++ does, to the middle of a step; zero is the middle of one.
+/// Rounds half away from zero, as C++ does, to the middle of a step; zero is the middle of a step.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a byte")]
 fn coefficient(value: f32, step: i32) -> u8 {
-    // As i32, so that what lies beyond saturates far from overflowing.
+    // Clamped so that the sum below cannot overflow an i32.
     let level = (value.clamp(-2.0, 2.0) * 128.0).round() as i32 + 128;
     ((level + step / 2).div_euclid(step) * step).clamp(0, 255) as u8
 }
 
-/// The nearest byte, ends included.
+/// Rounds to the nearest byte, saturating.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded, and `as` saturates")]
 pub(super) fn byte(value: f64) -> u8 {
     value.round() as u8

@@ -1,16 +1,16 @@
-use super::Fault;
+use super::Malformed;
 use crate::{MAX_SH_DEGREE, sh_coefficients};
 
 /// The first bytes of every header.
 pub(in super::super) const MAGIC: [u8; 4] = *b"NGSP";
 
-/// What both headers say.
+/// The fields that both header layouts share.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Header {
     pub(super) version: u32,
     pub(super) count: u32,
     pub(super) sh_degree: u8,
-    /// Centres are integers over 2 to this power.
+    /// Centres are integers divided by 2 to this power.
     pub(super) fractional_bits: u8,
     pub(super) antialiased: bool,
     pub(super) has_extensions: bool,
@@ -22,25 +22,25 @@ impl Header {
     /// Bytes of the header of version 4.
     pub(super) const NEW_SIZE: usize = 32;
 
-    /// The fields that both headers share, from their first 16 bytes.
-    pub(super) fn parse(bytes: &[u8]) -> Result<Self, Fault> {
+    /// Parses the shared fields, from the first 16 bytes.
+    pub(super) fn parse(bytes: &[u8]) -> Result<Self, Malformed> {
         let Some((start, _)) = bytes.split_first_chunk::<16>() else {
-            return Err(Fault::new("SPZ header", "16 bytes", format!("{} bytes", bytes.len())));
+            return Err(Malformed::new("SPZ header", "16 bytes", format!("{} bytes", bytes.len())));
         };
         let [m0, m1, m2, m3, v0, v1, v2, v3, n0, n1, n2, n3, sh_degree, fractional_bits, flags, _] = *start;
         if [m0, m1, m2, m3] != MAGIC {
-            return Err(Fault::new("SPZ header", "\"NGSP\"", format!("{:?}", [m0, m1, m2, m3])));
+            return Err(Malformed::new("SPZ header", "\"NGSP\"", format!("{:?}", [m0, m1, m2, m3])));
         }
         let version = u32::from_le_bytes([v0, v1, v2, v3]);
         if !(1..=4).contains(&version) {
-            return Err(Fault::new("SPZ header", "version 1 to 4", version.to_string()));
+            return Err(Malformed::new("SPZ header", "version 1 to 4", version.to_string()));
         }
         if sh_degree > MAX_SH_DEGREE {
             let expected = format!("spherical harmonics of degree 0 to {MAX_SH_DEGREE}");
-            return Err(Fault::new("SPZ header", expected, sh_degree.to_string()));
+            return Err(Malformed::new("SPZ header", expected, sh_degree.to_string()));
         }
         if fractional_bits >= 32 {
-            return Err(Fault::new("SPZ header", "fewer than 32 fractional bits", fractional_bits.to_string()));
+            return Err(Malformed::new("SPZ header", "fewer than 32 fractional bits", fractional_bits.to_string()));
         }
         Ok(Self {
             version,

@@ -15,17 +15,17 @@ pub(super) use container::{GZIP_MAGIC, compress};
 pub(super) use encode::encode;
 pub(super) use header::MAGIC;
 
-use super::{Fault, Format, Stored};
+use super::{Format, Malformed, Stored};
 use axes::Axes;
 use container::Container;
 
 /// Colours are stored as `0.5 + COLOUR_SCALE · sh[0]`, which leaves room beyond [0, 1].
 const COLOUR_SCALE: f64 = 0.15;
 
-pub(super) fn read(bytes: &[u8]) -> Result<Stored, Fault> {
+pub(super) fn read(bytes: &[u8]) -> Result<Stored, Malformed> {
     let Container { header, attributes, extensions, mut unused } = Container::open(bytes)?;
     let axes = Axes::from_extensions(&extensions, &mut unused)?;
     let mut parts = decode::decode(&header, &attributes);
-    axes.plys_from_stored(&mut parts);
+    axes.ply_from_stored(&mut parts);
     Ok(Stored { parts, format: Format::Spz(header.version), unused, antialiased: Some(header.antialiased) })
 }

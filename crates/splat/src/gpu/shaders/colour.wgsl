@@ -1,10 +1,10 @@
-// Colour of each Gaussian that is drawn, from this side.
+// View-dependent colour of each drawn Gaussian.
 @group(0) @binding(1) var<storage, read> means: array<f32>;
 @group(0) @binding(2) var<storage, read> sh: array<f32>;
 @group(0) @binding(3) var<storage, read> scalars: array<f32>;
 @group(0) @binding(4) var<storage, read_write> reaches: array<vec2<u32>>;
 // RGB and the scalar.
-@group(0) @binding(5) var<storage, read_write> paints: array<vec4<f32>>;
+@group(0) @binding(5) var<storage, read_write> splat_colours: array<vec4<f32>>;
 
 const LARGEST_CHANNEL: f32 = 1e12;
 const INVALID: u32 = 1u;
@@ -15,12 +15,12 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let at = linear(group, groups, 64u, local);
+    let at = linear_index(group, groups, 64u, local);
     if at >= view.part.x {
         return;
     }
-    let place = view.part.y + at;
-    if reaches[place].y == 0u {
+    let index = view.part.y + at;
+    if reaches[index].y == 0u {
         return;
     }
     var rgb = vec3(0.5);
@@ -32,8 +32,8 @@ fn main(
         var basis = sh_basis(view.part.w, direction.xyz);
         let coefficients = (view.part.w + 1u) * (view.part.w + 1u);
         for (var k = 0u; k < coefficients; k++) {
-            let from_here = first + 3u * k;
-            rgb += basis[k] * vec3(sh[from_here], sh[from_here + 1u], sh[from_here + 2u]);
+            let base = first + 3u * k;
+            rgb += basis[k] * vec3(sh[base], sh[base + 1u], sh[base + 2u]);
         }
     }
     var scalar = 0.0;
@@ -41,10 +41,10 @@ fn main(
         scalar = scalars[at];
     }
     let largest = max(max(max(abs(rgb.x), abs(rgb.y)), abs(rgb.z)), abs(scalar));
-    let usable = are_finite(rgb) && is_finite(scalar) && largest <= LARGEST_CHANNEL;
-    if !usable {
-        reaches[place] = vec2(INVALID, 0u);
+    let is_valid_log_scale = are_finite(rgb) && is_finite(scalar) && largest <= LARGEST_CHANNEL;
+    if !is_valid_log_scale {
+        reaches[index] = vec2(INVALID, 0u);
         return;
     }
-    paints[place] = vec4(max(rgb, vec3(0.0)), scalar);
+    splat_colours[index] = vec4(max(rgb, vec3(0.0)), scalar);
 }

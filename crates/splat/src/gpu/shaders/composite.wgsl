@@ -1,5 +1,4 @@
-// Each tile's Gaussians over each other, nearest first.
-// RGB over the background, alpha.
+// Front-to-back compositing of each tile. RGB over the background, alpha.
 @group(0) @binding(7) var<storage, read_write> colours: array<vec4<f32>>;
 // Depth, scalar, median depth, transmittance.
 @group(0) @binding(8) var<storage, read_write> extras: array<vec4<f32>>;
@@ -17,8 +16,8 @@ fn main(
     let corner = vec2(local.x * 4u, local.y * ROWS);
     let column = (view.tiles.x + tile % view.tiles.z) * 16u + corner.x;
     let row = (view.tiles.y + tile / view.tiles.z) * 16u + corner.y;
-    let range = entries_now(ranges[tile]);
-    // That of a finished pixel is kept with its sign turned.
+    let range = current_entries(ranges[tile]);
+    // Negated for finished pixels.
     var transmittance: array<vec4<f32>, ROWS>;
     var red: array<vec4<f32>, ROWS>;
     var green: array<vec4<f32>, ROWS>;
@@ -28,10 +27,10 @@ fn main(
     var median: array<vec4<f32>, ROWS>;
     for (var r = 0u; r < ROWS; r++) {
         transmittance[r] = vec4(1.0);
-        if has(GOES_ON) {
+        if has(RESUMES) {
             for (var n = 0u; n < 4u; n++) {
-                if row + r < view.picture.y && column + n < view.picture.x {
-                    let pixel = (row + r - view.window.z) * view.picture.x + column + n;
+                if row + r < view.image.y && column + n < view.image.x {
+                    let pixel = (row + r - view.window.z) * view.image.x + column + n;
                     let before = colours[pixel];
                     red[r][n] = before.x;
                     green[r][n] = before.y;
@@ -49,7 +48,7 @@ fn main(
     }
     var at = range.x;
     loop {
-        // Each thread goes on by itself: what misses its pixels costs it a word.
+        // Threads advance independently: a Gaussian that misses a thread's pixels costs it one word.
         while at < range.y && misses(boxes[at], corner) {
             at += 1u;
         }
@@ -59,56 +58,56 @@ fn main(
         let gaussian = pairs[at].y;
         at += 1u;
         let shape = shapes[gaussian];
-        let place = places[gaussian];
-        let paint = paints[gaussian];
-        let z = bitcast<f32>(place.w);
-        var most = vec4(-1.0);
+        let position = positions[gaussian];
+        let splat_colour = splat_colours[gaussian];
+        let z = bitcast<f32>(position.w);
+        var max_transmittance = vec4(-1.0);
         for (var r = 0u; r < ROWS; r++) {
-            let falloff = falloff_at(shape, place, column, row + r);
+            let falloff = falloff_at(shape, position, column, row + r);
             let alpha = min(vec4(view.alphas.x), shape.w * falloff.value);
-            let seen = alpha >= vec4(view.alphas.y);
+            let visible = alpha >= vec4(view.alphas.y);
             let before = transmittance[r];
             let product = alpha * before;
             let after = before - product;
             let open = after > vec4(view.alphas.z);
-            let hit = seen & open;
+            let hit = visible & open;
             let weight = select(vec4(0.0), product, hit);
-            red[r] += weight * paint.x;
-            green[r] += weight * paint.y;
-            blue[r] += weight * paint.z;
+            red[r] += weight * splat_colour.x;
+            green[r] += weight * splat_colour.y;
+            blue[r] += weight * splat_colour.z;
             if has(EXTRAS) {
                 depth[r] += weight * z;
-                scalar[r] += weight * paint.w;
+                scalar[r] += weight * splat_colour.w;
                 median[r] = select(median[r], vec4(z), hit & (before > vec4(0.5)) & (after <= vec4(0.5)));
             }
-            transmittance[r] = select(before, select(-abs(before), after, open), seen);
-            most = max(most, transmittance[r]);
+            transmittance[r] = select(before, select(-abs(before), after, open), visible);
+            max_transmittance = max(max_transmittance, transmittance[r]);
         }
-        if all(most <= vec4(0.0)) {
+        if all(max_transmittance <= vec4(0.0)) {
             break;
         }
     }
     for (var r = 0u; r < ROWS; r++) {
         for (var n = 0u; n < 4u; n++) {
-            if row + r < view.picture.y && column + n < view.picture.x {
-                let pixel = (row + r - view.window.z) * view.picture.x + column + n;
-                if has(STOPS_HERE) {
+            if row + r < view.image.y && column + n < view.image.x {
+                let pixel = (row + r - view.window.z) * view.image.x + column + n;
+                if has(PAUSES) {
                     colours[pixel] = vec4(red[r][n], green[r][n], blue[r][n], transmittance[r][n]);
                     if has(EXTRAS) {
                         extras[pixel] = vec4(depth[r][n], scalar[r][n], median[r][n], 0.0);
                     }
                     continue;
                 }
-                let left = abs(transmittance[r][n]);
-                var rgb = view.background.xyz * left + vec3(red[r][n], green[r][n], blue[r][n]);
-                if has(EXPOSES) {
-                    let seen = vec4(rgb, 1.0);
+                let remaining = abs(transmittance[r][n]);
+                var rgb = view.background.xyz * remaining + vec3(red[r][n], green[r][n], blue[r][n]);
+                if has(APPLY_EXPOSURE) {
+                    let visible = vec4(rgb, 1.0);
                     let rows = view.exposure;
-                    rgb = saturated3(vec3(dot(rows[0], seen), dot(rows[1], seen), dot(rows[2], seen)));
+                    rgb = saturated3(vec3(dot(rows[0], visible), dot(rows[1], visible), dot(rows[2], visible)));
                 }
-                colours[pixel] = vec4(rgb, 1.0 - left);
+                colours[pixel] = vec4(rgb, 1.0 - remaining);
                 if has(EXTRAS) {
-                    extras[pixel] = vec4(depth[r][n], scalar[r][n], median[r][n], left);
+                    extras[pixel] = vec4(depth[r][n], scalar[r][n], median[r][n], remaining);
                 }
             }
         }

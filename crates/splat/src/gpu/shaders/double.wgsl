@@ -1,7 +1,7 @@
-// Numbers as unevaluated sums of two f32, high and low: 45 bits and more. No compiler may see through `opaque`, so
-// that none rearranges what only rounds right as it stands.
+// Double-single arithmetic: unevaluated sums of two f32, high and low, with at least 45 bits. Compilers cannot see
+// through `opaque`, which keeps them from reassociating operations whose rounding matters.
 fn opaque(value: f32) -> f32 {
-    return bitcast<f32>(bitcast<u32>(value) ^ view.picture.w);
+    return bitcast<f32>(bitcast<u32>(value) ^ view.image.w);
 }
 
 fn two_sum(a: f32, b: f32) -> vec2<f32> {

@@ -1,9 +1,9 @@
-// A pair of tile and Gaussian for each tile that a Gaussian reaches, nearest Gaussian first.
+// Emits a (tile, Gaussian) pair for each tile that a Gaussian reaches, nearest Gaussian first.
 @group(0) @binding(1) var<storage, read> order: array<u32>;
 @group(0) @binding(2) var<storage, read> reaches: array<vec2<u32>>;
 @group(0) @binding(3) var<storage, read> offsets: array<u32>;
 @group(0) @binding(4) var<storage, read_write> keys: array<u32>;
-// The Gaussian, or the pair's own number where `owners` tells the Gaussian.
+// The Gaussian, or the pair's index if `owners` holds the Gaussian.
 @group(0) @binding(5) var<storage, read_write> values: array<u32>;
 @group(0) @binding(6) var<storage, read_write> owners: array<u32>;
 
@@ -13,7 +13,7 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let at = linear(group, groups, 64u, local);
+    let at = linear_index(group, groups, 64u, local);
     if at >= view.window.w {
         return;
     }
@@ -23,8 +23,8 @@ fn main(
     for (var row = tiles.y; row < tiles.w; row++) {
         for (var column = tiles.x; column < tiles.z; column++) {
             keys[slot] = (row - view.tiles.y) * view.tiles.z + (column - view.tiles.x);
-            values[slot] = select(gaussian, slot, has(SLOTS));
-            if has(SLOTS) {
+            values[slot] = select(gaussian, slot, has(HAS_OWNERS));
+            if has(HAS_OWNERS) {
                 owners[slot] = gaussian;
             }
             slot += 1u;

@@ -1,11 +1,11 @@
-// Powers of two, logarithms' inverse and square roots that are good to f32's last bits whatever the driver's are.
+// Powers of two, exponentials and square roots, accurate to f32's last bits regardless of the driver's own.
 
-// 2^n; nothing below the smallest normal number, and no more than 2^127.
+// 2^n; 0 below the smallest normal number, and at most 2^127.
 fn power_of_two(n: i32) -> f32 {
     return select(bitcast<f32>(u32(clamp(n, -126, 127) + 127) << 23u), 0.0, n < -126);
 }
 
-// The power of two at or below a magnitude, as an exponent; far below all others for zero.
+// Exponent of the largest power of two not above a magnitude; -10000 for zero.
 fn exponent_of(value: f32) -> i32 {
     let bits = bitcast<u32>(value) & 0x7fffffffu;
     return select(i32(bits >> 23u) - 127, -10000, bits < 0x00800000u);
@@ -17,7 +17,7 @@ struct Scaled {
     exponent: i32,
 }
 
-// e^x as a mantissa and a power of two, for any x up to some thousands; 0 far below.
+// e^x as a mantissa and a power of two, for any x up to several thousand; 0 far below.
 fn scaled_exp(x: f32) -> Scaled {
     if x < -20000.0 {
         return Scaled(0.0, -10000);
@@ -38,7 +38,7 @@ fn exp_within_range(x: f32) -> f32 {
     return e.mantissa * power_of_two(e.exponent);
 }
 
-// One step of Heron's rule from the driver's root. That of infinity is finite: 1.7e19.
+// Square root: one Newton step from the driver's result. For infinity it is finite: 1.7e19.
 fn root(x: f32) -> f32 {
     let finite = min(x, 3e38);
     let guess = sqrt(finite);

@@ -1,5 +1,5 @@
-// One Gaussian's shape on the screen, as the reference has it. Everything that may be huge or tiny carries its power
-// of two apart: a Gaussian 1e30 wide is as valid as any.
+// Projection of one Gaussian, as in the reference. Quantities that may be huge or tiny keep their power of two
+// separately, because a Gaussian of width 1e30 is valid too.
 const DRAWN: u32 = 0u;
 const INVALID: u32 = 1u;
 const OUTSIDE_DEPTH: u32 = 2u;
@@ -10,38 +10,38 @@ const LOG_SCALE_LIMIT: f32 = 43.5;
 
 struct Geometry {
     outcome: u32,
-    // In the camera's frame.
+    // Mean in camera coordinates.
     x: vec2<f32>,
     y: vec2<f32>,
     z: vec2<f32>,
-    // On the screen, in pixels.
+    // Projected centre in pixels.
     centre_x: vec2<f32>,
     centre_y: vec2<f32>,
     true_slope: vec2<f32>,
-    // Where the Jacobian is taken.
+    // Clamped slope for the Jacobian.
     slope: vec2<f32>,
-    // World from Gaussian: columns are its axes.
+    // Rotation world_from_gaussian: columns are the Gaussian's axes.
     rotation: mat3x3<f32>,
     unit: vec4<f32>,
     norm: Scaled,
     // Standard deviations over 2^scale_exponent.
     scales: vec3<f32>,
     scale_exponent: i32,
-    own_share: vec3<f32>,
-    // Rows of the lens's Jacobian times focal lengths.
+    unfiltered_share: vec3<f32>,
+    // Rows of ∂pixel/∂slope: focal lengths times the lens's Jacobian.
     pixel_from_slope: mat2x2<f32>,
-    // Rows of pixels by camera coordinates, times the depth.
+    // Rows of ∂pixel/∂(x, y, z) in camera coordinates, times the depth.
     jacobian: array<vec3<f32>, 2>,
-    // Rows of pixels by the Gaussian's axes, times the depth over its power of two.
-    by_axis: array<vec3<f32>, 2>,
-    // Rows of pixels by standard deviations, over 2^exponent.
+    // Rows of the Jacobian in the Gaussian's axes, times the power of two of the depth.
+    axis_rows: array<vec3<f32>, 2>,
+    // Rows of the Jacobian in units of standard deviations, divided by 2^exponent.
     rows: array<vec3<f32>, 2>,
     exponent: i32,
-    // Variances on the screen and determinants, over powers of 2^exponent; blur included but for `sharp`.
+    // 2D covariance and determinants, divided by powers of 2^exponent; all but `inner_determinant` include the blur.
     xx: f32,
     xy: f32,
     yy: f32,
-    sharp: f32,
+    inner_determinant: f32,
     determinant: f32,
     compensation: f32,
     opacity: f32,
@@ -55,8 +55,8 @@ fn row_of_rotation(row: u32, x: vec2<f32>, y: vec2<f32>, z: vec2<f32>) -> vec2<f
 }
 
 fn from_centre(mean: vec3<f32>, axis: u32) -> vec2<f32> {
-    let apart = two_sum(mean[axis], -view.centre[axis]);
-    return quick_sum(apart.x, apart.y - view.centre_low[axis]);
+    let difference = two_sum(mean[axis], -view.centre[axis]);
+    return quick_sum(difference.x, difference.y - view.centre_low[axis]);
 }
 
 fn depth_is_kept(z: vec2<f32>) -> bool {
@@ -78,7 +78,7 @@ fn rotation_of(q: vec4<f32>) -> mat3x3<f32> {
     );
 }
 
-// Largest and smallest distances from the camera beyond which f32 runs out: 2^60.
+// Distance from the camera beyond which f32 arithmetic would overflow: 2^60.
 const FARTHEST: f32 = 1.152921504606847e18;
 
 fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit: f32, filter_3d: f32) -> Geometry {
@@ -91,7 +91,7 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     let dy = from_centre(mean, 1u);
     let dz = from_centre(mean, 2u);
     if !(max(max(abs(dx.x), abs(dy.x)), abs(dz.x)) < FARTHEST) {
-        // Too far for anything but telling on which side of the planes it lies.
+        // Too far to project; only its side of the near and far planes is determined.
         let row = view.rotation[2].xyz;
         let depth = dot(row, vec3(dx.x, dy.x, dz.x) * 5.421011e-20) * 1.8446744e19;
         g.outcome = select(INVALID, OUTSIDE_DEPTH, !depth_is_kept(vec2(depth, 0.0)));
@@ -120,11 +120,11 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     let largest = max(max(abs(quaternion.x), abs(quaternion.y)), max(abs(quaternion.z), abs(quaternion.w)));
     let all_finite = is_finite(quaternion.x) && are_finite(quaternion.yzw);
     // -inf is a standard deviation of 0.
-    let scales_usable = usable(log_scales.x) && usable(log_scales.y) && usable(log_scales.z);
-    if !all_finite || !(largest > 0.0) || !scales_usable || !is_finite(filter_3d) {
+    let scales_valid = is_valid_log_scale(log_scales.x) && is_valid_log_scale(log_scales.y) && is_valid_log_scale(log_scales.z);
+    if !all_finite || !(largest > 0.0) || !scales_valid || !is_finite(filter_3d) {
         return g;
     }
-    // A denormal is counted out by exponent_of.
+    // exponent_of treats denormals as zero.
     let size = exponent_of(largest);
     if size < -126 {
         return g;
@@ -149,7 +149,7 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
         sy.mantissa * power_of_two(sy.exponent - g.scale_exponent),
         sz.mantissa * power_of_two(sz.exponent - g.scale_exponent),
     );
-    g.own_share = vec3(1.0);
+    g.unfiltered_share = vec3(1.0);
     var filtering = 1.0;
     if filtered {
         let size_of_filter = exponent_of(filter_3d);
@@ -157,9 +157,9 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
         let width = select(mantissa * power_of_two(size_of_filter - g.scale_exponent), 0.0, size_of_filter < -126);
         let own = g.scales * g.scales;
         let total = own + vec3(width * width);
-        g.own_share = select(own / total, vec3(1.0), total <= vec3(0.0));
+        g.unfiltered_share = select(own / total, vec3(1.0), total <= vec3(0.0));
         g.scales = vec3(root(total.x), root(total.y), root(total.z));
-        filtering = root(g.own_share.x) * root(g.own_share.y) * root(g.own_share.z);
+        filtering = root(g.unfiltered_share.x) * root(g.unfiltered_share.y) * root(g.unfiltered_share.z);
     }
 
     // Centre and Jacobian.
@@ -167,8 +167,8 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     let slope_y = double_ratio(g.y, g.z);
     g.true_slope = vec2(slope_x.x, slope_y.x);
     g.slope = clamp(g.true_slope, view.slopes.xy, view.slopes.zw);
-    var bent_x = slope_x;
-    var bent_y = slope_y;
+    var distorted_x = slope_x;
+    var distorted_y = slope_y;
     g.pixel_from_slope = mat2x2(view.focal.x, 0.0, 0.0, view.focal.y);
     if has(LENS_OPENCV | LENS_FISHEYE) {
         if !lens_sees(g.true_slope) || !lens_sees(g.slope) {
@@ -176,16 +176,16 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
             return g;
         }
         let bend = lens_bend(g.true_slope);
-        bent_x = double_add(slope_x, vec2(bend.x, 0.0));
-        bent_y = double_add(slope_y, vec2(bend.y, 0.0));
+        distorted_x = double_add(slope_x, vec2(bend.x, 0.0));
+        distorted_y = double_add(slope_y, vec2(bend.y, 0.0));
         let jacobian = lens_jacobian(g.slope);
         g.pixel_from_slope = mat2x2(
             view.focal.x * jacobian.x, view.focal.y * jacobian.y,
             view.focal.x * jacobian.y, view.focal.y * jacobian.z,
         );
     }
-    g.centre_x = double_add(double_product(bent_x, view.focal.xz), view.principal.xz);
-    g.centre_y = double_add(double_product(bent_y, view.focal.yw), view.principal.yw);
+    g.centre_x = double_add(double_product(distorted_x, view.focal.xz), view.principal.xz);
+    g.centre_y = double_add(double_product(distorted_y, view.focal.yw), view.principal.yw);
     if !is_finite(g.centre_x.x) || !is_finite(g.centre_y.x) || !is_finite(g.centre_x.y) || !is_finite(g.centre_y.y) {
         return g;
     }
@@ -195,12 +195,12 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     for (var row = 0u; row < 2u; row++) {
         let along = vec2(g.pixel_from_slope[0][row], g.pixel_from_slope[1][row]);
         g.jacobian[row] = vec3(along, -dot(along, g.slope));
-        g.by_axis[row] = (g.jacobian[row] / depth_mantissa) * to_camera;
+        g.axis_rows[row] = (g.jacobian[row] / depth_mantissa) * to_camera;
     }
 
     // Covariance.
-    let u = g.by_axis[0] * g.scales;
-    let v = g.by_axis[1] * g.scales;
+    let u = g.axis_rows[0] * g.scales;
+    let v = g.axis_rows[1] * g.scales;
     let widest = max(max(max(abs(u.x), abs(u.y)), abs(u.z)), max(max(abs(v.x), abs(v.y)), abs(v.z)));
     if !is_finite(widest) {
         return g;
@@ -212,27 +212,27 @@ fn geometry(mean: vec3<f32>, quaternion: vec4<f32>, log_scales: vec3<f32>, logit
     g.rows[0] = u * rescale;
     g.rows[1] = v * rescale;
     let normal = cross(g.rows[0], g.rows[1]);
-    g.sharp = dot(normal, normal);
+    g.inner_determinant = dot(normal, normal);
     let blurring = (blur * power_of_two(-g.exponent)) * power_of_two(-g.exponent);
     let uu = dot(g.rows[0], g.rows[0]);
     let vv = dot(g.rows[1], g.rows[1]);
     g.xx = uu + blurring;
     g.yy = vv + blurring;
     g.xy = dot(g.rows[0], g.rows[1]);
-    g.determinant = g.sharp + blurring * (uu + vv) + blurring * blurring;
+    g.determinant = g.inner_determinant + blurring * (uu + vv) + blurring * blurring;
     if !(min(g.determinant, g.yy) > 1e-37) || !is_finite(g.determinant) {
         return g;
     }
     g.compensation = 1.0;
     if has(ANTIALIASED) {
-        g.compensation = max(root(g.sharp / g.determinant), view.rules.w);
+        g.compensation = max(root(g.inner_determinant / g.determinant), view.rules.w);
     }
     g.opacity = sigmoid * filtering * g.compensation;
     g.outcome = select(FAINT, DRAWN, g.opacity >= view.rules.z);
     return g;
 }
 
-fn usable(log_scale: f32) -> bool {
+fn is_valid_log_scale(log_scale: f32) -> bool {
     let bits = bitcast<u32>(log_scale);
     let is_number = (bits & 0x7fffffffu) <= 0x7f800000u;
     return is_number && bits != 0x7f800000u && log_scale <= LOG_SCALE_LIMIT;

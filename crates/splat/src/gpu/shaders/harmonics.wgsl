@@ -48,7 +48,7 @@ fn sh_basis(degree: u32, d: vec3<f32>) -> array<f32, 25> {
     return b;
 }
 
-// Gradients of the basis, x, y and z taken as free.
+// Gradients of the basis with respect to x, y and z as independent variables.
 fn sh_gradient(degree: u32, p: vec3<f32>) -> array<vec3<f32>, 25> {
     let x = p.x;
     let y = p.y;
@@ -98,20 +98,20 @@ fn sh_gradient(degree: u32, p: vec3<f32>) -> array<vec3<f32>, 25> {
     return d;
 }
 
-// Unit direction from the camera to a mean, in the axes that the harmonics are evaluated on, and the distance.
+// Unit direction from the camera to a mean, in the axis order of the spherical harmonics, and the distance.
 fn direction_to(mean: vec3<f32>) -> vec4<f32> {
-    var away: vec3<f32>;
+    var offset: vec3<f32>;
     for (var axis = 0u; axis < 3u; axis++) {
-        let apart = two_sum(mean[axis], -view.centre[axis]);
-        away[axis] = apart.x + (apart.y - view.centre_low[axis]);
+        let difference = two_sum(mean[axis], -view.centre[axis]);
+        offset[axis] = difference.x + (difference.y - view.centre_low[axis]);
     }
-    let widest = max(max(abs(away.x), abs(away.y)), abs(away.z));
+    let widest = max(max(abs(offset.x), abs(offset.y)), abs(offset.z));
     var unit = vec3(0.0, 0.0, 1.0);
     var distance = 0.0;
     if widest > 1e-30 {
-        let shrunk = away / widest;
-        let length = root(dot(shrunk, shrunk));
-        unit = shrunk / length;
+        let scaled = offset / widest;
+        let length = root(dot(scaled, scaled));
+        unit = scaled / length;
         distance = widest * length;
     }
     return vec4(select(unit, unit.zxy, has(E3NN)), distance);

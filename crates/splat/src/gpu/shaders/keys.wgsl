@@ -1,6 +1,6 @@
-// A key for each Gaussian that orders as depths do, those that are not drawn last; and the census of both.
+// A sort key for each Gaussian that orders like the depth, with culled Gaussians last; and the census.
 @group(0) @binding(1) var<storage, read> reaches: array<vec2<u32>>;
-@group(0) @binding(2) var<storage, read> places: array<vec4<u32>>;
+@group(0) @binding(2) var<storage, read> positions: array<vec4<u32>>;
 @group(0) @binding(3) var<storage, read_write> keys: array<u32>;
 @group(0) @binding(4) var<storage, read_write> values: array<u32>;
 @group(0) @binding(5) var<storage, read_write> census: array<atomic<u32>, 8>;
@@ -13,13 +13,13 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let at = linear(group, groups, 64u, local);
+    let at = linear_index(group, groups, 64u, local);
     if at < view.window.w {
         let reach = reaches[at];
         let drawn = reach.y != 0u;
-        // Integer counts come out the same in any order.
+        // Integer sums do not depend on the order.
         atomicAdd(&counts[select(reach.x, 0u, drawn)], 1u);
-        let bits = places[at].w;
+        let bits = positions[at].w;
         let key = select(bits | 0x80000000u, ~bits, (bits >> 31u) != 0u);
         keys[at] = select(0xffffffffu, key, drawn);
         values[at] = at;

@@ -1,8 +1,8 @@
-// OpenCV's perspective and fisheye models, as in the camera crate: what a lens adds to a slope, its Jacobian (xx, xy,
-// yy; it is symmetric) and how that changes.
+// OpenCV's perspective and fisheye models, as in the camera crate: the displacement of a slope, its Jacobian
+// (symmetric: xx, xy, yy) and the Jacobian's derivatives.
 
 fn lens_sees(slope: vec2<f32>) -> bool {
-    // Squares of slopes beyond this have no f32.
+    // Squares of larger slopes overflow f32.
     if !(max(abs(slope.x), abs(slope.y)) < 1e18) {
         return false;
     }
@@ -27,11 +27,11 @@ fn arc_tangent(r: f32) -> f32 {
 }
 
 struct Radial {
-    // Radius after the lens, over that before it.
+    // Distorted radius divided by the undistorted radius.
     ratio: f32,
-    // (slope along the radius − ratio) / r².
+    // (radial derivative − ratio) / r².
     bend: f32,
-    // The derivative of `bend` by r, over r.
+    // The derivative of `bend` with respect to r, divided by r.
     bend_slope: f32,
 }
 
@@ -47,18 +47,18 @@ fn fisheye_radial(r: f32) -> Radial {
     }
     let angle = arc_tangent(r);
     let a = angle * angle;
-    let bent = angle * (1.0 + a * (k.x + a * (k.y + a * (k.z + a * k.w))));
+    let distorted = angle * (1.0 + a * (k.x + a * (k.y + a * (k.z + a * k.w))));
     let first = 1.0 + a * (3.0 * k.x + a * (5.0 * k.y + a * (7.0 * k.z + a * 9.0 * k.w)));
     let second = angle * (6.0 * k.x + a * (20.0 * k.y + a * (42.0 * k.z + a * 72.0 * k.w)));
-    let by_radius = 1.0 / (1.0 + r * r);
-    let along = first * by_radius;
-    let across = bent / r;
-    let along_slope = (second * by_radius - 2.0 * r * first * by_radius) * by_radius;
+    let angle_slope = 1.0 / (1.0 + r * r);
+    let along = first * angle_slope;
+    let across = distorted / r;
+    let along_slope = (second * angle_slope - 2.0 * r * first * angle_slope) * angle_slope;
     let bend = (along - across) / (r * r);
     return Radial(across, bend, (along_slope - bend * r) / (r * r * r) - 2.0 * bend / (r * r));
 }
 
-// What the lens adds.
+// Displacement of a slope by the lens.
 fn lens_bend(x: vec2<f32>) -> vec2<f32> {
     let s = dot(x, x);
     if has(LENS_FISHEYE) {
@@ -86,7 +86,7 @@ fn lens_jacobian(x: vec2<f32>) -> vec3<f32> {
     );
 }
 
-// How the Jacobian changes along one axis.
+// Derivative of the Jacobian along one axis.
 fn lens_jacobian_slope(x: vec2<f32>, axis: u32) -> vec3<f32> {
     let s = dot(x, x);
     let e = vec2(select(0.0, 1.0, axis == 0u), select(0.0, 1.0, axis == 1u));

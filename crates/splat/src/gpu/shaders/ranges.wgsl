@@ -1,11 +1,11 @@
-// What the tiles need of the sorted pairs: where each tile's begin and end (tiles without any keep (0, 0)), their
-// Gaussians, and which of the tile's pixels each may reach.
+// Tile lists from the sorted pairs: the range of each tile's pairs ((0, 0) for empty tiles), their Gaussians, and which
+// of the tile's pixels each may reach.
 @group(0) @binding(1) var<storage, read> keys: array<u32>;
 @group(0) @binding(2) var<storage, read> values: array<u32>;
 @group(0) @binding(3) var<storage, read> owners: array<u32>;
 @group(0) @binding(4) var<storage, read> reaches: array<vec2<u32>>;
 @group(0) @binding(5) var<storage, read_write> ranges: array<u32>;
-// The pair's number where `owners` tells the Gaussian, then the Gaussian.
+// The pair's index if `owners` holds the Gaussian, then the Gaussian.
 @group(0) @binding(6) var<storage, read_write> pairs: array<vec2<u32>>;
 // First and last column, then row, within the tile; 4 bits each.
 @group(0) @binding(7) var<storage, read_write> boxes: array<u32>;
@@ -16,7 +16,7 @@ fn main(
     @builtin(num_workgroups) groups: vec3<u32>,
     @builtin(local_invocation_index) local: u32,
 ) {
-    let at = linear(group, groups, 64u, local);
+    let at = linear_index(group, groups, 64u, local);
     if at >= view.window.x {
         return;
     }
@@ -29,7 +29,7 @@ fn main(
     }
     let value = values[at];
     var gaussian = value;
-    if has(SLOTS) {
+    if has(HAS_OWNERS) {
         gaussian = owners[value];
     }
     pairs[at] = vec2(value, gaussian);

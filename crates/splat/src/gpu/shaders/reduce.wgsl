@@ -1,4 +1,4 @@
-// Sums of blocks of 1024 vectors, as a tree of one shape.
+// Sums of blocks of 1024 vectors, as a tree of fixed shape.
 struct Reduce {
     count: u32,
     blocks: u32,

@@ -1,4 +1,4 @@
-// Both halves of a prefix sum: blocks of 2048 numbers, sums that do not fit u32 at their largest.
+// Shared by both kernels of the exclusive prefix sum: blocks of 2048 numbers, saturating at the largest u32.
 struct Scan {
     count: u32,
     blocks: u32,

@@ -1,8 +1,8 @@
-// Each number becomes the sum of all before it, given the sums of all blocks before its own.
+// Replaces each number by the sum of all before it, given the sums of all preceding blocks.
 @group(0) @binding(1) var<storage, read> sums: array<u32>;
 @group(0) @binding(2) var<storage, read_write> numbers: array<u32>;
 
-var<workgroup> befores: array<u32, 64>;
+var<workgroup> prefixes: array<u32, 64>;
 
 @compute @workgroup_size(64)
 fn main(
@@ -12,28 +12,28 @@ fn main(
 ) {
     let block = group.y * groups.x + group.x;
     let first = block * 2048u + local * 32u;
-    let past = select(first, min(first + 32u, scan.count), block < scan.blocks && first < scan.count);
+    let end = select(first, min(first + 32u, scan.count), block < scan.blocks && first < scan.count);
     var sum = 0u;
-    for (var at = first; at < past; at++) {
+    for (var at = first; at < end; at++) {
         sum = saturating(sum, numbers[at]);
     }
-    befores[local] = sum;
+    prefixes[local] = sum;
     workgroupBarrier();
     if local == 0u && block < scan.blocks {
         var total = 0u;
-        // One block alone has none before it.
+        // A single block has no preceding blocks.
         if scan.is_last == 0u {
             total = sums[block];
         }
         for (var n = 0u; n < 64u; n++) {
-            let own = befores[n];
-            befores[n] = total;
+            let own = prefixes[n];
+            prefixes[n] = total;
             total = saturating(total, own);
         }
     }
     workgroupBarrier();
-    var total = befores[local];
-    for (var at = first; at < past; at++) {
+    var total = prefixes[local];
+    for (var at = first; at < end; at++) {
         let own = numbers[at];
         numbers[at] = total;
         total = saturating(total, own);

@@ -1,4 +1,4 @@
-// Sums of blocks of 2048 numbers; one that would not fit u32 stays at its largest.
+// Saturating sums of blocks of 2048 numbers.
 @group(0) @binding(1) var<storage, read> numbers: array<u32>;
 @group(0) @binding(2) var<storage, read_write> sums: array<u32>;
 
@@ -12,7 +12,7 @@ fn main(
 ) {
     let block = group.y * groups.x + group.x;
     var sum = 0u;
-    // Neighbouring threads read neighbouring numbers: their order does not matter to a sum.
+    // Neighbouring threads read neighbouring numbers; the order does not affect the sum.
     for (var n = 0u; n < 32u; n++) {
         let at = block * 2048u + n * 64u + local;
         if block < scan.blocks && at < scan.count {

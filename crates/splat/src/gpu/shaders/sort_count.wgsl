@@ -1,5 +1,5 @@
-// Least significant digit first, 4 bits at a time, 32 keys a thread: how often each digit occurs in each run of 32.
-// Digit by digit, and for each run by run.
+// Radix sort, least significant digit first, 4 bits per pass, 32 keys per thread: counts each digit in each run of 32
+// keys. The table is ordered by digit, then by run.
 @group(0) @binding(2) var<storage, read_write> table: array<u32>;
 
 @compute @workgroup_size(64)
@@ -14,8 +14,8 @@ fn main(
     }
     // Sixteen counts of 8 bits.
     var counts = vec4(0u);
-    let past = min(run * 32u + 32u, pass_.count);
-    for (var at = run * 32u; at < past; at++) {
+    let end = min(run * 32u + 32u, pass_.count);
+    for (var at = run * 32u; at < end; at++) {
         let digit = (keys[at] >> pass_.shift) & 15u;
         counts += select(vec4(0u), vec4(1u << (8u * (digit & 3u))), vec4(digit >> 2u) == vec4(0u, 1u, 2u, 3u));
     }

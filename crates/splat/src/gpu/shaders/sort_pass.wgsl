@@ -1,4 +1,4 @@
-// Both halves of a pass of the sort.
+// Shared by both kernels of a radix-sort pass.
 struct Pass {
     count: u32,
     runs: u32,

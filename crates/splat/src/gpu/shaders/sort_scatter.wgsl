@@ -1,4 +1,4 @@
-// The other half of a pass: with the table summed up, every key knows its place, and equal digits keep their order.
+// Second kernel of a pass: the prefix sums of the table give every key's destination, stable for equal digits.
 @group(0) @binding(2) var<storage, read> values: array<u32>;
 @group(0) @binding(3) var<storage, read> table: array<u32>;
 @group(0) @binding(4) var<storage, read_write> keys_out: array<u32>;
@@ -15,8 +15,8 @@ fn main(
         return;
     }
     var counts = vec4(0u);
-    let past = min(run * 32u + 32u, pass_.count);
-    for (var at = run * 32u; at < past; at++) {
+    let end = min(run * 32u + 32u, pass_.count);
+    for (var at = run * 32u; at < end; at++) {
         let key = keys[at];
         let digit = (key >> pass_.shift) & 15u;
         let which = vec4(digit >> 2u) == vec4(0u, 1u, 2u, 3u);
@@ -24,8 +24,8 @@ fn main(
         let chosen = select(vec4(0u), counts, which);
         let before = ((chosen.x | chosen.y | chosen.z | chosen.w) >> shift) & 255u;
         counts += select(vec4(0u), vec4(1u << shift), which);
-        let place = table[digit * pass_.runs + run] + before;
-        keys_out[place] = key;
-        values_out[place] = values[at];
+        let destination = table[digit * pass_.runs + run] + before;
+        keys_out[destination] = key;
+        values_out[destination] = values[at];
     }
 }

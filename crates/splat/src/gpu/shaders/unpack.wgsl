@@ -1,12 +1,12 @@
-// Some of the 24 numbers of each record, to where they are wanted.
+// Copies some of the 24 values of each record to an output buffer.
 struct Unpack {
     count: u32,
-    // Where in a record, how many.
+    // Offset in a record, and number of values.
     from_: u32,
     width: u32,
-    // Numbers of one Gaussian in the result; those in excess are 0.
+    // Values per Gaussian in the result; excess ones are 0.
     stride: u32,
-    // The first Gaussian in the result.
+    // Index of the first Gaussian in the result.
     first: u32,
     spare_a: u32,
     spare_b: u32,

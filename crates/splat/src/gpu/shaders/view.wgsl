@@ -1,15 +1,15 @@
-// What every kernel knows of the view. Numbers that f32 cannot hold are sums of two, high and low.
+// The view, as every kernel sees it. Values that need more precision than f32 are sums of two f32, high and low.
 struct View {
-    // Rows of camera from world.
+    // Rows of the rotation camera_from_world.
     rotation: array<vec4<f32>, 3>,
     rotation_low: array<vec4<f32>, 3>,
-    // Of the camera, in the world.
+    // Camera centre in world coordinates.
     centre: vec4<f32>,
     centre_low: vec4<f32>,
     // x, y, then their low parts; in pixels.
     focal: vec4<f32>,
     principal: vec4<f32>,
-    // Slopes that the Jacobian follows: least x and y, greatest x and y.
+    // Range to which slopes are clamped for the Jacobian: smallest x and y, largest x and y.
     slopes: vec4<f32>,
     // near, far, and their low parts.
     depths: vec4<f32>,
@@ -24,13 +24,13 @@ struct View {
     // p2, p1, and the largest radius (perspective) or angle (fisheye) that the lens maps.
     lens_more: vec4<f32>,
     // Width, height, flags, zero.
-    picture: vec4<u32>,
-    // Gaussians of this part, the first among all, coefficients stored, degree evaluated. Of tile lists: the first
-    // entry that is passed over, and how many.
+    image: vec4<u32>,
+    // Gaussians of this part, index of its first, coefficients stored, degree evaluated. For tile lists: the first
+    // entry of this pass, and the number of entries.
     part: vec4<u32>,
-    // Tiles shown: first column and row, columns and rows.
+    // Tiles of the window: first column and row, columns and rows.
     tiles: vec4<u32>,
-    // Pairs of this window, threads that sort them, first row of pixels of the image buffers, Gaussians in all.
+    // Pairs of this window, unused, first pixel row of the image buffers, total number of Gaussians.
     window: vec4<u32>,
 }
 
@@ -46,20 +46,20 @@ const CLAMP_PASSES: u32 = 256u;
 const SCALAR_STOPS: u32 = 512u;
 const DIRECTIONS_STOP: u32 = 1024u;
 const EXTRAS: u32 = 2048u;
-const SLOTS: u32 = 4096u;
+const HAS_OWNERS: u32 = 4096u;
 const EXTRA_GRADIENTS: u32 = 8192u;
-const EXPOSES: u32 = 16384u;
-const WAS_EXPOSED: u32 = 32768u;
-const GOES_ON: u32 = 65536u;
-const STOPS_HERE: u32 = 131072u;
+const APPLY_EXPOSURE: u32 = 16384u;
+const EXPOSED_LOSS: u32 = 32768u;
+const RESUMES: u32 = 65536u;
+const PAUSES: u32 = 131072u;
 
 @group(0) @binding(0) var<uniform> view: View;
 
 fn has(flag: u32) -> bool {
-    return (view.picture.z & flag) != 0u;
+    return (view.image.z & flag) != 0u;
 }
 
-// Compilers may assume that nothing is NaN or infinite; bits tell.
+// Compilers may assume that no value is NaN or infinite, so this tests the bits.
 fn is_finite(value: f32) -> bool {
     return (bitcast<u32>(value) & 0x7f800000u) != 0x7f800000u;
 }
@@ -81,7 +81,7 @@ fn saturated3(value: vec3<f32>) -> vec3<f32> {
     return vec3(saturated(value.x), saturated(value.y), saturated(value.z));
 }
 
-// A dispatch may need more groups than one dimension takes.
-fn linear(group: vec3<u32>, groups: vec3<u32>, size: u32, local: u32) -> u32 {
+// Linear index of a thread; a dispatch may need more workgroups than one dimension allows.
+fn linear_index(group: vec3<u32>, groups: vec3<u32>, size: u32, local: u32) -> u32 {
     return (group.y * groups.x + group.x) * size + local;
 }

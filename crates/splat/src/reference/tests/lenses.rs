@@ -1,19 +1,19 @@
-//! Covariances under lenses, against points of Gaussians that the lens moves one by one.
+//! Covariances through lenses, against points of the Gaussians projected individually.
 
 use super::*;
 use glam::{DMat2, DVec2};
 
-/// Half the way between points of which differences are taken, in scene units.
+/// Step of the central differences, in scene units.
 const STEP: f64 = 1e-5;
 
-/// Where the camera sees a point, by the lens's own formula.
-fn seen(view: &View, point: DVec3) -> DVec2 {
+/// Projects a point with the lens's own formula.
+fn projected(view: &View, point: DVec3) -> DVec2 {
     let k = view.camera.intrinsics.pixel_from_normalized(view.size);
-    let bent = view.camera.distortion.lens().unwrap().distorted_from_direction(point).unwrap();
-    bent * DVec2::new(k.fx, k.fy) + DVec2::new(k.cx, k.cy)
+    let distorted = view.camera.distortion.lens().unwrap().distorted_from_direction(point).unwrap();
+    distorted * DVec2::new(k.fx, k.fy) + DVec2::new(k.cx, k.cy)
 }
 
-/// Small Gaussians from the middle to the border: their covariances are those of the points that they are made of.
+/// Checks the covariances of small Gaussians from the image centre to its border.
 fn check_up_to_the_border(distortion: Distortion, focal: f64, expected_drawn: usize) {
     let size = ImageSize { width: 200, height: 150 };
     let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::ZERO).unwrap();
@@ -38,13 +38,13 @@ fn check_up_to_the_border(distortion: Distortion, focal: f64, expected_drawn: us
             ..GaussianParts::default()
         })
         .unwrap();
-        let projection =
-            project(&gaussians, &view, &RenderOptions::default()).unwrap()[0].expect("it is in the picture");
-        let turn = DMat3::from_quat(DQuat::from_xyzw(0.3, -0.2, 0.4, 0.9).normalize());
+        let projection = project(&gaussians, &view, &RenderOptions::default()).unwrap()[0].expect("it is in the image");
+        let rotation = DMat3::from_quat(DQuat::from_xyzw(0.3, -0.2, 0.4, 0.9).normalize());
         let middle = DVec3::from_array(mean.map(f64::from));
         let mut covariance = DMat2::ZERO;
-        for (axis, scale) in [turn.x_axis, turn.y_axis, turn.z_axis].into_iter().zip(scales) {
-            let slope = (seen(&view, middle + axis * STEP) - seen(&view, middle - axis * STEP)) / (2.0 * STEP);
+        for (axis, scale) in [rotation.x_axis, rotation.y_axis, rotation.z_axis].into_iter().zip(scales) {
+            let slope =
+                (projected(&view, middle + axis * STEP) - projected(&view, middle - axis * STEP)) / (2.0 * STEP);
             let along = slope * f64::from(scale).exp();
             covariance += DMat2::from_cols(along * along.x, along * along.y);
         }
@@ -59,8 +59,8 @@ fn check_up_to_the_border(distortion: Distortion, focal: f64, expected_drawn: us
 }
 
 #[test]
-fn a_fisheye_of_120_degrees_and_more() {
-    // Half the picture's width is 1.05 and 1.4 radians.
+fn covariances_match_with_a_wide_fisheye() {
+    // Half the image width is 1.05 and 1.4 radians.
     for focal in [0.48, 0.357] {
         check_up_to_the_border(Distortion::Fisheye { k: [0.0; 4] }, focal, 7);
         check_up_to_the_border(Distortion::Fisheye { k: [0.01, -0.004, 0.0, 0.0] }, focal, 7);
@@ -68,19 +68,19 @@ fn a_fisheye_of_120_degrees_and_more() {
 }
 
 #[test]
-fn a_strong_barrel_lens() {
+fn covariances_match_with_a_strong_barrel_lens() {
     check_up_to_the_border(Distortion::OpenCv { k1: -0.3, k2: 0.05, k3: 0.0, p1: 0.002, p2: -0.003 }, 0.75, 7);
 }
 
 #[test]
-fn a_pincushion_lens_and_none() {
+fn covariances_match_with_a_pincushion_lens_and_without() {
     check_up_to_the_border(Distortion::OpenCv { k1: 0.2, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }, 0.7, 7);
     check_up_to_the_border(Distortion::None, 0.5, 7);
 }
 
 /// Within a step of the fold, where no central difference can be taken.
 #[test]
-fn the_rim_of_a_folding_lens_has_a_derivative() {
+fn the_limit_of_a_folding_lens_has_a_gradient() {
     let lens = Distortion::OpenCv { k1: -0.3, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }.lens().unwrap();
     let rim = lens.angle_limit().tan();
     let by = |inside: f64| {

@@ -1,4 +1,4 @@
-//! Recording a picture, and its derivative.
+//! Recording the forward pass.
 
 use super::context::Context;
 use super::forward::{self, Lists, Scene};
@@ -10,7 +10,7 @@ use super::uniforms::{ViewBlock, flag};
 use super::{GpuError, GpuOptions};
 use crate::{Gaussians, RenderOptions, SplatError, View};
 
-/// What is rendered.
+/// What to render.
 #[derive(Clone, Copy)]
 pub(super) struct Job<'a> {
     pub(super) gaussians: &'a GpuGaussians,
@@ -18,16 +18,16 @@ pub(super) struct Job<'a> {
     pub(super) options: &'a RenderOptions,
 }
 
-/// Provides buffers by name, number of the part, and bytes.
-pub(super) type Make<'a> = &'a mut dyn FnMut(&mut Pool, &'static str, usize, u64) -> Result<wgpu::Buffer, GpuError>;
+/// Allocates a buffer by name, part and bytes.
+pub(super) type Allocate<'a> = &'a mut dyn FnMut(&mut Pool, &'static str, usize, u64) -> Result<wgpu::Buffer, GpuError>;
 
-/// Records a picture into buffers that `make` provides.
+/// Records a rendering into buffers allocated by `allocate`.
 pub(super) fn record(
     recorder: &mut Recorder<'_>,
     pool: &mut Pool,
     limits: &GpuOptions,
     job: Job<'_>,
-    make: Make<'_>,
+    allocate: Allocate<'_>,
 ) -> Result<GpuRendering, SplatError> {
     let (context, Job { gaussians, view, options }) = (recorder.context(), job);
     options.check()?;
@@ -39,21 +39,21 @@ pub(super) fn record(
     let with_extras = channels.depth || channels.scalar || channels.median_depth;
     let block = ViewBlock::new(view, &optics, options)
         .with_flag(flag::EXTRAS, with_extras)
-        .with_flag(flag::EXPOSES, options.exposure.is_some());
+        .with_flag(flag::APPLY_EXPOSURE, options.exposure.is_some());
 
     let strips = images::strips(context, view)?;
     let mut buffers = Vec::new();
     for (at, [_, rows]) in strips.iter().enumerate() {
         let bytes = 16 * u64::from(*rows) * u64::from(view.size.width);
-        let extras = with_extras.then(|| make(pool, "extras", at, bytes)).transpose()?;
-        buffers.push((make(pool, "colours", at, bytes)?, extras));
+        let extras = with_extras.then(|| allocate(pool, "extras", at, bytes)).transpose()?;
+        buffers.push((allocate(pool, "colours", at, bytes)?, extras));
     }
     let scene = forward::project(recorder, pool, gaussians, &block, options)?;
-    // Keys and values twice, digits, sorted pairs, boxes.
+    // Bytes per pair: keys and values twice, digits, sorted pairs, boxes.
     let capacity = pair_capacity(context, limits.memory_limit - needed, 32, 8);
     let windows = (images::windows(&strips, view), capacity);
     let census = forward::for_windows(recorder, pool, &scene, &block, windows, |recorder, pool, lists| {
-        let Some((colours, extras)) = buffers.get(lists.window.strip) else { return Ok(()) };
+        let (colours, extras) = &buffers[lists.window.strip];
         composite(recorder, pool, &scene, lists, colours, extras.as_ref())
     })?;
     let strips = strips.iter().zip(buffers).map(|([first_row, rows], (colours, extras))| GpuStrip {
@@ -76,8 +76,8 @@ pub(super) fn composite(
     let none = pool.get(recorder.context(), "no extras", 0, 16)?;
     let buffers = [
         &scene.shapes,
-        &scene.places,
-        &scene.paints,
+        &scene.positions,
+        &scene.splat_colours,
         &lists.sorted,
         &lists.boxes,
         &lists.ranges,
@@ -91,7 +91,7 @@ pub(super) fn composite(
     Ok(())
 }
 
-/// Bytes on the device for Gaussians, their splats and pixels, tile lists apart.
+/// Bytes on the device for Gaussians, splats and pixels, excluding tile lists.
 pub(super) fn bytes_needed(gaussians: &GpuGaussians, view: &View) -> u64 {
     bytes_of_splats(gaussians.len(), view).saturating_add(gaussians.size_in_bytes())
 }
@@ -101,15 +101,15 @@ fn bytes_of_splats(count: u64, view: &View) -> u64 {
     count.saturating_mul(78).saturating_add((view.pixels() as u64).saturating_mul(32))
 }
 
-/// Refuses what cannot be rendered within a limit before it is copied to the device.
-pub(super) fn check_before_upload(gaussians: &Gaussians, view: &View, limit: u64) -> Result<(), SplatError> {
+/// Rejects what cannot be rendered within the limit, before it is copied to the device.
+pub(super) fn check_memory_before_upload(gaussians: &Gaussians, view: &View, limit: u64) -> Result<(), SplatError> {
     let splats = bytes_of_splats(gaussians.len() as u64, view);
     check_memory(splats.saturating_add(gaussians.size_in_bytes()), limit)
 }
 
-/// Pairs of tiles and Gaussians that fit, of so many bytes altogether and in their widest buffer.
-pub(super) fn pair_capacity(context: &Context, bytes: u64, altogether: u64, widest: u64) -> u64 {
-    let fitting = [bytes / altogether, context.binding_limit / widest, u64::from(u32::MAX - 1)];
+/// Number of (tile, Gaussian) pairs that fit, given the bytes per pair in total and in the widest buffer.
+pub(super) fn pair_capacity(context: &Context, bytes: u64, per_pair: u64, widest: u64) -> u64 {
+    let fitting = [bytes / per_pair, context.binding_limit / widest, u64::from(u32::MAX - 1)];
     fitting.into_iter().fold(u64::MAX, Ord::min)
 }
 

@@ -1,31 +1,33 @@
-//! The derivative of compositing: each cell once more from front to back, knowing what its pixels ended as.
+//! Backward pass of compositing: traverses each cell front to back again, starting from the final pixel values.
 
 use pulp::{Simd, WithSimd};
 
-use super::Paint;
+use super::RasterParams;
 use super::batch::{BLOCK, Batch, Cell, LANES, Record};
 use super::bins::Entry;
-use super::composite::{Ellipse, Grid, Limits, MOST_VECTORS, Passed, kept, only, vectors};
-use super::elementary::Exp2;
-use super::splat::Splat;
+use super::composite::{Blended, Ellipse, Grid, MOST_VECTORS, Thresholds, masked, plane_count, vectors};
+use super::math::Exp2;
+use super::project::Splat;
 use crate::ImageGradients;
 use crate::constants::ClampedGradient;
 
-/// Splats that are differentiated together: their sums stay in the nearest cache.
-const TOGETHER: usize = 96;
+/// Splats per batch: their sums stay in the L1 cache.
+const BATCH: usize = 96;
 
-/// Lanes that sums are kept in: each block's 16 pixels are added in pairs two rows apart, so that instruction sets
-/// of 4, 8 and 16 lanes add in one order.
+/// Lanes of the accumulators: each block's 16 pixels are added in pairs two rows apart, so that instruction sets with
+/// 4, 8 and 16 lanes add in the same order.
 const SUM_LANES: usize = 8;
 
-/// What is summed over a cell's pixels for one splat, with `x` and `y` in pixels from the splat's base, and `e` the
-/// derivative by the exponent `½ dᵀ Σ⁻¹ d`: `e, ex, ey, exx, exy, eyy`, then by red, green, blue, depth, scalar.
+/// Number of sums over a cell's pixels per splat: the moments `e, ex, ey, exx, exy, eyy`, with `x` and `y` in pixels
+/// from the splat's base and `e` the gradient with respect to the exponent `½ dᵀ Σ⁻¹ d`; then the gradients with
+/// respect to red, green, blue, depth and scalar.
 pub(super) const SUMS: usize = 11;
 
 type Lanes = [[f32; SUM_LANES]; SUMS];
 
-/// The derivatives by a cell's images, block by block; of each block 16 pixels of one after the other: what lies
-/// behind the current splat, weighted by the derivatives, and transmittance; then by red, green, blue, depth, scalar.
+/// The image gradients of a cell, block by block; of each block one plane of 16 pixels after the other: the value of
+/// everything behind the current splat, weighted by the gradients; the transmittance; then the gradients of red, green,
+/// blue, depth and scalar.
 #[derive(Debug)]
 pub(super) struct CellGradient {
     values: Vec<f32>,
@@ -37,64 +39,60 @@ const PLANES: usize = 7;
 impl Default for CellGradient {
     fn default() -> Self {
         let blocks = super::batch::BLOCKS;
-        Self { values: vec![0.0; blocks * LANES * PLANES], sums: vec![[[0.0; SUM_LANES]; SUMS]; TOGETHER] }
+        Self { values: vec![0.0; blocks * LANES * PLANES], sums: vec![[[0.0; SUM_LANES]; SUMS]; BATCH] }
     }
 }
 
 impl CellGradient {
-    /// Takes the derivatives by a cell's pixels from the images, and what the cell was composited to; returns the
-    /// derivative by the background.
+    /// Loads the gradients of a cell's pixels from the images, and the composited values; returns the gradient of the
+    /// background.
     pub(super) fn fill(
         &mut self,
         pixels: &[f32],
         extra: bool,
         cell: Cell,
-        paint: &Paint<'_>,
+        params: &RasterParams<'_>,
         images: &ImageGradients<f32>,
     ) -> [f64; 3] {
         let mut background = [0.0; 3];
-        let (width, height) = (paint.size.width as usize, paint.size.height as usize);
-        let scalar_passes = !paint.options.gradients.scalar_stops;
-        let blocks = self.values.chunks_exact_mut(PLANES * LANES).zip(pixels.chunks_exact(kept(extra) * LANES));
+        let (width, height) = (params.size.width as usize, params.size.height as usize);
+        let scalar_passes = !params.options.gradients.scalar_stops;
+        let blocks = self.values.chunks_exact_mut(PLANES * LANES).zip(pixels.chunks_exact(plane_count(extra) * LANES));
         for (block, (values, pixels)) in blocks.enumerate() {
             let [left, top] = cell.at(block);
             for lane in 0..LANES {
                 let (column, row) = (cell.left + left + lane % BLOCK, cell.top + top + lane / BLOCK);
-                let mut put = |plane: usize, value: f32| {
-                    if let Some(slot) = values.get_mut(plane * LANES + lane) {
-                        *slot = value;
-                    }
-                };
+                let mut set = |plane: usize, value: f32| values[plane * LANES + lane] = value;
                 if column >= width || row >= height {
-                    (0..PLANES).for_each(|plane| put(plane, if plane == 1 { -1.0 } else { 0.0 }));
+                    (0..PLANES).for_each(|plane| set(plane, if plane == 1 { -1.0 } else { 0.0 }));
                     continue;
                 }
-                let ended = |of: usize| pixels.get(of * LANES + lane).copied().unwrap_or_default();
+                let composited = |plane: usize| pixels[plane * LANES + lane];
                 let gradient = images.at(row * width + column);
-                let through = ended(0).abs();
-                let mut behind = -through * gradient.alpha;
+                let transmittance = composited(0).abs();
+                let mut behind = -transmittance * gradient.alpha;
                 if extra {
-                    behind += ended(4) * gradient.depth;
-                    behind += if scalar_passes { ended(5) * gradient.scalar } else { 0.0 };
+                    behind += composited(4) * gradient.depth;
+                    behind += if scalar_passes { composited(5) * gradient.scalar } else { 0.0 };
                 }
-                for (channel, by) in gradient.rgb.into_iter().enumerate() {
-                    behind += by * (ended(1 + channel) + through * paint.background[channel]);
-                    background[channel] += f64::from(by) * f64::from(through);
-                    put(2 + channel, by);
+                for (channel, d_channel) in gradient.rgb.into_iter().enumerate() {
+                    behind += d_channel * (composited(1 + channel) + transmittance * params.background[channel]);
+                    background[channel] += f64::from(d_channel) * f64::from(transmittance);
+                    set(2 + channel, d_channel);
                 }
-                put(0, behind);
-                put(1, 1.0);
-                put(5, gradient.depth);
-                put(6, gradient.scalar);
+                set(0, behind);
+                set(1, 1.0);
+                set(5, gradient.depth);
+                set(6, gradient.scalar);
             }
         }
         background
     }
 }
 
-/// Differentiates one cell; `order` holds places in `list`, and `sums` has one entry per entry of `list`.
-pub(super) struct Differentiate<'a> {
-    pub(super) paint: &'a Paint<'a>,
+/// Differentiates one cell; `order` holds indices into `list`, and `sums` is as long as `list`.
+pub(super) struct CompositeBackward<'a> {
+    pub(super) params: &'a RasterParams<'a>,
     pub(super) order: &'a [Entry],
     pub(super) list: &'a [u32],
     pub(super) splats: &'a [Splat],
@@ -104,33 +102,33 @@ pub(super) struct Differentiate<'a> {
     pub(super) sums: &'a mut [[f32; SUMS]],
 }
 
-impl WithSimd for Differentiate<'_> {
+impl WithSimd for CompositeBackward<'_> {
     type Output = ();
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        if self.paint.extra {
-            differentiate::<S, true>(simd, self);
+        if self.params.extra {
+            composite_backward::<S, true>(simd, self);
         } else {
-            differentiate::<S, false>(simd, self);
+            composite_backward::<S, false>(simd, self);
         }
     }
 }
 
 #[inline(always)]
-fn differentiate<S: Simd, const EXTRA: bool>(simd: S, task: Differentiate<'_>) {
-    let Differentiate { paint, order, list, splats, cell, batch, gradient, sums } = task;
+fn composite_backward<S: Simd, const EXTRA: bool>(simd: S, task: CompositeBackward<'_>) {
+    let CompositeBackward { params, order, list, splats, cell, batch, gradient, sums } = task;
     let CellGradient { values, sums: lanes } = gradient;
-    let slope = Slope::<S> {
+    let backward = BlockBackward::<S> {
         grid: Grid::new(simd),
-        limits: Limits::new(simd, &paint.options.constants),
+        thresholds: Thresholds::new(simd, &params.options.constants),
         exp2: Exp2::new(simd),
-        clamp_stops: paint.options.constants.clamped_gradient == ClampedGradient::Exact,
-        scalar_passes: !paint.options.gradients.scalar_stops,
+        clamp_stops: params.options.constants.clamped_gradient == ClampedGradient::Exact,
+        scalar_passes: !params.options.gradients.scalar_stops,
     };
     let blocks = cell.across * cell.across;
     let mut open = if blocks == 64 { u64::MAX } else { (1 << blocks) - 1 };
-    for entries in order.chunks(TOGETHER) {
+    for entries in order.chunks(BATCH) {
         batch.fill(simd, cell, open, entries, Some(list), splats);
         let used = batch.records().len();
         for lanes in lanes.iter_mut().take(used) {
@@ -138,13 +136,12 @@ fn differentiate<S: Simd, const EXTRA: bool>(simd: S, task: Differentiate<'_>) {
         }
         for (block, values) in values.chunks_exact_mut(PLANES * LANES).enumerate().take(blocks) {
             let list = batch.list(block);
-            if !list.is_empty() && slope.through_block::<EXTRA>(simd, batch, list, cell.at(block), values, lanes) {
+            if !list.is_empty() && backward.block::<EXTRA>(simd, batch, list, cell.at(block), values, lanes) {
                 open &= !(1 << block);
             }
         }
         for (record, lanes) in batch.records().iter().zip(lanes.iter()) {
-            let Some(sums) = sums.get_mut(record.place as usize) else { continue };
-            for (sum, [a, b, c, d, e, f, g, h]) in sums.iter_mut().zip(lanes) {
+            for (sum, [a, b, c, d, e, f, g, h]) in sums[record.index as usize].iter_mut().zip(lanes) {
                 *sum += ((a + e) + (c + g)) + ((b + f) + (d + h));
             }
         }
@@ -154,19 +151,19 @@ fn differentiate<S: Simd, const EXTRA: bool>(simd: S, task: Differentiate<'_>) {
     }
 }
 
-/// What blocks share.
-struct Slope<S: Simd> {
+/// State shared by all blocks.
+struct BlockBackward<S: Simd> {
     grid: Grid<S>,
-    limits: Limits<S>,
+    thresholds: Thresholds<S>,
     exp2: Exp2<S>,
     clamp_stops: bool,
     scalar_passes: bool,
 }
 
-impl<S: Simd> Slope<S> {
-    /// Returns whether no pixel lets anything through any more.
+impl<S: Simd> BlockBackward<S> {
+    /// Returns whether every pixel of the block is finished.
     #[inline(always)]
-    fn through_block<const EXTRA: bool>(
+    fn block<const EXTRA: bool>(
         &self,
         simd: S,
         batch: &Batch,
@@ -187,24 +184,25 @@ impl<S: Simd> Slope<S> {
         let (x, y) = self.grid.at(simd, at);
         for number in list {
             let record = batch.record(*number);
-            let Some(lanes) = lanes.get_mut(usize::from(*number)) else { continue };
+            let lanes = &mut lanes[usize::from(*number)];
             let ellipse = Ellipse::new(simd, record, x);
             let mut terms = [[zero; MOST_VECTORS]; SUMS];
             for v in 0..vectors {
                 let (power, y) = ellipse.power(simd, y[v]);
                 let full = simd.mul_f32s(simd.splat_f32s(record.opacity), self.exp2.of_negative(simd, power));
-                let alpha = simd.min_f32s(self.limits.max_alpha, full);
+                let alpha = simd.min_f32s(self.thresholds.max_alpha, full);
                 let before = planes[1][v];
-                let Passed { weight, after, hit } = self.limits.pass(simd, alpha, before);
-                let shown = self.shown::<EXTRA>(simd, record, &planes, v);
-                planes[0][v] = simd.sub_f32s(planes[0][v], simd.mul_f32s(weight, shown));
+                let Blended { weight, after, hit } = self.thresholds.blend(simd, alpha, before);
+                let d_weight = self.d_weight::<EXTRA>(simd, record, &planes, v);
+                planes[0][v] = simd.sub_f32s(planes[0][v], simd.mul_f32s(weight, d_weight));
                 planes[1][v] = after;
-                let left = simd.sub_f32s(one, alpha);
-                let by_alpha = simd.sub_f32s(simd.mul_f32s(before, shown), simd.div_f32s(planes[0][v], left));
-                let e = simd.neg_f32s(simd.mul_f32s(full, by_alpha));
-                let mut e = only(simd, hit, e);
+                let one_minus_alpha = simd.sub_f32s(one, alpha);
+                let d_alpha =
+                    simd.sub_f32s(simd.mul_f32s(before, d_weight), simd.div_f32s(planes[0][v], one_minus_alpha));
+                let e = simd.neg_f32s(simd.mul_f32s(full, d_alpha));
+                let mut e = masked(simd, hit, e);
                 if self.clamp_stops {
-                    e = simd.select_f32s(simd.greater_than_f32s(full, self.limits.max_alpha), zero, e);
+                    e = simd.select_f32s(simd.greater_than_f32s(full, self.thresholds.max_alpha), zero, e);
                 }
                 let ey = simd.mul_f32s(e, y);
                 terms[0][v] = e;
@@ -221,16 +219,16 @@ impl<S: Simd> Slope<S> {
                 *stored = *value;
             }
         }
-        let mut most = planes[1][0];
+        let mut max_transmittance = planes[1][0];
         for value in planes[1].iter().take(vectors).skip(1) {
-            most = simd.max_f32s(most, *value);
+            max_transmittance = simd.max_f32s(max_transmittance, *value);
         }
-        simd.reduce_max_f32s(most) <= 0.0
+        simd.reduce_max_f32s(max_transmittance) <= 0.0
     }
 
-    /// What the splat's colour, depth and scalar are worth to the loss at a vector of pixels.
+    /// Gradient with respect to the splat's compositing weight at a vector of pixels.
     #[inline(always)]
-    fn shown<const EXTRA: bool>(
+    fn d_weight<const EXTRA: bool>(
         &self,
         simd: S,
         record: &Record,
@@ -238,20 +236,21 @@ impl<S: Simd> Slope<S> {
         v: usize,
     ) -> S::f32s {
         let [r, g, b] = record.rgb;
-        let mut shown = simd.mul_f32s(simd.splat_f32s(r), planes[2][v]);
-        shown = simd.mul_add_e_f32s(simd.splat_f32s(g), planes[3][v], shown);
-        shown = simd.mul_add_e_f32s(simd.splat_f32s(b), planes[4][v], shown);
+        let mut d_weight = simd.mul_f32s(simd.splat_f32s(r), planes[2][v]);
+        d_weight = simd.mul_add_e_f32s(simd.splat_f32s(g), planes[3][v], d_weight);
+        d_weight = simd.mul_add_e_f32s(simd.splat_f32s(b), planes[4][v], d_weight);
         if EXTRA {
-            shown = simd.mul_add_e_f32s(simd.splat_f32s(record.depth), planes[5][v], shown);
+            d_weight = simd.mul_add_e_f32s(simd.splat_f32s(record.depth), planes[5][v], d_weight);
             if self.scalar_passes {
-                shown = simd.mul_add_e_f32s(simd.splat_f32s(record.scalar), planes[6][v], shown);
+                d_weight = simd.mul_add_e_f32s(simd.splat_f32s(record.scalar), planes[6][v], d_weight);
             }
         }
-        shown
+        d_weight
     }
 }
 
-/// Adds a block's terms, of which those along `x` are still to be made: a pixel column is the same in every vector.
+/// Adds a block's terms to the accumulators. The terms along `x` are computed here, because every vector has the same
+/// pixel columns.
 #[inline(always)]
 fn add_terms<S: Simd, const EXTRA: bool>(
     simd: S,
@@ -294,9 +293,8 @@ fn add_terms<S: Simd, const EXTRA: bool>(
             (folded[9], folded[10]) = (fold(9), fold(10));
         }
         for (sum, value) in lanes.iter_mut().zip(folded).take(if EXTRA { SUMS } else { 9 }) {
-            if let Some(slot) = S::as_mut_simd_f32s(sum).0.get_mut(half) {
-                *slot = simd.add_f32s(*slot, value);
-            }
+            let slot = &mut S::as_mut_simd_f32s(sum).0[half];
+            *slot = simd.add_f32s(*slot, value);
         }
     }
 }

@@ -1,17 +1,17 @@
-// The derivative of compositing: each tile once more from front to back, knowing what its pixels ended as. For each
-// pair of tile and Gaussian it leaves the sums over the tile's pixels, always in the same order: pixels of a thread,
-// then threads by number.
+// Backward pass of compositing: traverses each tile front to back again, starting from the final pixel values. Writes,
+// for each (tile, Gaussian) pair, the sums over the tile's pixels in a fixed order: pixels of a thread, then threads by
+// index.
 @group(0) @binding(7) var<storage, read_write> pixels: array<vec4<f32>>;
-// Twelve numbers a pair. With e, the derivative by the exponent, and the whitened distance (a, b): Σe, Σea, Σeb,
-// Σeaa, Σeab, Σebb; then by red, green, blue, depth, scalar.
+// Twelve values per pair. With e, the gradient of the exponent, and the whitened distance (a, b): Σe, Σea, Σeb, Σeaa,
+// Σeab, Σebb; then the gradients of red, green, blue, depth and scalar.
 @group(0) @binding(8) var<storage, read_write> sums: array<f32>;
 
-const AT_ONCE: u32 = 4u * ROWS;
+const BATCH: u32 = 4u * ROWS;
 const SUMS: u32 = 11u;
-// One more than there are threads, so that threads that each sum a row do not wait for one bank.
+// One more than the number of threads, to avoid bank conflicts when each thread sums a row.
 const STRIDE: u32 = THREADS + 1u;
 
-var<workgroup> partial: array<f32, AT_ONCE * SUMS * STRIDE>;
+var<workgroup> partial: array<f32, BATCH * SUMS * STRIDE>;
 var<workgroup> finished: atomic<u32>;
 var<workgroup> all_finished: u32;
 
@@ -29,29 +29,29 @@ fn main(
     let corner = vec2(local.x * 4u, local.y * ROWS);
     let column = (view.tiles.x + tile % view.tiles.z) * 16u + corner.x;
     let row = (view.tiles.y + tile / view.tiles.z) * 16u + corner.y;
-    let range = entries_now(ranges[tile]);
+    let range = current_entries(ranges[tile]);
 
     var transmittance: array<vec4<f32>, ROWS>;
-    var by_red: array<vec4<f32>, ROWS>;
-    var by_green: array<vec4<f32>, ROWS>;
-    var by_blue: array<vec4<f32>, ROWS>;
-    var by_depth: array<vec4<f32>, ROWS>;
-    var by_scalar: array<vec4<f32>, ROWS>;
+    var d_red: array<vec4<f32>, ROWS>;
+    var d_green: array<vec4<f32>, ROWS>;
+    var d_blue: array<vec4<f32>, ROWS>;
+    var d_depth: array<vec4<f32>, ROWS>;
+    var d_scalar: array<vec4<f32>, ROWS>;
     var behind: array<vec4<f32>, ROWS>;
     var is_open = false;
     for (var r = 0u; r < ROWS; r++) {
         transmittance[r] = vec4(-1.0);
         for (var n = 0u; n < 4u; n++) {
-            if row + r < view.picture.y && column + n < view.picture.x {
-                let pixel = 2u * ((row + r - view.window.z) * view.picture.x + column + n);
+            if row + r < view.image.y && column + n < view.image.x {
+                let pixel = 2u * ((row + r - view.window.z) * view.image.x + column + n);
                 let first = pixels[pixel];
                 let second = pixels[pixel + 1u];
                 transmittance[r][n] = second.z;
-                by_red[r][n] = first.x;
-                by_green[r][n] = first.y;
-                by_blue[r][n] = first.z;
-                by_depth[r][n] = first.w;
-                by_scalar[r][n] = second.x;
+                d_red[r][n] = first.x;
+                d_green[r][n] = first.y;
+                d_blue[r][n] = first.z;
+                d_depth[r][n] = first.w;
+                d_scalar[r][n] = second.x;
                 behind[r][n] = second.y;
                 is_open = is_open || second.z > 0.0;
             }
@@ -64,48 +64,48 @@ fn main(
     let scalar_passes = !has(SCALAR_STOPS);
     let one = vec4(1.0);
 
-    for (var batch = range.x; batch < range.y; batch += AT_ONCE) {
-        for (var k = 0u; k < AT_ONCE * SUMS; k++) {
+    for (var batch = range.x; batch < range.y; batch += BATCH) {
+        for (var k = 0u; k < BATCH * SUMS; k++) {
             partial[k * STRIDE + thread] = 0.0;
         }
-        let past = select(batch, min(batch + AT_ONCE, range.y), is_open);
+        let end = select(batch, min(batch + BATCH, range.y), is_open);
         var at = batch;
         loop {
-            while at < past && misses(boxes[at], corner) {
+            while at < end && misses(boxes[at], corner) {
                 at += 1u;
             }
-            if at >= past || !is_open {
+            if at >= end || !is_open {
                 break;
             }
             let gaussian = pairs[at].y;
             let shape = shapes[gaussian];
-            let place = places[gaussian];
-            let paint = paints[gaussian];
-            let z = bitcast<f32>(place.w);
+            let position = positions[gaussian];
+            let splat_colour = splat_colours[gaussian];
+            let z = bitcast<f32>(position.w);
             var total: array<f32, SUMS>;
-            var most = vec4(-1.0);
+            var max_transmittance = vec4(-1.0);
             for (var r = 0u; r < ROWS; r++) {
-                let falloff = falloff_at(shape, place, column, row + r);
+                let falloff = falloff_at(shape, position, column, row + r);
                 let full = shape.w * falloff.value;
                 let alpha = min(vec4(view.alphas.x), full);
-                let seen = alpha >= vec4(view.alphas.y);
+                let visible = alpha >= vec4(view.alphas.y);
                 let before = transmittance[r];
                 let product = alpha * before;
                 let after = before - product;
                 let open = after > vec4(view.alphas.z);
-                let hit = seen & open;
+                let hit = visible & open;
                 let weight = select(vec4(0.0), product, hit);
-                var shown = by_red[r] * paint.x + by_green[r] * paint.y + by_blue[r] * paint.z + by_depth[r] * z;
+                var d_weight = d_red[r] * splat_colour.x + d_green[r] * splat_colour.y + d_blue[r] * splat_colour.z + d_depth[r] * z;
                 if scalar_passes {
-                    shown += by_scalar[r] * paint.w;
+                    d_weight += d_scalar[r] * splat_colour.w;
                 }
-                behind[r] -= weight * shown;
-                let by_alpha = before * shown - behind[r] / max(one - alpha, vec4(1e-12));
-                var stops = !hit;
+                behind[r] -= weight * d_weight;
+                let d_alpha = before * d_weight - behind[r] / max(one - alpha, vec4(1e-12));
+                var is_clamped = !hit;
                 if clamp_stops {
-                    stops = stops | (full > vec4(view.alphas.x));
+                    is_clamped = is_clamped | (full > vec4(view.alphas.x));
                 }
-                let e = select(-full * by_alpha, vec4(0.0), stops);
+                let e = select(-full * d_alpha, vec4(0.0), is_clamped);
                 let ea = e * falloff.along;
                 let sum = dot(e, one);
                 let sum_along = dot(ea, one);
@@ -115,26 +115,26 @@ fn main(
                 total[3] += dot(ea, falloff.along);
                 total[4] += sum_along * falloff.across;
                 total[5] += sum * falloff.across * falloff.across;
-                total[6] += dot(weight, by_red[r]);
-                total[7] += dot(weight, by_green[r]);
-                total[8] += dot(weight, by_blue[r]);
-                total[9] += dot(weight, by_depth[r]);
-                total[10] += dot(weight, by_scalar[r]);
-                transmittance[r] = select(before, select(-abs(before), after, open), seen);
-                most = max(most, transmittance[r]);
+                total[6] += dot(weight, d_red[r]);
+                total[7] += dot(weight, d_green[r]);
+                total[8] += dot(weight, d_blue[r]);
+                total[9] += dot(weight, d_depth[r]);
+                total[10] += dot(weight, d_scalar[r]);
+                transmittance[r] = select(before, select(-abs(before), after, open), visible);
+                max_transmittance = max(max_transmittance, transmittance[r]);
             }
             for (var k = 0u; k < SUMS; k++) {
                 partial[((at - batch) * SUMS + k) * STRIDE + thread] = total[k];
             }
             at += 1u;
-            if all(most <= vec4(0.0)) {
+            if all(max_transmittance <= vec4(0.0)) {
                 is_open = false;
-                // An integer count comes out the same in any order.
+                // Integer sums do not depend on the order.
                 atomicAdd(&finished, 1u);
             }
         }
         workgroupBarrier();
-        for (var k = thread; k < AT_ONCE * SUMS; k += THREADS) {
+        for (var k = thread; k < BATCH * SUMS; k += THREADS) {
             let pair = batch + k / SUMS;
             if pair < range.y {
                 var sum = 0.0;
@@ -147,17 +147,17 @@ fn main(
         if thread == 0u {
             all_finished = atomicLoad(&finished);
         }
-        // The rest of the list keeps the zeros that were there.
+        // The rest of the list keeps its initial zeros.
         if workgroupUniformLoad(&all_finished) == THREADS {
             break;
         }
     }
-    if has(STOPS_HERE) {
+    if has(PAUSES) {
         for (var r = 0u; r < ROWS; r++) {
             for (var n = 0u; n < 4u; n++) {
-                if row + r < view.picture.y && column + n < view.picture.x {
-                    let pixel = 2u * ((row + r - view.window.z) * view.picture.x + column + n);
-                    pixels[pixel + 1u] = vec4(by_scalar[r][n], behind[r][n], transmittance[r][n], 0.0);
+                if row + r < view.image.y && column + n < view.image.x {
+                    let pixel = 2u * ((row + r - view.window.z) * view.image.x + column + n);
+                    pixels[pixel + 1u] = vec4(d_scalar[r][n], behind[r][n], transmittance[r][n], 0.0);
                 }
             }
         }

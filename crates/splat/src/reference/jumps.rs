@@ -1,24 +1,24 @@
-//! Where a picture is discontinuous: pixels at which an opacity lies so close to a cut-off that an error within a given
-//! size takes it across, and how far they may jump then.
+//! Discontinuities of an image: pixels where an alpha or transmittance is so close to a threshold that an error of a
+//! given size may cross it, and how far these pixels may then jump.
 
-use super::composite::{falloff, pixel_centres};
+use super::composite::{falloff, pixels};
 use super::prepare;
 use crate::{Gaussians, RenderOptions, RendererConstants, SplatError, View};
 
 /// How far a pixel may jump.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Jump {
-    /// As a share of the spread of what is composited: of alpha 1, of colour the range of the Gaussians' channels and
-    /// the background.
+    /// Relative to the range of the composited values: 1 for alpha; for colour, the range of the Gaussians' channels
+    /// and the background.
     pub share: f64,
-    /// Whether the Gaussian that blocks half of the light may be another.
+    /// Whether the Gaussian at which the transmittance crosses one half may change.
     pub median: bool,
 }
 
-/// The jumps of all pixels, row by row, where opacities may be off by a share `relative` of themselves.
+/// The jumps of all pixels, row-major, if alphas have a relative error of up to `relative`.
 ///
-/// A Gaussian that appears or vanishes at `min_alpha` changes a value by at most its weight times the spread; a pixel
-/// that finishes earlier or later, by the transmittance that it had.
+/// A Gaussian that appears or vanishes at `min_alpha` changes a value by at most its weight times the range; a pixel
+/// that stops earlier or later, by its transmittance times the range.
 ///
 /// # Errors
 /// As [`super::render`].
@@ -29,7 +29,7 @@ pub fn jumps(
     relative: f64,
 ) -> Result<Vec<Jump>, SplatError> {
     options.check()?;
-    // Those that are just too faint belong to it.
+    // Includes Gaussians just below the threshold.
     let min_alpha = options.constants.min_alpha * (1.0 - relative);
     let constants = RendererConstants { min_alpha, ..options.constants.clone() };
     let (splats, _) = prepare(gaussians, view, &RenderOptions { constants, ..options.clone() })?;
@@ -37,8 +37,8 @@ pub fn jumps(
     let is_near = |value: f64, limit: f64, relative: f64| (value - limit).abs() <= relative * limit;
     let of_pixel = |at| {
         let mut jump = Jump::default();
-        // How far off the transmittance may be, as a share of itself.
-        let (mut transmittance, mut off) = (1.0, 0.0);
+        // The transmittance and its relative error.
+        let (mut transmittance, mut relative_error) = (1.0, 0.0);
         for splat in &splats {
             let Some((_, falloff)) = falloff(splat, at) else { continue };
             let full = splat.opacity * falloff;
@@ -49,11 +49,11 @@ pub fn jumps(
             }
             let next = transmittance * (1.0 - alpha);
             let error = if is_edge { alpha } else { alpha * relative };
-            off += error / (1.0 - alpha);
+            relative_error += error / (1.0 - alpha);
             if is_edge {
-                jump.share += alpha * transmittance * (1.0 + off);
+                jump.share += alpha * transmittance * (1.0 + relative_error);
             }
-            if is_near(next, limits.min_transmittance, off) {
+            if is_near(next, limits.min_transmittance, relative_error) {
                 jump.share += transmittance;
                 jump.median |= transmittance > 0.5;
                 break;
@@ -61,10 +61,10 @@ pub fn jumps(
             if next <= limits.min_transmittance {
                 break;
             }
-            jump.median |= is_near(next, 0.5, off);
+            jump.median |= is_near(next, 0.5, relative_error);
             transmittance = next;
         }
         jump
     };
-    Ok(pixel_centres(view).map(of_pixel).collect())
+    Ok(pixels(view).map(of_pixel).collect())
 }
