@@ -1,4 +1,4 @@
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use atsplat_camera::{CameraError, ImageSize};
 use atsplat_pixels::PixelError;
@@ -7,11 +7,10 @@ use thiserror::Error;
 use crate::Misfit;
 use crate::torch::TorchError;
 
-/// Why files do not make a scene. The message says where, what was expected and what was found;
-/// the path comes last.
+/// Why a scene cannot be read. The message says where, what was expected and what was found; the path comes last.
 #[derive(Debug, Error)]
 pub enum SceneError {
-    /// The file system refused.
+    /// A file system operation failed.
     #[error("{action}: {source} ({})", path.display())]
     Io {
         /// What was being done, e.g. "reading a trajectory".
@@ -30,12 +29,12 @@ pub enum SceneError {
         path: PathBuf,
         /// Line, field, byte offset or frame inside the file.
         location: String,
-        /// What the format asks for.
+        /// What the format requires.
         expected: String,
-        /// What stands there, shortened.
+        /// What the file holds, shortened.
         found: String,
     },
-    /// A camera's numbers break its rules.
+    /// A camera's numbers are invalid.
     #[error("{location}: {source} ({})", path.display())]
     Camera {
         /// The file.
@@ -52,7 +51,7 @@ pub enum SceneError {
         scene: String,
         /// Position of the frame in the scene.
         frame: usize,
-        /// Why: the trajectory came alone, or the file is missing.
+        /// Why: the trajectory has no pictures, or the file is missing.
         reason: String,
     },
     /// A picture cannot be decoded or preprocessed.
@@ -65,7 +64,7 @@ pub enum SceneError {
         /// The reason.
         source: PixelError,
     },
-    /// A picture is not the one that its camera's intrinsics belong to.
+    /// A picture does not fit its camera's intrinsics.
     #[error("frame {frame} of scene {scene:?}: {source}")]
     Misfit {
         /// Scene key.
@@ -75,10 +74,9 @@ pub enum SceneError {
         /// Both sizes.
         source: Misfit,
     },
-    /// A file is what Git LFS leaves in the place of one that was not fetched.
+    /// A file is a Git LFS pointer: the content was not fetched.
     #[error(
-        "{action}: found a Git LFS pointer in place of the file: run `git lfs pull` in the repository that it came from \
-         ({})", path.display()
+        "{action}: found a Git LFS pointer instead of the file: run `git lfs pull` in its repository ({})", path.display()
     )]
     LfsPointer {
         /// What was being done, e.g. "reading a trajectory".
@@ -89,30 +87,30 @@ pub enum SceneError {
     /// A scene key is not in the dataset.
     #[error("no scene {key:?} in the dataset ({})", path.display())]
     UnknownScene {
-        /// The key asked for.
+        /// The requested key.
         key: String,
         /// The dataset.
         path: PathBuf,
     },
-    /// A scene that comes from no file could not be made.
-    #[error("making scene {scene:?}: {source}")]
+    /// A generated scene could not be generated.
+    #[error("generating scene {scene:?}: {source}")]
     Making {
         /// Key of the scene.
         scene: String,
-        /// What its maker says.
+        /// The generator's error.
         source: Box<dyn std::error::Error + Send + Sync>,
     },
-    /// A path holds none of the formats that were looked for.
+    /// A path holds none of the supported formats.
     #[error("expected {expected}, found {found} ({})", path.display())]
     Unrecognized {
-        /// What would have been recognised.
+        /// The supported content.
         expected: String,
-        /// What is there.
+        /// What the path holds.
         found: String,
         /// The file or folder.
         path: PathBuf,
     },
-    /// A file points at a picture outside its own scene's folder.
+    /// A file refers to a picture outside its scene's folder.
     #[error("{location}: expected a path inside the scene's folder, found {found:?} ({})", path.display())]
     OutsideScene {
         /// Frame or line inside the file.
@@ -122,19 +120,19 @@ pub enum SceneError {
         /// The file that holds the path.
         path: PathBuf,
     },
-    /// A camera model that has no counterpart among the toolkit's lenses.
+    /// A camera model that cannot be expressed as a [`atsplat_camera::Distortion`].
     #[error("{location}: camera model {model} is not supported: {reason} ({})", path.display())]
     UnsupportedCameraModel {
         /// Frame or line inside the file.
         location: String,
-        /// The model as its own toolkit names it.
+        /// The model's name in the file.
         model: String,
-        /// What it has that pinhole, `OPENCV` and `OPENCV_FISHEYE` have not.
+        /// Why it is not a case of pinhole, `OPENCV` or `OPENCV_FISHEYE`.
         reason: String,
         /// The file.
         path: PathBuf,
     },
-    /// A file is not what `torch.save` writes, or not a chunk of scenes.
+    /// A file was not written by `torch.save`, or is not a chunk of scenes.
     #[error("{source} ({})", path.display())]
     Torch {
         /// The file.
@@ -142,41 +140,76 @@ pub enum SceneError {
         /// What is wrong with it, and where.
         source: TorchError,
     },
-    /// OpenCV refused.
+    /// An OpenCV call failed.
     #[cfg(feature = "opencv")]
     #[error("{action}: {source}")]
     OpenCv {
         /// What was being done, e.g. "detecting features".
         action: &'static str,
-        /// OpenCV's own words.
+        /// OpenCV's error.
         source: ::opencv::Error,
     },
-    /// A camera's lens or intrinsics cannot be undistorted.
+    /// Pictures of a camera cannot be undistorted: its lens or intrinsics are invalid.
     #[error("lens: {source}")]
     Lens {
         /// What is wrong with the numbers.
         source: CameraError,
     },
-    /// A picture is not of the size that was prepared for.
+    /// A picture does not have the size that an undistortion map was computed for.
     #[error("picture size: expected {expected}, found {found}")]
     PictureSize {
-        /// What was prepared for.
+        /// The map's size.
         expected: ImageSize,
-        /// What the picture has.
+        /// The picture's size.
         found: ImageSize,
     },
 }
 
 impl SceneError {
-    /// What is wrong with a `.torch` file, and which.
+    /// [`Self::Torch`] for `map_err`.
     pub(crate) fn torch(path: impl Into<PathBuf>) -> impl FnOnce(TorchError) -> Self {
         let path = path.into();
         move |source| Self::Torch { path, source }
     }
 
-    /// An I/O error with what was being done and where.
+    /// [`Self::Io`] for `map_err`.
     pub(crate) fn io(action: &'static str, path: impl Into<PathBuf>) -> impl FnOnce(std::io::Error) -> Self {
         let path = path.into();
         move |source| Self::Io { action, path, source }
+    }
+
+    /// [`Self::Camera`] for `map_err`.
+    pub(crate) fn camera(path: &Path, location: impl Into<String>) -> impl FnOnce(CameraError) -> Self {
+        let (path, location) = (path.to_owned(), location.into());
+        move |source| Self::Camera { path, location, source }
+    }
+
+    pub(crate) fn malformed(
+        format: &'static str,
+        path: &Path,
+        location: impl Into<String>,
+        expected: impl Into<String>,
+        found: impl Into<String>,
+    ) -> Self {
+        let (location, expected, found) = (location.into(), expected.into(), found.into());
+        Self::Malformed { format, path: path.to_owned(), location, expected, found }
+    }
+
+    pub(crate) fn unrecognized(path: &Path, expected: impl Into<String>, found: impl Into<String>) -> Self {
+        Self::Unrecognized { expected: expected.into(), found: found.into(), path: path.to_owned() }
+    }
+
+    pub(crate) fn unknown_scene(key: &str, path: &Path) -> Self {
+        Self::UnknownScene { key: key.to_owned(), path: path.to_owned() }
+    }
+
+    pub(crate) fn unsupported_model(
+        path: &Path,
+        location: impl Into<String>,
+        model: impl Into<String>,
+        reason: impl Into<String>,
+    ) -> Self {
+        let (location, model, reason) = (location.into(), model.into(), reason.into());
+        Self::UnsupportedCameraModel { location, model, reason, path: path.to_owned() }
     }
 }

@@ -2,11 +2,11 @@ use arrow_schema::{ArrowError, DataType};
 use atsplat_camera::CameraError;
 use thiserror::Error;
 
-/// Why scenes do not make columns, or columns no cameras.
+/// Why scenes cannot be converted to a camera table, or a table to cameras.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ColumnsError {
-    /// One frame's texts alone are longer than a record batch may be.
+    /// One frame's text alone exceeds the limit of a record batch.
     #[error("frame {frame} of scene {scene}: expected at most {limit} bytes of text, found {found}")]
     RowTooLong {
         /// Scene key, shortened.
@@ -15,7 +15,7 @@ pub enum ColumnsError {
         frame: usize,
         /// [`super::CameraTable::TEXT_LIMIT`].
         limit: usize,
-        /// Bytes of key, address, name and path.
+        /// Bytes of key, URL, name and path.
         found: usize,
     },
     /// The batch was written under another version of the schema.
@@ -23,10 +23,10 @@ pub enum ColumnsError {
     Version {
         /// [`super::SCHEMA_VERSION`].
         expected: &'static str,
-        /// What the batch says.
+        /// The batch's version.
         found: String,
     },
-    /// A column is not there.
+    /// A column is missing.
     #[error("camera table: expected a column {column:?}, found none")]
     MissingColumn {
         /// The column's name.
@@ -42,7 +42,7 @@ pub enum ColumnsError {
         /// The batch's type.
         found: DataType,
     },
-    /// A cell is empty that must not be.
+    /// A required cell is null.
     #[error("camera table: row {row}, column {column:?}: expected a value, found null")]
     Null {
         /// The column's name.
@@ -50,19 +50,19 @@ pub enum ColumnsError {
         /// Row in the batch, from 0.
         row: usize,
     },
-    /// A cell holds a word that the schema does not know.
+    /// A cell of an enumerated column holds an unknown value.
     #[error("camera table: row {row}, column {column:?}: expected {expected}, found {found:?}")]
-    UnknownWord {
+    UnknownValue {
         /// The column's name.
         column: &'static str,
         /// Row in the batch, from 0.
         row: usize,
-        /// The words that the schema knows.
+        /// The schema's values.
         expected: &'static str,
-        /// What stands there.
+        /// The cell's value, shortened.
         found: String,
     },
-    /// A row's numbers are no camera.
+    /// A row's numbers are not a valid camera.
     #[error("camera table: row {row}: {source}")]
     Camera {
         /// Row in the batch, from 0.
@@ -70,7 +70,7 @@ pub enum ColumnsError {
         /// What is wrong with the numbers.
         source: CameraError,
     },
-    /// Arrow refused.
+    /// Arrow returned an error.
     #[error(transparent)]
     Arrow(#[from] ArrowError),
 }

@@ -10,13 +10,13 @@ use crate::columns::ColumnsError;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ExportError {
-    /// The path's extension names no format.
+    /// The path's extension is not that of a supported format.
     #[error("expected a file named .parquet, .arrow, .feather, .ipc or .csv ({})", path.display())]
     UnknownExtension {
-        /// The path asked for.
+        /// The requested path.
         path: PathBuf,
     },
-    /// The file system refused.
+    /// A file system operation failed.
     #[error("{action}: {source} ({})", path.display())]
     Io {
         /// What was being done.
@@ -26,7 +26,7 @@ pub enum ExportError {
         /// The system's reason.
         source: std::io::Error,
     },
-    /// Scenes do not make columns.
+    /// A scene cannot be converted to columns.
     #[error(transparent)]
     Columns(#[from] ColumnsError),
     /// Arrow could not encode a batch.

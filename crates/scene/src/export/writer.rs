@@ -10,14 +10,14 @@ use super::{ExportError, ExportFormat, polars_from_batch};
 use crate::columns::{metadata, schema};
 use atsplat_files::{AtomicFile, Writer};
 
-/// Writes camera tables batch by batch into one file that appears when it is complete.
+/// Writes record batches into one file, which appears when it is complete.
 pub struct TableWriter {
-    // Dropped before the file, which then removes what was not finished.
+    // Dropped before `file`, which then removes an unfinished file.
     sink: Sink,
     file: AtomicFile,
 }
 
-/// Arrow IPC is written by Arrow itself, which keeps the schema whole; the other two by polars.
+/// Arrow IPC is written by Arrow itself, which keeps the complete schema; the other two by polars.
 enum Sink {
     Parquet(Box<parquet::write::BatchedWriter<Writer>>),
     ArrowIpc(Box<FileWriter<Writer>>),
@@ -25,10 +25,10 @@ enum Sink {
 }
 
 impl TableWriter {
-    /// Opens a file beside `path` for batches of [`crate::columns::schema`].
+    /// Opens a temporary file next to `path` for batches of [`crate::columns::schema`].
     ///
     /// # Errors
-    /// [`ExportError::Io`] where the folder is missing or not writable.
+    /// [`ExportError::Io`] if the folder is missing or not writable.
     pub fn create(path: &Path, format: ExportFormat) -> Result<Self, ExportError> {
         let file = AtomicFile::create(path).map_err(ExportError::io("opening an output file", path))?;
         let sink = match format {
@@ -43,10 +43,10 @@ impl TableWriter {
         Ok(Self { sink, file })
     }
 
-    /// Appends the rows of one batch; a row group of its own in Parquet.
+    /// Appends the rows of one batch, in Parquet as a row group of its own.
     ///
     /// # Errors
-    /// [`ExportError`] where encoding or writing fails.
+    /// [`ExportError`] if encoding or writing fails.
     pub fn write(&mut self, batch: &RecordBatch) -> Result<(), ExportError> {
         if batch.num_rows() == 0 {
             return Ok(());
@@ -59,10 +59,10 @@ impl TableWriter {
         Ok(())
     }
 
-    /// Completes the file and puts it in its place; its size in bytes.
+    /// Completes the file, renames it into place and returns its size in bytes.
     ///
     /// # Errors
-    /// [`ExportError`] where the rest cannot be written or the file cannot be renamed.
+    /// [`ExportError`] if the rest cannot be written or the file cannot be renamed.
     pub fn finish(self) -> Result<u64, ExportError> {
         match self.sink {
             Sink::Parquet(writer) => drop(writer.finish()?),
