@@ -5,7 +5,6 @@
 
 mod error;
 mod format;
-mod polars_frame;
 mod writer;
 
 use std::path::Path;
@@ -17,7 +16,6 @@ use crate::{SceneSource, Warnings, load_scenes};
 
 pub use error::ExportError;
 pub use format::ExportFormat;
-pub(crate) use polars_frame::polars_from_batch;
 pub use writer::TableWriter;
 
 /// Scenes in memory at once: enough to keep many cores busy.

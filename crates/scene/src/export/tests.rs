@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use arrow_array::RecordBatch;
 use polars::prelude::*;
 
+use super::writer::polars_from_batch;
 use super::*;
 use crate::WarningKind;
 use crate::columns::{batches_from_scene, rows_from_batch, schema};

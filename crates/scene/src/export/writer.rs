@@ -1,14 +1,17 @@
 use std::fmt;
+use std::io::Cursor;
 use std::path::Path;
 
 use arrow_array::RecordBatch;
-use arrow_ipc::writer::FileWriter;
-use polars::io::{csv, parquet};
-use polars::prelude::{CsvWriter, KeyValueMetadata, ParquetWriter, Schema, SerWriter as _};
-
-use super::{ExportError, ExportFormat, polars_from_batch};
-use crate::columns::{metadata, schema};
+use arrow_ipc::writer::{FileWriter, StreamWriter};
 use atsplat_files::{AtomicFile, Writer};
+use polars::io::{csv, parquet};
+use polars::prelude::{
+    CsvWriter, DataFrame, IpcStreamReader, KeyValueMetadata, ParquetWriter, Schema, SerReader as _, SerWriter as _,
+};
+
+use super::{ExportError, ExportFormat};
+use crate::columns::{metadata, schema};
 
 /// Writes record batches into one file, which appears when it is complete.
 pub struct TableWriter {
@@ -88,4 +91,19 @@ impl fmt::Debug for TableWriter {
 fn polars_schema() -> Result<Schema, ExportError> {
     let empty = polars_from_batch(&RecordBatch::new_empty(schema()))?;
     Ok(empty.schema().as_ref().clone())
+}
+
+/// Converts a record batch to a polars frame. Polars has its own Arrow types, so the batch goes through Arrow's stream
+/// format in memory; the cost of this copy is negligible compared with writing a file.
+///
+/// # Errors
+/// [`ExportError::Arrow`] or [`ExportError::Polars`] if one side does not support a column.
+pub(crate) fn polars_from_batch(batch: &RecordBatch) -> Result<DataFrame, ExportError> {
+    let mut stream = StreamWriter::try_new(Vec::new(), batch.schema_ref())?;
+    stream.write(batch)?;
+    stream.finish()?;
+    let bytes = stream.into_inner()?;
+    let mut frame = IpcStreamReader::new(Cursor::new(bytes)).finish()?;
+    frame.rechunk_mut();
+    Ok(frame)
 }

@@ -2,16 +2,16 @@ use atsplat_camera::{CameraError, ImageSize};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
-/// Why a picture or its intrinsics cannot be preprocessed as asked.
+/// Why a picture or its intrinsics cannot be preprocessed.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum PreprocessError {
-    /// The protocol is for pictures of one size only.
+    /// The protocol requires another picture size.
     #[error("picture size: the protocol expects {expected}, found {found}")]
     UnexpectedSize {
         /// The size that the protocol states.
         expected: ImageSize,
-        /// The picture's own size.
+        /// The picture's size.
         found: ImageSize,
     },
     /// A step would have to enlarge the picture.
@@ -19,22 +19,22 @@ pub enum PreprocessError {
     TooSmall {
         /// The step's name.
         step: &'static str,
-        /// What the step would cut out.
+        /// The size of the crop.
         wanted: ImageSize,
         /// The picture's size before the step.
         found: ImageSize,
     },
-    /// A step would make a picture of too many pixels.
+    /// A step's output would have too many pixels.
     #[error("{step}: expected at most {limit} pixels, found {wanted}")]
     TooLarge {
         /// The step's name.
         step: &'static str,
-        /// The size asked for.
+        /// The output size.
         wanted: ImageSize,
         /// [`super::Plan::MAX_PIXELS`].
         limit: u64,
     },
-    /// A width or height is odd where the centre has to lie between two pixels.
+    /// A width or height is odd, but the centre has to lie between two pixels.
     #[error("{step}: expected even width and height, found {found}")]
     OddSize {
         /// The step's name.
@@ -45,9 +45,9 @@ pub enum PreprocessError {
     /// A picture or parameter has no pixels.
     #[error("{what}: expected at least one pixel a side, found {found}")]
     Empty {
-        /// Which size.
+        /// What the size belongs to.
         what: &'static str,
-        /// Its value.
+        /// The size.
         found: ImageSize,
     },
     /// A plan made for one size was applied to a picture of another.
@@ -58,7 +58,7 @@ pub enum PreprocessError {
         /// The picture's size.
         found: ImageSize,
     },
-    /// Intrinsics or a crop break a camera's rules.
+    /// Intrinsics or a crop are invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// Resampling or cropping failed.
