@@ -5,7 +5,7 @@ use atsplat_camera::{Camera, Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
 
 use super::*;
-use crate::test_source::{TestSource, camera_at, frame, turned_camera_at, wandering_scene};
+use crate::test_source::{TestSource, camera_at, frame, rotated_camera_at, wandering_scene};
 use crate::{Picture, Scene, SharedBytes};
 
 fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warnings) {
@@ -35,7 +35,7 @@ fn scene(key: &str, cameras: impl IntoIterator<Item = Camera>) -> Scene {
 fn small_dataset() -> TestSource {
     let line = scene("line", [0.0, 1.0, 3.0, 6.0].map(|x| camera_at([x, 0.0, 0.0])));
     let lone = scene("lone", [camera_at([5.0, 5.0, 5.0])]);
-    let turn = scene("turn", [0.0, 30.0].map(|angle| turned_camera_at([0.0; 3], angle)));
+    let turn = scene("turn", [0.0, 30.0].map(|angle| rotated_camera_at([0.0; 3], angle)));
     TestSource::new([line, lone, turn])
 }
 
@@ -73,7 +73,7 @@ fn reports_intrinsics_and_field_of_view() {
 
 #[test]
 fn small_rotations_are_not_rounded_away() {
-    let turn = scene("turn", [0.0, 1e-7].map(|angle| turned_camera_at([0.0; 3], angle)));
+    let turn = scene("turn", [0.0, 1e-7].map(|angle| rotated_camera_at([0.0; 3], angle)));
     let (report, _) = inspected(&TestSource::new([turn]), InspectOptions::default());
     let angle = report.baselines.rotation_degrees.max.unwrap();
     Tolerance::relative(1e-6).assert([angle], [1e-7], "an arccosine would give 0 or 1.2e-6");
