@@ -2,29 +2,19 @@ use thiserror::Error;
 
 /// Why a camera, pose or trajectory is invalid, or a point cannot be mapped.
 #[derive(Clone, Debug, Error, PartialEq)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum CameraError {
     /// A number is NaN or infinite.
     #[error("{field}: expected a finite number, found {found}")]
-    NonFinite {
-        /// Which number.
-        field: &'static str,
-        /// Its value.
-        found: f64,
-    },
+    NonFinite { field: &'static str, found: f64 },
     /// A focal length or a size is zero or negative.
     #[error("{field}: expected a positive number, found {found}")]
-    NotPositive {
-        /// Which number.
-        field: &'static str,
-        /// Its value.
-        found: f64,
-    },
+    NotPositive { field: &'static str, found: f64 },
     /// The 3×3 part of a pose is not a rotation, not even roughly.
     #[error(
         "rotation: expected orthonormal rows and determinant 1, found determinant {determinant} and a residual of {residual}"
     )]
     NotARotation {
-        /// Determinant of the 3×3 part.
         determinant: f64,
         /// Largest absolute entry of `R Rᵀ − I`.
         residual: f64,
@@ -32,7 +22,6 @@ pub enum CameraError {
     /// A crop is not inside the picture, or empty.
     #[error("crop of {crop:?} does not fit into a picture of {width}×{height}")]
     CropOutside {
-        /// The requested rectangle.
         crop: crate::CropRect,
         /// Picture width in pixels.
         width: u32,
@@ -51,62 +40,38 @@ pub enum CameraError {
     OutsideLens {
         /// First coordinate on the z = 1 plane, distorted or undistorted as passed to the method.
         x: f64,
-        /// Second coordinate.
         y: f64,
         /// End of the invertible range, in radians from the optical axis.
         angle_limit: f64,
     },
     /// There are fewer views or poses than the operation needs.
     #[error("{what}: expected at least {expected} poses, found {found}")]
-    TooFewPoses {
-        /// The operation.
-        what: &'static str,
-        /// Required number.
-        expected: usize,
-        /// Actual number.
-        found: usize,
-    },
+    TooFewPoses { what: &'static str, expected: usize, found: usize },
     /// The distance that a pose normalisation divides by is outside the accepted range. The papers' loaders skip such
     /// scenes.
     #[error("{rule}: expected a distance between {minimum} and {maximum}, found {found}")]
     BaselineOutOfRange {
-        /// The normalisation.
         rule: &'static str,
         /// The distance, in scene units.
         found: f64,
-        /// Smallest distance accepted.
         minimum: f64,
         /// Largest distance accepted.
         maximum: f64,
     },
     /// A trajectory has a different number of times and poses.
     #[error("trajectory: expected one time for each of {poses} poses, found {times}")]
-    TimesMismatch {
-        /// Number of times.
-        times: usize,
-        /// Number of poses.
-        poses: usize,
-    },
+    TimesMismatch { times: usize, poses: usize },
     /// Times of a trajectory do not increase strictly.
     #[error("trajectory: expected time {index} to be after {previous}, found {found}")]
     TimesNotIncreasing {
         /// Position of the offending time, from 0.
         index: usize,
-        /// The previous time.
         previous: f64,
-        /// The time found.
         found: f64,
     },
     /// A time is before the first or after the last pose of a trajectory.
     #[error("trajectory: expected a time from {start} to {end}, found {found}")]
-    OutsideTrajectory {
-        /// The requested time.
-        found: f64,
-        /// Time of the first pose.
-        start: f64,
-        /// Time of the last pose.
-        end: f64,
-    },
+    OutsideTrajectory { found: f64, start: f64, end: f64 },
     /// Cameras to be interpolated have different lenses.
     #[error("camera {position}: expected the lens of the first camera, found another")]
     DifferentLens {

@@ -83,15 +83,15 @@ impl fmt::Debug for Sha256Digest {
 /// Text that is not 64 hexadecimal digits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
-pub struct NotADigest;
+pub struct InvalidDigest;
 
 impl FromStr for Sha256Digest {
-    type Err = NotADigest;
+    type Err = InvalidDigest;
 
-    fn from_str(text: &str) -> Result<Self, NotADigest> {
+    fn from_str(text: &str) -> Result<Self, InvalidDigest> {
         let digit = |c: char| c.to_digit(16).and_then(|digit| u8::try_from(digit).ok());
         let digits: Option<Vec<u8>> = text.chars().map(digit).collect();
-        let digits = digits.filter(|digits| digits.len() == 64).ok_or(NotADigest)?;
+        let digits = digits.filter(|digits| digits.len() == 64).ok_or(InvalidDigest)?;
         let mut bytes = [0; 32];
         for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
             *byte = pair.iter().fold(0, |value, digit| value << 4 | digit);
@@ -109,7 +109,7 @@ impl Serialize for Sha256Digest {
 impl<'de> Deserialize<'de> for Sha256Digest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = String::deserialize(deserializer)?;
-        text.parse().map_err(|_not_a_digest: NotADigest| {
+        text.parse().map_err(|_invalid: InvalidDigest| {
             serde::de::Error::invalid_value(serde::de::Unexpected::Str(&text), &"64 hexadecimal digits")
         })
     }
@@ -137,7 +137,7 @@ mod tests {
     #[test]
     fn other_text_is_an_error() {
         for text in ["", "ba78", &ABC[1..], &format!("{ABC}0"), &ABC.replace('b', "g"), &"é".repeat(32)] {
-            assert_eq!(text.parse::<Sha256Digest>(), Err(NotADigest), "{text:?}");
+            assert_eq!(text.parse::<Sha256Digest>(), Err(InvalidDigest), "{text:?}");
         }
     }
 }

@@ -8,4 +8,4 @@ mod atomic;
 mod digest;
 
 pub use atomic::{AtomicFile, PARTIAL, Writer, write, write_unsynced, write_with};
-pub use digest::{NotADigest, Sha256Digest, hexadecimal};
+pub use digest::{InvalidDigest, Sha256Digest, hexadecimal};

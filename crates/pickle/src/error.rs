@@ -3,13 +3,13 @@ use thiserror::Error;
 /// Why a `torch.save` file cannot be read. The caller adds the path.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum TorchError {
     /// The bytes violate their format.
     #[error("{location}: expected {expected}, found {found}")]
     Malformed {
         /// Byte offset, zip entry, or field of a scene.
         location: String,
-        /// What the format requires.
         expected: String,
         /// What the file holds, shortened.
         found: String,
@@ -38,7 +38,6 @@ pub enum TorchError {
     Unsupported {
         /// Byte offset, zip entry, or object.
         location: String,
-        /// The unsupported feature.
         feature: String,
     },
 }

@@ -6,17 +6,15 @@ use crate::PictureFormat;
 
 /// Why a picture cannot be decoded, processed or encoded.
 #[derive(Debug, Error)]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum PixelError {
     /// The number of samples does not match the size.
     #[error("{width}×{height} RGB needs {expected} samples, found {found}")]
     SampleCount {
-        /// Columns.
         width: u32,
-        /// Rows.
         height: u32,
         /// `width · height · 3`.
         expected: u64,
-        /// Number of samples passed.
         found: usize,
     },
     /// The first bytes are not those of a supported format.
@@ -24,7 +22,6 @@ pub enum PixelError {
     UnknownFormat {
         /// Up to eight first bytes in hexadecimal.
         start: String,
-        /// Length of the input in bytes.
         length: usize,
     },
     /// The file is a Git LFS pointer: the content was not fetched.
@@ -35,173 +32,77 @@ pub enum PixelError {
         "expected an opaque picture, found {count} transparent pixels, the first at column {column}, row {row}: \
     composite it over the background of the comparison"
     )]
-    Transparent {
-        /// Number of pixels that are not opaque.
-        count: usize,
-        /// Column of the first.
-        column: usize,
-        /// Row of the first.
-        row: usize,
-    },
+    Transparent { count: usize, column: usize, row: usize },
     /// The file holds floats, not 8-bit samples.
     #[error("expected 8-bit samples, found an EXR of floats: read it with the exr functions")]
     HoldsFloats,
     /// The header is truncated or inconsistent.
     #[error("{format} header: {problem}")]
-    Header {
-        /// Format detected by its magic bytes.
-        format: PictureFormat,
-        /// What was expected and what was found.
-        problem: String,
-    },
+    Header { format: PictureFormat, problem: String },
     /// The picture is larger than the caller's [`DecodeLimits`](crate::DecodeLimits).
     #[error("{format} of {width}×{height}: {what} of at most {limit} allowed, found {found}")]
     OverLimit {
-        /// Format detected by its magic bytes.
         format: PictureFormat,
-        /// Columns according to the header.
         width: u32,
-        /// Rows according to the header.
         height: u32,
         /// Which limit: `width`, `height` or `decoded bytes`.
         what: &'static str,
-        /// The limit.
         limit: u64,
-        /// The value according to the header.
         found: u64,
     },
     /// The header declares more pixels than a file of this length can hold.
     #[error("{format} of {width}×{height} does not fit into a file of {length} bytes")]
-    FileTooShort {
-        /// Format detected by its magic bytes.
-        format: PictureFormat,
-        /// Columns according to the header.
-        width: u32,
-        /// Rows according to the header.
-        height: u32,
-        /// Length of the file in bytes.
-        length: usize,
-    },
+    FileTooShort { format: PictureFormat, width: u32, height: u32, length: usize },
     /// The file is valid, but uses an unsupported feature.
     #[error("{format}: {feature} is not supported")]
-    Unsupported {
-        /// Format detected by its magic bytes.
-        format: PictureFormat,
-        /// The feature.
-        feature: String,
-    },
+    Unsupported { format: PictureFormat, feature: String },
     /// The data after the header is corrupt or truncated.
     #[error("{format} data: {source}")]
-    Decode {
-        /// Format detected by its magic bytes.
-        format: PictureFormat,
-        /// The decoder's error.
-        source: Box<dyn StdError + Send + Sync>,
-    },
+    Decode { format: PictureFormat, source: Box<dyn StdError + Send + Sync> },
     /// A picture could not be encoded.
     #[error("writing {format}: {source}")]
-    Encode {
-        /// The requested format.
-        format: PictureFormat,
-        /// The encoder's error.
-        source: Box<dyn StdError + Send + Sync>,
-    },
+    Encode { format: PictureFormat, source: Box<dyn StdError + Send + Sync> },
     /// A width or height is zero.
     #[error("{what}: expected at least one pixel, found {width}×{height}")]
-    Empty {
-        /// Which picture or rectangle.
-        what: &'static str,
-        /// Columns.
-        width: u32,
-        /// Rows.
-        height: u32,
-    },
+    Empty { what: &'static str, width: u32, height: u32 },
     /// A picture of this size does not fit into memory.
     #[error("{what} of {width}×{height}: expected a size that fits into memory")]
-    TooLarge {
-        /// Which picture.
-        what: &'static str,
-        /// Columns.
-        width: u64,
-        /// Rows.
-        height: u64,
-    },
+    TooLarge { what: &'static str, width: u64, height: u64 },
     /// A crop is not inside the picture.
     #[error(
         "crop of {width}×{height} at column {column}, row {row} does not fit into {picture_width}×{picture_height}"
     )]
-    CropOutside {
-        /// First column.
-        column: u32,
-        /// First row.
-        row: u32,
-        /// Columns of the crop.
-        width: u32,
-        /// Rows of the crop.
-        height: u32,
-        /// Columns of the picture.
-        picture_width: u32,
-        /// Rows of the picture.
-        picture_height: u32,
-    },
+    CropOutside { column: u32, row: u32, width: u32, height: u32, picture_width: u32, picture_height: u32 },
     /// A frame does not have the size of its animation.
     #[error("frame of an animation: expected {}×{}, found {}×{}", expected.0, expected.1, found.0, found.1)]
-    FrameSize {
-        /// Columns and rows of the animation.
-        expected: (u32, u32),
-        /// Columns and rows of the frame.
-        found: (u32, u32),
-    },
+    FrameSize { expected: (u32, u32), found: (u32, u32) },
     /// An animation has more or fewer frames than its header declares.
     #[error("animation: expected {expected} frames, found {found}")]
-    FrameCount {
-        /// Frames according to the header.
-        expected: u32,
-        /// Frames that were written.
-        found: u32,
-    },
+    FrameCount { expected: u32, found: u32 },
     /// A JPEG quality outside its range.
     #[error("JPEG quality: expected 1 to 100, found {found}")]
-    Quality {
-        /// The requested quality.
-        found: u8,
-    },
+    Quality { found: u8 },
     /// Samples that are NaN or infinite cannot be converted to 8 bits.
     #[error("{count} samples are NaN or infinite, the first at column {column}, row {row}, channel {channel}")]
     NonFinite {
-        /// Number of such samples.
         count: usize,
-        /// Column of the first.
         column: usize,
-        /// Row of the first.
         row: usize,
         /// Channel of the first: 0 red, 1 green, 2 blue.
         channel: usize,
     },
     /// An invalid name of an EXR channel.
     #[error("channel {name:?}: {problem}")]
-    ChannelName {
-        /// The name.
-        name: String,
-        /// What is wrong with it.
-        problem: &'static str,
-    },
+    ChannelName { name: String, problem: &'static str },
     /// A channel does not have the size of its picture.
     #[error("channel {name:?}: expected {expected} samples, found {found}")]
     ChannelSize {
-        /// The channel.
         name: String,
         /// `width · height`.
         expected: u64,
-        /// Number of samples passed.
         found: usize,
     },
     /// An EXR does not have a channel.
     #[error("expected a channel {expected:?}, found {found:?}")]
-    MissingChannel {
-        /// The requested channel.
-        expected: String,
-        /// The channels in the file.
-        found: Vec<String>,
-    },
+    MissingChannel { expected: String, found: Vec<String> },
 }

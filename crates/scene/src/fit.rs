@@ -19,18 +19,14 @@ const NEARLY_SQUARE: Tolerance = Tolerance::relative(0.1);
 /// Why a picture does not fit its camera's intrinsics.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum Misfit {
     /// It is not a scaled copy of the picture that the intrinsics are stated for.
     #[error(
         "expected a picture of {stated}, for which the intrinsics are stated, or a scaled copy of it, found {found}: \
         cropped, rotated or stretched without adapting the intrinsics?"
     )]
-    Shape {
-        /// The size that the intrinsics are stated for.
-        stated: ImageSize,
-        /// The picture's size.
-        found: ImageSize,
-    },
+    Shape { stated: ImageSize, found: ImageSize },
     /// No size is stated, and with this one pixels would be far from square.
     #[error(
         "expected a picture of about {fitting}, for which the intrinsics have square pixels, found {found}, for which \
@@ -39,7 +35,6 @@ pub enum Misfit {
     Pixels {
         /// The size with the same height for which pixels are square.
         fitting: ImageSize,
-        /// The picture's size.
         found: ImageSize,
         /// fx / fy in pixels.
         ratio: f64,

@@ -5,13 +5,13 @@ use thiserror::Error;
 /// Why scenes cannot be converted to a camera table, or a table to cameras.
 #[derive(Debug, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum ColumnsError {
     /// One frame's text alone exceeds the limit of a record batch.
     #[error("frame {frame} of scene {scene}: expected at most {limit} bytes of text, found {found}")]
     RowTooLong {
         /// Scene key, shortened.
         scene: String,
-        /// Position of the frame in the scene.
         frame: usize,
         /// [`super::CameraTable::TEXT_LIMIT`].
         limit: usize,
@@ -23,29 +23,17 @@ pub enum ColumnsError {
     Version {
         /// [`super::SCHEMA_VERSION`].
         expected: &'static str,
-        /// The batch's version.
         found: String,
     },
     /// A column is missing.
     #[error("camera table: expected a column {column:?}, found none")]
-    MissingColumn {
-        /// The column's name.
-        column: &'static str,
-    },
+    MissingColumn { column: &'static str },
     /// A column has another type.
     #[error("camera table: column {column:?}: expected {expected}, found {found}")]
-    WrongType {
-        /// The column's name.
-        column: &'static str,
-        /// The schema's type.
-        expected: &'static str,
-        /// The batch's type.
-        found: DataType,
-    },
+    WrongType { column: &'static str, expected: &'static str, found: DataType },
     /// A required cell is null.
     #[error("camera table: row {row}, column {column:?}: expected a value, found null")]
     Null {
-        /// The column's name.
         column: &'static str,
         /// Row in the batch, from 0.
         row: usize,
@@ -53,11 +41,9 @@ pub enum ColumnsError {
     /// A cell of an enumerated column holds an unknown value.
     #[error("camera table: row {row}, column {column:?}: expected {expected}, found {found:?}")]
     UnknownValue {
-        /// The column's name.
         column: &'static str,
         /// Row in the batch, from 0.
         row: usize,
-        /// The schema's values.
         expected: &'static str,
         /// The cell's value, shortened.
         found: String,
@@ -67,7 +53,6 @@ pub enum ColumnsError {
     Camera {
         /// Row in the batch, from 0.
         row: usize,
-        /// What is wrong with the numbers.
         source: CameraError,
     },
     /// Arrow returned an error.

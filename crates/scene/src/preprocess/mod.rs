@@ -97,13 +97,7 @@ impl Preprocessing {
         }
         let mut plan = Plan::untouched(source, self.principal_point)?;
         for step in &self.steps {
-            match step {
-                Step::RescaleAndCrop(step) => step.extend(&mut plan)?,
-                Step::PatchCrop(step) => step.extend(&mut plan)?,
-                Step::CentreCrop(step) => step.extend(&mut plan)?,
-                Step::SquareCrop(step) => step.extend(&mut plan)?,
-                Step::Resize(step) => step.extend(&mut plan)?,
-            }
+            step.extend(&mut plan)?;
         }
         Ok(plan)
     }
@@ -120,13 +114,7 @@ impl fmt::Display for Preprocessing {
         }
         for (position, step) in self.steps.iter().enumerate() {
             let separator = if position == 0 { "" } else { ", then " };
-            match step {
-                Step::RescaleAndCrop(step) => write!(f, "{separator}{step}")?,
-                Step::PatchCrop(step) => write!(f, "{separator}{step}")?,
-                Step::CentreCrop(step) => write!(f, "{separator}{step}")?,
-                Step::SquareCrop(step) => write!(f, "{separator}{step}")?,
-                Step::Resize(step) => write!(f, "{separator}{step}")?,
-            }
+            write!(f, "{separator}{step}")?;
         }
         let rule = match self.principal_point {
             PrincipalPointRule::Frozen => "frozen",
@@ -136,17 +124,33 @@ impl fmt::Display for Preprocessing {
     }
 }
 
-macro_rules! step_from {
-    ($($step:ident),*) => {$(
-        impl From<$step> for Step {
+macro_rules! steps {
+    ($($step:ident),*) => {
+        impl Step {
+            fn extend(&self, plan: &mut Plan) -> Result<(), PreprocessError> {
+                match self {
+                    $(Self::$step(step) => step.extend(plan),)*
+                }
+            }
+        }
+
+        impl fmt::Display for Step {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                match self {
+                    $(Self::$step(step) => step.fmt(f),)*
+                }
+            }
+        }
+
+        $(impl From<$step> for Step {
             fn from(step: $step) -> Self {
                 Self::$step(step)
             }
-        }
-    )*};
+        })*
+    };
 }
 
-step_from!(RescaleAndCrop, PatchCrop, CentreCrop, SquareCrop, Resize);
+steps!(RescaleAndCrop, PatchCrop, CentreCrop, SquareCrop, Resize);
 
 #[cfg(test)]
 mod tests;

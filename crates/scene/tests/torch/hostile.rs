@@ -107,32 +107,13 @@ fn calling_anything_but_a_function_is_an_error() {
 
 #[test]
 fn stack_and_memo_misuse_is_an_error() {
-    for body in [
-        &b""[..],
-        b"0",
-        b"1",
-        b"t",
-        b"\x85",
-        b"K\x01\x86",
-        b"K\x01(\x85",
-        b"a",
-        b"e",
-        b"](",
-        b"]K\x01(a",
-        b"}K\x01s",
-        b"}(K\x01u",
-        b"K\x01K\x02a",
-        b"K\x01(K\x02e",
-        b"h\x00",
-        b"j\xff\xff\xff\xff",
-        b"q\x00",
-        b"Q",
-        b"R",
-        b"b",
-        b"\x93",
-        b"K\x01K\x02\x93",
-        b"(0",
-    ] {
+    #[rustfmt::skip]
+    let bodies = [
+        &b""[..], b"0", b"1", b"t", b"\x85", b"K\x01\x86", b"K\x01(\x85", b"a", b"e", b"](", b"]K\x01(a", b"}K\x01s",
+        b"}(K\x01u", b"K\x01K\x02a", b"K\x01(K\x02e", b"h\x00", b"j\xff\xff\xff\xff", b"q\x00", b"Q", b"R", b"b",
+        b"\x93", b"K\x01K\x02\x93", b"(0",
+    ];
+    for body in bodies {
         let message = malformed(torch::parse_pickle(&pickle(body)));
         assert!(message.starts_with("pickle byte"), "{body:?}: {message}");
     }
@@ -140,19 +121,14 @@ fn stack_and_memo_misuse_is_an_error() {
 
 #[test]
 fn lengths_beyond_the_file_are_errors_before_allocation() {
-    for body in [
-        &b"X\xff\xff\xff\xffabc"[..],
-        b"\x8d\xff\xff\xff\xff\xff\xff\xff\xff",
-        b"\x8e\xff\xff\xff\xff\xff\xff\xff\x7f",
-        b"B\xff\xff\xff\x7f",
-        b"\x8a\xff\x01",
-        b"\x8b\xff\xff\xff\x7f",
-        b"\x8b\xff\xff\xff\xff",
-        b"\x95\xff\xff\xff\xff\xff\xff\xff\xff",
-        b"ctorch",
-        b"I12",
+    #[rustfmt::skip]
+    let bodies = [
+        &b"X\xff\xff\xff\xffabc"[..], b"\x8d\xff\xff\xff\xff\xff\xff\xff\xff",
+        b"\x8e\xff\xff\xff\xff\xff\xff\xff\x7f", b"B\xff\xff\xff\x7f", b"\x8a\xff\x01", b"\x8b\xff\xff\xff\x7f",
+        b"\x8b\xff\xff\xff\xff", b"\x95\xff\xff\xff\xff\xff\xff\xff\xff", b"ctorch", b"I12",
         b"I99999999999999999999\n",
-    ] {
+    ];
+    for body in bodies {
         malformed(torch::parse_pickle(&pickle(body)));
     }
 }
@@ -447,44 +423,13 @@ proptest! {
 }
 
 /// Sequences that are valid together often enough to reach deep into the interpreter.
+#[rustfmt::skip]
 const OPCODES: &[&[u8]] = &[
-    b"]",
-    b"}",
-    b")",
-    b"(",
-    b"N",
-    b"\x88",
-    b"K\x01",
-    b"J\xff\xff\xff\xff",
-    b"\x8a\x01\x7f",
-    b"G\x3f\xf0\x00\x00\x00\x00\x00\x00",
-    b"a",
-    b"e",
-    b"s",
-    b"u",
-    b"t",
-    b"\x85",
-    b"\x86",
-    b"\x87",
-    b"q\x00",
-    b"q\x01",
-    b"h\x00",
-    b"h\x01",
-    b"\x94",
-    b"0",
-    b"1",
-    b"R",
-    b"b",
-    b"Q",
-    b"X\x07\x00\x00\x00storage",
-    b"X\x01\x00\x00\x000",
-    b"X\x03\x00\x00\x00key",
-    b"C\x01a",
-    b"ctorch\nByteStorage\n",
-    b"ctorch._utils\n_rebuild_tensor_v2\n",
-    b"ctorch._utils\n_rebuild_parameter\n",
-    b"ccollections\nOrderedDict\n",
-    b"\x93",
-    b"(X\x07\x00\x00\x00storagectorch\nByteStorage\nX\x01\x00\x00\x000X\x03\x00\x00\x00cpuK\x08tQ",
+    b"]", b"}", b")", b"(", b"N", b"\x88", b"K\x01", b"J\xff\xff\xff\xff", b"\x8a\x01\x7f",
+    b"G\x3f\xf0\x00\x00\x00\x00\x00\x00", b"a", b"e", b"s", b"u", b"t", b"\x85", b"\x86", b"\x87", b"q\x00",
+    b"q\x01", b"h\x00", b"h\x01", b"\x94", b"0", b"1", b"R", b"b", b"Q", b"X\x07\x00\x00\x00storage",
+    b"X\x01\x00\x00\x000", b"X\x03\x00\x00\x00key", b"C\x01a", b"ctorch\nByteStorage\n",
+    b"ctorch._utils\n_rebuild_tensor_v2\n", b"ctorch._utils\n_rebuild_parameter\n", b"ccollections\nOrderedDict\n",
+    b"\x93", b"(X\x07\x00\x00\x00storagectorch\nByteStorage\nX\x01\x00\x00\x000X\x03\x00\x00\x00cpuK\x08tQ",
     b"(K\x00K\x02\x85K\x01\x85\x89}",
 ];
