@@ -11,7 +11,7 @@ use opencv::OpenCv;
 
 /// Lens distortion, as coefficients of OpenCV's models.
 ///
-/// This is what a file says. [`Lens`] is the same model made ready to map points.
+/// The stored form; [`Lens`] is the same model prepared for mapping points.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Distortion {
@@ -39,7 +39,7 @@ pub enum Distortion {
 }
 
 impl Distortion {
-    /// The lens with its invertible range worked out, ready to map many points.
+    /// The lens with its invertible range, for mapping points.
     ///
     /// # Errors
     /// [`CameraError::NonFinite`] for a coefficient that is NaN or infinite.
@@ -64,11 +64,10 @@ impl Distortion {
 
 /// A lens model with the range on which it can be inverted.
 ///
-/// Points are on the camera's z = 1 plane: `(X/Z, Y/Z)` before the lens (*undistorted*), and after it
-/// (*distorted*), to which intrinsics then apply. Every model is a polynomial that was fitted inside
-/// the picture; further out it usually folds over, and a point there has a second, wrong preimage that
-/// plain fixed-point iteration (`cv2.undistortPoints`) may return. Every method here answers with
-/// [`CameraError::OutsideLens`] instead: no value comes from beyond the fold.
+/// Points are on the camera's z = 1 plane: `(X/Z, Y/Z)` before the lens (*undistorted*), and after it (*distorted*), to
+/// which intrinsics then apply. Every model is a polynomial that was fitted inside the picture; further out it usually
+/// folds over, and a point there has a second, wrong preimage that plain fixed-point iteration (`cv2.undistortPoints`)
+/// may return. All methods here return [`CameraError::OutsideLens`] beyond the fold.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Lens(Model);
 
@@ -80,11 +79,11 @@ enum Model {
 }
 
 impl Lens {
-    /// Where the lens moves a point of the z = 1 plane (`cv2.projectPoints`, `cv2.fisheye.distortPoints`
-    /// with an identity camera matrix).
+    /// Distorts a point of the z = 1 plane (`cv2.projectPoints`, `cv2.fisheye.distortPoints` with an identity camera
+    /// matrix).
     ///
     /// # Errors
-    /// [`CameraError::OutsideLens`] from beyond the fold, [`CameraError::NonFinite`] for NaN or infinity.
+    /// [`CameraError::OutsideLens`] beyond the fold, [`CameraError::NonFinite`] for NaN or infinity.
     pub fn distorted_from_undistorted(&self, point: DVec2) -> Result<DVec2, CameraError> {
         let point = finite_point(point)?;
         match &self.0 {
@@ -94,13 +93,13 @@ impl Lens {
         }
     }
 
-    /// The one point inside the invertible range that the lens moves to `point`
-    /// (`cv2.undistortPoints`, `cv2.fisheye.undistortPoints` with an identity camera matrix).
+    /// The unique point inside the invertible range that is distorted to `point` (`cv2.undistortPoints`,
+    /// `cv2.fisheye.undistortPoints` with an identity camera matrix).
     ///
     /// # Errors
-    /// [`CameraError::OutsideLens`] where no point inside the fold is moved there,
-    /// [`CameraError::BehindCamera`] where a fisheye sees it at 90° or more from its axis, so that no
-    /// point of the z = 1 plane corresponds, [`CameraError::NonFinite`] for NaN or infinity.
+    /// [`CameraError::OutsideLens`] if there is no such point inside the fold, [`CameraError::BehindCamera`] if a fisheye
+    /// sees `point` at 90° or more from its axis, so that it has no counterpart on the z = 1 plane,
+    /// [`CameraError::NonFinite`] for NaN or infinity.
     pub fn undistorted_from_distorted(&self, point: DVec2) -> Result<DVec2, CameraError> {
         let point = finite_point(point)?;
         match &self.0 {
@@ -110,12 +109,12 @@ impl Lens {
         }
     }
 
-    /// Where the lens sends a ray of the camera's frame, of any length. The perspective models see
-    /// only rays with z > 0; a fisheye sees those beyond 90° too.
+    /// The distorted point of a ray in the camera's frame, of any length. The perspective models are limited to rays with
+    /// z > 0; a fisheye also sees rays beyond 90°.
     ///
     /// # Errors
-    /// As [`Self::distorted_from_undistorted`], and [`CameraError::BehindCamera`] for a ray that a
-    /// perspective model cannot see.
+    /// Those of [`Self::distorted_from_undistorted`], and [`CameraError::BehindCamera`] for a ray that a perspective
+    /// model cannot see.
     pub fn distorted_from_direction(&self, direction: DVec3) -> Result<DVec2, CameraError> {
         match &self.0 {
             Model::Fisheye(lens) => lens.distort(finite_direction(direction)?),
@@ -123,7 +122,7 @@ impl Lens {
         }
     }
 
-    /// The unit ray in the camera's frame that the lens sends to `point`.
+    /// The unit ray in the camera's frame of a distorted point.
     ///
     /// # Errors
     /// [`CameraError::OutsideLens`], [`CameraError::NonFinite`].
@@ -135,10 +134,10 @@ impl Lens {
     }
 
     /// Jacobian of [`Self::distorted_from_undistorted`] at an undistorted point: column 0 is the
-    /// derivative by x, column 1 by y. It is symmetric and, inside the range, positive definite.
+    /// derivative with respect to x, column 1 to y. It is symmetric and, inside the range, positive definite.
     ///
     /// # Errors
-    /// As [`Self::distorted_from_undistorted`].
+    /// Those of [`Self::distorted_from_undistorted`].
     pub fn jacobian(&self, point: DVec2) -> Result<DMat2, CameraError> {
         let point = finite_point(point)?;
         match &self.0 {
@@ -148,8 +147,8 @@ impl Lens {
         }
     }
 
-    /// Largest angle from the optical axis, in radians, that the model can map and invert: π/2 for a
-    /// pinhole, less where the model folds over, up to π for a fisheye.
+    /// Largest angle from the optical axis, in radians, at which the model is invertible: π/2 for a pinhole, less if the
+    /// model folds over, up to π for a fisheye.
     pub fn angle_limit(&self) -> f64 {
         match &self.0 {
             Model::None => std::f64::consts::FRAC_PI_2,
@@ -183,7 +182,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
     use proptest::prelude::*;
 
-    /// Central differences lose half the digits; the curvature of the test lenses costs a few more.
+    /// Central differences lose half the digits, and a few more due to the curvature of the test lenses.
     const FINITE_DIFFERENCE: Tolerance = Tolerance { absolute: 1e-7, relative: 1e-7 };
 
     fn opencv() -> impl Strategy<Value = Distortion> {
@@ -203,21 +202,21 @@ mod tests {
 
     proptest! {
         #[test]
-        fn inverting_undoes_distorting_up_to_the_fold(
+        fn undistorting_inverts_distorting_up_to_the_fold(
             lens in any_lens(), share in 0.0..0.98, azimuth in 0.0..std::f64::consts::TAU,
         ) {
             let angle: f64 = share * if lens.angle_limit() > 1.5 { 1.5 } else { lens.angle_limit() };
             let point = angle.tan() * DVec2::from_angle(azimuth);
-            let bent = lens.distorted_from_undistorted(point).unwrap();
-            let back = lens.undistorted_from_distorted(bent).unwrap();
-            // One rounding of `bent` is amplified by the inverse of the Jacobian.
+            let distorted = lens.distorted_from_undistorted(point).unwrap();
+            let back = lens.undistorted_from_distorted(distorted).unwrap();
+            // One rounding of `distorted` is amplified by the inverse of the Jacobian.
             let stretch: f64 = lens.jacobian(point).unwrap().inverse().to_cols_array().iter().map(|e| e.abs()).sum();
             let slack = Tolerance::absolute(1e-13 * (1.0 + stretch) * (1.0 + point.length_squared()));
-            prop_assert!(slack.check(back.to_array(), point.to_array()).is_ok(), "{point} → {bent} → {back}");
+            prop_assert!(slack.check(back.to_array(), point.to_array()).is_ok(), "{point} → {distorted} → {back}");
         }
 
         #[test]
-        fn fisheye_rays_come_back_beyond_a_right_angle(
+        fn fisheye_rays_round_trip_beyond_a_right_angle(
             distortion in fisheye(), share in 0.0..0.98, azimuth in 0.0..std::f64::consts::TAU,
         ) {
             let lens = distortion.lens().unwrap();
@@ -228,7 +227,7 @@ mod tests {
         }
 
         #[test]
-        fn the_jacobian_is_the_slope(
+        fn the_jacobian_matches_finite_differences(
             lens in any_lens(), share in 0.0..0.9, azimuth in 0.0..std::f64::consts::TAU,
         ) {
             let angle: f64 = share * if lens.angle_limit() > 1.2 { 1.2 } else { lens.angle_limit() };
@@ -254,8 +253,8 @@ mod tests {
             for distortion in [Distortion::OpenCv { k1, k2, k3, p1, p2 }, Distortion::Fisheye { k: [k1, k2, k3, p1] }] {
                 let Ok(lens) = distortion.lens() else { continue };
                 let point = DVec2::new(x, y);
-                for answer in [lens.distorted_from_undistorted(point), lens.undistorted_from_distorted(point)] {
-                    prop_assert!(answer.is_err() || answer.is_ok_and(DVec2::is_finite), "{distortion:?} at {point}");
+                for result in [lens.distorted_from_undistorted(point), lens.undistorted_from_distorted(point)] {
+                    prop_assert!(result.is_err() || result.is_ok_and(DVec2::is_finite), "{distortion:?} at {point}");
                 }
             }
         }
@@ -272,7 +271,7 @@ mod tests {
     }
 
     #[test]
-    fn nan_coefficients_and_points_are_refused() {
+    fn nan_coefficients_and_points_are_errors() {
         assert!(Distortion::Fisheye { k: [0.0, f64::NAN, 0.0, 0.0] }.lens().is_err());
         assert!(Distortion::OpenCv { k1: f64::INFINITY, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }.lens().is_err());
         let lens = Distortion::None.lens().unwrap();

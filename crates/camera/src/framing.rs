@@ -4,19 +4,19 @@ use glam::DVec3;
 use crate::error::positive;
 use crate::{CameraError, ImageSize, NormalizedIntrinsics};
 
-/// A ball in scene units.
+/// A sphere in scene units.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Sphere {
-    /// Its middle.
+    /// Its centre.
     pub centre: DVec3,
     /// Its radius; ≥ 0.
     pub radius: f64,
 }
 
 impl Sphere {
-    /// A sphere around the bulk of some points that a few far outliers do not move: its centre is the middle of the
-    /// range that holds the central `share` (in (0, 1]) of each coordinate, its radius that of the smallest sphere
-    /// there which holds `share` of the points. Points that are not finite count for nothing; `None` without any.
+    /// A sphere around most of the points, robust to a few far outliers: its centre is the middle of the range of the
+    /// central `share` (in (0, 1]) of each coordinate, its radius the smallest that contains `share` of the points. Points
+    /// that are not finite are ignored; `None` if there are no others.
     pub fn around_bulk(points: impl IntoIterator<Item = DVec3>, share: f64) -> Option<Self> {
         let points: Vec<DVec3> = points.into_iter().filter(|point| point.is_finite()).collect();
         let tail = 0.5 * (1.0 - share);
@@ -31,21 +31,21 @@ impl Sphere {
 }
 
 impl NormalizedIntrinsics {
-    /// A centred camera with square pixels that sees `angle` radians from the left edge to the right.
+    /// A camera with a centred principal point, square pixels and a horizontal field of view of `angle` radians.
     ///
     /// # Errors
     /// [`CameraError::NotPositive`] for an angle outside (0, π) or an empty picture, [`CameraError::NonFinite`].
     pub fn with_horizontal_view(angle: f64, size: ImageSize) -> Result<Self, CameraError> {
         let (width, height) = (positive("width", f64::from(size.width))?, positive("height", f64::from(size.height))?);
-        let tangent = positive("tangent of half the viewing angle", (0.5 * positive("viewing angle", angle)?).tan())?;
+        let tangent = positive("tangent of half the field of view", (0.5 * positive("field of view", angle)?).tan())?;
         let fx = 0.5 / tangent;
         Self::new(fx, fx * width / height, 0.5, 0.5)
     }
 
-    /// How far away along the optical axis a sphere of this radius just fits between all four edges.
+    /// The distance along the optical axis at which a sphere of this radius just fits between all four edges.
     ///
     /// # Errors
-    /// [`CameraError::NotPositive`] for a radius of zero, and where the optical axis lies outside the picture.
+    /// [`CameraError::NotPositive`] for a radius of zero, or if the optical axis is outside the picture.
     pub fn distance_that_frames(&self, radius: f64) -> Result<f64, CameraError> {
         let nearest = |focal: f64, centre: f64| centre.minimum_of(1.0 - centre) / focal;
         let tangent = nearest(self.fx, self.cx).minimum_of(nearest(self.fy, self.cy));
@@ -54,7 +54,7 @@ impl NormalizedIntrinsics {
     }
 }
 
-/// The value below which `share` of the values lie, the nearest of them.
+/// The nearest-rank quantile: the value with `share` of the values below it.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a share of a length is within it")]
 fn quantile(values: &mut [f64], share: f64) -> Option<f64> {
     let last = values.len().checked_sub(1)?;
@@ -70,18 +70,18 @@ mod tests {
     #[test]
     fn outliers_and_nan_do_not_move_the_sphere() {
         let cube = (0..1000).map(|i| DVec3::new(f64::from(i % 10), f64::from(i / 10 % 10), f64::from(i / 100)));
-        let strays = [DVec3::splat(1e9), DVec3::NAN, DVec3::new(-1e7, 0.0, 0.0)];
-        let sphere = Sphere::around_bulk(cube.clone().chain(strays), 0.98).unwrap();
+        let outliers = [DVec3::splat(1e9), DVec3::NAN, DVec3::new(-1e7, 0.0, 0.0)];
+        let sphere = Sphere::around_bulk(cube.clone().chain(outliers), 0.98).unwrap();
         let clean = Sphere::around_bulk(cube, 0.98).unwrap();
         Tolerance::absolute(0.5).assert(sphere.centre.to_array(), [4.5; 3], "in the middle");
-        Tolerance::absolute(0.1).assert([sphere.radius], [clean.radius], "as without them");
+        Tolerance::absolute(0.1).assert([sphere.radius], [clean.radius], "as without outliers");
         assert_eq!(Sphere::around_bulk([DVec3::NAN], 0.98), None);
         let one = Sphere::around_bulk([DVec3::ONE], 0.98).unwrap();
         assert_eq!(one, Sphere { centre: DVec3::ONE, radius: 0.0 });
     }
 
     #[test]
-    fn all_points_are_held_by_a_share_of_one() {
+    fn a_share_of_one_contains_all_points() {
         let line = (0..5).map(|i| DVec3::new(f64::from(i), 0.0, 0.0));
         assert_eq!(Sphere::around_bulk(line, 1.0), Some(Sphere { centre: DVec3::new(2.0, 0.0, 0.0), radius: 2.0 }));
     }
@@ -92,8 +92,8 @@ mod tests {
         let camera = NormalizedIntrinsics::with_horizontal_view(std::f64::consts::FRAC_PI_2, size).unwrap();
         Tolerance::F64.assert([camera.fx, camera.fy], [0.5, 1.0], "square pixels");
         let distance = camera.distance_that_frames(3.0).unwrap();
-        // The upper edge's plane passes through the centre of the camera at arctan ½ to the axis.
-        Tolerance::F64.assert([distance * 0.5f64.atan().sin()], [3.0], "touches above and below");
+        // The plane of the upper edge passes through the camera centre at the angle arctan ½ to the axis.
+        Tolerance::F64.assert([distance * 0.5f64.atan().sin()], [3.0], "touches the upper and lower edges");
     }
 
     #[test]
@@ -103,8 +103,8 @@ mod tests {
             assert!(NormalizedIntrinsics::with_horizontal_view(angle, size).is_err(), "{angle}");
         }
         assert!(NormalizedIntrinsics::with_horizontal_view(1.0, ImageSize { width: 0, height: 4 }).is_err());
-        let aside = NormalizedIntrinsics::new(1.0, 1.0, 1.5, 0.5).unwrap();
-        assert!(aside.distance_that_frames(1.0).is_err());
-        assert!(NormalizedIntrinsics { cx: 0.5, ..aside }.distance_that_frames(0.0).is_err());
+        let off_axis = NormalizedIntrinsics::new(1.0, 1.0, 1.5, 0.5).unwrap();
+        assert!(off_axis.distance_that_frames(1.0).is_err());
+        assert!(NormalizedIntrinsics { cx: 0.5, ..off_axis }.distance_that_frames(0.0).is_err());
     }
 }

@@ -21,11 +21,11 @@ impl std::fmt::Display for ImageSize {
 /// A rectangle of whole pixels inside a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct CropRect {
-    /// First column kept.
+    /// First column.
     pub column: u32,
-    /// First row kept.
+    /// First row.
     pub row: u32,
-    /// Size of what is kept.
+    /// Width and height.
     pub size: ImageSize,
 }
 
@@ -34,7 +34,7 @@ impl CropRect {
     /// `row = (h_in − h_out) // 2` (pixelSplat `src/dataset/shims/crop_shim.py`).
     ///
     /// # Errors
-    /// [`CameraError::CropOutside`] where `size` is empty or larger than `source`.
+    /// [`CameraError::CropOutside`] if `size` is empty or larger than `source`.
     pub fn centred(source: ImageSize, size: ImageSize) -> Result<Self, CameraError> {
         let margin = |outer: u32, inner: u32| outer.checked_sub(inner).map(|m| m / 2);
         match (margin(source.width, size.width), margin(source.height, size.height)) {
@@ -48,22 +48,22 @@ impl CropRect {
     }
 }
 
-/// What happens to the normalised principal point when a picture is cropped.
+/// How cropping a picture changes the normalised principal point.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PrincipalPointRule {
-    /// `cx`, `cy` stay as they are: what pixelSplat, MVSplat, DepthSplat, NoPoSplat and iLRM compute
-    /// (`crop_shim.py`). Exact only for a centred principal point and an even margin.
+    /// Not at all, as in pixelSplat, MVSplat, DepthSplat, NoPoSplat and iLRM (`crop_shim.py`). Exact only for a centred
+    /// principal point and an even margin.
     #[default]
     Frozen,
-    /// `cx' = (cx·w − column) / w'`: where the optical axis really lands.
+    /// `cx' = (cx·w − column) / w'`, the exact position of the optical axis.
     Corrected,
 }
 
 /// Pinhole intrinsics in units of the picture's size: `x_pixels = width · (fx · X/Z + cx)`.
 ///
-/// This is what RE10K files and `.torch` chunks store (pixelSplat `README.md:119`). Focal lengths are
-/// positive, all numbers finite.
+/// The convention of RE10K files and `.torch` chunks (pixelSplat `README.md:119`). Focal lengths are positive, all
+/// numbers finite.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct NormalizedIntrinsics {
     /// Horizontal focal length over picture width; > 0.
@@ -89,7 +89,7 @@ pub struct PixelIntrinsics {
     pub cy: f64,
 }
 
-/// Opening angles in radians.
+/// Field of view in radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct FieldOfView {
     /// Angle between the rays through the middles of the left and right edges.
@@ -121,17 +121,17 @@ checked_new!(NormalizedIntrinsics);
 checked_new!(PixelIntrinsics);
 
 impl NormalizedIntrinsics {
-    /// In pixels of a picture of `size`.
+    /// The intrinsics in pixels of a picture of `size`.
     pub fn pixel_from_normalized(&self, size: ImageSize) -> PixelIntrinsics {
         let (w, h) = (f64::from(size.width), f64::from(size.height));
         PixelIntrinsics { fx: self.fx * w, fy: self.fy * h, cx: self.cx * w, cy: self.cy * h }
     }
 
-    /// After cutting `crop` out of a picture of `source` size: focal lengths grow by `w / w'` and `h / h'`,
-    /// the principal point follows `rule`.
+    /// The intrinsics after cropping a picture of size `source`: focal lengths are multiplied by `w / w'` and `h / h'`, the
+    /// principal point follows `rule`.
     ///
     /// # Errors
-    /// [`CameraError::CropOutside`] where `crop` is empty or reaches outside `source`.
+    /// [`CameraError::CropOutside`] if `crop` is empty or not inside `source`.
     pub fn cropped(&self, source: ImageSize, crop: CropRect, rule: PrincipalPointRule) -> Result<Self, CameraError> {
         let fits = |start: u32, length: u32, limit: u32| {
             length > 0 && start.checked_add(length).is_some_and(|end| end <= limit)
@@ -150,18 +150,18 @@ impl NormalizedIntrinsics {
         Ok(Self { fx: self.fx * (w_in / w_out), fy: self.fy * (h_in / h_out), cx, cy })
     }
 
-    /// Intrinsics a share `t` of the way to `other`, number by number, as pixelSplat's videos zoom
-    /// (`camera_trajectory/interpolation.py interpolate_intrinsics`); `t` in [0, 1].
+    /// Linear interpolation to `other` with `t` in [0, 1], as in pixelSplat's videos
+    /// (`camera_trajectory/interpolation.py interpolate_intrinsics`).
     ///
     /// # Errors
-    /// [`CameraError::NotPositive`] where `t` outside [0, 1] leads to a focal length that is none.
+    /// [`CameraError::NotPositive`] if `t` outside [0, 1] gives an invalid focal length.
     pub fn interpolated(&self, other: &Self, t: f64) -> Result<Self, CameraError> {
         let mix = |a: f64, b: f64| a + (b - a) * t;
         Self::new(mix(self.fx, other.fx), mix(self.fy, other.fy), mix(self.cx, other.cx), mix(self.cy, other.cy))
     }
 
-    /// Opening angles as pixelSplat's `get_fov` defines them (`src/geometry/projection.py`): between
-    /// the unit rays through the middles of opposite edges, so an off-centre principal point counts.
+    /// Field of view as defined by pixelSplat's `get_fov` (`src/geometry/projection.py`): the angles between the rays
+    /// through the middles of opposite edges, which depend on the principal point.
     pub fn field_of_view(&self) -> FieldOfView {
         let angle = |focal: f64, centre: f64, other: f64| {
             let ray = |edge: f64| glam::DVec3::new((edge - centre) / focal, other, 1.0).normalize();
@@ -176,8 +176,7 @@ impl NormalizedIntrinsics {
 }
 
 impl PixelIntrinsics {
-    /// After the picture is resized from `source` to `target`: everything scales with its axis. In
-    /// normalised units a resize changes nothing.
+    /// The intrinsics after the picture is resized from `source` to `target`. In normalised units a resize changes nothing.
     ///
     /// # Errors
     /// [`CameraError::NotPositive`] for an empty picture.
@@ -187,14 +186,14 @@ impl PixelIntrinsics {
         Self::new(self.fx * x, self.fy * y, self.cx * x, self.cy * y)
     }
 
-    /// After cutting out a rectangle that starts at `crop`'s corner: the principal point moves with the
-    /// pixels. The frozen rule has no meaning in pixels; see [`NormalizedIntrinsics::cropped`].
+    /// The intrinsics after cropping to `crop`, with the corrected principal point. The frozen rule is defined only for
+    /// [`NormalizedIntrinsics::cropped`].
     #[must_use]
     pub fn cropped(&self, crop: CropRect) -> Self {
         Self { cx: self.cx - f64::from(crop.column), cy: self.cy - f64::from(crop.row), ..*self }
     }
 
-    /// In units of the picture's `size`.
+    /// The intrinsics in units of the picture's `size`.
     ///
     /// # Errors
     /// [`CameraError::NotPositive`] for an empty picture or focal length, [`CameraError::NonFinite`].
@@ -212,7 +211,7 @@ mod tests {
     const RE10K: ImageSize = ImageSize { width: 640, height: 360 };
 
     #[test]
-    fn pixels_and_back() {
+    fn pixel_intrinsics_round_trip() {
         let k = NormalizedIntrinsics::new(0.48, 0.86, 0.5, 0.51).unwrap();
         let back = k.pixel_from_normalized(RE10K).normalized_from_pixel(RE10K).unwrap();
         Tolerance::F64.assert([back.fx, back.fy, back.cx, back.cy], [k.fx, k.fy, k.cx, k.cy], "intrinsics");
@@ -247,7 +246,7 @@ mod tests {
     }
 
     #[test]
-    fn zero_focal_and_nan_are_refused() {
+    fn zero_focal_lengths_and_nan_are_errors() {
         assert!(NormalizedIntrinsics::new(0.0, 1.0, 0.5, 0.5).is_err());
         assert!(NormalizedIntrinsics::new(-1.0, 1.0, 0.5, 0.5).is_err());
         assert!(NormalizedIntrinsics::new(1.0, 1.0, f64::NAN, 0.5).is_err());

@@ -1,5 +1,5 @@
-//! Numbers into cameras: intrinsics, lens distortion, poses, rays, trajectories and the pose
-//! normalisations that the feed-forward papers apply. Pure f64; knows nothing of files or tensors.
+//! Camera geometry: intrinsics, lens distortion, poses, rays, trajectories, and the pose normalisations of the
+//! feed-forward papers. Pure f64 arithmetic without files or tensors.
 //!
 //! Camera axes are OpenCV's everywhere: +x right, +y down, +z forward. A pixel `(column, row)` covers
 //! `[column, column + 1) × [row, row + 1)`, so its centre is at `(column + 0.5, row + 0.5)`.
@@ -37,14 +37,14 @@ pub use spline::CameraSpline;
 pub use trajectory::{Interpolation, Spacing, Trajectory};
 pub use turntable::Turntable;
 
-/// One posed camera: where it stands, how it projects, how its lens bends.
+/// A posed camera: extrinsics, intrinsics and lens distortion.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Camera {
-    /// World to camera, OpenCV axes.
+    /// World-to-camera transform with OpenCV axes.
     pub camera_from_world: CameraFromWorld,
-    /// Pinhole part of the projection, in units of the picture's width and height.
+    /// Pinhole intrinsics in units of the picture's width and height.
     pub intrinsics: NormalizedIntrinsics,
-    /// Lens distortion between the pinhole's `z = 1` plane and the picture.
+    /// Lens distortion on the `z = 1` plane.
     pub distortion: Distortion,
 }
 

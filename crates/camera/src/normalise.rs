@@ -1,9 +1,6 @@
-mod baseline_one;
-mod first_view_relative;
-mod max_pairwise;
 mod mean_camera;
 
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{Extremes, Tolerance};
 use serde::{Deserialize, Serialize};
 
 use crate::{CameraError, Similarity, WorldFromCamera};
@@ -12,17 +9,20 @@ pub use mean_camera::MeanCameraScale;
 /// Smallest baseline that pixelSplat and NoPoSplat accept (`baseline_epsilon`, `baseline_min`).
 const BASELINE_MINIMUM: f64 = 1e-3;
 
-/// How a trial's world is moved and scaled before a method sees it.
+const BASELINE_ONE: &str = "baseline-one";
+const MAX_PAIRWISE: &str = "max-pairwise";
+
+/// How a trial's world is transformed before it is passed to a method.
 ///
-/// In a file each is a table: `{ rule = "mean-camera", scale = "long-lrm" }`.
+/// In a file this is a table: `{ rule = "mean-camera", scale = "long-lrm" }`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "rule", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum PoseNormalisation {
     /// The dataset's own world: MVSplat, DepthSplat.
     #[default]
     None,
-    /// Lengths are divided by the distance between the first and the last context view; nothing is
-    /// moved. pixelSplat `src/dataset/dataset_re10k.py:141-154`, NoPoSplat `:163-179`.
+    /// Divides lengths by the distance between the first and the last context view, without moving the world.
+    /// pixelSplat `src/dataset/dataset_re10k.py:141-154`, NoPoSplat `:163-179`.
     BaselineOne {
         /// Shorter baselines are an error, in scene units.
         #[serde(default = "baseline_minimum")]
@@ -33,8 +33,8 @@ pub enum PoseNormalisation {
     },
     /// The first context view becomes the world: `E ← E₀⁻¹ · E`. NoPoSplat `misc/cam_utils.py:27-41`.
     FirstViewRelative,
-    /// Lengths are divided by the largest distance between two context views; nothing is moved.
-    /// YoNoSplat `src/dataset/norm_scale.py:20-55`, method `max_pairwise_d`.
+    /// Divides lengths by the largest distance between two context views, without moving the world. YoNoSplat
+    /// `src/dataset/norm_scale.py:20-55`, method `max_pairwise_d`.
     MaxPairwise {
         /// Shorter distances are an error, in scene units.
         #[serde(default = "baseline_minimum")]
@@ -48,16 +48,16 @@ pub enum PoseNormalisation {
     ///
     /// With the mean forward axis `m_z`, the mean down axis `m_y` and the mean centre `c`:
     /// `f = normalize(m_z)`, `d = normalize(m_y − (m_y·f) f)`, `r = d × f`, `E′ = [r d f c]⁻¹ · E`.
-    /// Where that has no stable answer, the [`Fallback`]s apply.
+    /// If that is numerically unstable, the [`Fallback`]s apply.
     MeanCamera {
         /// How lengths are scaled afterwards.
         #[serde(default)]
         scale: MeanCameraScale,
-        /// A further factor on all lengths (Long-LRM's `scene_scale`); > 0.
+        /// An additional factor on all lengths (Long-LRM's `scene_scale`); > 0.
         #[serde(default = "one", skip_serializing_if = "is_one")]
         scene_scale: f64,
     },
-    /// One rule after the other; factors multiply. NoPoSplat is baseline-one, then first-view-relative.
+    /// Several rules in order; factors multiply. NoPoSplat is baseline-one, then first-view-relative.
     Sequence {
         /// The rules, first to last.
         steps: Vec<Self>,
@@ -77,47 +77,44 @@ fn is_one(value: &f64) -> bool {
     Tolerance::EXACT.accepts(*value, 1.0)
 }
 
-/// What a rule had to do because its published formula has no stable answer for these views.
+/// A replacement in a rule because its published formula is undefined or unstable for these views.
 ///
-/// Reported in this order. Each replacement is taken from the views themselves, never from the world's
-/// axes, so that moving the world still changes nothing.
+/// Reported in this order. Replacements depend only on the views, never on the world's axes, so that the result is still
+/// invariant to moving the world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Fallback {
-    /// There is one view: the mean camera is that view.
+    /// There is only one view, which is the mean camera.
     SingleView,
-    /// Views look in opposite directions, so that their forward axes cancel (mean shorter than 0.01):
-    /// the forward axis is the first context view's.
+    /// The forward axes of opposite views cancel (mean shorter than 0.01): the forward axis is the first context view's.
     ForwardsCancel,
-    /// The down axes cancel, or their mean is parallel to the forward axis (what is left across it,
-    /// times the length of the mean forward axis, is shorter than 0.01): the first context view's down
-    /// axis takes the mean's place.
+    /// The down axes cancel, or their mean is parallel to the forward axis (its orthogonal part, times the length of the
+    /// mean forward axis, is shorter than 0.01): the mean is replaced by the first context view's down axis.
     DownsCancel,
-    /// That view's down axis is within 30° of the forward axis too: its right axis decides instead.
+    /// That view's down axis is within 30° of the forward axis: its right axis is used instead.
     FirstDownAlongForward,
-    /// All centres that the scale is measured on coincide (closer than 1e-9 of their distance from the
-    /// world's origin, which is as exactly as files state them): lengths keep their scale.
+    /// All centres that determine the scale coincide (closer than 1e-9 of their distance from the world's origin, the
+    /// precision of files): lengths keep their scale.
     CoincidentCentres,
 }
 
-/// A trial's cameras in their normalised world, and how they came there.
+/// A trial's cameras in the normalised world, and the transform to it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Normalised {
-    /// Context cameras, in the order given.
+    /// Context cameras, in the given order.
     pub context: Vec<WorldFromCamera>,
-    /// Target cameras, in the order given.
+    /// Target cameras, in the given order.
     pub targets: Vec<WorldFromCamera>,
-    /// From the dataset's world to the normalised world; its `scale` is the factor on all lengths.
+    /// Transform from the dataset's world to the normalised world; its `scale` is the factor on all lengths.
     pub new_from_old: Similarity,
-    /// What a dataset's near and far planes are multiplied with. The rules that divide by a baseline
-    /// scale them along (pixelSplat `dataset_re10k.py:141-154`); the mean-camera methods state near and
-    /// far in normalised units, so theirs is 1.
+    /// Factor for a dataset's near and far planes. The rules that divide by a baseline scale them too (pixelSplat
+    /// `dataset_re10k.py:141-154`); the mean-camera methods define near and far in normalised units, so theirs is 1.
     pub near_far_multiplier: f64,
-    /// What had to be done differently; empty for ordinary views.
+    /// Deviations from the published formula; empty for ordinary views.
     pub fallbacks: Vec<Fallback>,
 }
 
-/// What one rule decides; applying it is the same for all.
+/// The result of one rule, before it is applied.
 struct Step {
     new_from_old: Similarity,
     near_far_multiplier: f64,
@@ -128,7 +125,7 @@ impl Step {
     const UNCHANGED: Self =
         Self { new_from_old: Similarity::IDENTITY, near_far_multiplier: 1.0, fallbacks: Vec::new() };
 
-    /// Lengths and both planes divided by `distance`.
+    /// Divides lengths and both planes by `distance`.
     fn divided_by(distance: f64) -> Self {
         let scale = distance.recip();
         Self {
@@ -139,26 +136,24 @@ impl Step {
     }
 }
 
-/// Applies `rule` to the cameras of one trial. The rule looks at the context views; targets are moved
-/// along (only [`MeanCameraScale::Lvsm`] looks at them too, as LVSM does).
+/// Applies `rule` to the cameras of one trial. The rule depends on the context views only; the same transform is applied
+/// to the targets ([`MeanCameraScale::Lvsm`] depends on both, as LVSM does).
 ///
-/// First-view-relative, the mean camera under any scale but [`MeanCameraScale::IlrmMain`], and a sequence
-/// that ends in one of them give the same cameras however the dataset's world is moved. The bound is
-/// 1e-12 relative to the larger of the normalised scene and its distance from the old origin in
-/// normalised units: f64 poses far from their origin carry no more.
+/// First-view-relative, the mean camera under any scale but [`MeanCameraScale::IlrmMain`], and a sequence that ends in
+/// one of them are invariant to rigid motions of the dataset's world. The bound is 1e-12 relative to the larger of the
+/// normalised scene and its distance from the old origin in normalised units, the precision of f64 poses far from their
+/// origin.
 ///
 /// # Errors
-/// [`CameraError::TooFewPoses`] without context views, [`CameraError::BaselineOutOfRange`] where the
-/// papers skip the scene, [`CameraError::NotPositive`] or [`CameraError::NonFinite`] for a scale that
-/// is no scale or for poses so large that they overflow.
+/// [`CameraError::TooFewPoses`] without context views, [`CameraError::BaselineOutOfRange`] if the papers skip the scene,
+/// [`CameraError::NotPositive`] or [`CameraError::NonFinite`] for an invalid scale or poses that overflow.
 pub fn normalise(
     context: &[WorldFromCamera],
     targets: &[WorldFromCamera],
     rule: &PoseNormalisation,
 ) -> Result<Normalised, CameraError> {
     if let PoseNormalisation::Sequence { steps } = rule {
-        let unchanged = PoseNormalisation::None;
-        let start = normalise(context, targets, &unchanged)?;
+        let start = normalise(context, targets, &PoseNormalisation::None)?;
         return steps.iter().try_fold(start, |before, step| {
             let after = normalise(&before.context, &before.targets, step)?;
             Ok(Normalised {
@@ -182,9 +177,20 @@ pub fn normalise(
                 fallbacks: Vec::new(),
             });
         }
-        PoseNormalisation::BaselineOne { minimum, maximum } => baseline_one::step(first, last, *minimum, *maximum)?,
-        PoseNormalisation::FirstViewRelative => first_view_relative::step(first),
-        PoseNormalisation::MaxPairwise { minimum, maximum } => max_pairwise::step(context, *minimum, *maximum)?,
+        PoseNormalisation::BaselineOne { minimum, maximum } => {
+            let baseline = first.centre().distance(last.centre());
+            Step::divided_by(accepted(BASELINE_ONE, baseline, *minimum, *maximum)?)
+        }
+        PoseNormalisation::FirstViewRelative => {
+            // The inverse rather than the transpose, as `torch.inverse`: the rounding of the first view cancels.
+            let rotation = first.rotation().inverse();
+            Step { new_from_old: Similarity { rotation, origin: first.centre(), scale: 1.0 }, ..Step::UNCHANGED }
+        }
+        PoseNormalisation::MaxPairwise { minimum, maximum } => {
+            let pairs = context.iter().enumerate().flat_map(|(i, a)| context[i + 1..].iter().map(move |b| (a, b)));
+            let largest = pairs.fold(0.0f64, |largest, (a, b)| largest.maximum_of(a.centre().distance(b.centre())));
+            Step::divided_by(accepted(MAX_PAIRWISE, largest, *minimum, *maximum)?)
+        }
         PoseNormalisation::MeanCamera { scale, scene_scale } => {
             mean_camera::step(first, context, targets, *scale, *scene_scale)?
         }
@@ -202,44 +208,44 @@ pub fn normalise(
 }
 
 impl PoseNormalisation {
-    /// pixelSplat's: baseline 1, the dataset's axes.
+    /// pixelSplat's rule: baseline 1, the dataset's axes.
     pub const fn pixelsplat() -> Self {
         Self::BaselineOne { minimum: BASELINE_MINIMUM, maximum: None }
     }
 
-    /// NoPoSplat's: baseline 1, then relative to the first context view.
+    /// NoPoSplat's rule: baseline 1, then relative to the first context view.
     pub fn noposplat() -> Self {
         Self::Sequence { steps: vec![Self::pixelsplat(), Self::FirstViewRelative] }
     }
 
-    /// YoNoSplat's: largest pairwise distance 1, then relative to the first context view.
+    /// YoNoSplat's rule: largest pairwise distance 1, then relative to the first context view.
     pub fn yonosplat() -> Self {
         let scale = Self::MaxPairwise { minimum: BASELINE_MINIMUM, maximum: None };
         Self::Sequence { steps: vec![scale, Self::FirstViewRelative] }
     }
 
-    /// The mean camera under one of the published scales.
+    /// The mean camera with one of the published scales.
     pub const fn mean_camera(scale: MeanCameraScale) -> Self {
         Self::MeanCamera { scale, scene_scale: 1.0 }
     }
 
-    /// The rule's name as in a file; a sequence is named by its steps.
+    /// The rule's name as in a file; for a sequence, the names of its steps.
     pub fn name(&self) -> String {
         match self {
             Self::None => "none".to_owned(),
-            Self::BaselineOne { .. } => baseline_one::NAME.to_owned(),
+            Self::BaselineOne { .. } => BASELINE_ONE.to_owned(),
             Self::FirstViewRelative => "first-view-relative".to_owned(),
-            Self::MaxPairwise { .. } => max_pairwise::NAME.to_owned(),
+            Self::MaxPairwise { .. } => MAX_PAIRWISE.to_owned(),
             Self::MeanCamera { scale, .. } => format!("mean-camera ({})", scale.name()),
             Self::Sequence { steps } => steps.iter().map(Self::name).collect::<Vec<_>>().join(", then "),
         }
     }
 }
 
-/// `distance` where it is inside the accepted range.
+/// `distance` if it is in the accepted range.
 fn accepted(rule: &'static str, distance: f64, minimum: f64, maximum: Option<f64>) -> Result<f64, CameraError> {
     let maximum = maximum.unwrap_or(f64::MAX);
-    // At zero there is nothing to divide by, whatever the minimum says.
+    // Never divide by zero, whatever the minimum.
     if distance >= minimum && distance <= maximum && distance.recip().is_normal() {
         Ok(distance)
     } else {

@@ -2,8 +2,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Camera, CameraError, DirectionScale, ImageSize, Ray};
 
-/// Which numbers of a ray a network is fed, and in which order. `o` is the camera's centre, `d` the
-/// unit direction, `o × d` the moment.
+/// The channels of a ray in a network's input, in order. `o` is the camera's centre, `d` the unit direction, `o × d` the
+/// moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PluckerLayout {
@@ -11,15 +11,15 @@ pub enum PluckerLayout {
     /// TokenGS `utils/data.py:126-158`.
     #[default]
     MomentDirection,
-    /// `[d, o × d]`, 6 channels: Plücker coordinates as Light Field Networks (Sitzmann et al. 2021,
-    /// section 3) and Cameras as Rays (Zhang et al. 2024, section 3.1) write them.
+    /// `[d, o × d]`, 6 channels: Plücker coordinates of Light Field Networks (Sitzmann et al. 2021, section 3) and Cameras
+    /// as Rays (Zhang et al. 2024, section 3.1).
     DirectionMoment,
     /// `[o, d, o × d]`, 9 channels: LVSM and iLRM's branch `wide`.
     OriginDirectionMoment,
 }
 
 impl PluckerLayout {
-    /// Numbers per ray.
+    /// Number of channels.
     pub const fn channels(self) -> usize {
         match self {
             Self::MomentDirection | Self::DirectionMoment => 6,
@@ -27,7 +27,7 @@ impl PluckerLayout {
         }
     }
 
-    /// The numbers of one ray, whose direction has length 1.
+    /// The channels of one ray, whose direction must have unit length.
     pub fn values(self, ray: &Ray) -> impl Iterator<Item = f64> + use<> {
         let (origin, direction) = (ray.origin, ray.direction);
         let moment = origin.cross(direction);
@@ -41,11 +41,11 @@ impl PluckerLayout {
 }
 
 impl Camera {
-    /// Plücker coordinates of the rays through all pixel centres, height × width × channels, row-major,
-    /// channels last. Everything is computed in f64 and rounded to f32 at the very end.
+    /// Plücker coordinates of the rays through all pixel centres, height × width × channels, row-major, channels last;
+    /// computed in f64 and rounded to f32 at the end.
     ///
     /// # Errors
-    /// As [`Camera::pixel_rays`].
+    /// Those of [`Camera::pixel_rays`].
     pub fn plucker_map(&self, size: ImageSize, layout: PluckerLayout) -> Result<Vec<f32>, CameraError> {
         let rays = self.projector()?.pixel_rays(size, DirectionScale::UnitLength)?;
         let mut map = Vec::with_capacity(rays.size_hint().0.saturating_mul(layout.channels()));
@@ -56,7 +56,7 @@ impl Camera {
     }
 }
 
-#[expect(clippy::cast_possible_truncation, reason = "the one rounding to the networks' precision")]
+#[expect(clippy::cast_possible_truncation, reason = "rounding to the networks' precision")]
 fn f32_from_f64(value: f64) -> f32 {
     value as f32
 }
@@ -73,7 +73,7 @@ mod tests {
     }
 
     #[test]
-    fn layouts_are_the_published_orders() {
+    fn layouts_have_the_published_order() {
         let values = |layout: PluckerLayout| layout.values(&ray()).collect::<Vec<_>>();
         // (1, 2, 3) × (0, 0, 1) = (2, −1, 0)
         assert_eq!(values(PluckerLayout::MomentDirection), [2.0, -1.0, 0.0, 0.0, 0.0, 1.0]);
@@ -82,14 +82,14 @@ mod tests {
     }
 
     #[test]
-    fn the_moment_is_the_same_from_every_point_of_the_ray() {
+    fn the_moment_is_the_same_for_every_point_of_the_ray() {
         let further = Ray { origin: ray().at(7.5), ..ray() };
         let values = |ray: &Ray| PluckerLayout::MomentDirection.values(ray).collect::<Vec<_>>();
         Tolerance::F64.assert(values(&further), values(&ray()), "moment and direction");
     }
 
     #[test]
-    fn the_map_is_rows_of_pixels_of_channels() {
+    fn the_map_is_row_major_with_channels_last() {
         let pose = WorldFromCamera::new(DMat3::from_rotation_z(0.2), DVec3::new(0.5, 0.0, 1.0)).unwrap();
         let camera = Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.7, 1.1, 0.5, 0.5).unwrap());
         let size = ImageSize { width: 5, height: 2 };

@@ -4,10 +4,10 @@ use glam::{DMat3, DVec3};
 use crate::CameraError;
 use crate::error::finite;
 
-/// Largest entry of `R Rᵀ − I` that still counts as a rotation printed with too few decimals.
+/// Largest entry of `R Rᵀ − I` that is accepted as the rounding of a rotation.
 const ROTATION_RESIDUAL_LIMIT: f64 = 1e-2;
 
-/// The 3×4 matrix `[R | t]` behind both pose types.
+/// The 3×4 matrix `[R | t]` of both pose types.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Rigid {
     rotation: DMat3,
@@ -53,8 +53,8 @@ impl Rigid {
         ]
     }
 
-    /// The general inverse rather than the transpose: a stored rotation is rounded to f32 or nine
-    /// decimals, and only this keeps `pose · inverse` at the identity, as the papers' loaders do.
+    /// The general inverse instead of the transpose: a stored rotation is rounded to f32 or nine decimals, and only this
+    /// makes `pose · inverse` the identity, as in the papers' loaders.
     fn inverse(&self) -> Self {
         let rotation = self.rotation.inverse();
         Self { rotation, translation: -(rotation * self.translation) }
@@ -75,25 +75,25 @@ impl Rigid {
 macro_rules! pose_methods {
     ($pose:ident, $inverse:ident) => {
         impl $pose {
-            /// The pose that changes nothing.
+            /// The identity.
             pub const IDENTITY: Self = Self(Rigid { rotation: DMat3::IDENTITY, translation: DVec3::ZERO });
 
-            /// From a rotation and a translation in scene units.
+            /// A pose from a rotation and a translation in scene units.
             ///
             /// # Errors
-            /// [`CameraError::NotARotation`] where the matrix is far from a rotation,
-            /// [`CameraError::NonFinite`] for NaN or infinite numbers.
+            /// [`CameraError::NotARotation`] if the matrix is far from a rotation, [`CameraError::NonFinite`] for NaN
+            /// or infinite numbers.
             pub fn new(rotation: DMat3, translation: DVec3) -> Result<Self, CameraError> {
                 Rigid::new(rotation, translation).map(Self)
             }
 
-            /// From the row-major 3×4 matrix `[R | t]`.
+            /// A pose from the row-major 3×4 matrix `[R | t]`.
             ///
-            /// The rotation is kept as it is, not re-orthonormalised: files print it with nine
-            /// decimals or store it as f32, and every loader of the field uses those numbers.
+            /// The rotation is not re-orthonormalised: files store it with nine decimals or as f32, and every loader of
+            /// the field uses those numbers.
             ///
             /// # Errors
-            /// As [`Self::new`].
+            /// Those of [`Self::new`].
             pub fn from_rows(rows: &[f64; 12]) -> Result<Self, CameraError> {
                 Rigid::from_rows(rows).map(Self)
             }
@@ -113,17 +113,17 @@ macro_rules! pose_methods {
                 self.0.translation
             }
 
-            /// The same transform in the other direction.
+            /// The inverse transform.
             pub fn inverse(&self) -> $inverse {
                 $inverse(self.0.inverse())
             }
 
-            /// Maps a point.
+            /// Transforms a point.
             pub fn transform_point(&self, point: DVec3) -> DVec3 {
                 self.0.apply(point)
             }
 
-            /// Maps a direction: rotated, not moved.
+            /// Transforms a direction: rotates without translating.
             pub fn transform_vector(&self, vector: DVec3) -> DVec3 {
                 self.0.rotation * vector
             }
@@ -141,11 +141,11 @@ macro_rules! pose_methods {
     };
 }
 
-/// World to camera ("extrinsics", "w2c"): what RE10K stores (pixelSplat `dataset_re10k.py:179-197`).
+/// World-to-camera transform ("extrinsics", "w2c"), as stored by RE10K (pixelSplat `dataset_re10k.py:179-197`).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CameraFromWorld(Rigid);
 
-/// Camera to world ("c2w"): columns are the camera's right, down and forward axes and its centre.
+/// Camera-to-world transform ("c2w"): its columns are the camera's right, down and forward axes and its centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct WorldFromCamera(Rigid);
 
@@ -153,7 +153,7 @@ pose_methods!(CameraFromWorld, WorldFromCamera);
 pose_methods!(WorldFromCamera, CameraFromWorld);
 
 impl WorldFromCamera {
-    /// From parts that are rigid and finite by construction.
+    /// A pose from parts that are rigid and finite by construction.
     pub(crate) const fn from_parts(rotation: DMat3, translation: DVec3) -> Self {
         Self(Rigid { rotation, translation })
     }
@@ -178,9 +178,9 @@ impl WorldFromCamera {
         self.0.rotation.z_axis
     }
 
-    /// OpenCV axes from OpenGL or Blender axes (+x right, +y up, +z back): `c2w · diag(1, −1, −1, 1)`.
-    /// Camera axes change, the world stays (nerfstudio `docs/quickstart/data_conventions.md`;
-    /// depthsplat `src/scripts/convert_dl3dv_test.py:90-129`). The map is its own inverse.
+    /// Converts OpenGL or Blender camera axes (+x right, +y up, +z back) to OpenCV axes: `c2w · diag(1, −1, −1, 1)`. The
+    /// world is unchanged (nerfstudio `docs/quickstart/data_conventions.md`; depthsplat
+    /// `src/scripts/convert_dl3dv_test.py:90-129`). The conversion is its own inverse.
     #[must_use]
     pub fn opencv_from_opengl(&self) -> Self {
         let r = self.0.rotation;
@@ -188,25 +188,25 @@ impl WorldFromCamera {
         Self(Rigid { rotation, translation: self.0.translation })
     }
 
-    /// OpenGL or Blender axes from OpenCV axes; the inverse of [`Self::opencv_from_opengl`].
+    /// Converts OpenCV camera axes to OpenGL or Blender axes; the inverse of [`Self::opencv_from_opengl`].
     #[must_use]
     pub fn opengl_from_opencv(&self) -> Self {
         self.opencv_from_opengl()
     }
 
-    /// `other` as seen from this camera: `self⁻¹ · other`.
+    /// The pose of `other` relative to this camera: `self⁻¹ · other`.
     #[must_use]
     pub fn camera_from_other(&self, other: &Self) -> Self {
         Self(self.0.inverse().then(&other.0))
     }
 
-    /// The same camera in a world moved by the rigid motion `new_from_old`.
+    /// The camera after a rigid motion of the world, `new_from_old · self`.
     #[must_use]
     pub fn moved_by(&self, new_from_old: &Self) -> Self {
         Self(new_from_old.0.then(&self.0))
     }
 
-    /// The same camera in a world whose lengths are multiplied by `factor`.
+    /// The camera after scaling the world by `factor`.
     #[must_use]
     pub fn scaled_by(&self, factor: f64) -> Self {
         Self(Rigid { rotation: self.0.rotation, translation: self.0.translation * factor })
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn inverse_undoes() {
+    fn inverse_inverts() {
         let pose = quarter_turn_about_y();
         Tolerance::F64.assert(pose.inverse().transform_point(pose.centre()).to_array(), [0.0; 3], "own centre");
         Tolerance::F64.assert(pose.inverse().inverse().to_rows(), pose.to_rows(), "twice");
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn reflections_scales_and_nan_are_refused() {
+    fn reflections_scales_and_nan_are_errors() {
         let mut rows = WorldFromCamera::IDENTITY.to_rows();
         rows[0] = -1.0;
         assert!(matches!(WorldFromCamera::from_rows(&rows), Err(CameraError::NotARotation { .. })), "reflection");
@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_zero_matrix_is_no_rotation() {
+    fn a_zero_matrix_is_not_a_rotation() {
         assert!(CameraFromWorld::from_rows(&[0.0; 12]).is_err());
     }
 }

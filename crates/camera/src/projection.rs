@@ -3,7 +3,7 @@ use glam::{DVec2, DVec3};
 use crate::error::finite;
 use crate::{Camera, CameraError, CameraFromWorld, Distortion, ImageSize, Lens, NormalizedIntrinsics, WorldFromCamera};
 
-/// A camera made ready to map many points and rays: the pose in both directions, and the lens with its
+/// A camera prepared for projecting points and casting rays: the pose in both directions, and the lens with its
 /// invertible range.
 #[derive(Clone, Copy, Debug)]
 pub struct Projector {
@@ -13,27 +13,25 @@ pub struct Projector {
     pub(crate) lens: Lens,
 }
 
-/// Where a point of the world appears in a picture.
+/// The projection of a point to a picture.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Projected {
-    /// In units of the picture's width and height: (0, 0) is the outer corner of the first pixel,
-    /// (1, 1) that of the last.
+    /// Position in units of the picture's width and height: (0, 0) is the outer corner of the first pixel, (1, 1) that of
+    /// the last.
     pub position: DVec2,
-    /// Depth along the optical axis, in scene units ("z-depth"); positive unless a fisheye lens sees
-    /// the point beyond 90°.
+    /// Depth along the optical axis, in scene units ("z-depth"); positive unless a fisheye lens sees the point beyond 90°.
     pub depth: f64,
-    /// Distance from the camera's centre, in scene units: the "depth" of iLRM and Long-LRM, which
-    /// measure it along the unit ray.
+    /// Distance from the camera's centre, in scene units: the "depth" of iLRM and Long-LRM, measured along the unit ray.
     pub distance: f64,
 }
 
 impl Projected {
-    /// In pixels of a picture of `size`; the centre of the first pixel is at (0.5, 0.5).
+    /// The position in pixels of a picture of `size`; the centre of the first pixel is at (0.5, 0.5).
     pub fn pixel(&self, size: ImageSize) -> DVec2 {
         self.position * DVec2::new(f64::from(size.width), f64::from(size.height))
     }
 
-    /// Whether the picture shows it: `position` in [0, 1) × [0, 1).
+    /// Whether the point is inside the picture: `position` in [0, 1) × [0, 1).
     pub fn is_inside(&self) -> bool {
         let inside = |value: f64| (0.0..1.0).contains(&value);
         inside(self.position.x) && inside(self.position.y)
@@ -41,7 +39,7 @@ impl Projected {
 }
 
 impl Camera {
-    /// The camera made ready to map many points and rays.
+    /// The camera prepared for projecting points and casting rays.
     ///
     /// # Errors
     /// [`CameraError::NonFinite`] for a distortion coefficient that is not finite.
@@ -54,17 +52,16 @@ impl Camera {
         })
     }
 
-    /// Where a point of the world appears, through the lens. For many points take
-    /// [`Self::projector`] once.
+    /// Projects a world point, with distortion. For many points call [`Self::projector`] once.
     ///
     /// # Errors
-    /// As [`Projector::project`].
+    /// Those of [`Projector::project`].
     pub fn project(&self, world: DVec3) -> Result<Projected, CameraError> {
         self.projector()?.project(world)
     }
 
-    /// The same camera with its lens distortion ignored: what every feed-forward paper computes on
-    /// DL3DV, although its captures are distorted (DepthSplat `src/scripts/convert_dl3dv_test.py`).
+    /// The camera without lens distortion, as used by every feed-forward paper on DL3DV, although its captures are
+    /// distorted (DepthSplat `src/scripts/convert_dl3dv_test.py`).
     #[must_use]
     pub const fn without_distortion(&self) -> Self {
         Self { distortion: Distortion::None, ..*self }
@@ -72,24 +69,23 @@ impl Camera {
 }
 
 impl Projector {
-    /// Where a point of the world appears: `fx · x + cx` of the lens-distorted point `x` of the z = 1 plane.
+    /// Projects a world point: `fx · x + cx` for the distorted point `x` of the z = 1 plane.
     ///
     /// # Errors
-    /// [`CameraError::BehindCamera`] for a point that is not in front of the camera,
-    /// [`CameraError::OutsideLens`] where the lens model folds over, [`CameraError::NonFinite`] for
-    /// points that are not finite or overflow.
+    /// [`CameraError::BehindCamera`] for a point that is not in front of the camera, [`CameraError::OutsideLens`] beyond
+    /// the fold of the lens model, [`CameraError::NonFinite`] for points that are not finite or overflow.
     pub fn project(&self, world: DVec3) -> Result<Projected, CameraError> {
         let point = self.camera_from_world.transform_point(world);
-        let bent = self.lens.distorted_from_direction(point)?;
+        let x = self.lens.distorted_from_direction(point)?;
         let k = &self.intrinsics;
-        let position = DVec2::new(finite("x", k.fx * bent.x + k.cx)?, finite("y", k.fy * bent.y + k.cy)?);
+        let position = DVec2::new(finite("x", k.fx * x.x + k.cx)?, finite("y", k.fy * x.y + k.cy)?);
         Ok(Projected { position, depth: point.z, distance: point.length() })
     }
 
     /// Unit ray in the camera's frame through a position in units of the picture's width and height.
     ///
     /// # Errors
-    /// [`CameraError::OutsideLens`] where no ray lands there, [`CameraError::NonFinite`].
+    /// [`CameraError::OutsideLens`] if there is no such ray, [`CameraError::NonFinite`].
     pub fn camera_direction(&self, position: DVec2) -> Result<DVec3, CameraError> {
         let k = &self.intrinsics;
         self.lens.direction_from_distorted(DVec2::new((position.x - k.cx) / k.fx, (position.y - k.cy) / k.fy))
@@ -108,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn the_optical_axis_meets_the_principal_point() {
+    fn the_optical_axis_projects_to_the_principal_point() {
         let camera = camera();
         let ahead = camera.camera_from_world.inverse().transform_point(DVec3::new(0.0, 0.0, 4.0));
         let seen = camera.project(ahead).unwrap();
@@ -120,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn points_behind_and_not_finite_are_errors() {
+    fn points_behind_the_camera_and_not_finite_points_are_errors() {
         let camera = camera();
         let behind = camera.camera_from_world.inverse().transform_point(DVec3::new(0.1, 0.0, -4.0));
         assert!(matches!(camera.project(behind), Err(CameraError::BehindCamera { .. })));
@@ -131,11 +127,11 @@ mod tests {
     }
 
     #[test]
-    fn distortion_moves_the_point_unless_it_is_ignored() {
-        let bent =
-            Camera { distortion: Distortion::OpenCv { k1: -0.1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 }, ..camera() };
-        let point = bent.camera_from_world.inverse().transform_point(DVec3::new(0.5, 0.0, 1.0));
-        let (with, without) = (bent.project(point).unwrap(), bent.without_distortion().project(point).unwrap());
+    fn projects_with_and_without_distortion() {
+        let distortion = Distortion::OpenCv { k1: -0.1, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
+        let camera = Camera { distortion, ..camera() };
+        let point = camera.camera_from_world.inverse().transform_point(DVec3::new(0.5, 0.0, 1.0));
+        let (with, without) = (camera.project(point).unwrap(), camera.without_distortion().project(point).unwrap());
         Tolerance::F64.assert([without.position.x], [0.75], "pinhole");
         Tolerance::F64.assert([with.position.x], [0.5 + 0.25 * (1.0 - 0.1 * 0.25)], "barrel");
     }

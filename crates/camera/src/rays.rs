@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use crate::error::positive;
 use crate::{Camera, CameraError, ImageSize, Projector};
 
-/// How long a ray's direction is, which decides what "depth" along it means.
+/// The length of a ray's direction, which determines the meaning of "depth" along it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DirectionScale {
@@ -22,7 +22,7 @@ pub enum DirectionScale {
 pub struct Ray {
     /// The camera's centre, in scene units.
     pub origin: DVec3,
-    /// Scaled as the [`DirectionScale`] asked for.
+    /// Direction with the length of the requested [`DirectionScale`].
     pub direction: DVec3,
 }
 
@@ -37,21 +37,21 @@ impl Camera {
     /// Rays through all pixel centres of a picture of `size`, row by row.
     ///
     /// # Errors
-    /// As [`Projector::pixel_rays`], and for the first ray that does not exist.
+    /// Those of [`Projector::pixel_rays`], and the error of the first ray that does not exist.
     pub fn pixel_rays(&self, size: ImageSize, scale: DirectionScale) -> Result<Vec<Ray>, CameraError> {
         self.projector()?.pixel_rays(size, scale)?.collect()
     }
 }
 
 impl Projector {
-    /// The ray through a position in units of the picture's width and height, back through the lens.
+    /// The undistorted ray through a position in units of the picture's width and height.
     ///
-    /// The direction is scaled in the camera's frame and then rotated, as the papers do; it is a unit
-    /// vector as exactly as the pose's rotation is a rotation.
+    /// As in the papers, the direction is scaled in the camera's frame and then rotated, so the accuracy of its length
+    /// depends on that of the pose's rotation.
     ///
     /// # Errors
-    /// [`CameraError::OutsideLens`] where no ray lands there, [`CameraError::BehindCamera`] where a
-    /// fisheye's ray has no point at z = 1, [`CameraError::NonFinite`].
+    /// [`CameraError::OutsideLens`] if there is no such ray, [`CameraError::BehindCamera`] if a fisheye's ray has no point
+    /// at z = 1, [`CameraError::NonFinite`].
     pub fn ray(&self, position: DVec2, scale: DirectionScale) -> Result<Ray, CameraError> {
         let unit = self.camera_direction(position)?;
         let direction = match scale {
@@ -67,11 +67,10 @@ impl Projector {
 
     /// Rays through the pixel centres `((column + 0.5) / width, (row + 0.5) / height)`, row by row.
     ///
-    /// Asked for a grid of patches instead of pixels, the same call gives the rays through the patches'
-    /// centres.
+    /// With the size of a patch grid instead of a picture, these are the rays through the patch centres.
     ///
     /// # Errors
-    /// [`CameraError::NotPositive`] for an empty picture. Each item fails on its own as [`Self::ray`].
+    /// [`CameraError::NotPositive`] for an empty picture. Each item has the errors of [`Self::ray`].
     pub fn pixel_rays(&self, size: ImageSize, scale: DirectionScale) -> Result<PixelRays, CameraError> {
         positive("width", f64::from(size.width))?;
         positive("height", f64::from(size.height))?;
@@ -123,7 +122,7 @@ mod tests {
     const SIZE: ImageSize = ImageSize { width: 4, height: 3 };
 
     #[test]
-    fn rays_go_row_by_row_through_pixel_centres() {
+    fn rays_pass_through_pixel_centres_row_by_row() {
         let camera = camera();
         let rays = camera.pixel_rays(SIZE, DirectionScale::UnitDepth).unwrap();
         assert_eq!(rays.len(), 12);
@@ -151,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn the_iterator_knows_its_length() {
+    fn the_size_hint_is_exact() {
         let mut rays = camera().projector().unwrap().pixel_rays(SIZE, DirectionScale::UnitLength).unwrap();
         rays.nth(4);
         assert_eq!(rays.size_hint(), (7, Some(7)));

@@ -3,11 +3,10 @@ use glam::{DMat3, DVec3};
 use crate::error::finite;
 use crate::{CameraError, WorldFromCamera};
 
-/// A change of world coordinates, `new = scale · rotation · (old − origin)`.
+/// A similarity transform of world coordinates, `new = scale · rotation · (old − origin)`.
 ///
-/// Kept as an origin to subtract rather than as a translation to add: a scene far from its world's
-/// origin keeps all its digits. The 3×3 part is orthonormal, but for the inverse of a stored pose,
-/// which inherits the rounding of the file.
+/// Subtracting an origin instead of adding a translation avoids cancellation in a scene far from its world's origin. The
+/// rotation is orthonormal, except for the inverse of a stored pose, which has the rounding of the file.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Similarity {
     /// Rotation from old axes to new axes.
@@ -19,23 +18,23 @@ pub struct Similarity {
 }
 
 impl Similarity {
-    /// The change that changes nothing.
+    /// The identity.
     pub const IDENTITY: Self = Self { rotation: DMat3::IDENTITY, origin: DVec3::ZERO, scale: 1.0 };
 
-    /// A point in the new world.
+    /// Transforms a point to the new world.
     pub fn new_from_old(&self, old: DVec3) -> DVec3 {
         self.rotation * (old - self.origin) * self.scale
     }
 
-    /// A point back in the old world.
+    /// Transforms a point to the old world.
     pub fn old_from_new(&self, new: DVec3) -> DVec3 {
         self.rotation.inverse() * (new / self.scale) + self.origin
     }
 
-    /// A camera in the new world: its axes are rotated, its centre is moved and scaled.
+    /// Transforms a camera to the new world: its axes are rotated, its centre is transformed.
     ///
     /// # Errors
-    /// [`CameraError::NonFinite`] where a centre overflows.
+    /// [`CameraError::NonFinite`] if the centre overflows.
     pub fn new_pose_from_old(&self, old: &WorldFromCamera) -> Result<WorldFromCamera, CameraError> {
         let centre = self.new_from_old(old.centre());
         for (field, value) in [("centre x", centre.x), ("centre y", centre.y), ("centre z", centre.z)] {
@@ -44,13 +43,13 @@ impl Similarity {
         Ok(WorldFromCamera::from_parts(self.rotation * old.rotation(), centre))
     }
 
-    /// The change back: what [`Self::old_from_new`] does, as a change of its own.
+    /// The inverse transform.
     #[must_use]
     pub fn inverse(&self) -> Self {
         Self { rotation: self.rotation.inverse(), origin: self.new_from_old(DVec3::ZERO), scale: self.scale.recip() }
     }
 
-    /// First `self`, then `next`.
+    /// The composition of `self`, then `next`.
     #[must_use]
     pub fn then(&self, next: &Self) -> Self {
         Self {
@@ -71,34 +70,23 @@ mod tests {
     }
 
     #[test]
-    fn there_and_back() {
+    fn inverse_inverts() {
         let point = DVec3::new(-0.3, 5.0, 2.0);
-        Tolerance::F64.assert(
-            change().old_from_new(change().new_from_old(point)).to_array(),
-            point.to_array(),
-            "round trip",
-        );
-        let back = change().inverse();
-        Tolerance::F64.assert(
-            back.new_from_old(point).to_array(),
-            change().old_from_new(point).to_array(),
-            "the change back",
-        );
-        Tolerance::F64.assert(
-            back.inverse().new_from_old(point).to_array(),
-            change().new_from_old(point).to_array(),
-            "and forth again",
-        );
+        let (change, back) = (change(), change().inverse());
+        for (found, expected, what) in [
+            (change.old_from_new(change.new_from_old(point)), point, "round trip"),
+            (back.new_from_old(point), change.old_from_new(point), "inverse"),
+            (back.inverse().new_from_old(point), change.new_from_old(point), "inverse of the inverse"),
+        ] {
+            Tolerance::F64.assert(found.to_array(), expected.to_array(), what);
+        }
     }
 
     #[test]
-    fn one_after_the_other() {
+    fn then_composes() {
         let next = Similarity { rotation: DMat3::from_rotation_x(-1.1), origin: DVec3::new(0.0, 4.0, 1.0), scale: 3.0 };
         let point = DVec3::new(-0.3, 5.0, 2.0);
-        Tolerance::F64.assert(
-            change().then(&next).new_from_old(point).to_array(),
-            next.new_from_old(change().new_from_old(point)).to_array(),
-            "composition",
-        );
+        let (once, twice) = (change().then(&next).new_from_old(point), next.new_from_old(change().new_from_old(point)));
+        Tolerance::F64.assert(once.to_array(), twice.to_array(), "composition");
     }
 }

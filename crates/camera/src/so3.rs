@@ -4,12 +4,12 @@ use glam::{DMat3, DQuat, DVec3};
 
 use crate::axes::nearest_rotation;
 
-/// Within this of a half turn both directions are as short; one is picked by rule.
+/// Within this of a rotation by 180° both axes are equally short; one is chosen by a fixed rule.
 const HALF_TURN: f64 = 1e-12;
-/// A unit vector has a coordinate above this.
+/// Every unit vector has a coordinate above this.
 const LARGE_COORDINATE: f64 = 0.5;
 
-/// The unit quaternion of a matrix that is nearly a rotation.
+/// The unit quaternion of a matrix that is almost a rotation.
 pub(crate) fn quaternion_from_matrix(matrix: DMat3) -> DQuat {
     DQuat::from_mat3(&nearest_rotation(matrix)).normalize()
 }
@@ -17,15 +17,14 @@ pub(crate) fn quaternion_from_matrix(matrix: DMat3) -> DQuat {
 /// The rotation by |v| radians about v.
 pub(crate) fn exp(v: DVec3) -> DQuat {
     let angle = v.length();
-    // sin(x/2)/x, whose limit the quotient misses only where x itself underflows.
-    let share = if angle > f64::MIN_POSITIVE { (0.5 * angle).sin() / angle } else { 0.5 };
-    let vector = v * share;
+    // sin(x/2)/x, with its limit where x underflows.
+    let ratio = if angle > f64::MIN_POSITIVE { (0.5 * angle).sin() / angle } else { 0.5 };
+    let vector = v * ratio;
     DQuat::from_xyzw(vector.x, vector.y, vector.z, (0.5 * angle).cos())
 }
 
-/// The shortest rotation vector: `exp(log(q))` is the rotation `q`, whichever of its two signs `q` has,
-/// and |log(q)| ≤ π. At a half turn the axis is the one whose first large coordinate is positive, so
-/// that rounding cannot flip it.
+/// The shortest rotation vector: `exp(log(q))` is the same rotation as `q` and `−q`, and |log(q)| ≤ π. At 180° the first
+/// large coordinate of the axis is positive, so that rounding cannot flip it.
 pub(crate) fn log(q: DQuat) -> DVec3 {
     let leading = q.xyz().to_array().into_iter().find(|coordinate| coordinate.abs() > LARGE_COORDINATE);
     let flip = if q.w.abs() > HALF_TURN { q.w < 0.0 } else { leading.is_some_and(|coordinate| coordinate < 0.0) };
@@ -44,7 +43,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn log_undoes_exp(axis in prop::array::uniform3(-1.0..1.0f64), angle in 0.0..3.1) {
+        fn log_inverts_exp(axis in prop::array::uniform3(-1.0..1.0f64), angle in 0.0..3.1) {
             let axis = DVec3::from_array(axis);
             prop_assume!(axis.length() > 0.1);
             let v = axis.normalize() * angle;
@@ -55,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn tiny_turns_keep_their_digits() {
+    fn tiny_rotations_keep_their_precision() {
         for angle in [0.0, 1e-300, 1e-20, 1e-9] {
             let v = DVec3::new(0.0, angle, 0.0);
             Tolerance::relative(1e-14).assert(log(exp(v)).to_array(), v.to_array(), "small");
@@ -63,7 +62,7 @@ mod tests {
     }
 
     #[test]
-    fn a_half_turn_has_one_axis_whatever_rounding_says() {
+    fn the_axis_of_a_rotation_by_180_degrees_does_not_depend_on_rounding() {
         let axis = DVec3::new(0.6, -0.8, 0.0);
         for noise in [1e-16, -1e-16, 0.0] {
             let q = DQuat::from_xyzw(axis.x, axis.y, axis.z, noise);

@@ -3,30 +3,30 @@ use atsplat_numeric::Extremes;
 use crate::{Camera, CameraError, CameraFromWorld, Interpolation, NormalizedIntrinsics, Spacing, Trajectory};
 
 /// A smooth motion through key cameras, at the times 0, 1, 2, …: [`Interpolation::Spline`] for the poses, a monotone
-/// cubic (Fritsch and Carlson 1980) for each intrinsic, which is C¹ too and never leaves the range of the two keys
-/// around it. A key camera comes back bit for bit.
+/// cubic (Fritsch and Carlson 1980) for each intrinsic, which is also C¹ and stays between the two adjacent keys. Key
+/// cameras are reproduced bit for bit.
 #[derive(Clone, Debug, PartialEq)]
 pub struct CameraSpline {
     keys: Vec<Camera>,
-    /// Of the keys, then of the first again where the spline is closed.
+    /// Of the keys, followed by those of the first key if the spline is closed.
     intrinsics: Vec<[f64; 4]>,
-    /// Per unit of time.
+    /// Derivatives of `intrinsics` with respect to time.
     slopes: Vec<[f64; 4]>,
     trajectory: Trajectory,
     closed: bool,
 }
 
 impl CameraSpline {
-    /// From the first camera to the last.
+    /// A spline from the first camera to the last.
     ///
     /// # Errors
-    /// [`CameraError::TooFewPoses`] without cameras, [`CameraError::DifferentLens`] where their lenses differ.
+    /// [`CameraError::TooFewPoses`] without cameras, [`CameraError::DifferentLens`] if their lenses differ.
     pub fn open(keys: Vec<Camera>) -> Result<Self, CameraError> {
         let poses = keys.iter().map(|key| key.camera_from_world.inverse()).collect();
         Self::along(Trajectory::evenly_timed(poses)?, keys, false)
     }
 
-    /// Around through all cameras and back to the first.
+    /// A closed spline through all cameras and back to the first.
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] for fewer than two cameras, [`CameraError::DifferentLens`].
@@ -47,7 +47,7 @@ impl CameraSpline {
         Ok(Self { keys, intrinsics, slopes, trajectory, closed })
     }
 
-    /// The camera at `time`, from 0 to the number of keys, less one where the spline is open.
+    /// The camera at `time`, from 0 to the number of keys, minus one if the spline is open.
     ///
     /// # Errors
     /// [`CameraError::OutsideTrajectory`].
@@ -56,8 +56,8 @@ impl CameraSpline {
         self.camera(time, pose.inverse())
     }
 
-    /// `count` cameras, evenly spaced in time or along the path. An open spline ends with its last key; a closed one a
-    /// step before its first, so that it can be repeated.
+    /// `count` cameras, evenly spaced in time or along the path. An open spline ends with its last key, a closed one a
+    /// step before its first key, so that it can be repeated.
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] for a count of zero, or more than one sample of a single camera.
@@ -80,11 +80,11 @@ impl CameraSpline {
         let outside = CameraError::OutsideTrajectory { found: time, start: 0.0, end };
         let of = |list: &[[f64; 4]], at: usize| list.get(at).copied().ok_or_else(|| outside.clone());
         let (from, to) = (of(&self.intrinsics, key)?, of(&self.intrinsics, key + 1)?);
-        let (leaving, arriving) = (of(&self.slopes, key)?, of(&self.slopes, key + 1)?);
+        let (start_slope, end_slope) = (of(&self.slopes, key)?, of(&self.slopes, key + 1)?);
         let mut mixed = [0.0; 4];
         for (at, value) in mixed.iter_mut().enumerate() {
             let step = to[at] - from[at];
-            let bend = (leaving[at] - step) * (1.0 - share) - (arriving[at] - step) * share;
+            let bend = (start_slope[at] - step) * (1.0 - share) - (end_slope[at] - step) * share;
             *value = from[at] + step * share + bend * share * (1.0 - share);
         }
         let [fx, fy, cx, cy] = mixed;
@@ -103,8 +103,8 @@ const fn index(time: f64) -> usize {
     time as usize
 }
 
-/// At each key the mean of the steps on either side, 0 where they disagree about the direction, and at most three
-/// times the smaller: then the cubic between two keys is monotone.
+/// Slopes for which the cubic between two keys is monotone: at each key the mean of the adjacent steps, 0 if they have
+/// opposite signs, and at most three times the smaller.
 fn slopes(values: &[[f64; 4]], closed: bool) -> Vec<[f64; 4]> {
     let steps: Vec<[f64; 4]> =
         values.windows(2).map(|pair| [0, 1, 2, 3].map(|number| pair[1][number] - pair[0][number])).collect();

@@ -9,38 +9,35 @@ use crate::so3::quaternion_from_matrix;
 use crate::{CameraError, WorldFromCamera};
 use segment::Segment;
 
-/// How a camera moves between two poses. Both kinds pass through every pose exactly, turn the shorter
-/// way, and give the same motion however the world is moved. A half turn, which has no shorter way,
-/// turns about a fixed choice of its two axes.
+/// Interpolation between camera poses. Both kinds pass through every pose exactly, rotate the shorter way, and are
+/// equivariant to rigid motions of the world. For a rotation by 180° one of the two directions is chosen by a fixed rule.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Interpolation {
-    /// The geodesic of SO(3) × ℝ³: the centre moves in a straight line at constant speed, the rotation
-    /// turns about one axis at constant rate ("slerp"). Velocity jumps at the poses.
+    /// The geodesic of SO(3) × ℝ³: linear interpolation of the centre, slerp of the rotation. Velocity is discontinuous
+    /// at the poses.
     Geodesic,
-    /// Cubic splines through all poses, with continuous velocity and angular velocity (C¹). At a pose
-    /// between two others the velocity is that of the parabola through the three (Bessel's tangents;
-    /// Catmull–Rom's where times are even), but at most three times that of the slower side, so that
-    /// nothing overshoots and a pause is a pause; at the ends it is the geodesic's. The centre follows the
-    /// ordinary cubic, the rotation Shoemake's Bézier curve of quaternions (SIGGRAPH 1985), by de
-    /// Casteljau's construction with slerps, which is the same forwards and backwards in time.
+    /// Cubic splines through all poses, with continuous velocity and angular velocity (C¹). At an inner pose the velocity
+    /// is that of the parabola through it and its neighbours (Bessel tangents; Catmull–Rom for even times), limited to
+    /// three times that of the slower side, which avoids overshooting and preserves pauses; at the ends it is the
+    /// geodesic's. The centre follows the cubic, the rotation Shoemake's Bézier curve of quaternions (SIGGRAPH 1985), by
+    /// de Casteljau's construction with slerps, which is symmetric in time.
     #[default]
     Spline,
 }
 
-/// What is even between the samples of a resampled trajectory.
+/// The spacing of samples of a resampled trajectory.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Spacing {
-    /// Time.
+    /// Even in time.
     #[default]
     Time,
-    /// The length of the path that the centre takes. A pause takes no samples; where the centre never
-    /// moves, time is even instead.
+    /// Even along the path of the camera centre, so that a pause gets no samples; if the centre never moves, even in time.
     ArcLength,
 }
 
-/// Camera poses at strictly increasing times, with a motion between them.
+/// Camera poses at strictly increasing times, with interpolation between them.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
     times: Vec<f64>,
@@ -49,7 +46,7 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Poses at the given times, in any unit.
+    /// A trajectory with poses at the given times, in any unit.
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] without poses, [`CameraError::TimesMismatch`],
@@ -69,13 +66,13 @@ impl Trajectory {
                 return Err(CameraError::TimesNotIncreasing { index: index + 1, previous, found });
             }
         }
-        // Adding zero turns −0 into 0, so that the order of times is also their total order.
+        // Adding zero converts −0 to 0, so that times are also ordered by `total_cmp`.
         let times: Vec<f64> = times.into_iter().map(|time| time + 0.0).collect();
         let segments = segment::through(&times, &poses);
         Ok(Self { times, poses, segments })
     }
 
-    /// Poses at the times 0, 1, 2, …
+    /// A trajectory with poses at the times 0, 1, 2, …
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] without poses.
@@ -83,8 +80,8 @@ impl Trajectory {
         Self::new((0..poses.len()).map(|index| index as f64).collect(), poses)
     }
 
-    /// A loop: poses at the times 0, 1, 2, … and the first of them again at the end, where the velocity of
-    /// [`Interpolation::Spline`] is continuous as everywhere.
+    /// A closed trajectory with poses at the times 0, 1, 2, … and the first pose again at the end, with continuous
+    /// velocity for [`Interpolation::Spline`] also there.
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] for fewer than two poses.
@@ -92,7 +89,7 @@ impl Trajectory {
         at_least(2, poses.len(), "closed trajectory")?;
         let count = poses.len();
         let times: Vec<f64> = (0..=count).map(|index| index as f64).collect();
-        // Tangents look one pose to either side.
+        // Tangents depend on one pose on either side.
         let around: Vec<WorldFromCamera> = poses.iter().copied().cycle().skip(count - 1).take(count + 3).collect();
         let around_times: Vec<f64> = (0..count + 3).map(|index| index as f64 - 1.0).collect();
         let segments = segment::through(&around_times, &around).into_iter().skip(1).take(count).collect();
@@ -110,8 +107,8 @@ impl Trajectory {
         &self.poses
     }
 
-    /// The pose at `time`; at the time of a stored pose, that pose bit for bit. Between poses the
-    /// rotation is orthonormal even where stored poses are rounded.
+    /// The pose at `time`; at the time of a stored pose, that pose bit for bit. Between poses the rotation is orthonormal
+    /// even if stored poses are rounded.
     ///
     /// # Errors
     /// [`CameraError::OutsideTrajectory`] for a time before the first or after the last pose, or NaN.
@@ -129,14 +126,14 @@ impl Trajectory {
     /// The poses at the given times.
     ///
     /// # Errors
-    /// As [`Self::at`] and [`Self::new`].
+    /// Those of [`Self::at`] and [`Self::new`].
     pub fn resampled_at(&self, times: Vec<f64>, interpolation: Interpolation) -> Result<Self, CameraError> {
         let poses = times.iter().map(|time| self.at(*time, interpolation)).collect::<Result<_, _>>()?;
         Self::new(times, poses)
     }
 
-    /// `count` poses from the first to the last, both included, evenly spaced in time or along the path.
-    /// One sample is the first pose.
+    /// `count` poses from the first to the last, inclusive, evenly spaced in time or along the path. A single sample is
+    /// the first pose.
     ///
     /// # Errors
     /// [`CameraError::TooFewPoses`] for a count of zero, or more than one sample of a single pose.
@@ -152,23 +149,29 @@ impl Trajectory {
         self.resampled_at(times, interpolation)
     }
 
-    /// Length of the path that the centre takes, in scene units.
+    /// Length of the path of the camera centre, in scene units.
     pub fn arc_length(&self, interpolation: Interpolation) -> f64 {
         arc_length::total(&self.segments, interpolation)
     }
 
     fn even_times(&self, count: usize) -> Vec<f64> {
-        let (Some(start), Some(end)) = (self.times.first(), self.times.last()) else { return Vec::new() };
-        shares(count).map(|share| if share >= 1.0 { *end } else { start + share * (end - start) }).collect()
+        let (start, end) = self.span();
+        shares(count).map(|share| if share >= 1.0 { end } else { start + share * (end - start) }).collect()
     }
 
     fn outside(&self, found: f64) -> CameraError {
-        let end = |time: Option<&f64>| time.copied().unwrap_or(f64::NAN);
-        CameraError::OutsideTrajectory { found, start: end(self.times.first()), end: end(self.times.last()) }
+        let (start, end) = self.span();
+        CameraError::OutsideTrajectory { found, start, end }
+    }
+
+    /// Times of the first and last pose.
+    fn span(&self) -> (f64, f64) {
+        let span = self.times.first().copied().zip(self.times.last().copied());
+        span.unwrap_or_else(|| unreachable!("a trajectory has at least one pose"))
     }
 }
 
-/// `count` numbers from 0 to 1, both included.
+/// `count` evenly spaced numbers from 0 to 1, inclusive.
 pub(crate) fn shares(count: usize) -> impl Iterator<Item = f64> {
     let last = count.saturating_sub(1);
     (0..count).map(move |index| if index == 0 { 0.0 } else { index as f64 / last as f64 })
@@ -178,7 +181,7 @@ pub(crate) fn at_least(expected: usize, found: usize, what: &'static str) -> Res
     if found >= expected { Ok(()) } else { Err(CameraError::TooFewPoses { what, expected, found }) }
 }
 
-/// Rotation of a pose as the unit quaternion of the nearest true rotation.
+/// The unit quaternion of the rotation nearest to a pose's.
 fn quaternion(pose: &WorldFromCamera) -> DQuat {
     quaternion_from_matrix(pose.rotation())
 }

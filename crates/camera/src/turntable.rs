@@ -6,23 +6,23 @@ use crate::error::{finite, positive};
 use crate::trajectory::{at_least, shares};
 use crate::{CameraError, WorldFromCamera};
 
-/// A circle around a point at one elevation, always looking at the point: how a viewer turns an object.
+/// A camera path on a circle around a point at constant elevation, always looking at the point.
 ///
-/// At azimuth 0 the camera looks along the world's +z axis, or +y where `up` lies along z, as far as the elevation
-/// allows: before OpenCV's or Blender's scenes it stands in front.
+/// At azimuth 0 and elevation 0 the camera looks along the world's +z axis, or +y if `up` is along z: from the front in
+/// scenes with OpenCV's or Blender's axes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Turntable {
-    /// The point looked at.
+    /// The point that the camera looks at.
     pub target: DVec3,
-    /// Upwards in the world, of any length above zero.
+    /// The up direction of the world, of any length above zero.
     pub up: DVec3,
-    /// From the point to the camera's centre, in scene units.
+    /// Distance of the camera's centre from the point, in scene units.
     pub distance: f64,
-    /// How far above the point's horizon the camera stands, in radians; ±π/2 looks straight down or up.
+    /// Elevation of the camera above the point, in radians; ±π/2 looks straight down or up.
     pub elevation: f64,
-    /// Where the circle begins, in radians; positive is to the camera's right.
+    /// Start of the circle, in radians; positive is to the camera's right.
     pub azimuth: f64,
-    /// How far around, in radians. A full turn or more ends one step before its beginning, so that it can be repeated.
+    /// Angle of the arc, in radians. A full circle or more ends one step before its start, so that it can be repeated.
     pub sweep: f64,
 }
 
@@ -54,7 +54,7 @@ impl Turntable {
         Ok(shares(steps).take(frames).map(pose).collect())
     }
 
-    /// Right, down and ahead of a level camera at azimuth 0.
+    /// Right, down and forward axes of a level camera at azimuth 0.
     fn horizon(&self) -> Result<DMat3, CameraError> {
         for coordinate in self.up.to_array() {
             finite("up", coordinate)?;
@@ -81,12 +81,12 @@ mod tests {
     }
 
     #[test]
-    fn opencv_scenes_are_seen_from_in_front_and_turned_to_the_right() {
+    fn opencv_scenes_are_seen_from_the_front_and_the_camera_moves_right() {
         let poses = table(-DVec3::Y).poses(4).unwrap();
         SLACK.assert(poses[0].rotation().to_cols_array(), DMat3::IDENTITY.to_cols_array(), "level, ahead");
         let centres = [[0.0, 0.0, -2.0], [2.0, 0.0, 0.0], [0.0, 0.0, 2.0], [-2.0, 0.0, 0.0]];
         for (pose, centre) in poses.iter().zip(centres) {
-            SLACK.assert(pose.centre().to_array(), centre, "a quarter turn each");
+            SLACK.assert(pose.centre().to_array(), centre, "steps of 90°");
         }
     }
 
@@ -99,15 +99,15 @@ mod tests {
     }
 
     #[test]
-    fn straight_above_is_a_picture_like_any_other() {
+    fn looks_straight_down_from_above() {
         let above = Turntable { elevation: FRAC_PI_2, ..table(-DVec3::Y) };
         let pose = above.poses(1).unwrap()[0];
         SLACK.assert(pose.centre().to_array(), [0.0, -2.0, 0.0], "above");
-        SLACK.assert(pose.down().to_array(), [0.0, 0.0, -1.0], "what was ahead is at the top");
+        SLACK.assert(pose.down().to_array(), [0.0, 0.0, -1.0], "the forward direction is at the top");
     }
 
     #[test]
-    fn part_of_a_turn_ends_where_it_was_told_to() {
+    fn an_arc_ends_at_its_sweep() {
         let half = Turntable { sweep: -PI, ..table(-DVec3::Y) };
         let poses = half.poses(3).unwrap();
         SLACK.assert(poses[1].centre().to_array(), [-2.0, 0.0, 0.0], "to its left");
@@ -116,7 +116,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_target_stays_in_the_middle_and_up_stays_up(
+        fn the_target_is_centred_and_the_camera_upright(
             target in prop::array::uniform3(-5.0..5.0f64),
             up in prop::array::uniform3(-1.0..1.0f64),
             elevation in -1.5..1.5f64,
@@ -140,7 +140,7 @@ mod tests {
     #[test]
     fn numbers_are_checked() {
         let good = table(-DVec3::Y);
-        for broken in [
+        for invalid in [
             Turntable { up: DVec3::ZERO, ..good },
             Turntable { up: DVec3::NAN, ..good },
             Turntable { distance: 0.0, ..good },
@@ -148,7 +148,7 @@ mod tests {
             Turntable { azimuth: f64::INFINITY, ..good },
             Turntable { target: DVec3::INFINITY, ..good },
         ] {
-            assert!(broken.poses(3).is_err(), "{broken:?}");
+            assert!(invalid.poses(3).is_err(), "{invalid:?}");
         }
         assert!(good.poses(0).is_err());
     }

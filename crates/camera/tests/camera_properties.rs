@@ -1,4 +1,4 @@
-//! Laws that intrinsics, poses, projections and rays obey together.
+//! Invariants of intrinsics, poses, projections and rays.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -14,7 +14,7 @@ use proptest::prelude::*;
 
 const RULES: [PrincipalPointRule; 2] = [PrincipalPointRule::Frozen, PrincipalPointRule::Corrected];
 const SLACK: Tolerance = Tolerance::absolute(1e-11);
-/// For intrinsics of a crop of one pixel, which are a thousand times the picture's.
+/// For the intrinsics of a crop of one pixel, a thousand times the picture's.
 const INTRINSICS: Tolerance = Tolerance { absolute: 1e-9, relative: 1e-12 };
 const LENGTH: Tolerance = Tolerance { absolute: 1e-11, relative: 1e-11 };
 
@@ -29,7 +29,7 @@ fn any_intrinsics() -> impl Strategy<Value = NormalizedIntrinsics> {
         .prop_map(|(fx, fy, cx, cy)| NormalizedIntrinsics::new(fx, fy, cx, cy).unwrap())
 }
 
-/// Lenses that bend the whole picture without folding in it.
+/// Lenses that do not fold inside the picture.
 fn any_distortion() -> impl Strategy<Value = Distortion> {
     let small = -0.01..0.01;
     prop_oneof![
@@ -73,7 +73,7 @@ fn nested_crops() -> impl Strategy<Value = (ImageSize, CropRect, CropRect)> {
 
 proptest! {
     #[test]
-    fn two_crops_are_one((size, first, second) in nested_crops(), k in any_intrinsics()) {
+    fn crops_compose((size, first, second) in nested_crops(), k in any_intrinsics()) {
         let both = CropRect { column: first.column + second.column, row: first.row + second.row, size: second.size };
         for rule in RULES {
             let twice = k.cropped(size, first, rule).unwrap().cropped(first.size, second, rule).unwrap();
@@ -83,14 +83,14 @@ proptest! {
     }
 
     #[test]
-    fn cropping_pixels_and_cropping_shares_agree((size, crop, _) in nested_crops(), k in any_intrinsics()) {
+    fn crops_in_pixels_and_in_normalised_units_agree((size, crop, _) in nested_crops(), k in any_intrinsics()) {
         let by_pixels = k.pixel_from_normalized(size).cropped(crop).normalized_from_pixel(crop.size).unwrap();
         let by_shares = k.cropped(size, crop, PrincipalPointRule::Corrected).unwrap();
         prop_assert!(INTRINSICS.check(numbers(by_pixels), numbers(by_shares)).is_ok());
     }
 
     #[test]
-    fn resizing_leaves_normalised_intrinsics_alone(
+    fn resizing_does_not_change_normalised_intrinsics(
         k in any_intrinsics(), from in (1u32..5000, 1u32..5000), to in (1u32..5000, 1u32..5000),
     ) {
         let size = |(width, height)| ImageSize { width, height };
@@ -99,7 +99,7 @@ proptest! {
     }
 
     #[test]
-    fn a_crop_shows_the_same_rays_in_other_places((size, crop, _) in nested_crops(), camera in any_camera(), u in 0.0..1.0, v in 0.0..1.0) {
+    fn a_crop_has_the_same_rays_at_other_positions((size, crop, _) in nested_crops(), camera in any_camera(), u in 0.0..1.0, v in 0.0..1.0) {
         let intrinsics = camera.intrinsics.cropped(size, crop, PrincipalPointRule::Corrected).unwrap();
         let cropped = Camera { intrinsics, ..camera };
         let of_crop = |share: f64, start: u32, length: u32, whole: u32| {
@@ -116,7 +116,7 @@ proptest! {
     }
 
     #[test]
-    fn projecting_a_ray_comes_back_to_its_pixel(
+    fn points_of_a_ray_project_to_its_pixel(
         camera in any_camera(), u in 0.0..1.0, v in 0.0..1.0, depth in 0.1..100.0f64,
     ) {
         let at = DVec2::new(u, v);
@@ -124,7 +124,7 @@ proptest! {
         for scale in [DirectionScale::UnitLength, DirectionScale::UnitDepth] {
             let Ok(ray) = projector.ray(at, scale) else { continue };
             let seen = projector.project(ray.at(depth)).unwrap();
-            // The ray starts up to 9 units from the origin, which costs as many roundings near the camera.
+            // The ray starts up to 9 units from the origin, with the corresponding rounding errors near the camera.
             prop_assert!(Tolerance::absolute(1e-10).check(seen.position.to_array(), at.to_array()).is_ok(), "{:?}", camera.distortion);
             let measured = match scale { DirectionScale::UnitLength => seen.distance, DirectionScale::UnitDepth => seen.depth };
             prop_assert!(LENGTH.accepts(measured, depth));
@@ -132,11 +132,11 @@ proptest! {
     }
 
     #[test]
-    fn a_moved_world_is_seen_the_same(camera in any_camera(), motion in any_pose(), point in prop::array::uniform3(-5.0..5.0)) {
+    fn projection_is_invariant_to_rigid_motions(camera in any_camera(), motion in any_pose(), point in prop::array::uniform3(-5.0..5.0)) {
         let point = DVec3::from_array(point);
         let moved = Camera { camera_from_world: camera.camera_from_world.inverse().moved_by(&motion).inverse(), ..camera };
         if let (Ok(here), Ok(there)) = (camera.project(point), moved.project(motion.transform_point(point))) {
-            // Seen from close by, a rounding of the point moves it far across the picture.
+            // For near points, rounding errors are magnified in the picture.
             let closeness = here.depth.abs().minimum_of(1.0).maximum_of(1e-3);
             let slack = Tolerance { absolute: 1e-9 / closeness, relative: 1e-9 / closeness };
             prop_assert!(slack.check(there.position.to_array(), here.position.to_array()).is_ok());
@@ -154,11 +154,11 @@ proptest! {
         let relative = a.camera_from_other(&b);
         prop_assert!(Tolerance::absolute(1e-10).check(relative.moved_by(&a).to_rows(), b.to_rows()).is_ok());
         let kept = a.moved_by(&c).camera_from_other(&b.moved_by(&c));
-        prop_assert!(Tolerance::absolute(1e-10).check(kept.to_rows(), relative.to_rows()).is_ok(), "relative poses stay");
+        prop_assert!(Tolerance::absolute(1e-10).check(kept.to_rows(), relative.to_rows()).is_ok(), "relative poses are invariant");
     }
 
     #[test]
-    fn opengl_axes_are_an_involution_and_keep_the_centre(pose in any_pose()) {
+    fn axis_conversion_is_an_involution_and_keeps_the_centre(pose in any_pose()) {
         let flipped = pose.opengl_from_opencv();
         prop_assert_eq!(flipped.opencv_from_opengl(), pose);
         prop_assert_eq!(flipped.centre(), pose.centre());
@@ -167,7 +167,7 @@ proptest! {
     }
 
     #[test]
-    fn rows_survive_both_directions(pose in any_pose()) {
+    fn rows_round_trip_in_both_directions(pose in any_pose()) {
         let again = CameraFromWorld::from_rows(&pose.inverse().to_rows()).unwrap().inverse();
         prop_assert!(SLACK.check(again.to_rows(), pose.to_rows()).is_ok());
     }
@@ -181,11 +181,11 @@ proptest! {
         let edges = [angle(ray(0.0, 0.5), ray(1.0, 0.5)), angle(ray(0.5, 0.0), ray(0.5, 1.0))];
         prop_assert!(SLACK.check([fov.x, fov.y], edges).is_ok());
         let longer = NormalizedIntrinsics::new(2.0 * k.fx, 2.0 * k.fy, k.cx, k.cy).unwrap().field_of_view();
-        prop_assert!(longer.x < fov.x && longer.y < fov.y, "a longer lens sees less");
+        prop_assert!(longer.x < fov.x && longer.y < fov.y, "longer focal lengths have a smaller field of view");
     }
 
     #[test]
-    fn plucker_moments_are_at_right_angles_to_their_rays(camera in any_camera()) {
+    fn plucker_moments_are_orthogonal_to_their_rays(camera in any_camera()) {
         let size = ImageSize { width: 3, height: 2 };
         let Ok(rays) = camera.pixel_rays(size, DirectionScale::UnitLength) else { return Ok(()) };
         for ray in rays {
@@ -195,12 +195,12 @@ proptest! {
             prop_assert!(SLACK.accepts(moment.dot(direction), 0.0));
             prop_assert!(SLACK.accepts(direction.length(), 1.0));
             let foot = direction.cross(moment);
-            prop_assert!(SLACK.accepts((foot - ray.origin).cross(direction).length(), 0.0), "d × m lies on the ray");
+            prop_assert!(SLACK.accepts((foot - ray.origin).cross(direction).length(), 0.0), "d × m is on the ray");
         }
     }
 
     #[test]
-    fn interpolated_intrinsics_start_and_end_where_asked(a in any_intrinsics(), b in any_intrinsics()) {
+    fn interpolated_intrinsics_match_both_ends(a in any_intrinsics(), b in any_intrinsics()) {
         prop_assert_eq!(a.interpolated(&b, 0.0).unwrap(), a);
         prop_assert!(SLACK.check(numbers(a.interpolated(&b, 1.0).unwrap()), numbers(b)).is_ok());
         prop_assert!(a.interpolated(&b, f64::NAN).is_err());

@@ -1,4 +1,4 @@
-//! Lens models against OpenCV's own (`fixtures/make_fixtures.py lens`).
+//! Lens models compared with OpenCV (`fixtures/make_fixtures.py lens`).
 
 #![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 
@@ -33,7 +33,7 @@ struct Fisheye {
     fold_angle: Option<f64>,
 }
 
-/// What OpenCV's iterations, stopped at 1e-15 squared or a hundred steps, leave in this range.
+/// The error of OpenCV's iterations, which stop at 1e-15 squared or after a hundred steps.
 const OPENCV_INVERSE: Tolerance = Tolerance::absolute(1e-9);
 /// The step of the dense sampling in the script.
 const SAMPLING: Tolerance = Tolerance::absolute(3e-5);
@@ -59,8 +59,8 @@ fn perspective_lenses_agree_with_project_points_and_undistort_points() {
         let lens = case.lens();
         for (index, point) in case.undistorted.iter().enumerate() {
             let point = DVec2::from_array(*point);
-            let bent = lens.distorted_from_undistorted(point).unwrap();
-            Tolerance::F64.assert(bent.to_array(), case.distorted[index], "projectPoints");
+            let distorted = lens.distorted_from_undistorted(point).unwrap();
+            Tolerance::F64.assert(distorted.to_array(), case.distorted[index], "projectPoints");
             let rows = lens.jacobian(point).unwrap().transpose().to_cols_array();
             Tolerance::F64.assert(rows, case.jacobian_rows[index], "projectPoints' Jacobian");
             let back = lens.undistorted_from_distorted(DVec2::from_array(case.distorted[index])).unwrap();
@@ -75,8 +75,8 @@ fn fisheye_lenses_agree_with_opencv() {
     for case in fixture().fisheye {
         let lens = Distortion::Fisheye { k: case.k }.lens().unwrap();
         for (index, point) in case.undistorted.iter().enumerate() {
-            let bent = lens.distorted_from_undistorted(DVec2::from_array(*point)).unwrap();
-            Tolerance::F64.assert(bent.to_array(), case.distorted[index], "fisheye.distortPoints");
+            let distorted = lens.distorted_from_undistorted(DVec2::from_array(*point)).unwrap();
+            Tolerance::F64.assert(distorted.to_array(), case.distorted[index], "fisheye.distortPoints");
             let back = lens.undistorted_from_distorted(DVec2::from_array(case.distorted[index])).unwrap();
             Tolerance::absolute(1e-11).assert(back.to_array(), *point, "the point itself");
             OPENCV_INVERSE.assert(back.to_array(), case.inverse[index], "fisheye.undistortPoints");
@@ -85,12 +85,12 @@ fn fisheye_lenses_agree_with_opencv() {
 }
 
 #[test]
-fn the_fold_is_where_dense_sampling_finds_it() {
+fn folds_match_dense_sampling() {
     for case in fixture().opencv {
         let limit = case.lens().angle_limit();
         match case.fold_radius {
             Some(radius) if case.is_radial() => SAMPLING.assert([limit.tan()], [radius], "fold"),
-            // Tangential terms move the fold inwards by a rim as thin as they are small.
+            // Tangential terms move the fold inwards in proportion to them.
             Some(radius) => assert!(limit.tan() < radius && limit.tan() > 0.85 * radius, "{} {radius}", limit.tan()),
             None => assert!(limit > 1.0, "{limit}"),
         }
@@ -102,7 +102,7 @@ fn the_fold_is_where_dense_sampling_finds_it() {
 }
 
 #[test]
-fn opencv_maps_points_beyond_the_fold_and_this_does_not() {
+fn points_beyond_the_fold_are_errors_unlike_in_opencv() {
     let folding = fixture().opencv.into_iter().find(|case| case.is_radial() && case.fold_radius.is_some()).unwrap();
     let beyond = DVec2::new(1.01 * folding.fold_radius.unwrap(), 0.0);
     assert!(matches!(folding.lens().distorted_from_undistorted(beyond), Err(CameraError::OutsideLens { .. })));

@@ -1,5 +1,5 @@
-//! Pose normalisations against the papers' formulas in extended precision, and camera paths against a
-//! published video interpolation (`fixtures/make_fixtures.py normalise` and `paths`).
+//! Pose normalisations compared with the papers' formulas in extended precision, and camera paths with a published video
+//! interpolation (`fixtures/make_fixtures.py normalise` and `paths`).
 
 #![expect(clippy::expect_used, clippy::panic, reason = "a test fails by panicking")]
 
@@ -52,7 +52,7 @@ fn rule(name: &str) -> PoseNormalisation {
         "mean-camera long-lrm" => PoseNormalisation::mean_camera(MeanCameraScale::LongLrm),
         "mean-camera ilrm-main" => PoseNormalisation::mean_camera(MeanCameraScale::IlrmMain),
         "mean-camera lvsm" => PoseNormalisation::mean_camera(MeanCameraScale::Lvsm),
-        other => panic!("the fixture names a rule that is not tested: {other}"),
+        other => panic!("the fixture contains an unknown rule: {other}"),
     }
 }
 
@@ -60,7 +60,7 @@ fn poses(rows: &[[f64; 12]]) -> Vec<WorldFromCamera> {
     rows.iter().map(|rows| WorldFromCamera::from_rows(rows).expect("fixture poses are rigid")).collect()
 }
 
-/// `ATSPLAT_NORMALISE_FIXTURE` names another output of the script, for example from real trajectories.
+/// `ATSPLAT_NORMALISE_FIXTURE` is the path of another output of the script, for example from real trajectories.
 fn fixture() -> String {
     match std::env::var("ATSPLAT_NORMALISE_FIXTURE") {
         Ok(path) => std::fs::read_to_string(path).expect("the named fixture is readable"),
@@ -69,7 +69,7 @@ fn fixture() -> String {
 }
 
 #[test]
-fn every_rule_is_the_published_formula() {
+fn rules_match_the_published_formulas() {
     let fixture: Normalisations = serde_json::from_str(&fixture()).expect("the fixture is JSON of this shape");
     let mut compared = 0;
     for case in fixture.cases {
@@ -88,17 +88,17 @@ fn every_rule_is_the_published_formula() {
             Tolerance::relative(1e-12).assert([found.new_from_old.scale], [expected.factor], &what);
         }
     }
-    assert!(compared >= 6 * 8 * 2, "the fixture holds fewer cases than were committed: {compared}");
+    assert!(compared >= 6 * 8 * 2, "the fixture has fewer cases than the committed one: {compared}");
 }
 
 #[test]
-fn pivot_interpolation_is_the_published_one() {
+fn pivot_interpolation_matches_the_published_one() {
     let fixture: Paths = serde_json::from_str(include_str!("fixtures/paths.json")).expect("JSON of this shape");
     for case in fixture.cases {
         let ends = poses(&[case.from, case.to]);
         let found = pivot_interpolation(&ends[0], &ends[1], &case.times);
         for (found, expected) in found.iter().zip(&case.pivot) {
-            // Nearly parallel views have a far pivot, which costs as many digits.
+            // Nearly parallel views have a distant pivot, which amplifies rounding errors.
             let far = expected.iter().fold(1.0f64, |far, entry| far.maximum_of(entry.abs()));
             Tolerance::absolute(1e-8 * far).assert(found.to_rows(), *expected, "pivot interpolation");
         }

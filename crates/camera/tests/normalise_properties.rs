@@ -1,4 +1,4 @@
-//! What every pose normalisation promises, on ordinary, degenerate and hostile views.
+//! Properties of pose normalisations for ordinary, degenerate and extreme views.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -24,7 +24,7 @@ fn mean_camera(scale: MeanCameraScale) -> PoseNormalisation {
     PoseNormalisation::mean_camera(scale)
 }
 
-/// The rules that promise not to see where the world is.
+/// The rules that are invariant to rigid motions of the world.
 fn invariant_rules() -> Vec<PoseNormalisation> {
     vec![
         PoseNormalisation::FirstViewRelative,
@@ -51,8 +51,7 @@ fn any_view() -> impl Strategy<Value = WorldFromCamera> {
     (any_turn(), any_centre(2.0)).prop_map(|(rotation, centre)| pose(rotation, centre))
 }
 
-/// Views whose mean forward or mean down axis is about as short as is still used: two that look almost
-/// in opposite directions, or hang almost upside down.
+/// Pairs of views whose mean forward or down axis is just above the threshold: almost opposite, or almost upside down.
 fn nearly_cancelling_views() -> impl Strategy<Value = Vec<WorldFromCamera>> {
     (any_turn(), 0.022..0.2f64, any::<bool>(), any_centre(1.0), any_centre(1.0), -0.02..0.02f64).prop_map(
         |(base, short_of_opposite, roll, a, b, tilt)| {
@@ -63,7 +62,7 @@ fn nearly_cancelling_views() -> impl Strategy<Value = Vec<WorldFromCamera>> {
     )
 }
 
-/// Views that make every fallback come up, spread over a scene of size one.
+/// Views that trigger every fallback, in a scene of size one.
 fn cancelling_views() -> impl Strategy<Value = Vec<WorldFromCamera>> {
     let kinds = 0usize..4;
     (any_turn(), kinds, any_centre(1.0), any_centre(1.0)).prop_map(|(base, kind, a, b)| {
@@ -81,8 +80,8 @@ fn rows(poses: &[WorldFromCamera]) -> Vec<f64> {
     poses.iter().flat_map(WorldFromCamera::to_rows).collect()
 }
 
-/// Normalises before and after the world is moved; the two must agree within 1e-12 of the size of what
-/// was computed with: the normalised scene, and the old world in its units.
+/// Asserts that normalising before and after a motion of the world agrees within 1e-12 of the larger of the normalised
+/// scene and the old world in its units.
 fn assert_invariant(
     context: &[WorldFromCamera],
     targets: &[WorldFromCamera],
@@ -115,7 +114,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(512))]
 
     #[test]
-    fn a_moved_world_gives_the_same_cameras(
+    fn normalisation_is_invariant_to_rigid_motions(
         context in prop::collection::vec(any_view(), 1..7), targets in prop::collection::vec(any_view(), 0..3),
         rotation in any_turn(), offset in any_centre(50.0),
     ) {
@@ -125,7 +124,7 @@ proptest! {
     }
 
     #[test]
-    fn nearly_cancelling_axes_stay_stable(
+    fn nearly_cancelling_axes_are_stable(
         context in nearly_cancelling_views(), rotation in any_turn(), offset in any_centre(2.0),
     ) {
         for rule in invariant_rules() {
@@ -134,7 +133,7 @@ proptest! {
     }
 
     #[test]
-    fn fallbacks_move_along_with_the_world(
+    fn fallbacks_are_invariant_to_rigid_motions(
         context in cancelling_views(), target in any_view(), rotation in any_turn(), offset in any_centre(2.0),
     ) {
         for rule in invariant_rules() {
@@ -143,7 +142,7 @@ proptest! {
     }
 
     #[test]
-    fn the_mean_camera_is_a_rotation_whatever_the_views(
+    fn the_mean_camera_is_always_a_rotation(
         ordinary in prop::collection::vec(any_view(), 1..7), opposed in nearly_cancelling_views(),
         cancelled in cancelling_views(),
     ) {
@@ -162,7 +161,7 @@ proptest! {
     }
 
     #[test]
-    fn normalising_twice_changes_nothing_more(context in prop::collection::vec(any_view(), 2..6)) {
+    fn normalisation_is_idempotent(context in prop::collection::vec(any_view(), 2..6)) {
         let rules = [PoseNormalisation::noposplat(), mean_camera(MeanCameraScale::LongLrm)];
         for rule in rules {
             let Ok(once) = normalise(&context, &[], &rule) else { continue };
@@ -175,7 +174,7 @@ proptest! {
     }
 
     #[test]
-    fn a_larger_world_gives_the_same_cameras_where_scale_is_normalised(
+    fn normalised_scale_is_invariant_to_scaling_the_world(
         context in prop::collection::vec(any_view(), 2..6), factor in 0.01..100.0f64,
     ) {
         let scaled: Vec<_> = context.iter().map(|view| view.scaled_by(factor)).collect();
@@ -190,7 +189,7 @@ proptest! {
     }
 
     #[test]
-    fn the_reported_change_of_world_is_the_one_applied(
+    fn the_reported_transform_is_the_one_applied(
         context in prop::collection::vec(any_view(), 2..6), target in any_view(), point in any_centre(3.0),
     ) {
         for rule in invariant_rules() {
@@ -199,7 +198,7 @@ proptest! {
             let slack = Tolerance::absolute(1e-9 * change.scale.maximum_of(1.0));
             let moved = change.new_pose_from_old(&target).unwrap();
             prop_assert!(slack.check(moved.to_rows(), found.targets[0].to_rows()).is_ok());
-            // A point seen by the old camera is seen in the same direction by the new one, `scale` further.
+            // A point has the same direction in both cameras, at a distance multiplied by `scale`.
             let old = target.inverse().transform_point(point) * change.scale;
             let new = moved.inverse().transform_point(change.new_from_old(point));
             prop_assert!(slack.check(new.to_array(), old.to_array()).is_ok());
@@ -226,26 +225,26 @@ fn mean(views: &[WorldFromCamera]) -> atsplat_camera::Normalised {
 }
 
 #[test]
-fn one_view_becomes_the_world() {
+fn a_single_view_becomes_the_identity() {
     let view = pose(turn(0.3, -0.2, 1.0), DVec3::new(5.0, -3.0, 2.0));
     let found = mean(&[view]);
     assert_eq!(found.fallbacks, [Fallback::SingleView, Fallback::CoincidentCentres]);
     Tolerance::F64.assert(found.context[0].to_rows(), WorldFromCamera::IDENTITY.to_rows(), "identity");
-    Tolerance::EXACT.assert([found.new_from_old.scale], [1.0], "scale kept");
+    Tolerance::EXACT.assert([found.new_from_old.scale], [1.0], "scale unchanged");
 }
 
 #[test]
-fn opposite_views_take_the_first_ones_forward_axis() {
+fn opposite_views_use_the_first_forward_axis() {
     let base = turn(0.7, 0.2, 0.1);
     let views = [pose(base, DVec3::ZERO), pose(base * turn(PI, 0.0, 0.0), DVec3::X)];
     let found = mean(&views);
     assert_eq!(found.fallbacks, [Fallback::ForwardsCancel], "their down axes agree");
-    Tolerance::F64.assert(found.context[0].forward().to_array(), [0.0, 0.0, 1.0], "first looks ahead");
-    Tolerance::F64.assert(found.context[0].down().to_array(), [0.0, 1.0, 0.0], "and stands upright");
+    Tolerance::F64.assert(found.context[0].forward().to_array(), [0.0, 0.0, 1.0], "the first view looks forward");
+    Tolerance::F64.assert(found.context[0].down().to_array(), [0.0, 1.0, 0.0], "and is upright");
 }
 
 #[test]
-fn a_panorama_keeps_its_upright() {
+fn a_panorama_stays_upright() {
     let views: Vec<_> = (0..8)
         .map(|i| {
             let rotation = turn(f64::from(i) * TAU / 8.0, 0.0, 0.0);
@@ -260,23 +259,23 @@ fn a_panorama_keeps_its_upright() {
 }
 
 #[test]
-fn cancelling_down_axes_take_the_first_ones() {
+fn cancelling_down_axes_use_the_first_down_axis() {
     let views = [pose(DMat3::IDENTITY, DVec3::ZERO), pose(turn(0.0, 0.0, PI), DVec3::X)];
     let found = mean(&views);
     assert_eq!(found.fallbacks, [Fallback::DownsCancel]);
-    Tolerance::F64.assert(found.context[0].down().to_array(), [0.0, 1.0, 0.0], "first stands upright");
+    Tolerance::F64.assert(found.context[0].down().to_array(), [0.0, 1.0, 0.0], "the first view is upright");
 }
 
 #[test]
-fn a_first_view_whose_down_axis_is_forward_lends_its_right_axis() {
-    // Forward of the others is the first's down; the three down axes cancel.
+fn the_right_axis_is_used_if_the_first_down_axis_is_forward() {
+    // The forward axis of the others is the down axis of the first; their three down axes cancel.
     let first = pose(DMat3::from_cols(DVec3::X, DVec3::Z, -DVec3::Y), DVec3::ZERO);
     let up = pose(DMat3::from_cols(-DVec3::Y, DVec3::X, DVec3::Z), DVec3::X);
     let down = pose(DMat3::from_cols(DVec3::Y, -DVec3::X, DVec3::Z), DVec3::Y);
     let behind = pose(DMat3::from_cols(DVec3::X, -DVec3::Z, DVec3::Y), DVec3::Z);
     let found = mean(&[first, up, down, behind]);
     assert_eq!(found.fallbacks, [Fallback::DownsCancel, Fallback::FirstDownAlongForward]);
-    Tolerance::F64.assert(found.context[0].right().to_array(), [1.0, 0.0, 0.0], "right axis kept");
+    Tolerance::F64.assert(found.context[0].right().to_array(), [1.0, 0.0, 0.0], "right axis unchanged");
 }
 
 #[test]
@@ -287,7 +286,11 @@ fn coincident_centres_keep_their_scale() {
     for scale in [MeanCameraScale::LongLrm, MeanCameraScale::Lvsm] {
         let found = normalise(&views, &[], &mean_camera(scale)).unwrap();
         assert_eq!(found.fallbacks, [Fallback::CoincidentCentres]);
-        Tolerance::EXACT.assert([found.new_from_old.scale], [1.0], "nine decimals are no baseline");
+        Tolerance::EXACT.assert(
+            [found.new_from_old.scale],
+            [1.0],
+            "differences below nine decimals are not a baseline",
+        );
     }
     let quirk = normalise(&views, &[], &mean_camera(MeanCameraScale::IlrmMain)).unwrap();
     assert!(quirk.fallbacks.is_empty(), "iLRM divides by the distance from the old origin");
@@ -295,7 +298,7 @@ fn coincident_centres_keep_their_scale() {
 }
 
 #[test]
-fn baselines_outside_the_range_are_errors_that_say_so() {
+fn baselines_outside_the_range_are_errors() {
     let at = |x: f64| pose(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0));
     let error = normalise(&[at(0.0), at(5e-4)], &[], &PoseNormalisation::pixelsplat()).unwrap_err();
     assert!(matches!(error, CameraError::BaselineOutOfRange { rule: "baseline-one", .. }), "{error}");
@@ -310,7 +313,7 @@ fn baselines_outside_the_range_are_errors_that_say_so() {
 }
 
 #[test]
-fn planes_scale_with_baselines_and_not_with_mean_cameras() {
+fn near_and_far_scale_with_baselines_but_not_with_mean_cameras() {
     let at = |x: f64| pose(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0));
     let views = [at(0.0), at(1.0), at(4.0)];
     let multiplier = |rule: PoseNormalisation| normalise(&views, &[], &rule).unwrap().near_far_multiplier;
@@ -319,7 +322,7 @@ fn planes_scale_with_baselines_and_not_with_mean_cameras() {
 }
 
 #[test]
-fn rules_are_read_from_their_kebab_case_names() {
+fn rules_are_parsed_by_kebab_case_names() {
     let parse = |text: &str| serde_json::from_str::<PoseNormalisation>(text);
     assert_eq!(parse(r#"{"rule": "none"}"#).unwrap(), PoseNormalisation::None);
     assert_eq!(parse(r#"{"rule": "baseline-one"}"#).unwrap(), PoseNormalisation::pixelsplat());
@@ -331,7 +334,7 @@ fn rules_are_read_from_their_kebab_case_names() {
     let sequence = r#"{"rule":"sequence","steps":[{"rule":"baseline-one"},{"rule":"first-view-relative"}]}"#;
     assert_eq!(parse(sequence).unwrap(), PoseNormalisation::noposplat());
     assert_eq!(PoseNormalisation::noposplat().name(), "baseline-one, then first-view-relative");
-    assert!(parse(r#"{"rule": "mean-camera", "scael": "lvsm"}"#).is_err(), "a misspelt parameter is not dropped");
+    assert!(parse(r#"{"rule": "mean-camera", "scael": "lvsm"}"#).is_err(), "a misspelt parameter is an error");
     for rule in invariant_rules() {
         let text = serde_json::to_string(&rule).unwrap();
         assert_eq!(parse(&text).unwrap(), rule, "{text}");

@@ -5,39 +5,39 @@ use std::sync::{Arc, Mutex, MutexGuard};
 
 use tempfile::{Builder, NamedTempFile, TempPath};
 
-/// Extension of files that are not complete yet; one that is found later was left by a process that was killed.
+/// Extension of incomplete files; a remaining one was left by a process that was killed.
 pub const PARTIAL: &str = "partial";
 
-/// Writes `bytes` to `path`, replacing what is there, and waits until the disk has them.
+/// Writes `bytes` to `path`, replacing an existing file, and waits until they are on disk.
 ///
 /// # Errors
-/// The operating system's; whatever stood under `path` is then unchanged.
+/// I/O errors; an existing file is then unchanged.
 pub fn write(path: &Path, bytes: &[u8]) -> io::Result<()> {
     write_with(path, |out| out.write_all(bytes))
 }
 
-/// As [`write`](fn@write), with contents that `fill` writes piece by piece.
+/// [`write`](fn@write) with contents that `fill` writes incrementally.
 ///
 /// # Errors
-/// The operating system's and those of `fill`.
+/// I/O errors and those of `fill`.
 pub fn write_with(path: &Path, fill: impl FnOnce(&mut Writer) -> io::Result<()>) -> io::Result<()> {
     let file = AtomicFile::create(path)?;
     fill(&mut file.writer())?;
     file.commit().map(drop)
 }
 
-/// As [`write`](fn@write) without waiting for the disk, for what is cheap to make again after a power failure.
+/// [`write`](fn@write) without waiting for the disk, for files that are cheap to recreate after a power failure.
 ///
 /// # Errors
-/// The operating system's.
+/// I/O errors.
 pub fn write_unsynced(path: &Path, bytes: &[u8]) -> io::Result<()> {
     let file = AtomicFile::create(path)?;
     file.writer().write_all(bytes)?;
     file.rename(false).map(drop)
 }
 
-/// A file that appears under its name only when it is complete: written beside it, synchronised with the disk, renamed.
-/// Dropped before that, it leaves nothing behind.
+/// A file that appears under its name only when it is complete: written to a temporary file in the same folder,
+/// synchronised with the disk and renamed. Dropped before that, it leaves nothing.
 #[derive(Debug)]
 pub struct AtomicFile {
     temporary: TempPath,
@@ -45,21 +45,21 @@ pub struct AtomicFile {
     writer: Writer,
 }
 
-/// Writes into an [`AtomicFile`]. Clones share one position, for encoders that keep their writer to themselves.
+/// Writes to an [`AtomicFile`]. Clones share one position, for encoders that do not give their writer back.
 #[derive(Clone, Debug)]
 pub struct Writer(Arc<Mutex<BufWriter<File>>>);
 
 impl AtomicFile {
-    /// Opens the temporary file, so that a path that cannot be written is an error before long work starts.
+    /// Opens the temporary file, so that an unwritable path is an error before long work starts.
     ///
     /// # Errors
-    /// [`io::ErrorKind::IsADirectory`] for a folder, and the operating system's.
+    /// [`io::ErrorKind::IsADirectory`] for a folder, and other I/O errors.
     pub fn create(target: &Path) -> io::Result<Self> {
         if target.file_name().is_none() || target.is_dir() {
             return Err(io::ErrorKind::IsADirectory.into());
         }
         let folder = target.parent().filter(|parent| !parent.as_os_str().is_empty()).unwrap_or(Path::new("."));
-        // The name does not grow with the target's, which may be as long as names can be.
+        // The name does not depend on the target's, which may have the maximum length.
         let suffix = format!(".{PARTIAL}");
         let mut builder = Builder::new();
         builder.prefix(".").suffix(&suffix);
@@ -68,20 +68,20 @@ impl AtomicFile {
         Ok(Self { temporary, target: target.to_owned(), writer })
     }
 
-    /// Where the file will appear.
+    /// The path of the complete file.
     pub fn target(&self) -> &Path {
         &self.target
     }
 
-    /// Something to write with.
+    /// A writer to the file.
     pub fn writer(&self) -> Writer {
         self.writer.clone()
     }
 
-    /// Puts the file in its place, over one that may be there; its size in bytes.
+    /// Renames the file into place, replacing an existing one, and returns its size in bytes.
     ///
     /// # Errors
-    /// The operating system's; what was in the place stays there.
+    /// I/O errors; an existing file is then unchanged.
     pub fn commit(self) -> io::Result<u64> {
         self.rename(true)
     }
@@ -96,7 +96,7 @@ impl AtomicFile {
     }
 }
 
-/// Temporary files are private to their owner by default; results are as readable as any new file.
+/// Gives the file the default permissions of new files; temporary files are private to their owner.
 #[cfg(unix)]
 fn readable<'b, 'n>(builder: &'b mut Builder<'n, 'n>) -> &'b mut Builder<'n, 'n> {
     use std::os::unix::fs::PermissionsExt as _;
@@ -108,7 +108,7 @@ fn readable<'b, 'n>(builder: &'b mut Builder<'n, 'n>) -> &'b mut Builder<'n, 'n>
     builder
 }
 
-/// Makes the rename itself last. Not every system lets a folder be opened; where it does not, there is nothing to do.
+/// Makes the rename itself durable, on systems that can open a folder.
 fn synchronise_folder(path: &Path) {
     if let Some(folder) = path.parent().and_then(|folder| File::open(folder).ok()) {
         folder.sync_all().ok();
@@ -157,7 +157,7 @@ mod tests {
     }
 
     #[test]
-    fn a_file_appears_when_it_is_complete() {
+    fn files_appear_when_complete() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("n".repeat(255));
         fs::write(&path, "old").unwrap();
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_failure_leaves_the_old_file_and_nothing_else() {
+    fn a_failure_leaves_only_the_old_file() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("file");
         write(&path, b"old").unwrap();
@@ -186,18 +186,17 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_is_no_file() {
+    fn folders_and_missing_folders_are_errors() {
         let folder = tempfile::tempdir().unwrap();
         assert_eq!(write(folder.path(), b"").unwrap_err().kind(), io::ErrorKind::IsADirectory);
         assert_eq!(write(Path::new(".."), b"").unwrap_err().kind(), io::ErrorKind::IsADirectory);
         assert!(AtomicFile::create(&folder.path().join("absent/file")).is_err());
     }
 
-    /// Names are drawn, so that nobody can place a link where they will be; and the link at the target is replaced, not
-    /// followed.
+    /// Temporary names are random, so that nobody can place a link there; a link at the target is replaced, not followed.
     #[cfg(unix)]
     #[test]
-    fn links_are_replaced_and_others_may_read() {
+    fn links_are_replaced_and_permissions_are_the_default() {
         use std::os::unix::fs::PermissionsExt as _;
         let folder = tempfile::tempdir().unwrap();
         let (precious, path) = (folder.path().join("precious"), folder.path().join("file"));
@@ -207,6 +206,6 @@ mod tests {
         assert_eq!(fs::read(&precious).unwrap(), b"precious");
         assert_eq!(fs::read(&path).unwrap(), b"new");
         let mode = |path: &Path| fs::metadata(path).unwrap().permissions().mode();
-        assert_eq!(mode(&path), mode(&precious), "as a file that is written without a temporary one");
+        assert_eq!(mode(&path), mode(&precious), "same permissions as a file written directly");
     }
 }

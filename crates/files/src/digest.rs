@@ -5,7 +5,7 @@ use std::str::FromStr;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use sha2::{Digest, Sha256};
 
-/// Two lower-case hexadecimal digits a byte.
+/// Two lower-case hexadecimal digits per byte.
 pub fn hexadecimal(bytes: &[u8]) -> String {
     const DIGITS: [char; 16] = ['0', '1', '2', '3', '4', '5', '6', '7', '8', '9', 'a', 'b', 'c', 'd', 'e', 'f'];
     bytes.iter().flat_map(|byte| [DIGITS[usize::from(byte >> 4)], DIGITS[usize::from(byte & 15)]]).collect()
@@ -21,15 +21,15 @@ impl Sha256Digest {
         Self(Sha256::digest(bytes).into())
     }
 
-    /// What a hasher has come to.
+    /// The hash of a hasher's input.
     pub fn finish(hasher: Sha256) -> Self {
         Self(hasher.finalize().into())
     }
 
-    /// Of everything that a reader yields, and how many bytes that is.
+    /// The hash of everything that a reader yields, and its length in bytes.
     ///
     /// # Errors
-    /// The reader's.
+    /// Those of the reader.
     pub fn of_reader(mut reader: impl Read) -> io::Result<(Self, u64)> {
         let (mut hasher, mut length) = (Sha256::new(), 0);
         let mut buffer = vec![0; 1 << 16];
@@ -42,10 +42,10 @@ impl Sha256Digest {
         Ok((Self(hasher.finalize().into()), length))
     }
 
-    /// From hexadecimal text in a constant; a wrong digit does not compile.
+    /// A hash from hexadecimal text in a constant; an invalid digit does not compile.
     ///
     /// # Panics
-    /// Where it is called at run time with anything but 64 lower-case hexadecimal digits.
+    /// If called at run time with anything but 64 lower-case hexadecimal digits.
     pub const fn literal(text: &str) -> Self {
         let text = text.as_bytes();
         assert!(text.len() == 64, "a SHA-256 hash has 64 hexadecimal digits");
@@ -59,7 +59,7 @@ impl Sha256Digest {
     }
 }
 
-#[expect(clippy::panic, reason = "evaluated at compile time: a wrong constant does not compile")]
+#[expect(clippy::panic, reason = "evaluated at compile time")]
 const fn literal_nibble(digit: u8) -> u8 {
     match digit {
         b'0'..=b'9' => digit - b'0',
@@ -83,15 +83,15 @@ impl fmt::Debug for Sha256Digest {
 /// Text that is not 64 hexadecimal digits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("expected 64 hexadecimal digits")]
-pub struct NotADigest;
+pub struct InvalidDigest;
 
 impl FromStr for Sha256Digest {
-    type Err = NotADigest;
+    type Err = InvalidDigest;
 
-    fn from_str(text: &str) -> Result<Self, NotADigest> {
+    fn from_str(text: &str) -> Result<Self, InvalidDigest> {
         let digit = |c: char| c.to_digit(16).and_then(|digit| u8::try_from(digit).ok());
         let digits: Option<Vec<u8>> = text.chars().map(digit).collect();
-        let digits = digits.filter(|digits| digits.len() == 64).ok_or(NotADigest)?;
+        let digits = digits.filter(|digits| digits.len() == 64).ok_or(InvalidDigest)?;
         let mut bytes = [0; 32];
         for (byte, pair) in bytes.iter_mut().zip(digits.chunks_exact(2)) {
             *byte = pair.iter().fold(0, |value, digit| value << 4 | digit);
@@ -109,7 +109,7 @@ impl Serialize for Sha256Digest {
 impl<'de> Deserialize<'de> for Sha256Digest {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let text = String::deserialize(deserializer)?;
-        text.parse().map_err(|_not_a_digest: NotADigest| {
+        text.parse().map_err(|_invalid: InvalidDigest| {
             serde::de::Error::invalid_value(serde::de::Unexpected::Str(&text), &"64 hexadecimal digits")
         })
     }
@@ -123,21 +123,21 @@ mod tests {
     const ABC: &str = "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad";
 
     #[test]
-    fn the_standard_vector_and_its_text_forms() {
+    fn matches_the_standard_vector_and_round_trips_as_text() {
         let digest = Sha256Digest::of(b"abc");
         assert_eq!(digest.to_string(), ABC);
         assert_eq!(Sha256Digest::of_reader(&b"abc"[..]).unwrap(), (digest, 3));
         let long = vec![7; 200_000];
         assert_eq!(Sha256Digest::of_reader(long.as_slice()).unwrap(), (Sha256Digest::of(&long), 200_000));
         assert_eq!(ABC.parse(), Ok(digest));
-        assert_eq!(ABC.to_uppercase().parse(), Ok(digest), "upper case is read");
+        assert_eq!(ABC.to_uppercase().parse(), Ok(digest), "upper case is accepted");
         assert_eq!(Sha256Digest::literal(ABC), digest);
     }
 
     #[test]
-    fn other_text_is_refused() {
+    fn other_text_is_an_error() {
         for text in ["", "ba78", &ABC[1..], &format!("{ABC}0"), &ABC.replace('b', "g"), &"é".repeat(32)] {
-            assert_eq!(text.parse::<Sha256Digest>(), Err(NotADigest), "{text:?}");
+            assert_eq!(text.parse::<Sha256Digest>(), Err(InvalidDigest), "{text:?}");
         }
     }
 }

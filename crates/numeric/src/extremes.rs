@@ -1,7 +1,6 @@
-/// The larger and the smaller of two floats, with NaN winning over everything.
+/// Maximum and minimum of two floats that propagate NaN, like IEEE 754-2019 `maximum` and `minimum`.
 ///
-/// `f64::max(NAN, 1.0)` is `1.0`: a broken pixel or pose would turn into a plausible number. These
-/// propagate NaN, as IEEE 754-2019 `maximum` and `minimum` do.
+/// `f64::max(NAN, 1.0)` is `1.0`, which would turn an invalid pixel or pose into a plausible number.
 pub trait Extremes: Copy + PartialOrd {
     /// The larger of the two; NaN if either is NaN.
     #[must_use]
@@ -35,7 +34,7 @@ mod tests {
     use crate::Tolerance;
 
     #[test]
-    fn nan_wins_from_either_side() {
+    fn nan_propagates_from_both_sides() {
         assert!(f64::NAN.maximum_of(1.0).is_nan(), "NaN on the left");
         assert!(1.0f64.maximum_of(f64::NAN).is_nan(), "NaN on the right");
         assert!(f32::NAN.minimum_of(1.0).is_nan(), "NaN on the left");

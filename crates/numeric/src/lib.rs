@@ -1,19 +1,15 @@
-//! How floats are compared and ordered everywhere in atsplat.
-//!
-//! Two rules live here because every crate shares them: a comparison names its [`Tolerance`], and
-//! [`Extremes`] lets NaN through where the standard library's `max` and `min` swallow it. Shared for the same reason:
-//! [`median`] and [`quantile`], and [`SplitMix64`], which every random choice comes from.
+//! Numeric helpers shared by all crates: comparison of floats with an explicit [`Tolerance`], [`Extremes`] that propagate
+//! NaN where the standard library's `max` and `min` ignore it, [`median`] and [`quantile`], and the random number
+//! generator [`SplitMix64`].
 
 mod extremes;
 mod order;
 mod random;
 mod rank;
-mod split_mix;
 mod tolerance;
 
 pub use extremes::Extremes;
 pub use order::{median, quantile};
-pub use random::SplitMix64;
+pub use random::{SPLIT_MIX_STEP, SplitMix64, split_mix};
 pub use rank::rank_correlation;
-pub use split_mix::{SPLIT_MIX_STEP, split_mix};
 pub use tolerance::{Mismatch, Tolerance};

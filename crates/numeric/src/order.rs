@@ -1,5 +1,5 @@
-/// The middle value, or the mean of the two in the middle, as `numpy.median`; NaN where any value is NaN, `None` of
-/// nothing.
+/// The median as in `numpy.median`: the mean of the two middle values for an even count, NaN if any value is NaN. `None`
+/// without values.
 pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     let mut sorted: Vec<f64> = values.into_iter().collect();
     if sorted.iter().any(|value| value.is_nan()) {
@@ -11,16 +11,16 @@ pub fn median(values: impl IntoIterator<Item = f64>) -> Option<f64> {
     Some(f64::midpoint(lower, upper))
 }
 
-/// The value below which `share` (0 to 1) of ascending values lie, between the two nearest in proportion, as
-/// `numpy.quantile` by default; `None` of nothing.
+/// The `share` quantile (0 to 1) of ascending values with linear interpolation, the default of `numpy.quantile`. `None`
+/// without values.
 pub fn quantile(sorted: &[f64], share: f64) -> Option<f64> {
-    let place = share * sorted.len().checked_sub(1)? as f64;
-    let below = place.floor();
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a place within the slice")]
+    let position = share * sorted.len().checked_sub(1)? as f64;
+    let below = position.floor();
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a position in the slice")]
     let at = below as usize;
     let low = *sorted.get(at)?;
     let high = sorted.get(at + 1).copied().unwrap_or(low);
-    Some(low + (high - low) * (place - below))
+    Some(low + (high - low) * (position - below))
 }
 
 #[cfg(test)]
@@ -37,7 +37,7 @@ mod tests {
     }
 
     #[test]
-    fn quantiles_lie_between_neighbours() {
+    fn quantiles_are_interpolated() {
         let sorted = [0.0, 1.0, 4.0, 10.0];
         assert_eq!(quantile(&sorted, 0.0), Some(0.0));
         assert_eq!(quantile(&sorted, 0.5), Some(2.5));

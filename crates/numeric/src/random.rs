@@ -2,40 +2,49 @@ use std::ops::RangeInclusive;
 
 use sha2::{Digest, Sha256};
 
-use crate::{SPLIT_MIX_STEP, split_mix};
+/// The increment of `SplitMix64`'s state for each number (Steele, Lea, Flood: "Fast splittable pseudorandom number
+/// generators", OOPSLA 2014).
+pub const SPLIT_MIX_STEP: u64 = 0x9e37_79b9_7f4a_7c15;
 
-/// `SplitMix64` (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", OOPSLA 2014):
-/// sixty-four bits of state, the same numbers on every platform and in every version of this crate.
+/// The output function of `SplitMix64`: a bijection of 64 bits.
+pub const fn split_mix(state: u64) -> u64 {
+    let z = (state ^ (state >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    z ^ (z >> 31)
+}
+
+/// The random number generator `SplitMix64`, the source of all random choices: the same numbers on every platform and in
+/// every version of this crate.
 ///
-/// The papers draw from PyTorch's generator, whose sequence is an implementation detail; an index that is
-/// drawn here is therefore *distributed* as theirs, not equal to it.
+/// The papers use PyTorch's generator, whose sequence is an implementation detail; so an index drawn here has the same
+/// *distribution* as theirs, but is not equal to it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct SplitMix64 {
     state: u64,
 }
 
 impl SplitMix64 {
-    /// The reference generator started at `seed`.
+    /// The reference generator with the state `seed`.
     pub const fn new(seed: u64) -> Self {
         Self { state: seed }
     }
 
-    /// A stream of its own for one scene, so that the order and the number of scenes change nothing:
-    /// the state is the first eight bytes, little-endian, of SHA-256(seed as eight little-endian bytes ‖ key).
+    /// A separate stream for one scene, independent of the order and number of scenes: the state is the first eight
+    /// bytes, little-endian, of SHA-256(seed as eight little-endian bytes ‖ key).
     pub fn for_scene(seed: u64, key: &str) -> Self {
         let digest = Sha256::new().chain_update(seed.to_le_bytes()).chain_update(key.as_bytes()).finalize();
         let state = digest.iter().take(8).rev().fold(0, |state, byte| state << 8 | u64::from(*byte));
         Self { state }
     }
 
-    /// The next sixty-four bits.
+    /// The next 64 bits.
     pub const fn next_u64(&mut self) -> u64 {
         self.state = self.state.wrapping_add(SPLIT_MIX_STEP);
         split_mix(self.state)
     }
 
-    /// A uniform number of `range`, without modulo bias (Lemire: "Fast random integer generation in an
-    /// interval", 2019); `None` where the range is empty.
+    /// A uniform number in `range`, without modulo bias (Lemire: "Fast random integer generation in an interval", 2019);
+    /// `None` if the range is empty.
     pub fn within(&mut self, range: RangeInclusive<usize>) -> Option<usize> {
         let (first, last) = range.into_inner();
         let span = (last as u64).checked_sub(first as u64)?;
@@ -46,7 +55,7 @@ impl SplitMix64 {
         usize::try_from(first as u64 + offset).ok()
     }
 
-    /// All of `0..length` in random order: Fisher–Yates from the back, as Knuth's algorithm P.
+    /// A random permutation of `0..length`: Fisher–Yates from the back, Knuth's algorithm P.
     pub fn permutation(&mut self, length: usize) -> Vec<usize> {
         let mut order: Vec<usize> = (0..length).collect();
         for last in (1..length).rev() {
@@ -57,8 +66,7 @@ impl SplitMix64 {
         order
     }
 
-    /// `count` different elements of `candidates`, every subset equally likely, in random order;
-    /// `None` where there are fewer.
+    /// `count` distinct elements of `candidates`, every subset equally likely, in random order; `None` if there are fewer.
     pub fn distinct<T: Copy>(&mut self, candidates: &[T], count: usize) -> Option<Vec<T>> {
         if count > candidates.len() {
             return None;
@@ -67,12 +75,12 @@ impl SplitMix64 {
         order.iter().take(count).map(|position| candidates.get(*position).copied()).collect()
     }
 
-    /// Uniform in `0..bound`; `bound` > 0.
+    /// A uniform number in `0..bound`, for `bound` > 0.
     fn below(&mut self, bound: u64) -> u64 {
         let rejected_below = bound.wrapping_neg() % bound;
         loop {
             let product = u128::from(self.next_u64()) * u128::from(bound);
-            #[expect(clippy::cast_possible_truncation, reason = "the two halves of the product are wanted")]
+            #[expect(clippy::cast_possible_truncation, reason = "splits the product into its halves")]
             let (high, low) = ((product >> 64) as u64, product as u64);
             if low >= rejected_below {
                 return high;
@@ -89,7 +97,7 @@ mod tests {
 
     /// Published outputs of the reference implementation (S. Vigna, `splitmix64.c`), seed 1234567.
     #[test]
-    fn reference_sequence() {
+    fn matches_the_reference_sequence() {
         let mut random = SplitMix64::new(1_234_567);
         let expected = [
             6_457_827_717_110_365_317,
@@ -99,11 +107,12 @@ mod tests {
             16_408_922_859_458_223_821,
         ];
         assert_eq!(expected.map(|_| random.next_u64()), expected);
+        assert_eq!(split_mix(0), 0);
     }
 
-    /// Written by `crates/protocol/tests/fixtures/make_oracles.py`, which shares no code with this file.
+    /// Compares with `crates/protocol/tests/fixtures/make_oracles.py`, an independent implementation.
     #[test]
-    fn same_draws_on_every_platform() {
+    fn draws_match_an_independent_implementation() {
         let oracle: serde_json::Value =
             serde_json::from_str(include_str!("../tests/fixtures/random_oracle.json")).unwrap();
         for stream in oracle["streams"].as_array().unwrap() {
@@ -119,9 +128,9 @@ mod tests {
     }
 
     #[test]
-    fn empty_and_whole_ranges() {
+    fn empty_and_full_ranges() {
         let mut random = SplitMix64::new(0);
-        #[expect(clippy::reversed_empty_ranges, reason = "an empty range is what is tested")]
+        #[expect(clippy::reversed_empty_ranges, reason = "tests an empty range")]
         let empty = 3..=2;
         assert_eq!(random.within(empty), None);
         assert_eq!(random.within(7..=7), Some(7));
@@ -129,9 +138,9 @@ mod tests {
         assert_eq!(random.distinct(&[1, 2], 3), None);
     }
 
-    /// χ² with 9 degrees of freedom exceeds 27.9 once in a thousand fair draws; the seed is fixed.
+    /// χ² with 9 degrees of freedom exceeds 27.9 with a probability of 0.001; the seed is fixed.
     #[test]
-    fn draws_are_even() {
+    fn draws_are_uniform() {
         let mut random = SplitMix64::new(17);
         let mut counts = [0i32; 10];
         for _ in 0..100_000 {
@@ -143,14 +152,14 @@ mod tests {
 
     proptest! {
         #[test]
-        fn a_permutation_holds_everything_once(seed: u64, length in 0usize..200) {
+        fn a_permutation_contains_every_number_once(seed: u64, length in 0usize..200) {
             let mut order = SplitMix64::new(seed).permutation(length);
             order.sort_unstable();
             prop_assert_eq!(order, (0..length).collect::<Vec<_>>());
         }
 
         #[test]
-        fn draws_stay_inside(seed: u64, first in 0usize..1000, span in 0usize..1000) {
+        fn draws_are_in_range(seed: u64, first in 0usize..1000, span in 0usize..1000) {
             let drawn = SplitMix64::new(seed).within(first..=first + span).unwrap();
             prop_assert!((first..=first + span).contains(&drawn));
         }

@@ -1,8 +1,7 @@
 use std::cmp::Ordering;
 
-/// Spearman's rank correlation of two lists of one length, in [-1, 1]: Pearson's correlation of ranks, where equal
-/// values share the mean of their ranks. `None` for lists that are shorter than two, differ in length, hold a NaN, or
-/// have only one value.
+/// Spearman's rank correlation of two lists, in [-1, 1]: Pearson's correlation of ranks, where ties have their mean rank.
+/// `None` for lists that are shorter than two, differ in length, contain NaN, or are constant.
 pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     if a.len() != b.len() || a.len() < 2 || a.iter().chain(b).any(|value| value.is_nan()) {
         return None;
@@ -14,13 +13,13 @@ pub fn rank_correlation(a: &[f64], b: &[f64]) -> Option<f64> {
     (spread > 0.0).then(|| products(&a, &b) / spread)
 }
 
-/// Ranks from 1; equal values share their mean.
+/// Ranks from 1; ties have their mean rank.
 fn ranks(values: &[f64]) -> Vec<f64> {
     let mut order: Vec<(usize, f64)> = values.iter().copied().enumerate().collect();
     order.sort_by(|(_, a), (_, b)| a.total_cmp(b));
     let mut ranks = vec![0.0; values.len()];
     let mut before = 0;
-    // Zeros of both signs are equal, and `total_cmp` puts them side by side.
+    // Zeros of both signs are equal and adjacent in the order of `total_cmp`.
     let are_equal = |a: f64, b: f64| a.partial_cmp(&b) == Some(Ordering::Equal);
     for equal in order.chunk_by(|(_, a), (_, b)| are_equal(*a, *b)) {
         let shared = before as f64 + f64::midpoint(equal.len() as f64, 1.0);
@@ -40,7 +39,7 @@ mod tests {
     use crate::Tolerance;
 
     #[test]
-    fn as_scipy_has_it() {
+    fn matches_scipy() {
         let a = [106.0, 100.0, 86.0, 101.0, 99.0, 103.0, 97.0, 113.0, 112.0, 110.0];
         let b = [7.0, 27.0, 2.0, 50.0, 28.0, 29.0, 20.0, 12.0, 6.0, 17.0];
         Tolerance::absolute(1e-12).assert(rank_correlation(&a, &b), [-0.175_757_575_757_575_75], "no ties");
@@ -49,7 +48,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_and_what_has_no_order() {
+    fn extreme_and_undefined_correlations() {
         let rising = [1.0, 4.0, 9.0];
         Tolerance::absolute(1e-15).assert(rank_correlation(&rising, &[0.1, 0.2, 0.9]), [1.0], "the same order");
         Tolerance::absolute(1e-15).assert(rank_correlation(&rising, &[3.0, 2.0, 1.0]), [-1.0], "reversed");

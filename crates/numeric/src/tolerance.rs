@@ -1,32 +1,32 @@
 use std::fmt;
 
-/// How far two floats may lie apart: `|actual − expected| ≤ absolute + relative · |expected|`.
+/// The allowed difference of two floats: `|actual − expected| ≤ absolute + relative · |expected|`, as in NumPy's
+/// `isclose`.
 ///
-/// NaN never compares as close, not even to NaN, and an infinity is close only to itself; a test
-/// that compares with a tolerance therefore fails on a broken value instead of passing it. The
-/// formula is NumPy's `isclose`.
+/// NaN is never close, not even to NaN, and an infinity is close only to itself, so that comparisons fail for invalid
+/// values.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tolerance {
-    /// Allowed distance that does not depend on the size of the values; ≥ 0.
+    /// Allowed absolute difference; ≥ 0.
     pub absolute: f64,
-    /// Allowed distance as a fraction of the expected value; ≥ 0.
+    /// Allowed difference as a fraction of the expected value; ≥ 0.
     pub relative: f64,
 }
 
 impl Tolerance {
-    /// Nothing but equality (and `-0.0 == 0.0`).
+    /// Equality (with `-0.0 == 0.0`).
     pub const EXACT: Self = Self::absolute(0.0);
-    /// What an f64 computation of a few dozen operations on values of order one may lose.
+    /// Rounding errors of a few dozen f64 operations on values of order one.
     pub const F64: Self = Self::absolute(1e-12);
-    /// A rotation whose rows went through one normalisation in f64.
+    /// Rounding errors of a rotation with rows normalised in f64.
     pub const ORTHONORMAL: Self = Self::absolute(1e-14);
-    /// A pose or intrinsic that went through f32 or nine printed decimals.
+    /// Rounding errors of a pose or intrinsic stored as f32 or with nine decimals.
     pub const F32_ROUND_TRIP: Self = Self::absolute(1e-6);
-    /// `numpy.allclose`'s defaults, which DepthSplat's loader applies to `det(R)`
-    /// (depthsplat `src/dataset/dataset_dl3dv.py:211-279`).
+    /// The defaults of `numpy.allclose`, which DepthSplat's loader applies to `det(R)` (depthsplat
+    /// `src/dataset/dataset_dl3dv.py:211-279`).
     pub const NUMPY_ALLCLOSE: Self = Self { absolute: 1e-8, relative: 1e-5 };
 
-    /// A tolerance of `absolute` whatever the values' size.
+    /// A tolerance of `absolute`.
     pub const fn absolute(absolute: f64) -> Self {
         Self { absolute, relative: 0.0 }
     }
@@ -36,8 +36,8 @@ impl Tolerance {
         Self { absolute: 0.0, relative }
     }
 
-    /// Whether `actual` lies within this tolerance of `expected`.
-    #[expect(clippy::float_cmp, reason = "an infinity is close to nothing but itself")]
+    /// Whether `actual` is within this tolerance of `expected`.
+    #[expect(clippy::float_cmp, reason = "an infinity is close only to itself")]
     pub fn accepts(self, actual: f64, expected: f64) -> bool {
         if actual == expected {
             return true;
@@ -49,7 +49,7 @@ impl Tolerance {
     /// Compares two sequences element by element.
     ///
     /// # Errors
-    /// The first element outside the tolerance, or the two lengths where they differ.
+    /// The first element outside the tolerance, or missing in one of the sequences.
     pub fn check<A, E>(self, actual: A, expected: E) -> Result<(), Mismatch>
     where
         A: IntoIterator<Item = f64>,
@@ -70,19 +70,21 @@ impl Tolerance {
     /// Compares two sequences and panics with the first mismatch; for tests.
     ///
     /// # Panics
-    /// When [`Tolerance::check`] fails.
+    /// If [`Tolerance::check`] fails.
     #[track_caller]
+    #[expect(clippy::panic, reason = "an assertion")]
     pub fn assert<A, E>(self, actual: A, expected: E, what: &str)
     where
         A: IntoIterator<Item = f64>,
         E: IntoIterator<Item = f64>,
     {
-        let outcome = self.check(actual, expected);
-        assert!(outcome.is_ok(), "{what}: {}", outcome.err().map(|m| m.to_string()).unwrap_or_default());
+        if let Err(mismatch) = self.check(actual, expected) {
+            panic!("{what}: {mismatch}");
+        }
     }
 }
 
-/// Where two sequences first differ by more than a [`Tolerance`].
+/// The first difference of two sequences that exceeds a [`Tolerance`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Mismatch {
     /// Position of the element, from 0.
@@ -128,7 +130,7 @@ mod tests {
     fn infinity_is_close_only_to_itself() {
         assert!(Tolerance::EXACT.accepts(f64::INFINITY, f64::INFINITY));
         assert!(!Tolerance::relative(1.0).accepts(f64::INFINITY, 1.0));
-        assert!(!Tolerance::relative(1.0).accepts(1.0, f64::INFINITY), "infinite slack is no slack");
+        assert!(!Tolerance::relative(1.0).accepts(1.0, f64::INFINITY), "an infinite tolerance accepts nothing else");
     }
 
     #[test]
@@ -139,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn check_names_the_first_mismatch_and_the_length() {
+    fn check_reports_the_first_mismatch_and_missing_elements() {
         let mismatch = Tolerance::EXACT.check([1.0, 2.0], [1.0, 3.0]).unwrap_err();
         assert_eq!(mismatch.to_string(), "element 1: expected 3e0, found 2e0 (absolute 0e0, relative 0e0)");
         let short = Tolerance::EXACT.check([1.0], [1.0, 3.0]).unwrap_err();

@@ -1,21 +1,19 @@
 use std::collections::HashMap;
 
-use crate::SharedBytes;
-use crate::TorchError;
-use crate::shortened;
 use crate::zip_container::ZipDirectory;
+use crate::{SharedBytes, TorchError, shortened};
 
-/// Where the storages of a file are, by the key that the pickle names them by.
+/// The storages of a file, by their key in the pickle.
 #[derive(Debug)]
 pub(crate) enum Container {
-    /// `torch.save` since 1.6: an entry each, whose local header is not touched before the storage is.
+    /// `torch.save` since 1.6: zip entries, whose local headers are not read before the storage is.
     Zip(ZipDirectory),
-    /// Known ranges: the older format, which appends the storages to the pickle.
+    /// The legacy format, which appends the storages to the pickle.
     Buffers(HashMap<String, SharedBytes>),
 }
 
 impl Container {
-    /// Length of a storage in bytes; `None` where there is none under this key.
+    /// Length of a storage in bytes; `None` if there is none with this key.
     pub(crate) fn len(&self, key: &str) -> Option<u64> {
         match self {
             Self::Zip(directory) => directory.len(&directory.storage_name(key)),
@@ -23,7 +21,7 @@ impl Container {
         }
     }
 
-    /// The bytes of a storage, shared with the file's map.
+    /// The bytes of a storage, shared with the mapped file.
     pub(crate) fn bytes(&self, key: &str) -> Result<SharedBytes, TorchError> {
         match self {
             Self::Zip(directory) => directory.bytes(&directory.storage_name(key)),

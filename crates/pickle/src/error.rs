@@ -1,20 +1,20 @@
 use thiserror::Error;
 
-/// Why bytes are not a file of `torch.save` that this reader takes. Whoever knows the path adds it.
+/// Why a `torch.save` file cannot be read. The caller adds the path.
 #[derive(Clone, Debug, Error, PartialEq, Eq)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum TorchError {
-    /// The bytes break their format.
+    /// The bytes violate their format.
     #[error("{location}: expected {expected}, found {found}")]
     Malformed {
         /// Byte offset, zip entry, or field of a scene.
         location: String,
-        /// What the format asks for.
         expected: String,
-        /// What stands there, shortened.
+        /// What the file holds, shortened.
         found: String,
     },
-    /// The pickle holds an opcode that `torch.save` does not write.
+    /// The pickle has an opcode that `torch.save` does not write.
     #[error("pickle byte {offset}: expected an opcode that torch.save writes, found 0x{opcode:02x}")]
     ForbiddenOpcode {
         /// Byte offset in the pickle.
@@ -22,7 +22,7 @@ pub enum TorchError {
         /// The opcode.
         opcode: u8,
     },
-    /// The pickle asks for a Python object other than tensors and containers: what an attack would do.
+    /// The pickle refers to a Python object other than tensors and containers, as an attack would.
     #[error("pickle byte {offset}: global {global:?} is not on the allow-list of tensors and containers")]
     ForbiddenGlobal {
         /// Byte offset in the pickle.
@@ -30,24 +30,20 @@ pub enum TorchError {
         /// `module name`, shortened.
         global: String,
     },
-    /// The file is what Git LFS leaves in the place of one that was not fetched.
-    #[error(
-        "expected a file of torch.save, found a Git LFS pointer to it: run `git lfs pull` in the repository that it came \
-         from"
-    )]
+    /// The file is a Git LFS pointer: the content was not fetched.
+    #[error("expected a file of torch.save, found a Git LFS pointer to it: run `git lfs pull` in its repository")]
     LfsPointer,
-    /// Valid, but not read by this toolkit.
+    /// Valid, but not supported.
     #[error("{location}: {feature} is not supported")]
     Unsupported {
-        /// Where.
+        /// Byte offset, zip entry, or object.
         location: String,
-        /// What.
         feature: String,
     },
 }
 
 impl TorchError {
-    /// [`TorchError::Malformed`]; for whoever reads a [`crate::Value`] and finds something else in it.
+    /// [`TorchError::Malformed`], also for users of a [`crate::Value`] with unexpected content.
     pub fn malformed(location: impl Into<String>, expected: impl Into<String>, found: impl Into<String>) -> Self {
         Self::Malformed { location: location.into(), expected: expected.into(), found: found.into() }
     }
@@ -60,9 +56,8 @@ impl TorchError {
 
 /// At most 80 characters of untrusted text, for a message.
 pub fn shortened(text: &str) -> String {
-    const SHOWN: usize = 80;
-    match text.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),
+    match text.char_indices().nth(80) {
+        Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),
     }
 }

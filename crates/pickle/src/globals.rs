@@ -1,6 +1,6 @@
 use crate::DType;
 
-/// The Python objects that a pickle may name. Nothing here runs code of the file's choosing.
+/// The Python objects that a pickle may refer to. None of them runs code chosen by the file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Global {
     /// `collections.OrderedDict`.
@@ -9,12 +9,12 @@ pub(crate) enum Global {
     RebuildTensor,
     /// `torch._utils._rebuild_parameter`.
     RebuildParameter,
-    /// A storage class, which stands for its element type.
+    /// A storage class, represented by its element type.
     Storage(DType),
 }
 
 impl Global {
-    /// The allow-list. `torch.storage._load_from_bytes` is left out on purpose: it unpickles again.
+    /// The allow-list. It deliberately omits `torch.storage._load_from_bytes`, which would unpickle again.
     pub(crate) fn allowed(module: &str, name: &str) -> Option<Self> {
         Some(match (module, name) {
             ("collections", "OrderedDict") => Self::OrderedDict,

@@ -6,22 +6,20 @@ use indexmap::IndexMap;
 
 use crate::container::Container;
 use crate::globals::Global;
-use crate::shortened;
-use crate::tensor::{DType, Storage};
-use crate::value::{Dict, Key};
-use crate::{MAX_DEPTH, Tensor, TorchError, Value};
+use crate::tensor::Storage;
+use crate::{DType, Dict, Key, MAX_DEPTH, Tensor, TorchError, Value, shortened};
 
 /// PyTorch's own limit.
 const MAX_DIMENSIONS: usize = 64;
 
-/// Position of a node in [`Graph`]: an opcode makes one node at most, and a pickle is shorter than 4 GiB.
+/// Index of a node in [`Graph`]: an opcode creates at most one node, and a pickle is shorter than 4 GiB.
 pub(crate) type NodeId = u32;
 
-/// What a pickle built. Objects refer to each other by position, as they do in Python: a list can be
-/// filled after others hold it, can be held twice, can hold itself. Dropping it recurses nowhere.
+/// The objects of a pickle. They refer to each other by index, with Python's semantics: a list can be filled after others
+/// refer to it, can be shared, and can contain itself. Dropping the graph does not recurse.
 pub(crate) struct Graph<'a> {
     pub(crate) nodes: Vec<Node>,
-    /// What text and bytes are ranges of.
+    /// The bytes that strings and bytes are ranges of.
     pub(crate) source: &'a [u8],
 }
 
@@ -49,7 +47,7 @@ pub(crate) struct StorageRef {
     pub(crate) len: u64,
 }
 
-/// Arguments of `_rebuild_tensor` and `_rebuild_tensor_v2`. The tuples stay where they are, because many tensors may share them.
+/// Arguments of `_rebuild_tensor` and `_rebuild_tensor_v2`. Tuples are references, because many tensors may share them.
 pub(crate) struct TensorRef {
     pub(crate) storage: StorageRef,
     pub(crate) offset: u64,
@@ -78,7 +76,7 @@ impl Node {
 
 impl<'a> Graph<'a> {
     pub(crate) fn node(&self, id: NodeId) -> &Node {
-        self.nodes.get(id as usize).unwrap_or_else(|| unreachable!("an id is the position of a node"))
+        self.nodes.get(id as usize).unwrap_or_else(|| unreachable!("an id is the index of a node"))
     }
 
     pub(crate) fn text(&self, id: NodeId) -> Option<&'a str> {
@@ -89,20 +87,20 @@ impl<'a> Graph<'a> {
     }
 
     fn utf8(&self, range: &Range<u32>) -> &'a str {
-        std::str::from_utf8(self.slice(range)).unwrap_or_else(|_| unreachable!("text is checked when it is read"))
+        std::str::from_utf8(self.slice(range)).unwrap_or_else(|_| unreachable!("strings are checked when read"))
     }
 
-    /// The key of a storage, which is text wherever a storage was made.
+    /// The key of a storage, which is always a string.
     fn key(&self, id: NodeId) -> &'a str {
-        self.text(id).unwrap_or_else(|| unreachable!("a storage is made of text alone"))
+        self.text(id).unwrap_or_else(|| unreachable!("the key is checked when the storage is created"))
     }
 
-    fn slice(&self, range: &Range<u32>) -> &'a [u8] {
+    pub(crate) fn slice(&self, range: &Range<u32>) -> &'a [u8] {
         let slice = self.source.get(range.start as usize..range.end as usize);
-        slice.unwrap_or_else(|| unreachable!("a range is one of the bytes that were read"))
+        slice.unwrap_or_else(|| unreachable!("ranges are inside the bytes read"))
     }
 
-    /// Element type and count of every storage that the pickle names.
+    /// Element type and count of every storage in the pickle.
     pub(crate) fn storages(&self) -> Result<HashMap<&'a str, (DType, u64)>, TorchError> {
         let mut storages = HashMap::new();
         for node in &self.nodes {
@@ -117,10 +115,10 @@ impl<'a> Graph<'a> {
         Ok(storages)
     }
 
-    /// The tree below `root`, each object made once and shared wherever the pickle shares it.
+    /// Converts `root` to a tree, in which each object is created once and shared as in the pickle.
     ///
     /// # Errors
-    /// Where an object holds itself, nesting exceeds [`MAX_DEPTH`], or a tensor does not fit its storage.
+    /// For an object that contains itself, nesting beyond [`MAX_DEPTH`], or a tensor that does not fit its storage.
     pub(crate) fn into_value(self, root: NodeId, container: &Arc<Container>) -> Result<Value, TorchError> {
         let mut tree = Tree {
             states: (0..self.nodes.len()).map(|_| State::New).collect(),
@@ -144,16 +142,16 @@ impl<'a> Graph<'a> {
 
 enum State {
     New,
-    /// Its parts are being made: meeting it again now means that it holds itself.
+    /// Its parts are being created; encountering it now means that it contains itself.
     Open,
-    /// Made, and how deep it nests.
+    /// Created, with its nesting depth.
     Done(Value, usize),
 }
 
 struct Tree<'a, 'c> {
     graph: Graph<'a>,
     states: Vec<State>,
-    /// Shapes and strides, by the tuple they came from.
+    /// Shapes and strides by tuple.
     dimensions: HashMap<NodeId, Arc<[u64]>>,
     container: &'c Arc<Container>,
 }
@@ -185,9 +183,8 @@ impl Tree<'_, '_> {
             Node::Dict(entries) => pending.extend(entries.iter().flat_map(|&(key, value)| [key, value])),
             _ => {}
         }
-        let parts = pending.get(before..).unwrap_or_default();
-        if parts.iter().any(|&part| matches!(self.state(part), State::Open)) {
-            return Err(TorchError::unsupported("pickle", "an object that holds itself"));
+        if pending[before..].iter().any(|&part| matches!(self.state(part), State::Open)) {
+            return Err(TorchError::unsupported("pickle", "an object that contains itself"));
         }
         Ok(())
     }
@@ -211,7 +208,7 @@ impl Tree<'_, '_> {
                 Value::Tensor(Arc::new(Tensor::new(storage, offset, shape, strides)?))
             }
             node @ (Node::Global(_) | Node::Storage(_)) => {
-                return Err(TorchError::malformed("pickle", "data", format!("{} on its own", node.kind())));
+                return Err(TorchError::malformed("pickle", "data", format!("{} as a value", node.kind())));
             }
         };
         if depth > MAX_DEPTH {
@@ -248,13 +245,11 @@ impl Tree<'_, '_> {
         let StorageRef { dtype, key, len } = reference;
         let key = self.graph.key(key);
         let location = || format!("storage {:?}", shortened(key));
-        let held = self
-            .container
-            .len(key)
-            .ok_or_else(|| TorchError::malformed(location(), "its bytes in the file", "none"))?;
-        if len.checked_mul(dtype.bytes() as u64) != Some(held) {
+        let found = self.container.len(key);
+        let found = found.ok_or_else(|| TorchError::malformed(location(), "its bytes in the file", "none"))?;
+        if len.checked_mul(dtype.bytes() as u64) != Some(found) {
             let expected = format!("{len} elements of {dtype}");
-            return Err(TorchError::malformed(location(), expected, format!("{held} bytes")));
+            return Err(TorchError::malformed(location(), expected, format!("{found} bytes")));
         }
         Ok(Storage { container: Arc::clone(self.container), key: key.into(), dtype, len })
     }

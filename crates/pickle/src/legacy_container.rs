@@ -1,24 +1,21 @@
-//! The format of `torch.save` before 1.6 (`_use_new_zipfile_serialization=False`): five pickles (magic
-//! number, protocol version, system information, the object, its storage keys), then every storage as
-//! an i64 element count and its raw little-endian elements (PyTorch `torch/serialization.py`,
-//! `_legacy_save`).
+//! The legacy format of `torch.save` before 1.6 (`_use_new_zipfile_serialization=False`): five pickles (magic number,
+//! protocol version, system information, the object, its storage keys), then each storage as an i64 element count and its
+//! raw little-endian elements (PyTorch `torch/serialization.py`, `_legacy_save`).
 
 use std::collections::HashMap;
 use std::sync::Arc;
 
-use crate::SharedBytes;
-use crate::bytes::{array_at, span};
 use crate::container::Container;
 use crate::graph::Graph;
-use crate::machine::{self, Parsed};
-use crate::shortened;
-use crate::{TorchError, Value};
+use crate::interpreter::{self, Parsed};
+use crate::shared_bytes::{array_at, span};
+use crate::{SharedBytes, TorchError, Value, shortened};
 
 /// `pickle.dumps(0x1950a86a20f9469cfc6c, protocol=2)`.
 const MAGIC: &[u8] = b"\x80\x02\x8a\x0a\x6c\xfc\x9c\x46\xf9\x20\x6a\xa8\x50\x19.";
 const PROTOCOL_VERSION: i64 = 1001;
 
-/// Whether the bytes open with the magic number.
+/// Whether the bytes start with the magic number.
 pub(crate) fn recognises(bytes: &[u8]) -> bool {
     bytes.starts_with(MAGIC)
 }
@@ -32,7 +29,7 @@ pub(crate) fn parse(file: &SharedBytes) -> Result<Value, TorchError> {
             return Err(TorchError::malformed("legacy header", expected, other.to_string()));
         }
     }
-    // Byte order and type sizes of the writer, which torch.load does not look at either.
+    // Byte order and type sizes of the writer, which torch.load ignores too.
     next_pickle(file, &mut at)?;
     let object = next_pickle(file, &mut at)?;
     let keys = plain(next_pickle(file, &mut at)?)?;
@@ -41,12 +38,12 @@ pub(crate) fn parse(file: &SharedBytes) -> Result<Value, TorchError> {
 }
 
 fn next_pickle<'a>(file: &'a [u8], at: &mut usize) -> Result<Parsed<'a>, TorchError> {
-    let parsed = machine::parse(file, *at)?;
+    let parsed = interpreter::parse(file, *at)?;
     *at = parsed.end;
     Ok(parsed)
 }
 
-/// A pickle that holds no tensors.
+/// The value of a pickle without tensors.
 pub(crate) fn plain(parsed: Parsed<'_>) -> Result<Value, TorchError> {
     parsed.graph.into_value(parsed.root, &Arc::new(Container::Buffers(HashMap::new())))
 }
@@ -66,9 +63,9 @@ fn storages(
     for key in listed.iter() {
         let key = key.as_str().ok_or_else(|| TorchError::malformed("legacy storage keys", "text", key.to_string()))?;
         let location = || format!("legacy storage {:?} at byte {at}", shortened(key));
-        let &(dtype, len) = referenced.get(key).ok_or_else(|| {
-            TorchError::malformed(location(), "a storage that a tensor refers to", "one that none does")
-        })?;
+        let &(dtype, len) = referenced
+            .get(key)
+            .ok_or_else(|| TorchError::malformed(location(), "a storage that a tensor refers to", "an unused one"))?;
         let counted = array_at(file, at).map(i64::from_le_bytes);
         if counted.and_then(|count| u64::try_from(count).ok()) != Some(len) {
             let found = counted.map_or_else(|| "the end of the file".to_owned(), |count| count.to_string());

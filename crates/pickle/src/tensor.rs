@@ -5,7 +5,7 @@ use crate::SharedBytes;
 use crate::TorchError;
 use crate::container::Container;
 
-/// What an element of a tensor is.
+/// Element type of a tensor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum DType {
@@ -60,7 +60,7 @@ impl fmt::Display for DType {
     }
 }
 
-/// The flat buffer behind a tensor, found in the file but not read until it is asked for.
+/// The flat buffer of a tensor, located in the file but not read yet.
 #[derive(Clone)]
 pub(crate) struct Storage {
     pub(crate) container: Arc<Container>,
@@ -70,10 +70,10 @@ pub(crate) struct Storage {
     pub(crate) len: u64,
 }
 
-/// A tensor of `torch.save`: a strided view of a storage, whose bounds were checked when it was parsed.
+/// A tensor of `torch.save`: a strided view of a storage, whose bounds are checked when it is parsed.
 ///
-/// Making one touches none of its elements, so that listing the scenes of a chunk does not read its
-/// pictures from disk. All layouts are little endian.
+/// Creating one does not read its elements, so that listing the scenes of a chunk does not read its pictures from disk.
+/// Elements are little endian.
 #[derive(Clone)]
 pub struct Tensor {
     storage: Storage,
@@ -105,7 +105,7 @@ impl Tensor {
         Ok(Self { storage, offset, shape, strides, elements })
     }
 
-    /// What an element is.
+    /// The element type.
     pub fn dtype(&self) -> DType {
         self.storage.dtype
     }
@@ -115,7 +115,7 @@ impl Tensor {
         &self.shape
     }
 
-    /// Distance in elements between neighbours along each dimension.
+    /// Strides in elements along each dimension.
     pub fn strides(&self) -> &[u64] {
         &self.strides
     }
@@ -125,7 +125,7 @@ impl Tensor {
         self.elements
     }
 
-    /// Whether the elements lie row-major without gaps.
+    /// Whether the elements are row-major without gaps.
     pub fn is_contiguous(&self) -> bool {
         let mut expected = 1u64;
         self.elements == 0
@@ -136,12 +136,11 @@ impl Tensor {
             })
     }
 
-    /// The elements as row-major little-endian bytes: a part of the file's map where they lie so, a copy
-    /// otherwise.
+    /// The elements as row-major little-endian bytes: a part of the mapped file if contiguous, a copy otherwise.
     ///
     /// # Errors
-    /// [`TorchError`] where the file's own record of the storage is broken, or where the tensor repeats
-    /// its storage (an expanded tensor) so often that a copy would be larger than it.
+    /// [`TorchError`] if the storage's zip entry is malformed, or if the tensor repeats its storage (an expanded tensor),
+    /// so that a copy would be larger than the storage.
     pub fn to_bytes(&self) -> Result<SharedBytes, TorchError> {
         let storage = self.storage.container.bytes(&self.storage.key)?;
         let (start, count) = (index(self.offset)?, index(self.elements)?);
@@ -156,10 +155,10 @@ impl Tensor {
         self.gathered(&storage, start, size).map(SharedBytes::new).ok_or_else(|| self.outside(&storage))
     }
 
-    /// The elements in row-major order, exactly; for floating-point tensors.
+    /// The exact elements of a floating-point tensor in row-major order.
     ///
     /// # Errors
-    /// As [`Tensor::to_bytes`], and for a tensor of integers.
+    /// Those of [`Tensor::to_bytes`], and for a tensor of integers.
     pub fn to_f64(&self) -> Result<Vec<f64>, TorchError> {
         let bytes = self.to_bytes()?;
         Ok(match self.dtype() {
@@ -171,10 +170,10 @@ impl Tensor {
         })
     }
 
-    /// The elements in row-major order; for integer and boolean tensors.
+    /// The elements of an integer or boolean tensor in row-major order.
     ///
     /// # Errors
-    /// As [`Tensor::to_bytes`], and for a tensor of floats.
+    /// Those of [`Tensor::to_bytes`], and for a tensor of floats.
     pub fn to_i64(&self) -> Result<Vec<i64>, TorchError> {
         let bytes = self.to_bytes()?;
         Ok(match self.dtype() {
@@ -226,14 +225,14 @@ impl fmt::Debug for Tensor {
 }
 
 fn element_count(shape: &[u64]) -> Option<u64> {
-    // An empty dimension makes the tensor empty however large the others are.
+    // A dimension of 0 makes the tensor empty, however large the others are.
     if shape.contains(&0) {
         return Some(0);
     }
     shape.iter().try_fold(1u64, |count, &size| count.checked_mul(size))
 }
 
-/// One past the largest element index that a tensor with no empty dimension reaches.
+/// The largest element index plus one, for a tensor without dimensions of 0.
 fn past_last(offset: u64, shape: &[u64], strides: &[u64]) -> Option<u64> {
     let last = shape
         .iter()
@@ -252,7 +251,7 @@ fn elements<const N: usize, T>(bytes: &[u8], read: impl Fn([u8; N]) -> T) -> Vec
     whole.iter().map(|element| read(*element)).collect()
 }
 
-/// IEEE 754 binary16; every value is exact in f64.
+/// Converts IEEE 754 binary16, exactly.
 fn f64_from_f16(bits: u16) -> f64 {
     let sign = if bits >> 15 == 1 { -1.0 } else { 1.0 };
     let fraction = bits & 0x3ff;
@@ -276,7 +275,7 @@ mod tests {
     }
 
     #[test]
-    fn a_transposed_view_is_gathered_and_a_contiguous_one_shared() {
+    fn transposed_views_are_copied_to_row_major_order() {
         let data: Vec<u8> = (0..6).collect();
         let rows = tensor(data.clone(), DType::U8, 0, &[2, 3], &[3, 1]).unwrap();
         assert!(rows.is_contiguous());
@@ -289,7 +288,7 @@ mod tests {
     }
 
     #[test]
-    fn a_view_outside_its_storage_is_refused() {
+    fn views_outside_their_storage_are_errors() {
         for (offset, shape, strides) in [
             (0, &[7][..], &[1][..]),
             (6, &[1], &[1]),
@@ -302,11 +301,14 @@ mod tests {
         ] {
             assert!(tensor(vec![0; 6], DType::U8, offset, shape, strides).is_err(), "{offset} {shape:?} {strides:?}");
         }
-        assert!(tensor(vec![0; 6], DType::U8, 6, &[0, u64::MAX, u64::MAX], &[1, 1, 1]).is_ok(), "empty is inside");
+        assert!(
+            tensor(vec![0; 6], DType::U8, 6, &[0, u64::MAX, u64::MAX], &[1, 1, 1]).is_ok(),
+            "an empty view is inside"
+        );
     }
 
     #[test]
-    fn a_stride_of_zero_cannot_make_a_large_copy() {
+    fn a_stride_of_zero_cannot_cause_a_large_copy() {
         let huge = tensor(vec![7], DType::U8, 0, &[1 << 40, 1 << 20], &[0, 0]).unwrap();
         assert!(matches!(huge.to_bytes(), Err(TorchError::Unsupported { .. })));
         let shared = tensor(vec![7, 8], DType::U8, 0, &[1, 2], &[0, 0]).unwrap();
@@ -329,9 +331,9 @@ mod tests {
             assert_eq!(f64_from_f16(bits).to_bits(), f64::to_bits(expected), "{bits:04x}");
         }
         assert!(f64_from_f16(0x7e00).is_nan());
-        assert!(f64_from_f16(0x8000).is_sign_negative(), "negative zero keeps its sign");
-        let brain = tensor(vec![0x80, 0x3f, 0x20, 0xc1], DType::Bf16, 0, &[2], &[1]).unwrap();
-        Tolerance::EXACT.assert(brain.to_f64().unwrap(), [1.0, -10.0], "bfloat16");
+        assert!(f64_from_f16(0x8000).is_sign_negative(), "sign of negative zero");
+        let bfloat = tensor(vec![0x80, 0x3f, 0x20, 0xc1], DType::Bf16, 0, &[2], &[1]).unwrap();
+        Tolerance::EXACT.assert(bfloat.to_f64().unwrap(), [1.0, -10.0], "bfloat16");
     }
 
     #[test]

@@ -5,11 +5,11 @@ use indexmap::IndexMap;
 
 use crate::Tensor;
 
-/// A Python object that `torch.save` wrote.
+/// A Python object of a `torch.save` file.
 ///
-/// Objects that the pickle shares are shared here too, so a hostile file cannot make the tree larger
-/// than itself. A walk that follows every path may still visit one object many times: it must bound its
-/// own work. Nesting is at most [`crate::MAX_DEPTH`] deep and never cyclic.
+/// Objects shared in the pickle are shared here too, so a malicious file cannot make the tree larger than itself. A
+/// traversal of every path may still visit an object many times and must bound its own work. Nesting is at most
+/// [`crate::MAX_DEPTH`] deep and never cyclic.
 #[derive(Clone)]
 pub enum Value {
     /// `None`.
@@ -20,13 +20,13 @@ pub enum Value {
     Int(i64),
     /// A float.
     Float(f64),
-    /// Text.
+    /// A string.
     Str(Arc<str>),
     /// Raw bytes.
     Bytes(Arc<[u8]>),
     /// A list.
     List(Arc<[Value]>),
-    /// A tuple, `torch.Size` among them.
+    /// A tuple or `torch.Size`.
     Tuple(Arc<[Value]>),
     /// A `dict` or `OrderedDict`.
     Dict(Arc<Dict>),
@@ -34,23 +34,23 @@ pub enum Value {
     Tensor(Arc<Tensor>),
 }
 
-/// A key of a [`Dict`]; a Python dict keyed by anything else is refused.
+/// A key of a [`Dict`]; Python dicts with other keys are errors.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Key {
-    /// Text.
+    /// A string.
     Str(Arc<str>),
     /// An integer, as in optimiser states.
     Int(i64),
 }
 
-/// A Python dict in insertion order; a repeated key keeps its first place and its last value, as in Python.
+/// A Python dict in insertion order; a repeated key keeps its first position and its last value, as in Python.
 #[derive(Clone, Default)]
 pub struct Dict {
     pub(crate) entries: IndexMap<Key, Value>,
 }
 
 impl Dict {
-    /// The value under a text key.
+    /// The value of a string key.
     pub fn get(&self, key: &str) -> Option<&Value> {
         self.entries.get(&Key::Str(key.into()))
     }
@@ -65,14 +65,14 @@ impl Dict {
         self.entries.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no entries.
     pub fn is_empty(&self) -> bool {
         self.entries.is_empty()
     }
 }
 
 impl Value {
-    /// The text of a [`Value::Str`].
+    /// The string of a [`Value::Str`].
     pub fn as_str(&self) -> Option<&str> {
         match self {
             Self::Str(text) => Some(text),
@@ -105,7 +105,7 @@ impl Value {
     }
 }
 
-/// One level only: a value that shares its parts a hundred levels deep would print for ever.
+/// Formats one level only: the output for shared parts a hundred levels deep would be unbounded.
 impl fmt::Display for Value {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

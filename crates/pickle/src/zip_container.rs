@@ -1,16 +1,13 @@
 //! The zip directory of a `torch.save` file.
 //!
-//! The `zip` crate finds an entry's bytes by reading the header in front of them, which on a mapped
-//! chunk costs one page of disk for every picture, wanted or not; and of two entries with one name it
-//! keeps the last, where PyTorch takes another. This reads the central directory alone, refuses what is
-//! ambiguous, and looks at a local header only when its entry is asked for.
+//! The `zip` crate reads every local header, which on a mapped chunk reads one page of disk for every picture, used or
+//! not; and of two entries with one name it uses the last, where PyTorch uses another. This reads only the central
+//! directory, rejects ambiguous ones, and reads a local header when its entry is requested.
 
 use std::collections::HashMap;
 
-use crate::SharedBytes;
-use crate::TorchError;
-use crate::bytes::{span, u16_at, u32_at, u64_at};
-use crate::shortened;
+use crate::shared_bytes::{span, u16_at, u32_at, u64_at};
+use crate::{SharedBytes, TorchError, shortened};
 
 const LOCAL_HEADER: &[u8] = b"PK\x03\x04";
 const LOCAL_HEADER_LEN: usize = 30;
@@ -22,17 +19,17 @@ const ZIP64_END_OF_DIRECTORY: &[u8] = b"PK\x06\x06";
 const ZIP64_LOCATOR: &[u8] = b"PK\x06\x07";
 const ZIP64_LOCATOR_LEN: usize = 20;
 const ZIP64_EXTRA: u16 = 1;
-/// A field that says "see the zip64 record".
+/// The value of a field that is stored in the zip64 record instead.
 const SATURATED: u32 = u32::MAX;
 
-/// Entry names and places of a zip file whose entries are stored, not deflated.
+/// Entries of a zip file without compression.
 #[derive(Debug)]
 pub(crate) struct ZipDirectory {
     file: SharedBytes,
-    /// The one top-level folder: `archive`, or the stem that the file had when it was saved.
+    /// The top-level folder: `archive`, or the stem of the file's original name.
     prefix: String,
     entries: HashMap<String, Entry>,
-    /// Where the central directory begins; entries end before it.
+    /// Start of the central directory; entries end before it.
     directory_start: usize,
 }
 
@@ -43,7 +40,7 @@ struct Entry {
 }
 
 impl ZipDirectory {
-    /// Whether the bytes open like a zip file.
+    /// Whether the bytes start like a zip file.
     pub(crate) fn recognises(bytes: &[u8]) -> bool {
         bytes.starts_with(LOCAL_HEADER)
     }
@@ -51,8 +48,7 @@ impl ZipDirectory {
     pub(crate) fn parse(file: SharedBytes) -> Result<Self, TorchError> {
         let end = EndOfDirectory::find(&file)?;
         let directory = end.directory(&file)?;
-        let most = usize::try_from(end.entries).unwrap_or(usize::MAX).min(directory.len() / CENTRAL_HEADER_LEN);
-        let mut entries = HashMap::with_capacity(most);
+        let mut entries = HashMap::with_capacity(directory.len() / CENTRAL_HEADER_LEN);
         let mut at = 0;
         while at < directory.len() {
             let (name, entry, next) = central_entry(directory, at)?;
@@ -73,12 +69,12 @@ impl ZipDirectory {
         Ok(this)
     }
 
-    /// The pickle that describes the saved object.
+    /// The pickle of the saved object.
     pub(crate) fn pickle(&self) -> Result<SharedBytes, TorchError> {
         self.bytes(&self.name("data.pkl"))
     }
 
-    /// Name of the entry that holds a storage.
+    /// Name of the entry of a storage.
     pub(crate) fn storage_name(&self, key: &str) -> String {
         [&self.prefix, "/data/", key].concat()
     }
@@ -88,7 +84,7 @@ impl ZipDirectory {
         self.entries.get(name).map(|entry| entry.len)
     }
 
-    /// The bytes of an entry, shared with the file's map.
+    /// The bytes of an entry, shared with the mapped file.
     pub(crate) fn bytes(&self, name: &str) -> Result<SharedBytes, TorchError> {
         let location = || format!("zip entry {:?}", shortened(name));
         let missing = || TorchError::malformed("zip directory", format!("an entry {:?}", shortened(name)), "none");
@@ -140,16 +136,15 @@ struct EndOfDirectory {
 }
 
 impl EndOfDirectory {
-    /// Searches backwards, because a comment of up to 65535 bytes may follow.
+    /// Searches backwards, because a comment of up to 65535 bytes may follow the record.
     fn find(file: &[u8]) -> Result<Self, TorchError> {
         let searched = file.len().saturating_sub(END_OF_DIRECTORY_LEN + usize::from(u16::MAX));
         let at = (searched..=file.len().saturating_sub(END_OF_DIRECTORY_LEN))
             .rev()
             .find(|&at| ends_file(file, at))
             .ok_or_else(|| TorchError::malformed("end of the zip file", "an end-of-directory record", "none"))?;
-        Self::read(file, at).ok_or_else(|| {
-            TorchError::malformed(format!("byte {at}"), "a directory that lies inside the file", "one that does not")
-        })
+        Self::read(file, at)
+            .ok_or_else(|| TorchError::malformed(format!("byte {at}"), "a directory inside the file", "one outside"))
     }
 
     fn read(file: &[u8], at: usize) -> Option<Self> {
@@ -176,7 +171,7 @@ impl EndOfDirectory {
 
     fn directory<'a>(&self, file: &'a [u8]) -> Result<&'a [u8], TorchError> {
         file.get(self.directory_start..self.directory_end)
-            .ok_or_else(|| TorchError::malformed("zip directory", "a place inside the file", "one outside"))
+            .ok_or_else(|| TorchError::malformed("zip directory", "a range inside the file", "one outside"))
     }
 }
 
@@ -185,7 +180,7 @@ fn ends_file(file: &[u8], at: usize) -> bool {
         && u16_at(file, at + 20).is_some_and(|comment| at + END_OF_DIRECTORY_LEN + usize::from(comment) == file.len())
 }
 
-/// The entry described at `at`, its name, and where the next description begins.
+/// Name and entry of the directory record at `at`, and the start of the next record.
 fn central_entry(directory: &[u8], at: usize) -> Result<(&str, Entry, usize), TorchError> {
     let location = || format!("zip directory byte {at}");
     let truncated = || TorchError::malformed(location(), "an entry", "the end of the directory");
@@ -237,7 +232,7 @@ fn zip64_fields(mut extra: &[u8]) -> impl Iterator<Item = u64> {
             fields = body;
             break;
         }
-        extra = extra.get(4 + usize::from(len)..).unwrap_or_default();
+        extra = &extra[4 + usize::from(len)..];
     }
     fields.as_chunks::<8>().0.iter().map(|field| u64::from_le_bytes(*field))
 }

@@ -1,12 +1,12 @@
-//! `cargo bench -p atsplat-pixels --bench resize`; against Pillow in the same run: `pillow_resize.py`.
-#![expect(clippy::unwrap_used, reason = "a benchmark that cannot run must stop")]
+//! `cargo bench -p atsplat-pixels --bench resize`; `pillow_resize.py` compares with Pillow in the same run.
+#![expect(clippy::unwrap_used, reason = "a benchmark stops at the first error")]
 
 use std::hint::black_box;
 
 use atsplat_pixels::{Filter, ImageU8, resize};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 
-/// The sizes of the published protocols (conventions B1, B3), as source and target.
+/// Source and target sizes of the published protocols (conventions B1, B3).
 const SIZES: [[u32; 4]; 4] = [[640, 360, 455, 256], [480, 270, 398, 224], [960, 540, 796, 448], [1920, 1080, 960, 540]];
 
 fn sizes(criterion: &mut Criterion) {

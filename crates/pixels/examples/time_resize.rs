@@ -1,8 +1,8 @@
 //! Times [`resize`] on request, so that `benches/pillow_resize.py` can alternate with Pillow.
 //!
-//! Each line of standard input, `width height to_width to_height filter`, is answered with the seconds
-//! that one call took and a checksum of its result.
-#![expect(clippy::print_stdout, reason = "the answer goes to the caller's pipe")]
+//! For each line `width height to_width to_height filter` of standard input it prints the seconds of one call and a
+//! checksum of its result.
+#![expect(clippy::print_stdout, reason = "the output goes to the caller's pipe")]
 
 use std::io::{BufRead as _, Write as _};
 use std::time::Instant;

@@ -3,8 +3,8 @@ use std::io::Write;
 
 use crate::{ImageU8, PictureFormat, PixelError};
 
-/// An animated PNG, written frame by frame: RGB of 8 bits, lossless, repeated for ever. The same frames give the same
-/// bytes. Viewers that know no animation show the first frame.
+/// Writes an animated PNG frame by frame: 8-bit RGB, lossless, infinite loop. The same frames give the same bytes.
+/// Viewers without support for animation show the first frame.
 pub struct AnimatedPng<W: Write> {
     writer: png::Writer<W>,
     size: (u32, u32),
@@ -20,11 +20,11 @@ impl<W: Write> fmt::Debug for AnimatedPng<W> {
 }
 
 impl<W: Write> AnimatedPng<W> {
-    /// Writes the header for `frames` pictures of `width × height`, shown `per_second` a second.
+    /// Writes the header for `frames` pictures of `width × height` at `per_second` frames per second.
     ///
     /// # Errors
-    /// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`], for no frames and for no frames
-    /// a second too.
+    /// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`], also for zero frames or zero frames
+    /// per second.
     pub fn new(out: W, (width, height): (u32, u32), frames: u32, per_second: u16) -> Result<Self, PixelError> {
         if width == 0 || height == 0 {
             return Err(PixelError::Empty { what: "animation", width, height });
@@ -35,7 +35,7 @@ impl<W: Write> AnimatedPng<W> {
         encoder.set_source_srgb(png::SrgbRenderingIntent::Perceptual);
         encoder.set_animated(frames, 0).map_err(failed)?;
         if per_second == 0 {
-            let source = "expected at least one frame a second, found 0".into();
+            let source = "expected at least one frame per second, found 0".into();
             return Err(PixelError::Encode { format: PictureFormat::Png, source });
         }
         encoder.set_frame_delay(1, per_second).map_err(failed)?;
@@ -46,7 +46,7 @@ impl<W: Write> AnimatedPng<W> {
     ///
     /// # Errors
     /// [`PixelError::FrameSize`] for a picture of another size, [`PixelError::FrameCount`] beyond the last frame,
-    /// [`PixelError::Encode`] where it cannot be written.
+    /// [`PixelError::Encode`] if it cannot be written.
     pub fn push(&mut self, image: &ImageU8) -> Result<(), PixelError> {
         let found = (image.width(), image.height());
         if found != self.size {
@@ -60,10 +60,10 @@ impl<W: Write> AnimatedPng<W> {
         Ok(())
     }
 
-    /// Ends the file.
+    /// Completes the file.
     ///
     /// # Errors
-    /// [`PixelError::FrameCount`] where frames are missing, [`PixelError::Encode`].
+    /// [`PixelError::FrameCount`] if frames are missing, [`PixelError::Encode`].
     pub fn finish(self) -> Result<(), PixelError> {
         if self.written < self.frames {
             return Err(PixelError::FrameCount { expected: self.frames, found: self.written });
@@ -98,12 +98,12 @@ mod tests {
     }
 
     #[test]
-    fn every_frame_comes_back_with_its_delay() {
+    fn frames_round_trip_with_their_delay() {
         let frames = [frame(0), frame(90), frame(0)];
         let file = animation(&frames);
         let mut reader = png::Decoder::new(std::io::Cursor::new(&file)).read_info().unwrap();
         let control = reader.info().animation_control.unwrap();
-        assert_eq!((control.num_frames, control.num_plays), (3, 0), "for ever");
+        assert_eq!((control.num_frames, control.num_plays), (3, 0), "infinite loop");
         for expected in &frames {
             let mut samples = vec![0; reader.output_buffer_size().unwrap()];
             reader.next_frame(&mut samples).unwrap();
@@ -115,13 +115,13 @@ mod tests {
     }
 
     #[test]
-    fn a_viewer_without_animation_sees_the_first_frame() {
+    fn a_decoder_without_animation_reads_the_first_frame() {
         let file = animation(&[frame(3), frame(4)]);
         assert_eq!(decode(&file, &DecodeLimits::default()).unwrap(), frame(3));
     }
 
     #[test]
-    fn sizes_and_counts_are_kept() {
+    fn frame_sizes_and_counts_are_checked() {
         let mut file = Vec::new();
         let mut animation = AnimatedPng::new(&mut file, SIZE, 2, 24).unwrap();
         let other = ImageU8::new(3, 5, vec![0; 45]).unwrap();

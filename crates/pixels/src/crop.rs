@@ -1,12 +1,12 @@
 use crate::{ImageU8, PixelError};
 
-/// The rectangle of `width × height` pixels whose first pixel is at `column`, `row`.
+/// Crops to the rectangle of `width × height` pixels whose first pixel is at `column`, `row`.
 ///
-/// The caller decides where; centre crops of the field start at `(size − crop) / 2` rounded down
-/// (pixelSplat `src/dataset/shims/crop_shim.py`).
+/// The centre crops of the field start at `(size − crop) / 2` rounded down (pixelSplat
+/// `src/dataset/shims/crop_shim.py`).
 ///
 /// # Errors
-/// [`PixelError::Empty`] for a crop without pixels, [`PixelError::CropOutside`] where it reaches outside.
+/// [`PixelError::Empty`] for a crop without pixels, [`PixelError::CropOutside`] if it is not inside the picture.
 pub fn crop(image: &ImageU8, column: u32, row: u32, width: u32, height: u32) -> Result<ImageU8, PixelError> {
     if width == 0 || height == 0 {
         return Err(PixelError::Empty { what: "crop", width, height });
@@ -18,7 +18,7 @@ pub fn crop(image: &ImageU8, column: u32, row: u32, width: u32, height: u32) -> 
     }
     let (first, length) = (column as usize * 3, width as usize * 3);
     let rows = image.samples().chunks_exact(picture_width as usize * 3).skip(row as usize).take(height as usize);
-    let samples = rows.filter_map(|samples| samples.get(first..first + length)).flatten().copied().collect();
+    let samples = rows.flat_map(|samples| &samples[first..first + length]).copied().collect();
     ImageU8::new(width, height, samples)
 }
 
@@ -32,23 +32,23 @@ mod tests {
     }
 
     #[test]
-    fn every_pixel_comes_from_its_place() {
-        let cut = crop(&numbered(9, 7), 2, 3, 4, 3).unwrap();
-        assert_eq!((cut.width(), cut.height()), (4, 3));
+    fn pixels_are_copied_from_their_position() {
+        let cropped = crop(&numbered(9, 7), 2, 3, 4, 3).unwrap();
+        assert_eq!((cropped.width(), cropped.height()), (4, 3));
         for (column, row) in (0..3u8).flat_map(|row| (0..4u8).map(move |column| (column, row))) {
-            assert_eq!(cut.pixel(column.into(), row.into()), Some([column + 2, row + 3, 7]));
+            assert_eq!(cropped.pixel(column.into(), row.into()), Some([column + 2, row + 3, 7]));
         }
     }
 
     #[test]
-    fn a_crop_of_a_crop_is_one_crop() {
+    fn crops_compose() {
         let image = numbered(40, 30);
         let twice = crop(&crop(&image, 5, 6, 20, 15).unwrap(), 3, 2, 10, 9).unwrap();
         assert_eq!(twice, crop(&image, 8, 8, 10, 9).unwrap());
     }
 
     #[test]
-    fn the_whole_is_a_copy_and_one_more_is_outside() {
+    fn the_full_crop_is_a_copy_and_larger_ones_are_errors() {
         let image = numbered(4, 3);
         assert_eq!(crop(&image, 0, 0, 4, 3).unwrap(), image);
         for (column, row, width, height) in

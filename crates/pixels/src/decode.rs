@@ -3,36 +3,35 @@ use std::io::Cursor;
 use image::codecs::{png::PngDecoder, webp::WebPDecoder};
 use image::{ColorType, ImageDecoder, ImageError, Limits};
 
-use crate::memory::zeroed;
+use crate::limits::zeroed;
 use crate::size::{header, unknown};
 use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError, size_of};
 
-/// Encoded bytes into 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`, which every
-/// loader of the field applies (pixelSplat `src/dataset/dataset_re10k.py`, through torchvision):
+/// Decodes to 8-bit RGB, by the rules of Pillow's `Image.open(…).convert("RGB")`, which every loader of the field
+/// applies (pixelSplat `src/dataset/dataset_re10k.py`, through torchvision):
 ///
 /// - EXIF orientation is not applied, gamma and colour profiles are ignored;
-/// - alpha is dropped, not composed over a background;
-/// - grey is repeated three times, 1, 2 and 4 bits are spread over 0…255;
+/// - alpha is dropped, not composited over a background;
+/// - grey is repeated three times, 1, 2 and 4 bits are scaled to 0…255;
 /// - a palette index beyond the palette is black;
 /// - 16-bit samples keep their high byte (truncation, not rounding);
 /// - an animated WebP gives its first frame.
 ///
-/// One rule is another on purpose: Pillow clips 16-bit *grey* at 255, which turns nearly every such picture
-/// white; here it keeps its high byte as colours do.
+/// One rule differs on purpose: Pillow clips 16-bit *grey* at 255, which turns nearly every such picture white; here it
+/// keeps its high byte, as colours do.
 ///
 /// # Errors
 /// [`PixelError::UnknownFormat`], [`PixelError::LfsPointer`], [`PixelError::HoldsFloats`] for EXR,
-/// [`PixelError::OverLimit`] and [`PixelError::FileTooShort`] from the header alone, [`PixelError::Decode`] for
-/// damaged data.
+/// [`PixelError::OverLimit`] and [`PixelError::FileTooShort`] before decoding, [`PixelError::Decode`] for corrupt data.
 pub fn decode(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
     decoded(bytes, limits, |_, _, _| Ok(()))
 }
 
-/// [`decode`] for pictures that have to be opaque. What colour a transparent pixel has depends on what lies behind
-/// it, and on whether the file's colours were multiplied with alpha before, which PNG does not tell.
+/// [`decode`] for pictures that must be opaque. The colour of a transparent pixel depends on the background, and on
+/// whether the file's colours are premultiplied by alpha, which PNG does not state.
 ///
 /// # Errors
-/// As [`decode`], and [`PixelError::Transparent`].
+/// Those of [`decode`], and [`PixelError::Transparent`].
 pub fn decode_opaque(bytes: &[u8], limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
     decoded(bytes, limits, require_opaque)
 }
@@ -48,7 +47,7 @@ fn decoded(
     }
     let (width, height) = size_of(bytes)?;
     limits.check(format, (width, height), 3)?;
-    if u64::from(width) * u64::from(height) > most_pixels(format, bytes.len()) {
+    if u64::from(width) * u64::from(height) > max_pixels(format, bytes.len()) {
         return Err(PixelError::FileTooShort { format, width, height, length: bytes.len() });
     }
     let reader = Cursor::new(bytes);
@@ -68,7 +67,7 @@ fn decoded(
     ImageU8::new(width, height, rgb8(format, color, stored)?)
 }
 
-/// Refuses stored samples with an alpha below full. The sample of alpha is the last of each pixel.
+/// An error for stored samples that are not opaque. Alpha is the last sample of each pixel.
 fn require_opaque(color: ColorType, stored: &[u8], width: u32) -> Result<(), PixelError> {
     if !color.has_alpha() {
         return Ok(());
@@ -82,12 +81,11 @@ fn require_opaque(color: ColorType, stored: &[u8], width: u32) -> Result<(), Pix
     Err(PixelError::Transparent { count: 1 + transparent.count(), column, row })
 }
 
-/// The most pixels that a file of `length` bytes can hold.
+/// The maximum number of pixels in a file of `length` bytes.
 ///
-/// Deflate expands at most 1032 times and a PNG row has at least one bit a pixel; a JPEG spends at
-/// least one bit on the DC coefficient of each 8×8 block. WebP has no such bound: a picture of one
-/// colour costs nothing a pixel.
-fn most_pixels(format: PictureFormat, length: usize) -> u64 {
+/// Deflate expands at most 1032 times and a PNG row has at least one bit per pixel; a JPEG has at least one bit for the
+/// DC coefficient of each 8×8 block. WebP has no such bound: pixels of a constant colour need no bits.
+fn max_pixels(format: PictureFormat, length: usize) -> u64 {
     let length = length as u64;
     match format {
         PictureFormat::Png => length.saturating_mul(1032 * 8),
@@ -104,7 +102,7 @@ fn library_limits(limits: &DecodeLimits) -> Limits {
     library
 }
 
-/// Decodes into the samples that the file stores, once the decoder agrees with the header.
+/// Decodes to the samples stored in the file, after a check that the decoder agrees with the header.
 fn stored_samples(
     format: PictureFormat,
     decoder: impl ImageDecoder,
@@ -113,7 +111,7 @@ fn stored_samples(
 ) -> Result<(ColorType, Vec<u8>), PixelError> {
     if decoder.dimensions() != size {
         let (width, height) = decoder.dimensions();
-        return Err(header(format, format!("says {}×{}, its data {width}×{height}", size.0, size.1)));
+        return Err(header(format, format!("size {}×{}, but the data has {width}×{height}", size.0, size.1)));
     }
     let color = decoder.color_type();
     let each = u64::from(color.bytes_per_pixel());
@@ -123,7 +121,7 @@ fn stored_samples(
     Ok((color, samples))
 }
 
-/// Stored samples into RGB of 8 bits; 16-bit samples are in native byte order.
+/// Converts stored samples to 8-bit RGB; 16-bit samples are in native byte order.
 fn rgb8(format: PictureFormat, color: ColorType, stored: Vec<u8>) -> Result<Vec<u8>, PixelError> {
     let high = |&pair: &[u8; 2]| u16::from_ne_bytes(pair).to_be_bytes()[0];
     Ok(match color {

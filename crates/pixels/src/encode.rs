@@ -7,34 +7,34 @@ use libjpeg_turbo_rs::{PixelFormat, Subsampling, compress};
 
 use crate::{ImageU8, PictureFormat, PixelError};
 
-/// RGB of 8 bits into a PNG; lossless, the same bytes for the same picture.
+/// Encodes as 8-bit RGB PNG, lossless; the same picture gives the same bytes.
 ///
 /// # Errors
 /// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`].
 pub fn encode_png(image: &ImageU8) -> Result<Vec<u8>, PixelError> {
     let mut file = Cursor::new(Vec::new());
     let encoder = PngEncoder::new_with_quality(&mut file, CompressionType::Default, FilterType::Adaptive);
-    written(PictureFormat::Png, image, encoder)?;
+    encode(PictureFormat::Png, image, encoder)?;
     Ok(file.into_inner())
 }
 
-/// RGB of 8 bits into a lossless WebP.
+/// Encodes as lossless WebP.
 ///
 /// # Errors
-/// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`], for one with more than
-/// 16384 pixels a side too.
+/// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Encode`], also for a side of more than 16384
+/// pixels.
 pub fn encode_webp(image: &ImageU8) -> Result<Vec<u8>, PixelError> {
     let mut file = Cursor::new(Vec::new());
-    written(PictureFormat::WebP, image, WebPEncoder::new_lossless(&mut file))?;
+    encode(PictureFormat::WebP, image, WebPEncoder::new_lossless(&mut file))?;
     Ok(file.into_inner())
 }
 
-/// RGB of 8 bits into a baseline JPEG of this quality, 1 to 100, with 4:2:0 chroma: the bytes that
-/// Pillow's `save(…, quality=quality)` writes.
+/// Encodes as baseline JPEG of this quality, 1 to 100, with 4:2:0 chroma: the same bytes as Pillow's
+/// `save(…, quality=quality)`.
 ///
 /// # Errors
-/// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Quality`], [`PixelError::Encode`],
-/// for one with more than 65500 pixels a side too.
+/// [`PixelError::Empty`] for a picture without pixels, [`PixelError::Quality`], [`PixelError::Encode`], also for a side
+/// of more than 65500 pixels.
 pub fn encode_jpeg(image: &ImageU8, quality: u8) -> Result<Vec<u8>, PixelError> {
     if !(1..=100).contains(&quality) {
         return Err(PixelError::Quality { found: quality });
@@ -48,7 +48,7 @@ pub fn encode_jpeg(image: &ImageU8, quality: u8) -> Result<Vec<u8>, PixelError> 
         .map_err(|source| PixelError::Encode { format: PictureFormat::Jpeg, source: source.into() })
 }
 
-fn written(format: PictureFormat, image: &ImageU8, encoder: impl ImageEncoder) -> Result<(), PixelError> {
+fn encode(format: PictureFormat, image: &ImageU8, encoder: impl ImageEncoder) -> Result<(), PixelError> {
     let (width, height) = (image.width(), image.height());
     if width == 0 || height == 0 {
         return Err(PixelError::Empty { what: "encoded picture", width, height });

@@ -1,9 +1,8 @@
 //! EXR files of f32 samples: float renders, depth, uncertainty.
 //!
-//! EXR is linear by convention, while every paper of the field computes on sRGB-encoded values; so each
-//! file written here says in its header what its values are, in the string attribute `values`
-//! (`R G B: sRGB-encoded display-referred`), and [`read`] hands that back. Samples survive bit for bit,
-//! infinities and NaN included: counting those is the caller's business, not the file's.
+//! EXR is linear by convention, while every paper of the field computes on sRGB-encoded values; so each file written here
+//! states the meaning of its values in the string attribute `values` of the header (`R G B: sRGB-encoded
+//! display-referred`), which [`read`] returns. Samples round-trip bit for bit, including infinities and NaN.
 
 use std::io::Cursor;
 
@@ -15,17 +14,18 @@ use ::exr::meta::attribute::{AttributeValue, Text};
 use ::exr::meta::header::{Header, LayerAttributes};
 use ::exr::prelude::{ReadChannels as _, ReadLayers as _, f16};
 
-use crate::memory::reserved;
+use crate::limits::reserved;
 use crate::size::header as header_problem;
 use crate::{DecodeLimits, Image, PictureFormat, PixelError};
 
 const ATTRIBUTE: &str = "values";
 const LONGEST_NAME: usize = 31;
 
-/// What is said of a channel `A` where colours lie over their background already, so that it changes nothing of them.
+/// The description of a channel `A` if the colours are already composited over their background, so that `A` must not be
+/// applied to them.
 pub const COMPOSED: &str = "opacity; R G B are over the background already";
 
-/// What the numbers of a channel are.
+/// The meaning of a channel's values.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub enum Values {
     /// sRGB-encoded, nominally in [0, 1], as [`Image`] holds them.
@@ -34,18 +34,18 @@ pub enum Values {
     Linear,
     /// Distance along the camera's z axis in scene units.
     Depth,
-    /// Anything else, in the file's own words.
+    /// Anything else, as described in the file.
     Named(String),
-    /// The file does not say.
+    /// Not stated in the file.
     Unstated,
 }
 
 /// One named plane of an EXR.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Channel {
-    /// As in the file: `R`, `Z`, `uncertainty`.
+    /// The name in the file: `R`, `Z`, `uncertainty`.
     pub name: String,
-    /// What the samples are.
+    /// The meaning of the samples.
     pub values: Values,
     /// Row-major, height × width.
     pub samples: Vec<f32>,
@@ -60,26 +60,26 @@ pub struct Channels {
 }
 
 impl Channels {
-    /// From planes of `width × height` samples each.
+    /// Channels with planes of `width × height` samples each.
     ///
     /// # Errors
-    /// [`PixelError::Empty`] for a picture without pixels or channels, [`PixelError::ChannelName`] for a
-    /// name that is taken, is not 1 to 31 printable ASCII characters, or holds a colon, and
-    /// [`PixelError::ChannelSize`] for a plane of another size.
+    /// [`PixelError::Empty`] for a picture without pixels or channels, [`PixelError::ChannelName`] for a name that is
+    /// repeated, is not 1 to 31 printable ASCII characters, or contains a colon, and [`PixelError::ChannelSize`] for a
+    /// plane of another size.
     pub fn new(width: u32, height: u32, mut channels: Vec<Channel>) -> Result<Self, PixelError> {
         if width == 0 || height == 0 || channels.is_empty() {
             return Err(PixelError::Empty { what: "EXR channels", width, height });
         }
         channels.sort_by(|a, b| a.name.cmp(&b.name));
-        let taken = channels.iter().zip(channels.iter().skip(1)).find(|(a, b)| a.name == b.name);
-        if let Some((twice, _)) = taken {
-            return Err(PixelError::ChannelName { name: twice.name.clone(), problem: "it is given twice" });
+        let repeated = channels.iter().zip(channels.iter().skip(1)).find(|(a, b)| a.name == b.name);
+        if let Some((channel, _)) = repeated {
+            return Err(PixelError::ChannelName { name: channel.name.clone(), problem: "it is repeated" });
         }
         let expected = u64::from(width) * u64::from(height);
         for Channel { name, samples, .. } in &channels {
             let printable = name.bytes().all(|byte| byte.is_ascii_graphic() && byte != b':');
             if name.is_empty() || name.len() > LONGEST_NAME || !printable {
-                let problem = "expected 1 to 31 printable ASCII characters and no colon";
+                let problem = "expected 1 to 31 printable ASCII characters without a colon";
                 return Err(PixelError::ChannelName { name: name.clone(), problem });
             }
             if samples.len() as u64 != expected {
@@ -104,10 +104,10 @@ impl Channels {
         &self.planes
     }
 
-    /// The plane of this name.
+    /// The plane with this name.
     ///
     /// # Errors
-    /// [`PixelError::MissingChannel`], with the names that there are.
+    /// [`PixelError::MissingChannel`], with the existing names.
     pub fn get(&self, name: &str) -> Result<&Channel, PixelError> {
         self.planes.iter().find(|channel| channel.name == name).ok_or_else(|| PixelError::MissingChannel {
             expected: name.to_owned(),
@@ -116,7 +116,7 @@ impl Channels {
     }
 }
 
-/// An RGB picture into an EXR of f32 channels `R`, `G` and `B`, losslessly compressed (ZIP, 16 rows).
+/// Encodes an RGB picture as an EXR with f32 channels `R`, `G` and `B`, losslessly compressed (ZIP, 16 rows).
 ///
 /// # Errors
 /// [`PixelError::Empty`] for a picture without pixels.
@@ -129,11 +129,11 @@ pub fn write_rgb(image: &Image, values: &Values) -> Result<Vec<u8>, PixelError> 
     write(&Channels::new(image.width(), image.height(), vec![plane("R", 0), plane("G", 1), plane("B", 2)])?)
 }
 
-/// The channels `R`, `G` and `B` of an EXR, and what the file says that they are.
+/// Decodes the channels `R`, `G` and `B` of an EXR, and the meaning of their values.
 ///
 /// # Errors
-/// As [`read`], and [`PixelError::MissingChannel`]; [`PixelError::Header`] where the three channels are
-/// said to hold different things.
+/// Those of [`read`], and [`PixelError::MissingChannel`]; [`PixelError::Header`] if the values of the three channels
+/// have different meanings.
 pub fn read_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
     rgb_of(&read(bytes, limits)?)
 }
@@ -150,11 +150,11 @@ fn rgb_of(channels: &Channels) -> Result<(Image, Values), PixelError> {
     Ok((Image::new(channels.width, channels.height, samples)?, red.values.clone()))
 }
 
-/// [`read_rgb`] of pictures that have to be opaque: where there is a channel `A`, it is 1 everywhere, or said to be
+/// [`read_rgb`] for pictures that must be opaque: a channel `A`, if present, has to be 1 everywhere, or described as
 /// [`COMPOSED`].
 ///
 /// # Errors
-/// As [`read_rgb`], and [`PixelError::Transparent`].
+/// Those of [`read_rgb`], and [`PixelError::Transparent`].
 pub fn read_opaque_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Values), PixelError> {
     let channels = read(bytes, limits)?;
     let composed = Values::Named(COMPOSED.to_owned());
@@ -169,13 +169,13 @@ pub fn read_opaque_rgb(bytes: &[u8], limits: &DecodeLimits) -> Result<(Image, Va
     rgb_of(&channels)
 }
 
-/// Named planes into an EXR, losslessly compressed (ZIP, 16 rows).
+/// Encodes named planes as an EXR, losslessly compressed (ZIP, 16 rows).
 ///
 /// # Errors
 /// [`PixelError::Encode`].
 pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
     let mut attributes = LayerAttributes::default();
-    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(&*described(channels))));
+    attributes.other.insert(Text::from(ATTRIBUTE), AttributeValue::Text(Text::from(&*description(channels))));
     let planes = channels
         .planes
         .iter()
@@ -192,13 +192,13 @@ pub fn write(channels: &Channels) -> Result<Vec<u8>, PixelError> {
     Ok(file.into_inner())
 }
 
-/// Every f16 and f32 channel of an EXR's first flat layer, at its largest resolution.
+/// Decodes every f16 and f32 channel of an EXR's first flat layer, at its largest resolution.
 ///
-/// The picture is the layer's data window; where that lies in the display window is not kept.
+/// The picture is the layer's data window; its position in the display window is ignored.
 ///
 /// # Errors
-/// [`PixelError::OverLimit`] from the header alone, [`PixelError::Unsupported`] for deep data,
-/// subsampled or integer channels, [`PixelError::Header`] and [`PixelError::Decode`] for damage.
+/// [`PixelError::OverLimit`] before decoding, [`PixelError::Unsupported`] for deep data, subsampled or integer channels,
+/// [`PixelError::Header`] and [`PixelError::Decode`] for corrupt files.
 pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError> {
     let format = PictureFormat::Exr;
     let header = first_header(bytes)?;
@@ -216,9 +216,9 @@ pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError>
     let layer = reader.from_buffered(Cursor::new(bytes)).map_err(failed)?.layer_data;
     if layer.size.0 != width as usize || layer.size.1 != height as usize {
         let found = format!("{}×{}", layer.size.0, layer.size.1);
-        return Err(header_problem(format, format!("says {width}×{height}, its first flat layer {found}")));
+        return Err(header_problem(format, format!("size {width}×{height}, but the first flat layer has {found}")));
     }
-    let described = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {
+    let description = match layer.attributes.other.get(&Text::from(ATTRIBUTE)) {
         Some(AttributeValue::Text(text)) => text.to_string(),
         _ => String::new(),
     };
@@ -229,13 +229,13 @@ pub fn read(bytes: &[u8], limits: &DecodeLimits) -> Result<Channels, PixelError>
             FlatSamples::F16(samples) => samples.into_iter().map(f16::to_f32).collect(),
             FlatSamples::U32(_) => return Err(unsupported(format!("the integer channel {name}"))),
         };
-        Ok(Channel { values: values_of(&name, &described), name, samples })
+        Ok(Channel { values: values_of(&name, &description), name, samples })
     });
     let channels = channels.collect::<Result<Vec<_>, _>>()?;
     Channels::new(width, height, channels)
 }
 
-/// Columns and rows of the first layer, from the header.
+/// Columns and rows of the first layer according to the header.
 pub(crate) fn size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     layer_size(&first_header(bytes)?)
 }
@@ -259,29 +259,30 @@ fn failed(source: ::exr::error::Error) -> PixelError {
     PixelError::Decode { format: PictureFormat::Exr, source: source.into() }
 }
 
-/// One line for each kind of values: the channels' names, a colon, what they are.
-fn described(channels: &Channels) -> String {
+/// One line for each kind of values: the channels' names, a colon, their meaning.
+fn description(channels: &Channels) -> String {
     let mut lines: Vec<(String, Vec<&str>)> = Vec::new();
     for channel in &channels.planes {
-        let Some(words) = words(&channel.values) else { continue };
-        match lines.iter_mut().find(|(present, _)| *present == words) {
+        let Some(meaning) = meaning(&channel.values) else { continue };
+        match lines.iter_mut().find(|(existing, _)| *existing == meaning) {
             Some((_, names)) => names.push(&channel.name),
-            None => lines.push((words, vec![&channel.name])),
+            None => lines.push((meaning, vec![&channel.name])),
         }
     }
-    let lines: Vec<String> = lines.into_iter().map(|(words, names)| format!("{}: {words}", names.join(" "))).collect();
+    let line = |(meaning, names): (String, Vec<&str>)| format!("{}: {meaning}", names.join(" "));
+    let lines: Vec<String> = lines.into_iter().map(line).collect();
     lines.join("\n")
 }
 
-fn values_of(name: &str, described: &str) -> Values {
-    let lines = described.lines().filter_map(|line| line.split_once(": "));
+fn values_of(name: &str, description: &str) -> Values {
+    let lines = description.lines().filter_map(|line| line.split_once(": "));
     let mut matching = lines.filter(|(names, _)| names.split(' ').any(|candidate| candidate == name));
-    match matching.next().map(|(_, words)| words) {
+    match matching.next().map(|(_, meaning)| meaning) {
         None => Values::Unstated,
         Some(DISPLAY_REFERRED) => Values::DisplayReferred,
         Some(LINEAR) => Values::Linear,
         Some(DEPTH) => Values::Depth,
-        Some(words) => Values::Named(words.to_owned()),
+        Some(meaning) => Values::Named(meaning.to_owned()),
     }
 }
 
@@ -289,13 +290,13 @@ const DISPLAY_REFERRED: &str = "sRGB-encoded display-referred";
 const LINEAR: &str = "linear";
 const DEPTH: &str = "depth in scene units";
 
-/// What the header says; a line break would start another channel's line.
-fn words(values: &Values) -> Option<String> {
+/// The text in the header; line breaks are replaced, because they would start another channel's line.
+fn meaning(values: &Values) -> Option<String> {
     match values {
         Values::DisplayReferred => Some(DISPLAY_REFERRED.to_owned()),
         Values::Linear => Some(LINEAR.to_owned()),
         Values::Depth => Some(DEPTH.to_owned()),
-        Values::Named(words) => Some(words.replace(['\n', '\r'], " ")),
+        Values::Named(meaning) => Some(meaning.replace(['\n', '\r'], " ")),
         Values::Unstated => None,
     }
 }

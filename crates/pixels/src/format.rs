@@ -2,8 +2,8 @@ use std::fmt;
 
 use serde::{Deserialize, Serialize};
 
-/// A file format, told by its first bytes and never by its name: DL3DV and RE10K chunks hold JPEG and
-/// PNG under any extension (conventions A2).
+/// A picture format, detected by its first bytes and never by the file name: DL3DV and RE10K chunks contain JPEG and PNG
+/// under any extension (conventions A2).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum PictureFormat {
@@ -13,12 +13,12 @@ pub enum PictureFormat {
     Jpeg,
     /// WebP, lossy or lossless.
     WebP,
-    /// EXR: floats.
+    /// OpenEXR, with float samples.
     Exr,
 }
 
 impl PictureFormat {
-    /// The format that these bytes start as; `None` for any other.
+    /// The format of a file that starts with these bytes; `None` if unknown.
     pub fn sniff(bytes: &[u8]) -> Option<Self> {
         match bytes {
             [0x89, b'P', b'N', b'G', b'\r', b'\n', 0x1a, b'\n', ..] => Some(Self::Png),
@@ -56,7 +56,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn magic_bytes_decide() {
+    fn formats_are_detected_by_magic_bytes() {
         assert_eq!(PictureFormat::sniff(b"\x89PNG\r\n\x1a\n...."), Some(PictureFormat::Png));
         assert_eq!(PictureFormat::sniff(b"\xff\xd8\xff\xe0"), Some(PictureFormat::Jpeg));
         assert_eq!(PictureFormat::sniff(b"RIFF\x10\0\0\0WEBPVP8 "), Some(PictureFormat::WebP));
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn near_misses_are_no_format() {
+    fn incomplete_magic_bytes_are_not_a_format() {
         for bytes in [&b""[..], b"\x89PNG", b"\xff\xd8", b"RIFF\x10\0\0\0WAVE", b"GIF89a", b"\x76\x2f\x31"] {
             assert_eq!(PictureFormat::sniff(bytes), None, "{bytes:?}");
         }

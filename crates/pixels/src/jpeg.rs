@@ -5,19 +5,19 @@ use crate::{DecodeLimits, ImageU8, PictureFormat, PixelError};
 
 const FORMAT: PictureFormat = PictureFormat::Jpeg;
 
-/// Real progressive JPEGs have ten scans; each further one costs a walk over all blocks for a few bytes.
-const MOST_SCANS: usize = 100;
+/// Real progressive JPEGs have ten scans; each additional one is a pass over all blocks for a few bytes.
+const MAX_SCANS: usize = 100;
 
-/// What a frame header says.
+/// A frame header.
 pub(crate) struct Frame<'a> {
     /// Columns and rows.
     pub(crate) size: (u32, u32),
-    /// Identifier, sampling factors (across in the high half, down in the low), quantisation table.
+    /// Identifier, sampling factors (horizontal in the high nibble, vertical in the low one), quantisation table.
     components: &'a [[u8; 3]],
 }
 
 impl<'a> Frame<'a> {
-    /// Walks the marker segments up to the frame header (ITU-T T.81 B.2.2).
+    /// Finds the frame header among the marker segments (ITU-T T.81 B.2.2).
     pub(crate) fn find(bytes: &'a [u8]) -> Result<Self, PixelError> {
         let problem = |text: String| header(FORMAT, text);
         let mut rest = bytes.get(2..).unwrap_or_default();
@@ -32,16 +32,16 @@ impl<'a> Frame<'a> {
                 [0xff, 0xda, ..] => return Err(problem(format!("scan without a frame header at byte {at}"))),
                 [0xff, 0xd9, ..] => return Err(problem(format!("end of image without a frame header at byte {at}"))),
                 [0xff, marker, high, low, ..] => (*marker, usize::from(u16::from_be_bytes([*high, *low]))),
-                [0xff, ..] | [] => return Err(problem(format!("cut short after {} bytes", bytes.len()))),
+                [0xff, ..] | [] => return Err(problem(format!("truncated after {} bytes", bytes.len()))),
                 [other, ..] => return Err(problem(format!("expected a marker at byte {at}, found {other:#04x}"))),
             };
             if matches!(marker, 0xc0..=0xcf) && !matches!(marker, 0xc4 | 0xc8 | 0xcc) {
                 let Some([_, _, _, _, _, h1, h0, w1, w0]) = rest.first_chunk() else {
-                    return Err(problem(format!("frame header at byte {at} is cut short")));
+                    return Err(problem(format!("frame header at byte {at} is truncated")));
                 };
                 let (width, height) = (u16::from_be_bytes([*w1, *w0]), u16::from_be_bytes([*h1, *h0]));
                 if height == 0 {
-                    let feature = "a height that follows the first scan (DNL)".to_owned();
+                    let feature = "a height after the first scan (DNL)".to_owned();
                     return Err(PixelError::Unsupported { format: FORMAT, feature });
                 }
                 let (components, _) = rest.get(10..2 + payload).unwrap_or_default().as_chunks();
@@ -54,13 +54,13 @@ impl<'a> Frame<'a> {
                 )));
             }
             rest = rest.get(2 + payload..).ok_or_else(|| {
-                problem(format!("segment {marker:#04x} at byte {at}: {payload} bytes reach past the end of the file"))
+                problem(format!("segment {marker:#04x} at byte {at}: {payload} bytes exceed the end of the file"))
             })?;
         }
     }
 
-    /// The sampling that is decoded: chroma at the luma's resolution, a half or a quarter of it, and black, where
-    /// there is a fourth component, at the luma's.
+    /// An error for unsupported sampling factors. Chroma may have the resolution of luma, a half or a quarter of it; black,
+    /// the fourth component, must have that of luma.
     fn check_sampling(&self) -> Result<(), PixelError> {
         let factors = |component: &[u8; 3]| [component[1] >> 4, component[1] & 15];
         let [finest, ..] = self.components else { return Err(header(FORMAT, "a frame without components")) };
@@ -73,16 +73,14 @@ impl<'a> Frame<'a> {
         if chroma_fits && black_fits {
             return Ok(());
         }
-        let listed: Vec<String> =
-            self.components.iter().map(factors).map(|[across, down]| format!("{across}×{down}")).collect();
+        let listed: Vec<String> = self.components.iter().map(factors).map(|[x, y]| format!("{x}×{y}")).collect();
         Err(PixelError::Unsupported { format: FORMAT, feature: format!("sampling factors {}", listed.join(", ")) })
     }
 }
 
-/// Bit for bit libjpeg-turbo's default decoding, which Pillow's is (`JPEG.md` beside this crate).
+/// Decodes bit for bit like libjpeg-turbo with default options, as Pillow does (see `JPEG.md` of this crate).
 ///
-/// Stricter than Pillow in one way: data that stop early or do not decode are an error, where libjpeg
-/// warns and leaves grey.
+/// Stricter than Pillow in one way: truncated or corrupt data is an error, where libjpeg warns and fills with grey.
 pub(crate) fn decode(bytes: &[u8], size: (u32, u32), limits: &DecodeLimits) -> Result<ImageU8, PixelError> {
     Frame::find(bytes)?.check_sampling()?;
     let failed = |source: JpegError| PixelError::Decode { format: FORMAT, source: source.into() };
@@ -90,14 +88,17 @@ pub(crate) fn decode(bytes: &[u8], size: (u32, u32), limits: &DecodeLimits) -> R
         max_width: limits.max_width as usize,
         max_height: limits.max_height as usize,
         max_pixels: limits.max_bytes / 3,
-        max_scans: MOST_SCANS,
+        max_scans: MAX_SCANS,
         ..Default::default()
     };
     let decoder = Decoder::new_with_limits(bytes, library).map_err(failed)?.with_output_format(PixelFormat::Rgb);
     let picture = decoder.decode_image().map_err(failed)?;
     let (width, height) = size;
     if (picture.width, picture.height) != (width as usize, height as usize) {
-        return Err(header(FORMAT, format!("says {width}×{height}, its data {}×{}", picture.width, picture.height)));
+        return Err(header(
+            FORMAT,
+            format!("size {width}×{height}, but the data has {}×{}", picture.width, picture.height),
+        ));
     }
     ImageU8::new(width, height, picture.data)
 }

@@ -1,5 +1,5 @@
-//! Bytes into pictures and back: decoding within limits, PNG, JPEG, WebP and EXR, Pillow-exact
-//! resampling, crops, 8-bit rounding rules, animated PNG. Knows nothing of cameras or datasets.
+//! Pictures: decoding within limits and encoding of PNG, JPEG, WebP and EXR, Pillow-exact resampling, crops, 8-bit
+//! rounding rules, animated PNG. Independent of cameras and datasets.
 
 mod animation;
 mod crop;
@@ -10,7 +10,6 @@ pub mod exr;
 mod format;
 mod jpeg;
 mod limits;
-mod memory;
 mod orientation;
 mod picture;
 mod resize;

@@ -1,31 +1,26 @@
 use crate::{PictureFormat, PixelError};
 
-/// What a header may ask for before anything is allocated.
-///
-/// Every limit is checked against the header, so a file of fifty bytes that promises 65535×65535
-/// pixels costs nothing.
+/// Limits of decoded pictures, checked against the header before anything is allocated.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DecodeLimits {
-    /// Most columns.
+    /// Maximum columns.
     pub max_width: u32,
-    /// Most rows.
+    /// Maximum rows.
     pub max_height: u32,
-    /// Most bytes of decoded samples, counted as the file stores them or as they are handed out,
-    /// whichever is more (an RGBA picture of 16 bits counts 8 bytes a pixel). A decoder's own
-    /// working memory comes on top: up to twice as much again for a progressive JPEG.
+    /// Maximum bytes of samples, as stored in the file or as returned, whichever is more (16-bit RGBA counts 8 bytes per
+    /// pixel). A decoder's own working memory is additional: up to twice as much for a progressive JPEG.
     pub max_bytes: u64,
 }
 
 impl Default for DecodeLimits {
-    /// 16384×16384 at most, and 256 MiB of samples: 89 megapixels of RGB, over ten times the 4K
-    /// captures that DL3DV starts from.
+    /// At most 16384×16384 and 256 MiB of samples: 89 megapixels of RGB, over ten times DL3DV's original 4K captures.
     fn default() -> Self {
         Self { max_width: 16_384, max_height: 16_384, max_bytes: 256 << 20 }
     }
 }
 
 impl DecodeLimits {
-    /// Whether a picture of this size may be decoded.
+    /// An error for a picture that exceeds the limits.
     pub(crate) fn check(
         &self,
         format: PictureFormat,
@@ -45,4 +40,31 @@ impl DecodeLimits {
         }
         Ok(())
     }
+}
+
+/// An empty vector with capacity for `width · height · each` values; an error instead of an abort if it does not fit into
+/// memory.
+pub(crate) fn reserved<T>(what: &'static str, width: u64, height: u64, each: u64) -> Result<Vec<T>, PixelError> {
+    let mut values = Vec::new();
+    match length(width, height, each).map(|length| values.try_reserve_exact(length)) {
+        Some(Ok(())) => Ok(values),
+        Some(Err(_)) | None => Err(PixelError::TooLarge { what, width, height }),
+    }
+}
+
+/// [`reserved`], filled with zeros.
+pub(crate) fn zeroed<T: Copy + Default>(
+    what: &'static str,
+    width: u64,
+    height: u64,
+    each: u64,
+) -> Result<Vec<T>, PixelError> {
+    let mut values = reserved(what, width, height, each)?;
+    let length = length(width, height, each).ok_or(PixelError::TooLarge { what, width, height })?;
+    values.resize(length, T::default());
+    Ok(values)
+}
+
+fn length(width: u64, height: u64, each: u64) -> Option<usize> {
+    usize::try_from(width.checked_mul(height)?.checked_mul(each)?).ok()
 }

@@ -6,37 +6,37 @@ use crate::PictureFormat;
 const ORIENTATION: u16 = 0x0112;
 /// EXIF's type for whole numbers of 16 bits.
 const SHORT: u16 = 3;
-/// What stands before EXIF in a JPEG, and by mistake in some WebP files.
+/// The prefix of EXIF data in a JPEG, and by mistake in some WebP files.
 const EXIF: &[u8] = b"Exif\0\0";
 
-/// How a camera says, in EXIF, that its stored picture is to be turned or mirrored before it is looked at.
+/// EXIF orientation: how the stored picture has to be rotated or mirrored for display.
 ///
-/// [`decode`](crate::decode()) does not do it, as Pillow's `Image.open` does not, and neither do the field's
-/// loaders; viewers and OpenCV's `imread` do. Intrinsics belong to the one or to the other.
+/// [`decode`](crate::decode()) ignores it, as do Pillow's `Image.open` and the field's loaders; viewers and OpenCV's
+/// `imread` apply it. Intrinsics may refer to either.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[repr(u16)]
 pub enum Orientation {
     /// Mirrored left to right.
     Mirrored = 2,
-    /// To be turned by 180°.
+    /// To be rotated by 180°.
     HalfTurn = 3,
     /// Mirrored top to bottom.
     Flipped = 4,
     /// Mirrored at the diagonal from the top left.
     Transposed = 5,
-    /// To be turned by 90° clockwise.
+    /// To be rotated by 90° clockwise.
     Clockwise = 6,
     /// Mirrored at the other diagonal.
     Transversed = 7,
-    /// To be turned by 90° counter-clockwise.
+    /// To be rotated by 90° counter-clockwise.
     CounterClockwise = 8,
 }
 
 impl Orientation {
-    /// What an encoded picture says of itself; `None` where it is upright or says nothing.
+    /// The orientation of an encoded picture; `None` if it is upright or not stated.
     ///
-    /// The picture's beginning suffices for JPEG, and for PNG where the chunk `eXIf` stands before the pixels, as
-    /// it does in files of the common writers. WebP keeps EXIF behind its pixels: hand in the whole file.
+    /// The start of the file suffices for JPEG, and for PNG if the chunk `eXIf` is before the pixels, as in files of the
+    /// common writers. WebP stores EXIF after the pixels: pass the whole file.
     pub fn of(bytes: &[u8]) -> Option<Self> {
         let exif = match PictureFormat::sniff(bytes)? {
             PictureFormat::Jpeg => exif_of_jpeg(bytes),
@@ -75,7 +75,7 @@ impl fmt::Display for Orientation {
     }
 }
 
-/// Marker segments up to the first scan (ITU-T T.81 B.1.1); EXIF is the APP1 that says so.
+/// The APP1 segment with the EXIF prefix, among the marker segments before the first scan (ITU-T T.81 B.1.1).
 fn exif_of_jpeg(bytes: &[u8]) -> Option<&[u8]> {
     let mut rest = bytes.get(2..)?;
     loop {
@@ -96,7 +96,7 @@ fn exif_of_jpeg(bytes: &[u8]) -> Option<&[u8]> {
     }
 }
 
-/// Chunks of length, name, data and checksum, the lengths big endian.
+/// A PNG is a sequence of chunks of length (big endian), name, data and checksum.
 fn exif_of_png(bytes: &[u8]) -> Option<&[u8]> {
     let mut rest = bytes.get(8..)?;
     loop {
@@ -110,7 +110,8 @@ fn exif_of_png(bytes: &[u8]) -> Option<&[u8]> {
     }
 }
 
-/// Chunks of name, length and data padded to an even length, the lengths little endian (RFC 9649, section 2.3).
+/// A WebP is a sequence of chunks of name, length (little endian) and data padded to an even length (RFC 9649, section
+/// 2.3).
 fn exif_of_webp(bytes: &[u8]) -> Option<&[u8]> {
     let mut rest = bytes.get(12..)?;
     loop {
@@ -124,7 +125,7 @@ fn exif_of_webp(bytes: &[u8]) -> Option<&[u8]> {
     }
 }
 
-/// The orientation in the first directory of a TIFF structure (EXIF 2.32, section 4.6.2): 12 bytes an entry, of
+/// The orientation in the first directory of a TIFF structure (EXIF 2.32, section 4.6.2), whose entries have 12 bytes:
 /// tag, type, count and value.
 fn orientation_in(tiff: &[u8]) -> Option<u16> {
     let big_endian = match tiff {
@@ -149,7 +150,7 @@ fn orientation_in(tiff: &[u8]) -> Option<u16> {
 mod tests {
     use super::*;
 
-    /// One directory whose second entry is the orientation.
+    /// A TIFF structure with one directory whose second entry is the orientation.
     fn tiff(big_endian: bool, orientation: u16) -> Vec<u8> {
         let short = |value: u16| if big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
         let long = |value: u32| if big_endian { value.to_be_bytes() } else { value.to_le_bytes() };
@@ -186,12 +187,12 @@ mod tests {
 
     fn webp(exif: &[u8]) -> Vec<u8> {
         let length = u32::try_from(exif.len()).unwrap().to_le_bytes();
-        // A chunk of odd length is padded.
+        // The first chunk has an odd length, so it is padded.
         [b"RIFF\xff\0\0\0WEBPVP8 \x03\0\0\0abc\0EXIF".as_slice(), &length, exif].concat()
     }
 
     #[test]
-    fn every_container_and_byte_order() {
+    fn reads_the_orientation_in_every_container_and_byte_order() {
         for big_endian in [true, false] {
             for (number, expected) in [
                 (1, None),
@@ -205,8 +206,8 @@ mod tests {
                 for file in [jpeg(&exif), png(&exif), webp(&exif), webp(&[EXIF, &exif].concat())] {
                     assert_eq!(Orientation::of(&file), expected, "{number}, big endian: {big_endian}");
                     for length in 0..file.len() {
-                        let cut = Orientation::of(&file[..length]);
-                        assert!(cut.is_none() || cut == expected, "cut to {length} bytes: {cut:?}");
+                        let found = Orientation::of(&file[..length]);
+                        assert!(found.is_none() || found == expected, "truncated to {length} bytes: {found:?}");
                     }
                 }
             }
@@ -214,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn a_directory_beyond_the_end_is_none() {
+    fn a_directory_beyond_the_end_is_ignored() {
         let mut exif = tiff(false, 6);
         exif[4..8].copy_from_slice(&u32::MAX.to_le_bytes());
         assert_eq!(Orientation::of(&jpeg(&exif)), None);

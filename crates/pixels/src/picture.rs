@@ -1,6 +1,6 @@
 use crate::PixelError;
 
-/// An RGB picture of 8-bit samples: what a file holds. Row-major, height × width × 3.
+/// An RGB picture of 8-bit samples, as in files. Row-major, height × width × 3.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub struct ImageU8 {
     pub(crate) width: u32,
@@ -8,8 +8,8 @@ pub struct ImageU8 {
     pub(crate) samples: Vec<u8>,
 }
 
-/// An RGB picture of f32 display-referred (sRGB-encoded) values, nominally in [0, 1], as every paper of
-/// the field computes on. Row-major, height × width × 3.
+/// An RGB picture of f32 display-referred (sRGB-encoded) values, nominally in [0, 1], as in every paper of the field.
+/// Row-major, height × width × 3.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Image {
     pub(crate) width: u32,
@@ -20,10 +20,10 @@ pub struct Image {
 macro_rules! picture_methods {
     ($picture:ident, $sample:ty) => {
         impl $picture {
-            /// From row-major interleaved RGB samples.
+            /// A picture from row-major interleaved RGB samples.
             ///
             /// # Errors
-            /// [`PixelError::SampleCount`] where there are not `width · height · 3` samples.
+            /// [`PixelError::SampleCount`] if there are not `width · height · 3` samples.
             pub fn new(width: u32, height: u32, samples: Vec<$sample>) -> Result<Self, PixelError> {
                 let expected = u64::from(width) * u64::from(height) * 3;
                 if samples.len() as u64 != expected {
@@ -47,7 +47,7 @@ macro_rules! picture_methods {
                 &self.samples
             }
 
-            /// Gives the samples away.
+            /// Converts the picture into its samples.
             pub fn into_samples(self) -> Vec<$sample> {
                 self.samples
             }

@@ -7,40 +7,36 @@ use std::borrow::Cow;
 
 use serde::{Deserialize, Serialize};
 
-use crate::memory::zeroed;
+use crate::limits::zeroed;
 use crate::{ImageU8, PixelError};
 use coefficients::Coefficients;
 use passes::Level;
 
-/// The kernel that [`resize`] weighs source pixels with, as in Pillow `src/libImaging/Resample.c`.
+/// The resampling kernel of [`resize`], as in Pillow `src/libImaging/Resample.c`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Filter {
-    /// `sinc(x) · sinc(x/3)` within three pixels: what pixelSplat and its descendants resize with
-    /// (pixelSplat `src/dataset/shims/crop_shim.py`).
+    /// `sinc(x) · sinc(x/3)` within three pixels, as used by pixelSplat and its descendants (pixelSplat
+    /// `src/dataset/shims/crop_shim.py`).
     Lanczos,
-    /// A triangle of one pixel either side, widened by the scale when shrinking (antialiased, unlike
-    /// OpenCV's bilinear).
+    /// A triangle of one pixel on either side, widened by the scale when shrinking (antialiased, unlike OpenCV's bilinear).
     Bilinear,
     /// The mean over the source area of each target pixel.
     Box,
 }
 
-/// Resamples to `width × height`, bit for bit what Pillow's `Image.resize((width, height), filter)` makes
-/// of an RGB picture.
+/// Resamples to `width × height`, bit for bit like Pillow's `Image.resize((width, height), filter)` of an RGB picture.
 ///
-/// Weights are computed in f64, quantised to 22 fractional bits, and applied in a horizontal pass that
-/// rounds to 8 bits, then in a vertical one; a pass whose size does not change is left out, and the same
-/// size is a copy. Enlarging uses the kernel at its own width (Pillow `src/libImaging/Resample.c`,
-/// `precompute_coeffs`).
+/// Weights are computed in f64, quantised to 22 fractional bits, and applied in a horizontal pass that rounds to 8 bits,
+/// then in a vertical one; a pass that does not change the size is skipped, so the same size is a copy. Enlarging uses
+/// the kernel at its own width (Pillow `src/libImaging/Resample.c`, `precompute_coeffs`).
 ///
-/// The reference is Pillow up to 12.2, which the field's numbers were made with. Pillow 12.3 and 13.0 run
-/// the vertical pass first for some pictures that shrink more in height than in width (Pillow #9524,
-/// #9549) and round differently there; for the sizes of the published protocols all versions agree.
+/// The reference is Pillow up to 12.2, which produced the field's numbers. Pillow 12.3 and 13.0 run the vertical pass
+/// first for some pictures that shrink more in height than in width (Pillow #9524, #9549) and round differently there;
+/// for the sizes of the published protocols all versions agree.
 ///
 /// # Errors
-/// [`PixelError::Empty`] where either size is zero, [`PixelError::TooLarge`] where the result does not
-/// fit into memory.
+/// [`PixelError::Empty`] if either size is zero, [`PixelError::TooLarge`] if the result does not fit into memory.
 pub fn resize(image: &ImageU8, width: u32, height: u32, filter: Filter) -> Result<ImageU8, PixelError> {
     resize_at(Level::fastest(), image, width, height, filter)
 }
@@ -69,6 +65,7 @@ fn resize_at(level: Level, image: &ImageU8, width: u32, height: u32, filter: Fil
 
 #[cfg(test)]
 mod tests {
+    use atsplat_numeric::SplitMix64;
     use proptest::prelude::*;
 
     use super::*;
@@ -76,10 +73,10 @@ mod tests {
     const FILTERS: [Filter; 3] = [Filter::Lanczos, Filter::Bilinear, Filter::Box];
 
     fn picture() -> impl Strategy<Value = ImageU8> {
-        (1..90u32, 1..90u32, any::<u64>(), any::<bool>()).prop_map(|(width, height, mut state, extreme)| {
+        (1..90u32, 1..90u32, any::<u64>(), any::<bool>()).prop_map(|(width, height, seed, extreme)| {
+            let mut random = SplitMix64::new(seed);
             let mut next = || {
-                state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-                let byte = state.to_be_bytes()[0];
+                let byte = random.next_u64().to_be_bytes()[0];
                 if extreme { (byte >> 7) * 255 } else { byte }
             };
             ImageU8 { width, height, samples: (0..width * height * 3).map(|_| next()).collect() }
@@ -88,7 +85,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn every_level_gives_the_same_bits(
+        fn all_levels_give_the_same_bits(
             image in picture(), width in 1..120u32, height in 1..120u32, filter in prop::sample::select(&FILTERS[..]),
         ) {
             let portable = resize_at(Level::Portable, &image, width, height, filter).unwrap();
@@ -109,8 +106,8 @@ mod tests {
         }
 
         #[test]
-        fn mirrored_in_mirrored_out(image in picture(), filter in prop::sample::select(&[Filter::Lanczos, Filter::Bilinear][..])) {
-            // Powers of two keep the kernel's sampling positions exact, so that left and right agree.
+        fn resizing_commutes_with_mirroring(image in picture(), filter in prop::sample::select(&[Filter::Lanczos, Filter::Bilinear][..])) {
+            // With powers of two the kernel's sampling positions are exact, so left and right agree.
             let (width, height) = (image.width * 2, image.height);
             let there = resize(&mirrored(&image), width, height, filter).unwrap();
             prop_assert_eq!(there, mirrored(&resize(&image, width, height, filter).unwrap()));
@@ -124,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_size_is_a_copy_and_no_size_is_an_error() {
+    fn the_same_size_is_a_copy_and_an_empty_size_an_error() {
         let image = ImageU8 { width: 2, height: 1, samples: vec![1, 2, 3, 250, 251, 252] };
         for filter in FILTERS {
             assert_eq!(resize(&image, 2, 1, filter).unwrap(), image);
@@ -135,7 +132,7 @@ mod tests {
     }
 
     #[test]
-    fn a_target_that_no_machine_holds_is_an_error() {
+    fn a_target_that_exceeds_memory_is_an_error() {
         let image = ImageU8 { width: 1, height: 1, samples: vec![1, 2, 3] };
         let outcome = resize(&image, u32::MAX, u32::MAX, Filter::Box);
         assert!(matches!(outcome, Err(PixelError::TooLarge { .. })), "{outcome:?}");

@@ -2,10 +2,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Image, ImageU8, PixelError};
 
-/// How a value in [0, 1] becomes one of 256 steps, both in f32 as PyTorch computes them.
+/// How a value in [0, 1] is quantised to 8 bits, in f32 as in PyTorch.
 ///
-/// They differ by half a step on average, about 0.01 dB at 40 dB: which one a number went through is
-/// part of its convention (conventions D4).
+/// The rules differ by half a step on average, about 0.01 dB at 40 dB, so the rule is part of the convention of a number
+/// (conventions D4).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Rounding {
@@ -17,7 +17,7 @@ pub enum Rounding {
 }
 
 impl Image {
-    /// `v / 255` of every sample, in f32, as `torchvision.transforms.ToTensor` computes it.
+    /// `v / 255` of every sample, in f32, as in `torchvision.transforms.ToTensor`.
     pub fn from_u8(image: &ImageU8) -> Self {
         let samples = image.samples.iter().map(|&sample| f32::from(sample) / 255.0).collect();
         Self { width: image.width, height: image.height, samples }
@@ -26,13 +26,13 @@ impl Image {
     /// Clips to [0, 1] and rounds to 8 bits.
     ///
     /// # Errors
-    /// [`PixelError::NonFinite`] where any sample is NaN or infinite: there is no honest byte for it.
+    /// [`PixelError::NonFinite`] if a sample is NaN or infinite.
     pub fn to_u8(&self, rounding: Rounding) -> Result<ImageU8, PixelError> {
-        let mut broken = self.samples.iter().enumerate().filter(|(_, sample)| !sample.is_finite());
-        if let Some((first, _)) = broken.next() {
+        let mut invalid = self.samples.iter().enumerate().filter(|(_, sample)| !sample.is_finite());
+        if let Some((first, _)) = invalid.next() {
             let (pixel, width) = (first / 3, self.width as usize);
             let (column, row, channel) = (pixel % width, pixel / width, first % 3);
-            return Err(PixelError::NonFinite { count: 1 + broken.count(), column, row, channel });
+            return Err(PixelError::NonFinite { count: 1 + invalid.count(), column, row, channel });
         }
         let samples = self.samples.iter().map(|&sample| rounded(sample, rounding)).collect();
         Ok(ImageU8 { width: self.width, height: self.height, samples })
@@ -66,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn every_byte_survives_the_round_trip_under_either_rule() {
+    fn bytes_round_trip_under_both_rules() {
         let samples: Vec<u8> = (0..=255).flat_map(|v| [v; 3]).collect();
         let image = ImageU8::new(256, 1, samples).unwrap();
         for rounding in [Rounding::Truncate, Rounding::Nearest] {
@@ -75,21 +75,21 @@ mod tests {
     }
 
     #[test]
-    fn the_two_rules_part_at_half_a_step() {
+    fn the_rules_differ_at_half_a_step() {
         let values = [0.0, 0.499 / 255.0, 0.501 / 255.0, 0.999 / 255.0, 254.6 / 255.0, 1.0];
         assert_eq!(bytes(&values, Rounding::Truncate), [0, 0, 0, 0, 254, 255]);
         assert_eq!(bytes(&values, Rounding::Nearest), [0, 0, 1, 1, 255, 255]);
     }
 
     #[test]
-    fn values_outside_are_clipped() {
+    fn values_outside_the_range_are_clipped() {
         for rounding in [Rounding::Truncate, Rounding::Nearest] {
             assert_eq!(bytes(&[-3.0, -0.0, 1.5, f32::MAX, f32::MIN_POSITIVE], rounding), [0, 0, 255, 255, 0]);
         }
     }
 
     #[test]
-    fn a_broken_sample_is_an_error_that_says_where() {
+    fn errors_name_the_position_of_samples_that_are_not_finite() {
         let mut samples = vec![0.5; 4 * 3 * 3];
         (samples[(2 * 4 + 1) * 3 + 2], samples[35]) = (f32::NAN, f32::NEG_INFINITY);
         let outcome = Image::new(4, 3, samples).unwrap().to_u8(Rounding::Nearest);

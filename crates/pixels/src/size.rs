@@ -1,11 +1,11 @@
 use crate::{PictureFormat, PixelError};
 
-/// Columns and rows of an encoded picture, read from its header alone: no pixel is decoded and nothing
-/// is allocated. EXIF orientation is not applied, as in [`decode`](crate::decode()).
+/// Columns and rows of an encoded picture according to its header; nothing is decoded or allocated. EXIF orientation is
+/// not applied, as in [`decode`](crate::decode()).
 ///
 /// # Errors
-/// [`PixelError::UnknownFormat`], [`PixelError::LfsPointer`], [`PixelError::Header`] where the header is cut short or says zero
-/// pixels, [`PixelError::Unsupported`] for a JPEG whose height stands after its data.
+/// [`PixelError::UnknownFormat`], [`PixelError::LfsPointer`], [`PixelError::Header`] if the header is truncated or
+/// declares zero pixels, [`PixelError::Unsupported`] for a JPEG with its height after the data.
 pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     let format = PictureFormat::sniff(bytes).ok_or_else(|| unknown(bytes))?;
     let (width, height) = match format {
@@ -20,10 +20,10 @@ pub fn size_of(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     Ok((width, height))
 }
 
-/// How a Git LFS pointer begins (git-lfs `docs/spec.md`).
+/// The start of a Git LFS pointer (git-lfs `docs/spec.md`).
 const LFS_POINTER: &[u8] = b"version https://git-lfs.github.com/spec/";
 
-/// Why bytes that no format starts with are no picture.
+/// The error for bytes of an unknown format.
 pub(crate) fn unknown(bytes: &[u8]) -> PixelError {
     if bytes.starts_with(LFS_POINTER) {
         return PixelError::LfsPointer;
@@ -40,18 +40,18 @@ fn png_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     const LARGEST: u32 = i32::MAX.unsigned_abs();
     let problem = |text| header(PictureFormat::Png, text);
     let [length, kind, width, height] =
-        words(bytes, 8).ok_or_else(|| problem(format!("cut short after {} bytes", bytes.len())))?;
+        words(bytes, 8).ok_or_else(|| problem(format!("truncated after {} bytes", bytes.len())))?;
     if length != 13u32.to_be_bytes() || kind != *b"IHDR" {
-        return Err(problem("expected an IHDR chunk of 13 bytes first".to_owned()));
+        return Err(problem("expected an IHDR chunk of 13 bytes as the first chunk".to_owned()));
     }
     let (width, height) = (u32::from_be_bytes(width), u32::from_be_bytes(height));
     if width > LARGEST || height > LARGEST {
-        return Err(problem(format!("expected at most 2^31 - 1 pixels a side, found {width}×{height}")));
+        return Err(problem(format!("expected at most 2^31 - 1 pixels per side, found {width}×{height}")));
     }
     Ok((width, height))
 }
 
-/// Four consecutive words from `at` on.
+/// Four consecutive 32-bit words starting at `at`.
 fn words(bytes: &[u8], at: usize) -> Option<[[u8; 4]; 4]> {
     let (words, _) = bytes.get(at..)?.as_chunks::<4>();
     words.first_chunk::<4>().copied()
@@ -60,12 +60,12 @@ fn words(bytes: &[u8], at: usize) -> Option<[[u8; 4]; 4]> {
 /// RFC 9649, sections 2.5 to 2.7; the lossy frame header is RFC 6386, 9.1.
 fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
     let problem = |text: &str| header(PictureFormat::WebP, text);
-    let cut = || problem("cut short");
-    let kind: &[u8; 4] = bytes.get(12..).and_then(<[u8]>::first_chunk).ok_or_else(cut)?;
-    let payload = bytes.get(20..).ok_or_else(cut)?;
+    let truncated = || problem("truncated");
+    let kind: &[u8; 4] = bytes.get(12..).and_then(<[u8]>::first_chunk).ok_or_else(truncated)?;
+    let payload = bytes.get(20..).ok_or_else(truncated)?;
     match kind {
         b"VP8 " => {
-            let [_, _, _, s0, s1, s2, w0, w1, h0, h1] = payload.first_chunk().ok_or_else(cut)?;
+            let [_, _, _, s0, s1, s2, w0, w1, h0, h1] = payload.first_chunk().ok_or_else(truncated)?;
             if [*s0, *s1, *s2] != [0x9d, 0x01, 0x2a] {
                 return Err(problem("expected the start code of a key frame"));
             }
@@ -73,7 +73,7 @@ fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
             Ok((size(*w0, *w1), size(*h0, *h1)))
         }
         b"VP8L" => {
-            let [signature, a, b, c, d] = payload.first_chunk().ok_or_else(cut)?;
+            let [signature, a, b, c, d] = payload.first_chunk().ok_or_else(truncated)?;
             if *signature != 0x2f {
                 return Err(problem("expected the signature of a lossless picture"));
             }
@@ -81,7 +81,7 @@ fn webp_size(bytes: &[u8]) -> Result<(u32, u32), PixelError> {
             Ok(((bits & 0x3fff) + 1, ((bits >> 14) & 0x3fff) + 1))
         }
         b"VP8X" => {
-            let [_, _, _, _, w0, w1, w2, h0, h1, h2] = payload.first_chunk().ok_or_else(cut)?;
+            let [_, _, _, _, w0, w1, w2, h0, h1, h2] = payload.first_chunk().ok_or_else(truncated)?;
             Ok((u32::from_le_bytes([*w0, *w1, *w2, 0]) + 1, u32::from_le_bytes([*h0, *h1, *h2, 0]) + 1))
         }
         other => {

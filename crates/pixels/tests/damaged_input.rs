@@ -1,5 +1,5 @@
-//! Hostile and damaged bytes: a value or a typed error, quickly, and no memory that the limits forbid.
-#![expect(clippy::unwrap_used, reason = "a broken fixture fails the test")]
+//! Malicious and corrupt bytes give a value or a typed error, quickly and within the memory limits.
+#![expect(clippy::unwrap_used, reason = "an invalid fixture fails the test")]
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -23,7 +23,7 @@ fn files(folder: &Path) -> Vec<(PathBuf, Vec<u8>)> {
     paths.into_iter().map(|path| (path.clone(), std::fs::read(path).unwrap())).collect()
 }
 
-/// Calls everything that reads bytes; what comes back must hold together.
+/// Calls all functions that read bytes, and checks that their results are consistent.
 fn read_all_ways(bytes: &[u8], limits: &DecodeLimits) {
     let size = size_of(bytes).ok();
     if let Ok(image) = decode(bytes, limits) {
@@ -38,7 +38,7 @@ fn read_all_ways(bytes: &[u8], limits: &DecodeLimits) {
 const SMALL: DecodeLimits = DecodeLimits { max_width: 512, max_height: 512, max_bytes: 1 << 20 };
 
 #[test]
-fn every_input_that_once_broke_something() {
+fn the_fuzz_corpora_do_not_panic() {
     let mut replayed = 0;
     for folder in ["pixels_decode", "pixels_exr"] {
         for (_, bytes) in files(&crate_folder("../../fuzz/corpus").join(folder)) {
@@ -49,17 +49,16 @@ fn every_input_that_once_broke_something() {
     assert!(replayed >= 10, "only {replayed} files under fuzz/");
 }
 
-/// A file cut short is an error, wherever it is cut before its last pixel.
 #[test]
-fn a_truncated_file_is_an_error() {
+fn files_truncated_before_their_last_pixel_are_errors() {
     for (path, bytes) in files(&crate_folder("tests/fixtures/pictures")) {
-        // The trailing bytes hold no pixels: a PNG's IEND and checksum, a JPEG's end marker and padding,
-        // a RIFF's padding, WebP's metadata.
+        // The trailing bytes hold no pixels: a PNG's IEND and checksum, a JPEG's end marker and padding, a RIFF's
+        // padding, WebP's metadata.
         let spare = if path.extension().is_some_and(|extension| extension == "png") { 24 } else { 8 };
         let step = (bytes.len() / 97).max(1);
         for length in (0..bytes.len().saturating_sub(spare)).step_by(step) {
             let outcome = decode(&bytes[..length], &SMALL);
-            assert!(outcome.is_err(), "{} cut to {length} of {} bytes", path.display(), bytes.len());
+            assert!(outcome.is_err(), "{} truncated to {length} of {} bytes", path.display(), bytes.len());
         }
     }
 }
@@ -68,7 +67,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn damaged_files_never_panic(seed in any::<prop::sample::Index>(), hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
+    fn corrupt_files_do_not_panic(seed in any::<prop::sample::Index>(), hits in prop::collection::vec((any::<prop::sample::Index>(), any::<u8>()), 1..6)) {
         let pictures = files(&crate_folder("tests/fixtures/pictures"));
         let (_, mut bytes) = seed.get(&pictures).clone();
         for (place, value) in hits {
@@ -79,13 +78,13 @@ proptest! {
     }
 
     #[test]
-    fn noise_behind_a_magic_never_panics(magic in prop::sample::select(&MAGICS[..]), noise in prop::collection::vec(any::<u8>(), 0..300)) {
+    fn noise_after_magic_bytes_does_not_panic(magic in prop::sample::select(&MAGICS[..]), noise in prop::collection::vec(any::<u8>(), 0..300)) {
         let bytes = [magic, &noise].concat();
         read_all_ways(&bytes, &SMALL);
     }
 
     #[test]
-    fn lossless_formats_give_the_picture_back(image in small_picture()) {
+    fn lossless_formats_round_trip(image in small_picture()) {
         for bytes in [encode_png(&image).unwrap(), encode_webp(&image).unwrap()] {
             prop_assert_eq!(size_of(&bytes).unwrap(), (image.width(), image.height()));
             prop_assert_eq!(&decode(&bytes, &DecodeLimits::default()).unwrap(), &image);
@@ -93,7 +92,7 @@ proptest! {
     }
 
     #[test]
-    fn exr_gives_the_bits_back(width in 1..20u32, height in 1..20u32, seed in any::<u32>()) {
+    fn exr_round_trips_bit_for_bit(width in 1..20u32, height in 1..20u32, seed in any::<u32>()) {
         let bits = |i: u32| f32::from_bits(i.wrapping_mul(2_654_435_761).wrapping_add(seed).rotate_left(7));
         let image = Image::new(width, height, (0..width * height * 3).map(bits).collect()).unwrap();
         let bytes = exr::write_rgb(&image, &exr::Values::DisplayReferred).unwrap();
@@ -101,7 +100,7 @@ proptest! {
         let (back, values) = exr::read_rgb(&bytes, &DecodeLimits::default()).unwrap();
         prop_assert_eq!(values, exr::Values::DisplayReferred);
         let as_bits = |image: &Image| image.samples().iter().map(|sample| sample.to_bits()).collect::<Vec<_>>();
-        prop_assert_eq!(as_bits(&back), as_bits(&image), "NaN payloads and infinities included");
+        prop_assert_eq!(as_bits(&back), as_bits(&image), "including NaN payloads and infinities");
     }
 }
 
@@ -123,11 +122,11 @@ fn small_picture() -> impl Strategy<Value = ImageU8> {
 }
 
 #[test]
-fn a_header_that_promises_too_much_costs_nothing() {
+fn oversized_headers_are_errors_before_allocation() {
     let png = b"\x89PNG\r\n\x1a\n\0\0\0\x0dIHDR\0\0\xff\xff\0\0\xff\xff\x08\x02\0\0\0\0\0\0\0";
     let jpeg = b"\xff\xd8\xff\xc2\0\x11\x08\xff\xff\xff\xff\x03\x01\x22\0\x02\x11\0\x03\x11\0";
     let webp = b"RIFF\xff\0\0\0WEBPVP8X\x0a\0\0\0\0\0\0\0\xff\xff\xff\xff\xff\xff";
-    let roomy = DecodeLimits { max_width: u32::MAX, max_height: u32::MAX, max_bytes: u64::MAX };
+    let unlimited = DecodeLimits { max_width: u32::MAX, max_height: u32::MAX, max_bytes: u64::MAX };
     let start = Instant::now();
     for bytes in [&png[..], jpeg, webp] {
         let (width, height) = size_of(bytes).unwrap();
@@ -136,14 +135,14 @@ fn a_header_that_promises_too_much_costs_nothing() {
         assert!(matches!(outcome, Err(PixelError::OverLimit { what: "width", .. })), "{outcome:?}");
     }
     for bytes in [&png[..], jpeg] {
-        let outcome = decode(bytes, &roomy);
+        let outcome = decode(bytes, &unlimited);
         assert!(matches!(outcome, Err(PixelError::FileTooShort { .. })), "even without limits: {outcome:?}");
     }
     assert!(start.elapsed() < Duration::from_secs(1), "took {:?}", start.elapsed());
 }
 
 #[test]
-fn each_limit_is_checked_by_itself() {
+fn every_limit_is_checked() {
     let image = ImageU8::new(40, 30, vec![9; 40 * 30 * 3]).unwrap();
     let exact = DecodeLimits { max_width: 40, max_height: 30, max_bytes: 3600 };
     for bytes in [encode_png(&image).unwrap(), encode_jpeg(&image, 90).unwrap(), encode_webp(&image).unwrap()] {
@@ -166,7 +165,7 @@ fn each_limit_is_checked_by_itself() {
 }
 
 #[test]
-fn what_is_not_a_picture_says_so() {
+fn errors_describe_other_content() {
     let limits = DecodeLimits::default();
     assert!(matches!(decode(b"", &limits), Err(PixelError::UnknownFormat { length: 0, .. })));
     let gif = decode(b"GIF89a__", &limits).unwrap_err().to_string();
@@ -177,9 +176,9 @@ fn what_is_not_a_picture_says_so() {
     assert_eq!(PictureFormat::sniff(&file), Some(PictureFormat::Exr));
 }
 
-/// As 16-bit colours: 0x02bc is 2, not 255 as clipping would make it.
+/// Like 16-bit colours: 0x02bc becomes 2, where clipping would give 255.
 #[test]
-fn grey_of_16_bits_keeps_its_high_byte() {
+fn sixteen_bit_grey_keeps_its_high_byte() {
     let mut bytes = Vec::new();
     let grey: Vec<u8> = [700u16, 0x80ff, 0xffff, 0].iter().flat_map(|value| value.to_ne_bytes()).collect();
     PngEncoder::new(&mut bytes).write_image(&grey, 2, 2, ExtendedColorType::L16).unwrap();
@@ -188,7 +187,7 @@ fn grey_of_16_bits_keeps_its_high_byte() {
 }
 
 #[test]
-fn only_what_is_opaque_passes_where_it_has_to_be() {
+fn transparent_pixels_are_errors_if_the_picture_must_be_opaque() {
     let limits = DecodeLimits::default();
     let png = |samples: &[u8], color| {
         let mut bytes = Vec::new();
@@ -212,7 +211,7 @@ fn only_what_is_opaque_passes_where_it_has_to_be() {
 }
 
 #[test]
-fn a_git_lfs_pointer_says_what_to_do() {
+fn a_git_lfs_pointer_error_names_the_remedy() {
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
     for error in [decode(pointer, &DecodeLimits::default()).unwrap_err(), size_of(pointer).unwrap_err()] {
         assert!(matches!(error, PixelError::LfsPointer) && error.to_string().contains("git lfs pull"), "{error}");

@@ -1,4 +1,4 @@
-//! What an EXR says about its values, and files of other programs.
+//! The meaning of an EXR's values, and files of other programs.
 
 use atsplat_pixels::exr::{Channel, Channels, Values, read, read_rgb, write, write_rgb};
 use atsplat_pixels::{DecodeLimits, Image, PixelError};
@@ -8,7 +8,7 @@ fn plane(name: &str, values: Values, samples: &[f32]) -> Channel {
 }
 
 #[test]
-fn named_planes_come_back_with_their_meaning() {
+fn named_planes_round_trip_with_their_meaning() {
     let planes = vec![
         plane("Z", Values::Depth, &[1.0, f32::INFINITY, 2.5, 1e-30]),
         plane("R", Values::Linear, &[0.0, 0.25, 0.5, 7.0]),
@@ -28,7 +28,7 @@ fn named_planes_come_back_with_their_meaning() {
 }
 
 #[test]
-fn the_header_is_readable_words() {
+fn the_header_states_the_meaning_as_text() {
     let image = Image::new(1, 1, vec![0.1, 0.2, 0.3]).unwrap();
     let bytes = write_rgb(&image, &Values::DisplayReferred).unwrap();
     let text = String::from_utf8_lossy(&bytes);
@@ -36,7 +36,7 @@ fn the_header_is_readable_words() {
 }
 
 #[test]
-fn the_same_picture_is_the_same_bytes() {
+fn the_same_picture_gives_the_same_bytes() {
     let image = Image::new(50, 40, (0..6000u16).map(|i| f32::from(i) / 6000.0).collect()).unwrap();
     let first = write_rgb(&image, &Values::Linear).unwrap();
     for _ in 0..5 {
@@ -45,7 +45,7 @@ fn the_same_picture_is_the_same_bytes() {
 }
 
 #[test]
-fn a_line_break_cannot_forge_another_channels_meaning() {
+fn a_line_break_cannot_inject_another_channels_meaning() {
     let forged = Values::Named("noise\nR: linear".to_owned());
     let planes = vec![plane("A", forged, &[1.0]), plane("R", Values::Unstated, &[1.0])];
     let bytes = write(&Channels::new(1, 1, planes).unwrap()).unwrap();
@@ -54,7 +54,7 @@ fn a_line_break_cannot_forge_another_channels_meaning() {
 }
 
 #[test]
-fn rgb_needs_three_channels_of_one_kind() {
+fn rgb_requires_three_channels_of_one_kind() {
     let only_depth = write(&Channels::new(1, 1, vec![plane("Z", Values::Depth, &[1.0])]).unwrap()).unwrap();
     let outcome = read_rgb(&only_depth, &DecodeLimits::default());
     assert!(
@@ -73,14 +73,14 @@ fn planes_are_checked_before_writing() {
         assert!(matches!(bad(name, &[0.0; 2]), Err(PixelError::ChannelName { .. })), "{name:?}");
     }
     assert!(matches!(bad("Z", &[0.0; 3]), Err(PixelError::ChannelSize { expected: 2, found: 3, .. })));
-    let twice = Channels::new(1, 1, vec![plane("Z", Values::Depth, &[0.0]), plane("Z", Values::Linear, &[0.0])]);
-    assert!(matches!(twice, Err(PixelError::ChannelName { problem: "it is given twice", .. })));
+    let repeated = Channels::new(1, 1, vec![plane("Z", Values::Depth, &[0.0]), plane("Z", Values::Linear, &[0.0])]);
+    assert!(matches!(repeated, Err(PixelError::ChannelName { problem: "it is repeated", .. })));
     assert!(matches!(Channels::new(0, 1, vec![]), Err(PixelError::Empty { .. })));
 }
 
 /// Written by the reference library: `fixtures/make_exr.py`.
 #[test]
-fn files_of_another_program_are_read() {
+fn reads_files_of_another_program() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/exr");
     let file = |name: &str| std::fs::read(folder.join(name)).unwrap();
     let ramp: Vec<f32> = (0..60u8).map(|i| f32::from(i) * 0.25 - 3.0).collect();
@@ -89,7 +89,7 @@ fn files_of_another_program_are_read() {
             let name = format!("rgb_{kind}_{compression}.exr");
             let (image, values) = read_rgb(&file(&name), &DecodeLimits::default()).unwrap();
             assert_eq!((image.width(), image.height(), values), (5, 4, Values::Unstated), "{name}");
-            assert_eq!(image.samples(), ramp, "{name}: quarters are exact in f16 too");
+            assert_eq!(image.samples(), ramp, "{name}: quarters are exact in f16");
         }
     }
     let integers = read(&file("integers.exr"), &DecodeLimits::default());

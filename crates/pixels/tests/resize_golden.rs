@@ -1,23 +1,23 @@
-//! Resizing against Pillow's own results (`fixtures/make_resize_golden.py`).
+//! Resizing compared with Pillow (`fixtures/make_resize_golden.py`).
 
-#![expect(clippy::unwrap_used, clippy::panic, reason = "a fixture that does not parse fails the test")]
+#![expect(clippy::unwrap_used, clippy::panic, reason = "an invalid fixture fails the test")]
 
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::Sha256Digest;
+use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
 use atsplat_pixels::{Filter, ImageU8, resize};
-use sha2::{Digest, Sha256};
 
 #[test]
-fn the_same_bits_as_pillow() {
+fn resizing_matches_pillow_bit_for_bit() {
     let cases = check(&Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/resize_golden.csv"));
-    assert!(cases > 200, "the fixture holds only {cases} cases");
+    assert!(cases > 200, "the fixture has only {cases} cases");
     if let Some(more) = std::env::var_os("ATSPLAT_RESIZE_GOLDEN") {
-        println!("{} further cases", check(&PathBuf::from(more)));
+        println!("{} additional cases", check(&PathBuf::from(more)));
     }
 }
 
-/// Checks every line of a file and returns how many there were.
+/// Checks every line of a file and returns their number.
 fn check(path: &Path) -> usize {
     let text = std::fs::read_to_string(path).unwrap();
     let mut wrong = Vec::new();
@@ -36,7 +36,7 @@ fn check(path: &Path) -> usize {
             other => panic!("{other}"),
         };
         let resized = resize(&source, number(to_width), number(to_height), filter).unwrap();
-        if hex(&Sha256::digest(resized.samples())) != expected {
+        if Sha256Digest::of(resized.samples()) != expected.parse().unwrap() {
             wrong.push(line.to_owned());
         }
         cases += 1;
@@ -45,15 +45,9 @@ fn check(path: &Path) -> usize {
     cases
 }
 
-fn hex(bytes: &[u8]) -> String {
-    bytes.iter().fold(String::new(), |mut text, byte| {
-        write!(text, "{byte:02x}").unwrap();
-        text
-    })
-}
-
 fn picture(pattern: &str, seed: u32, width: u32, height: u32) -> ImageU8 {
-    let noise = |index: u64| splitmix64(index + (u64::from(seed) << 32)).to_be_bytes()[0];
+    let state = |index: u64| (index + (u64::from(seed) << 32)).wrapping_add(1).wrapping_mul(SPLIT_MIX_STEP);
+    let noise = |index: u64| split_mix(state(index)).to_be_bytes()[0];
     let count = u64::from(width) * u64::from(height) * 3;
     let samples = match pattern {
         "noise" => (0..count).map(noise).collect(),
@@ -74,11 +68,4 @@ fn painted(width: u32, height: u32, paint: impl Fn(u32, u32, u32) -> u32) -> Vec
     let positions =
         (0..height).flat_map(|row| (0..width).flat_map(move |column| (0..3).map(move |c| (column, row, c))));
     positions.map(|(column, row, channel)| paint(column, row, channel).to_le_bytes()[0]).collect()
-}
-
-fn splitmix64(index: u64) -> u64 {
-    let z = index.wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    let z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    let z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    z ^ (z >> 31)
 }

@@ -1,5 +1,5 @@
-//! Inspecting and exporting a dataset of RE10K's size, 10 000 scenes of 150 frames, made up in memory. `load`
-//! is what making the scenes costs: take it off the others to see what inspection and export add to reading.
+//! Inspects and exports a dataset of RE10K's size: 10 000 scenes of 150 frames, generated in memory. `load` is the cost
+//! of generating the scenes; subtract it from the others to get the cost of inspection and export.
 
 #![expect(clippy::expect_used, reason = "a benchmark stops at the first error")]
 
@@ -27,13 +27,13 @@ impl SceneSource for Trajectories {
     }
 
     fn load(&self, key: &str, _: &mut Warnings) -> Result<Scene, SceneError> {
-        let broken = |source| SceneError::Camera { path: PathBuf::from("memory"), location: key.to_owned(), source };
+        let invalid = |source| SceneError::Camera { path: PathBuf::from("memory"), location: key.to_owned(), source };
         let seed = key.bytes().fold(1.0, |seed: f64, byte| (seed * 1.7 + f64::from(byte)) % 10.0);
         let frame = |position: u32| {
             let step = seed + f64::from(position) * 0.03;
             let rotation = DMat3::from_rotation_y(0.3 * step.sin()) * DMat3::from_rotation_x(0.1 * step.cos());
-            let pose = WorldFromCamera::new(rotation, DVec3::new(step.sin(), 0.1 * step, step)).map_err(broken)?;
-            let intrinsics = NormalizedIntrinsics::new(0.48 + 0.01 * seed, 0.86, 0.5, 0.5).map_err(broken)?;
+            let pose = WorldFromCamera::new(rotation, DVec3::new(step.sin(), 0.1 * step, step)).map_err(invalid)?;
+            let intrinsics = NormalizedIntrinsics::new(0.48 + 0.01 * seed, 0.86, 0.5, 0.5).map_err(invalid)?;
             let timestamp = i64::from(position) * 33_367;
             Ok(Frame {
                 name: timestamp.to_string(),

@@ -1,7 +1,6 @@
-//! How fast RE10K trajectories are read: one file's text on one core, and a folder of ten thousand files
-//! on all of them.
+//! Reads RE10K trajectories: the text of one file on one core, and a folder of ten thousand files on all cores.
 
-#![expect(clippy::unwrap_used, reason = "a benchmark that cannot set up has nothing to measure")]
+#![expect(clippy::unwrap_used, reason = "a benchmark stops at the first error")]
 
 use std::fmt::Write;
 use std::hint::black_box;
@@ -15,7 +14,7 @@ use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 const ROWS: u32 = 150;
 const FILES: usize = 10_000;
 
-/// A clip as RE10K prints it: nine decimals, a camera that turns as it moves. `seed` changes every pose.
+/// A clip as RE10K writes it: nine decimals, a camera that turns as it moves. `seed` changes every pose.
 fn text(seed: u32) -> String {
     let mut text = format!("https://www.youtube.com/watch?v={seed:011}\n");
     for row in 0..ROWS {

@@ -6,17 +6,17 @@ use crate::{Scene, WarningKind, Warnings};
 /// pixelSplat's loader drops a scene whose field of view exceeds this (`dataset_re10k.py`), in degrees.
 const WIDEST_FIELD_OF_VIEW: f64 = 100.0;
 
-/// Coordinates beyond this are no place: the Earth's radius has 6.4e6 metres, and no dataset counts in less.
+/// Coordinates beyond this are implausible: the Earth's radius is 6.4e6 m, and no dataset uses a unit below the metre.
 const FARTHEST_COORDINATE: f64 = 1e9;
 
-/// How far the principal point may lie off the centre, in picture widths and heights.
+/// How far the principal point may be from the centre, in picture widths and heights.
 const CENTRED: Tolerance = Tolerance::absolute(1e-3);
 
-/// Reports what is bearable but worth knowing about a scene's cameras: at most one warning of a kind a
-/// scene, saying how many frames it holds for and which is the first.
+/// Warns about suspicious but usable cameras of a scene: at most one warning of each kind, with the number of affected
+/// frames and the first of them.
 ///
-/// What is not bearable (NaN, a zero focal length, a matrix that is no rotation) never gets here: a
-/// camera cannot be made of it, and the parser says so.
+/// Unusable values (NaN, a zero focal length, a matrix that is not a rotation) never get here: no `Camera` can be
+/// constructed from them, and the parser reports the error.
 pub(crate) fn report_cameras(scene: &Scene, warnings: &mut Warnings) {
     report_timestamps(scene, warnings);
     let mut report = |kind, problem: &dyn Fn(&Camera) -> Option<String>| {
@@ -94,21 +94,21 @@ mod tests {
     }
 
     #[test]
-    fn a_good_scene_is_silent() {
+    fn a_good_scene_has_no_warnings() {
         let rows =
             ["1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0", "2 0.5 0.9 0.5009 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1 0"];
         assert_eq!(warnings_of(&rows).total(), 0);
     }
 
-    /// Coordinates of a survey in metres are large and right.
+    /// Geodetic coordinates in metres are large but valid.
     #[test]
-    fn a_place_on_earth_is_not_distant() {
+    fn geodetic_coordinates_are_not_distant() {
         let rows = ["1 0.5 0.9 0.5 0.5 0 0 1 0 0 -500000 0 1 0 5800000 0 0 1 120"];
         assert_eq!(warnings_of(&rows).total(), 0);
     }
 
     #[test]
-    fn each_blemish_has_its_kind_and_is_counted_once_a_scene() {
+    fn each_problem_has_its_kind_and_is_counted_once_per_scene() {
         let cases = [
             (WarningKind::BadCamera, "5 0.5 0.9 0.5 0.5 0 0 0.8 0.6 0 1.7e308 -0.6 0.8 0 1.7e308 0 0 1 0"),
             (WarningKind::DistantCamera, "5 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 -1e30 0 0 1 0"),

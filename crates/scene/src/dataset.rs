@@ -1,31 +1,31 @@
+use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
 use rayon::prelude::*;
 
 use crate::{Scene, SceneError, WarningKind, Warnings};
 
-/// A dataset on disk whose scenes are loaded one at a time, by key.
+/// A dataset whose scenes are loaded one at a time, by key.
 ///
-/// Loading is independent per scene and safe from many threads; a scene costs its camera table until a
-/// picture is decoded.
+/// Scenes may be loaded from many threads at once. A loaded scene holds cameras and the places of its pictures; pictures
+/// are read when they are decoded.
 pub trait SceneSource: Send + Sync {
     /// Scene keys in a reproducible order.
     fn keys(&self) -> &[String];
 
-    /// Reads one scene's cameras and finds its pictures.
+    /// Reads one scene's cameras and locates its pictures.
     ///
     /// # Errors
-    /// [`SceneError::UnknownScene`] for a key that is not in [`SceneSource::keys`], other [`SceneError`]s
-    /// where the scene's files are unusable. What is wrong but bearable goes to `warnings`.
+    /// [`SceneError::UnknownScene`] for a key that is not in [`SceneSource::keys`], other [`SceneError`]s if the scene's
+    /// files are unusable. Problems that leave the scene usable go to `warnings`.
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError>;
 }
 
-/// Loads scenes on all of rayon's threads, in the order of `keys`.
+/// Loads scenes in parallel and returns them in the order of `keys`.
 ///
-/// A scene that cannot be read is left out and counted as [`WarningKind::UnreadableScene`] with its
-/// error's text; whether that is bearable is the caller's to decide. Scenes and warnings come out the same
-/// for any number of threads. `progress` is called after each scene, from any thread, with how many are
-/// done. Memory holds all scenes asked for: hand in [`SceneSource::keys`] in pieces where they are many.
+/// A scene that cannot be read is skipped with a [`WarningKind::UnreadableScene`] that holds the error's text. The result
+/// does not depend on the number of threads. `progress` is called after each scene, from any thread, with the number of
+/// scenes done. All scenes are in memory at once: pass [`SceneSource::keys`] in chunks if there are many.
 pub fn load_scenes(
     source: &dyn SceneSource,
     keys: &[String],
@@ -49,4 +49,10 @@ pub fn load_scenes(
         }
     }
     scenes
+}
+
+/// The item that belongs to `key`, where `items` are parallel to the sorted `keys` of the dataset at `path`.
+pub(crate) fn find_by_key<'a, T>(keys: &[String], items: &'a [T], key: &str, path: &Path) -> Result<&'a T, SceneError> {
+    let at = keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
+    at.and_then(|at| items.get(at)).ok_or_else(|| SceneError::unknown_scene(key, path))
 }

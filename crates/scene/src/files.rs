@@ -1,4 +1,4 @@
-//! Reading files and listing folders, with errors that name them.
+//! Reads files and lists folders, with errors that contain the path.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 
 use crate::SceneError;
 
-/// Extensions that pictures have, in the order of preference where one stem has several.
+/// Extensions of pictures, in order of preference if one stem has several.
 const PICTURE_EXTENSIONS: [&str; 4] = ["jpg", "jpeg", "png", "webp"];
 
-/// All bytes of a regular file; a pipe or a device could block or never end.
+/// Reads a regular file; a pipe or device could block or never end.
 pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, SceneError> {
     require_regular(action, path)?;
     let bytes = fs::read(path).map_err(SceneError::io(action, path))?;
@@ -18,7 +18,7 @@ pub(crate) fn read_file(action: &'static str, path: &Path) -> Result<Vec<u8>, Sc
     Ok(bytes)
 }
 
-/// Refuses what Git LFS leaves in the place of a file that was not fetched.
+/// An error for a Git LFS pointer, which takes the place of a file that was not fetched.
 fn require_fetched(action: &'static str, path: &Path, start: &[u8]) -> Result<(), SceneError> {
     if atsplat_pickle::is_lfs_pointer(start) {
         return Err(SceneError::LfsPointer { action, path: path.to_owned() });
@@ -42,8 +42,8 @@ fn require_regular(action: &'static str, path: &Path) -> Result<(), SceneError> 
     metadata.is_file().then_some(()).ok_or_else(irregular).map_err(SceneError::io(action, path))
 }
 
-/// Names in a folder with whether they are folders themselves, sorted by name. Names that are not
-/// UTF-8 are left out: no dataset of the field has keys or frames of that kind.
+/// Names in a folder, sorted, and whether each is a folder itself. Names that are not UTF-8 are skipped: no dataset of
+/// the field has such keys or frames.
 pub(crate) fn list(folder: &Path) -> Result<Vec<(String, bool)>, SceneError> {
     let action = "listing a folder";
     let mut entries = Vec::new();
@@ -58,7 +58,7 @@ pub(crate) fn list(folder: &Path) -> Result<Vec<(String, bool)>, SceneError> {
     Ok(entries)
 }
 
-/// The last component of a path, resolving `.` and the like where the path has none.
+/// The last component of a path; paths such as `.` are resolved first.
 pub(crate) fn last_name(path: &Path) -> String {
     let name = |path: &Path| path.file_name().map(|name| name.to_string_lossy().into_owned());
     name(path).or_else(|| name(&path.canonicalize().ok()?)).unwrap_or_else(|| "scene".to_owned())
@@ -72,7 +72,7 @@ pub(crate) struct PictureListing {
 }
 
 impl PictureListing {
-    /// Lists `folder`; `None` where it is no folder.
+    /// Lists `folder`; `None` if it is not a folder.
     pub(crate) fn read(folder: &Path) -> Result<Option<Self>, SceneError> {
         if !folder.is_dir() {
             return Ok(None);
@@ -99,18 +99,18 @@ impl PictureListing {
         self.names_by_stem.keys().map(String::as_str)
     }
 
-    /// The picture called `name`, whatever folder names stand before it.
+    /// The picture with the file name `name`.
     pub(crate) fn by_name(&self, name: &str) -> Option<PathBuf> {
         let (stem, _) = split_picture_name(name)?;
         self.names_by_stem.get(stem)?.iter().find(|found| *found == name).map(|found| self.folder.join(found))
     }
 
-    /// The picture whose name without extension is `stem`.
+    /// The picture whose file name without extension is `stem`.
     pub(crate) fn by_stem(&self, stem: &str) -> Option<PathBuf> {
         self.names_by_stem.get(stem)?.first().map(|name| self.folder.join(name))
     }
 
-    /// Where the picture called `stem` would be, had it the extension that the folder's first has.
+    /// The expected path of a missing picture: its extension is that of the folder's first picture.
     pub(crate) fn expected(&self, stem: &str) -> PathBuf {
         let first = self.names_by_stem.values().flatten().next();
         let extension = first.and_then(|name| name.rsplit_once('.')).map_or("jpg", |(_, extension)| extension);
@@ -118,22 +118,22 @@ impl PictureListing {
     }
 }
 
-/// Stem and rank of the extension; `None` for a name that no picture has.
+/// Stem and rank of the extension; `None` if the name is not a picture's.
 pub(crate) fn split_picture_name(name: &str) -> Option<(&str, usize)> {
     let (stem, extension) = name.rsplit_once('.')?;
     let rank = PICTURE_EXTENSIONS.iter().position(|known| known.eq_ignore_ascii_case(extension))?;
     (!stem.is_empty()).then_some((stem, rank))
 }
 
-/// Whether a scene's key or a frame's name is the name of one file or folder, so that nothing written under it
-/// can land elsewhere: keys of chunks and indices are anybody's text.
+/// Whether a scene's key or a frame's name is a plain file name, so that a file written under it cannot end up in another
+/// folder: keys of chunks and indices are untrusted text.
 pub fn is_plain_name(name: &str) -> bool {
     !matches!(name, "" | "." | "..") && !name.contains(['/', '\\', ':', '\0'])
 }
 
-/// A path written inside a dataset, as components below the scene's folder: `.` and inner `..` are
-/// resolved, backslashes separate as Windows tools write them. `None` where it leaves the folder or is
-/// absolute and not below it: a dataset must not reach into the rest of the disk.
+/// The components of a path inside a dataset, relative to the scene's folder: `.` and inner `..` are resolved,
+/// backslashes are separators, as Windows tools write them. `None` if the path leaves the folder, or is absolute and not
+/// below it: a dataset must not refer to the rest of the disk.
 pub(crate) fn inside<'a>(root: &Path, listed: &'a str) -> Option<Vec<&'a str>> {
     let is_drive = |part: &str| part.len() == 2 && part.ends_with(':');
     let mut parts = Vec::new();
@@ -163,7 +163,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn paths_stay_inside() {
+    fn paths_stay_inside_the_scene() {
         let root = Path::new("/data/scene");
         for (listed, expected) in [
             ("images/a.png", Some(vec!["images", "a.png"])),
@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn a_name_that_leads_elsewhere_is_not_plain() {
+    fn names_that_leave_the_folder_are_not_plain() {
         assert!(["000c3ab189999a83", "clip.1", "..a", "scène 1"].into_iter().all(is_plain_name));
         for name in ["", ".", "..", "../a", "a/b", "/a", r"..\a", "C:", "a\0"] {
             assert!(!is_plain_name(name), "{name:?}");
@@ -196,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stem_with_two_files_prefers_jpeg() {
+    fn jpeg_is_preferred_among_files_with_one_stem() {
         let folder = tempfile::tempdir().unwrap();
         for name in ["1.png", "1.JPG", "2.png", "notes.txt", ".png"] {
             fs::write(folder.path().join(name), b"").unwrap();
@@ -205,12 +205,12 @@ mod tests {
         let listing = PictureListing::read(folder.path()).unwrap().unwrap();
         assert_eq!(listing.by_stem("1"), Some(folder.path().join("1.JPG")));
         assert_eq!(listing.by_name("1.png"), Some(folder.path().join("1.png")));
-        assert_eq!(listing.by_stem("3"), None, "a folder is no picture");
+        assert_eq!(listing.by_stem("3"), None, "a folder is not a picture");
         assert_eq!(listing.stems().collect::<Vec<_>>(), ["1", "2"]);
     }
 
     #[test]
-    fn a_git_lfs_pointer_says_what_to_do() {
+    fn a_git_lfs_pointer_error_names_the_remedy() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("transforms.json");
         fs::write(&path, "version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n").unwrap();
@@ -222,7 +222,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_regular_file_is_refused() {
+    fn folders_and_devices_are_not_read() {
         let folder = tempfile::tempdir().unwrap();
         assert!(matches!(read_file("reading", folder.path()), Err(SceneError::Io { .. })));
         assert!(matches!(read_file("reading", Path::new("/dev/zero")), Err(SceneError::Io { .. })));

@@ -1,7 +1,7 @@
-//! Whether a picture is the one that a camera's intrinsics were measured on.
+//! Checks whether a picture fits its camera's intrinsics.
 //!
-//! Normalised intrinsics go with a picture wherever it is scaled. They do not where it is cropped, turned, or squeezed:
-//! whoever uses them then renders a scene of another shape, and nothing looks broken.
+//! Normalised intrinsics stay valid when a picture is scaled, but not when it is cropped, rotated or stretched. Such a
+//! mistake distorts the scene without looking broken.
 
 use atsplat_camera::{ImageSize, NormalizedIntrinsics};
 use atsplat_numeric::Tolerance;
@@ -9,45 +9,40 @@ use thiserror::Error;
 
 use crate::{Frame, PictureHeader, WarningKind, Warnings};
 
-/// How far the two focal lengths in pixels may be apart before it is worth a word. Calibrations of one lens differ by a
-/// few thousandths.
+/// Difference of the two focal lengths in pixels above which a warning is due. Calibrations of one lens differ by a few
+/// thousandths.
 const SQUARE: Tolerance = Tolerance::relative(0.02);
-/// How far before the picture is not the one that the intrinsics belong to. The pixels of standard video (ITU-R BT.601)
-/// are 0.91 to 1.09 as wide as high.
+/// Difference above which the picture cannot belong to the intrinsics. The pixels of standard video (ITU-R BT.601) are
+/// 0.91 to 1.09 times as wide as high.
 const NEARLY_SQUARE: Tolerance = Tolerance::relative(0.1);
 
 /// Why a picture does not fit its camera's intrinsics.
 #[derive(Clone, Copy, Debug, PartialEq, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum Misfit {
-    /// It is no scaled copy of the picture that the intrinsics are stated for.
+    /// It is not a scaled copy of the picture that the intrinsics are stated for.
     #[error(
         "expected a picture of {stated}, for which the intrinsics are stated, or a scaled copy of it, found {found}: \
-         cropped, turned or squeezed without them?"
+        cropped, rotated or stretched without adapting the intrinsics?"
     )]
-    Shape {
-        /// The size that the intrinsics are stated for.
-        stated: ImageSize,
-        /// The picture's own.
-        found: ImageSize,
-    },
-    /// Nothing states a size, and at this one a pixel would be far from square.
+    Shape { stated: ImageSize, found: ImageSize },
+    /// No size is stated, and with this one pixels would be far from square.
     #[error(
-        "expected a picture of about {fitting}, at which the intrinsics have square pixels, found {found}, at which the \
-         focal lengths across and down are {ratio:.2} : 1: cropped, turned or squeezed without them?"
+        "expected a picture of about {fitting}, for which the intrinsics have square pixels, found {found}, for which \
+        fx : fy is {ratio:.2} : 1: cropped, rotated or stretched without adapting the intrinsics?"
     )]
     Pixels {
-        /// A size of as many rows at which pixels are square.
+        /// The size with the same height for which pixels are square.
         fitting: ImageSize,
-        /// The picture's own size.
         found: ImageSize,
-        /// Focal length across over the one down, both in pixels.
+        /// fx / fy in pixels.
         ratio: f64,
     },
 }
 
 impl Misfit {
-    /// Whether nothing right can come of the picture; otherwise it is as odd as some real cameras are.
+    /// Whether the picture is unusable; otherwise the misfit is within the range of real cameras.
     pub fn is_fatal(&self) -> bool {
         match self {
             Self::Shape { .. } => true,
@@ -57,26 +52,24 @@ impl Misfit {
 }
 
 impl Frame {
-    /// How a picture of `found` size does not fit this frame's camera; `None` where it does.
+    /// How a picture of size `found` does not fit this frame's camera; `None` if it fits.
     ///
-    /// Where a size is stated the picture has to be a scaled copy of it, whatever the shape of its pixels. Where none
-    /// is, as in RE10K and `.torch` chunks, pixels have to be square.
+    /// If a size is stated, the picture has to be a scaled copy of it, whatever the shape of its pixels. If none is, as
+    /// in RE10K and `.torch` chunks, pixels have to be square.
     pub fn misfit(&self, found: ImageSize) -> Option<Misfit> {
         match self.stated_size {
             Some(stated) => (!is_scaled_copy(found, stated)).then_some(Misfit::Shape { stated, found }),
             None => pixels_apart(&self.camera.intrinsics, found),
         }
     }
-}
 
-impl Frame {
-    /// Counts what its picture's header says against the camera of this frame, which is the scene's at `position`.
+    /// Warns if the header of the picture of this frame, the scene's at `position`, does not fit its camera.
     pub fn report(&self, scene: &str, position: usize, header: &PictureHeader, warnings: &mut Warnings) {
         if let Some(misfit) = self.misfit(header.size) {
             warnings.push(WarningKind::UnexpectedSize, scene, format!("frame {position}: {misfit}"));
         }
         if let Some(orientation) = header.orientation {
-            let detail = format!("frame {position}: EXIF says that it is {orientation}; it is used as it is stored");
+            let detail = format!("frame {position}: EXIF says that it is {orientation}; the stored pixels are used");
             warnings.push(WarningKind::TurnedPicture, scene, detail);
         }
     }
@@ -91,14 +84,13 @@ fn pixels_apart(k: &NormalizedIntrinsics, found: ImageSize) -> Option<Misfit> {
     if is_rounded || SQUARE.accepts(ratio, 1.0) {
         return None;
     }
-    // A cast saturates: intrinsics of any size make a message, not a panic.
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a positive width, or the largest")]
+    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "positive; the cast saturates")]
     let fitting = ImageSize { width: square_width as u32, height: found.height };
     Some(Misfit::Pixels { fitting, found, ratio })
 }
 
-/// Whether a picture is the stated one or that one made smaller or larger, its sides rounded to whole pixels:
-/// `images_4` beside a `transforms.json` that states the full size.
+/// Whether a picture is the stated one or a scaled copy of it with sides rounded to whole pixels, such as `images_4` next
+/// to a `transforms.json` that states the full size.
 pub(crate) fn is_scaled_copy(size: ImageSize, stated: ImageSize) -> bool {
     let side =
         |length: u32, other: u32, stated_other: u32| f64::from(length) * f64::from(other) / f64::from(stated_other);
@@ -129,16 +121,16 @@ mod tests {
     }
 
     #[test]
-    fn a_downscaled_copy_is_what_was_stated() {
+    fn a_downscaled_copy_fits_the_stated_size() {
         assert!(is_scaled_copy(size(480, 270), size(3840, 2160)));
         assert!(is_scaled_copy(size(455, 256), size(640, 360)), "455.1 columns");
         assert!(is_scaled_copy(size(239, 135), size(3818, 2160)), "238.6 columns");
         assert!(!is_scaled_copy(size(256, 256), size(640, 360)), "a crop");
-        assert!(!is_scaled_copy(size(270, 480), size(480, 270)), "turned");
+        assert!(!is_scaled_copy(size(270, 480), size(480, 270)), "rotated");
     }
 
     #[test]
-    fn what_is_stated_decides_whatever_pixels_look_like() {
+    fn a_stated_size_allows_pixels_that_are_not_square() {
         let stated = Some(size(640, 360));
         for fx in [0.5, 0.9] {
             assert_eq!(frame(fx, 0.9, stated).misfit(size(320, 180)), None);
@@ -148,9 +140,9 @@ mod tests {
         }
     }
 
-    /// RE10K: intrinsics of 16 : 9, squares cut out of its frames.
+    /// RE10K: intrinsics of 16 : 9 with square crops of its frames.
     #[test]
-    fn squares_do_not_fit_intrinsics_of_a_wide_picture() {
+    fn square_crops_do_not_fit_intrinsics_of_wide_pictures() {
         let re10k = frame(0.482_334_223, 0.857_483_091, None);
         for fitting in [size(640, 360), size(1920, 1080), size(455, 256), size(57, 32)] {
             assert_eq!(re10k.misfit(fitting), None, "{fitting}");
@@ -167,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn a_little_off_square_is_told_and_no_more() {
+    fn nearly_square_pixels_are_not_fatal() {
         let at = |fx: f64| frame(fx, 1.0, None).misfit(size(1000, 1000)).map(|misfit| misfit.is_fatal());
         assert_eq!(
             [0.88, 0.91, 0.975, 0.99, 1.0, 1.01, 1.025, 1.09, 1.12].map(at),

@@ -1,6 +1,6 @@
-//! Files into scenes: RE10K trajectories, `.torch` chunks, nerfstudio and DL3DV `transforms.json`,
-//! instant-ngp, COLMAP; the papers' preprocessing of pictures and intrinsics together; Arrow and
-//! Parquet out. Knows nothing of models.
+//! Dataset readers: RE10K trajectories, `.torch` chunks, `transforms.json` (nerfstudio, DL3DV, instant-ngp) and COLMAP
+//! models. Also the papers' joint preprocessing of pictures and intrinsics, dataset statistics and checks, and export to
+//! Arrow, Parquet and CSV. Independent of models.
 
 mod camera_policy;
 pub mod colmap;

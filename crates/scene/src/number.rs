@@ -1,30 +1,29 @@
-//! Numbers and columns out of text, byte by byte.
+//! Parses numbers and columns of text from bytes.
 
 /// Powers of ten that an f64 holds exactly.
 const EXACT_POWERS: [f64; 20] =
     [1e0, 1e1, 1e2, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8, 1e9, 1e10, 1e11, 1e12, 1e13, 1e14, 1e15, 1e16, 1e17, 1e18, 1e19];
 
-/// Largest integer up to which every integer is an f64.
+/// Up to here every integer is an f64.
 const EXACT_INTEGERS: u64 = 1 << 53;
 
-/// What `str::parse::<f64>` gives, bit for bit, at several times its speed on the short decimals that
-/// datasets hold.
+/// Parses like `str::parse::<f64>`, bit for bit, but several times faster for the short decimals of datasets.
 pub(crate) fn parse_f64(token: &[u8]) -> Option<f64> {
     short_decimal(token).or_else(|| std::str::from_utf8(token).ok()?.parse().ok())
 }
 
-/// What `str::parse::<i64>` gives.
+/// Parses like `str::parse::<i64>`.
 pub(crate) fn parse_i64(token: &[u8]) -> Option<i64> {
     std::str::from_utf8(token).ok()?.parse().ok()
 }
 
-/// What `str::parse::<u64>` gives.
+/// Parses like `str::parse::<u64>`.
 pub(crate) fn parse_u64(token: &[u8]) -> Option<u64> {
     std::str::from_utf8(token).ok()?.parse().ok()
 }
 
-/// Clinger's fast path: a mantissa below 2⁵³ over a power of ten below 10²² are both exact, so that
-/// their one division is correctly rounded. `None` says "not that simple", not "no number".
+/// Clinger's fast path: a mantissa below 2⁵³ and a power of ten below 10²² are both exact, so that their quotient is
+/// correctly rounded. `None` means that the fast path does not apply, not that the token is not a number.
 #[inline]
 fn short_decimal(token: &[u8]) -> Option<f64> {
     let (negative, digits) = match token {
@@ -52,7 +51,7 @@ fn short_decimal(token: &[u8]) -> Option<f64> {
     Some(if negative { -magnitude } else { magnitude })
 }
 
-/// Splits a line at runs of spaces and tabs; the carriage return of Windows files counts as a space.
+/// Splits a line at runs of spaces and tabs; a carriage return (Windows line ends) counts as a space.
 #[derive(Clone, Debug)]
 pub(crate) struct Columns<'a> {
     rest: &'a [u8],
@@ -63,7 +62,7 @@ impl<'a> Columns<'a> {
         Self { rest: line }
     }
 
-    /// What no column has taken yet, without blanks around it.
+    /// The rest of the line, trimmed.
     pub(crate) fn rest(&self) -> &'a [u8] {
         self.rest.trim_ascii()
     }
@@ -87,7 +86,7 @@ const fn is_blank(byte: u8) -> bool {
     matches!(byte, b' ' | b'\t' | b'\r')
 }
 
-/// Bytes as an error message shows them: escaped, in quotes, cut after 40.
+/// Bytes for an error message: escaped, quoted, truncated to 40.
 pub(crate) fn shown(bytes: &[u8]) -> String {
     match bytes.get(..40) {
         Some(start) if bytes.len() > 40 => format!("\"{}…\"", start.escape_ascii()),
@@ -103,55 +102,27 @@ mod tests {
     fn assert_like_std(text: &str) {
         let std = text.parse::<f64>().ok().map(f64::to_bits);
         let ours = parse_f64(text.as_bytes()).map(f64::to_bits);
-        // Every NaN is one value here; std gives the same bits for all of them.
         assert_eq!(ours, std, "{text:?}");
     }
 
     #[test]
-    fn odd_spellings_are_what_std_says() {
-        for text in [
-            "",
-            "-",
-            "+",
-            ".",
-            "-.",
-            "5.",
-            ".5",
-            "+.5",
-            "-0",
-            "-0.0",
-            "1e5",
-            "1E-5",
-            "1e",
-            "inf",
-            "-NaN",
-            "infinity",
-            "1_0",
-            "0x10",
-            "1..2",
-            "1.2.3",
-            "--1",
-            "9007199254740993",
-            "9007199254740993.0",
-            "9999999999999999999",
-            "1e400",
-            "1 ",
-            "0.000000000000000000001",
-            "184467440737095516150",
-            "0.9999999999999999999",
-        ] {
+    fn unusual_notations_parse_as_with_std() {
+        let texts = "|-|+|.|-.|5.|.5|+.5|-0|-0.0|1e5|1E-5|1e|inf|-NaN|infinity|1_0|0x10|1..2|1.2.3|--1\
+            |9007199254740993|9007199254740993.0|9999999999999999999|1e400|1 \
+            |0.000000000000000000001|184467440737095516150|0.9999999999999999999";
+        for text in texts.split('|') {
             assert_like_std(text);
         }
     }
 
     #[test]
-    fn bytes_that_are_no_text_are_no_number() {
+    fn invalid_utf8_and_other_digits_are_not_numbers() {
         assert_eq!(parse_f64(&[0xff, b'1']), None);
         assert_eq!(parse_f64("١".as_bytes()), None);
     }
 
     #[test]
-    fn columns_ignore_runs_of_blanks_and_carriage_returns() {
+    fn columns_are_split_at_runs_of_blanks_and_carriage_returns() {
         let columns: Vec<_> = Columns::of(b"  a\t b  c \r").collect();
         assert_eq!(columns, [b"a", b"b", b"c"]);
         let mut two = Columns::of(b"1 2  name with spaces.png \r");
@@ -163,19 +134,19 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(4096))]
 
         #[test]
-        fn decimals_are_what_std_says(text in "[-+]?[0-9]{0,21}[.]?[0-9]{0,21}([eE][-+]?[0-9]{1,3})?") {
+        fn decimals_parse_as_with_std(text in "[-+]?[0-9]{0,21}[.]?[0-9]{0,21}([eE][-+]?[0-9]{1,3})?") {
             assert_like_std(&text);
         }
 
         #[test]
-        fn printed_floats_come_back(value in prop::num::f64::ANY) {
+        fn printed_floats_round_trip(value in prop::num::f64::ANY) {
             assert_like_std(&format!("{value}"));
             assert_like_std(&format!("{value:.9}"));
             assert_like_std(&format!("{value:e}"));
         }
 
         #[test]
-        fn any_bytes_are_what_std_says(bytes in prop::collection::vec(any::<u8>(), 0..24)) {
+        fn any_bytes_parse_as_with_std(bytes in prop::collection::vec(any::<u8>(), 0..24)) {
             let std = std::str::from_utf8(&bytes).ok().and_then(|text| text.parse::<f64>().ok()).map(f64::to_bits);
             prop_assert_eq!(parse_f64(&bytes).map(f64::to_bits), std);
         }

@@ -11,13 +11,13 @@ use crate::re10k::{Re10kOptions, Re10kScenes, read_trajectory, starts_like_a_tra
 use crate::torch::TorchChunks;
 use crate::{SceneError, SceneSource, Warnings};
 
-/// What is recognised.
+/// The supported formats, for messages.
 const EXPECTED: &str = "RE10K trajectories, .torch chunks, a transforms.json or a COLMAP model";
 
-/// How much of a file is looked at to tell its format, in bytes.
+/// Bytes read of a file to detect its format.
 const PROBE: u64 = 1 << 16;
 
-/// A dataset's format, told from its content.
+/// A dataset's format, detected from its content.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -50,7 +50,7 @@ impl fmt::Display for Format {
     }
 }
 
-/// Options of every format, of which the sniffed one takes its own.
+/// Options of all formats; those of the detected one apply.
 #[derive(Clone, Debug, Default)]
 pub struct OpenOptions {
     /// For [`Format::Re10k`].
@@ -61,11 +61,11 @@ pub struct OpenOptions {
     pub colmap: ColmapOptions,
 }
 
-/// A dataset whose format is known; scenes are loaded through it.
+/// An open dataset of a detected format.
 pub struct Dataset {
-    /// What it turned out to be.
+    /// The detected format.
     pub format: Format,
-    /// What was opened.
+    /// The path that was opened.
     pub path: PathBuf,
     source: Box<dyn SceneSource>,
 }
@@ -89,19 +89,19 @@ impl SceneSource for Dataset {
 /// Opens a file or folder as the dataset it holds, with default options.
 ///
 /// # Errors
-/// As [`open_with`].
+/// Those of [`open_with`].
 pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Dataset, SceneError> {
     open_with(path, &OpenOptions::default(), warnings)
 }
 
 /// Opens a file or folder as the dataset it holds.
 ///
-/// The format is told from content, not from the name: a file by its first bytes, a folder by the files
-/// that a format cannot do without. Of several in one folder the order is chunks, `transforms.json`, a
-/// COLMAP model, trajectories. No scene is read yet.
+/// The format is detected from content, not from the name: of a file by its first bytes, of a folder by the files that
+/// the format requires. If a folder holds several, the order is chunks, `transforms.json`, a COLMAP model, trajectories.
+/// No scene is read.
 ///
 /// # Errors
-/// [`SceneError::Io`]; [`SceneError::Unrecognized`] naming what was looked for.
+/// [`SceneError::Io`]; [`SceneError::Unrecognized`] if no format matches.
 pub fn open_with(
     path: impl AsRef<Path>,
     options: &OpenOptions,
@@ -121,24 +121,21 @@ pub fn open_with(
         }
     }
     if let Some(content) = start.as_deref().filter(|start| is_json(start, b'[')).and_then(|_| json_content(path)) {
-        return Err(SceneError::Unrecognized { expected: EXPECTED.to_owned(), found: content, path: path.to_owned() });
+        return Err(SceneError::unrecognized(path, EXPECTED, content));
     }
     let (kind, text) = match start {
-        Some(_) => ("a file of another kind", Some(path.to_owned()).filter(|path| has_extension(path, "txt"))),
-        None => ("a folder without any", trajectory_files(path)?.into_values().next()),
+        Some(_) => ("another kind of file", Some(path.to_owned()).filter(|path| has_extension(path, "txt"))),
+        None => ("a folder without these", trajectory_files(path)?.into_values().next()),
     };
     let not_a_trajectory = text.and_then(|text| read_trajectory(&text).err());
-    Err(SceneError::Unrecognized {
-        expected: EXPECTED.to_owned(),
-        found: not_a_trajectory.map_or_else(|| kind.to_owned(), |error| format!("{kind}; {error}")),
-        path: path.to_owned(),
-    })
+    let found = not_a_trajectory.map_or_else(|| kind.to_owned(), |error| format!("{kind}; {error}"));
+    Err(SceneError::unrecognized(path, EXPECTED, found))
 }
 
-/// How one format is told and opened.
+/// How one format is detected and opened.
 struct Entry {
     format: Format,
-    /// What to open where a file that starts like this belongs to the format.
+    /// The path to open, given a file and its first bytes; `None` if it is not of this format.
     file: fn(&Path, &[u8]) -> Option<PathBuf>,
     folder: fn(&Path) -> Result<bool, SceneError>,
     open: Opener,
@@ -173,13 +170,13 @@ const REGISTRY: [Entry; 4] = [
     },
 ];
 
-/// A zip archive, or the magic number that `torch.save` pickled before it wrote archives.
+/// Whether a file starts like a zip archive or with the magic number of `torch.save` before it wrote archives.
 fn is_chunk(start: &[u8]) -> bool {
     const LEGACY_MAGIC: [u8; 14] = [0x80, 0x02, 0x8a, 0x0a, 0x6c, 0xfc, 0x9c, 0x46, 0xf9, 0x20, 0x6a, 0xa8, 0x50, 0x19];
     start.starts_with(b"PK\x03\x04") || start.starts_with(&LEGACY_MAGIC)
 }
 
-/// Chunks lie in the folder, or in the `test` and `train` of pixelSplat's layout.
+/// Whether there are chunks in the folder, or in its `test` or `train` (pixelSplat's layout).
 fn holds_chunks(folder: &Path) -> Result<bool, SceneError> {
     for stage in ["", "test", "train"].map(|stage| folder.join(stage)) {
         let is_chunk = |name: &str| has_extension(Path::new(name), "torch");
@@ -194,26 +191,26 @@ fn has_extension(path: &Path, extension: &str) -> bool {
     path.extension().is_some_and(|found| found == extension)
 }
 
-/// Whether a file starts as JSON does, with this bracket.
+/// Whether a file starts with this bracket, after an optional byte order mark.
 fn is_json(start: &[u8], bracket: u8) -> bool {
     let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
     start.trim_ascii_start().first() == Some(&bracket)
 }
 
-/// What a JSON file seems to be; `None` where it is no JSON after all.
+/// A description of a JSON file; `None` if it is not valid JSON.
 fn json_content(path: &Path) -> Option<String> {
     let value = json::parse(&read_file("opening a dataset", path).ok()?).ok()?;
     Some(json::describe(&value))
 }
 
-/// The model's folder where `file` is one of its files.
+/// The folder of the COLMAP model that `file` belongs to.
 fn model_around(file: &Path) -> Option<PathBuf> {
     let is_part = matches!(file.file_stem()?.to_str()?, "cameras" | "images" | "points3D");
     let folder = file.parent().filter(|folder| *folder != Path::new("")).unwrap_or_else(|| Path::new("."));
     (is_part && !model_folders(folder).ok()?.is_empty()).then(|| folder.to_owned())
 }
 
-/// Whether one of a folder's first text files is a trajectory; a licence may lie beside them.
+/// Whether one of the first text files in a folder is a trajectory; others may be a licence, for example.
 fn holds_trajectories(folder: &Path) -> Result<bool, SceneError> {
     for file in trajectory_files(folder)?.values().take(20) {
         if starts_like_a_trajectory(&read_start("opening a dataset", file, PROBE)?) {

@@ -1,8 +1,8 @@
-//! Camera poses as a bare JSON list of matrices: the trajectories of MotionCtrl and of what came after it.
+//! Camera poses as a JSON list of matrices: the trajectories of MotionCtrl and its successors.
 //!
-//! Each is `[R | t]` from the world to the camera with OpenCV axes, row by row: 12 numbers (TencentARC/MotionCtrl
+//! Each is the row-major world-to-camera matrix `[R | t]` with OpenCV axes: 12 numbers (TencentARC/MotionCtrl
 //! `examples/camera_poses/*.json`, `gradio_utils/camera_utils.py`: `reshape(-1, 3, 4)`, relative poses as `Eᵢ · E₀⁻¹`,
-//! "Zoom In" along −z), here also 16, or three or four rows of four. Intrinsics are nowhere in the file.
+//! "Zoom In" along −z), here also 16, or three or four rows of four. The file has no intrinsics.
 
 use std::path::Path;
 
@@ -11,9 +11,7 @@ use serde_json::Value;
 
 use crate::SceneError;
 
-const FORMAT: &str = "list of camera matrices";
-
-/// Whether a list begins with what may be a matrix of a camera.
+/// Whether a value is a list that starts with something shaped like a camera matrix.
 pub fn is_list_of_poses(value: &Value) -> bool {
     let is_matrix = |entry: &Value| match entry.as_array() {
         Some(rows) if rows.iter().all(Value::is_number) => matches!(rows.len(), 12 | 16),
@@ -30,18 +28,14 @@ fn is_row(row: &Value) -> bool {
 /// The poses of a list for which [`is_list_of_poses`] holds; `path` is for messages only.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] naming the matrix and the number, [`SceneError::Camera`] for a matrix that is no pose.
+/// [`SceneError::Malformed`] with matrix and number, [`SceneError::Camera`] for a matrix that is not a pose.
 pub fn poses(list: &[Value], path: &Path) -> Result<Vec<CameraFromWorld>, SceneError> {
     list.iter().enumerate().map(|(at, entry)| pose(entry, at, path)).collect()
 }
 
 fn pose(entry: &Value, at: usize, path: &Path) -> Result<CameraFromWorld, SceneError> {
-    let wrong = |field: &str, expected: &str, found: String| SceneError::Malformed {
-        format: FORMAT,
-        path: path.to_owned(),
-        location: format!("matrix {at}{field}"),
-        expected: expected.to_owned(),
-        found,
+    let wrong = |field: &str, expected: &str, found: String| {
+        SceneError::malformed("list of camera matrices", path, format!("matrix {at}{field}"), expected, found)
     };
     let mut numbers = Vec::with_capacity(16);
     let rows = entry.as_array().map(Vec::as_slice).unwrap_or_default();
@@ -59,11 +53,7 @@ fn pose(entry: &Value, at: usize, path: &Path) -> Result<CameraFromWorld, SceneE
     if !last.is_empty() && *last != [0.0, 0.0, 0.0, 1.0] {
         return Err(wrong(", last row", "0 0 0 1", format!("{last:?}")));
     }
-    CameraFromWorld::from_rows(upper).map_err(|source| SceneError::Camera {
-        path: path.to_owned(),
-        location: format!("matrix {at}"),
-        source,
-    })
+    CameraFromWorld::from_rows(upper).map_err(SceneError::camera(path, format!("matrix {at}")))
 }
 
 #[cfg(test)]
@@ -77,9 +67,9 @@ mod tests {
         poses(list.as_array().unwrap(), Path::new("poses.json"))
     }
 
-    /// Turned by a quarter about y and moved: world to camera, row by row, in every spelling.
+    /// A world-to-camera matrix, rotated by 90° about y and translated, in every notation.
     #[test]
-    fn every_spelling_is_world_to_camera() {
+    fn every_notation_is_world_to_camera() {
         let rows = [[0, 0, -1, 1], [0, 1, 0, 2], [1, 0, 0, 3], [0, 0, 0, 1]];
         let flat = rows.as_flattened();
         for matrix in [json!(flat[..12]), json!(flat), json!(rows[..3]), json!(rows)] {
@@ -87,13 +77,13 @@ mod tests {
             assert_eq!(poses.len(), 2);
             assert_eq!(poses[1].translation(), DVec3::new(1.0, 2.0, 3.0));
             assert_eq!(poses[1].inverse().centre(), DVec3::new(-3.0, -2.0, 1.0), "not the translation");
-            assert_eq!(poses[1].inverse().forward(), DVec3::X, "the third row looks ahead");
+            assert_eq!(poses[1].inverse().forward(), DVec3::X, "the third row is the forward direction");
         }
     }
 
-    /// MotionCtrl's "Zoom In": the file's translation goes to −z, the camera ahead.
+    /// MotionCtrl's "Zoom In": the file's translation is along −z, so the camera moves forward.
     #[test]
-    fn zooming_in_goes_ahead() {
+    fn zooming_in_moves_forward() {
         let step = |z: f64| json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, z]);
         let poses = read(&json!([step(-0.2), step(-0.2875)])).unwrap();
         let [first, second] = [0, 1].map(|at: usize| poses[at].inverse().centre().z);
@@ -101,7 +91,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_matrix_and_number() {
         let good = json!([1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]);
         for (bad, expected) in [
             (json!([1, 0, 0]), "matrix 1: expected 12 or 16 numbers"),
@@ -112,12 +102,12 @@ mod tests {
             (json!([[1, 0, 0, 0, 0, 1], [0, 0, 0, 0, 1, 0]]), "matrix 1: expected 12 or 16 numbers"),
         ] {
             let error = read(&json!([good, bad])).unwrap_err().to_string();
-            assert!(error.contains(expected) && error.contains("poses.json"), "{error}\nlacks {expected}");
+            assert!(error.contains(expected) && error.contains("poses.json"), "{error}\ndoes not contain {expected}");
         }
     }
 
     #[test]
-    fn other_lists_are_none() {
+    fn other_json_is_not_a_list_of_poses() {
         for other in
             [json!([]), json!([1, 2]), json!([[1, 2, 3]]), json!([{ "a": 1 }]), json!({}), json!([[[1, 0, 0, 0]]])]
         {

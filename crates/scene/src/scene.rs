@@ -9,95 +9,93 @@ use atsplat_pixels::{DecodeLimits, ImageU8, Orientation, PictureFormat, PixelErr
 use crate::files::{read_file, read_start};
 use crate::{SceneError, SharedBytes};
 
-/// Enough of a file to hold nearly every picture's header, in bytes.
+/// Bytes that contain the header of nearly every picture file.
 const LIKELY_HEADER: u64 = 1 << 16;
 
-/// Where a frame's picture is. Nothing is read or decoded until it is asked for.
+/// Where a frame's picture is. It is read and decoded on demand.
 #[derive(Clone, Debug)]
 pub enum Picture {
-    /// The trajectory came without pictures.
+    /// The source has no pictures.
     Absent,
-    /// A file that is listed but not there.
+    /// A listed file that does not exist.
     Missing(PathBuf),
     /// A file.
     File(PathBuf),
-    /// Encoded bytes inside a chunk, shared and not copied.
+    /// Encoded bytes inside a chunk, shared without a copy.
     Encoded(SharedBytes),
-    /// Made whenever it is asked for, as simulated scenes are.
+    /// Generated on demand, as in simulated scenes.
     Made(Arc<dyn MadePicture>),
 }
 
 impl Picture {
-    /// Whether there is something to decode.
+    /// Whether there is a picture to decode.
     pub const fn is_there(&self) -> bool {
         matches!(self, Self::File(_) | Self::Encoded(_) | Self::Made(_))
     }
 }
 
-/// A picture that lies nowhere until somebody asks for it.
+/// A picture that is generated on demand.
 pub trait MadePicture: fmt::Debug + Send + Sync {
-    /// Its size, told without making it.
+    /// Its size, without generating it.
     fn size(&self) -> ImageSize;
 
-    /// All that the picture depends on, as text: equal texts, equal pictures. Told without making it.
+    /// Everything that the picture depends on, as text, so that equal texts mean equal pictures; without generating it.
     fn fingerprint(&self) -> String;
 
-    /// The picture; the same each time.
+    /// Generates the picture, the same each time.
     ///
     /// # Errors
     /// [`SceneError::Making`].
     fn make(&self) -> Result<ImageU8, SceneError>;
 }
 
-/// What the first bytes of a picture say.
+/// The header of an encoded picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PictureHeader {
     /// Columns and rows as stored.
     pub size: ImageSize,
-    /// How EXIF asks for the picture to be shown, where that is not as it is stored. It is stored pixels that are
-    /// decoded, as everywhere in the field.
+    /// The EXIF orientation, if the picture is not upright. It is ignored when decoding, as everywhere in the field.
     pub orientation: Option<Orientation>,
 }
 
-/// Which copy of a capture's pictures to take, where it comes in several sizes.
+/// Which copy of a capture's pictures to use, if there are several sizes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 pub enum PictureFolder {
-    /// The folder that the metadata lists. Where that is absent, the largest of `…_2`, `…_4`, `…_8` that
-    /// is there, reported frame by frame.
+    /// The folder in the metadata. If it does not exist, the largest existing copy of `…_2`, `…_4`, `…_8`, with a
+    /// warning per frame.
     #[default]
     Listed,
-    /// The folder with `_factor` after its name: DepthSplat evaluates DL3DV on `images_8` (270×480) and
-    /// `images_4` (540×960).
+    /// The folder with the suffix `_factor`: DepthSplat evaluates DL3DV on `images_8` (270×480) and `images_4`
+    /// (540×960).
     Downscaled(u32),
 }
 
 /// One posed picture of a scene.
 ///
-/// A frame's position in [`Scene::frames`] is what every evaluation index counts in
-/// (pixelSplat `src/dataset/dataset_re10k.py`): the order of lines in a trajectory or of `frames[]` in a
-/// `transforms.json`, with missing pictures keeping their place.
+/// Evaluation indices refer to a frame's position in [`Scene::frames`] (pixelSplat `src/dataset/dataset_re10k.py`): the
+/// order of lines in a trajectory or of `frames[]` in a `transforms.json`, including frames with missing pictures.
 #[derive(Clone, Debug)]
 pub struct Frame {
-    /// What the source calls the frame: a timestamp or a file stem.
+    /// The frame's name in the source: a timestamp or a file stem.
     pub name: String,
-    /// Microseconds since the start of the video for RE10K; for DL3DV and its kin the number that the
-    /// file's stem ends with, which is what their `.torch` chunks hold in this place (depthsplat
-    /// `src/scripts/convert_dl3dv_test.py`). `None` where the source has neither.
+    /// For RE10K microseconds since the start of the video; for DL3DV and similar datasets the number at the end of the
+    /// file's stem, as in their `.torch` chunks (depthsplat `src/scripts/convert_dl3dv_test.py`). `None` if there is
+    /// neither.
     pub timestamp_micros: Option<i64>,
     /// Pose, intrinsics and lens.
     pub camera: Camera,
-    /// Picture size that the metadata states; the file's own size wins where they differ.
+    /// Picture size according to the metadata; if the file's size differs, the latter is used.
     pub stated_size: Option<ImageSize>,
     /// Where the picture is.
     pub picture: Picture,
 }
 
-/// A posed capture: what a dataset holds under one key.
+/// A posed capture, identified by a key in its dataset.
 #[derive(Clone, Debug)]
 pub struct Scene {
-    /// The dataset's name for the scene, as evaluation indices use it.
+    /// The scene's name, as used by evaluation indices.
     pub key: String,
-    /// Where the video or capture came from, if the source says so.
+    /// Source of the video or capture, if known.
     pub url: Option<String>,
     /// Frames in the source's order.
     pub frames: Vec<Frame>,
@@ -107,15 +105,15 @@ impl Scene {
     /// Decodes the picture of the frame at `position`.
     ///
     /// # Errors
-    /// As [`Frame::decode`]; [`SceneError::NoPicture`] for a position past the last frame.
+    /// Those of [`Frame::decode`]; [`SceneError::NoPicture`] for a position past the last frame.
     pub fn decode(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         self.frame(position)?.decode(&self.key, position, limits)
     }
 
-    /// [`Self::decode`] of a picture that need not fit its camera, for whoever looks for what is wrong with it.
+    /// [`Self::decode`] without the check that the picture fits its camera, for diagnostics.
     ///
     /// # Errors
-    /// As [`Self::decode`], but for [`SceneError::Misfit`].
+    /// Those of [`Self::decode`] except [`SceneError::Misfit`].
     pub fn decode_any_shape(&self, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         self.frame(position)?.decode_any_shape(&self.key, position, limits)
     }
@@ -131,11 +129,11 @@ impl Scene {
 }
 
 impl Frame {
-    /// Decodes the picture. `scene` and `position` say in messages which frame this is.
+    /// Decodes the picture. `scene` and `position` identify the frame in messages.
     ///
     /// # Errors
     /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::LfsPointer`], [`SceneError::Pixels`] for bytes that
-    /// are no picture or exceed `limits`, and [`SceneError::Misfit`] for a picture that does not fit the frame's camera.
+    /// are not a picture or exceed `limits`, and [`SceneError::Misfit`] for a picture that does not fit the frame's camera.
     pub fn decode(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         let picture = self.decode_any_shape(scene, position, limits)?;
         match self.misfit(ImageSize { width: picture.width(), height: picture.height() }) {
@@ -146,10 +144,10 @@ impl Frame {
         }
     }
 
-    /// [`Self::decode`] of a picture that need not fit the frame's camera.
+    /// [`Self::decode`] without the check that the picture fits the frame's camera.
     ///
     /// # Errors
-    /// As [`Self::decode`], but for [`SceneError::Misfit`].
+    /// Those of [`Self::decode`] except [`SceneError::Misfit`].
     pub fn decode_any_shape(&self, scene: &str, position: usize, limits: &DecodeLimits) -> Result<ImageU8, SceneError> {
         if let Picture::Made(picture) = &self.picture {
             return picture.make();
@@ -157,10 +155,10 @@ impl Frame {
         Self::decode_bytes(&self.bytes(scene, position)?, scene, position, limits)
     }
 
-    /// Decodes what [`Self::bytes`] gave.
+    /// Decodes the result of [`Self::bytes`].
     ///
     /// # Errors
-    /// [`SceneError::Pixels`] for bytes that are no picture or exceed `limits`.
+    /// [`SceneError::Pixels`] for bytes that are not a picture or exceed `limits`.
     pub fn decode_bytes(
         bytes: &[u8],
         scene: &str,
@@ -170,7 +168,7 @@ impl Frame {
         atsplat_pixels::decode(bytes, limits).map_err(in_frame(scene, position))
     }
 
-    /// The encoded picture: read from its file, borrowed from its chunk, or made and encoded as PNG.
+    /// The encoded picture: read from its file, borrowed from its chunk, or generated and encoded as PNG.
     ///
     /// # Errors
     /// [`SceneError::NoPicture`], [`SceneError::Io`], [`SceneError::Making`].
@@ -182,23 +180,23 @@ impl Frame {
             Picture::Made(picture) => {
                 atsplat_pixels::encode_png(&picture.make()?).map(Cow::Owned).map_err(in_frame(scene, position))
             }
-            Picture::Absent => Err(no_picture("the trajectory came without pictures".to_owned())),
+            Picture::Absent => Err(no_picture("the source has no pictures".to_owned())),
             Picture::Missing(path) => Err(no_picture(format!("the file is missing ({})", path.display()))),
         }
     }
 
-    /// The picture's size from its header; nothing is decoded.
+    /// The picture's size, from its header.
     ///
     /// # Errors
-    /// As [`Self::decode`], but for [`SceneError::Misfit`].
+    /// Those of [`Self::decode`] except [`SceneError::Misfit`].
     pub fn size(&self, scene: &str, position: usize) -> Result<ImageSize, SceneError> {
         self.header(scene, position).map(|header| header.size)
     }
 
-    /// What the picture says of itself; nothing is decoded.
+    /// The picture's header.
     ///
     /// # Errors
-    /// As [`Self::size`].
+    /// Those of [`Self::size`].
     pub fn header(&self, scene: &str, position: usize) -> Result<PictureHeader, SceneError> {
         match &self.picture {
             Picture::File(path) => header_of_file(path, in_frame(scene, position)),
@@ -221,12 +219,12 @@ pub(crate) fn size_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneE
 fn header_of_file(path: &Path, error: impl FnOnce(PixelError) -> SceneError) -> Result<PictureHeader, SceneError> {
     let action = "reading a picture's header";
     let start = read_start(action, path, LIKELY_HEADER)?;
-    // WebP has its EXIF at the end.
+    // WebP stores EXIF at the end.
     let suffices = PictureFormat::sniff(&start) != Some(PictureFormat::WebP);
     if suffices && let Ok(header) = header_of(&start) {
         return Ok(header);
     }
-    // Colour profiles and previews can push a JPEG's size past any fixed length.
+    // Colour profiles and previews can precede a JPEG's size, so no fixed length suffices.
     header_of(&read_file(action, path)?).map_err(error)
 }
 

@@ -1,6 +1,6 @@
-//! Datasets made up in memory, for unit tests.
+//! Synthetic datasets in memory, for unit tests.
 
-#![expect(clippy::unwrap_used, reason = "test support: made-up cameras are valid")]
+#![expect(clippy::unwrap_used, reason = "test support: the cameras are valid")]
 
 use std::collections::BTreeSet;
 use std::path::PathBuf;
@@ -29,7 +29,7 @@ impl TestSource {
         self
     }
 
-    /// The same captures in a world that was turned and shifted.
+    /// The same captures after a rigid motion of the world.
     pub(crate) fn moved(mut self) -> Self {
         let rotation = DMat3::from_rotation_z(1.0) * DMat3::from_rotation_y(2.0);
         let new_from_old = WorldFromCamera::new(rotation, DVec3::new(30.0, -20.0, 10.0)).unwrap();
@@ -56,12 +56,11 @@ impl SceneSource for TestSource {
             let cut = std::io::Error::from(std::io::ErrorKind::UnexpectedEof);
             return Err(SceneError::Io { action: "reading a trajectory", path: path(), source: cut });
         }
-        let missing = || SceneError::UnknownScene { key: key.to_owned(), path: path() };
-        self.scenes.get(key).cloned().ok_or_else(missing)
+        self.scenes.get(key).cloned().ok_or_else(|| SceneError::unknown_scene(key, &path()))
     }
 }
 
-/// A camera on a spiral that looks around as it goes, RE10K's lens.
+/// A camera on a spiral that rotates as it moves, with RE10K's lens.
 pub(crate) fn wandering_camera(step: f64) -> Camera {
     let rotation = DMat3::from_rotation_y(0.01 * step) * DMat3::from_rotation_x(0.003 * step);
     let centre = DVec3::new(step.sin(), 0.01 * step, 0.1 * step);
@@ -71,11 +70,11 @@ pub(crate) fn wandering_camera(step: f64) -> Camera {
 
 /// A camera at `centre`, looking along +z.
 pub(crate) fn camera_at(centre: [f64; 3]) -> Camera {
-    turned_camera_at(centre, 0.0)
+    rotated_camera_at(centre, 0.0)
 }
 
-/// A camera at `centre`, turned about its own y axis.
-pub(crate) fn turned_camera_at(centre: [f64; 3], degrees: f64) -> Camera {
+/// A camera at `centre`, rotated about its own y axis.
+pub(crate) fn rotated_camera_at(centre: [f64; 3], degrees: f64) -> Camera {
     let rotation = DMat3::from_rotation_y(-degrees.to_radians());
     let pose = CameraFromWorld::new(rotation, rotation * -DVec3::from_array(centre)).unwrap();
     Camera::pinhole(pose, NormalizedIntrinsics::new(0.5, 0.9, 0.5, 0.5).unwrap())

@@ -3,68 +3,67 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// What can be wrong with part of a dataset without stopping the rest of it.
+/// A kind of problem with part of a dataset that leaves the rest usable.
 ///
-/// Ordered and named for reports: the kebab-case name is stable and goes into JSON and the results
-/// store. Kinds about pictures count frames, all others count scenes.
+/// The order is that of reports; the kebab-case names are stable and used in JSON and the results store. Kinds about
+/// pictures count frames, all others count scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum WarningKind {
-    /// A frame is listed but its picture file is not there.
+    /// A frame's picture file does not exist.
     MissingPicture,
-    /// A picture was found under another extension or folder than the one written down.
+    /// A picture was found with another extension or in another folder than listed.
     PictureElsewhere,
     /// A frame's pose or intrinsics are unusable.
     BadCamera,
-    /// A camera lies so far from the origin that its numbers are more likely broken than a place.
+    /// A camera is implausibly far from the origin.
     DistantCamera,
-    /// The rotation part deviates from a rotation by more than `numpy.allclose` allows.
+    /// The rotation matrix deviates from a rotation by more than `numpy.allclose` allows.
     ImperfectRotation,
-    /// Two frames carry the same timestamp.
+    /// Two frames have the same timestamp.
     DuplicateTimestamp,
-    /// Timestamps do not increase.
+    /// Timestamps decrease.
     UnorderedTimestamps,
-    /// Opening angle above 100°, which pixelSplat's loader drops in silence.
+    /// Field of view above 100°, which pixelSplat's loader silently drops.
     WideFieldOfView,
-    /// The principal point is off the centre by more than 1e-3, which symmetric renderers ignore.
+    /// The principal point is off the centre by more than 1e-3, which renderers with a symmetric frustum ignore.
     OffCentrePrincipalPoint,
-    /// The lens distorts and the protocol's renderer does not.
+    /// The lens has distortion, which the protocol's renderer ignores.
     LensDistortion,
-    /// A picture's size is not the one that the metadata or the protocol states, or its pixels are not square.
+    /// A picture's size differs from the one in the metadata or the protocol, or its pixels are not square.
     UnexpectedSize,
-    /// A picture's EXIF says that it is to be turned or mirrored, which is not done: the field's loaders do not either.
+    /// A picture's EXIF orientation is not upright; it is ignored, as in all loaders of the field.
     TurnedPicture,
     /// Two scenes of a dataset have the same key; the first is used.
     DuplicateScene,
-    /// A scene could not be read at all.
+    /// A scene could not be read.
     UnreadableScene,
-    /// The index names a scene that the dataset does not hold.
+    /// The index lists a scene that the dataset does not contain.
     SceneNotFound,
-    /// Numbered pictures fit a trajectory both counted from 0 and from 1, or neither way; or two have one number.
+    /// Numbered pictures fit a trajectory both when counted from 0 and from 1, or neither; or two have the same number.
     AmbiguousNumbering,
-    /// A chunk lies beside an index that names none of its scenes.
+    /// A chunk next to an index that lists none of its scenes.
     UnindexedChunk,
     /// A picture's header cannot be read.
     UnreadablePicture,
 }
 
-/// One observation about one place in a dataset.
+/// One warning about a scene or file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Warning {
-    /// What kind of problem.
+    /// The kind of problem.
     pub kind: WarningKind,
-    /// Scene key, or the file where no scene is known yet.
+    /// Scene key, or the file if the scene is not known.
     pub scene: String,
-    /// Where and what exactly: line, field, expected, found.
+    /// Details: line, field, expected, found.
     pub detail: String,
 }
 
-/// Collects what is wrong without stopping: passed down as a parameter, counted by kind, printed and
-/// stored at the end.
+/// Collects warnings: passed down as a parameter, counted by kind, printed and stored at the end.
 ///
-/// Every warning is counted; only the first [`Warnings::KEPT_PER_KIND`] of a kind keep their detail,
-/// so that a broken dataset of ten thousand scenes stays readable.
+/// All warnings are counted, but only the first [`Warnings::KEPT_PER_KIND`] of each kind are kept, so that the report of
+/// a large dataset with many problems stays readable.
 #[derive(Clone, Debug, Default)]
 pub struct Warnings {
     counts: BTreeMap<WarningKind, u64>,
@@ -72,7 +71,7 @@ pub struct Warnings {
 }
 
 impl Warnings {
-    /// How many warnings of a kind keep their detail.
+    /// Maximum number of warnings kept of each kind.
     pub const KEPT_PER_KIND: u64 = 20;
 
     /// An empty collection.
@@ -80,7 +79,7 @@ impl Warnings {
         Self::default()
     }
 
-    /// Counts one warning.
+    /// Adds a warning.
     pub fn push(&mut self, kind: WarningKind, scene: impl Into<String>, detail: impl Into<String>) {
         let count = self.counts.entry(kind).or_default();
         *count += 1;
@@ -89,20 +88,20 @@ impl Warnings {
         }
     }
 
-    /// Takes over another collection's warnings, as if they had been pushed here.
+    /// Adds another collection's warnings, as if they had been pushed here.
     pub fn merge(&mut self, other: Self) {
         for (kind, count) in other.counts {
             *self.counts.entry(kind).or_default() += count;
         }
         for warning in other.kept {
-            let held = self.kept.iter().filter(|w| w.kind == warning.kind).count() as u64;
-            if held < Self::KEPT_PER_KIND {
+            let kept = self.kept.iter().filter(|w| w.kind == warning.kind).count() as u64;
+            if kept < Self::KEPT_PER_KIND {
                 self.kept.push(warning);
             }
         }
     }
 
-    /// Leaves out what is about pictures, for whoever uses cameras alone.
+    /// The warnings without those about pictures.
     #[must_use]
     pub fn about_cameras(mut self) -> Self {
         self.counts.retain(|kind, _| !kind.is_about_pictures());
@@ -110,29 +109,29 @@ impl Warnings {
         self
     }
 
-    /// Counts by kind, in the kinds' order.
+    /// Counts by kind, in the order of the kinds.
     pub fn counts(&self) -> impl Iterator<Item = (WarningKind, u64)> {
         self.counts.iter().map(|(kind, count)| (*kind, *count))
     }
 
-    /// How many of one kind.
+    /// Number of warnings of one kind.
     pub fn count(&self, kind: WarningKind) -> u64 {
         self.counts.get(&kind).copied().unwrap_or_default()
     }
 
-    /// How many in all.
+    /// Number of all warnings.
     pub fn total(&self) -> u64 {
         self.counts.values().sum()
     }
 
-    /// The warnings whose detail was kept, in the order they came.
+    /// The kept warnings, in order of arrival.
     pub fn kept(&self) -> &[Warning] {
         &self.kept
     }
 }
 
 impl WarningKind {
-    /// Whether it says nothing about cameras.
+    /// Whether the problem concerns pictures and not cameras.
     pub const fn is_about_pictures(self) -> bool {
         matches!(
             self,
@@ -163,7 +162,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn whoever_uses_cameras_alone_hears_of_cameras() {
+    fn about_cameras_omits_warnings_about_pictures() {
         let mut warnings = Warnings::new();
         for kind in [WarningKind::MissingPicture, WarningKind::BadCamera, WarningKind::TurnedPicture] {
             warnings.push(kind, "s", "detail");

@@ -1,5 +1,4 @@
-//! Replays the inputs of the fuzz targets through the parsers, without a fuzzer: each gives a value or a
-//! typed error, and never a panic.
+//! Replays the corpora of the fuzz targets: each input gives a value or a typed error, never a panic.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -9,7 +8,7 @@ use atsplat_scene::colmap::{Encoding, parse_cameras, parse_images, parse_points}
 use atsplat_scene::nerfstudio::parse_transforms;
 use atsplat_scene::re10k::{parse_trajectory, write_trajectory};
 
-/// Runs `replay` on each input of one target; returns how many were accepted and how many refused.
+/// Runs a parser on each input of one target; returns how many were accepted and rejected.
 fn replay(target: &str, accepts: impl Fn(&[u8], &Path) -> bool) -> (usize, usize) {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../fuzz/corpus").join(target);
     let mut inputs: Vec<PathBuf> = std::fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path()).collect();
@@ -18,9 +17,9 @@ fn replay(target: &str, accepts: impl Fn(&[u8], &Path) -> bool) -> (usize, usize
     (accepted, inputs.len() - accepted)
 }
 
-/// The seeds hold good and bad inputs: a parser that took or refused everything would be broken.
-fn assert_both(target: &str, (accepted, refused): (usize, usize)) {
-    assert!(accepted >= 3 && refused >= 2, "{target}: {accepted} accepted, {refused} refused");
+/// The corpora hold valid and invalid inputs: a parser that accepts or rejects everything is broken.
+fn assert_both(target: &str, (accepted, rejected): (usize, usize)) {
+    assert!(accepted >= 3 && rejected >= 2, "{target}: {accepted} accepted, {rejected} rejected");
 }
 
 #[test]

@@ -4,27 +4,26 @@ use glam::{DMat2, DVec2};
 use crate::CameraError;
 use crate::polynomial::{evaluate, positive_up_to, solve_increasing};
 
-/// Beyond this radius (a ray 0.002 arc seconds from the picture plane) a polynomial says nothing.
+/// Beyond this radius (a ray 0.002 arc seconds from the picture plane) a polynomial is meaningless.
 const RADIUS_MAX: f64 = 1e8;
 const NEWTON_STEPS: usize = 60;
 const HALVINGS: i32 = 40;
-/// Below this many roundings of the largest term a further step is noise.
-const SETTLED: f64 = 2.0;
-/// How many roundings of the largest term an inverse may be off by.
-const ROUNDINGS: f64 = 64.0;
+/// Residual below which further steps are noise, in roundings of the largest term.
+const NOISE_ROUNDINGS: f64 = 2.0;
+/// Maximum residual of an accepted inverse, in roundings of the largest term.
+const ACCEPTED_ROUNDINGS: f64 = 64.0;
 
 /// OpenCV's perspective model (`cv::projectPoints`): with `s = |x|²`, `R = 1 + k1·s + k2·s² + k3·s³`
 /// and `p = (p2, p1)`,
 ///
 /// `d(x) = R·x + s·p + 2·(p·x)·x`, which is `x·R + 2·p1·xy + p2·(s + 2x²)` in the first component.
 ///
-/// Its Jacobian `R·I + 2R′·xxᵀ + 2(p xᵀ + x pᵀ) + 2(p·x)·I` is symmetric: `d` is the gradient of a
-/// potential, and a gradient map whose Jacobian is positive definite on a convex set is one-to-one
-/// there. The convex set is the disc in which the smallest eigenvalue stays positive in every
-/// direction. Split into the radial part, with eigenvalues `R + 2sR′` and `R`, and the tangential
-/// part, whose smallest eigenvalue over all directions is `−6·|x|·|p|`, that is where both
-/// `R + 2sR′ − 6·r·|p|` and `R − 6·r·|p|` are positive. Without tangential terms the disc is exactly
-/// what lies inside the fold; with them it leaves out a rim as thin as they are small.
+/// Its Jacobian `R·I + 2R′·xxᵀ + 2(p xᵀ + x pᵀ) + 2(p·x)·I` is symmetric: `d` is the gradient of a potential, and a
+/// gradient map whose Jacobian is positive definite on a convex set is one-to-one there. The convex set is the disc in
+/// which the smallest eigenvalue is positive in every direction. Split into the radial part, with eigenvalues
+/// `R + 2sR′` and `R`, and the tangential part, whose smallest eigenvalue over all directions is `−6·|x|·|p|`, this is
+/// the disc where both `R + 2sR′ − 6·r·|p|` and `R − 6·r·|p|` are positive. Without tangential terms the disc is exactly
+/// the region inside the fold; with them it is smaller by a margin in proportion to them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct OpenCv {
     radial: [f64; 3],
@@ -33,16 +32,16 @@ pub(super) struct OpenCv {
 }
 
 impl OpenCv {
-    /// From k1, k2, k3 and `(p2, p1)`, all finite.
+    /// From finite k1, k2, k3 and `(p2, p1)`.
     pub(super) fn new(radial: [f64; 3], tangential: DVec2) -> Self {
         if radial.iter().all(|k| *k == 0.0) && tangential == DVec2::ZERO {
             return Self { radial, tangential, radius_limit: f64::INFINITY };
         }
         let [k1, k2, k3] = radial;
         let p = -6.0 * tangential.length();
-        let along = positive_up_to(&[1.0, p, 3.0 * k1, 0.0, 5.0 * k2, 0.0, 7.0 * k3], RADIUS_MAX);
-        let across = positive_up_to(&[1.0, p, k1, 0.0, k2, 0.0, k3], RADIUS_MAX);
-        Self { radial, tangential, radius_limit: along.minimum_of(across) }
+        let radial_limit = positive_up_to(&[1.0, p, 3.0 * k1, 0.0, 5.0 * k2, 0.0, 7.0 * k3], RADIUS_MAX);
+        let tangential_limit = positive_up_to(&[1.0, p, k1, 0.0, k2, 0.0, k3], RADIUS_MAX);
+        Self { radial, tangential, radius_limit: radial_limit.minimum_of(tangential_limit) }
     }
 
     pub(super) fn radius_limit(&self) -> f64 {
@@ -58,8 +57,8 @@ impl OpenCv {
         Ok(self.slope(self.inside(point)?))
     }
 
-    /// The radial model is solved exactly along the radius; tangential terms then take a few damped
-    /// Newton steps, none of which may leave the disc.
+    /// The radial model is solved exactly along the radius; tangential terms then need a few damped Newton steps inside
+    /// the disc.
     pub(super) fn undistort(&self, image: DVec2) -> Result<DVec2, CameraError> {
         let radius = image.length();
         if radius == 0.0 || self.radius_limit == f64::INFINITY {
@@ -70,7 +69,7 @@ impl OpenCv {
             let r = radial_inverse.ok_or_else(|| self.outside(image))?;
             return Ok(image * (r / radius));
         }
-        // A little inside the fold where the radial model alone does not reach.
+        // Slightly inside the fold if the radial model alone has no solution.
         let start = radial_inverse.unwrap_or(0.99 * self.radius_limit);
         self.newton(image, image * (start / radius)).ok_or_else(|| self.outside(image))
     }
@@ -79,7 +78,7 @@ impl OpenCv {
         let mut point = start;
         let mut residual = self.formula(point) - image;
         for _ in 0..NEWTON_STEPS {
-            if residual.length() <= SETTLED * f64::EPSILON * self.largest_term(point.length()) {
+            if residual.length() <= NOISE_ROUNDINGS * f64::EPSILON * self.largest_term(point.length()) {
                 break;
             }
             let step = -(self.slope(point).inverse() * residual);
@@ -93,7 +92,7 @@ impl OpenCv {
                 None => break,
             }
         }
-        let converged = residual.length() <= ROUNDINGS * f64::EPSILON * self.largest_term(point.length());
+        let converged = residual.length() <= ACCEPTED_ROUNDINGS * f64::EPSILON * self.largest_term(point.length());
         (converged && point.is_finite()).then_some(point)
     }
 
@@ -113,14 +112,14 @@ impl OpenCv {
         DMat2::from_cols(column(DVec2::X), column(DVec2::Y))
     }
 
-    /// Radius after the radial terms alone, and its slope.
+    /// Radius after the radial terms only, and its derivative.
     fn along_radius(&self, r: f64) -> (f64, f64) {
         let s = r * r;
         let [k1, k2, k3] = self.radial;
         (r * evaluate(&[1.0, k1, k2, k3], s), evaluate(&[1.0, 3.0 * k1, 5.0 * k2, 7.0 * k3], s))
     }
 
-    /// What roundings are relative to: terms may cancel, their errors do not.
+    /// The reference of rounding errors: terms may cancel, their errors do not.
     fn largest_term(&self, r: f64) -> f64 {
         let [k1, k2, k3] = self.radial.map(f64::abs);
         r * evaluate(&[1.0, k1, k2, k3], r * r) + 3.0 * r * r * self.tangential.length()
@@ -141,30 +140,30 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     #[test]
-    fn a_barrel_lens_folds_where_its_radius_peaks() {
+    fn a_barrel_lens_folds_at_its_maximum_radius() {
         // r − 0.3·r³ peaks where 1 = 0.9·r².
         let lens = OpenCv::new([-0.3, 0.0, 0.0], DVec2::ZERO);
         let peak = (1.0f64 / 0.9).sqrt();
         Tolerance::relative(1e-14).assert([lens.radius_limit()], [peak], "fold");
         assert!(lens.distort(DVec2::new(peak * 1.000_001, 0.0)).is_err(), "beyond the fold");
         let reach = peak - 0.3 * peak.powi(3);
-        assert!(lens.undistort(DVec2::new(0.0, reach * 1.000_001)).is_err(), "no ray lands there");
-        // 1.2 lands where some ray inside the fold lands too; only that one may come back.
-        let wrong_side = lens.formula(DVec2::new(1.2, 0.0));
-        assert!(lens.undistort(wrong_side).unwrap().length() < peak);
+        assert!(lens.undistort(DVec2::new(0.0, reach * 1.000_001)).is_err(), "not the image of any ray");
+        // 1.2 has the same image as a ray inside the fold; only the latter may be returned.
+        let folded = lens.formula(DVec2::new(1.2, 0.0));
+        assert!(lens.undistort(folded).unwrap().length() < peak);
     }
 
     #[test]
-    fn a_pincushion_lens_never_folds() {
+    fn a_pincushion_lens_does_not_fold() {
         let lens = OpenCv::new([0.3, 0.1, 0.0], DVec2::ZERO);
         Tolerance::EXACT.assert([lens.radius_limit()], [RADIUS_MAX], "no fold");
         let far = DVec2::new(300.0, -40.0);
         let back = lens.undistort(lens.distort(far).unwrap()).unwrap();
-        Tolerance::relative(1e-13).assert(back.to_array(), far.to_array(), "far out");
+        Tolerance::relative(1e-13).assert(back.to_array(), far.to_array(), "far from the axis");
     }
 
     #[test]
-    fn inside_the_disc_the_jacobian_is_positive_definite_in_every_direction() {
+    fn the_jacobian_is_positive_definite_inside_the_disc() {
         let lens = OpenCv::new([-0.28, 0.07, -0.01], DVec2::new(0.004, -0.03));
         for step in 0..3600 {
             let x = 0.999_999 * lens.radius_limit() * DVec2::from_angle(f64::from(step) * 1e-3 * std::f64::consts::TAU);

@@ -7,18 +7,18 @@ use crate::axes::rotation_from_forward_and_down;
 use crate::error::positive;
 use crate::{CameraError, Similarity, WorldFromCamera};
 
-/// Means shorter than this are taken as cancelled. One rounding of a pose turns the mean axes by about
-/// 2e-16 over their length, which keeps the result within 1e-12.
+/// Means shorter than this count as cancelled. One rounding of a pose rotates the mean axes by about 2e-16 over their
+/// length, which keeps the result within 1e-12.
 const CANCELLED: f64 = 1e-2;
-/// sin 30°: where an axis is closer than this to forward, the one beside it is at least 60° away.
-const AXIS_ACROSS: f64 = 0.5;
-/// Centres this close, relative to their distance from the origin, are one point: RE10K's files print
-/// nine decimals, and centres computed back from them scatter by as much.
+/// sin 30°: if an axis is closer than this to forward, the next one is at least 60° away.
+const AXIS_SEPARATION: f64 = 0.5;
+/// Centres this close, relative to their distance from the origin, coincide: RE10K's files have nine decimals, and
+/// centres computed from them scatter accordingly.
 const COINCIDENT: f64 = 1e-9;
 /// LVSM's `scene_scale_factor`.
 const LVSM_MARGIN: f64 = 1.35;
 
-/// How lengths are scaled once the mean camera is the world.
+/// How lengths are scaled in the mean camera's frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeanCameraScale {
@@ -26,14 +26,13 @@ pub enum MeanCameraScale {
     /// `data/dataset.py:192-205`, iLRM's branch `wide`.
     #[default]
     LongLrm,
-    /// Divides by the largest absolute coordinate of the *original* context centres, before they were
-    /// moved: iLRM's branch `main` (`dataset_re10k.py:163,176-180`). The result depends on where the
-    /// dataset's origin happens to be.
+    /// Divides by the largest absolute coordinate of the *original* context centres: iLRM's branch `main`
+    /// (`dataset_re10k.py:163,176-180`). The result depends on the dataset's origin.
     IlrmMain,
     /// The mean is taken over context *and* target views, and 1.35 times the largest absolute
     /// coordinate of all their normalised centres becomes 1: LVSM `data/dataset_scene.py:97-131`.
     Lvsm,
-    /// Lengths stay.
+    /// Lengths are unchanged.
     None,
 }
 
@@ -88,7 +87,7 @@ pub(super) fn step(
     Ok(Step { new_from_old: Similarity { scale, ..new_from_old }, near_far_multiplier: 1.0, fallbacks })
 }
 
-/// Summed as offsets from the first centre, so that a world far from its origin costs no digits.
+/// The mean of offsets from the first centre, which avoids cancellation in a world far from its origin.
 fn mean_centre<'a, I>(first: &WorldFromCamera, views: impl Fn() -> I) -> DVec3
 where
     I: Iterator<Item = &'a WorldFromCamera>,
@@ -96,8 +95,7 @@ where
     first.centre() + mean(views().map(|view| view.centre() - first.centre()))
 }
 
-/// Axes of the mean camera as columns. LVSM states them as `r = normalize(m_y × f)`, `d = f × r`, which
-/// are the same vectors.
+/// Axes of the mean camera as columns. LVSM defines them as `r = normalize(m_y × f)`, `d = f × r`, which are the same.
 fn mean_rotation<'a, I>(first: &WorldFromCamera, views: impl Fn() -> I, fallbacks: &mut Vec<Fallback>) -> DMat3
 where
     I: Iterator<Item = &'a WorldFromCamera>,
@@ -111,18 +109,19 @@ where
         fallbacks.push(Fallback::ForwardsCancel);
         (first.forward(), 1.0)
     };
-    // The forward axis is uncertain by a rounding over `certainty`, and the shorter the part of the
-    // down axis across it, the more of that it picks up: their product decides.
+    // The forward axis has an error of a rounding over `certainty`, which is amplified if the orthogonal part of the
+    // down axis is short: the threshold applies to their product.
     if let Some(rotation) = rotation_from_forward_and_down(forward, mean_down, CANCELLED / certainty) {
         return rotation;
     }
     fallbacks.push(Fallback::DownsCancel);
-    if let Some(rotation) = rotation_from_forward_and_down(forward, first.down(), AXIS_ACROSS) {
+    if let Some(rotation) = rotation_from_forward_and_down(forward, first.down(), AXIS_SEPARATION) {
         return rotation;
     }
     fallbacks.push(Fallback::FirstDownAlongForward);
     let unit = forward.normalize();
-    rotation_from_forward_and_down(forward, unit.cross(first.right()), 0.0).unwrap_or(first.rotation())
+    let rotation = rotation_from_forward_and_down(forward, unit.cross(first.right()), 0.0);
+    rotation.unwrap_or_else(|| unreachable!("the right axis is not parallel to forward, as the down axis is"))
 }
 
 fn mean(vectors: impl Iterator<Item = DVec3>) -> DVec3 {

@@ -28,7 +28,7 @@ fn any_pose() -> impl Strategy<Value = WorldFromCamera> {
 
 proptest! {
     #[test]
-    fn a_moved_world_moves_every_path(a in any_pose(), b in any_pose(), motion in any_pose()) {
+    fn paths_move_with_the_world(a in any_pose(), b in any_pose(), motion in any_pose()) {
         // Optical axes that are nearly parallel have no stable pivot.
         prop_assume!(a.forward().cross(b.forward()).length() > 0.1 && a.centre().distance(b.centre()) > 0.1);
         for path in all_paths() {
@@ -42,7 +42,7 @@ proptest! {
     }
 
     #[test]
-    fn poses_on_a_path_are_rigid_and_as_many_as_asked(a in any_pose(), b in any_pose(), frames in 1usize..20) {
+    fn paths_have_the_requested_number_of_rigid_poses(a in any_pose(), b in any_pose(), frames in 1usize..20) {
         for path in all_paths() {
             let poses = path.poses(&[a, b], frames).unwrap();
             prop_assert_eq!(poses.len(), frames);
@@ -63,7 +63,7 @@ proptest! {
 }
 
 #[test]
-fn two_views_of_one_point_turn_about_it() {
+fn two_views_of_one_point_rotate_about_it() {
     let on_circle = |angle: f64| {
         let turn = DMat3::from_rotation_y(angle);
         WorldFromCamera::new(turn, turn * DVec3::new(0.0, 0.0, -3.0)).unwrap()
@@ -75,7 +75,7 @@ fn two_views_of_one_point_turn_about_it() {
 }
 
 #[test]
-fn parallel_and_opposite_views_are_joined_too() {
+fn parallel_and_opposite_views_are_interpolated() {
     let a = WorldFromCamera::IDENTITY;
     for turn in [DMat3::IDENTITY, DMat3::from_rotation_z(1.0), DMat3::from_rotation_y(PI), DMat3::from_rotation_x(5e-3)]
     {
@@ -88,7 +88,7 @@ fn parallel_and_opposite_views_are_joined_too() {
 }
 
 #[test]
-fn orbits_and_spirals_keep_looking_at_their_point() {
+fn orbits_and_spirals_look_at_their_focus() {
     let view = WorldFromCamera::new(DMat3::from_rotation_x(0.4), DVec3::new(1.0, 2.0, 3.0)).unwrap();
     let focus = view.transform_point(DVec3::new(0.0, 0.0, 2.0));
     let spiral = CameraPath::Spiral { radii: [0.25, 0.1, 0.1], focus: 2.0 };
@@ -98,14 +98,14 @@ fn orbits_and_spirals_keep_looking_at_their_point() {
         SLACK.assert(pose.forward().to_array(), sight.to_array(), "looks at the focus");
     }
     let quarter = orbit.poses(&[view], 2).unwrap();
-    SLACK.assert([quarter[1].centre().distance(focus)], [2.0], "distance kept");
+    SLACK.assert([quarter[1].centre().distance(focus)], [2.0], "constant distance");
     SLACK.assert([quarter[1].forward().dot(view.forward())], [0.0], "a right angle");
     let left = view.inverse().transform_point(quarter[1].centre());
     assert!(left.x < 0.0, "moves to its left: {left}");
 }
 
 #[test]
-fn wobbles_grow_from_the_view_and_dollies_go_straight() {
+fn wobbles_grow_and_dollies_are_straight() {
     let at = |x: f64| WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0)).unwrap();
     let wobble = CameraPath::Wobble { radius: 0.25 }.poses(&[at(0.0), at(2.0)], 5).unwrap();
     let expected = [[0.0, 0.0], [0.125, 0.0], [0.0, 0.25], [-0.375, 0.0], [0.0, -0.5]];
@@ -117,7 +117,7 @@ fn wobbles_grow_from_the_view_and_dollies_go_straight() {
 }
 
 #[test]
-fn a_loop_repeats_no_end() {
+fn a_loop_does_not_repeat_its_ends() {
     let pose = |x: f64| WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(x, 0.0, 0.0)).unwrap();
     let x = |poses: &[WorldFromCamera]| poses.iter().map(|pose| pose.centre().x).collect::<Vec<_>>();
     let three = [pose(0.0), pose(1.0), pose(2.0)];
@@ -149,5 +149,5 @@ fn names_are_kebab_case_with_defaults() {
     let parse = |text: &str| serde_json::from_str::<CameraPath>(text);
     assert_eq!(parse(r#"{"path": "wobble"}"#).unwrap(), CameraPath::Wobble { radius: 0.25 });
     assert_eq!(parse(r#"{"path": "through-views"}"#).unwrap(), CameraPath::ThroughViews);
-    assert!(parse(r#"{"path": "wobble", "raduis": 1}"#).is_err(), "a misspelt parameter is not dropped");
+    assert!(parse(r#"{"path": "wobble", "raduis": 1}"#).is_err(), "a misspelt parameter is an error");
 }

@@ -14,7 +14,7 @@ fn keys() -> Vec<Camera> {
 }
 
 #[test]
-fn keys_come_back_bit_for_bit() {
+fn keys_are_reproduced_bit_for_bit() {
     let (open, closed) = (CameraSpline::open(keys()).unwrap(), CameraSpline::closed(keys()).unwrap());
     for (time, key) in keys().into_iter().enumerate() {
         assert_eq!(open.at(time as f64).unwrap(), key);
@@ -26,7 +26,7 @@ fn keys_come_back_bit_for_bit() {
     assert_eq!((samples[0], samples[8]), (keys()[0], keys()[3]));
 }
 
-/// Positions, axes and intrinsics of the camera at a time.
+/// Pose and intrinsics at a time.
 fn state(spline: &CameraSpline, time: f64) -> Vec<f64> {
     let camera = spline.at(time).unwrap();
     let mut state = camera.camera_from_world.inverse().to_rows().to_vec();
@@ -34,7 +34,7 @@ fn state(spline: &CameraSpline, time: f64) -> Vec<f64> {
     state
 }
 
-/// The derivative from the left and from the right of each key, the seam of a closed spline among them.
+/// Compares the derivatives from the left and from the right of each key, including the seam of a closed spline.
 #[test]
 fn velocity_is_continuous_at_the_keys() {
     const STEP: f64 = 1e-6;
@@ -47,10 +47,10 @@ fn velocity_is_continuous_at_the_keys() {
         [(&open, 1.0, 1.0), (&open, 2.0, 2.0), (&closed, 3.0, 3.0), (&closed, 1.0, 1.0), (&closed, 4.0, 0.0)]
     {
         let (left, right) = (slope(spline, before - STEP, before), slope(spline, after, after + STEP));
-        slack.assert(left, right, "the same on either side");
+        slack.assert(left, right, "equal on both sides");
     }
     let moving = slope(&closed, 4.0 - STEP, 4.0).iter().fold(0.0f64, |most, value| most.maximum_of(value.abs()));
-    assert!(moving > 0.1, "the seam is passed, not stopped at: {moving}");
+    assert!(moving > 0.1, "the camera does not stop at the seam: {moving}");
 }
 
 #[test]
@@ -61,13 +61,13 @@ fn steps_along_the_path_are_even() {
     let around = centres.iter().zip(centres.iter().cycle().skip(1));
     let steps: Vec<f64> = around.map(|(a, b)| a.distance(*b)).collect();
     let mean = steps.iter().sum::<f64>() / steps.len() as f64;
-    Tolerance::relative(2e-3).assert(steps, std::iter::repeat_n(mean, 400), "unit speed, over the seam too");
+    Tolerance::relative(2e-3).assert(steps, std::iter::repeat_n(mean, 400), "constant speed, also across the seam");
     let timed = closed.resampled(8, Spacing::Time).unwrap();
     assert_eq!([timed[0], timed[2], timed[4], timed[6]].to_vec(), keys());
 }
 
 #[test]
-fn intrinsics_stay_between_their_neighbours() {
+fn intrinsics_stay_between_adjacent_keys() {
     let spline = CameraSpline::closed(keys()).unwrap();
     let focal = |camera: &Camera| camera.intrinsics.fx;
     for step in 0..400 {
@@ -80,20 +80,18 @@ fn intrinsics_stay_between_their_neighbours() {
 }
 
 #[test]
-fn few_keys_and_different_lenses() {
+fn too_few_keys_and_different_lenses_are_errors() {
     assert!(CameraSpline::open(vec![]).is_err() && CameraSpline::closed(keys()[..1].to_vec()).is_err());
     let one = CameraSpline::open(keys()[..1].to_vec()).unwrap();
     assert_eq!(one.resampled(1, Spacing::Time).unwrap(), keys()[..1]);
     assert!(one.resampled(2, Spacing::Time).is_err() && one.resampled(0, Spacing::Time).is_err());
     let mut mixed = keys();
-    mixed[2].distortion = Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] };
+    mixed[2].distortion = FISHEYE;
     assert_eq!(CameraSpline::open(mixed.clone()), Err(CameraError::DifferentLens { position: 2 }));
     for key in &mut mixed {
-        key.distortion = mixed_lens();
+        key.distortion = FISHEYE;
     }
-    assert_eq!(CameraSpline::open(mixed).unwrap().at(0.5).unwrap().distortion, mixed_lens());
+    assert_eq!(CameraSpline::open(mixed).unwrap().at(0.5).unwrap().distortion, FISHEYE);
 }
 
-const fn mixed_lens() -> Distortion {
-    Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] }
-}
+const FISHEYE: Distortion = Distortion::Fisheye { k: [0.1, 0.0, 0.0, 0.0] };

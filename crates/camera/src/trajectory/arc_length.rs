@@ -1,9 +1,9 @@
 use super::{Interpolation, Segment, shares};
 
-/// How well a stretch's length is known, relative to its segment's.
-const AGREEMENT: f64 = 1e-10;
-/// A stretch of 2⁻²⁰ of a segment is short enough whatever its shape.
-const SPLITS: u32 = 20;
+/// Tolerance of a piece's length, relative to its segment's.
+const TOLERANCE: f64 = 1e-10;
+/// Maximum depth of subdivision: a piece of 2⁻²⁰ of a segment is short enough for any shape.
+const MAX_SPLITS: u32 = 20;
 const BISECTIONS: u32 = 60;
 /// Abscissae and weights of five-point Gauss–Legendre quadrature on [−1, 1].
 const GAUSS: [(f64, f64); 5] = [
@@ -14,7 +14,7 @@ const GAUSS: [(f64, f64); 5] = [
     (0.906_179_845_938_664, 0.236_926_885_056_189_08),
 ];
 
-/// A stretch of one segment, `u` from `start` to `end`, that begins `before` along the path.
+/// A part of one segment, `u` from `start` to `end`, that starts at the distance `before` along the path.
 struct Piece<'a> {
     segment: &'a Segment,
     start: f64,
@@ -28,7 +28,7 @@ pub(super) fn total(segments: &[Segment], interpolation: Interpolation) -> f64 {
     pieces(segments, interpolation).last().map_or(0.0, |piece| piece.before + piece.length)
 }
 
-/// `count` times from first to last at equal distances along the path, or `None` where it has no length.
+/// `count` times from first to last at equal distances along the path; `None` if its length is 0 or not finite.
 pub(super) fn even_times(segments: &[Segment], count: usize, interpolation: Interpolation) -> Option<Vec<f64>> {
     let pieces = pieces(segments, interpolation);
     let last = pieces.last()?;
@@ -50,7 +50,7 @@ pub(super) fn even_times(segments: &[Segment], count: usize, interpolation: Inte
 }
 
 impl Piece<'_> {
-    /// The `u` that lies `distance` into the piece: its length grows with `u`, so halving finds it.
+    /// The `u` at the distance `distance` from the start of the piece, by bisection.
     fn position(&self, distance: f64, interpolation: Interpolation) -> f64 {
         let (mut low, mut high) = (self.start, self.end);
         for _ in 0..BISECTIONS {
@@ -68,24 +68,25 @@ impl Piece<'_> {
 fn pieces(segments: &[Segment], interpolation: Interpolation) -> Vec<Piece<'_>> {
     let mut pieces = Vec::new();
     for segment in segments {
-        let slack = AGREEMENT * length(segment, 0.0, 1.0, interpolation);
-        split(segment, [0.0, 1.0], interpolation, (slack, SPLITS), &mut pieces);
+        let slack = TOLERANCE * length(segment, 0.0, 1.0, interpolation);
+        split(segment, (0.0, 1.0), interpolation, slack, MAX_SPLITS, &mut pieces);
     }
-    let mut walked = 0.0;
+    let mut distance = 0.0;
     for piece in &mut pieces {
-        piece.before = walked;
-        walked += piece.length;
+        piece.before = distance;
+        distance += piece.length;
     }
     pieces
 }
 
-/// Halves a stretch until its length agrees with that of its halves. Speed is smooth but for where the
-/// centre stops and turns back; only there many halvings are needed.
+/// Halves a piece until its length agrees with that of its halves. Many halvings are needed only where the centre stops
+/// and reverses; elsewhere the speed is smooth.
 fn split<'a>(
     segment: &'a Segment,
-    [start, end]: [f64; 2],
+    (start, end): (f64, f64),
     interpolation: Interpolation,
-    (slack, splits_left): (f64, u32),
+    slack: f64,
+    splits_left: u32,
     pieces: &mut Vec<Piece<'a>>,
 ) {
     let middle = 0.5 * (start + end);
@@ -94,8 +95,8 @@ fn split<'a>(
     if splits_left == 0 || (whole - halves).abs() <= slack {
         pieces.push(Piece { segment, start, end, before: 0.0, length: whole });
     } else {
-        split(segment, [start, middle], interpolation, (slack, splits_left - 1), pieces);
-        split(segment, [middle, end], interpolation, (slack, splits_left - 1), pieces);
+        split(segment, (start, middle), interpolation, slack, splits_left - 1, pieces);
+        split(segment, (middle, end), interpolation, slack, splits_left - 1, pieces);
     }
 }
 

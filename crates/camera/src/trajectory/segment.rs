@@ -12,8 +12,8 @@ pub(super) struct Segment {
     pub(super) duration: f64,
     from: Knot,
     to: Knot,
-    /// From the first rotation to the second, in the first camera's axes.
-    turn: DVec3,
+    /// Rotation vector from the first rotation to the second, in the first camera's axes.
+    rotation_vector: DVec3,
 }
 
 /// A pose and its velocity per unit of time.
@@ -22,11 +22,11 @@ struct Knot {
     centre: DVec3,
     rotation: DQuat,
     velocity: DVec3,
-    /// In the camera's own axes.
+    /// Angular velocity in the camera's own axes.
     spin: DVec3,
 }
 
-/// Velocity and spin of a geodesic between two poses.
+/// Velocity and angular velocity of the geodesic between two poses.
 #[derive(Clone, Copy)]
 struct Rate {
     duration: f64,
@@ -37,17 +37,17 @@ struct Rate {
 /// The segments between consecutive poses; none for a single pose.
 pub(super) fn through(times: &[f64], poses: &[WorldFromCamera]) -> Vec<Segment> {
     let rotations: Vec<DQuat> = poses.iter().map(quaternion).collect();
-    let turns: Vec<DVec3> = rotations.windows(2).map(|pair| log(pair[0].inverse() * pair[1])).collect();
-    let rates: Vec<Rate> = turns
+    let vectors: Vec<DVec3> = rotations.windows(2).map(|pair| log(pair[0].inverse() * pair[1])).collect();
+    let rates: Vec<Rate> = vectors
         .iter()
         .zip(times.windows(2).zip(poses.windows(2)))
-        .map(|(turn, (times, poses))| {
+        .map(|(vector, (times, poses))| {
             let duration = times[1] - times[0];
-            Rate { duration, velocity: (poses[1].centre() - poses[0].centre()) / duration, spin: turn / duration }
+            Rate { duration, velocity: (poses[1].centre() - poses[0].centre()) / duration, spin: vector / duration }
         })
         .collect();
     let knot = |index: usize| {
-        // A turn's axis is the same in the axes of both its ends, so spins on either side may be mixed.
+        // A rotation's axis is the same in the frames of both its ends, so adjacent spins may be averaged.
         let (velocity, spin) = tangent(index.checked_sub(1).and_then(|i| rates.get(i)), rates.get(index));
         Knot { centre: poses[index].centre(), rotation: rotations[index], velocity, spin }
     };
@@ -57,17 +57,16 @@ pub(super) fn through(times: &[f64], poses: &[WorldFromCamera]) -> Vec<Segment> 
             duration: rates[index].duration,
             from: knot(index),
             to: knot(index + 1),
-            turn: turns[index],
+            rotation_vector: vectors[index],
         })
         .collect()
 }
 
-/// A tangent up to this many times the slower side's rate makes no cubic overshoot (Fritsch and Carlson
-/// 1980); it also keeps a control rotation within the turn of its segment.
+/// With tangents up to this multiple of the slower side's rate a cubic does not overshoot (Fritsch and Carlson 1980);
+/// it also keeps a control rotation within the rotation of its segment.
 const OVERSHOOT_LIMIT: f64 = 3.0;
 
-/// Slope of the parabola through three poses at the middle one, within the limit: the longer a side
-/// takes, the less it counts.
+/// Slope at the middle of the parabola through three poses, limited: the weight of a side decreases with its duration.
 fn tangent(before: Option<&Rate>, after: Option<&Rate>) -> (DVec3, DVec3) {
     match (before, after) {
         (Some(a), Some(b)) => {
@@ -89,14 +88,14 @@ impl Segment {
         let u = (time - self.start) / self.duration;
         let (rotation, centre) = match interpolation {
             Interpolation::Geodesic => {
-                (self.from.rotation * exp(self.turn * u), self.from.centre.lerp(self.to.centre, u))
+                (self.from.rotation * exp(self.rotation_vector * u), self.from.centre.lerp(self.to.centre, u))
             }
             Interpolation::Spline => (self.bezier(u), self.hermite(u)),
         };
         WorldFromCamera::from_parts(DMat3::from_quat(rotation.normalize()), centre)
     }
 
-    /// Speed of the centre at `u` in [0, 1], times the duration.
+    /// Speed of the centre at `u` in [0, 1], per unit of `u`.
     pub(super) fn speed(&self, u: f64, interpolation: Interpolation) -> f64 {
         let step = self.to.centre - self.from.centre;
         match interpolation {
@@ -108,17 +107,16 @@ impl Segment {
         }
     }
 
-    /// Cubic with the centres and velocities of both ends. Written around the straight line, whose
-    /// ends are exact and in which equal centres stay equal.
+    /// The cubic with the centres and velocities of both ends, written as an offset from the straight line, so that the
+    /// ends are exact and equal centres stay equal.
     fn hermite(&self, u: f64) -> DVec3 {
         let step = self.to.centre - self.from.centre;
         let (a, b) = (self.from.velocity * self.duration - step, self.to.velocity * self.duration - step);
         self.from.centre.lerp(self.to.centre, u) + (a * (1.0 - u) - b * u) * (u * (1.0 - u))
     }
 
-    /// De Casteljau's construction with slerps for straight lines, on the ends and two rotations that
-    /// carry a third of the wanted spin away from them: a Bézier curve leaves its end with three times
-    /// the step to the next control point.
+    /// De Casteljau's construction with slerps. The two inner control rotations are a third of the spin away from the
+    /// ends, because the velocity of a Bézier curve at its end is three times the step to the next control point.
     fn bezier(&self, u: f64) -> DQuat {
         let third = self.duration / 3.0;
         let mut controls = [

@@ -17,7 +17,7 @@ fn any_pose() -> impl Strategy<Value = WorldFromCamera> {
         .prop_map(|([y, x, z], centre)| pose(DMat3::from_euler(EulerRot::YXZ, y, x, z), centre))
 }
 
-/// Successive turns below a right angle, as a camera makes them.
+/// Successive rotations by less than 90°, as of a real camera.
 fn any_trajectory() -> impl Strategy<Value = Trajectory> {
     let step = (0.1..2.0f64, prop::array::uniform3(-0.8..0.8), prop::array::uniform3(-1.0..1.0));
     (any_pose(), prop::collection::vec(step, 1..6)).prop_map(|(start, steps)| {
@@ -38,12 +38,12 @@ fn assert_close(found: &WorldFromCamera, expected: &WorldFromCamera, slack: f64,
 
 proptest! {
     #[test]
-    fn stored_poses_come_back_bit_for_bit_and_are_approached_from_both_sides(trajectory in any_trajectory()) {
+    fn stored_poses_are_reproduced_bit_for_bit_and_continuous(trajectory in any_trajectory()) {
         for interpolation in BOTH {
             for (time, stored) in trajectory.times().iter().zip(trajectory.poses()) {
                 prop_assert_eq!(&trajectory.at(*time, interpolation).unwrap(), stored);
-                for beside in [time - 1e-9, time + 1e-9] {
-                    if let Ok(near) = trajectory.at(beside, interpolation) {
+                for adjacent in [time - 1e-9, time + 1e-9] {
+                    if let Ok(near) = trajectory.at(adjacent, interpolation) {
                         assert_close(&near, stored, 1e-6, "continuous");
                     }
                 }
@@ -52,7 +52,7 @@ proptest! {
     }
 
     #[test]
-    fn rotations_between_poses_are_rotations(trajectory in any_trajectory(), share in 0.0..1.0f64) {
+    fn interpolated_rotations_are_orthonormal(trajectory in any_trajectory(), share in 0.0..1.0f64) {
         let (start, end) = (trajectory.times()[0], trajectory.times()[trajectory.times().len() - 1]);
         for interpolation in BOTH {
             let between = trajectory.at(start + share * (end - start), interpolation).unwrap();
@@ -62,7 +62,7 @@ proptest! {
     }
 
     #[test]
-    fn a_moved_world_moves_the_motion(trajectory in any_trajectory(), motion in any_pose(), share in 0.0..1.0f64) {
+    fn interpolation_is_equivariant_to_rigid_motions(trajectory in any_trajectory(), motion in any_pose(), share in 0.0..1.0f64) {
         let moved_poses = trajectory.poses().iter().map(|pose| pose.moved_by(&motion)).collect();
         let moved = Trajectory::new(trajectory.times().to_vec(), moved_poses).unwrap();
         let (start, end) = (trajectory.times()[0], trajectory.times()[trajectory.times().len() - 1]);
@@ -74,7 +74,7 @@ proptest! {
     }
 
     #[test]
-    fn backwards_in_time_is_the_same_path(trajectory in any_trajectory(), share in 0.0..1.0f64) {
+    fn interpolation_is_symmetric_in_time(trajectory in any_trajectory(), share in 0.0..1.0f64) {
         let times = trajectory.times().iter().rev().map(|time| -time).collect();
         let poses = trajectory.poses().iter().rev().copied().collect();
         let reversed = Trajectory::new(times, poses).unwrap();
@@ -87,7 +87,7 @@ proptest! {
     }
 
     #[test]
-    fn velocity_and_spin_are_continuous_in_a_spline(trajectory in any_trajectory()) {
+    fn splines_have_continuous_velocity_and_spin(trajectory in any_trajectory()) {
         let step = 1e-6;
         for time in trajectory.times().iter().skip(1).rev().skip(1) {
             let at = |offset: f64| trajectory.at(time + offset, Interpolation::Spline).unwrap();
@@ -96,7 +96,7 @@ proptest! {
                 let difference = |(from, to): (f64, f64)| (to - from) / step;
                 a.to_rows().into_iter().zip(b.to_rows()).map(difference).collect::<Vec<_>>()
             };
-            // Acceleration over one step, at most; a kink would be of order one.
+            // At most the acceleration over one step; a kink would be of order one.
             let slack = Tolerance::absolute(1e-2);
             prop_assert!(slack.check(slope(&before, &here), slope(&here, &after)).is_ok(), "kink at {time}");
         }
@@ -104,11 +104,11 @@ proptest! {
 }
 
 proptest! {
-    // Each case walks the path in thousands of chords.
+    // Each case measures the path by thousands of chords.
     #![proptest_config(ProptestConfig::with_cases(24))]
 
     #[test]
-    fn samples_are_even_along_the_path(trajectory in any_trajectory(), count in 2usize..9) {
+    fn samples_are_evenly_spaced_along_the_path(trajectory in any_trajectory(), count in 2usize..9) {
         for interpolation in BOTH {
             let samples = trajectory.resampled(count, Spacing::ArcLength, interpolation).unwrap();
             prop_assert_eq!(samples.times().len(), count);
@@ -116,17 +116,17 @@ proptest! {
             prop_assert_eq!(&samples.poses()[count - 1], &trajectory.poses()[trajectory.poses().len() - 1]);
             let even = trajectory.arc_length(interpolation) / (count - 1) as f64;
             for pair in samples.times().windows(2) {
-                let (walked, longest_chord) = walk(&trajectory, pair[0], pair[1], interpolation);
-                // A chord across a point where the path turns back misses at most itself.
+                let (length, longest_chord) = chord_length(&trajectory, pair[0], pair[1], interpolation);
+                // At a point where the path reverses, the error is at most one chord.
                 let slack = Tolerance { absolute: 2.0 * longest_chord, relative: 1e-4 };
-                prop_assert!(slack.accepts(walked, even), "{walked} {even}");
+                prop_assert!(slack.accepts(length, even), "{length} {even}");
             }
         }
     }
 }
 
-/// Length of the path by many short chords, the independent way.
-fn walk(trajectory: &Trajectory, start: f64, end: f64, interpolation: Interpolation) -> (f64, f64) {
+/// Length of the path by many short chords, and the longest of them.
+fn chord_length(trajectory: &Trajectory, start: f64, end: f64, interpolation: Interpolation) -> (f64, f64) {
     let steps = 2000;
     let centre = |step: u32| {
         let time = start + (end - start) * f64::from(step) / f64::from(steps);
@@ -137,7 +137,7 @@ fn walk(trajectory: &Trajectory, start: f64, end: f64, interpolation: Interpolat
 }
 
 #[test]
-fn two_poses_are_joined_by_the_geodesic_at_constant_rate() {
+fn two_poses_are_interpolated_at_constant_rate() {
     let poses = vec![pose(DMat3::IDENTITY, [0.0; 3]), pose(DMat3::from_rotation_y(1.2), [2.0, 0.0, 4.0])];
     let trajectory = Trajectory::evenly_timed(poses).unwrap();
     for interpolation in BOTH {
@@ -147,7 +147,7 @@ fn two_poses_are_joined_by_the_geodesic_at_constant_rate() {
 }
 
 #[test]
-fn a_constant_motion_is_kept_at_uneven_times() {
+fn constant_motion_is_reproduced_at_uneven_times() {
     let at = |t: f64| pose(DMat3::from_rotation_x(0.4 * t), [t, -2.0 * t, 0.5]);
     let times = vec![0.0, 0.1, 1.0, 1.5, 4.0];
     let trajectory = Trajectory::new(times.clone(), times.into_iter().map(at).collect()).unwrap();
@@ -159,7 +159,7 @@ fn a_constant_motion_is_kept_at_uneven_times() {
 }
 
 #[test]
-fn a_parabola_of_centres_is_followed_between_inner_poses() {
+fn parabolas_are_reproduced_between_inner_poses() {
     let at = |t: f64| DVec3::new(t, t * t, -0.5 * t * t + t);
     let times = vec![0.0, 0.5, 2.0, 3.0];
     let poses = times.iter().map(|t| pose(DMat3::IDENTITY, at(*t).to_array())).collect();
@@ -170,17 +170,17 @@ fn a_parabola_of_centres_is_followed_between_inner_poses() {
 
 #[test]
 fn antipodal_quaternions_are_one_rotation() {
-    // A turn by 350° and one by −10° are the same; the short way leads through −5°.
+    // A rotation by 350° equals one by −10°; the midpoint of the shorter way is −5°.
     let q = DQuat::from_rotation_z(350f64.to_radians());
     for sign in [q, -q] {
         let poses = vec![pose(DMat3::IDENTITY, [0.0; 3]), pose(DMat3::from_quat(sign), [0.0; 3])];
         let middle = Trajectory::evenly_timed(poses).unwrap().at(0.5, Interpolation::Geodesic).unwrap();
-        assert_close(&middle, &pose(DMat3::from_rotation_z((-5f64).to_radians()), [0.0; 3]), 1e-12, "short way");
+        assert_close(&middle, &pose(DMat3::from_rotation_z((-5f64).to_radians()), [0.0; 3]), 1e-12, "shorter way");
     }
 }
 
 #[test]
-fn half_turns_are_finite_and_do_not_depend_on_rounding() {
+fn rotations_by_180_degrees_do_not_depend_on_rounding() {
     for noise in [-1e-15, 0.0, 1e-15] {
         let poses = vec![pose(DMat3::IDENTITY, [0.0; 3]), pose(DMat3::from_rotation_y(PI + noise), [1.0, 0.0, 0.0])];
         let trajectory = Trajectory::evenly_timed(poses).unwrap();
@@ -192,7 +192,7 @@ fn half_turns_are_finite_and_do_not_depend_on_rounding() {
 }
 
 #[test]
-fn equal_poses_stay_where_they_are() {
+fn equal_poses_give_a_constant_trajectory() {
     let still = pose(DMat3::from_euler(EulerRot::YXZ, 0.3, -0.4, 2.0), [1.0, 2.0, 3.0]);
     let trajectory = Trajectory::evenly_timed(vec![still; 4]).unwrap();
     for interpolation in BOTH {
@@ -206,7 +206,7 @@ fn equal_poses_stay_where_they_are() {
 }
 
 #[test]
-fn a_pause_in_a_spline_stands_still() {
+fn a_spline_does_not_move_during_a_pause() {
     let at = |x: f64| pose(DMat3::from_rotation_y(x), [x, 0.0, 0.0]);
     let trajectory = Trajectory::evenly_timed(vec![at(0.0), at(1.0), at(1.0), at(2.0)]).unwrap();
     for time in [1.2, 1.5, 1.9] {
@@ -215,7 +215,7 @@ fn a_pause_in_a_spline_stands_still() {
 }
 
 #[test]
-fn a_pause_takes_no_samples_along_the_path() {
+fn a_pause_gets_no_samples_along_the_path() {
     let at = |x: f64| pose(DMat3::IDENTITY, [x, 0.0, 0.0]);
     let trajectory = Trajectory::evenly_timed(vec![at(0.0), at(1.0), at(1.0), at(1.0), at(2.0)]).unwrap();
     let samples = trajectory.resampled(5, Spacing::ArcLength, Interpolation::Geodesic).unwrap();
@@ -224,7 +224,7 @@ fn a_pause_takes_no_samples_along_the_path() {
 }
 
 #[test]
-fn a_circle_has_its_length() {
+fn the_length_of_a_circle_is_its_circumference() {
     let count = 65;
     let poses = (0..count).map(|i| {
         let angle = f64::from(i) * 2.0 * PI / f64::from(count - 1);

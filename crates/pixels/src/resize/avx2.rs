@@ -1,10 +1,9 @@
-//! The two passes on 256-bit vectors.
+//! The two passes with 256-bit vectors.
 //!
-//! There is no fast product of a byte and a 24-bit weight, but there is one of pairs of 16 bits
-//! (`pmaddwd`). A weight is split into `high · 2¹⁵ + low`; both halves are summed apart over pairs of
-//! source pixels and joined at the end. All of it is arithmetic modulo 2³², so the sum has the portable
-//! pass's bits.
-#![expect(unsafe_code, reason = "vector loads, and calls of functions that need AVX2")]
+//! There is no fast product of a byte and a 24-bit weight, but there is one of pairs of 16 bits (`pmaddwd`). A weight is
+//! split into `high · 2¹⁵ + low`; both parts are summed separately over pairs of source pixels and combined at the end.
+//! All arithmetic is modulo 2³², so the sums equal those of the portable passes.
+#![expect(unsafe_code, reason = "vector loads, and calls of functions that require AVX2")]
 
 use std::arch::x86_64::{
     __m128i, __m256i, _mm_add_epi32, _mm_extract_epi32, _mm_loadu_si128, _mm_packs_epi32, _mm_packus_epi16,
@@ -21,35 +20,35 @@ use super::passes::{HALF, sum_columns};
 const LOW_BITS: i32 = 15;
 const SHIFT: i32 = PRECISION_BITS.cast_signed();
 /// Bytes of a vector.
-const WIDE: usize = 32;
-/// Source pixels of one step of the horizontal pass.
+const VECTOR_BYTES: usize = 32;
+/// Source pixels per step of the horizontal pass.
 const STEP: usize = 4;
-/// What a step may read past the last pixel: 16 bytes are loaded where 3 are needed.
+/// Bytes that a step may read past the last pixel: it loads 16 where it needs 3.
 const PADDING: usize = STEP * 3 + 16;
 
 /// # Panics
-/// Where the machine has no AVX2.
+/// Without AVX2.
 pub(super) fn horizontal(source: &[u8], stride: usize, columns: &Coefficients, target: &mut [u8]) {
     assert!(is_x86_feature_detected!("avx2"), "AVX2 is missing");
-    // SAFETY: the line above.
+    // SAFETY: AVX2 is available, as asserted above.
     unsafe { horizontal_pass(source, stride, columns, target) }
 }
 
 /// # Panics
-/// Where the machine has no AVX2.
+/// Without AVX2.
 pub(super) fn vertical(source: &[u8], stride: usize, rows: &Coefficients, target: &mut [u8]) {
     assert!(is_x86_feature_detected!("avx2"), "AVX2 is missing");
-    // SAFETY: the line above.
+    // SAFETY: AVX2 is available, as asserted above.
     unsafe { vertical_pass(source, stride, rows, target) }
 }
 
-/// A target column: where its source pixels start, and their split weights in steps of four.
+/// A target column: the start of its source pixels, and their split weights in steps of four.
 struct Column {
     first_byte: usize,
     steps: Range<usize>,
 }
 
-/// Four rows at a time, so that each weight is fetched once for four.
+/// Processes four rows at a time, so that each weight is loaded once for four rows.
 #[target_feature(enable = "avx2")]
 fn horizontal_pass(source: &[u8], stride: usize, columns: &Coefficients, target: &mut [u8]) {
     let mut steps: Vec<[i64; 2]> = Vec::new();
@@ -72,10 +71,10 @@ fn horizontal_pass(source: &[u8], stride: usize, columns: &Coefficients, target:
     }
 }
 
-/// `written` holds up to four rows of `stride` bytes.
+/// One to four rows of the target, `written`, of `stride` bytes each.
 #[target_feature(enable = "avx2")]
 fn four_rows(table: &[Column], steps: &[[i64; 2]], rows: &[Vec<u8>; 4], stride: usize, written: &mut [u8]) {
-    // Pixels 0 and 1 of each channel side by side in the lower half, 2 and 3 in the upper.
+    // Pixels 0 and 1 of each channel adjacent in the lower half, 2 and 3 in the upper half.
     let spread = _mm256_setr_epi8(
         0, -1, 3, -1, 1, -1, 4, -1, 2, -1, 5, -1, -1, -1, -1, -1, //
         6, -1, 9, -1, 7, -1, 10, -1, 8, -1, 11, -1, -1, -1, -1, -1,
@@ -87,7 +86,7 @@ fn four_rows(table: &[Column], steps: &[[i64; 2]], rows: &[Vec<u8>; 4], stride: 
         let mut low = [_mm256_setzero_si256(); 4];
         let mut high = low;
         let mut at = column.first_byte;
-        for &[low_weights, high_weights] in steps.get(column.steps.clone()).unwrap_or_default() {
+        for &[low_weights, high_weights] in &steps[column.steps.clone()] {
             let low_weights = _mm256_shuffle_epi8(_mm256_set1_epi64x(low_weights), first_pair);
             let high_weights = _mm256_shuffle_epi8(_mm256_set1_epi64x(high_weights), first_pair);
             for (row, (low, high)) in rows.iter().zip(low.iter_mut().zip(&mut high)) {
@@ -123,32 +122,32 @@ fn four_rows(table: &[Column], steps: &[[i64; 2]], rows: &[Vec<u8>; 4], stride: 
 fn vertical_pass(source: &[u8], stride: usize, rows: &Coefficients, target: &mut [u8]) {
     let mut pairs = Vec::new();
     for ((start, weights), written) in rows.iter().zip(target.chunks_exact_mut(stride)) {
-        let seen = source.get(start * stride..).unwrap_or_default();
+        let rows_below = &source[start * stride..];
         pairs.clear();
         pairs.extend(weights.chunks(2).map(split_pair));
         let mut first = 0;
-        while first + WIDE <= stride {
-            let sums = sum_block(seen, stride, first, &pairs);
+        while first + VECTOR_BYTES <= stride {
+            let sums = sum_block(rows_below, stride, first, &pairs);
             if let Some(out) = written.get_mut(first..).and_then(<[u8]>::first_chunk_mut) {
                 store(out, sums);
             }
-            first += WIDE;
+            first += VECTOR_BYTES;
         }
-        sum_columns(seen, stride, first, weights, written.get_mut(first..).unwrap_or_default());
+        sum_columns(rows_below, stride, first, weights, &mut written[first..]);
     }
 }
 
 /// 32 columns of one target row.
 #[target_feature(enable = "avx2")]
-fn sum_block(seen: &[u8], stride: usize, first: usize, pairs: &[[i32; 2]]) -> __m256i {
+fn sum_block(source: &[u8], stride: usize, first: usize, pairs: &[[i32; 2]]) -> __m256i {
     let zero = _mm256_setzero_si256();
     let mut low = [zero; 4];
     let mut high = [zero; 4];
     let mut at = first;
     for &[low_weights, high_weights] in pairs {
-        let upper = seen.get(at..).and_then(<[u8]>::first_chunk).map_or(zero, |bytes| load(bytes));
+        let upper = source.get(at..).and_then(<[u8]>::first_chunk).map_or(zero, |bytes| load(bytes));
         // Past the last row the weight is zero.
-        let lower = seen.get(at + stride..).and_then(<[u8]>::first_chunk).map_or(zero, |bytes| load(bytes));
+        let lower = source.get(at + stride..).and_then(<[u8]>::first_chunk).map_or(zero, |bytes| load(bytes));
         at += 2 * stride;
         let (left, right) = (_mm256_unpacklo_epi8(upper, lower), _mm256_unpackhi_epi8(upper, lower));
         let samples = [
@@ -168,11 +167,11 @@ fn sum_block(seen: &[u8], stride: usize, first: usize, pairs: &[[i32; 2]]) -> __
         let sum = _mm256_add_epi32(_mm256_slli_epi32::<LOW_BITS>(high[part]), low[part]);
         _mm256_srai_epi32::<SHIFT>(_mm256_add_epi32(sum, half))
     });
-    // Packing undoes the unpacking's order, half by half; saturation is the clip to 0…255.
+    // Packing reverses the order of unpacking within each half; saturation clips to 0…255.
     _mm256_packus_epi16(_mm256_packs_epi32(sums[0], sums[1]), _mm256_packs_epi32(sums[2], sums[3]))
 }
 
-/// Low and high halves of up to four weights, 16 bits each.
+/// Low and high parts of up to four weights, 16 bits each.
 fn split_step(weights: &[i32]) -> [i64; 2] {
     let join = |part: fn(i32) -> u16| {
         weights.iter().rev().fold(0u64, |joined, &weight| joined << 16 | u64::from(part(weight))).cast_signed()
@@ -180,7 +179,7 @@ fn split_step(weights: &[i32]) -> [i64; 2] {
     [join(low), join(high)]
 }
 
-/// Low and high halves of up to two weights, 16 bits each.
+/// Low and high parts of up to two weights, 16 bits each.
 fn split_pair(weights: &[i32]) -> [i32; 2] {
     let join = |part: fn(i32) -> u16| {
         weights.iter().rev().fold(0u32, |joined, &weight| joined << 16 | u32::from(part(weight))).cast_signed()
@@ -193,7 +192,7 @@ fn low(weight: i32) -> u16 {
     u16::from_le_bytes([first, second])
 }
 
-/// Fits into 16 bits: a weight is below 2²⁴ in size.
+/// Fits into 16 bits, because the absolute value of a weight is below 2²⁴.
 fn high(weight: i32) -> u16 {
     let [first, second, _, _] = (weight >> LOW_BITS).to_le_bytes();
     u16::from_le_bytes([first, second])

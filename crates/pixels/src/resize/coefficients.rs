@@ -2,15 +2,15 @@ use std::f64::consts::PI;
 
 use super::Filter;
 use crate::PixelError;
-use crate::memory::reserved;
+use crate::limits::reserved;
 
-/// Fractional bits of a weight: 32 less 8 for the sample and 2 for negative lobes.
+/// Fractional bits of a weight: 32 minus 8 for the sample and 2 for negative lobes.
 pub(super) const PRECISION_BITS: u32 = 22;
 
-/// Most weights of one pass: Pillow's own bound, a table of f64 in 2 GiB.
+/// Maximum weights of one pass: Pillow's own limit, a table of f64 in 2 GiB.
 const LARGEST_TABLE: usize = (i32::MAX / 8).cast_unsigned() as usize;
 
-/// For each target position, which source positions it sees and with what fixed-point weight.
+/// For each target position, the range of source positions and their fixed-point weights.
 pub(super) struct Coefficients {
     windows: Vec<Window>,
     weights: Vec<i32>,
@@ -40,7 +40,7 @@ impl Coefficients {
             let centre = (f64::from(position) + 0.5) * scale;
             let start = whole(centre - support + 0.5);
             let end = whole(centre + support + 0.5).min(source as usize);
-            let window = window_weights.get_mut(..end.saturating_sub(start)).unwrap_or_default();
+            let window = &mut window_weights[..end.saturating_sub(start)];
             let mut sum = 0.0;
             for (weight, offset) in window.iter_mut().zip(start..) {
                 *weight = weight_at(filter, (offset as f64 - centre + 0.5) * (1.0 / filter_scale));
@@ -56,19 +56,19 @@ impl Coefficients {
         Ok(Self { windows, weights, stride })
     }
 
-    /// How many target positions there are.
+    /// Number of target positions.
     pub(super) fn len(&self) -> usize {
         self.windows.len()
     }
 
-    /// First source position and the weights from there on, for each target position in order.
+    /// First source position and weights for each target position, in order.
     pub(super) fn iter(&self) -> impl Iterator<Item = (usize, &[i32])> {
         let rows = self.weights.chunks_exact(self.stride);
-        self.windows.iter().zip(rows).map(|(w, row)| (w.start, row.get(..w.length).unwrap_or_default()))
+        self.windows.iter().zip(rows).map(|(window, row)| (window.start, &row[..window.length]))
     }
 }
 
-/// Half the filter's width, in source pixels, when nothing shrinks.
+/// Half the filter's width in source pixels, when not shrinking.
 const fn radius(filter: Filter) -> f64 {
     match filter {
         Filter::Lanczos => 3.0,
@@ -94,15 +94,15 @@ fn sinc(x: f64) -> f64 {
     x.sin() / x
 }
 
-/// Rounds half away from zero, as C's truncating cast does after adding ±0.5.
+/// Rounds half away from zero, as in C with ±0.5 and a truncating cast.
 #[expect(clippy::cast_possible_truncation, reason = "a normalised weight is of order one")]
 fn quantised(weight: f64) -> i32 {
     let scaled = weight * f64::from(1 << PRECISION_BITS);
     (if weight < 0.0 { scaled - 0.5 } else { scaled + 0.5 }) as i32
 }
 
-/// The whole part of a number, and 0 for a negative one.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturation is what the window needs")]
+/// The integer part of a number; 0 if it is negative.
+#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "saturation is intended")]
 fn whole(value: f64) -> usize {
     value as usize
 }

@@ -1,17 +1,17 @@
-//! The two passes, in portable Rust; `avx2` holds the same sums for x86-64.
+//! The two passes in portable Rust; `avx2` has the vectorised versions for x86-64.
 
 use super::coefficients::{Coefficients, PRECISION_BITS};
 
-/// Half of the last bit that stays: rounds to nearest.
+/// Half of the last remaining bit, for rounding to nearest.
 pub(super) const HALF: i32 = 1 << (PRECISION_BITS - 1);
 
-/// How many columns are summed at a time, so that the sums stay in registers.
+/// Columns summed at a time, so that the sums stay in registers.
 const BLOCK: usize = 32;
 
-/// Which instructions the passes run on; every level gives the same bits.
+/// The instruction set of the passes; all levels give the same bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Level {
-    /// Whatever the compiler makes of plain loops.
+    /// Plain loops.
     Portable,
     /// 256-bit integer vectors.
     #[cfg(target_arch = "x86_64")]
@@ -19,7 +19,7 @@ pub(super) enum Level {
 }
 
 impl Level {
-    /// All levels that this machine runs, the fastest first.
+    /// All levels that this machine supports, the fastest first.
     pub(super) fn available() -> impl Iterator<Item = Self> {
         #[cfg(target_arch = "x86_64")]
         let wide = std::arch::is_x86_feature_detected!("avx2").then_some(Self::Avx2);
@@ -29,11 +29,11 @@ impl Level {
     }
 
     pub(super) fn fastest() -> Self {
-        Self::available().next().unwrap_or(Self::Portable)
+        Self::available().next().unwrap_or_else(|| unreachable!("the portable level is always available"))
     }
 }
 
-/// Every row by itself: rows of `stride` bytes into `columns.len()` pixels each.
+/// Resamples each row of `stride` bytes to `columns.len()` pixels.
 pub(super) fn horizontal(level: Level, source: &[u8], stride: usize, columns: &Coefficients, target: &mut [u8]) {
     match level {
         Level::Portable => portable_horizontal(source, stride, columns, target),
@@ -42,7 +42,7 @@ pub(super) fn horizontal(level: Level, source: &[u8], stride: usize, columns: &C
     }
 }
 
-/// Every column by itself: rows of `stride` bytes into `rows.len()` rows.
+/// Resamples each column, from rows of `stride` bytes to `rows.len()` rows.
 pub(super) fn vertical(level: Level, source: &[u8], stride: usize, rows: &Coefficients, target: &mut [u8]) {
     match level {
         Level::Portable => portable_vertical(source, stride, rows, target),
@@ -54,7 +54,7 @@ pub(super) fn vertical(level: Level, source: &[u8], stride: usize, rows: &Coeffi
 fn portable_horizontal(source: &[u8], stride: usize, columns: &Coefficients, target: &mut [u8]) {
     for (row, written) in source.chunks_exact(stride).zip(target.chunks_exact_mut(columns.len() * 3)) {
         for ((start, weights), out) in columns.iter().zip(written.as_chunks_mut::<3>().0) {
-            let pixels = row.get(start * 3..).unwrap_or_default().as_chunks::<3>().0;
+            let pixels = row[start * 3..].as_chunks::<3>().0;
             let mut sums = [HALF; 3];
             for (pixel, &weight) in pixels.iter().zip(weights) {
                 for (sum, &sample) in sums.iter_mut().zip(pixel) {
@@ -69,21 +69,20 @@ fn portable_horizontal(source: &[u8], stride: usize, columns: &Coefficients, tar
 fn portable_vertical(source: &[u8], stride: usize, rows: &Coefficients, target: &mut [u8]) {
     for ((start, weights), written) in rows.iter().zip(target.chunks_exact_mut(stride)) {
         let (blocks, rest) = written.as_chunks_mut::<BLOCK>();
-        let seen = source.get(start * stride..).unwrap_or_default();
+        let rows_below = &source[start * stride..];
         let tail = blocks.len() * BLOCK;
         for (index, block) in blocks.iter_mut().enumerate() {
-            sum_columns(seen, stride, index * BLOCK, weights, block);
+            sum_columns(rows_below, stride, index * BLOCK, weights, block);
         }
-        sum_columns(seen, stride, tail, weights, rest);
+        sum_columns(rows_below, stride, tail, weights, rest);
     }
 }
 
-/// One target row's columns from `first` on, at most [`BLOCK`] of them.
-pub(super) fn sum_columns(seen: &[u8], stride: usize, first: usize, weights: &[i32], written: &mut [u8]) {
+/// At most [`BLOCK`] columns of one target row, starting at `first`.
+pub(super) fn sum_columns(source: &[u8], stride: usize, first: usize, weights: &[i32], written: &mut [u8]) {
     let mut sums = [HALF; BLOCK];
-    for (row, &weight) in seen.chunks_exact(stride).zip(weights) {
-        let samples = row.get(first..).unwrap_or_default();
-        for (sum, &sample) in sums.iter_mut().zip(samples) {
+    for (row, &weight) in source.chunks_exact(stride).zip(weights) {
+        for (sum, &sample) in sums.iter_mut().zip(&row[first..]) {
             *sum = sum.wrapping_add(i32::from(sample).wrapping_mul(weight));
         }
     }

@@ -18,11 +18,9 @@ pub(super) fn cameras(bytes: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapC
         let location = reader.location("camera");
         let id = u32::from_le_bytes(reader.array("camera_id")?);
         let number = i32::from_le_bytes(reader.array("model_id")?);
-        let model = ColmapCameraModel::from_number(number).ok_or_else(|| SceneError::UnsupportedCameraModel {
-            location: location.clone(),
-            model: number.to_string(),
-            reason: "COLMAP has no model of this number".to_owned(),
-            path: path.to_owned(),
+        let model = ColmapCameraModel::from_number(number).ok_or_else(|| {
+            let reason = "COLMAP has no model with this number";
+            SceneError::unsupported_model(path, &location, &number.to_string(), reason)
         })?;
         let size = ImageSize { width: reader.length("width")?, height: reader.length("height")? };
         let parameters = (0..model.parameter_count()).map(|_| reader.number("params")).collect::<Result<_, _>>()?;
@@ -49,10 +47,9 @@ pub(super) fn images(bytes: &[u8], path: &Path) -> Result<Vec<ColmapImage>, Scen
         // `count` has checked that this many bytes are left.
         reader.take(keypoints.saturating_mul(24), "points2D")?;
         let pose = pose_from(quaternion, translation).ok_or_else(|| {
-            malformed(path, location.clone(), "a quaternion of finite length above 0", &format!("{quaternion:?}"))
+            malformed(path, &location, "a quaternion of finite length above 0", format!("{quaternion:?}"))
         })?;
-        let camera_from_world =
-            pose.map_err(|source| SceneError::Camera { path: path.to_owned(), location, source })?;
+        let camera_from_world = pose.map_err(SceneError::camera(path, location))?;
         images.push(ColmapImage { id, name, camera_id, camera_from_world });
     }
     reader.finish()?;
@@ -69,7 +66,7 @@ pub(super) fn points(bytes: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, Scen
         let location = reader.location("xyz");
         let position = DVec3::new(reader.number("x")?, reader.number("y")?, reader.number("z")?);
         if !position.is_finite() {
-            return Err(malformed(path, location, "finite coordinates", &position.to_string()));
+            return Err(malformed(path, location, "finite coordinates", position.to_string()));
         }
         let color = reader.array("rgb")?;
         let error = reader.number("error")?;
@@ -87,7 +84,7 @@ pub(super) fn points(bytes: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, Scen
     Ok(points)
 }
 
-/// Takes fields off the front of a file and knows how far it has come.
+/// Reads fields from the front of a file and tracks the byte offset for messages.
 struct Reader<'a> {
     bytes: &'a [u8],
     rest: &'a [u8],
@@ -103,13 +100,13 @@ impl<'a> Reader<'a> {
         format!("byte {}, {field}", self.bytes.len() - self.rest.len())
     }
 
-    fn wrong(&self, field: &str, expected: &str, found: &str) -> SceneError {
+    fn wrong(&self, field: &str, expected: impl Into<String>, found: impl Into<String>) -> SceneError {
         malformed(self.path, self.location(field), expected, found)
     }
 
     fn take(&mut self, length: usize, field: &str) -> Result<&'a [u8], SceneError> {
         let Some((taken, rest)) = self.rest.split_at_checked(length) else {
-            return Err(self.wrong(field, &format!("{length} bytes"), &format!("{} until the end", self.rest.len())));
+            return Err(self.wrong(field, format!("{length} bytes"), format!("{} until the end", self.rest.len())));
         };
         self.rest = rest;
         Ok(taken)
@@ -117,7 +114,7 @@ impl<'a> Reader<'a> {
 
     fn array<const N: usize>(&mut self, field: &str) -> Result<[u8; N], SceneError> {
         let Some((taken, rest)) = self.rest.split_first_chunk() else {
-            return Err(self.wrong(field, &format!("{N} bytes"), &format!("{} until the end", self.rest.len())));
+            return Err(self.wrong(field, format!("{N} bytes"), format!("{} until the end", self.rest.len())));
         };
         self.rest = rest;
         Ok(*taken)
@@ -127,14 +124,14 @@ impl<'a> Reader<'a> {
         self.array(field).map(f64::from_le_bytes)
     }
 
-    /// A count of items, each of at least `smallest` bytes: one that the rest of the file cannot hold is
-    /// refused before anything is allocated for it.
+    /// A count of items of at least `smallest` bytes each. A count that exceeds the rest of the file is an error before
+    /// anything is allocated.
     fn count(&mut self, items: &str, smallest: usize) -> Result<usize, SceneError> {
         let count = u64::from_le_bytes(self.array(items)?);
         let room = self.rest.len() / smallest;
         match usize::try_from(count) {
             Ok(count) if count <= room => Ok(count),
-            _ => Err(self.wrong(items, &format!("at most {room}, which the file has room for"), &count.to_string())),
+            _ => Err(self.wrong(items, format!("at most {room}, which the file has room for"), count.to_string())),
         }
     }
 
@@ -142,23 +139,23 @@ impl<'a> Reader<'a> {
         let length = u64::from_le_bytes(self.array(field)?);
         match u32::try_from(length) {
             Ok(length) if length > 0 => Ok(length),
-            _ => Err(self.wrong(field, "a length from 1 to 2³² − 1", &length.to_string())),
+            _ => Err(self.wrong(field, "a length from 1 to 2³² − 1", length.to_string())),
         }
     }
 
     fn name(&mut self) -> Result<String, SceneError> {
         let end = self.rest.iter().position(|byte| *byte == 0);
-        let end = end.ok_or_else(|| self.wrong("name", "a text that ends with a zero byte", "none"))?;
+        let end = end.ok_or_else(|| self.wrong("name", "a string that ends with a zero byte", "no zero byte"))?;
         let name = self.take(end, "name")?;
         self.take(1, "name")?;
         let text = std::str::from_utf8(name).ok().filter(|text| !text.is_empty());
-        text.map(str::to_owned).ok_or_else(|| self.wrong("name", "a UTF-8 name", &shown(name)))
+        text.map(str::to_owned).ok_or_else(|| self.wrong("name", "a UTF-8 name", shown(name)))
     }
 
     fn finish(&self) -> Result<(), SceneError> {
         match self.rest.len() {
             0 => Ok(()),
-            extra => Err(self.wrong("end", "nothing after the last item", &format!("{extra} bytes"))),
+            extra => Err(self.wrong("end", "nothing after the last item", format!("{extra} bytes"))),
         }
     }
 }

@@ -8,7 +8,7 @@ use crate::SceneError;
 /// `src/colmap/sensor/models.h`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[repr(i32)]
-#[expect(missing_docs, reason = "the names are COLMAP's and say what there is to say")]
+#[expect(missing_docs, reason = "the names are COLMAP's own")]
 pub enum ColmapCameraModel {
     SimplePinhole = 0,
     Pinhole = 1,
@@ -32,7 +32,7 @@ pub enum ColmapCameraModel {
 
 use ColmapCameraModel as Model;
 
-/// Model, name in text files, number of parameters.
+/// Each model's name in text files and number of parameters.
 const MODELS: [(Model, &str, usize); 18] = [
     (Model::SimplePinhole, "SIMPLE_PINHOLE", 3),
     (Model::Pinhole, "PINHOLE", 4),
@@ -55,12 +55,12 @@ const MODELS: [(Model, &str, usize); 18] = [
 ];
 
 impl ColmapCameraModel {
-    /// The model that text files call `name`.
+    /// The model that text files write as `name`.
     pub fn from_name(name: &str) -> Option<Self> {
         MODELS.iter().find(|(_, known, _)| *known == name).map(|(model, _, _)| *model)
     }
 
-    /// The model that binary files call `number`.
+    /// The model that binary files write as `number`.
     pub fn from_number(number: i32) -> Option<Self> {
         MODELS.iter().find(|(model, _, _)| *model as i32 == number).map(|(model, _, _)| *model)
     }
@@ -70,43 +70,37 @@ impl ColmapCameraModel {
         self.entry().1
     }
 
-    /// How many parameters a camera of this model has.
+    /// Number of parameters of a camera of this model.
     pub fn parameter_count(self) -> usize {
         self.entry().2
     }
 
     fn entry(self) -> (Self, &'static str, usize) {
         let entry = MODELS.into_iter().find(|(model, _, _)| *model == self);
-        entry.unwrap_or_else(|| unreachable!("every model is listed"))
+        entry.unwrap_or_else(|| unreachable!("MODELS lists every model"))
     }
 }
 
-/// One camera of a model: lens and picture size, without a pose.
+/// One entry of `cameras.txt` or `cameras.bin`: lens and picture size, without a pose.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapCamera {
-    /// Which formula the parameters belong to.
+    /// The camera model that the parameters belong to.
     pub model: ColmapCameraModel,
     /// Picture size in pixels; not empty.
     pub size: ImageSize,
-    /// As many as [`ColmapCameraModel::parameter_count`], in COLMAP's order, lengths in pixels with pixel
-    /// centres at + 0.5.
+    /// [`ColmapCameraModel::parameter_count`] numbers in COLMAP's order; lengths in pixels, with pixel centres at + 0.5.
     pub parameters: Vec<f64>,
 }
 
 impl ColmapCamera {
-    /// The camera in the toolkit's terms. `location` and `path` are for messages.
+    /// Intrinsics and distortion of the camera. `location` and `path` are for messages.
     ///
     /// # Errors
-    /// [`SceneError::UnsupportedCameraModel`] naming a model that neither pinhole, `OPENCV` (k1, k2, k3, p1,
-    /// p2) nor `OPENCV_FISHEYE` covers; [`SceneError::Camera`] for numbers that make no camera.
+    /// [`SceneError::UnsupportedCameraModel`] for a model that none of pinhole, `OPENCV` (k1, k2, k3, p1, p2) and
+    /// `OPENCV_FISHEYE` covers; [`SceneError::Camera`] for invalid numbers.
     pub fn lens(&self, location: &str, path: &Path) -> Result<(NormalizedIntrinsics, Distortion), SceneError> {
-        let unsupported = |reason: &str| SceneError::UnsupportedCameraModel {
-            location: location.to_owned(),
-            model: self.model.name().to_owned(),
-            reason: reason.to_owned(),
-            path: path.to_owned(),
-        };
-        let camera = |source| SceneError::Camera { path: path.to_owned(), location: location.to_owned(), source };
+        let unsupported = |reason| SceneError::unsupported_model(path, location, self.model.name(), reason);
+        let camera = |source| SceneError::camera(path, location)(source);
         let open_cv = |k1, k2, k3, p1, p2| {
             let pinhole = [k1, k2, k3, p1, p2].iter().all(|coefficient| *coefficient == 0.0);
             if pinhole { Distortion::None } else { Distortion::OpenCv { k1, k2, k3, p1, p2 } }
@@ -119,7 +113,7 @@ impl ColmapCamera {
             (Model::OpenCv, &[fx, fy, cx, cy, k1, k2, p1, p2]) => ([fx, fy, cx, cy], open_cv(k1, k2, 0.0, p1, p2)),
             (Model::FullOpenCv, &[fx, fy, cx, cy, k1, k2, p1, p2, k3, k4, k5, k6]) => {
                 if [k4, k5, k6].iter().any(|k| *k != 0.0) {
-                    return Err(unsupported("its denominator k4, k5, k6 is not zero"));
+                    return Err(unsupported("the coefficients k4, k5, k6 of its denominator are not zero"));
                 }
                 ([fx, fy, cx, cy], open_cv(k1, k2, k3, p1, p2))
             }
@@ -134,7 +128,7 @@ impl ColmapCamera {
             }
             (Model::SimpleFisheye, &[f, cx, cy]) => ([f, f, cx, cy], Distortion::Fisheye { k: [0.0; 4] }),
             (Model::Fisheye, &[fx, fy, cx, cy]) => ([fx, fy, cx, cy], Distortion::Fisheye { k: [0.0; 4] }),
-            _ => return Err(unsupported("neither pinhole nor OPENCV nor OPENCV_FISHEYE covers it")),
+            _ => return Err(unsupported("it is not a special case of PINHOLE, OPENCV or OPENCV_FISHEYE")),
         };
         if let Some(found) = self.parameters.iter().find(|parameter| !parameter.is_finite()) {
             return Err(camera(atsplat_camera::CameraError::NonFinite { field: "parameter", found: *found }));

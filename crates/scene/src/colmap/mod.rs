@@ -21,7 +21,7 @@ pub(crate) use source::model_folders;
 
 const FORMAT: &str = "COLMAP model";
 
-/// The two spellings of a COLMAP model.
+/// The encoding of a COLMAP model's files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Encoding {
     /// `.txt`.
@@ -33,45 +33,44 @@ pub enum Encoding {
 /// One registered image.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapImage {
-    /// COLMAP's number for the image, which tracks refer to.
+    /// COLMAP's id of the image, which tracks refer to.
     pub id: u32,
-    /// Path below the folder of images.
+    /// Path relative to the folder of images.
     pub name: String,
-    /// Which camera took it.
+    /// Id of the camera that took it.
     pub camera_id: u32,
-    /// World to camera, OpenCV axes; from the quaternion, normalised as COLMAP does.
+    /// World-to-camera transform with OpenCV axes; the quaternion is normalised as COLMAP does.
     pub camera_from_world: CameraFromWorld,
 }
 
 /// One triangulated point.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ColmapPoint {
-    /// COLMAP's number for the point.
+    /// COLMAP's id of the point.
     pub id: u64,
     /// Position in the world, in the model's units.
     pub position: DVec3,
     /// Mean colour of its observations, sRGB.
     pub color: [u8; 3],
-    /// Mean reprojection error in pixels; −1 where COLMAP has not computed it.
+    /// Mean reprojection error in pixels; −1 if COLMAP has not computed it.
     pub error: f64,
-    /// Which images see it.
+    /// The images that see it.
     pub track: Vec<Observation>,
 }
 
-/// One image's view of a point.
+/// One image's observation of a point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Observation {
     /// [`ColmapImage::id`].
     pub image_id: u32,
-    /// Position among the image's keypoints.
+    /// Index among the image's keypoints.
     pub keypoint: u32,
 }
 
 /// Parses `cameras.txt` or `cameras.bin`; `path` is for messages only.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line or byte, [`SceneError::UnsupportedCameraModel`] for a model that
-/// COLMAP does not have.
+/// [`SceneError::Malformed`] with line or byte, [`SceneError::UnsupportedCameraModel`] for a model unknown to COLMAP.
 pub fn parse_cameras(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<BTreeMap<u32, ColmapCamera>, SceneError> {
     match encoding {
         Encoding::Text => text::cameras(bytes, path),
@@ -83,7 +82,7 @@ pub fn parse_cameras(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<BT
 /// skipped.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line or byte, [`SceneError::Camera`] for a pose that is none.
+/// [`SceneError::Malformed`] with line or byte, [`SceneError::Camera`] for an invalid pose.
 pub fn parse_images(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     match encoding {
         Encoding::Text => text::images(bytes, path),
@@ -94,7 +93,7 @@ pub fn parse_images(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec
 /// Parses `points3D.txt` or `points3D.bin`, in the file's order; `path` is for messages only.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line or byte; a coordinate that is not finite is one.
+/// [`SceneError::Malformed`] with line or byte, also for coordinates that are not finite.
 pub fn parse_points(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
     match encoding {
         Encoding::Text => text::points(bytes, path),
@@ -102,30 +101,29 @@ pub fn parse_points(bytes: &[u8], encoding: Encoding, path: &Path) -> Result<Vec
     }
 }
 
-/// Reads the points of the model in `folder`, to start Gaussians from.
+/// Reads the points of the model in `folder`, which can initialise Gaussians.
 ///
 /// # Errors
-/// [`SceneError::Io`] where there is neither `points3D.bin` nor `points3D.txt`, and as [`parse_points`].
+/// [`SceneError::Io`] if there is neither `points3D.bin` nor `points3D.txt`, and those of [`parse_points`].
 pub fn read_points(folder: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
     let (file, encoding) = model_file(folder, "points3D");
     parse_points(&read_file("reading COLMAP points", &file)?, encoding, &file)
 }
 
-/// One of the model's files: the binary one where both are there, as COLMAP prefers it.
+/// One of the model's files: the binary one if both exist, which COLMAP prefers too.
 fn model_file(folder: &Path, name: &str) -> (PathBuf, Encoding) {
     let binary = folder.join(format!("{name}.bin"));
     let text = folder.join(format!("{name}.txt"));
     if text.is_file() && !binary.is_file() { (text, Encoding::Text) } else { (binary, Encoding::Binary) }
 }
 
-/// A pose from COLMAP's quaternion (w, x, y, z) and translation; `None` where the quaternion has no
-/// direction.
+/// A pose from COLMAP's quaternion (w, x, y, z) and translation; `None` if the quaternion is zero or not finite.
 fn pose_from(
     quaternion: [f64; 4],
     translation: [f64; 3],
 ) -> Option<Result<CameraFromWorld, atsplat_camera::CameraError>> {
     let [w, x, y, z] = quaternion;
-    // Scaled first, so that neither tiny nor huge quaternions lose their direction to squaring.
+    // Scaled first, so that squaring neither underflows nor overflows.
     let largest =
         quaternion.iter().fold(0.0f64, |largest, entry| if entry.abs() > largest { entry.abs() } else { largest });
     if !quaternion.iter().all(|entry| entry.is_finite()) || largest == 0.0 {
@@ -135,7 +133,7 @@ fn pose_from(
     Some(CameraFromWorld::new(DMat3::from_quat(scaled.normalize()), DVec3::from_array(translation)))
 }
 
-/// Puts cameras into a table; a number that is taken twice is an error.
+/// Collects cameras by id; a repeated id is an error.
 fn by_id(
     cameras: impl Iterator<Item = Result<(u32, ColmapCamera, String), SceneError>>,
     path: &Path,
@@ -144,20 +142,19 @@ fn by_id(
     for camera in cameras {
         let (id, camera, location) = camera?;
         if table.insert(id, camera).is_some() {
-            return Err(malformed(path, location, "a camera number of its own", &format!("{id} again")));
+            return Err(malformed(path, location, "a unique camera id", format!("{id} a second time")));
         }
     }
     Ok(table)
 }
 
-fn malformed(path: &Path, location: String, expected: &str, found: &str) -> SceneError {
-    SceneError::Malformed {
-        format: FORMAT,
-        path: path.to_owned(),
-        location,
-        expected: expected.to_owned(),
-        found: found.to_owned(),
-    }
+fn malformed(
+    path: &Path,
+    location: impl Into<String>,
+    expected: impl Into<String>,
+    found: impl Into<String>,
+) -> SceneError {
+    SceneError::malformed(FORMAT, path, location, expected, found)
 }
 
 #[cfg(test)]

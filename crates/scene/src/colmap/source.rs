@@ -4,28 +4,28 @@ use atsplat_camera::Camera;
 
 use super::{Encoding, malformed, model_file, parse_cameras, parse_images};
 use crate::camera_policy::report_cameras;
+use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_picture_name};
 use crate::nerfstudio::PictureFinder;
-use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
+use crate::{Frame, PictureFolder, Scene, SceneError, SceneSource, Warnings};
 
-/// Where a capture's folder may keep its sparse model.
+/// Subfolders of a capture that may hold its sparse model, in order of preference.
 const MODEL_FOLDERS: [&str; 4] = ["", "sparse/0", "sparse", "colmap/sparse/0"];
 
 /// How COLMAP models are read.
 #[derive(Clone, Debug, Default)]
 pub struct ColmapOptions {
-    /// Which copy of the pictures to take.
+    /// Which copy of the pictures to use.
     pub pictures: PictureFolder,
-    /// Folder that image names are relative to; `images/` of the capture by default.
+    /// Folder that image names are relative to; by default the capture's `images/`.
     pub images_root: Option<PathBuf>,
 }
 
-/// COLMAP sparse models: one model's folder, one capture (`sparse/0/` and `images/`), or a folder of
-/// captures. The key is the name of the capture's folder.
+/// COLMAP sparse models: one model's folder, one capture (`sparse/0/` and `images/`), or a folder of captures. The key
+/// is the name of the capture's folder.
 ///
-/// COLMAP lists images in an order of its own that changes from run to run, so frames are sorted by
-/// name (byte order), as 3DGS's and Mip-NeRF 360's loaders do. Points are left to
-/// [`super::read_points`].
+/// COLMAP's order of images changes from run to run, so frames are sorted by name (byte order), as 3DGS's and
+/// Mip-NeRF 360's loaders do. Points are read by [`super::read_points`].
 #[derive(Clone, Debug)]
 pub struct ColmapScenes {
     path: PathBuf,
@@ -35,31 +35,26 @@ pub struct ColmapScenes {
 }
 
 impl ColmapScenes {
-    /// Finds the models; reads none of them.
+    /// Finds the models without reading them.
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a model.
     pub fn open(path: &Path, options: ColmapOptions) -> Result<Self, SceneError> {
         let found = model_folders(path)?;
         if found.is_empty() {
-            return Err(SceneError::Unrecognized {
-                expected: "cameras and images (.bin or .txt) here, in sparse/0/ or in one of its folders".to_owned(),
-                found: "a folder without any".to_owned(),
-                path: path.to_owned(),
-            });
+            let expected = "cameras and images (.bin or .txt) in the folder, its sparse/0/ or one of its subfolders";
+            return Err(SceneError::unrecognized(path, expected, "no such files"));
         }
         let (keys, models) = found.into_iter().unzip();
         Ok(Self { path: path.to_owned(), options, keys, models })
     }
 
-    /// The folder of one scene's model, for [`super::read_points`].
+    /// The folder of one scene's model, to be passed to [`super::read_points`].
     ///
     /// # Errors
     /// [`SceneError::UnknownScene`].
     pub fn model_folder(&self, key: &str) -> Result<&Path, SceneError> {
-        let position = self.keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
-        let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.path.clone() };
-        position.and_then(|at| self.models.get(at)).map(PathBuf::as_path).ok_or_else(unknown)
+        find_by_key(&self.keys, &self.models, key, &self.path).map(PathBuf::as_path)
     }
 }
 
@@ -75,7 +70,7 @@ impl SceneSource for ColmapScenes {
         let (images_file, encoding) = model_file(model, "images");
         let mut images = parse_images(&read_file("reading COLMAP images", &images_file)?, encoding, &images_file)?;
         if images.is_empty() {
-            return Err(malformed(&images_file, "whole file".to_owned(), "at least one image", "none"));
+            return Err(malformed(&images_file, "whole file", "at least one image", "none"));
         }
         images.sort_by(|a, b| a.name.cmp(&b.name));
 
@@ -88,17 +83,12 @@ impl SceneSource for ColmapScenes {
         for (at, image) in images.into_iter().enumerate() {
             let location = format!("image {}", image.id);
             let camera = cameras.get(&image.camera_id).ok_or_else(|| {
-                let expected = format!("a camera that {} lists", cameras_file.display());
-                malformed(&images_file, location.clone(), &expected, &image.camera_id.to_string())
+                let expected = format!("a camera id in {}", cameras_file.display());
+                malformed(&images_file, &location, expected, image.camera_id.to_string())
             })?;
             let (intrinsics, distortion) = camera.lens(&format!("camera {}", image.camera_id), &cameras_file)?;
             let found = finder.find_below(&folder, &image.name, &location)?;
-            if let Picture::Missing(path) = &found.picture {
-                warnings.push(WarningKind::MissingPicture, key, format!("frame {at}: no {}", path.display()));
-            }
-            if let Some(detail) = &found.elsewhere {
-                warnings.push(WarningKind::PictureElsewhere, key, format!("frame {at}: {detail}"));
-            }
+            found.report(key, at, warnings);
             frames.push(Frame {
                 name: split_picture_name(&image.name).map_or(image.name.as_str(), |(stem, _)| stem).to_owned(),
                 timestamp_micros: None,
@@ -113,7 +103,7 @@ impl SceneSource for ColmapScenes {
     }
 }
 
-/// Keys and folders of the models below `path`, sorted by key.
+/// Keys and folders of the models under `path`, sorted by key.
 pub(crate) fn model_folders(path: &Path) -> Result<Vec<(String, PathBuf)>, SceneError> {
     if let Some(model) = model_in(path) {
         return Ok(vec![(last_name(&capture_of(&model)), model)]);
@@ -135,7 +125,7 @@ fn model_in(folder: &Path) -> Option<PathBuf> {
         .find(holds_model)
 }
 
-/// The folder that holds `images/`: the model's own, or the one above `sparse/` or `colmap/sparse/`.
+/// The folder that holds `images/`: the model's own, or the parent of `sparse/` or `colmap/sparse/`.
 fn capture_of(model: &Path) -> PathBuf {
     let model = std::path::absolute(model).unwrap_or_else(|_| model.to_owned());
     let up = |folder: &Path, name: &str| {

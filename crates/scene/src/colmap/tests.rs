@@ -54,7 +54,7 @@ fn every_model_has_its_number_name_and_count() {
 }
 
 #[test]
-fn models_become_lenses_or_say_that_they_cannot() {
+fn models_convert_to_lenses_or_are_unsupported() {
     let lens = |line: &str| cameras_text(&format!("1 {line}")).unwrap()[&1].lens("camera 1", Path::new("cameras.txt"));
     let distortion = |line: &str| lens(line).unwrap().1;
     let open_cv = |k1, k2, k3, p1, p2| Distortion::OpenCv { k1, k2, k3, p1, p2 };
@@ -90,34 +90,38 @@ fn models_become_lenses_or_say_that_they_cannot() {
 }
 
 #[test]
-fn an_image_with_no_keypoints_leaves_an_empty_line() {
+fn an_image_without_keypoints_is_followed_by_an_empty_line() {
     let text = "# comment\n2 1 0 0 0 0 0 5 1 b c.png\n\n1 2 0 0 0 1 2 3 1 a.png\n10 20 -1 30 40 7\n";
     let images = images_text(text).unwrap();
     let names: Vec<_> = images.iter().map(|image| (image.id, image.name.as_str())).collect();
     assert_eq!(names, [(2, "b c.png"), (1, "a.png")]);
     assert_eq!(images[1].camera_from_world.rotation(), DMat3::IDENTITY, "quaternions are normalised");
     assert_eq!(images_text(&text.replace('\n', "\r\n")).unwrap(), images);
-    assert_eq!(images_text(text.strip_suffix("\n10 20 -1 30 40 7\n").unwrap()).unwrap(), images, "cut after an image");
+    assert_eq!(
+        images_text(text.strip_suffix("\n10 20 -1 30 40 7\n").unwrap()).unwrap(),
+        images,
+        "truncated after an image"
+    );
 }
 
-/// COLMAP writes a line of keypoints for each image, if an empty one. Tools that need none leave the line out.
+/// COLMAP writes a line of keypoints after each image, possibly empty. Other tools omit the line.
 #[test]
-fn no_image_is_taken_for_keypoints() {
+fn image_lines_are_not_mistaken_for_keypoints() {
     let image = |id: u32| format!("{id} 1 0 0 0 0 0 {id} 1 frame_{id:05}.png\n");
     let names = |text: &str| images_text(text).unwrap().iter().map(|image| image.id).collect::<Vec<_>>();
     let all = [1, 2, 3, 4, 5];
     for between in ["", "\n", "10.5 20 -1 30 40.25 7\n", "# a comment\n", "\n# a comment\n"] {
         assert_eq!(names(&all.map(|id| image(id) + between).concat()), all, "{between:?} between images");
     }
-    // Two stripped of theirs among others that have them.
+    // Images without a line of keypoints among images with one.
     let mixed = [image(1), "1 2 3\n".to_owned(), image(2), image(3), "\n".to_owned(), image(4), image(5)];
     assert_eq!(names(&mixed.concat()), all);
     let broken = images_text(&[&image(1), "10 20 -1 30\n", &image(2)].concat()).unwrap_err().to_string();
-    assert!(broken.contains("line 2, "), "keypoints cut short are an error with their line: {broken}");
+    assert!(broken.contains("line 2, "), "truncated keypoints are an error with their line: {broken}");
 }
 
 #[test]
-fn quaternions_keep_their_direction_at_any_size() {
+fn quaternions_of_any_length_are_normalised() {
     for scale in [1e-300, 1.0, 1e300] {
         let half = std::f64::consts::FRAC_1_SQRT_2 * scale;
         // A quarter turn about z takes x to y.
@@ -131,7 +135,7 @@ fn quaternions_keep_their_direction_at_any_size() {
 }
 
 #[test]
-fn points_carry_colour_error_and_track() {
+fn points_have_colour_error_and_track() {
     let points =
         points_text("# header\n63390 1.67 0.29 -1.5 115 121 122 1.33 16 6542 15 7345\n7 0 0 0 1 2 3 -1\n").unwrap();
     assert_eq!((points[0].id, points[0].color, points[0].position.x), (63390, [115, 121, 122], 1.67));
@@ -154,7 +158,7 @@ fn messages_name_line_and_field() {
         (error(cameras_text("1 PINHOLE 0 100 1 2 3 4").map(drop)), "line 1, WIDTH: expected a length above 0"),
         (
             error(cameras_text("1 PINHOLE 9 9 1 2 3 4\n1 PINHOLE 9 9 1 2 3 4").map(drop)),
-            "line 2, CAMERA_ID: expected a camera number of its own",
+            "line 2, CAMERA_ID: expected a unique camera id",
         ),
         (error(images_text("1 1 0 0 x 0 0 0 1 a.png").map(drop)), "line 1, QZ: expected a number, found \"x\""),
         (error(images_text("1 0 0 0 0 0 0 0 1 a.png").map(drop)), "line 1, QW: expected a quaternion"),
@@ -170,12 +174,12 @@ fn messages_name_line_and_field() {
         ),
         (error(points_text("1 0 0 0 1 2 3 0 16").map(drop)), "line 1, POINT2D_IDX: expected a value, found the end"),
     ] {
-        assert!(found.contains(expected), "{found}\nlacks {expected}");
+        assert!(found.contains(expected), "{found}\ndoes not contain {expected}");
     }
 }
 
 #[test]
-fn counts_that_the_file_cannot_hold_are_refused_before_allocating() {
+fn counts_that_exceed_the_file_are_errors_before_allocation() {
     let huge = u64::MAX.to_le_bytes();
     let path = Path::new("x.bin");
     assert!(parse_cameras(&huge, Encoding::Binary, path).is_err());
@@ -194,17 +198,17 @@ fn counts_that_the_file_cannot_hold_are_refused_before_allocating() {
 }
 
 #[test]
-fn what_follows_the_last_item_is_an_error() {
+fn trailing_bytes_are_an_error() {
     let bytes = binary(&[&0u64.to_le_bytes(), b"x"]);
     assert!(
         parse_points(&bytes, Encoding::Binary, Path::new("x.bin")).unwrap_err().to_string().contains("byte 8, end")
     );
 }
 
-/// COLMAP wrote the same model in both encodings and says what is in it; see
+/// The same model written by COLMAP in both encodings, with its content as COLMAP reads it; see
 /// `tests/fixtures/make_colmap_models.py`.
 #[test]
-fn models_that_colmap_wrote_read_as_colmap_reads_them() {
+fn reads_models_written_by_colmap_as_colmap_does() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/colmap");
     let expected: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("expected.json")).unwrap()).unwrap();
@@ -257,7 +261,7 @@ fn models_that_colmap_wrote_read_as_colmap_reads_them() {
     }
 }
 
-/// A capture in a temporary folder, with some pictures.
+/// A capture in a temporary folder, with `files` as empty pictures.
 fn capture(images: &str, files: &[&str]) -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let write = |path: PathBuf, bytes: &[u8]| {
@@ -293,7 +297,7 @@ fn frames_are_sorted_by_name_and_find_their_pictures() {
 }
 
 #[test]
-fn names_out_of_the_capture_and_unknown_cameras_are_refused() {
+fn names_outside_the_capture_and_unknown_cameras_are_errors() {
     let load = |images: &str| {
         let folder = capture(images, &[]);
         let source = ColmapScenes::open(folder.path(), ColmapOptions::default()).unwrap();

@@ -1,4 +1,4 @@
-//! `cameras.txt`, `images.txt`, `points3D.txt`: blank-separated columns, `#` comments.
+//! `cameras.txt`, `images.txt`, `points3D.txt`: whitespace-separated columns, `#` comments.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -17,28 +17,25 @@ pub(super) fn cameras(text: &[u8], path: &Path) -> Result<BTreeMap<u32, ColmapCa
         let id = row.integer("CAMERA_ID")?;
         let name = row.column("MODEL")?;
         let model = std::str::from_utf8(name).ok().and_then(ColmapCameraModel::from_name);
-        let model = model.ok_or_else(|| SceneError::UnsupportedCameraModel {
-            location: row.location("MODEL"),
-            model: shown(name),
-            reason: "COLMAP has no such model".to_owned(),
-            path: path.to_owned(),
+        let model = model.ok_or_else(|| {
+            SceneError::unsupported_model(path, row.location("MODEL"), shown(name), "COLMAP has no such model")
         })?;
         let size = ImageSize { width: row.length("WIDTH")?, height: row.length("HEIGHT")? };
         let parameters: Vec<f64> = std::iter::from_fn(|| row.next_number("PARAMS")).collect::<Result<_, _>>()?;
         if parameters.len() != model.parameter_count() {
             let expected = format!("{} parameters of {}", model.parameter_count(), model.name());
-            return Err(malformed(path, row.location("PARAMS"), &expected, &parameters.len().to_string()));
+            return Err(malformed(path, row.location("PARAMS"), expected, parameters.len().to_string()));
         }
         Ok((id, ColmapCamera { model, size, parameters }, row.location("CAMERA_ID")))
     };
     by_id(content_lines(text).map(camera), path)
 }
 
-/// Two lines an image: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then its keypoints, a line that
-/// may be empty. Names may hold blanks.
+/// Two lines per image: `IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME`, then its keypoints, possibly an empty line.
+/// Names may contain spaces.
 ///
-/// Tools that need no keypoints write no line for them at all, where COLMAP would write an empty one. Both are
-/// read: a line of keypoints holds numbers alone, and an image's line a name.
+/// Tools that have no keypoints may omit the second line, where COLMAP writes an empty one. Both are accepted: a line of
+/// keypoints holds only numbers, an image's line ends with a name.
 pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, SceneError> {
     let mut images = Vec::new();
     let mut lines = numbered_lines(text).peekable();
@@ -51,7 +48,7 @@ pub(super) fn images(text: &[u8], path: &Path) -> Result<Vec<ColmapImage>, Scene
     Ok(images)
 }
 
-/// `X Y POINT3D_ID` again and again, or nothing.
+/// Whether a line is `X Y POINT3D_ID` repeated any number of times.
 fn is_keypoints(line: &[u8]) -> bool {
     let mut count = 0;
     let numbers = Columns::of(line).inspect(|_| count += 1).all(|column| parse_f64(column).is_some());
@@ -66,17 +63,16 @@ fn image(line: &[u8], number: usize, path: &Path) -> Result<ColmapImage, SceneEr
     let camera_id = row.integer("CAMERA_ID")?;
     let name = row.columns.rest();
     let name = std::str::from_utf8(name).ok().filter(|name| !name.is_empty());
-    let name = name.ok_or_else(|| malformed(path, row.location("NAME"), "a UTF-8 name", &shown(row.columns.rest())))?;
+    let name = name.ok_or_else(|| malformed(path, row.location("NAME"), "a UTF-8 name", shown(row.columns.rest())))?;
     let pose = pose_from(quaternion, translation);
     let pose = pose.ok_or_else(|| {
-        malformed(path, row.location("QW"), "a quaternion of finite length above 0", &format!("{quaternion:?}"))
+        malformed(path, row.location("QW"), "a quaternion of finite length above 0", format!("{quaternion:?}"))
     })?;
-    let camera_from_world =
-        pose.map_err(|source| SceneError::Camera { path: path.to_owned(), location: row.location("TX"), source })?;
+    let camera_from_world = pose.map_err(SceneError::camera(path, row.location("TX")))?;
     Ok(ColmapImage { id, name: name.to_owned(), camera_id, camera_from_world })
 }
 
-/// `POINT3D_ID X Y Z R G B ERROR TRACK…`, the track being pairs of `IMAGE_ID POINT2D_IDX`.
+/// `POINT3D_ID X Y Z R G B ERROR TRACK…`, where the track is pairs of `IMAGE_ID POINT2D_IDX`.
 pub(super) fn points(text: &[u8], path: &Path) -> Result<Vec<ColmapPoint>, SceneError> {
     let point = |(number, line)| {
         let mut row = Row::new(line, number, path);
@@ -134,7 +130,7 @@ impl<'a> Row<'a> {
         let value = parse_u64(column).and_then(|value| N::try_from(value).ok());
         value.ok_or_else(|| {
             let expected = format!("a whole number of {} bits", 8 * size_of::<N>());
-            malformed(self.path, self.location(field), &expected, &shown(column))
+            malformed(self.path, self.location(field), expected, shown(column))
         })
     }
 
@@ -147,7 +143,7 @@ impl<'a> Row<'a> {
 
     fn number(&mut self, field: &str) -> Result<f64, SceneError> {
         let column = self.column(field)?;
-        parse_f64(column).ok_or_else(|| malformed(self.path, self.location(field), "a number", &shown(column)))
+        parse_f64(column).ok_or_else(|| malformed(self.path, self.location(field), "a number", shown(column)))
     }
 
     fn next_number(&mut self, field: &str) -> Option<Result<f64, SceneError>> {
@@ -159,6 +155,6 @@ impl<'a> Row<'a> {
         if value.is_finite() {
             return Ok(value);
         }
-        Err(malformed(self.path, self.location(field), "a finite number", &value.to_string()))
+        Err(malformed(self.path, self.location(field), "a finite number", value.to_string()))
     }
 }

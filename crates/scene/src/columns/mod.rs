@@ -1,8 +1,8 @@
-//! Trajectories as columns: one row per frame, typed and documented, lossless in f64.
+//! Camera tables: one row per frame, typed and documented columns, lossless in f64.
 //!
-//! [`CameraTable`] gathers frames into Arrow record batches of bounded size, [`rows_from_batch`] gives the
-//! cameras back bit for bit. [`schema()`] describes every column and carries the convention in its metadata,
-//! so that a file says by itself which way its poses go.
+//! [`CameraTable`] collects frames into Arrow record batches of bounded size; [`rows_from_batch`] restores the cameras
+//! bit for bit. [`schema()`] describes every column and states the convention of the poses in its metadata, so that a
+//! file documents itself.
 
 mod error;
 mod read;

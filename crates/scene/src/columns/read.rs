@@ -15,28 +15,28 @@ use crate::Picture;
 pub struct CameraRow {
     /// Scene key.
     pub scene: String,
-    /// Where the capture came from.
+    /// Source of the capture.
     pub url: Option<String>,
     /// Position in the scene, from 0.
     pub frame: u64,
-    /// What the source calls the frame.
+    /// The frame's name in the source.
     pub name: String,
     /// Microseconds since the start of the video.
     pub timestamp_micros: Option<i64>,
-    /// Pose, intrinsics and lens, as they were written, bit for bit.
+    /// Pose, intrinsics and lens, bit for bit as written.
     pub camera: Camera,
-    /// Picture size in pixels that the metadata stated.
+    /// Picture size in pixels according to the metadata.
     pub stated_size: Option<ImageSize>,
-    /// Where the picture is; `None` for one that lay encoded in a chunk, whose bytes no table holds.
+    /// Where the picture is; `None` for one that was encoded in a chunk or generated, which a table does not hold.
     pub picture: Option<Picture>,
 }
 
-/// The rows of a batch of [`super::schema()`]. Columns are found by name; others may stand between them, and
-/// text may come in any of Arrow's three text types (polars writes views).
+/// The rows of a batch of [`super::schema()`]. Columns are found by name, additional ones are ignored, and text may have
+/// any of Arrow's three string types (polars writes views).
 ///
 /// # Errors
-/// [`ColumnsError`] for another schema version, a column that is missing or of another type, a null where
-/// there must be a value, numbers that are no camera.
+/// [`ColumnsError`] for another schema version, a column that is missing or of another type, a null in a required cell,
+/// or an invalid camera.
 pub fn rows_from_batch(batch: &RecordBatch) -> Result<Vec<CameraRow>, ColumnsError> {
     if let Some(version) = batch.schema_ref().metadata().get("atsplat.version")
         && version != SCHEMA_VERSION
@@ -100,11 +100,11 @@ impl<'a> Columns<'a> {
     }
 
     fn camera(&self, row: usize) -> Result<Camera, ColumnsError> {
-        let broken = |source| ColumnsError::Camera { row, source };
+        let invalid = |source| ColumnsError::Camera { row, source };
         let [fx, fy, cx, cy] = required(&self.intrinsics, row)?;
         Ok(Camera {
-            camera_from_world: CameraFromWorld::from_rows(&required(&self.pose, row)?).map_err(broken)?,
-            intrinsics: NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(broken)?,
+            camera_from_world: CameraFromWorld::from_rows(&required(&self.pose, row)?).map_err(invalid)?,
+            intrinsics: NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(invalid)?,
             distortion: self.lens(row)?,
         })
     }
@@ -118,7 +118,7 @@ impl<'a> Columns<'a> {
                 Ok(Distortion::OpenCv { k1, k2, k3, p1, p2 })
             }
             "fisheye" => Ok(Distortion::Fisheye { k: required_of([k1, k2, k3, k4], row)? }),
-            found => Err(ColumnsError::UnknownWord {
+            found => Err(ColumnsError::UnknownValue {
                 column: "distortion",
                 row,
                 expected: "none, opencv or fisheye",
@@ -134,7 +134,7 @@ impl<'a> Columns<'a> {
             "missing" => Ok(Some(Picture::Missing(path()?))),
             "file" => Ok(Some(Picture::File(path()?))),
             "encoded" | "made" => Ok(None),
-            found => Err(ColumnsError::UnknownWord {
+            found => Err(ColumnsError::UnknownValue {
                 column: "picture",
                 row,
                 expected: "absent, missing, file, encoded or made",
@@ -158,7 +158,7 @@ struct Numbers<'a, T: ArrowPrimitiveType> {
     values: &'a PrimitiveArray<T>,
 }
 
-// Derived, these would ask Arrow's marker types to be `Copy`.
+// Derived, these would require Arrow's marker types to be `Copy`.
 impl<T: ArrowPrimitiveType> Copy for Numbers<'_, T> {}
 impl<T: ArrowPrimitiveType> Clone for Numbers<'_, T> {
     fn clone(&self) -> Self {
@@ -190,7 +190,7 @@ fn floats<'a, const N: usize>(
     batch: &'a RecordBatch,
     names: [&'static str; N],
 ) -> Result<[Numbers<'a, Float64Type>; N], ColumnsError> {
-    // Every table has this column; it only fills the array until each name has found its own.
+    // Every table has this column; it only fills the array until each entry is replaced.
     let mut found = [Numbers::find(batch, "fx", "Float64")?; N];
     for (slot, name) in found.iter_mut().zip(names) {
         *slot = Numbers::find(batch, name, "Float64")?;
@@ -210,7 +210,7 @@ fn required_of<const N: usize>(columns: [&Numbers<'_, Float64Type>; N], row: usi
     Ok(values)
 }
 
-/// A column of text, in any of Arrow's layouts.
+/// A column of text, in any of Arrow's string layouts.
 struct Text<'a> {
     name: &'static str,
     values: TextArray<'a>,

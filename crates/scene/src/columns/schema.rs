@@ -2,10 +2,10 @@ use std::sync::{Arc, LazyLock};
 
 use arrow_schema::{DataType, Field, Schema, SchemaRef};
 
-/// Version of the schema; grows when a column changes its meaning.
+/// Version of the schema; incremented when a column changes its meaning.
 pub const SCHEMA_VERSION: &str = "1";
 
-/// What the numbers mean, as the schema's metadata say it under `atsplat.convention`.
+/// The convention of poses and intrinsics, stored in the schema's metadata under `atsplat.convention`.
 pub const CONVENTION: &str = "One row per frame, in the source's order. r00..r22 and t0..t2 are the row-major 3x4 \
 world-to-camera matrix [R|t] with OpenCV camera axes (+x right, +y down, +z forward), the rotation as stored, not \
 re-orthonormalised. fx, fy, cx, cy are intrinsics in units of the picture's width and height. Lens coefficients are \
@@ -16,21 +16,21 @@ OpenCV's, on the z = 1 plane. Lengths are scene units.";
 /// | column | type | meaning |
 /// |---|---|---|
 /// | `scene` | Utf8 | scene key |
-/// | `url` | Utf8? | where the capture came from |
-/// | `frame` | `UInt64` | position in the scene, from 0: what evaluation indices count in |
-/// | `name` | Utf8 | what the source calls the frame: a timestamp or a file stem |
+/// | `url` | Utf8? | source of the capture |
+/// | `frame` | `UInt64` | position in the scene, from 0, as in evaluation indices |
+/// | `name` | Utf8 | the frame's name in the source: a timestamp or a file stem |
 /// | `timestamp_micros` | `Int64`? | microseconds since the start of the video |
 /// | `fx` `fy` | `Float64` | focal lengths over picture width and height |
 /// | `cx` `cy` | `Float64` | principal point over picture width and height |
 /// | `distortion` | Utf8 | `none`, `opencv` or `fisheye` |
-/// | `k1` `k2` `k3` `k4` `p1` `p2` | `Float64`? | lens coefficients; null where the model has none |
+/// | `k1` `k2` `k3` `k4` `p1` `p2` | `Float64`? | lens coefficients; null if the model does not have them |
 /// | `r00` … `r22` | `Float64` | rotation of the world-to-camera transform, row by row |
 /// | `t0` `t1` `t2` | `Float64` | its translation, in scene units |
-/// | `centre_x` `centre_y` `centre_z` | `Float64` | camera centre in the world; follows from the pose |
-/// | `stated_width` `stated_height` | `UInt32`? | picture size in pixels that the metadata states |
-/// | `picture` | Utf8 | `absent`, `missing`, `file` or `encoded` |
+/// | `centre_x` `centre_y` `centre_z` | `Float64` | camera centre in the world; derived from the pose |
+/// | `stated_width` `stated_height` | `UInt32`? | picture size in pixels according to the metadata |
+/// | `picture` | Utf8 | `absent`, `missing`, `file`, `encoded` or `made` |
 /// | `picture_path` | Utf8? | the file, found or missing; bytes that are not UTF-8 become U+FFFD |
-/// | `picture_bytes` | `UInt64`? | length of a picture that lies encoded in a chunk |
+/// | `picture_bytes` | `UInt64`? | length of a picture encoded in a chunk |
 pub fn schema() -> SchemaRef {
     static SCHEMA: LazyLock<SchemaRef> = LazyLock::new(|| Arc::new(build()));
     Arc::clone(&SCHEMA)
@@ -76,7 +76,7 @@ fn build() -> Schema {
     Schema::new_with_metadata(fields, metadata())
 }
 
-/// The schema's metadata, for formats that carry their own.
+/// The schema's metadata, for formats with key-value metadata of their own.
 pub(crate) fn metadata() -> [(String, String); 3] {
     [("table", "cameras"), ("version", SCHEMA_VERSION), ("convention", CONVENTION)]
         .map(|(key, value)| (format!("atsplat.{key}"), value.to_owned()))

@@ -8,7 +8,7 @@ use super::ColumnsError;
 use super::schema::{CENTRE, INTRINSICS, LENS, POSE, schema};
 use crate::{Frame, Picture, Scene};
 
-/// Frames of any number of scenes, gathered into one record batch at a time.
+/// Collects frames of any number of scenes into record batches.
 #[derive(Debug, Default)]
 pub struct CameraTable {
     rows: usize,
@@ -30,10 +30,10 @@ pub struct CameraTable {
     picture_bytes: UInt64Builder,
 }
 
-/// One scene as record batches; one, unless the scene is very long.
+/// One scene as record batches: a single one unless the scene is very long.
 ///
 /// # Errors
-/// As [`CameraTable::push`].
+/// Those of [`CameraTable::push`].
 pub fn batches_from_scene(scene: &Scene) -> Result<Vec<RecordBatch>, ColumnsError> {
     let mut table = CameraTable::new();
     let mut batches = Vec::new();
@@ -46,26 +46,26 @@ pub fn batches_from_scene(scene: &Scene) -> Result<Vec<RecordBatch>, ColumnsErro
 }
 
 impl CameraTable {
-    /// Rows that fill a batch: about 20 MB of numbers.
+    /// Maximum rows of a batch: about 20 MB of numbers.
     pub const ROW_LIMIT: usize = 1 << 16;
-    /// Bytes of text that fill a batch.
+    /// Maximum bytes of text of a batch.
     pub const TEXT_LIMIT: usize = 1 << 26;
 
-    /// Without rows.
+    /// An empty table.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Rows gathered since the last [`Self::take`].
+    /// Rows added since the last [`Self::take`].
     pub const fn rows(&self) -> usize {
         self.rows
     }
 
-    /// Adds all frames of a scene, handing every batch that fills up to `full`. What does not fill one
-    /// stays for the next scene or [`Self::take`].
+    /// Adds all frames of a scene and passes every full batch to `full`. The remaining rows stay for the next scene or
+    /// [`Self::take`].
     ///
     /// # Errors
-    /// [`ColumnsError::RowTooLong`], [`ColumnsError::Arrow`], and whatever `full` returns.
+    /// [`ColumnsError::RowTooLong`], [`ColumnsError::Arrow`], and those of `full`.
     pub fn push_scene<E: From<ColumnsError>>(
         &mut self,
         scene: &Scene,
@@ -85,7 +85,7 @@ impl CameraTable {
     /// Adds one frame.
     ///
     /// # Errors
-    /// [`ColumnsError::RowTooLong`] where the frame's texts alone overfill a batch.
+    /// [`ColumnsError::RowTooLong`] if the frame's text alone exceeds a batch.
     pub fn push(&mut self, scene: &Scene, position: usize, frame: &Frame) -> Result<(), ColumnsError> {
         let text = text_bytes(scene, frame);
         if text > Self::TEXT_LIMIT {
@@ -126,10 +126,10 @@ impl CameraTable {
         Ok(())
     }
 
-    /// The rows gathered so far, as a batch of [`schema`]; the table is empty again.
+    /// Removes the rows added so far, as a batch of [`schema`].
     ///
     /// # Errors
-    /// [`ColumnsError::Arrow`] where the columns do not match the schema.
+    /// [`ColumnsError::Arrow`] if the columns do not match the schema.
     pub fn take(&mut self) -> Result<RecordBatch, ColumnsError> {
         let table = std::mem::take(self);
         Ok(RecordBatch::try_new(schema(), table.into_columns())?)
@@ -181,7 +181,7 @@ fn lens_columns(distortion: &Distortion) -> (&'static str, [Option<f64>; LENS.le
     }
 }
 
-/// How much of a batch's text a row takes up; an upper bound where a path is not UTF-8.
+/// Bytes of a row's text; an upper bound for a path that is not UTF-8.
 fn text_bytes(scene: &Scene, frame: &Frame) -> usize {
     // A byte that is not UTF-8 becomes U+FFFD, three bytes.
     let path = match &frame.picture {

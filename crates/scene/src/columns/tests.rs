@@ -20,7 +20,7 @@ fn frame(name: &str, camera: Camera, picture: Picture) -> Frame {
     Frame { name: name.to_owned(), timestamp_micros: name.parse().ok(), camera, stated_size: None, picture }
 }
 
-/// Every kind of picture, every lens, every optional cell filled and empty.
+/// Every kind of picture and lens, every optional cell both present and null.
 fn varied() -> Scene {
     let opencv = Distortion::OpenCv { k1: 0.1, k2: -0.2, k3: 1e-17, p1: -0.0, p2: 5e-324 };
     let mut frames = vec![
@@ -43,7 +43,7 @@ fn one_batch(scene: &Scene) -> RecordBatch {
     batches.remove(0)
 }
 
-/// The bits, so that −0 and 0 differ.
+/// The bits, which differ for −0 and 0.
 fn bits(camera: &Camera) -> Vec<u64> {
     let k = camera.intrinsics;
     let lens = match camera.distortion {
@@ -67,13 +67,13 @@ fn assert_rows_match(rows: &[CameraRow], scene: &Scene) {
             (Some(Picture::Missing(a)), Picture::Missing(b)) | (Some(Picture::File(a)), Picture::File(b)) => {
                 assert_eq!(a, b);
             }
-            (a, b) => panic!("frame {position}: {b:?} came back as {a:?}"),
+            (a, b) => panic!("frame {position}: {b:?} was read as {a:?}"),
         }
     }
 }
 
 #[test]
-fn every_bit_of_every_camera_comes_back() {
+fn cameras_round_trip_bit_for_bit() {
     let scene = varied();
     assert_rows_match(&rows_from_batch(&one_batch(&scene)).unwrap(), &scene);
 }
@@ -94,7 +94,7 @@ fn batches_follow_the_documented_schema() {
 }
 
 #[test]
-fn the_centre_is_where_the_pose_puts_the_camera() {
+fn the_centre_columns_follow_from_the_pose() {
     let scene = varied();
     let batch = one_batch(&scene);
     let column = |name: &str| {
@@ -103,7 +103,7 @@ fn the_centre_is_where_the_pose_puts_the_camera() {
     };
     let centre = glam::DVec3::new(column("centre_x"), column("centre_y"), column("centre_z"));
     let seen = scene.frames[1].camera.camera_from_world.transform_point(centre);
-    atsplat_numeric::Tolerance::F64.assert(seen.to_array(), [0.0; 3], "the centre seen from the camera");
+    atsplat_numeric::Tolerance::F64.assert(seen.to_array(), [0.0; 3], "the centre in camera coordinates");
 }
 
 #[test]
@@ -128,14 +128,14 @@ fn scenes_share_batches_and_long_scenes_span_them() {
 }
 
 #[test]
-fn a_long_address_repeated_on_every_row_cannot_fill_the_memory() {
+fn long_urls_on_every_row_are_split_into_batches() {
     let scene = Scene {
-        key: "long address".to_owned(),
+        key: "long URL".to_owned(),
         url: Some("u".repeat(CameraTable::TEXT_LIMIT / 4)),
         frames: vec![frame("0", pinhole(0.0), Picture::Absent); 8],
     };
     let rows: Vec<usize> = batches_from_scene(&scene).unwrap().iter().map(RecordBatch::num_rows).collect();
-    assert_eq!(rows, [3, 3, 2], "four addresses and their keys are too much");
+    assert_eq!(rows, [3, 3, 2], "four URLs and their keys exceed the limit");
     let scene = Scene { url: Some("u".repeat(CameraTable::TEXT_LIMIT)), ..scene };
     assert!(matches!(batches_from_scene(&scene), Err(ColumnsError::RowTooLong { frame: 0, .. })));
 }
@@ -150,41 +150,41 @@ fn with_column(batch: &RecordBatch, name: &str, array: arrow_array::ArrayRef, nu
 }
 
 #[test]
-fn foreign_tables_are_refused_by_row_and_column() {
+fn errors_name_row_and_column() {
     use std::sync::Arc;
     let batch = one_batch(&varied());
-    let refused = |batch: &RecordBatch| rows_from_batch(batch).unwrap_err().to_string();
+    let error = |batch: &RecordBatch| rows_from_batch(batch).unwrap_err().to_string();
 
-    let words = Arc::new(StringArray::from(vec!["none", "none", "spherical", "none"]));
+    let lenses = Arc::new(StringArray::from(vec!["none", "none", "spherical", "none"]));
     assert_eq!(
-        refused(&with_column(&batch, "distortion", words, false)),
+        error(&with_column(&batch, "distortion", lenses, false)),
         "camera table: row 2, column \"distortion\": expected none, opencv or fisheye, found \"spherical\""
     );
-    let holes = Arc::new(arrow_array::Float64Array::from(vec![Some(1.0), None, Some(1.0), Some(1.0)]));
+    let nulls = Arc::new(arrow_array::Float64Array::from(vec![Some(1.0), None, Some(1.0), Some(1.0)]));
     assert_eq!(
-        refused(&with_column(&batch, "fx", holes, true)),
+        error(&with_column(&batch, "fx", nulls, true)),
         "camera table: row 1, column \"fx\": expected a value, found null"
     );
     let numbers = Arc::new(arrow_array::Float64Array::from(vec![1.0, 0.0, 1.0, 1.0]));
     assert_eq!(
-        refused(&with_column(&batch, "fy", numbers, false)),
+        error(&with_column(&batch, "fy", numbers, false)),
         "camera table: row 1: fy: expected a positive number, found 0"
     );
     let narrow = Arc::new(arrow_array::Float32Array::from(vec![1.0; 4]));
     assert_eq!(
-        refused(&with_column(&batch, "t2", narrow, false)),
+        error(&with_column(&batch, "t2", narrow, false)),
         "camera table: column \"t2\": expected Float64, found Float32"
     );
     let fewer = batch.project(&[0, 1, 2]).unwrap();
-    assert_eq!(refused(&fewer), "camera table: expected a column \"name\", found none");
+    assert_eq!(error(&fewer), "camera table: expected a column \"name\", found none");
 
     let newer = batch.schema().as_ref().clone().with_metadata([("atsplat.version", "2")]);
     let newer = RecordBatch::try_new(Arc::new(newer), batch.columns().to_vec()).unwrap();
-    assert_eq!(refused(&newer), "camera table: expected schema version 1, found \"2\"");
+    assert_eq!(error(&newer), "camera table: expected schema version 1, found \"2\"");
 }
 
 #[test]
-fn text_in_views_is_read_too() {
+fn reads_string_views() {
     let scene = varied();
     let mut batch = one_batch(&scene);
     for name in ["scene", "url", "name", "distortion", "picture", "picture_path"] {
@@ -221,7 +221,7 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn any_trajectory_comes_back(
+    fn any_trajectory_round_trips(
         cameras in prop::collection::vec(any_camera(), 0..20), key in ".*", names in prop::collection::vec(".*", 20),
     ) {
         let frames = cameras.into_iter().zip(&names).map(|(camera, name)| frame(name, camera, Picture::Absent)).collect();

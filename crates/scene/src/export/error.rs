@@ -9,24 +9,15 @@ use crate::columns::ColumnsError;
 /// Why a camera table cannot be written to a file.
 #[derive(Debug, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum ExportError {
-    /// The path's extension names no format.
+    /// The path's extension is not that of a supported format.
     #[error("expected a file named .parquet, .arrow, .feather, .ipc or .csv ({})", path.display())]
-    UnknownExtension {
-        /// The path asked for.
-        path: PathBuf,
-    },
-    /// The file system refused.
+    UnknownExtension { path: PathBuf },
+    /// A file system operation failed.
     #[error("{action}: {source} ({})", path.display())]
-    Io {
-        /// What was being done.
-        action: &'static str,
-        /// The file.
-        path: PathBuf,
-        /// The system's reason.
-        source: std::io::Error,
-    },
-    /// Scenes do not make columns.
+    Io { action: &'static str, path: PathBuf, source: std::io::Error },
+    /// A scene cannot be converted to columns.
     #[error(transparent)]
     Columns(#[from] ColumnsError),
     /// Arrow could not encode a batch.

@@ -5,22 +5,22 @@ use serde::{Deserialize, Serialize};
 
 use super::ExportError;
 
-/// A file format that a camera table is written in.
+/// A file format of camera tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExportFormat {
     /// Apache Parquet, zstd-compressed pages, statistics; the schema's metadata as key-value pairs.
     Parquet,
-    /// Arrow's IPC file format (Feather 2), uncompressed, so that it can be memory-mapped; keeps the schema
-    /// whole, with its metadata.
+    /// Arrow's IPC file format (Feather 2), uncompressed, so that it can be memory-mapped; keeps the complete schema
+    /// with its metadata.
     ArrowIpc,
-    /// Comma-separated text with a header; floats in the fewest digits that give the same bits back, null
-    /// as nothing between commas, no place for metadata.
+    /// Comma-separated text with a header, without metadata; floats have the fewest digits that round-trip, null is an
+    /// empty cell.
     Csv,
 }
 
 impl ExportFormat {
-    /// By the path's extension: `parquet`; `arrow`, `feather` or `ipc`; `csv`.
+    /// The format of a path's extension: `parquet`; `arrow`, `feather` or `ipc`; `csv`.
     ///
     /// # Errors
     /// [`ExportError::UnknownExtension`].

@@ -1,12 +1,10 @@
-//! Camera tables as files: Parquet, Arrow IPC, CSV.
+//! Writes camera tables as Parquet, Arrow IPC or CSV.
 //!
-//! [`export`] walks a dataset scene by scene, in parallel but in the order of its keys, holds at most a few
-//! record batches at a time, and renames the file into place only when it is complete. The same dataset
-//! gives the same bytes whatever the number of threads.
+//! [`export`] reads scenes in parallel and writes them in the order of their keys, with at most a few record batches in
+//! memory, and renames the file into place when it is complete. The bytes do not depend on the number of threads.
 
 mod error;
 mod format;
-mod polars_frame;
 mod writer;
 
 use std::path::Path;
@@ -18,31 +16,31 @@ use crate::{SceneSource, Warnings, load_scenes};
 
 pub use error::ExportError;
 pub use format::ExportFormat;
-pub(crate) use polars_frame::polars_from_batch;
 pub use writer::TableWriter;
 
-/// Scenes read at a time: enough to keep many cores busy, few enough to hold in memory.
+/// Scenes in memory at once: enough to keep many cores busy.
 const SCENES_AT_ONCE: usize = 256;
 
-/// What an export wrote.
+/// Summary of an export.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ExportSummary {
     /// Scenes written.
     pub scenes: u64,
-    /// Scenes that could not be read; each is a warning with its reason.
+    /// Scenes that could not be read; each has a warning with the reason.
     pub skipped: u64,
     /// Rows written, one per frame.
     pub frames: u64,
-    /// Size of the file.
+    /// Size of the file in bytes.
     pub bytes: u64,
 }
 
-/// Writes every camera of `source` to `path`, calling `step` once per scene from any thread.
+/// Writes every camera of `source` to `path` and calls `step` once per scene, from any thread.
+///
+/// A scene that cannot be read is skipped with a warning.
 ///
 /// # Errors
-/// [`ExportError`] where the file cannot be written; nothing is left at `path` then, and a file that was
-/// there before stays. A scene that cannot be read is no error but a warning, and is left out.
+/// [`ExportError`] if the file cannot be written; an existing file at `path` is then unchanged.
 pub fn export(
     source: &dyn SceneSource,
     path: &Path,

@@ -5,6 +5,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use arrow_array::RecordBatch;
 use polars::prelude::*;
 
+use super::writer::polars_from_batch;
 use super::*;
 use crate::WarningKind;
 use crate::columns::{batches_from_scene, rows_from_batch, schema};
@@ -19,7 +20,7 @@ fn exported(source: &TestSource, format: ExportFormat) -> (Vec<u8>, ExportSummar
     };
     let summary = export(source, &path, format, &mut warnings, &step).unwrap();
     assert_eq!(steps.into_inner(), source.keys().len(), "one step per scene");
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing but the table is left");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "only the table is left");
     let bytes = fs::read(path).unwrap();
     assert_eq!(summary.bytes, bytes.len() as u64);
     (bytes, summary, warnings)
@@ -29,7 +30,7 @@ fn dataset() -> TestSource {
     TestSource::new((0..40).map(|n| wandering_scene(&format!("scene {n:02}, \"quoted\""), 5 + n)))
 }
 
-/// What should stand in every file, through polars.
+/// The expected content of every file, as a polars frame.
 fn expected_frame(source: &TestSource) -> DataFrame {
     let frames: Vec<DataFrame> = source
         .scenes()
@@ -43,14 +44,14 @@ fn expected_frame(source: &TestSource) -> DataFrame {
     whole
 }
 
-/// All f64 columns as bits, so that equal means equal.
+/// All f64 columns as bits, for exact comparison.
 fn float_bits(frame: &DataFrame) -> Vec<(String, Vec<Option<u64>>)> {
     let floats = frame.columns().iter().filter(|column| column.dtype() == &DataType::Float64);
     floats.map(|c| (c.name().to_string(), c.f64().unwrap().iter().map(|v| v.map(f64::to_bits)).collect())).collect()
 }
 
 #[test]
-fn parquet_is_read_back_by_polars_whole() {
+fn polars_reads_back_parquet() {
     let source = dataset();
     let (bytes, summary, _) = exported(&source, ExportFormat::Parquet);
     let read = ParquetReader::new(Cursor::new(bytes)).finish().unwrap();
@@ -61,14 +62,14 @@ fn parquet_is_read_back_by_polars_whole() {
 }
 
 #[test]
-fn parquet_carries_the_convention() {
+fn parquet_metadata_states_the_convention() {
     let (bytes, ..) = exported(&dataset(), ExportFormat::Parquet);
     let text = String::from_utf8_lossy(&bytes);
     assert!(text.contains("atsplat.convention") && text.contains(crate::columns::CONVENTION));
 }
 
 #[test]
-fn arrow_ipc_is_read_back_bit_for_bit_by_arrow_and_by_polars() {
+fn arrow_and_polars_read_back_arrow_ipc_bit_for_bit() {
     let source = dataset();
     let (bytes, ..) = exported(&source, ExportFormat::ArrowIpc);
     let reader = arrow_ipc::reader::FileReader::try_new(Cursor::new(&bytes), None).unwrap();
@@ -85,7 +86,7 @@ fn arrow_ipc_is_read_back_bit_for_bit_by_arrow_and_by_polars() {
 }
 
 #[test]
-fn csv_floats_come_back_bit_for_bit() {
+fn csv_floats_round_trip_bit_for_bit() {
     let source = dataset();
     let (bytes, ..) = exported(&source, ExportFormat::Csv);
     let expected = expected_frame(&source);
@@ -93,7 +94,7 @@ fn csv_floats_come_back_bit_for_bit() {
     let read = CsvReader::new(Cursor::new(&bytes)).with_options(options).finish().unwrap();
     assert_eq!(float_bits(&read), float_bits(&expected), "read by polars");
 
-    // And by the standard library's parser; no cell before the floats holds a comma that is not quoted.
+    // Also by the standard library's parser: the cells after the floats contain no commas.
     let text = String::from_utf8(bytes).unwrap();
     let header: Vec<&str> = text.lines().next().unwrap().split(',').collect();
     assert_eq!(header, schema().fields().iter().map(|field| field.name().as_str()).collect::<Vec<_>>());
@@ -105,7 +106,7 @@ fn csv_floats_come_back_bit_for_bit() {
 }
 
 #[test]
-fn a_broken_scene_is_left_out_and_told() {
+fn an_unreadable_scene_is_skipped_with_a_warning() {
     let source = dataset().with_unreadable("scene 07, \"quoted\"");
     let (bytes, summary, warnings) = exported(&source, ExportFormat::Parquet);
     assert_eq!((summary.scenes, summary.skipped), (39, 1));
@@ -116,7 +117,7 @@ fn a_broken_scene_is_left_out_and_told() {
 }
 
 #[test]
-fn a_dataset_without_scenes_is_a_table_without_rows() {
+fn an_empty_dataset_gives_an_empty_table() {
     let empty = TestSource::new([]);
     let columns = schema().fields().len();
     let parquet = ParquetReader::new(Cursor::new(exported(&empty, ExportFormat::Parquet).0)).finish().unwrap();
@@ -128,7 +129,7 @@ fn a_dataset_without_scenes_is_a_table_without_rows() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_show() {
+fn bytes_do_not_depend_on_the_number_of_threads() {
     let source = dataset();
     for format in [ExportFormat::Parquet, ExportFormat::ArrowIpc, ExportFormat::Csv] {
         let on = |threads| {
@@ -140,7 +141,7 @@ fn the_number_of_threads_does_not_show() {
 }
 
 #[test]
-fn an_unfinished_file_leaves_the_old_one() {
+fn an_unfinished_export_keeps_the_old_file() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("cameras.csv");
     fs::write(&path, "old").unwrap();
@@ -148,20 +149,20 @@ fn an_unfinished_file_leaves_the_old_one() {
     writer.write(&batches_from_scene(&wandering_scene("a", 3)).unwrap()[0]).unwrap();
     drop(writer);
     assert_eq!(fs::read_to_string(&path).unwrap(), "old");
-    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "the unfinished part is removed");
+    assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "the unfinished file is removed");
 }
 
 #[test]
-fn wrong_paths_are_told_before_work_starts() {
+fn unwritable_paths_fail_before_work_starts() {
     let folder = tempfile::tempdir().unwrap();
-    let refused = |path: &Path| TableWriter::create(path, ExportFormat::Csv).unwrap_err().to_string();
-    assert!(refused(folder.path()).contains("directory"), "a folder");
-    assert!(refused(&folder.path().join("absent/cameras.csv")).starts_with("opening an output file: "));
+    let error = |path: &Path| TableWriter::create(path, ExportFormat::Csv).unwrap_err().to_string();
+    assert!(error(folder.path()).contains("directory"), "a folder");
+    assert!(error(&folder.path().join("absent/cameras.csv")).starts_with("opening an output file: "));
     assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 0);
 }
 
 #[test]
-fn formats_are_told_by_extension() {
+fn formats_are_recognised_by_extension() {
     let of = |name: &str| ExportFormat::of_path(Path::new(name));
     assert_eq!(of("a/b.parquet").unwrap(), ExportFormat::Parquet);
     assert_eq!(of("b.ARROW").unwrap(), ExportFormat::ArrowIpc);

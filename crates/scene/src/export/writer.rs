@@ -1,23 +1,26 @@
 use std::fmt;
+use std::io::Cursor;
 use std::path::Path;
 
 use arrow_array::RecordBatch;
-use arrow_ipc::writer::FileWriter;
-use polars::io::{csv, parquet};
-use polars::prelude::{CsvWriter, KeyValueMetadata, ParquetWriter, Schema, SerWriter as _};
-
-use super::{ExportError, ExportFormat, polars_from_batch};
-use crate::columns::{metadata, schema};
+use arrow_ipc::writer::{FileWriter, StreamWriter};
 use atsplat_files::{AtomicFile, Writer};
+use polars::io::{csv, parquet};
+use polars::prelude::{
+    CsvWriter, DataFrame, IpcStreamReader, KeyValueMetadata, ParquetWriter, Schema, SerReader as _, SerWriter as _,
+};
 
-/// Writes camera tables batch by batch into one file that appears when it is complete.
+use super::{ExportError, ExportFormat};
+use crate::columns::{metadata, schema};
+
+/// Writes record batches into one file, which appears when it is complete.
 pub struct TableWriter {
-    // Dropped before the file, which then removes what was not finished.
+    // Dropped before `file`, which then removes an unfinished file.
     sink: Sink,
     file: AtomicFile,
 }
 
-/// Arrow IPC is written by Arrow itself, which keeps the schema whole; the other two by polars.
+/// Arrow IPC is written by Arrow itself, which keeps the complete schema; the other two by polars.
 enum Sink {
     Parquet(Box<parquet::write::BatchedWriter<Writer>>),
     ArrowIpc(Box<FileWriter<Writer>>),
@@ -25,10 +28,10 @@ enum Sink {
 }
 
 impl TableWriter {
-    /// Opens a file beside `path` for batches of [`crate::columns::schema`].
+    /// Opens a temporary file next to `path` for batches of [`crate::columns::schema`].
     ///
     /// # Errors
-    /// [`ExportError::Io`] where the folder is missing or not writable.
+    /// [`ExportError::Io`] if the folder is missing or not writable.
     pub fn create(path: &Path, format: ExportFormat) -> Result<Self, ExportError> {
         let file = AtomicFile::create(path).map_err(ExportError::io("opening an output file", path))?;
         let sink = match format {
@@ -43,10 +46,10 @@ impl TableWriter {
         Ok(Self { sink, file })
     }
 
-    /// Appends the rows of one batch; a row group of its own in Parquet.
+    /// Appends the rows of one batch, in Parquet as a row group of its own.
     ///
     /// # Errors
-    /// [`ExportError`] where encoding or writing fails.
+    /// [`ExportError`] if encoding or writing fails.
     pub fn write(&mut self, batch: &RecordBatch) -> Result<(), ExportError> {
         if batch.num_rows() == 0 {
             return Ok(());
@@ -59,10 +62,10 @@ impl TableWriter {
         Ok(())
     }
 
-    /// Completes the file and puts it in its place; its size in bytes.
+    /// Completes the file, renames it into place and returns its size in bytes.
     ///
     /// # Errors
-    /// [`ExportError`] where the rest cannot be written or the file cannot be renamed.
+    /// [`ExportError`] if the rest cannot be written or the file cannot be renamed.
     pub fn finish(self) -> Result<u64, ExportError> {
         match self.sink {
             Sink::Parquet(writer) => drop(writer.finish()?),
@@ -88,4 +91,19 @@ impl fmt::Debug for TableWriter {
 fn polars_schema() -> Result<Schema, ExportError> {
     let empty = polars_from_batch(&RecordBatch::new_empty(schema()))?;
     Ok(empty.schema().as_ref().clone())
+}
+
+/// Converts a record batch to a polars frame. Polars has its own Arrow types, so the batch goes through Arrow's stream
+/// format in memory; the cost of this copy is negligible compared with writing a file.
+///
+/// # Errors
+/// [`ExportError::Arrow`] or [`ExportError::Polars`] if one side does not support a column.
+pub(crate) fn polars_from_batch(batch: &RecordBatch) -> Result<DataFrame, ExportError> {
+    let mut stream = StreamWriter::try_new(Vec::new(), batch.schema_ref())?;
+    stream.write(batch)?;
+    stream.finish()?;
+    let bytes = stream.into_inner()?;
+    let mut frame = IpcStreamReader::new(Cursor::new(bytes)).finish()?;
+    frame.rechunk_mut();
+    Ok(frame)
 }

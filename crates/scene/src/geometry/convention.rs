@@ -5,15 +5,14 @@ use serde::{Deserialize, Serialize};
 
 use super::View;
 
-/// Focal lengths that differ by less than this fraction are the same reading.
+/// Focal lengths that differ by less than this fraction count as equal.
 const SAME_FOCAL: f64 = 0.01;
 
-/// How the numbers of a camera file might have been meant: as declared, or with one of the mistakes that
-/// users of this field report again and again.
+/// An interpretation of a camera file's numbers: as declared, or with one of the field's common mistakes.
 ///
-/// Readings of the pose are complete for cameras in OpenCV or OpenGL axes stored in either direction: an
-/// epipolar line does not change when the whole world is turned, and up to that all eight combinations of
-/// what was stored and what was assumed are one of these four.
+/// The pose interpretations are complete for cameras in OpenCV or OpenGL axes stored in either direction: epipolar
+/// lines do not change under a rotation of the world, and up to that all eight combinations of what was stored and what
+/// was assumed are one of these four.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
@@ -24,25 +23,25 @@ pub enum Convention {
     PoseInverted,
     /// OpenGL (+y up, +z back) and OpenCV (+y down, +z forward) camera axes exchanged.
     AxesFlipped,
-    /// Both of the former.
+    /// Both of the above.
     PoseInvertedAxesFlipped,
-    /// The true focal lengths are half as long.
+    /// The true focal lengths are half the declared ones.
     FocalHalved,
-    /// The true focal lengths are twice as long.
+    /// The true focal lengths are twice the declared ones.
     FocalDoubled,
     /// fx and fy exchanged, or each divided by the other side of the picture.
     FocalExchanged,
-    /// fy is right and pixels are square: fx belongs to a picture of another width (RE10K's 640×360
-    /// intrinsics used with square centre crops).
+    /// fy is right and pixels are square; fx belongs to a picture of another width (RE10K's 640×360 intrinsics used with
+    /// square centre crops).
     FocalFromFy,
-    /// fx is right and pixels are square: fy belongs to a picture of another height.
+    /// fx is right and pixels are square; fy belongs to a picture of another height.
     FocalFromFx,
     /// The pictures are already undistorted, though a lens is declared.
     NoDistortion,
 }
 
 impl Convention {
-    /// Every reading, the declared one first.
+    /// All interpretations, the declared one first.
     pub const ALL: [Self; 10] = [
         Self::Declared,
         Self::PoseInverted,
@@ -56,7 +55,7 @@ impl Convention {
         Self::NoDistortion,
     ];
 
-    /// The stable name that reports use.
+    /// The stable name in reports.
     pub const fn name(self) -> &'static str {
         match self {
             Self::Declared => "declared",
@@ -72,7 +71,7 @@ impl Convention {
         }
     }
 
-    /// What the reading says about the files, as a clause.
+    /// A description of the suspected mistake, as a clause.
     pub const fn meaning(self) -> &'static str {
         match self {
             Self::Declared => "poses, axes, focal lengths and lens are what the format declares",
@@ -92,8 +91,7 @@ impl Convention {
         }
     }
 
-    /// The view as it would be under this reading; `None` where that is the declared view again, or no
-    /// camera at all.
+    /// The view under this interpretation; `None` if that equals the declared view, or is not a valid camera.
     pub fn reinterpret(self, view: &View) -> Option<View> {
         let Camera { camera_from_world, intrinsics: k, distortion } = view.camera;
         let world_from_camera = camera_from_world.inverse();
@@ -138,17 +136,17 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     #[test]
-    fn pose_readings_are_involutions() {
+    fn pose_interpretations_are_involutions() {
         let view = view([0.3, -0.2, 0.1], [1.0, 2.0, 3.0]);
-        for reading in [Convention::PoseInverted, Convention::AxesFlipped] {
-            let twice = reading.reinterpret(&reading.reinterpret(&view).unwrap()).unwrap();
+        for convention in [Convention::PoseInverted, Convention::AxesFlipped] {
+            let twice = convention.reinterpret(&convention.reinterpret(&view).unwrap()).unwrap();
             let (back, before) = (twice.camera.camera_from_world, view.camera.camera_from_world);
-            Tolerance::F64.assert(back.to_rows(), before.to_rows(), reading.name());
+            Tolerance::F64.assert(back.to_rows(), before.to_rows(), convention.name());
         }
     }
 
     #[test]
-    fn readings_that_change_nothing_do_not_apply() {
+    fn interpretations_that_change_nothing_do_not_apply() {
         let mut square = view([0.0; 3], [0.0; 3]);
         assert!(Convention::FocalFromFy.reinterpret(&square).is_none(), "pixels are square already");
         assert!(Convention::NoDistortion.reinterpret(&square).is_none(), "there is no lens");
@@ -167,7 +165,7 @@ mod tests {
     }
 
     #[test]
-    fn names_are_what_serde_writes() {
+    fn names_match_serde() {
         for convention in Convention::ALL {
             assert_eq!(serde_json::to_value(convention).unwrap(), convention.name());
         }

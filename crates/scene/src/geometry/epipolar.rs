@@ -2,13 +2,13 @@ use glam::{DMat3, DVec2, DVec3};
 
 use super::{PointMatch, View};
 
-/// Centres closer than this fraction of their distance from the origin share one centre: what is left
-/// after subtracting poses that went through nine decimals or f32 is rounding.
+/// Camera centres closer than this fraction of their distance from the origin coincide: for poses stored with nine
+/// decimals or as f32, the difference is rounding.
 const COINCIDENT: f64 = 1e-9;
 
-/// What two posed pinhole views demand of matched points.
+/// The epipolar constraint of two posed pinhole views.
 ///
-/// Lens distortion is not part of it: points go through [`View::undistorted`] first.
+/// Points have to be undistorted first, by [`View::undistorted`].
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EpipolarGeometry {
     fundamental: DMat3,
@@ -20,8 +20,8 @@ pub struct EpipolarGeometry {
 }
 
 impl EpipolarGeometry {
-    /// From two views; `None` where the cameras share their centre, so that any point may match along
-    /// no line at all, or where a number is not finite.
+    /// The geometry of two views; `None` if the camera centres coincide, so that there are no epipolar lines, or if a
+    /// number is not finite.
     pub fn new(first: &View, second: &View) -> Option<Self> {
         let (world_from_first, world_from_second) =
             (first.camera.camera_from_world.inverse(), second.camera.camera_from_world.inverse());
@@ -57,11 +57,10 @@ impl EpipolarGeometry {
         self.essential
     }
 
-    /// Symmetric epipolar distance in pixels: the root mean square of the two distances between a point
-    /// and the line that the other one draws (§11.4.3 sums their squares; the root of the mean is in
-    /// pixels of one picture).
+    /// Symmetric epipolar distance in pixels: the root mean square of the two distances between a point and the epipolar
+    /// line of the other one (§11.4.3 sums their squares; the root of the mean is in pixels of one picture).
     ///
-    /// A point on the epipole itself lies on every line. NaN for a point that is NaN.
+    /// A point on the epipole lies on every line. NaN for a NaN point.
     pub fn distance(&self, points: &PointMatch) -> f64 {
         let (first, second) = (points.first.extend(1.0), points.second.extend(1.0));
         let (line_in_second, line_in_first) = (self.fundamental * first, self.fundamental.transpose() * second);
@@ -70,10 +69,10 @@ impl EpipolarGeometry {
         (0.5 * (a * a + b * b)).sqrt()
     }
 
-    /// Whether the point that the two rays pass closest to is in front of both cameras.
+    /// Whether the triangulated point is in front of both cameras.
     ///
-    /// The epipolar distance cannot see a translation of the wrong sign; this can. Parallel rays meet at
-    /// infinity: in front where they point the same way.
+    /// Unlike the epipolar distance this detects a translation of the wrong sign. Parallel rays meet at infinity, in front
+    /// if they point in the same direction.
     pub fn in_front(&self, points: &PointMatch) -> bool {
         let a = self.rotation * (self.first_plane_from_pixel * points.first.extend(1.0));
         let b = self.second_plane_from_pixel * points.second.extend(1.0);
@@ -87,7 +86,7 @@ impl EpipolarGeometry {
     }
 }
 
-/// `residual` is what the point's coordinates leave in the line's equation.
+/// Distance of a point from `line`, where `residual` is the value of the line's equation at the point.
 fn from_line(residual: f64, line: DVec3) -> f64 {
     let slope = DVec2::new(line.x, line.y).length();
     if slope == 0.0 && residual == 0.0 { 0.0 } else { residual.abs() / slope }
@@ -101,7 +100,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
     use proptest::prelude::*;
 
-    /// Pixels of order 1000 through two 3×3 inverses.
+    /// For pixels of order 1000 through two 3×3 inverses.
     const PIXELS: Tolerance = Tolerance::absolute(1e-9);
 
     fn pair() -> (View, View) {
@@ -119,7 +118,7 @@ mod tests {
         }
 
         #[test]
-        fn a_step_off_the_line_is_measured_in_pixels(x in -1.5..1.5, y in -1.0..1.0, z in 3.0..40.0, step in 0.1..30.0) {
+        fn the_distance_is_in_pixels(x in -1.5..1.5, y in -1.0..1.0, z in 3.0..40.0, step in 0.1..30.0) {
             let (first, second) = pair();
             let geometry = EpipolarGeometry::new(&first, &second).unwrap();
             let mut points = match_of(&first, &second, DVec3::new(x, y, z)).unwrap();
@@ -133,7 +132,7 @@ mod tests {
         }
 
         #[test]
-        fn exchanging_the_views_changes_nothing(
+        fn the_distance_is_symmetric_in_the_views(
             a in 0.0..640.0, b in 0.0..480.0, c in 0.0..640.0, d in 0.0..480.0,
         ) {
             let (first, second) = pair();
@@ -145,7 +144,7 @@ mod tests {
         }
 
         #[test]
-        fn moving_and_scaling_the_world_changes_nothing(factor in 1e-3..1e3, turn in -3.0..3.0, shift in -50.0..50.0) {
+        fn the_distance_is_invariant_under_similarities_of_the_world(factor in 1e-3..1e3, turn in -3.0..3.0, shift in -50.0..50.0) {
             let (first, second) = pair();
             let motion = WorldFromCamera::new(DMat3::from_rotation_y(turn), DVec3::splat(shift)).unwrap();
             let moved = |view: &View| {
@@ -161,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn one_centre_has_no_geometry() {
+    fn coinciding_centres_have_no_geometry() {
         let first = view([0.0, 0.0, 0.0], [1.0, 2.0, 3.0]);
         let turned = view([0.3, 0.0, 0.0], [1.0, 2.0, 3.0]);
         assert!(EpipolarGeometry::new(&first, &turned).is_none(), "rotation only");
@@ -169,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reversed_translation_keeps_the_distance_and_loses_the_front() {
+    fn a_reversed_translation_puts_points_behind_at_the_same_distance() {
         let first = view([0.0; 3], [0.0; 3]);
         let second = view([0.0; 3], [0.5, 0.1, 0.0]);
         let reversed = view([0.0; 3], [-0.5, -0.1, 0.0]);
@@ -180,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn essential_has_two_equal_singular_values_and_a_zero() {
+    fn the_essential_matrix_has_two_equal_singular_values_and_a_zero() {
         let (first, second) = pair();
         let e = EpipolarGeometry::new(&first, &second).unwrap().essential();
         // 2·E·Eᵀ·E − trace(E·Eᵀ)·E = 0 (Hartley and Zisserman §9.6.2, Result 9.17 in polynomial form).
@@ -193,7 +192,7 @@ mod tests {
 
     #[test]
     fn the_epipole_lies_on_every_line_and_nan_stays_nan() {
-        // Walking straight ahead without turning, the epipole is the principal point.
+        // For a translation along the optical axis the epipole is the principal point.
         let first = view([0.0; 3], [0.0; 3]);
         let second = view([0.0; 3], [0.0, 0.0, 1.0]);
         let geometry = EpipolarGeometry::new(&first, &second).unwrap();
@@ -204,11 +203,11 @@ mod tests {
     }
 
     #[test]
-    fn infinite_poses_have_no_geometry() {
+    fn overflowing_poses_give_no_nan() {
         let far = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(1e300, 0.0, 0.0)).unwrap();
         let first = view([0.0; 3], [0.0; 3]);
         let second = View { camera: atsplat_camera::Camera { camera_from_world: far, ..first.camera }, ..first };
-        // Lengths overflow; whatever comes back must not be a NaN that looks like a score.
+        // Lengths overflow; the result must not be a NaN that could be taken for a score.
         if let Some(geometry) = EpipolarGeometry::new(&first, &second) {
             assert!(geometry.fundamental().is_finite());
         }

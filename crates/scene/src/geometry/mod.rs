@@ -1,5 +1,5 @@
-//! Two-view geometry on matched points: what the cameras of a scene claim, held against what its
-//! pictures show. Pure arithmetic; the matches come from anywhere (feature `opencv` has SIFT).
+//! Two-view geometry: checks the cameras of a scene against points matched between its pictures. Pure arithmetic; the
+//! matches are an input (feature `opencv` provides SIFT).
 
 mod convention;
 mod epipolar;

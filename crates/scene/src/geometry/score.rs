@@ -3,38 +3,36 @@ use serde::Serialize;
 
 use super::{Convention, EpipolarGeometry, PointMatch, View};
 
-/// Two views as declared and the points that were matched between their pictures, as they were found:
-/// in pixels, through the lens.
+/// Two views as declared, and the points matched between their pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct MatchedPair {
     /// The first view.
     pub first: View,
     /// The second view.
     pub second: View,
-    /// Matched points in raw pixels of the two pictures.
+    /// Matched points in raw, distorted pixels of the two pictures.
     pub matches: Vec<PointMatch>,
 }
 
-/// How well one reading of the cameras explains the matches.
+/// How well one interpretation of the cameras explains the matches.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct ConventionScore {
-    /// The reading.
+    /// The interpretation.
     pub convention: Convention,
     /// Median symmetric epipolar distance over all matches of all pairs, in pixels.
     pub median_px: f64,
-    /// Fraction of the matches whose rays meet in front of both cameras, in [0, 1].
+    /// Fraction of the matches that triangulate in front of both cameras, in [0, 1].
     pub in_front: f64,
-    /// How many matches were measured.
+    /// Number of matches measured.
     pub matches: usize,
 }
 
-/// Scores every reading that applies, in the order of [`Convention::ALL`]. No reading has a free
-/// parameter, so that none is favoured by fitting.
+/// Scores every interpretation that applies, in the order of [`Convention::ALL`]. None has a free parameter, so that
+/// none is favoured by fitting.
 ///
-/// Each match counts once. Pairs whose centres coincide under a reading, and points that its lens model
-/// does not reach, are not measured under it. A reading that measures fewer than half of what the
-/// declared one does is left out rather than judged by a remainder; the declared one is left out only
-/// where nothing can be measured.
+/// Each match counts once. Pairs whose centres coincide under an interpretation, and points outside the domain of its
+/// lens model, are not measured. An interpretation with fewer than half of the declared one's measured matches is
+/// omitted; the declared one is omitted only if nothing can be measured.
 pub fn score_conventions(pairs: &[MatchedPair]) -> Vec<ConventionScore> {
     let mut scores: Vec<ConventionScore> = Vec::new();
     for convention in Convention::ALL {
@@ -56,8 +54,8 @@ fn score(convention: Convention, pairs: &[MatchedPair]) -> Option<ConventionScor
         };
         let Some(geometry) = EpipolarGeometry::new(&first, &second) else { continue };
         for points in &pair.matches {
-            let straight = (first.undistorted(points.first), second.undistorted(points.second));
-            let (Some(first), Some(second)) = straight else { continue };
+            let undistorted = (first.undistorted(points.first), second.undistorted(points.second));
+            let (Some(first), Some(second)) = undistorted else { continue };
             let points = PointMatch { first, second };
             distances.push(geometry.distance(&points));
             in_front += usize::from(geometry.in_front(&points));
@@ -84,19 +82,19 @@ mod tests {
     }
 
     #[test]
-    fn declared_is_exact_and_every_mistake_is_far_off() {
+    fn the_declared_interpretation_is_exact_and_mistakes_are_far_off() {
         let scores = score_conventions(&[turning_pair()]);
         let declared = of(&scores, Convention::Declared).unwrap();
         assert!(Tolerance::absolute(1e-9).accepts(declared.median_px, 0.0), "{declared:?}");
         Tolerance::EXACT.assert([declared.in_front], [1.0], "in front");
-        assert_eq!(scores.len(), 7, "square pixels and a pinhole rule three readings out: {scores:?}");
+        assert_eq!(scores.len(), 7, "three interpretations do not apply to square pixels and a pinhole: {scores:?}");
         for score in &scores[1..] {
             assert!(score.median_px > 3.0, "{score:?}");
         }
     }
 
     #[test]
-    fn a_mistake_made_on_purpose_is_found_under_its_name() {
+    fn simulated_mistakes_are_identified() {
         let truth = turning_pair();
         let mistakes = [
             (Convention::PoseInverted, Convention::PoseInverted),
@@ -116,8 +114,8 @@ mod tests {
     }
 
     #[test]
-    fn both_pose_mistakes_at_once_are_found_under_their_name() {
-        // Files that hold OpenGL camera-to-world, read as OpenCV world-to-camera.
+    fn two_simultaneous_pose_mistakes_are_identified() {
+        // OpenGL camera-to-world matrices, read as OpenCV world-to-camera.
         let truth = turning_pair();
         let wrong = |view: &View| {
             let file = view.camera.camera_from_world.inverse().opengl_from_opencv();
@@ -130,23 +128,23 @@ mod tests {
     }
 
     #[test]
-    fn a_lens_is_undone_and_leaving_it_out_is_seen() {
-        let bend = |mut view: View| {
+    fn lens_distortion_is_undone_and_omitting_it_is_detected() {
+        let distorted = |mut view: View| {
             view.camera.distortion = Distortion::OpenCv { k1: -0.25, k2: 0.05, k3: 0.0, p1: 1e-3, p2: -2e-3 };
             view
         };
         let pinhole = turning_pair();
-        let scores = score_conventions(&[matched(bend(pinhole.first), bend(pinhole.second))]);
+        let scores = score_conventions(&[matched(distorted(pinhole.first), distorted(pinhole.second))]);
         let declared = of(&scores, Convention::Declared).unwrap();
         assert!(Tolerance::absolute(1e-8).accepts(declared.median_px, 0.0), "{declared:?}");
         assert!(of(&scores, Convention::NoDistortion).unwrap().median_px > 1.0);
-        let straight = MatchedPair { first: bend(pinhole.first), second: bend(pinhole.second), ..pinhole };
-        let scores = score_conventions(&[straight]);
+        let undistorted = MatchedPair { first: distorted(pinhole.first), second: distorted(pinhole.second), ..pinhole };
+        let scores = score_conventions(&[undistorted]);
         assert!(Tolerance::absolute(1e-9).accepts(of(&scores, Convention::NoDistortion).unwrap().median_px, 0.0));
     }
 
     #[test]
-    fn nothing_to_measure_gives_no_score() {
+    fn there_is_no_score_without_measurable_matches() {
         assert!(score_conventions(&[]).is_empty());
         let still = view([0.0; 3], [1.0, 0.0, 0.0]);
         let turned = view([0.2, 0.0, 0.0], [1.0, 0.0, 0.0]);

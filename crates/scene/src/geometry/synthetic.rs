@@ -5,7 +5,7 @@ use glam::{DMat3, DQuat, DVec2, DVec3, EulerRot};
 
 use super::{MatchedPair, PointMatch, View};
 
-/// A 640×480 pinhole at `centre`, turned by `angles` about y, x and z.
+/// A 640×480 pinhole camera at `centre`, rotated by `angles` about y, x and z.
 pub(crate) fn view(angles: [f64; 3], centre: [f64; 3]) -> View {
     let [y, x, z] = angles;
     let rotation = DMat3::from_quat(DQuat::from_euler(EulerRot::YXZ, y, x, z));
@@ -14,12 +14,12 @@ pub(crate) fn view(angles: [f64; 3], centre: [f64; 3]) -> View {
     View { camera: Camera::pinhole(pose.inverse(), intrinsics), size: ImageSize { width: 640, height: 480 } }
 }
 
-/// Where both views see a world point, through their lenses; `None` behind a camera.
+/// A world point in distorted pixels of both views; `None` behind a camera.
 pub(crate) fn match_of(first: &View, second: &View, point: DVec3) -> Option<PointMatch> {
     Some(PointMatch { first: pixel_of(first, point)?, second: pixel_of(second, point)? })
 }
 
-/// A cloud of points that all views of these tests have in front of them.
+/// Points in front of all views of these tests.
 pub(crate) fn cloud() -> Vec<DVec3> {
     let unit = |index: u32, step: f64| (f64::from(index) * step).fract();
     (0..200u32)
@@ -30,7 +30,7 @@ pub(crate) fn cloud() -> Vec<DVec3> {
         .collect()
 }
 
-/// The cloud as both views see it.
+/// The points of [`cloud`] that both views see.
 pub(crate) fn matched(first: View, second: View) -> MatchedPair {
     let matches = cloud().into_iter().filter_map(|point| match_of(&first, &second, point)).collect();
     MatchedPair { first, second, matches }
@@ -41,6 +41,6 @@ fn pixel_of(view: &View, point: DVec3) -> Option<DVec2> {
     if seen.z <= 0.0 {
         return None;
     }
-    let bent = view.camera.distortion.lens().ok()?.distorted_from_undistorted(seen.truncate() / seen.z).ok()?;
-    Some((view.pixel_from_plane() * bent.extend(1.0)).truncate())
+    let distorted = view.camera.distortion.lens().ok()?.distorted_from_undistorted(seen.truncate() / seen.z).ok()?;
+    Some((view.pixel_from_plane() * distorted.extend(1.0)).truncate())
 }

@@ -4,48 +4,48 @@ use serde::Serialize;
 
 use super::{Convention, ConventionScore};
 
-/// A reading explains the pictures where its median is at most this many pixels …
+/// An interpretation explains the pictures if its median is at most this many pixels …
 const FIT_PX: f64 = 0.5;
-/// … plus this fraction of the picture's diagonal: pose errors grow with the resolution, the noise of
-/// feature points does not.
+/// … plus this fraction of the picture's diagonal: pose errors in pixels grow with the resolution, the noise of feature
+/// points does not.
 const FIT_DIAGONAL: f64 = 1e-3;
-/// Readings within this factor of the smallest median cannot be told apart.
+/// Interpretations within this factor of the smallest median cannot be distinguished.
 const RIVAL_FACTOR: f64 = 1.5;
-/// A reading that puts fewer of the points in front of both cameras cannot be right.
+/// An interpretation with a smaller fraction of points in front of both cameras cannot be right.
 const IN_FRONT: f64 = 0.5;
 
-/// What the scores say about the declared cameras.
+/// The conclusion from the scores about the declared cameras.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "verdict", rename_all = "kebab-case")]
 pub enum Verdict {
-    /// A reading explains the pictures. It is the declared one unless another is clearly better.
+    /// An interpretation explains the pictures: the declared one unless another is clearly better.
     Fits {
-        /// The reading to trust.
+        /// The interpretation to use.
         convention: Convention,
-        /// Other readings that these pictures cannot rule out, best first.
+        /// Other interpretations that these pictures do not rule out, best first.
         not_ruled_out: Vec<Convention>,
     },
-    /// No reading explains the pictures: something else is wrong, or they do not show the same place.
+    /// No interpretation explains the pictures: something else is wrong, or they do not show the same place.
     NothingFits {
-        /// The reading with the smallest median of those that put the points in front, if any does.
+        /// The interpretation with the smallest median among those with the points in front, if any.
         closest: Option<Convention>,
     },
-    /// There was too little to measure.
+    /// Too few matches were measured.
     TooFewMatches,
 }
 
 impl Verdict {
-    /// Whether the cameras can be used as they are.
+    /// Whether the cameras can be used as declared.
     pub const fn declared_fits(&self) -> bool {
         matches!(self, Self::Fits { convention: Convention::Declared, .. })
     }
 }
 
-/// Judges scores of [`super::score_conventions`].
+/// The verdict on scores of [`super::score_conventions`].
 ///
-/// A reading fits where its median is at most `0.5 px + 0.001 · diagonal` and at least half of the points
-/// lie in front of both cameras. Of those, the declared reading is trusted unless another has a median
-/// more than 1.5 times smaller; readings within that factor of the best are named as not ruled out.
+/// An interpretation fits if its median is at most `0.5 px + 0.001 · diagonal` and at least half of the points are in
+/// front of both cameras. Of those, the declared one is trusted unless another has a median more than 1.5 times
+/// smaller; interpretations within that factor of the best are listed as not ruled out.
 pub fn verdict(scores: &[ConventionScore], diagonal_px: f64, min_matches: usize) -> Verdict {
     let declared = scores.iter().find(|score| score.convention == Convention::Declared);
     if declared.is_none_or(|score| score.matches < min_matches) {
@@ -81,10 +81,10 @@ impl fmt::Display for Verdict {
                 Ok(())
             }
             Self::NothingFits { closest: Some(closest) } => {
-                write!(f, "no reading explains the pictures; {closest} is closest")
+                write!(f, "no interpretation explains the pictures; {closest} is closest")
             }
             Self::NothingFits { closest: None } => {
-                f.write_str("no reading explains the pictures; none even puts the points in front of the cameras")
+                f.write_str("no interpretation explains the pictures; none puts the points in front of the cameras")
             }
             Self::TooFewMatches => f.write_str("too few matches to judge"),
         }
@@ -104,7 +104,7 @@ mod tests {
     }
 
     #[test]
-    fn the_declared_reading_has_the_benefit_of_the_doubt() {
+    fn the_declared_interpretation_is_preferred_when_in_doubt() {
         use Convention::{AxesFlipped, Declared, PoseInverted};
         let inverted = |px| score(PoseInverted, px, 1.0);
         let declared = |px| score(Declared, px, 1.0);
@@ -116,14 +116,14 @@ mod tests {
     }
 
     #[test]
-    fn points_behind_the_cameras_rule_a_reading_out() {
+    fn points_behind_the_cameras_rule_out_an_interpretation() {
         let scores = [score(Convention::Declared, 0.2, 0.01), score(Convention::PoseInverted, 0.2, 0.99)];
         assert_eq!(verdict(&scores, 400.0, 50), fits(Convention::PoseInverted, &[]));
         assert_eq!(verdict(&scores[..1], 400.0, 50), Verdict::NothingFits { closest: None });
     }
 
     #[test]
-    fn a_large_median_fits_nothing_and_nan_is_no_fit() {
+    fn large_and_nan_medians_do_not_fit() {
         let nothing = Verdict::NothingFits { closest: Some(Convention::Declared) };
         assert_eq!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 400.0, 50), nothing);
         assert!(verdict(&[score(Convention::Declared, 1.0, 1.0)], 2000.0, 50).declared_fits(), "a larger picture");
@@ -131,14 +131,14 @@ mod tests {
     }
 
     #[test]
-    fn few_matches_are_not_judged() {
+    fn too_few_matches_give_no_verdict() {
         assert_eq!(verdict(&[score(Convention::Declared, 0.1, 1.0)], 400.0, 101), Verdict::TooFewMatches);
         assert_eq!(verdict(&[], 400.0, 0), Verdict::TooFewMatches);
     }
 
     #[test]
-    fn the_words_name_the_mistake() {
-        let words = fits(Convention::PoseInverted, &[]).to_string();
-        assert!(words.contains("inverted"), "{words}");
+    fn the_message_names_the_mistake() {
+        let message = fits(Convention::PoseInverted, &[]).to_string();
+        assert!(message.contains("inverted"), "{message}");
     }
 }

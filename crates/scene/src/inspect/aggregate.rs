@@ -10,10 +10,10 @@ use super::report::{
 };
 use crate::Warnings;
 
-/// Examples told for each kind of problem.
+/// Examples listed for each kind of problem.
 const EXAMPLES: usize = 3;
 
-/// All scenes' measures: counts added up, numbers in columns.
+/// The measurements of all scenes: counts are summed, numbers collected in columns.
 #[derive(Default)]
 pub(super) struct Gathered {
     scenes: Vec<SceneSummary>,
@@ -82,7 +82,7 @@ impl Gathered {
     }
 }
 
-/// Order statistics of the finite values; the others are counted.
+/// Order statistics of the finite values, and the number of the others.
 fn summary(values: impl IntoIterator<Item = f64>) -> Summary {
     let (mut finite, other): (Vec<f64>, Vec<f64>) = values.into_iter().partition(|value| value.is_finite());
     finite.sort_by(f64::total_cmp);

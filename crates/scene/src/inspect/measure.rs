@@ -7,7 +7,7 @@ use glam::DVec3;
 use super::{LensCounts, PictureCounts, SizeSampling};
 use crate::{Picture, Scene, WarningKind, Warnings};
 
-/// Everything that the report needs to know of one scene; its pictures are let go.
+/// The measurements of one scene, without its pictures.
 pub(super) struct SceneMeasure {
     pub(super) key: String,
     pub(super) pictures: PictureCounts,
@@ -21,9 +21,9 @@ pub(super) struct SceneMeasure {
 
 /// The numbers of one frame.
 pub(super) struct FrameMeasure {
-    /// `fx`, `fy`, `cx`, `cy`, and the field of view across and down in degrees.
+    /// `fx`, `fy`, `cx`, `cy`, and the horizontal and vertical field of view in degrees.
     pub(super) pinhole: [f64; Self::PINHOLE],
-    /// Distance and angle in degrees from the frame before; none for a scene's first frame.
+    /// Distance and angle in degrees from the previous frame; `None` for a scene's first frame.
     pub(super) motion: Option<[f64; Self::MOTION]>,
 }
 
@@ -47,7 +47,7 @@ impl SceneMeasure {
             .zip(&scene.frames)
             .map(|(motion, frame)| FrameMeasure::of(&frame.camera, motion))
             .collect();
-        // Not `sum()`, which is −0 where there is no step.
+        // Not `sum()`, which is −0 if there are no steps.
         let path_length = frames.iter().filter_map(|frame| frame.motion).fold(0.0, |sum, [step, _]| sum + step);
         let mut measure = Self {
             key: scene.key.clone(),
@@ -112,13 +112,13 @@ fn motion([before, after]: &[WorldFromCamera; 2]) -> [f64; 2] {
     [after.centre().distance(before.centre()), (2.0 * half_sine.asin()).to_degrees()]
 }
 
-/// Greatest distance from the mean centre; `None` without cameras.
+/// Largest distance from the mean centre; `None` without cameras.
 fn extent(poses: &[WorldFromCamera]) -> Option<f64> {
     let mean = poses.iter().map(WorldFromCamera::centre).sum::<DVec3>() / poses.len() as f64;
     poses.iter().map(|pose| pose.centre().distance(mean)).reduce(Extremes::maximum_of)
 }
 
-/// Positions out of `0..count`, from the first to the last.
+/// Positions in `0..count`, evenly spread from the first to the last.
 fn evenly_spread(count: usize, sampling: SizeSampling) -> Vec<usize> {
     let chosen = match sampling {
         SizeSampling::None => 0,
@@ -134,7 +134,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn samples_reach_from_the_first_to_the_last() {
+    fn samples_include_the_first_and_the_last() {
         assert_eq!(evenly_spread(10, SizeSampling::PerScene(3)), [0, 4, 9]);
         assert_eq!(evenly_spread(10, SizeSampling::PerScene(1)), [0]);
         assert_eq!(evenly_spread(2, SizeSampling::PerScene(5)), [0, 1]);

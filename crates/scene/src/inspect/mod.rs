@@ -1,4 +1,4 @@
-//! What a dataset is, before anything is run on it: counts, picture sizes, intrinsics, baselines, problems.
+//! Statistics of a dataset: counts, picture sizes, intrinsics, baselines, problems.
 
 mod aggregate;
 mod measure;
@@ -16,10 +16,10 @@ pub use report::{
     Summary,
 };
 
-/// Scenes read at a time; their pictures' bytes are let go before the next.
+/// Scenes in memory at once.
 const SCENES_AT_ONCE: usize = 256;
 
-/// How much an inspection looks at.
+/// What an inspection reads and reports.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct InspectOptions {
     /// Which pictures' headers are read for their size.
@@ -29,7 +29,7 @@ pub struct InspectOptions {
 }
 
 impl Default for InspectOptions {
-    /// Three headers a scene, no list of scenes.
+    /// Three headers per scene, no list of scenes.
     fn default() -> Self {
         Self { sizes: SizeSampling::PerScene(3), per_scene: false }
     }
@@ -38,19 +38,19 @@ impl Default for InspectOptions {
 /// Which pictures' headers are read for their size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SizeSampling {
-    /// None: no picture file is opened.
+    /// None.
     None,
-    /// At most so many of each scene, evenly spread from its first picture to its last.
+    /// At most this many of each scene, evenly spread from its first picture to its last.
     PerScene(usize),
-    /// Every one.
+    /// All.
     All,
 }
 
-/// Reads every scene of `source` on rayon's threads and reports what is there. `format` is the name to
-/// report for the dataset's format; `warnings` may already hold what opening it found, and everything in
-/// it is among the inspection's problems. `progress` is called after each scene, from any thread.
+/// Reads every scene of `source` in parallel and reports statistics. `format` is the reported name of the dataset's
+/// format. The reported problems are all of `warnings`, including those from opening the dataset. `progress` is called
+/// after each scene, from any thread.
 ///
-/// The report is the same for any number of threads. A scene that cannot be read is a problem in the report, not an
+/// The report does not depend on the number of threads. A scene that cannot be read is a problem in the report, not an
 /// error.
 pub fn inspect(
     source: &dyn SceneSource,

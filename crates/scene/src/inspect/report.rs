@@ -3,49 +3,49 @@ use serde::Serialize;
 
 use crate::{Warning, WarningKind};
 
-/// What a dataset holds. [`std::fmt::Display`] prints it as a table, serde as JSON.
+/// Statistics of a dataset; [`std::fmt::Display`] formats them as a table, serde as JSON.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Inspection {
     /// Name of the dataset's format.
     pub format: String,
-    /// Scenes listed, read and not readable.
+    /// Scenes listed, read and unreadable.
     pub scenes: SceneCounts,
-    /// Frames in all scenes.
+    /// Frames of all scenes.
     pub frames: u64,
-    /// Frames a scene.
+    /// Frames per scene.
     pub frames_per_scene: Summary,
     /// Where the frames' pictures are.
     pub pictures: PictureCounts,
-    /// Sizes that picture headers say, most frequent first.
+    /// Sizes according to picture headers, most frequent first.
     pub sizes: Vec<SizeCount>,
-    /// Sizes that the metadata states, most frequent first.
+    /// Sizes according to the metadata, most frequent first.
     pub stated_sizes: Vec<SizeCount>,
     /// Frames by lens model.
     pub lenses: LensCounts,
-    /// Pinhole numbers of all frames.
+    /// Intrinsics of all frames.
     pub intrinsics: Intrinsics,
-    /// How far and how fast cameras move.
+    /// Camera motion.
     pub baselines: Baselines,
-    /// What is wrong, by reason.
+    /// Problems by kind.
     pub problems: Vec<Problem>,
-    /// One entry a scene, where asked for.
+    /// One entry per scene, if requested.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub per_scene: Vec<SceneSummary>,
 }
 
 impl Inspection {
-    /// Whether every scene that the dataset lists could be read.
+    /// Whether every listed scene could be read.
     pub const fn is_complete(&self) -> bool {
         self.scenes.unreadable == 0
     }
 }
 
-/// How many scenes.
+/// Numbers of scenes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SceneCounts {
-    /// Keys that the dataset lists.
+    /// Keys in the dataset.
     pub listed: u64,
     /// Scenes read.
     pub read: u64,
@@ -53,25 +53,25 @@ pub struct SceneCounts {
     pub unreadable: u64,
 }
 
-/// How many frames, by where their picture is.
+/// Numbers of frames, by where their picture is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct PictureCounts {
     /// In a file of their own.
     pub files: u64,
-    /// Encoded in a chunk, or made when asked for.
+    /// Encoded in a chunk, or generated on demand.
     pub encoded: u64,
-    /// Listed, but the file is not there.
+    /// Listed, but the file is missing.
     pub missing: u64,
-    /// Nowhere: the trajectory came alone.
+    /// Without a picture: the source holds only the trajectory.
     pub absent: u64,
-    /// Headers that were read for the picture's size.
+    /// Headers read for the picture's size.
     pub headers_read: u64,
     /// Headers that could not be read.
     pub headers_unreadable: u64,
 }
 
-/// How many pictures are of one size.
+/// Number of pictures of one size.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SizeCount {
@@ -82,7 +82,7 @@ pub struct SizeCount {
     pub frames: u64,
 }
 
-/// How many frames, by lens model.
+/// Numbers of frames, by lens model.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct LensCounts {
@@ -94,23 +94,23 @@ pub struct LensCounts {
     pub fisheye: u64,
 }
 
-/// Least, middle and greatest of a set of numbers.
+/// Minimum, median and maximum of a set of numbers.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Summary {
-    /// Finite numbers among them, which the others are taken over.
+    /// Finite numbers; the statistics are over these.
     pub count: u64,
-    /// NaN and infinite ones.
+    /// NaN and infinite numbers.
     pub non_finite: u64,
-    /// Least.
+    /// Minimum.
     pub min: Option<f64>,
-    /// Middle; the mean of the two middle ones where their number is even.
+    /// Median; the mean of the two middle numbers if `count` is even.
     pub median: Option<f64>,
-    /// Greatest.
+    /// Maximum.
     pub max: Option<f64>,
 }
 
-/// Pinhole numbers over all frames.
+/// Intrinsics over all frames.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Intrinsics {
@@ -122,14 +122,13 @@ pub struct Intrinsics {
     pub cx: Summary,
     /// Principal point over picture height.
     pub cy: Summary,
-    /// Horizontal opening angle in degrees, as pixelSplat's `get_fov` defines it.
+    /// Horizontal field of view in degrees, as pixelSplat's `get_fov` defines it.
     pub fov_x_degrees: Summary,
-    /// Vertical opening angle in degrees.
+    /// Vertical field of view in degrees.
     pub fov_y_degrees: Summary,
 }
 
-/// How far cameras move; lengths in scene units, which differ from scene to scene unless the dataset is
-/// metric.
+/// Camera motion; lengths in scene units, which differ between scenes unless the dataset is metric.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Baselines {
@@ -141,41 +140,41 @@ pub struct Baselines {
     pub scene_step: Summary,
     /// Median rotation per frame of a scene in degrees, over scenes.
     pub scene_rotation_degrees: Summary,
-    /// Greatest distance of a camera from its scene's mean centre, over scenes: 3DGS's `cameras_extent`
+    /// Largest distance of a camera from its scene's mean centre, over scenes: 3DGS's `cameras_extent`
     /// without its factor 1.1 (3DGS `scene/dataset_readers.py`, `getNerfppNorm`).
     pub extent: Summary,
     /// Sum of a scene's steps, over scenes.
     pub path_length: Summary,
 }
 
-/// What is wrong, for one reason.
+/// All problems of one kind.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Problem {
-    /// The reason.
+    /// The kind.
     pub kind: WarningKind,
-    /// How often.
+    /// Number of problems.
     pub count: u64,
     /// The first few, in the order of scenes.
     pub examples: Vec<Warning>,
 }
 
-/// One scene in short.
+/// Statistics of one scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SceneSummary {
     /// Scene key.
     pub key: String,
-    /// Frames.
+    /// Number of frames.
     pub frames: u64,
-    /// Frames whose picture is there, in a file or a chunk.
+    /// Number of frames with a picture, in a file or a chunk.
     pub pictures: u64,
     /// Median distance between consecutive frames' centres, in scene units; `None` below two frames.
     pub step: Option<f64>,
     /// Median angle between consecutive frames in degrees; `None` below two frames.
     pub rotation_degrees: Option<f64>,
-    /// Greatest distance of a camera from the mean centre, in scene units; `None` without frames.
+    /// Largest distance of a camera from the mean centre, in scene units; `None` without frames.
     pub extent: Option<f64>,
-    /// Sum of the steps, in scene units.
+    /// Sum of the distances between consecutive frames, in scene units.
     pub path_length: f64,
 }

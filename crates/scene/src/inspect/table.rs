@@ -2,8 +2,8 @@ use std::fmt;
 
 use super::report::{Inspection, SizeCount, Summary};
 
-/// Sizes named before the rest are only counted.
-const SIZES_NAMED: usize = 4;
+/// Sizes listed; the others are only counted.
+const SIZES_LISTED: usize = 4;
 
 impl fmt::Display for Inspection {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -91,9 +91,9 @@ impl Inspection {
             for example in &problem.examples {
                 writeln!(f, "           {example}")?;
             }
-            let told = problem.examples.len() as u64;
-            if problem.count > told {
-                writeln!(f, "           and {} more", problem.count - told)?;
+            let listed = problem.examples.len() as u64;
+            if problem.count > listed {
+                writeln!(f, "           and {} more", problem.count - listed)?;
             }
         }
         Ok(())
@@ -103,7 +103,7 @@ impl Inspection {
         if self.per_scene.is_empty() {
             return Ok(());
         }
-        let width = self.per_scene.iter().map(|scene| scene.key.chars().count()).max().unwrap_or_default().max(5);
+        let width = self.per_scene.iter().map(|scene| scene.key.chars().count()).fold(5, usize::max);
         writeln!(f)?;
         let titles = ["frames", "pictures", "step", "rotation, °", "extent", "path length"];
         write!(f, "{:<width$}", "scene")?;
@@ -130,9 +130,9 @@ fn counted(parts: &[(u64, &str)]) -> String {
 }
 
 fn sizes(counts: &[SizeCount]) -> String {
-    let named = counts.iter().take(SIZES_NAMED).map(|count| format!("{} × {}", count.frames, count.size));
+    let named = counts.iter().take(SIZES_LISTED).map(|count| format!("{} × {}", count.frames, count.size));
     let mut text: Vec<String> = named.collect();
-    if let Some(others) = counts.get(SIZES_NAMED..).filter(|others| !others.is_empty()) {
+    if let Some(others) = counts.get(SIZES_LISTED..).filter(|others| !others.is_empty()) {
         let frames: u64 = others.iter().map(|count| count.frames).sum();
         text.push(format!("{frames} of {} other sizes", others.len()));
     }

@@ -5,7 +5,7 @@ use atsplat_camera::{Camera, Distortion, ImageSize};
 use atsplat_numeric::Tolerance;
 
 use super::*;
-use crate::test_source::{TestSource, camera_at, frame, turned_camera_at, wandering_scene};
+use crate::test_source::{TestSource, camera_at, frame, rotated_camera_at, wandering_scene};
 use crate::{Picture, Scene, SharedBytes};
 
 fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warnings) {
@@ -18,7 +18,7 @@ fn inspected(source: &TestSource, options: InspectOptions) -> (Inspection, Warni
     (report, warnings)
 }
 
-/// As much of a PNG as holds its size.
+/// The start of a PNG, up to its size.
 fn png(width: u32, height: u32) -> Picture {
     let mut bytes = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR".to_vec();
     bytes.extend([width.to_be_bytes(), height.to_be_bytes()].concat());
@@ -31,11 +31,11 @@ fn scene(key: &str, cameras: impl IntoIterator<Item = Camera>) -> Scene {
     Scene { key: key.to_owned(), url: None, frames }
 }
 
-/// Steps of 1, 2 and 3 along x; one lone camera; a turn by 30° on the spot.
+/// Steps of 1, 2 and 3 along x; a single camera; a rotation by 30° in place.
 fn small_dataset() -> TestSource {
     let line = scene("line", [0.0, 1.0, 3.0, 6.0].map(|x| camera_at([x, 0.0, 0.0])));
     let lone = scene("lone", [camera_at([5.0, 5.0, 5.0])]);
-    let turn = scene("turn", [0.0, 30.0].map(|angle| turned_camera_at([0.0; 3], angle)));
+    let turn = scene("turn", [0.0, 30.0].map(|angle| rotated_camera_at([0.0; 3], angle)));
     TestSource::new([line, lone, turn])
 }
 
@@ -47,40 +47,40 @@ fn assert_summary(summary: Summary, count: u64, [min, median, max]: [f64; 3], wh
 }
 
 #[test]
-fn baselines_are_what_a_hand_computes() {
+fn baselines_match_a_computation_by_hand() {
     let (report, _) = inspected(&small_dataset(), InspectOptions { per_scene: true, ..InspectOptions::default() });
     let b = report.baselines;
     assert_summary(b.step, 4, [0.0, 1.5, 3.0], "steps 1, 2, 3 and 0");
-    assert_summary(b.rotation_degrees, 4, [0.0, 0.0, 30.0], "one turn among four");
-    assert_summary(b.scene_step, 2, [0.0, 1.0, 2.0], "medians 2 and 0; the lone camera has none");
+    assert_summary(b.rotation_degrees, 4, [0.0, 0.0, 30.0], "one rotation among four");
+    assert_summary(b.scene_step, 2, [0.0, 1.0, 2.0], "medians 2 and 0; the single camera has none");
     assert_summary(b.scene_rotation_degrees, 2, [0.0, 15.0, 30.0], "medians 0 and 30");
     assert_summary(b.extent, 3, [0.0, 0.0, 3.5], "the line's mean is at 2.5");
     assert_summary(b.path_length, 3, [0.0, 0.0, 6.0], "paths");
-    assert!(b.path_length.min.is_some_and(f64::is_sign_positive), "a lone camera's path is 0, not −0");
+    assert!(b.path_length.min.is_some_and(f64::is_sign_positive), "the path length of a single camera is 0, not −0");
     assert_summary(report.frames_per_scene, 3, [1.0, 2.0, 4.0], "frames");
     let steps: Vec<_> = report.per_scene.iter().map(|scene| (scene.key.as_str(), scene.frames, scene.step)).collect();
     assert_eq!(steps, [("line", 4, Some(2.0)), ("lone", 1, None), ("turn", 2, Some(0.0))]);
 }
 
 #[test]
-fn intrinsics_and_their_field_of_view() {
+fn reports_intrinsics_and_field_of_view() {
     let (report, _) = inspected(&small_dataset(), InspectOptions::default());
     assert_summary(report.intrinsics.fx, 7, [0.5; 3], "fx");
     assert_summary(report.intrinsics.fov_x_degrees, 7, [90.0; 3], "twice the arctangent of 0.5 / 0.5");
     assert_summary(report.intrinsics.fov_y_degrees, 7, [2.0 * (0.5f64 / 0.9).atan().to_degrees(); 3], "field of view");
-    assert!(report.per_scene.is_empty(), "not asked for");
+    assert!(report.per_scene.is_empty(), "not requested");
 }
 
 #[test]
-fn small_turns_are_not_rounded_away() {
-    let turn = scene("turn", [0.0, 1e-7].map(|angle| turned_camera_at([0.0; 3], angle)));
+fn small_rotations_are_not_rounded_away() {
+    let turn = scene("turn", [0.0, 1e-7].map(|angle| rotated_camera_at([0.0; 3], angle)));
     let (report, _) = inspected(&TestSource::new([turn]), InspectOptions::default());
     let angle = report.baselines.rotation_degrees.max.unwrap();
     Tolerance::relative(1e-6).assert([angle], [1e-7], "an arccosine would give 0 or 1.2e-6");
 }
 
 #[test]
-fn moving_and_turning_the_world_changes_no_baseline() {
+fn baselines_are_invariant_under_rigid_motions_of_the_world() {
     let source = TestSource::new([wandering_scene("a", 30), wandering_scene("b", 7)]);
     let (before, _) = inspected(&source, InspectOptions::default());
     let (after, _) = inspected(&source.moved(), InspectOptions::default());
@@ -95,8 +95,8 @@ fn moving_and_turning_the_world_changes_no_baseline() {
     Tolerance { absolute: 1e-9, relative: 1e-9 }.assert(numbers(&after), numbers(&before), "baselines");
 }
 
-/// Everything that can be wrong with pictures in one scene, and a scene that cannot be read.
-fn troubled_dataset() -> TestSource {
+/// A scene with every kind of picture problem, and a scene that cannot be read.
+fn dataset_with_problems() -> TestSource {
     let mut pictures = wandering_scene("pictures", 6);
     let stated = ImageSize { width: 640, height: 360 };
     for (frame, picture) in pictures.frames.iter_mut().zip([
@@ -116,9 +116,9 @@ fn troubled_dataset() -> TestSource {
 }
 
 #[test]
-fn troubles_are_counted_and_told_by_reason() {
+fn problems_are_counted_by_kind() {
     let all = InspectOptions { sizes: SizeSampling::All, per_scene: false };
-    let (report, warnings) = inspected(&troubled_dataset(), all);
+    let (report, warnings) = inspected(&dataset_with_problems(), all);
     assert_eq!(report.scenes, SceneCounts { listed: 3, read: 2, unreadable: 1 });
     assert!(!report.is_complete());
     let expected =
@@ -137,7 +137,7 @@ fn troubles_are_counted_and_told_by_reason() {
 }
 
 #[test]
-fn files_are_opened_for_their_size() {
+fn picture_sizes_are_read_from_files() {
     let folder = tempfile::tempdir().unwrap();
     let Picture::Encoded(bytes) = png(640, 360) else { unreachable!() };
     std::fs::write(folder.path().join("0.png"), &*bytes).unwrap();
@@ -152,9 +152,9 @@ fn files_are_opened_for_their_size() {
 }
 
 #[test]
-fn sampling_bounds_the_headers_that_are_read() {
+fn sampling_limits_the_headers_read() {
     let opened = |sizes| {
-        let pictures = inspected(&troubled_dataset(), InspectOptions { sizes, per_scene: false }).0.pictures;
+        let pictures = inspected(&dataset_with_problems(), InspectOptions { sizes, per_scene: false }).0.pictures;
         pictures.headers_read + pictures.headers_unreadable
     };
     assert_eq!(opened(SizeSampling::None), 0);
@@ -163,7 +163,7 @@ fn sampling_bounds_the_headers_that_are_read() {
 }
 
 #[test]
-fn numbers_that_overflow_are_counted_and_not_averaged() {
+fn numbers_that_overflow_are_counted_but_not_averaged() {
     let far = scene("far", [-1e308, 1e308, 1.0].map(|x| camera_at([x, 0.0, 0.0])));
     let (report, _) = inspected(&TestSource::new([far]), InspectOptions::default());
     let step = report.baselines.step;
@@ -173,7 +173,7 @@ fn numbers_that_overflow_are_counted_and_not_averaged() {
 }
 
 #[test]
-fn nothing_is_a_dataset_too() {
+fn an_empty_dataset_has_a_report() {
     let (report, _) = inspected(&TestSource::new([]), InspectOptions { per_scene: true, ..InspectOptions::default() });
     assert_eq!((report.scenes, report.frames), (SceneCounts::default(), 0));
     assert_eq!(report.intrinsics.fx, Summary::default());
@@ -181,9 +181,9 @@ fn nothing_is_a_dataset_too() {
 }
 
 #[test]
-fn the_table_reads_well() {
+fn the_table_matches_the_snapshots() {
     let all = InspectOptions { sizes: SizeSampling::All, per_scene: true };
-    insta::assert_snapshot!("troubled", inspected(&troubled_dataset(), all).0.to_string());
+    insta::assert_snapshot!("troubled", inspected(&dataset_with_problems(), all).0.to_string());
     insta::assert_snapshot!("small", inspected(&small_dataset(), InspectOptions::default()).0.to_string());
 }
 
@@ -205,7 +205,7 @@ fn json_has_stable_names() {
 }
 
 #[test]
-fn the_number_of_threads_does_not_show() {
+fn the_report_does_not_depend_on_the_number_of_threads() {
     let scenes = (0..600).map(|n| wandering_scene(&format!("{n:03}"), 2 + n % 17));
     let source = TestSource::new(scenes).with_unreadable("300");
     let on = |threads| {

@@ -2,10 +2,10 @@ use serde_json::{Map, Value};
 
 use crate::poses::is_list_of_poses;
 
-/// Keys named at most.
+/// Maximum number of keys listed.
 const NAMED: usize = 6;
 
-/// Files of cameras that are met in the field and are not read as a dataset, by keys that nothing else has.
+/// Common camera files that are not supported as datasets, by keys that identify them.
 const KNOWN: [(&[&str], &str); 7] = [
     (&["camera_path", "keyframes"], "a camera path of nerfstudio's viewer"),
     (&["cameras", "shots"], "a reconstruction of OpenSfM"),
@@ -16,7 +16,7 @@ const KNOWN: [(&[&str], &str); 7] = [
     (&["views", "sfm_data_version"], "a scene of OpenMVG"),
 ];
 
-/// What a JSON file that is none of the expected seems to be, for a message.
+/// Describes what an unsupported JSON file seems to hold, for an error message.
 pub fn describe(value: &Value) -> String {
     match value {
         Value::Array(items) if is_list_of_poses(value) => {
@@ -31,14 +31,14 @@ pub fn describe(value: &Value) -> String {
     }
 }
 
-/// An object by what it holds, or by what the first of its values holds where it is a table by name.
+/// Describes an object, or, if it is a table by name, its first known value.
 fn describe_object(fields: &Map<String, Value>) -> String {
     if let Some(known) = known(fields) {
         return known.to_owned();
     }
     let of_name = fields.iter().find_map(|(name, value)| Some((name, known(value_or_first(value)?)?)));
     match of_name {
-        Some((name, known)) => format!("{} things by name, of which {name:.40?} is {known}", fields.len()),
+        Some((name, known)) => format!("a table of {} entries, of which {name:.40?} is {known}", fields.len()),
         None => format!("an object with {}", keys(fields)),
     }
 }
@@ -47,7 +47,7 @@ fn describe_part(value: &Value) -> String {
     match value {
         Value::Object(fields) => describe_object(fields),
         Value::Array(items) => match items.first() {
-            Some(first) => format!("a list of {}, from a {} on", items.len(), kind(first)),
+            Some(first) => format!("a list of {} that starts with a {}", items.len(), kind(first)),
             None => "an empty list".to_owned(),
         },
         other => format!("a {}", kind(other)),
@@ -59,7 +59,7 @@ fn known(fields: &Map<String, Value>) -> Option<&'static str> {
     KNOWN.iter().find(|(names, _)| has(names)).map(|(_, what)| *what)
 }
 
-/// latentSplat's indices have a list of entries in the place of one.
+/// latentSplat's indices have a list of entries instead of one.
 fn value_or_first(value: &Value) -> Option<&Map<String, Value>> {
     value.as_object().or_else(|| value.as_array()?.first()?.as_object())
 }
@@ -90,24 +90,24 @@ mod tests {
     use serde_json::json;
 
     #[test]
-    fn what_it_seems_is_said() {
+    fn describes_unsupported_files() {
         for (value, expected) in [
             (json!([]), "an empty list"),
             (json!(7), "a bare number"),
-            (json!([[1, 2, 3]]), "a list of 1, the first of which is a list of 3, from a number on"),
+            (json!([[1, 2, 3]]), "a list of 1, the first of which is a list of 3 that starts with a number"),
             (json!([[1.0, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]]), "a list of 1 camera matrices without intrinsics"),
             (json!({ "camera_path": [], "keyframes": [] }), "a camera path of nerfstudio's viewer"),
             (json!([{ "cameras": {}, "shots": {} }]), "a list of 1, the first of which is a reconstruction of OpenSfM"),
             (json!({ "0a": { "context": [1], "target": [2] } }), "\"0a\" is an entry of an evaluation index"),
             (
                 json!({ "0a": null, "0b": [{ "context": [1], "target": [2] }] }),
-                "2 things by name, of which \"0b\" is an entry",
+                "a table of 2 entries, of which \"0b\" is an entry",
             ),
             (json!({ "fx": 1, "fy": 2 }), "an object with the keys \"fx\", \"fy\""),
             (json!({ "a": 1, "b": 1, "c": 1, "d": 1, "e": 1, "f": 1, "g": 1 }), "\"f\" and 1 more"),
         ] {
             let found = describe(&value);
-            assert!(found.contains(expected), "{found}\nlacks {expected}");
+            assert!(found.contains(expected), "{found}\ndoes not contain {expected}");
         }
     }
 }

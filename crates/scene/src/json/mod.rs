@@ -1,7 +1,7 @@
-//! JSON whose objects have each key once.
+//! Parses JSON and rejects repeated keys.
 //!
-//! The standard leaves open which value of a repeated key counts (RFC 8259, section 4). Most readers take the last
-//! without a word, so that a file with two focal lengths has whichever stands below.
+//! The standard does not define which value of a repeated key counts (RFC 8259, section 4). Most parsers silently use
+//! the last, so that one of two focal lengths in a file would be ignored.
 
 mod describe;
 
@@ -15,19 +15,19 @@ use serde_json::{Map, Number, Value};
 
 pub use describe::describe;
 
-/// Any JSON; a byte order mark may stand before it.
+/// Parses any JSON, after an optional byte order mark.
 ///
 /// # Errors
-/// With line and column: text that is no JSON, or a key that stands twice in one object.
+/// For invalid JSON and for a repeated key in an object, with line and column.
 pub fn parse(text: &[u8]) -> serde_json::Result<Value> {
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     serde_json::from_slice(text).map(|Unique(value)| value)
 }
 
-/// One JSON object in its own order; `V` is what its keys have, each of them once.
+/// Parses a JSON object with values of type `V`, in the file's order.
 ///
 /// # Errors
-/// As [`parse`], and where a value is no `V`.
+/// Those of [`parse`], and for a value that is not a `V`.
 pub(crate) fn parse_object<V: for<'de> Deserialize<'de>>(text: &[u8]) -> serde_json::Result<IndexMap<String, V>> {
     serde_json::from_slice(text).map(|Object(entries)| entries)
 }
@@ -131,7 +131,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn a_repeated_key_is_an_error_wherever_it_stands() {
+    fn repeated_keys_are_errors_at_any_depth() {
         for (text, line) in [
             (r#"{"a": 1, "a": 1}"#, 1),
             ("{\"frames\": [\n{\"w\": 1},\n{\"w\": 1, \"h\": 2,\n\"w\": 3}]}", 4),
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn one_key_in_two_objects_is_none() {
+    fn one_key_in_two_objects_is_not_repeated() {
         parse(br#"{"a": {"a": 1}, "b": [{"a": 1}, {"a": 2}]}"#).unwrap();
         let ordered = parse_object::<u32>(br#"{"b": 1, "a": 2}"#).unwrap();
         assert_eq!(ordered.keys().collect::<Vec<_>>(), ["b", "a"]);
@@ -169,7 +169,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn everything_else_is_what_serde_json_reads(value in json()) {
+        fn other_json_parses_as_with_serde_json(value in json()) {
             let text = value.to_string();
             prop_assert_eq!(parse(text.as_bytes()).unwrap(), serde_json::from_str::<Value>(&text).unwrap());
         }

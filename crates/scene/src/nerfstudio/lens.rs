@@ -5,10 +5,12 @@ use atsplat_camera::{Distortion, ImageSize, NormalizedIntrinsics};
 use super::transforms::Object;
 use crate::SceneError;
 
-/// Intrinsics as a `transforms.json` states them, globally or for one frame: whatever is there.
+const UNSUPPORTED: &str = "neither perspective nor OPENCV_FISHEYE";
+
+/// The intrinsics that a `transforms.json` states, globally or for one frame.
 ///
-/// Lengths are in pixels of a picture of `w` × `h`, the resolution that the structure from motion ran
-/// at, which need not be that of any picture on disk: they are always divided by `w` and `h` (depthsplat
+/// Lengths are in pixels of a picture of `w` × `h`, the resolution that structure from motion ran at, which may differ
+/// from that of all pictures on disk: they are always divided by `w` and `h` (depthsplat
 /// `src/scripts/convert_dl3dv_test.py:90-129`).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct LensFields {
@@ -18,37 +20,37 @@ pub struct LensFields {
     pub h: Option<f64>,
     /// Horizontal focal length.
     pub focal_x: Option<Focal>,
-    /// Vertical focal length; the horizontal one's pixels where it is absent (instant-ngp).
+    /// Vertical focal length; if absent, the horizontal one in pixels (instant-ngp).
     pub focal_y: Option<Focal>,
-    /// Principal point column; the centre where it is absent.
+    /// Principal point column; the centre if absent.
     pub cx: Option<f64>,
-    /// Principal point row; the centre where it is absent.
+    /// Principal point row; the centre if absent.
     pub cy: Option<f64>,
-    /// Radial coefficients k1…k4, absent ones zero; `None` where none is written.
+    /// Radial coefficients k1…k4, absent ones zero; `None` if all are absent.
     pub radial: Option<[f64; 4]>,
-    /// Tangential coefficients p1, p2; `None` where none is written.
+    /// Tangential coefficients p1, p2, an absent one zero; `None` if both are absent.
     pub tangential: Option<[f64; 2]>,
-    /// Whether the angle's polynomial (`OPENCV_FISHEYE`, instant-ngp's `is_fisheye`) applies; `None` where
-    /// nothing is said, which means a perspective lens.
+    /// Whether the lens is a fisheye (`OPENCV_FISHEYE`, instant-ngp's `is_fisheye`); `None` if not stated, which means a
+    /// perspective lens.
     pub fisheye: Option<bool>,
 }
 
-/// A focal length in one of its two spellings.
+/// A focal length in one of its two notations.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Focal {
     /// `fl_x`, `fl_y`: pixels.
     Pixels(f64),
-    /// `camera_angle_x`, `camera_angle_y` in radians, or instant-ngp's `x_fov`, `y_fov` in degrees: the
-    /// opening angle from edge to edge, here in radians, in (0, π).
+    /// `camera_angle_x`, `camera_angle_y` in radians, or instant-ngp's `x_fov`, `y_fov` in degrees: the field of view,
+    /// here in radians, in (0, π).
     Angle(f64),
 }
 
-/// A lens whose numbers have been put together.
+/// A complete lens.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct ResolvedLens {
     pub(super) intrinsics: NormalizedIntrinsics,
     pub(super) distortion: Distortion,
-    /// The stated size where it is whole pixels.
+    /// The stated size if it is whole pixels.
     pub(super) size: Option<ImageSize>,
 }
 
@@ -60,14 +62,14 @@ impl LensFields {
             Some("OPENCV" | "PINHOLE" | "SIMPLE_PINHOLE" | "SIMPLE_RADIAL" | "RADIAL" | "PERSPECTIVE") => Some(false),
             Some("OPENCV_FISHEYE") => Some(true),
             Some(model) => {
-                return Err(object.unsupported("camera_model", model, "neither perspective nor OPENCV_FISHEYE"));
+                return Err(object.unsupported("camera_model", model, UNSUPPORTED));
             }
             None => object.value("is_fisheye").map(|_| object.flag("is_fisheye")).transpose()?,
         };
         for (field, model) in [("ftheta_p0", "FTheta"), ("latlong", "LatLong"), ("equirectangular", "Equirectangular")]
         {
             if object.value(field).is_some() {
-                return Err(object.unsupported(field, model, "neither perspective nor OPENCV_FISHEYE"));
+                return Err(object.unsupported(field, model, UNSUPPORTED));
             }
         }
         Ok(Self {
@@ -83,11 +85,10 @@ impl LensFields {
         })
     }
 
-    /// These fields where they are stated, `global`'s elsewhere.
+    /// A frame's own fields, completed by the `global` ones.
     ///
-    /// A frame that states any focal length states both axes: its `fl_x` alone is not paired with the
-    /// global `fl_y`. A frame of another size than the global one whose lengths in pixels are global has the
-    /// global lens, scaled to its size.
+    /// A frame that states any focal length states both axes: its `fl_x` alone is not paired with the global `fl_y`.
+    /// Global lengths in pixels are scaled to the size of the frame if it states another one.
     pub(super) fn or(self, global: Self) -> Self {
         let global = global.scaled_to(self.w, self.h);
         let (focal_x, focal_y) = match (self.focal_x, self.focal_y) {
@@ -107,7 +108,7 @@ impl LensFields {
         }
     }
 
-    /// Lengths in pixels for a picture of another size.
+    /// The fields with their lengths in pixels scaled to a picture of another size.
     fn scaled_to(self, w: Option<f64>, h: Option<f64>) -> Self {
         let ratio = |new: Option<f64>, old: Option<f64>| new.zip(old).map_or(1.0, |(new, old)| new / old);
         let (x, y) = (ratio(w, self.w), ratio(h, self.h));
@@ -126,25 +127,21 @@ impl LensFields {
         }
     }
 
-    /// Whether a camera can be made without looking at a picture's size.
+    /// Whether the lens is complete without the size of a picture file.
     pub(super) const fn states_size(&self) -> bool {
         self.w.is_some() && self.h.is_some()
     }
 
-    /// The camera's lens. `picture_size` is that of the picture as listed, for files that state no `w`
-    /// and `h` (Blender's synthetic scenes).
+    /// The camera's lens. `picture_size` is the size of the listed picture, for files without `w` and `h` (Blender's
+    /// synthetic scenes).
     pub(super) fn resolve(
         &self,
         picture_size: Option<ImageSize>,
         location: &str,
         path: &Path,
     ) -> Result<ResolvedLens, SceneError> {
-        let malformed = |field: &str, expected: &str, found: &str| SceneError::Malformed {
-            format: "transforms.json",
-            path: path.to_owned(),
-            location: format!("{location}{field}"),
-            expected: expected.to_owned(),
-            found: found.to_owned(),
+        let malformed = |field: &str, expected: &str, found: &str| {
+            SceneError::malformed("transforms.json", path, format!("{location}{field}"), expected, found)
         };
         let width = self.w.or(picture_size.map(|size| f64::from(size.width)));
         let height = self.h.or(picture_size.map(|size| f64::from(size.height)));
@@ -163,20 +160,16 @@ impl LensFields {
         };
         let (cx, cy) = (self.cx.unwrap_or(0.5 * width), self.cy.unwrap_or(0.5 * height));
         let intrinsics = NormalizedIntrinsics::new(fl_x / width, fl_y / height, cx / width, cy / height);
-        let camera = |source| SceneError::Camera { path: path.to_owned(), location: format!("{location}fl_x"), source };
+        let unsupported =
+            |(model, reason)| SceneError::unsupported_model(path, format!("{location}camera_model"), model, reason);
         Ok(ResolvedLens {
-            intrinsics: intrinsics.map_err(camera)?,
-            distortion: self.distortion().map_err(|(model, reason)| SceneError::UnsupportedCameraModel {
-                location: format!("{location}camera_model"),
-                model: model.to_owned(),
-                reason: reason.to_owned(),
-                path: path.to_owned(),
-            })?,
+            intrinsics: intrinsics.map_err(SceneError::camera(path, format!("{location}fl_x")))?,
+            distortion: self.distortion().map_err(unsupported)?,
             size: whole_size(width, height),
         })
     }
 
-    /// Coefficients make the lens, not the model's name: nerfstudio reads them for a `PINHOLE` too.
+    /// The coefficients determine the lens, not the model's name: nerfstudio reads them for a `PINHOLE` too.
     fn distortion(&self) -> Result<Distortion, (&'static str, &'static str)> {
         let [k1, k2, k3, k4] = self.radial.unwrap_or_default();
         let [p1, p2] = self.tangential.unwrap_or_default();
@@ -212,7 +205,7 @@ impl Focal {
     }
 }
 
-/// Whichever of the numbers are there, the others zero; `None` where none is.
+/// The numbers with these names, absent ones zero; `None` if all are absent.
 fn read_all<const N: usize>(object: &Object<'_>, names: [&str; N]) -> Result<Option<[f64; N]>, SceneError> {
     let (mut values, mut any) = ([0.0; N], false);
     for (value, name) in values.iter_mut().zip(names) {
@@ -231,7 +224,7 @@ fn read_size(object: &Object<'_>, name: &str) -> Result<Option<f64>, SceneError>
     }
 }
 
-/// The size where it is whole pixels; it is checked to lie in u32 when it is read.
+/// The size if it is whole pixels.
 fn whole_size(width: f64, height: f64) -> Option<ImageSize> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to lie in u32 when read")]
     let whole = |length: f64| (length.fract() == 0.0).then_some(length as u32);

@@ -2,9 +2,9 @@ use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use crate::files::{PictureListing, inside, split_picture_name};
-use crate::{Picture, PictureFolder, SceneError};
+use crate::{Picture, PictureFolder, SceneError, WarningKind, Warnings};
 
-/// Finds the pictures that a file lists, listing each folder once.
+/// Finds the pictures that a `transforms.json` or COLMAP model refers to; each folder is listed once.
 #[derive(Debug)]
 pub(crate) struct PictureFinder<'a> {
     root: &'a Path,
@@ -17,10 +17,23 @@ pub(crate) struct PictureFinder<'a> {
 #[derive(Debug)]
 pub(crate) struct FoundPicture {
     pub(crate) picture: Picture,
-    /// How the place differs from what is written down, where it does.
+    /// How the picture's path differs from the listed one, if it does.
     pub(crate) elsewhere: Option<String>,
-    /// Whether the folder is the one that the file lists: only there its pixel sizes hold.
+    /// Whether the folder is the listed one; only then the stated size applies.
     pub(crate) as_listed: bool,
+}
+
+impl FoundPicture {
+    /// Warns if the picture of the frame at `position` is missing or not where it is listed.
+    pub(crate) fn report(&self, scene: &str, position: usize, warnings: &mut Warnings) {
+        if let Picture::Missing(path) = &self.picture {
+            let detail = format!("frame {position}: no {}", path.display());
+            warnings.push(WarningKind::MissingPicture, scene, detail);
+        }
+        if let Some(detail) = &self.elsewhere {
+            warnings.push(WarningKind::PictureElsewhere, scene, format!("frame {position}: {detail}"));
+        }
+    }
 }
 
 #[derive(Debug)]
@@ -31,12 +44,12 @@ struct Folder {
 }
 
 impl<'a> PictureFinder<'a> {
-    /// Paths are taken relative to `root`; `file` is the one that lists them, for messages.
+    /// Paths are relative to `root`; `file` lists them and is for messages.
     pub(crate) const fn new(root: &'a Path, file: &'a Path, choice: PictureFolder) -> Self {
         Self { root, file, choice, folders: BTreeMap::new() }
     }
 
-    /// The picture written as `listed` relative to `folder`, which it must not leave.
+    /// The picture listed as `listed`, relative to `folder`, which it must not leave.
     pub(crate) fn find_below(
         &mut self,
         folder: &str,
@@ -48,7 +61,7 @@ impl<'a> PictureFinder<'a> {
         self.find(&format!("{folder}/{below}"), location)
     }
 
-    /// The picture written as `listed` at `location` of the file.
+    /// The picture listed as `listed` at `location` of the file.
     pub(crate) fn find(&mut self, listed: &str, location: &str) -> Result<FoundPicture, SceneError> {
         let outside = || outside(listed, location, self.file);
         let parts = inside(self.root, listed).ok_or_else(outside)?;
@@ -62,7 +75,7 @@ impl<'a> PictureFinder<'a> {
             let picture = Picture::Missing(folder.path.join(name));
             return Ok(FoundPicture { picture, elsewhere: None, as_listed: folder.as_listed });
         };
-        // A name without an extension is how Blender and instant-ngp write it, not a mistake.
+        // Blender and instant-ngp list names without an extension.
         let same_name = is_named.is_none() || path.file_name().is_some_and(|found| found == *name);
         let chosen = folder.as_listed || matches!(choice, PictureFolder::Downscaled(_));
         let as_listed = folder.as_listed;
@@ -75,15 +88,10 @@ impl<'a> PictureFinder<'a> {
             let folder = self.choose(listed)?;
             self.folders.insert(listed.to_owned(), folder);
         }
-        self.folders.get(listed).ok_or_else(|| SceneError::Unrecognized {
-            expected: "a folder of pictures".to_owned(),
-            found: listed.to_owned(),
-            path: self.root.to_owned(),
-        })
+        self.folders.get(listed).ok_or_else(|| SceneError::unrecognized(self.root, "a folder of pictures", listed))
     }
 
-    /// The folder that the choice asks for; where the listed one is not there, the largest downscaled
-    /// copy that is.
+    /// The folder to use according to `choice`; if the listed one does not exist, its largest downscaled copy.
     fn choose(&self, listed: &str) -> Result<Folder, SceneError> {
         let downscaled = |factor: u32| self.root.join(downscaled(listed, factor));
         let candidates = match self.choice {
@@ -116,9 +124,8 @@ fn outside(listed: &str, location: &str, file: &Path) -> SceneError {
     }
 }
 
-/// The downscaled copy of a folder: `images_8` of `images` and of `images_4`, `images_8/left` of
-/// `images/left`. Without a component called `images` the last one gets the factor; nerfstudio's own name
-/// stands in where pictures lie beside the file.
+/// The downscaled copy of a folder: `images_8` for `images` and `images_4`, `images_8/left` for `images/left`. Without a
+/// component `images` the last one gets the factor; for pictures next to the file the folder is nerfstudio's `images_8`.
 fn downscaled(listed: &str, factor: u32) -> String {
     let mut components: Vec<&str> = listed.split('/').collect();
     let pictures = components.iter().position(|name| without_factor(name) == "images");
@@ -143,7 +150,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_factor_goes_to_the_folder_of_pictures() {
+    fn the_factor_is_appended_to_the_folder_of_pictures() {
         for (listed, expected) in [
             ("images", "images_8"),
             ("images_4", "images_8"),

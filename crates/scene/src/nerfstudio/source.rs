@@ -5,32 +5,33 @@ use atsplat_camera::{Camera, CameraError, ImageSize, WorldFromCamera};
 use super::lens::LensFields;
 use super::{FoundPicture, PictureFinder, Transforms, parse_transforms};
 use crate::camera_policy::report_cameras;
+use crate::dataset::find_by_key;
 use crate::files::{last_name, list, read_file, split_picture_name};
 use crate::scene::{in_frame, size_of_file};
 use crate::{Frame, Picture, PictureFolder, Scene, SceneError, SceneSource, WarningKind, Warnings};
 
-/// Folders of one DL3DV scene that may hold its `transforms.json`, in the order they are tried: the
-/// distorted captures, and the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
+/// Subfolders of a DL3DV scene that may hold its `transforms.json`, in order of preference: the distorted captures, and
+/// the undistorted ones in 3DGS's layout (DL3DV `README.md:101`).
 const VARIANTS: [&str; 3] = ["", "nerfstudio", "gaussian_splat"];
 
 /// How `transforms.json` scenes are read.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NerfstudioOptions {
-    /// Which copy of the pictures to take.
+    /// Which copy of the pictures to use.
     pub pictures: PictureFolder,
-    /// Moves poses back by the inverses of `applied_scale` and `applied_transform`, into the world of the
-    /// structure from motion. The papers do not; only needed to meet a COLMAP model of the same capture.
+    /// Transforms poses by the inverses of `applied_scale` and `applied_transform`, back to the world of structure from
+    /// motion. The papers do not; only needed to match a COLMAP model of the same capture.
     pub undo_applied_transform: bool,
-    /// Prefers DL3DV's undistorted `gaussian_splat/` to `nerfstudio/` where a scene has both.
+    /// Prefers DL3DV's undistorted `gaussian_splat/` to `nerfstudio/` if a scene has both.
     pub prefer_gaussian_splat: bool,
 }
 
 /// `transforms.json` scenes: one file, one scene's folder, or a folder of scenes.
 ///
-/// A scene's folder holds `transforms.json` itself, in `nerfstudio/` or in `gaussian_splat/`; its name is
-/// the key, for DL3DV the scene's hash. Of a folder of subsets of scenes (DL3DV's training set,
-/// `1K/<hash>/…`) the key is `dl3dv_<hash>` and the subset becomes the URL, as DepthSplat's chunks have
-/// it (depthsplat `src/scripts/convert_dl3dv_train.py`).
+/// A scene's folder holds `transforms.json` itself, in `nerfstudio/` or in `gaussian_splat/`; its name is the key, for
+/// DL3DV the scene's hash. In a folder of subsets of scenes (DL3DV's training set, `1K/<hash>/…`) the key is
+/// `dl3dv_<hash>` and the subset becomes the URL, as in DepthSplat's chunks (depthsplat
+/// `src/scripts/convert_dl3dv_train.py`).
 #[derive(Clone, Debug)]
 pub struct NerfstudioScenes {
     path: PathBuf,
@@ -39,7 +40,7 @@ pub struct NerfstudioScenes {
     scenes: Vec<SceneFile>,
 }
 
-/// Where one scene is described.
+/// The `transforms.json` of one scene.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct SceneFile {
     key: String,
@@ -48,7 +49,7 @@ pub(crate) struct SceneFile {
 }
 
 impl NerfstudioScenes {
-    /// Finds the scenes; reads none of them. Of two with one key the first is taken, with a warning.
+    /// Finds the scenes without reading them. Of two scenes with one key the first is used, with a warning.
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without a `transforms.json`.
@@ -63,29 +64,24 @@ impl NerfstudioScenes {
             same
         });
         if scenes.is_empty() {
-            return Err(SceneError::Unrecognized {
-                expected: "transforms.json here, in nerfstudio/ or in one of its folders".to_owned(),
-                found: "a folder without any".to_owned(),
-                path: path.to_owned(),
-            });
+            let expected = "transforms.json in the folder, its nerfstudio/ or one of its subfolders";
+            return Err(SceneError::unrecognized(path, expected, "no such file"));
         }
         let keys = scenes.iter().map(|scene| scene.key.clone()).collect();
         Ok(Self { path: path.to_owned(), options, keys, scenes })
     }
 
-    /// The parsed `transforms.json` of one scene, with the path it came from.
+    /// The parsed `transforms.json` of one scene, and its path.
     ///
     /// # Errors
-    /// [`SceneError::UnknownScene`], [`SceneError::Io`], and as [`parse_transforms`].
+    /// [`SceneError::UnknownScene`], [`SceneError::Io`], and those of [`parse_transforms`].
     pub fn transforms(&self, key: &str) -> Result<(Transforms, &Path), SceneError> {
         let file = &self.scene_file(key)?.file;
         Ok((parse_transforms(&read_file("reading a transforms.json", file)?, file)?, file))
     }
 
     fn scene_file(&self, key: &str) -> Result<&SceneFile, SceneError> {
-        let position = self.keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
-        let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.path.clone() };
-        position.and_then(|at| self.scenes.get(at)).ok_or_else(unknown)
+        find_by_key(&self.keys, &self.scenes, key, &self.path)
     }
 }
 
@@ -102,18 +98,13 @@ impl SceneSource for NerfstudioScenes {
         let mut pictures = Vec::with_capacity(transforms.frames.len());
         for (at, frame) in transforms.frames.iter().enumerate() {
             let found = finder.find(&frame.file_path, &format!("frames[{at}].file_path"))?;
-            if let Picture::Missing(path) = &found.picture {
-                warnings.push(WarningKind::MissingPicture, key, format!("frame {at}: no {}", path.display()));
-            }
-            if let Some(detail) = &found.elsewhere {
-                warnings.push(WarningKind::PictureElsewhere, key, format!("frame {at}: {detail}"));
-            }
+            found.report(key, at, warnings);
             pictures.push(found);
         }
         let scene = Scene {
             key: key.to_owned(),
             url: subset,
-            frames: frames(&transforms, pictures, (key, file), self.options.undo_applied_transform)?,
+            frames: frames(key, file, &transforms, pictures, self.options.undo_applied_transform)?,
         };
         report_cameras(&scene, warnings);
         Ok(scene)
@@ -121,9 +112,10 @@ impl SceneSource for NerfstudioScenes {
 }
 
 fn frames(
+    key: &str,
+    file: &Path,
     transforms: &Transforms,
     pictures: Vec<FoundPicture>,
-    (key, file): (&str, &Path),
     undo_applied_transform: bool,
 ) -> Result<Vec<Frame>, SceneError> {
     let undo = undo_applied_transform.then(|| Undo::of(transforms, file)).transpose()?;
@@ -154,37 +146,37 @@ fn frames(
     Ok(frames)
 }
 
-/// Takes poses of the saved world back into that of the structure from motion, which was first moved
-/// and then scaled (nerfstudio `data/dataparsers/nerfstudio_dataparser.py`).
+/// Transforms poses of the saved world back to that of structure from motion, which was first moved and then scaled
+/// (nerfstudio `data/dataparsers/nerfstudio_dataparser.py`).
 #[derive(Clone, Copy, Debug)]
 struct Undo {
-    shrink: f64,
+    scale: f64,
     original_from_saved: WorldFromCamera,
 }
 
 impl Undo {
     fn of(transforms: &Transforms, file: &Path) -> Result<Self, SceneError> {
-        let bad = |location: &str| {
-            let (path, location) = (file.to_owned(), location.to_owned());
-            move |source| SceneError::Camera { path, location, source }
-        };
         let scale = transforms.applied_scale.unwrap_or(1.0);
         if !(scale.is_finite() && scale > 0.0) {
-            return Err(bad("applied_scale")(CameraError::NotPositive { field: "scale", found: scale }));
+            let source = CameraError::NotPositive { field: "scale", found: scale };
+            return Err(SceneError::camera(file, "applied_scale")(source));
         }
         let identity = WorldFromCamera::IDENTITY.to_rows();
         let rows = transforms.applied_transform.unwrap_or(identity);
-        let inverse = WorldFromCamera::from_rows(&rows).map_err(bad("applied_transform"))?.inverse();
-        let original_from_saved = WorldFromCamera::new(inverse.rotation(), inverse.translation());
-        Ok(Self { shrink: scale.recip(), original_from_saved: original_from_saved.map_err(bad("applied_transform"))? })
+        let original_from_saved = WorldFromCamera::from_rows(&rows).and_then(|pose| {
+            let inverse = pose.inverse();
+            WorldFromCamera::new(inverse.rotation(), inverse.translation())
+        });
+        let original_from_saved = original_from_saved.map_err(SceneError::camera(file, "applied_transform"))?;
+        Ok(Self { scale: scale.recip(), original_from_saved })
     }
 
     fn apply(&self, pose: &WorldFromCamera) -> WorldFromCamera {
-        pose.scaled_by(self.shrink).moved_by(&self.original_from_saved)
+        pose.scaled_by(self.scale).moved_by(&self.original_from_saved)
     }
 }
 
-/// Size of the first picture that lies where the file lists it: all are taken to have it.
+/// Size of the first picture found where the file lists it; all are assumed to have it.
 fn size_of_first(pictures: &[FoundPicture], key: &str) -> Result<Option<ImageSize>, SceneError> {
     let listed = pictures.iter().enumerate().find_map(|(at, found)| match &found.picture {
         Picture::File(path) if found.as_listed => Some((at, path)),
@@ -198,7 +190,7 @@ fn stem(file_path: &str) -> &str {
     split_picture_name(name).map_or(name, |(stem, _)| stem)
 }
 
-/// The scenes below `path`, sorted by key.
+/// The scenes under `path`, sorted by key.
 pub(crate) fn scene_files(path: &Path, prefer_gaussian_splat: bool) -> Result<Vec<SceneFile>, SceneError> {
     if !path.is_dir() {
         return Ok(vec![SceneFile { key: key_of(path), subset: None, file: path.to_owned() }]);
@@ -238,7 +230,7 @@ fn transforms_in(folder: &Path, prefer_gaussian_splat: bool) -> Option<PathBuf> 
     variants.iter().map(|variant| folder.join(variant).join("transforms.json")).find(|file| file.is_file())
 }
 
-/// The name of the scene's folder, looking past DL3DV's variants.
+/// The name of the scene's folder, which for DL3DV's variants is the parent.
 fn key_of(file: &Path) -> String {
     let absolute = std::path::absolute(file).unwrap_or_else(|_| file.to_owned());
     let folder = absolute.parent().unwrap_or(&absolute);

@@ -8,52 +8,49 @@ use crate::SceneError;
 
 const FORMAT: &str = "transforms.json";
 
-/// A `transforms.json`, before its pictures are looked for.
+/// A parsed `transforms.json`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Transforms {
-    /// Intrinsics that hold for every frame that does not state its own.
+    /// Intrinsics of every frame that does not state its own.
     pub lens: LensFields,
-    /// Frames in the order listed, which is the order that DL3DV's evaluation indices count in (DL3DV
-    /// issue #16; depthsplat `src/scripts/convert_dl3dv_test.py`).
+    /// Frames in the file's order, which DL3DV's evaluation indices refer to (DL3DV issue #16; depthsplat
+    /// `src/scripts/convert_dl3dv_test.py`).
     pub frames: Vec<ListedFrame>,
-    /// Row-major 3×4 transform that nerfstudio applied to the world of its structure from motion before
-    /// it wrote the poses. The feed-forward papers do not undo it, and neither does a loader here
-    /// unless asked to: any relative or mean-pose normalisation removes it.
+    /// Row-major 3×4 transform that nerfstudio applied to the world of structure from motion before it wrote the poses.
+    /// The feed-forward papers do not undo it, and by default neither does this loader: any relative or mean-pose
+    /// normalisation removes it.
     pub applied_transform: Option<[f64; 12]>,
-    /// Factor that nerfstudio applied to the world's lengths; kept, not undone.
+    /// Factor that nerfstudio applied to the world's lengths; by default not undone.
     pub applied_scale: Option<f64>,
 }
 
 /// One entry of `frames`.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ListedFrame {
-    /// The picture's path as written.
+    /// The picture's path in the file.
     pub file_path: String,
-    /// Pose with OpenCV camera axes: the file's OpenGL axes are converted, its world is kept.
+    /// Pose with OpenCV camera axes, converted from the file's OpenGL axes; its world is unchanged.
     ///
     /// NoPoSplat, TokenGS and Long-LRM also permute the world's axes (NoPoSplat
     /// `src/scripts/convert_dl3dv.py:65-71`), a rotation that their pose normalisation removes again.
     pub world_from_camera: WorldFromCamera,
-    /// Intrinsics of this frame alone; empty where the global ones hold.
+    /// Intrinsics that this frame states itself.
     pub lens: LensFields,
 }
 
 /// Parses a `transforms.json`; `path` is for messages only.
 ///
 /// Poses are camera-to-world, 4×4 or 3×4, OpenGL axes (+x right, +y up, +z back; nerfstudio
-/// `docs/quickstart/data_conventions.md`). Fields that the toolkit has no use for are ignored.
+/// `docs/quickstart/data_conventions.md`). Unknown fields are ignored.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line and column for broken JSON and repeated keys, with the field (`frames[3].fl_x`) for
-/// a wrong value; [`SceneError::Camera`] for a pose that is no rotation or not finite;
+/// [`SceneError::Malformed`] with line and column for invalid JSON and repeated keys, with the field (`frames[3].fl_x`)
+/// for a wrong value; [`SceneError::Camera`] for a pose that is not a rotation or not finite;
 /// [`SceneError::UnsupportedCameraModel`].
 pub fn parse_transforms(text: &[u8], path: &Path) -> Result<Transforms, SceneError> {
-    let value = crate::json::parse(text).map_err(|error| SceneError::Malformed {
-        format: FORMAT,
-        path: path.to_owned(),
-        location: format!("line {} column {}", error.line(), error.column()),
-        expected: "JSON with each key of an object once".to_owned(),
-        found: error.to_string(),
+    let value = crate::json::parse(text).map_err(|error| {
+        let location = format!("line {} column {}", error.line(), error.column());
+        SceneError::malformed(FORMAT, path, location, "JSON without repeated keys", error.to_string())
     })?;
     let root = Object::new(&value, String::new(), path)?;
     let listed = root.array("frames")?.ok_or_else(|| {
@@ -76,11 +73,8 @@ fn read_frame(frame: &Value, at: usize, path: &Path) -> Result<ListedFrame, Scen
     let frame = Object::new(frame, format!("frames[{at}]"), path)?;
     let file_path = frame.text("file_path")?.ok_or_else(|| frame.wrong("file_path", "a picture's path", "nothing"))?;
     let rows = frame.matrix("transform_matrix")?;
-    let pose = WorldFromCamera::from_rows(&rows).map_err(|source| SceneError::Camera {
-        path: path.to_owned(),
-        location: frame.field("transform_matrix"),
-        source,
-    })?;
+    let pose = WorldFromCamera::from_rows(&rows);
+    let pose = pose.map_err(SceneError::camera(path, frame.field("transform_matrix")))?;
     Ok(ListedFrame {
         file_path: file_path.to_owned(),
         world_from_camera: pose.opencv_from_opengl(),
@@ -88,7 +82,7 @@ fn read_frame(frame: &Value, at: usize, path: &Path) -> Result<ListedFrame, Scen
     })
 }
 
-/// A JSON object that knows where it stands, so that each complaint can say so.
+/// A JSON object with its location in the file, for messages.
 #[derive(Clone, Debug)]
 pub(super) struct Object<'a> {
     fields: &'a Map<String, Value>,
@@ -100,17 +94,14 @@ impl<'a> Object<'a> {
     fn new(value: &'a Value, location: String, path: &'a Path) -> Result<Self, SceneError> {
         match value {
             Value::Object(fields) => Ok(Self { fields, location, path }),
-            other => Err(SceneError::Malformed {
-                format: FORMAT,
-                path: path.to_owned(),
-                location: if location.is_empty() { "top level".to_owned() } else { location },
-                expected: "an object".to_owned(),
-                found: shown(other),
-            }),
+            other => {
+                let location = if location.is_empty() { "top level".to_owned() } else { location };
+                Err(SceneError::malformed(FORMAT, path, location, "an object", shown(other)))
+            }
         }
     }
 
-    /// The field's value; `None` where it is absent or null.
+    /// The field's value; `None` if it is absent or null.
     pub(super) fn value(&self, name: &str) -> Option<&'a Value> {
         self.fields.get(name).filter(|value| !value.is_null())
     }
@@ -136,7 +127,7 @@ impl<'a> Object<'a> {
             .transpose()
     }
 
-    /// The upper 3×4 part of a 3×4 or 4×4 matrix, whose fourth row must be 0 0 0 1.
+    /// The upper 3×4 part of a 3×4 or 4×4 matrix; a fourth row must be 0 0 0 1.
     fn matrix(&self, name: &str) -> Result<[f64; 12], SceneError> {
         let rows = self.array(name)?.ok_or_else(|| self.wrong(name, "a 4×4 or 3×4 matrix", "nothing"))?;
         if !matches!(rows.len(), 3 | 4) {
@@ -162,32 +153,21 @@ impl<'a> Object<'a> {
         Ok(upper)
     }
 
-    /// The full name of one of this object's fields.
+    /// The full path of one of this object's fields.
     pub(super) fn field(&self, name: &str) -> String {
         if self.location.is_empty() { name.to_owned() } else { format!("{}.{name}", self.location) }
     }
 
     pub(super) fn wrong(&self, name: &str, expected: &str, found: &str) -> SceneError {
-        SceneError::Malformed {
-            format: FORMAT,
-            path: self.path.to_owned(),
-            location: self.field(name),
-            expected: expected.to_owned(),
-            found: found.to_owned(),
-        }
+        SceneError::malformed(FORMAT, self.path, self.field(name), expected, found)
     }
 
     pub(super) fn unsupported(&self, name: &str, model: &str, reason: &str) -> SceneError {
-        SceneError::UnsupportedCameraModel {
-            location: self.field(name),
-            model: model.to_owned(),
-            reason: reason.to_owned(),
-            path: self.path.to_owned(),
-        }
+        SceneError::unsupported_model(self.path, self.field(name), model, reason)
     }
 }
 
-/// A value as an error message shows it: what it is, and its text where that is short.
+/// A value for an error message: its kind, or its text if that is short.
 fn shown(value: &Value) -> String {
     match value {
         Value::Array(items) => format!("a list of {}", items.len()),

@@ -31,7 +31,7 @@ fn expect(files: &[(&str, &[u8])], below: &str, format: Format, keys: &[&str]) {
 }
 
 #[test]
-fn trajectories_are_told_from_other_text() {
+fn trajectories_are_distinguished_from_other_text() {
     let text = TRAJECTORY.as_bytes();
     expect(&[("b.txt", text), ("a.txt", text)], "", Format::Re10k, &["a", "b"]);
     expect(&[("b/b.txt", text), ("a/a.txt", text)], "", Format::Re10k, &["a", "b"]);
@@ -60,7 +60,7 @@ fn transforms_are_found_at_every_depth() {
 }
 
 #[test]
-fn the_variant_of_a_dl3dv_scene_is_a_choice() {
+fn the_variant_of_a_dl3dv_scene_is_an_option() {
     let folder = folder_of(&[
         ("h/nerfstudio/transforms.json", TRANSFORMS.as_bytes()),
         ("h/gaussian_splat/transforms.json", TRANSFORMS.replace("a_7", "a_8").as_bytes()),
@@ -74,7 +74,7 @@ fn the_variant_of_a_dl3dv_scene_is_a_choice() {
 }
 
 #[test]
-fn colmap_models_are_found_where_captures_keep_them() {
+fn colmap_models_are_found_in_all_capture_layouts() {
     let model = |folder: &str| -> Vec<(String, &[u8])> {
         vec![
             (format!("{folder}/cameras.txt"), b"1 PINHOLE 4 3 4 4 2 1.5\n"),
@@ -97,21 +97,21 @@ fn colmap_models_are_found_where_captures_keep_them() {
 }
 
 #[test]
-fn chunks_are_told_by_their_first_bytes() {
+fn chunks_are_recognised_by_their_first_bytes() {
     assert!(is_chunk(b"PK\x03\x04rest"));
     assert!(is_chunk(b"\x80\x02\x8a\x0al\xfc\x9cF\xf9 j\xa8P\x19.\x80\x02M"));
     assert!(!is_chunk(b"\x80\x02}q\x00"), "any other pickle");
 }
 
 #[test]
-fn nothing_there_and_nothing_known_are_errors() {
+fn missing_and_unknown_content_are_errors() {
     assert!(matches!(open("/nowhere/at/all", &mut Warnings::new()), Err(SceneError::Io { .. })));
     assert!(matches!(opened(&[], ""), Err(SceneError::Unrecognized { .. })));
     assert!(matches!(opened(&[("x.bin", &[0; 64])], "x.bin"), Err(SceneError::Unrecognized { .. })));
 }
 
 #[test]
-fn json_of_no_known_dialect_says_what_it_seems() {
+fn errors_describe_unsupported_json() {
     for (text, expected) in [
         ("[[1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0]]", "found a list of 1 camera matrices without intrinsics"),
         ("[{\"img_name\": \"a\", \"position\": [], \"rotation\": []}]", "is a camera of 3DGS' cameras.json"),
@@ -127,14 +127,14 @@ fn json_of_no_known_dialect_says_what_it_seems() {
 }
 
 #[test]
-fn names_are_what_json_says() {
+fn names_match_serde() {
     for format in [Format::Re10k, Format::TorchChunks, Format::Nerfstudio, Format::Colmap] {
         assert_eq!(serde_json::to_string(&format).unwrap(), format!("{:?}", format.name()));
     }
 }
 
 #[test]
-fn what_keeps_a_text_from_being_a_trajectory_is_said() {
+fn errors_explain_why_text_is_not_a_trajectory() {
     let short = b"https://youtu.be/x\n1 0.5 0.9 0.5 0.5 0 0 1 0 0 0 0 1 0 0 0 0 1\n";
     for below in ["", "a.txt"] {
         let message = opened(&[("a.txt", short)], below).unwrap_err().to_string();
@@ -143,7 +143,7 @@ fn what_keeps_a_text_from_being_a_trajectory_is_said() {
 }
 
 #[test]
-fn of_two_scenes_with_one_name_the_unused_one_is_named() {
+fn a_duplicate_scene_is_skipped_with_a_warning() {
     let json = TRANSFORMS.as_bytes();
     let folder = folder_of(&[("1K/a/transforms.json", json), ("2K/a/transforms.json", json)]);
     let mut warnings = Warnings::new();

@@ -12,39 +12,39 @@ use crate::geometry::{
 };
 use crate::{Scene, SceneError, WarningKind, Warnings};
 
-/// Gaps that a spread choice tries, widest first: a wide baseline tells readings apart, a narrow one still
-/// matches.
+/// Gaps that [`PairChoice::Spread`] tries, widest first: wide baselines distinguish interpretations, narrow ones still
+/// match.
 const GAPS: [usize; 7] = [64, 32, 16, 8, 4, 2, 1];
 
-/// Which frames are compared with which.
+/// Which pairs of frames are compared.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PairChoice {
-    /// From this many frames, evenly spread over those that have a picture, the widest gap of 64, 32, …, 1
-    /// such frames that still matches. The choice looks at pictures alone: poses may be what is wrong.
+    /// From this many frames, evenly spread over those with a picture, the widest gap of 64, 32, …, 1 such frames that
+    /// still matches. The choice depends on pictures only, because poses may be wrong.
     Spread(usize),
     /// These positions in [`Scene::frames`].
     Listed(Vec<(usize, usize)>),
 }
 
-/// How cameras are checked against pictures.
+/// Options of [`check_geometry`].
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct GeometryCheckOptions {
-    /// Which frames.
+    /// Which frames are compared.
     pub pairs: PairChoice,
-    /// How their features are matched.
+    /// How features are matched.
     pub matching: MatchOptions,
-    /// A pair with fewer matches after the inlier filter is skipped.
+    /// A pair is skipped if it has fewer matches after the inlier filter.
     pub min_matches: usize,
-    /// A pair is skipped where the filter keeps less than this fraction of its matches, in [0, 1]: the
-    /// pictures then hardly show the same place.
+    /// A pair is skipped if the filter keeps less than this fraction of its matches, in [0, 1]: the pictures then hardly
+    /// show the same place.
     pub min_inlier_fraction: f64,
-    /// A spread pair is skipped where fewer than this fraction of the features of the picture that has
-    /// fewer are matched, in [0, 1]. A repeated pattern (wallpaper, tiles) matches itself one repeat away,
-    /// all inliers of one fundamental matrix, but only by tens of features among thousands.
+    /// A spread pair is skipped if less than this fraction of the features are matched, in [0, 1], counted in the picture
+    /// with fewer features. A repeated pattern (wallpaper, tiles) matches itself one period away, all inliers of one
+    /// fundamental matrix, but only tens of features among thousands.
     pub min_feature_fraction: f64,
-    /// A spread pair is skipped where points move by less than this fraction of the diagonal in the
-    /// middle: every reading explains pictures that hardly differ.
+    /// A spread pair is skipped if the median motion of its points is below this fraction of the diagonal: every
+    /// interpretation explains pictures that hardly differ.
     pub min_motion: f64,
 }
 
@@ -61,63 +61,62 @@ impl Default for GeometryCheckOptions {
     }
 }
 
-/// What one pair of frames said.
+/// The measurement of one pair of frames.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PairCheck {
     /// Positions in [`Scene::frames`].
     pub frames: (usize, usize),
     /// Mutual matches that passed the ratio test.
     pub tentative: usize,
-    /// Those of them that agree with one fundamental matrix.
+    /// Tentative matches that agree with one fundamental matrix.
     pub matches: usize,
-    /// Median movement of a matched point between the pictures, in pixels.
+    /// Median motion of the matched points between the pictures, in pixels.
     pub motion_px: f64,
-    /// Median symmetric epipolar distance under the declared cameras; `None` where they share a centre.
+    /// Median symmetric epipolar distance under the declared cameras; `None` if their centres coincide.
     pub declared_px: Option<f64>,
 }
 
-/// A pair, or a whole anchor of a spread choice, that could not be used.
+/// A pair, or all pairs of a spread frame, that could not be used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct SkippedPair {
-    /// Positions in [`Scene::frames`]; the second is `None` where no partner was found for the first.
+    /// Positions in [`Scene::frames`]; the second is `None` if no partner was found for the first.
     pub frames: (usize, Option<usize>),
     /// Why.
     pub reason: String,
 }
 
-/// How well a scene's cameras explain its pictures, under the declared convention and its likely mistakes.
+/// How well a scene's cameras explain its pictures, as declared and under common mistakes.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct GeometryCheck {
     /// Scene key.
     pub scene: String,
-    /// Pairs that were measured.
+    /// Measured pairs.
     pub pairs: Vec<PairCheck>,
-    /// Pairs that were not, and why.
+    /// Skipped pairs.
     pub skipped: Vec<SkippedPair>,
-    /// One score per reading that applies, the declared one first.
+    /// One score per interpretation that applies, the declared one first.
     pub scores: Vec<ConventionScore>,
-    /// What they say.
+    /// The conclusion.
     #[serde(flatten)]
     pub verdict: Verdict,
 }
 
 impl GeometryCheck {
-    /// The score of one reading, where it applies.
+    /// The score of one interpretation, if it applies.
     pub fn score(&self, convention: Convention) -> Option<ConventionScore> {
         self.scores.iter().find(|score| score.convention == convention).copied()
     }
 }
 
-/// Matches features between pairs of a scene's frames and measures how far they are from the epipolar
-/// lines that the cameras draw: as declared, and under every likely mistake.
+/// Matches features between pairs of a scene's frames and measures their distance from the epipolar lines of the
+/// cameras, as declared and under every common mistake.
 ///
-/// Matches are mutual and pass the ratio test; wrong ones are then left out by a fundamental matrix fitted
-/// to the matches alone, on the points as found or, where a lens is declared, as undistorted: what agrees
-/// with either stays. So no reading has a say in which matches it is judged by.
+/// Matches are mutual and pass the ratio test; outliers are then removed by a fundamental matrix fitted to the matches
+/// alone, once on raw points and, if a lens is declared, once on undistorted ones: an inlier of either stays. So no
+/// interpretation affects the matches that it is measured on.
 ///
-/// `picture_of` decodes the frame at a position, at the size that the intrinsics are to be read at (they are
-/// normalised, so any size that was reached without cropping will do). A frame that cannot be decoded is
-/// counted in `warnings` and its pairs are skipped.
+/// `picture_of` decodes the frame at a position. The picture may be scaled, but not cropped, because intrinsics are
+/// normalised. A frame that cannot be decoded is reported in `warnings` and its pairs are skipped.
 ///
 /// # Errors
 /// [`SceneError::OpenCv`].
@@ -127,7 +126,7 @@ pub fn check_geometry(
     options: &GeometryCheckOptions,
     warnings: &mut Warnings,
 ) -> Result<GeometryCheck, SceneError> {
-    let mut matcher = Matcher { scene, picture_of: &mut picture_of, options, warnings, seen: BTreeMap::new() };
+    let mut matcher = Matcher { scene, picture_of: &mut picture_of, options, warnings, described: BTreeMap::new() };
     let (mut measured, mut skipped) = (Vec::new(), Vec::new());
     match &options.pairs {
         PairChoice::Listed(pairs) => {
@@ -150,8 +149,8 @@ pub fn check_geometry(
     }
     let (pairs, matched): (Vec<_>, Vec<_>) = measured.into_iter().unzip();
     let scores = score_conventions(&matched);
-    let diagonals = matched.iter().map(|pair| pair.first.diagonal());
-    let verdict = verdict(&scores, median(diagonals).unwrap_or_default(), options.min_matches);
+    let diagonal = median(matched.iter().map(|pair| pair.first.diagonal()));
+    let verdict = diagonal.map_or(Verdict::TooFewMatches, |px| verdict(&scores, px, options.min_matches));
     Ok(GeometryCheck { scene: scene.key.clone(), pairs, skipped, scores, verdict })
 }
 
@@ -165,19 +164,22 @@ fn spread(length: usize, count: usize) -> Vec<usize> {
     (0..count).map(|step| step * length / count).collect()
 }
 
-/// Decodes and describes each frame once.
+/// Decodes each frame and computes its features once.
 struct Matcher<'a> {
     scene: &'a Scene,
     picture_of: &'a mut dyn FnMut(usize) -> Result<ImageU8, SceneError>,
     options: &'a GeometryCheckOptions,
     warnings: &'a mut Warnings,
-    seen: BTreeMap<usize, Option<(View, Features)>>,
+    described: BTreeMap<usize, Described>,
 }
 
 type Measured = (PairCheck, MatchedPair);
 
+/// A frame's view and features; `None` if it cannot be decoded.
+type Described = Option<(View, Features)>;
+
 impl Matcher<'_> {
-    /// The widest usable gap from one anchor, forwards or, near the end, backwards.
+    /// The pair with the widest usable gap from one anchor, forwards or, near the end, backwards.
     fn widest(&mut self, candidates: &[usize], anchor: usize) -> Result<Result<Measured, SkippedPair>, SceneError> {
         let Some(first) = candidates.get(anchor).copied() else {
             return Ok(Err(SkippedPair { frames: (anchor, None), reason: "no such frame".to_owned() }));
@@ -187,7 +189,7 @@ impl Matcher<'_> {
             let forwards = candidates.get(anchor + gap).map(|other| (first, *other));
             let backwards = || anchor.checked_sub(gap).and_then(|other| candidates.get(other)).map(|o| (*o, first));
             let Some(frames) = forwards.or_else(backwards) else { continue };
-            match self.matched(frames)?.and_then(|measured| self.telling(measured)) {
+            match self.matched(frames)?.and_then(|measured| self.informative(measured)) {
                 Ok(pair) => return Ok(Ok(pair)),
                 Err(why) => reason = format!("at every gap; last with frame {}: {why}", other_of(frames, first)),
             }
@@ -197,27 +199,24 @@ impl Matcher<'_> {
 
     /// The matches between two frames, or why they cannot be used.
     fn matched(&mut self, frames: (usize, usize)) -> Result<Result<Measured, String>, SceneError> {
-        self.look_at(frames.0)?;
-        self.look_at(frames.1)?;
-        let seen = |position| self.seen.get(&position).and_then(Option::as_ref);
-        let (Some((first, first_features)), Some((second, second_features))) = (seen(frames.0), seen(frames.1)) else {
+        self.describe(frames.0)?;
+        self.describe(frames.1)?;
+        let (Some((first, first_features)), Some((second, second_features))) = (self.of(frames.0), self.of(frames.1))
+        else {
             return Ok(Err("a picture is missing".to_owned()));
         };
         let tentative = match_mutual(first_features, second_features, self.options.matching.ratio)?;
         let matches = agreeing(&tentative, first, second, self.options.matching.inlier_px)?;
         let GeometryCheckOptions { min_matches, min_inlier_fraction, .. } = *self.options;
-        if matches.len() < min_matches {
-            return Ok(Err(format!(
-                "{} of {} matches agree, at least {min_matches} are needed",
-                matches.len(),
-                tentative.len()
-            )));
-        }
+        let motion = median(matches.iter().map(|m| m.first.distance(m.second)));
+        let Some(motion_px) = motion.filter(|_| matches.len() >= min_matches) else {
+            let (found, of) = (matches.len(), tentative.len());
+            return Ok(Err(format!("{found} of {of} matches agree, at least {min_matches} are needed")));
+        };
         let fraction = matches.len() as f64 / tentative.len() as f64;
         if fraction < min_inlier_fraction {
             return Ok(Err(format!("only {:.0} % of {} matches agree", 100.0 * fraction, tentative.len())));
         }
-        let motion_px = median(matches.iter().map(|m| m.first.distance(m.second))).unwrap_or_default();
         let pair = MatchedPair { first: *first, second: *second, matches };
         let declared = score_conventions(std::slice::from_ref(&pair)).first().copied();
         let declared_px = declared.filter(|s| s.convention == Convention::Declared).map(|s| s.median_px);
@@ -226,11 +225,13 @@ impl Matcher<'_> {
         Ok(Ok((check, pair)))
     }
 
-    /// A spread pair that can tell readings apart, or why it cannot.
-    fn telling(&self, measured: Measured) -> Result<Measured, String> {
+    /// `measured` if it can distinguish interpretations, else the reason why not.
+    fn informative(&self, measured: Measured) -> Result<Measured, String> {
         let (check, pair) = &measured;
-        let features = |position| self.seen.get(&position).and_then(Option::as_ref).map(|(_, f)| f.points().len());
-        let fewer = features(check.frames.0).min(features(check.frames.1)).unwrap_or_default();
+        let (Some((_, first)), Some((_, second))) = (self.of(check.frames.0), self.of(check.frames.1)) else {
+            return Err("a picture is missing".to_owned());
+        };
+        let fewer = first.points().len().min(second.points().len());
         let fraction = check.matches as f64 / fewer as f64;
         if fraction < self.options.min_feature_fraction {
             return Err(format!("only {:.1} % of {fewer} features match", 100.0 * fraction));
@@ -241,8 +242,12 @@ impl Matcher<'_> {
         Ok(measured)
     }
 
-    fn look_at(&mut self, position: usize) -> Result<(), SceneError> {
-        if self.seen.contains_key(&position) {
+    fn of(&self, position: usize) -> Option<&(View, Features)> {
+        self.described.get(&position)?.as_ref()
+    }
+
+    fn describe(&mut self, position: usize) -> Result<(), SceneError> {
+        if self.described.contains_key(&position) {
             return Ok(());
         }
         let described = match (self.scene.frames.get(position), (self.picture_of)(position)) {
@@ -257,7 +262,7 @@ impl Matcher<'_> {
             }
             (None, Ok(_)) => None,
         };
-        self.seen.insert(position, described);
+        self.described.insert(position, described);
         Ok(())
     }
 }
@@ -266,7 +271,7 @@ fn other_of(frames: (usize, usize), one: usize) -> usize {
     if frames.0 == one { frames.1 } else { frames.0 }
 }
 
-/// Matches that agree with one fundamental matrix, raw or undistorted; raw points come back.
+/// The matches that agree with one fundamental matrix, fitted to raw or undistorted points.
 fn agreeing(
     tentative: &[PointMatch],
     first: &View,
@@ -274,13 +279,13 @@ fn agreeing(
     inlier_px: f64,
 ) -> Result<Vec<PointMatch>, SceneError> {
     let mut agrees = epipolar_inliers(tentative, inlier_px)?;
-    let bent = [first, second].iter().any(|view| Convention::NoDistortion.reinterpret(view).is_some());
-    if bent {
-        let straight = |points: &PointMatch| {
+    let distorted = [first, second].iter().any(|view| Convention::NoDistortion.reinterpret(view).is_some());
+    if distorted {
+        let undistorted = |points: &PointMatch| {
             Some(PointMatch { first: first.undistorted(points.first)?, second: second.undistorted(points.second)? })
         };
         let (positions, points): (Vec<usize>, Vec<PointMatch>) =
-            (0..).zip(tentative).filter_map(|(position, points)| Some((position, straight(points)?))).unzip();
+            (0..).zip(tentative).filter_map(|(position, points)| Some((position, undistorted(points)?))).unzip();
         for (position, kept) in positions.into_iter().zip(epipolar_inliers(&points, inlier_px)?) {
             if let Some(slot) = agrees.get_mut(position) {
                 *slot |= kept;
@@ -295,7 +300,7 @@ impl fmt::Display for GeometryCheck {
         let Self { scene, pairs, skipped, scores, verdict } = self;
         let matches: usize = pairs.iter().map(|pair| pair.matches).sum();
         writeln!(f, "{scene}: {matches} matches in {} pairs, {} skipped", pairs.len(), skipped.len())?;
-        let width = scores.iter().map(|score| score.convention.name().len()).max().unwrap_or_default();
+        let width = scores.iter().map(|score| score.convention.name().len()).max().unwrap_or(0);
         let smallest = scores.iter().min_by(|a, b| a.median_px.total_cmp(&b.median_px)).map(|score| score.convention);
         for ConventionScore { convention, median_px, in_front, .. } in scores {
             let mark = if smallest == Some(*convention) { "  ← smallest" } else { "" };

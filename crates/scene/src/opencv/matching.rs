@@ -14,14 +14,14 @@ use super::{called, mat_from_picture};
 use crate::SceneError;
 use crate::geometry::PointMatch;
 
-/// From OpenCV's key point coordinates to pixels with centres at + 0.5.
+/// Offset from OpenCV's key point coordinates to pixels with centres at + 0.5.
 ///
-/// OpenCV counts from the centre of the first pixel, which is + 0.5 here; and its SIFT doubles the
-/// picture first without allowing for the shift of a quarter pixel that doubling brings (OpenCV 4.8 fixed
-/// it behind `enable_precise_upscale`, off by default).
+/// OpenCV's origin is the centre of the first pixel, which is + 0.5 here; and its SIFT upscales the picture by two
+/// without correcting the resulting shift of a quarter pixel (OpenCV 4.8 fixed it behind `enable_precise_upscale`, off
+/// by default).
 const PIXEL_FROM_KEYPOINT: f64 = 0.5 - 0.25;
 
-/// Fewer matches than this do not determine a fundamental matrix with anything left to disagree.
+/// With fewer matches, a fundamental matrix fits them too easily to identify outliers.
 const MIN_FOR_FUNDAMENTAL: usize = 12;
 const CONFIDENCE: f64 = 0.9999;
 const MAX_ITERATIONS: i32 = 10_000;
@@ -29,12 +29,12 @@ const MAX_ITERATIONS: i32 = 10_000;
 /// How features are found and matched.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MatchOptions {
-    /// How many of a picture's strongest features are used.
+    /// Number of a picture's strongest features to use.
     pub max_features: usize,
-    /// A match counts where its descriptor distance is below this fraction of the second best's, in
-    /// (0, 1] (Lowe 2004 §7.1 uses 0.8).
+    /// Ratio test: a match's descriptor distance is below this fraction of the second best's, in (0, 1] (Lowe 2004 §7.1
+    /// uses 0.8).
     pub ratio: f64,
-    /// Inliers of the fundamental matrix fitted to the matches alone lie within this many pixels.
+    /// Maximum distance of inliers of the fundamental matrix, in pixels.
     pub inlier_px: f64,
 }
 
@@ -52,8 +52,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// Where the features are, in pixels with the centre of the top left pixel at (0.5, 0.5), strongest
-    /// first.
+    /// Positions of the features in pixels, with the centre of the top left pixel at (0.5, 0.5), strongest first.
     pub fn points(&self) -> &[DVec2] {
         &self.points
     }
@@ -69,11 +68,11 @@ pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, Sce
         return Ok(Features { points: Vec::new(), descriptors: Mat::default() });
     }
     let mut grey = Mat::default();
-    called("greying a picture", cvt_color_def(&mat_from_picture(picture)?, &mut grey, COLOR_RGB2GRAY))?;
+    called("converting a picture to grey", cvt_color_def(&mat_from_picture(picture)?, &mut grey, COLOR_RGB2GRAY))?;
     let mut keypoints = Vector::<KeyPoint>::new();
     called("detecting features", sift.detect(&grey, &mut keypoints, &no_array()))?;
     if keypoints.is_empty() {
-        // Describing nothing is an error to OpenCV where the picture is tiny.
+        // For tiny pictures OpenCV's `compute` fails without key points.
         return Ok(Features { points: Vec::new(), descriptors: Mat::default() });
     }
     let mut strongest: Vec<KeyPoint> = keypoints.to_vec();
@@ -90,8 +89,8 @@ pub fn detect(picture: &ImageU8, options: &MatchOptions) -> Result<Features, Sce
     Ok(Features { points: keypoints.iter().map(pixel).collect(), descriptors })
 }
 
-/// Pairs of features that are each other's best match and pass the ratio test in both directions, in the
-/// order of the first picture's features.
+/// Pairs of features that are each other's best match and pass the ratio test in both directions, in the order of the
+/// first picture's features.
 ///
 /// # Errors
 /// [`SceneError::OpenCv`].
@@ -99,16 +98,17 @@ pub fn match_mutual(first: &Features, second: &Features, ratio: f64) -> Result<V
     if first.points.len() < 2 || second.points.len() < 2 {
         return Ok(Vec::new());
     }
-    let forth = nearest(first, second, ratio)?;
-    let back = nearest(second, first, ratio)?;
-    // A feature with several orientations would say the same thing several times.
-    let mut said = BTreeSet::new();
-    let mut news = move |m: &PointMatch| said.insert([m.first.x, m.first.y, m.second.x, m.second.y].map(f64::to_bits));
-    let agreed = forth.into_iter().enumerate().filter_map(|(from, to)| {
+    let forward = nearest(first, second, ratio)?;
+    let backward = nearest(second, first, ratio)?;
+    // A feature with several orientations would give the same match several times.
+    let mut seen = BTreeSet::new();
+    let mut is_new =
+        move |m: &PointMatch| seen.insert([m.first.x, m.first.y, m.second.x, m.second.y].map(f64::to_bits));
+    let agreed = forward.into_iter().enumerate().filter_map(|(from, to)| {
         let to = to?;
-        let returns = back.get(to).copied().flatten() == Some(from);
+        let is_mutual = backward.get(to).copied().flatten() == Some(from);
         let points = || Some(PointMatch { first: *first.points.get(from)?, second: *second.points.get(to)? });
-        returns.then(points).flatten().filter(&mut news)
+        is_mutual.then(points).flatten().filter(&mut is_new)
     });
     Ok(agreed.collect())
 }
@@ -121,18 +121,17 @@ fn nearest(from: &Features, to: &Features, ratio: f64) -> Result<Vec<Option<usiz
     let mut best = vec![None; from.points.len()];
     for two in &candidates {
         let (Ok(one), Ok(other)) = (two.get(0), two.get(1)) else { continue };
-        let clear = f64::from(one.distance) < ratio * f64::from(other.distance);
+        let is_distinct = f64::from(one.distance) < ratio * f64::from(other.distance);
         let (Ok(query), Ok(train)) = (usize::try_from(one.query_idx), usize::try_from(one.train_idx)) else { continue };
-        if let Some(slot) = best.get_mut(query).filter(|_| clear) {
+        if let Some(slot) = best.get_mut(query).filter(|_| is_distinct) {
             *slot = Some(train);
         }
     }
     Ok(best)
 }
 
-/// Which matches agree with one fundamental matrix, estimated from the matches alone (MAGSAC++, Barath
-/// et al. 2020, as OpenCV's `USAC_MAGSAC`): wrong matches go without any camera having a say. `true` for
-/// those that agree; none agree where there are fewer than 12 matches.
+/// Which matches are inliers of one fundamental matrix, estimated from the matches alone (MAGSAC++, Barath et al. 2020,
+/// as OpenCV's `USAC_MAGSAC`), independent of the cameras. All `false` if there are fewer than 12 matches.
 ///
 /// # Errors
 /// [`SceneError::OpenCv`].
@@ -153,8 +152,8 @@ pub fn epipolar_inliers(matches: &[PointMatch], inlier_px: f64) -> Result<Vec<bo
     Ok((0..matches.len()).map(|index| mask.get(index).is_ok_and(|kept| kept > 0)).collect())
 }
 
-/// Matches between two pictures: features, mutual ratio test, and the inliers of the fundamental matrix
-/// fitted to them. Points are in raw pixels of the pictures.
+/// Matches between two pictures: mutual matches of features that pass the ratio test and are inliers of a fundamental
+/// matrix. Points are in raw pixels of the pictures.
 ///
 /// # Errors
 /// [`SceneError::OpenCv`].
@@ -172,7 +171,7 @@ mod tests {
     use crate::opencv::test_pictures::{blobs, shifted_noise};
 
     #[test]
-    fn features_sit_where_the_blobs_are() {
+    fn features_are_at_the_centres_of_blobs() {
         let (picture, centres) = blobs(320, 240);
         let features = detect(&picture, &MatchOptions::default()).unwrap();
         let offsets: Vec<DVec2> = centres
@@ -190,7 +189,7 @@ mod tests {
     }
 
     #[test]
-    fn a_shift_is_matched_to_a_fraction_of_a_pixel() {
+    fn a_shift_is_matched_with_subpixel_accuracy() {
         let (first, second) = (shifted_noise(300, 200, 0, 0), shifted_noise(300, 200, 7, 4));
         let features = |picture| detect(picture, &MatchOptions::default()).unwrap();
         let matches = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
@@ -201,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn matching_is_the_same_on_every_run_and_in_both_directions() {
+    fn matching_is_deterministic_and_symmetric() {
         let (first, second) = (shifted_noise(200, 150, 0, 0), shifted_noise(200, 150, 5, -3));
         let options = MatchOptions::default();
         let once = match_pair(&first, &second, &options).unwrap();
@@ -209,13 +208,13 @@ mod tests {
         let features = |picture| detect(picture, &options).unwrap();
         let forth = match_mutual(&features(&first), &features(&second), 0.8).unwrap();
         let back = match_mutual(&features(&second), &features(&first), 0.8).unwrap();
-        let turned = |m: &PointMatch| PointMatch { first: m.second, second: m.first };
+        let swapped = |m: &PointMatch| PointMatch { first: m.second, second: m.first };
         assert_eq!(forth.len(), back.len());
-        assert!(forth.iter().all(|m| back.contains(&turned(m))));
+        assert!(forth.iter().all(|m| back.contains(&swapped(m))));
     }
 
     #[test]
-    fn wrong_matches_are_left_out() {
+    fn wrong_matches_are_outliers() {
         let truth = crate::geometry::synthetic::matched(
             crate::geometry::synthetic::view([0.1, 0.0, 0.0], [0.0, 0.0, 0.0]),
             crate::geometry::synthetic::view([-0.1, 0.1, 0.0], [1.0, 0.2, 0.0]),
@@ -231,8 +230,8 @@ mod tests {
         matches.extend(wrong);
         let kept = epipolar_inliers(&matches, 1.5).unwrap();
         assert!(kept[..right].iter().all(|k| *k), "every true match stays");
-        let slipped = kept[right..].iter().filter(|k| **k).count();
-        assert!(slipped < 10, "{slipped} of 60 wrong matches stay: only those that happen to lie on their line may");
+        let wrong = kept[right..].iter().filter(|k| **k).count();
+        assert!(wrong < 10, "{wrong} of 60 wrong matches stay: only those close to their epipolar line may");
     }
 
     #[test]

@@ -1,8 +1,8 @@
-//! What needs the system's OpenCV: matched features between pictures, the geometry check that they
-//! allow, undistorted pictures, frames cut out of videos.
+//! Functions of the system's OpenCV: feature matching between pictures and the geometry check based on it, undistortion,
+//! frames from videos.
 //!
-//! Only calls that OpenCV 4.6 and later 4.x share are used. All of them give the same result on every
-//! run; OpenCV's own threads do not change it.
+//! Only calls available in OpenCV 4.6 and later 4.x are used. Their results do not depend on the run or on OpenCV's
+//! threads.
 
 mod check_geometry;
 mod matching;
@@ -23,8 +23,7 @@ pub use matching::{Features, MatchOptions, detect, epipolar_inliers, match_mutua
 pub use undistort::{UndistortMode, Undistorter};
 pub use video::{CutFrame, CutOptions, CutOutcome, FrameFormat, VideoCut, cut_frames};
 
-/// Lets OpenCV use at most `count` threads of its own; 0 and 1 both mean the calling thread alone.
-/// Process-wide.
+/// Limits OpenCV's own threads, process-wide, to `count`; 0 and 1 both mean the calling thread only.
 ///
 /// # Errors
 /// [`SceneError::OpenCv`].
@@ -33,12 +32,12 @@ pub fn limit_threads(count: usize) -> Result<(), SceneError> {
     called("limiting threads", ::opencv::core::set_num_threads(count))
 }
 
-/// Turns OpenCV's error into ours, with what was being done.
+/// Adds what was being done to OpenCV's error.
 fn called<T>(action: &'static str, result: ::opencv::Result<T>) -> Result<T, SceneError> {
     result.map_err(|source| SceneError::OpenCv { action, source })
 }
 
-/// An 8-bit Mat of three channels, in the picture's order RGB.
+/// An 8-bit `Mat` with the three channels R, G, B.
 fn mat_from_picture(picture: &ImageU8) -> Result<Mat, SceneError> {
     let rows = i32::try_from(picture.height()).unwrap_or(i32::MAX);
     let flat = called("wrapping a picture", Mat::from_bytes::<Vec3b>(picture.samples()))?;

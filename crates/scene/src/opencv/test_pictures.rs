@@ -1,5 +1,6 @@
-//! Pictures with known content for tests.
+//! Synthetic pictures for tests.
 
+use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
 use atsplat_pixels::ImageU8;
 use glam::DVec2;
 
@@ -27,7 +28,7 @@ pub(crate) fn blobs(width: u32, height: u32) -> (ImageU8, Vec<DVec2>) {
     (picture(width, height, value), centres)
 }
 
-/// Smooth noise, a window of one endless texture that starts at (`column`, `row`).
+/// Smooth noise: the window of an infinite texture that starts at (`column`, `row`).
 pub(crate) fn shifted_noise(width: u32, height: u32, column: i32, row: i32) -> ImageU8 {
     let value = |x: u32, y: u32| {
         let (x, y) = (f64::from(x) + f64::from(column), f64::from(y) + f64::from(row));
@@ -58,15 +59,13 @@ fn noise(x: f64, y: f64) -> f64 {
     top * (1.0 - v) + bottom * v
 }
 
-/// `SplitMix64`'s finaliser over both coordinates.
+/// A hash of both coordinates in [0, 1).
 fn lattice(x: f64, y: f64) -> f64 {
-    let mut z = x.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+    let state = x.to_bits().wrapping_mul(SPLIT_MIX_STEP) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    (split_mix(state) >> 11) as f64 / (1u64 << 53) as f64
 }
 
-/// Rounded and held in the range of a sample.
+/// Rounds and clamps to a sample value.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "rounded and clamped to 0..=255")]
 pub(crate) fn level(value: f64) -> u8 {
     value.round().clamp(0.0, 255.0) as u8

@@ -11,55 +11,55 @@ use ::opencv::prelude::*;
 use super::{called, mat_from_picture};
 use crate::SceneError;
 
-/// Outside any picture: what the map says where the lens model has no answer.
+/// Outside of any picture: the map's value for rays outside the domain of the lens model.
 const NOWHERE: f32 = -1e6;
 
-/// Which pinhole camera the undistorted picture is of.
+/// The pinhole camera of the undistorted picture.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum UndistortMode {
-    /// The same K: what was at the principal point keeps its scale, and parts of the rim may be black
+    /// The same K: the scale at the principal point is unchanged, and parts of the border may be black
     /// ([`Undistorter::outside`]).
     #[default]
     KeepK,
-    /// A new K without black rim, as Long-LRM and iLRM-wide undistort DL3DV (Long-LRM
-    /// `data/prosess_dl3dv.py:20-62`): `cv2.getOptimalNewCameraMatrix` with `alpha = 0`, then
-    /// `cv2.undistort`. Like theirs it hands K to OpenCV as it stands, although OpenCV counts pixels from
-    /// the first one's centre: half a pixel times the lens's local change of scale. For a fisheye, which
-    /// their data does not hold, `cv2.fisheye`'s estimate with `balance = 0` takes its place.
+    /// A new K without black border, as Long-LRM and iLRM-wide undistort DL3DV (Long-LRM `data/prosess_dl3dv.py:20-62`):
+    /// `cv2.getOptimalNewCameraMatrix` with `alpha = 0`, then `cv2.undistort`. Like theirs it passes K to OpenCV
+    /// unchanged, although OpenCV's origin is the centre of the first pixel: an error of half a pixel times the lens's
+    /// local change of scale. A fisheye, which their data does not contain, uses `cv2.fisheye`'s estimate with
+    /// `balance = 0`.
     LongLrm,
 }
 
 /// Undistorts pictures of one size from one camera; the map is computed once.
 ///
-/// Rays that the lens model cannot map (beyond its fold) are black, where OpenCV's own map mirrors parts
-/// of the picture into the rim. Sampling is bilinear, as `cv2.undistort`'s.
+/// Rays outside the domain of the lens model (beyond its fold) are black, where OpenCV's own map mirrors parts of the
+/// picture into the border. Sampling is bilinear, as in `cv2.undistort`.
 #[derive(Debug)]
 pub struct Undistorter {
     size: ImageSize,
     intrinsics: NormalizedIntrinsics,
-    /// The map and its fraction of outside pixels; none for a pinhole, whose pictures stay as they are.
+    /// The map and its fraction of outside pixels; `None` for a pinhole, whose pictures are unchanged.
     map: Option<(Mat, f64)>,
 }
 
 impl Undistorter {
-    /// For pictures of `size` from `camera`.
+    /// An undistorter of pictures of `size` from `camera`.
     ///
     /// # Errors
-    /// [`SceneError::Lens`] for coefficients or intrinsics that make no camera, [`SceneError::OpenCv`].
+    /// [`SceneError::Lens`] for invalid coefficients or intrinsics, [`SceneError::OpenCv`].
     pub fn new(camera: &Camera, size: ImageSize, mode: UndistortMode) -> Result<Self, SceneError> {
-        let unusable = |source| SceneError::Lens { source };
+        let invalid = |source| SceneError::Lens { source };
         if camera.distortion == Distortion::None {
             return Ok(Self { size, intrinsics: camera.intrinsics, map: None });
         }
-        let lens = camera.distortion.lens().map_err(unusable)?;
+        let lens = camera.distortion.lens().map_err(invalid)?;
         let distorted = camera.intrinsics.pixel_from_normalized(size);
-        let (straight, first_pixel) = match mode {
+        let (undistorted, first_pixel) = match mode {
             UndistortMode::KeepK => (distorted, 0.5),
             UndistortMode::LongLrm => (long_lrm_intrinsics(&distorted, &camera.distortion, size)?, 0.0),
         };
-        let intrinsics = straight.normalized_from_pixel(size).map_err(unusable)?;
-        let map = source_map(&lens, &distorted, &straight, size, first_pixel)?;
+        let intrinsics = undistorted.normalized_from_pixel(size).map_err(invalid)?;
+        let map = source_map(&lens, &distorted, &undistorted, size, first_pixel)?;
         let outside = outside_fraction(&map, size)?;
         Ok(Self { size, intrinsics, map: Some((map, outside)) })
     }
@@ -69,13 +69,13 @@ impl Undistorter {
         self.intrinsics
     }
 
-    /// Fraction of the undistorted picture's pixels, in [0, 1], that reach outside the original one and
-    /// are black or mixed with black.
+    /// Fraction of the undistorted picture's pixels, in [0, 1], that are sampled partly or fully outside the original
+    /// picture, where it is black.
     pub fn outside(&self) -> f64 {
         self.map.as_ref().map_or(0.0, |(_, outside)| *outside)
     }
 
-    /// The picture as the pinhole camera of [`Self::intrinsics`] would have taken it.
+    /// The picture as taken by a pinhole camera with [`Self::intrinsics`].
     ///
     /// # Errors
     /// [`SceneError::PictureSize`] for a picture of another size, [`SceneError::OpenCv`].
@@ -85,44 +85,47 @@ impl Undistorter {
             return Err(SceneError::PictureSize { expected: self.size, found });
         }
         let Some((map, _)) = &self.map else { return Ok(picture.clone()) };
-        let straight = sampled(&mat_from_picture(picture)?, map)?;
-        let samples = called("reading a picture", straight.data_bytes())?.to_vec();
-        // As many samples as the picture that came in.
-        Ok(ImageU8::new(found.width, found.height, samples).unwrap_or_else(|_| picture.clone()))
+        let undistorted = sampled(&mat_from_picture(picture)?, map)?;
+        let samples = called("reading a picture", undistorted.data_bytes())?.to_vec();
+        #[expect(clippy::expect_used, reason = "the map has the picture's size")]
+        let undistorted = ImageU8::new(found.width, found.height, samples).expect("as many samples as the input");
+        Ok(undistorted)
     }
 }
 
-/// For each pixel of the new picture, where the old one shows the same ray, as (column, row) counted from
-/// the centre of the first pixel. `first_pixel` is where K has that centre: at 0.5, or at 0 for those who
-/// hand K to OpenCV as it stands.
+/// For each pixel of the undistorted picture, the position of the same ray in the distorted one, as (column, row) from
+/// the centre of the first pixel. `first_pixel` is the coordinate of that centre under K: 0.5, or 0 if K is passed to
+/// OpenCV unchanged.
 fn source_map(
     lens: &Lens,
     distorted: &PixelIntrinsics,
-    straight: &PixelIntrinsics,
+    undistorted: &PixelIntrinsics,
     size: ImageSize,
     first_pixel: f64,
 ) -> Result<Mat, SceneError> {
-    let old = |point: DVec2| DVec2::new(point.x * distorted.fx + distorted.cx, point.y * distorted.fy + distorted.cy);
-    let mut places = Vec::new();
+    let k = distorted;
+    let pixel_from_plane = |point: DVec2| DVec2::new(point.x * k.fx + k.cx, point.y * k.fy + k.cy);
+    let mut positions = Vec::new();
     for row in 0..size.height {
         for column in 0..size.width {
             let pixel = DVec2::new(f64::from(column), f64::from(row)) + first_pixel;
-            let ray = DVec2::new((pixel.x - straight.cx) / straight.fx, (pixel.y - straight.cy) / straight.fy);
-            let place = lens.distorted_from_undistorted(ray).map(|bent| old(bent) - first_pixel);
-            places.push(Vec2f::from(place.map_or([NOWHERE; 2], |place| place.as_vec2().to_array())));
+            let ray =
+                DVec2::new((pixel.x - undistorted.cx) / undistorted.fx, (pixel.y - undistorted.cy) / undistorted.fy);
+            let position = lens.distorted_from_undistorted(ray).map(|point| pixel_from_plane(point) - first_pixel);
+            positions.push(Vec2f::from(position.map_or([NOWHERE; 2], |position| position.as_vec2().to_array())));
         }
     }
     let rows = i32::try_from(size.height).unwrap_or(i32::MAX);
-    let flat = called("laying out a map", Mat::from_slice(&places))?;
+    let flat = called("laying out a map", Mat::from_slice(&positions))?;
     let shaped = called("laying out a map", flat.reshape(2, rows))?;
     called("laying out a map", shaped.try_clone())
 }
 
 fn sampled(picture: &Mat, map: &Mat) -> Result<Mat, SceneError> {
-    let mut straight = Mat::default();
+    let mut output = Mat::default();
     let black = Scalar::all(0.0);
-    called("undistorting", remap(picture, &mut straight, map, &Mat::default(), INTER_LINEAR, BORDER_CONSTANT, black))?;
-    Ok(straight)
+    called("undistorting", remap(picture, &mut output, map, &Mat::default(), INTER_LINEAR, BORDER_CONSTANT, black))?;
+    Ok(output)
 }
 
 fn outside_fraction(map: &Mat, size: ImageSize) -> Result<f64, SceneError> {
@@ -195,7 +198,7 @@ mod tests {
         Camera { camera_from_world: CameraFromWorld::IDENTITY, intrinsics, distortion }
     }
 
-    /// A plane with lines `X = n · step` and `Y = n · step` at z = 1, dark on white, through `camera`.
+    /// The plane z = 1 seen through `camera`, with dark lines `X = n · step` and `Y = n · step` on white.
     fn grid(camera: &Camera, step: f64) -> ImageU8 {
         let k = camera.intrinsics.pixel_from_normalized(SIZE);
         let lens = camera.distortion.lens().unwrap();
@@ -203,8 +206,8 @@ mod tests {
         for row in 0..SIZE.height {
             for column in 0..SIZE.width {
                 let pixel = DVec2::new(f64::from(column), f64::from(row)) + 0.5;
-                let bent = DVec2::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy);
-                let ray = lens.undistorted_from_distorted(bent).unwrap();
+                let distorted = DVec2::new((pixel.x - k.cx) / k.fx, (pixel.y - k.cy) / k.fy);
+                let ray = lens.undistorted_from_distorted(distorted).unwrap();
                 // Soft lines, so that sampling between pixels is accurate.
                 let line = |x: f64| (std::f64::consts::PI * x / step).cos().powi(8);
                 let dark = 1.0 - (1.0 - line(ray.x)) * (1.0 - line(ray.y));
@@ -214,8 +217,9 @@ mod tests {
         ImageU8::new(SIZE.width, SIZE.height, samples).unwrap()
     }
 
-    fn largest_difference(a: &ImageU8, b: &ImageU8, rim: u32) -> u8 {
-        let inner = |x: u32, y: u32| (rim..SIZE.width - rim).contains(&x) && (rim..SIZE.height - rim).contains(&y);
+    fn largest_difference(a: &ImageU8, b: &ImageU8, border: u32) -> u8 {
+        let inner =
+            |x: u32, y: u32| (border..SIZE.width - border).contains(&x) && (border..SIZE.height - border).contains(&y);
         let pixels = (0..SIZE.height).flat_map(|y| (0..SIZE.width).map(move |x| (x, y)));
         pixels
             .filter(|(x, y)| inner(*x, *y))
@@ -225,21 +229,21 @@ mod tests {
     }
 
     #[test]
-    fn lines_come_out_straight_where_a_pinhole_would_see_them() {
-        for (distortion, rim) in [(BARREL, 2), (FISHEYE, 2)] {
-            let bent = grid(&camera(distortion), 0.2);
+    fn undistorted_lines_match_those_of_a_pinhole() {
+        for distortion in [BARREL, FISHEYE] {
+            let distorted = grid(&camera(distortion), 0.2);
             let straight = Undistorter::new(&camera(distortion), SIZE, UndistortMode::KeepK).unwrap();
             assert_eq!(straight.intrinsics(), camera(distortion).intrinsics);
             let pinhole = Camera { distortion: Distortion::None, ..camera(distortion) };
-            let difference = largest_difference(&straight.undistort(&bent).unwrap(), &grid(&pinhole, 0.2), rim);
-            // Bilinear sampling of a soft line loses a few levels; half a pixel of shift costs over 20.
+            let difference = largest_difference(&straight.undistort(&distorted).unwrap(), &grid(&pinhole, 0.2), 2);
+            // Bilinear sampling of a soft line changes it by a few levels; a shift by half a pixel by over 20.
             assert!(difference <= 8, "{distortion:?}: off by {difference} levels");
-            assert!(largest_difference(&bent, &grid(&pinhole, 0.2), rim) > 60, "the lens bends visibly");
+            assert!(largest_difference(&distorted, &grid(&pinhole, 0.2), 2) > 60, "the distortion is visible");
         }
     }
 
     #[test]
-    fn long_lrm_mode_is_opencvs_own_undistortion() {
+    fn long_lrm_mode_matches_opencv_undistort() {
         let Distortion::OpenCv { k1, k2, k3, p1, p2 } = BARREL else { unreachable!() };
         let camera = camera(BARREL);
         let picture = shifted_noise(SIZE.width, SIZE.height, 0, 0);
@@ -254,11 +258,14 @@ mod tests {
         undistort(&mat_from_picture(&picture).unwrap(), &mut theirs, &old, &coefficients, &matrix(new)).unwrap();
         let theirs = ImageU8::new(SIZE.width, SIZE.height, theirs.data_bytes().unwrap().to_vec()).unwrap();
         let difference = largest_difference(&ours.undistort(&picture).unwrap(), &theirs, 0);
-        assert!(difference <= 2, "{difference} levels: both round places to 1/32 pixel, from maps of other precision");
+        assert!(
+            difference <= 2,
+            "{difference} levels: both round positions to 1/32 pixel, from maps of different precision"
+        );
     }
 
     #[test]
-    fn alpha_zero_leaves_no_black_rim_and_keep_k_of_a_pincushion_does() {
+    fn a_pincushion_has_a_black_border_with_keep_k_but_not_with_alpha_zero() {
         let pincushion = Distortion::OpenCv { k1: 0.15, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 };
         let keep = Undistorter::new(&camera(pincushion), SIZE, UndistortMode::KeepK).unwrap();
         let fit = Undistorter::new(&camera(pincushion), SIZE, UndistortMode::LongLrm).unwrap();
@@ -267,11 +274,11 @@ mod tests {
         let white = ImageU8::new(SIZE.width, SIZE.height, vec![255; 320 * 240 * 3]).unwrap();
         let dark = keep.undistort(&white).unwrap().samples().iter().filter(|sample| **sample < u8::MAX).count();
         let fraction = dark as f64 / f64::from(320 * 240 * 3);
-        Tolerance::F64.assert([fraction], [keep.outside()], "reported as it is");
+        Tolerance::F64.assert([fraction], [keep.outside()], "reported fraction");
     }
 
     #[test]
-    fn beyond_the_fold_is_black_and_not_a_mirror_image() {
+    fn rays_beyond_the_fold_are_black() {
         let mut wide = camera(Distortion::OpenCv { k1: -0.3, k2: 0.0, k3: 0.0, p1: 0.0, p2: 0.0 });
         wide.intrinsics = NormalizedIntrinsics::new(0.3, 0.4, 0.5, 0.5).unwrap();
         let straight = Undistorter::new(&wide, SIZE, UndistortMode::KeepK).unwrap();
@@ -282,7 +289,7 @@ mod tests {
     }
 
     #[test]
-    fn a_pinhole_changes_nothing_and_other_sizes_are_refused() {
+    fn a_pinhole_is_unchanged_and_other_sizes_are_errors() {
         let straight = Undistorter::new(&camera(Distortion::None), SIZE, UndistortMode::LongLrm).unwrap();
         let picture = shifted_noise(SIZE.width, SIZE.height, 3, 3);
         assert_eq!(straight.undistort(&picture).unwrap(), picture);

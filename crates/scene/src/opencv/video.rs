@@ -13,98 +13,94 @@ use ::opencv::videoio::{CAP_FFMPEG, CAP_PROP_FPS, CAP_PROP_POS_MSEC, VideoCaptur
 use super::called;
 use crate::{SceneError, is_plain_name};
 
-const FORMAT: &str = "video";
-
-/// How cut frames are written.
+/// Format of the written frames.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FrameFormat {
     /// `<timestamp>.jpg` at this quality, 0 to 100.
     Jpeg(u8),
-    /// `<timestamp>.png`, without loss.
+    /// `<timestamp>.png`, lossless.
     Png,
 }
 
-/// What became of one timestamp.
+/// Outcome for one timestamp.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "outcome", rename_all = "kebab-case")]
 pub enum CutOutcome {
     /// The frame was written.
     Written {
-        /// Where.
+        /// The file.
         path: PathBuf,
     },
     /// The nearest frame is over half a frame interval away.
     TooFar,
-    /// The video has no frames at all.
+    /// The video has no frames.
     NoFrame,
 }
 
 /// One timestamp of a trajectory and the video's nearest frame.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct CutFrame {
-    /// The timestamp asked for, in microseconds.
+    /// The requested timestamp, in microseconds.
     pub timestamp_micros: i64,
-    /// When the nearest frame is presented, in microseconds; `None` where the video has no frames.
+    /// Presentation time of the nearest frame, in microseconds; `None` if the video has no frames.
     pub presented_micros: Option<f64>,
-    /// Whether that time had to be counted on from the frames before.
+    /// Whether that time was extrapolated from the previous frames.
     pub estimated: bool,
-    /// What became of it.
+    /// Whether the frame was written.
     #[serde(flatten)]
     pub outcome: CutOutcome,
 }
 
 impl CutFrame {
-    /// Presentation time less timestamp, in microseconds.
+    /// Presentation time minus timestamp, in microseconds.
     pub fn residual_micros(&self) -> Option<f64> {
         Some(self.presented_micros? - self.timestamp_micros as f64)
     }
 }
 
-/// What was cut out of a video.
+/// The frames extracted from a video.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct VideoCut {
     /// Median interval between frames, in microseconds.
     pub interval_micros: f64,
-    /// One entry per timestamp, in the order asked for.
+    /// One entry per timestamp, in the requested order.
     pub frames: Vec<CutFrame>,
 }
 
 impl VideoCut {
-    /// How many frames were written.
+    /// Number of frames written.
     pub fn written(&self) -> usize {
         self.frames.iter().filter(|frame| matches!(frame.outcome, CutOutcome::Written { .. })).count()
     }
 }
 
-/// Where cut frames go and how they are written.
+/// Options of [`cut_frames`].
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 pub struct CutOptions {
-    /// Frames go to `<folder>/<key>/<timestamp>.<extension>`, the layout of RE10K
+    /// Frames are written to `<folder>/<key>/<timestamp>.<extension>`, the layout of RE10K
     /// (`real_estate_10k_tools` `src/convert.py:69-73`).
     pub folder: PathBuf,
-    /// How they are written.
+    /// Their format.
     pub format: FrameFormat,
 }
 
-/// Cuts the frames that a trajectory's timestamps name out of a video.
+/// Extracts the frames at a trajectory's timestamps from a video.
 ///
-/// Each frame's own presentation time, counted from the video stream's start, decides, not its number:
-/// with a variable frame rate numbers say nothing about time. A timestamp gets the nearest frame, the
-/// earlier of two equally near ones; if that is over half a frame interval away it gets none. The interval is
-/// the median one. Seeking lands on wrong frames in some containers, so the video is decoded from its start
-/// to the last timestamp, once for the times and once for the pictures. Each file is written whole, then
-/// renamed into place. `progress` hears how many timestamps are decided.
+/// Frames are selected by presentation time from the start of the video stream, not by number, because the frame rate
+/// may vary. A timestamp gets the nearest frame, the earlier of two equally near ones, or none if that is more than half
+/// the median frame interval away. Seeking is inexact in some containers, so the video is decoded from its start to the
+/// last timestamp, once for the times and once for the pictures. Each file is written completely, then renamed into
+/// place. `progress` is called with the number of timestamps done.
 ///
-/// The times are OpenCV's `CAP_PROP_POS_MSEC`. Version 4.6 hands out `FFmpeg`'s decoding times there, which
-/// are the presentation times in MP4, Matroska and `WebM` as the common encoders write them, but late by the
-/// reordering delay in AVI files with B-frames; and none for the frames that a decoder still holds when the
-/// file ends. Those are counted on by the median interval and marked ([`CutFrame::estimated`]).
+/// The times are OpenCV's `CAP_PROP_POS_MSEC`. In version 4.6 these are `FFmpeg`'s decoding times, which equal the
+/// presentation times in MP4, Matroska and `WebM` files of the common encoders, but are late by the reordering delay in
+/// AVI files with B-frames, and missing for the frames that a decoder still holds at the end of the file. Missing times
+/// are extrapolated by the median interval and marked ([`CutFrame::estimated`]).
 ///
 /// # Errors
-/// [`SceneError::Malformed`] for a video that cannot be opened, has no frame rate or runs backwards, or a
-/// `key` that is not a plain folder name; [`SceneError::Io`] where a file cannot be written;
-/// [`SceneError::OpenCv`].
+/// [`SceneError::Malformed`] for a video that cannot be opened, has no frame rate or runs backwards, or a `key` that is
+/// not a plain folder name; [`SceneError::Io`] if a file cannot be written; [`SceneError::OpenCv`].
 pub fn cut_frames(
     video: &Path,
     key: &str,
@@ -116,15 +112,14 @@ pub fn cut_frames(
         return Err(malformed(Path::new(key), "scene key", "a plain folder name", format!("{key:?}")));
     }
     let folder = options.folder.join(key);
-    std::fs::create_dir_all(&folder).map_err(SceneError::io("making a folder for frames", &folder))?;
-    let last_wanted = timestamps_micros.iter().copied().max();
-    let shown = Shown::read(video, last_wanted)?;
-    let limit = 0.5 * shown.interval_micros;
+    std::fs::create_dir_all(&folder).map_err(SceneError::io("creating a folder for frames", &folder))?;
+    let schedule = Schedule::read(video, timestamps_micros.iter().copied().max())?;
+    let limit = 0.5 * schedule.interval_micros;
 
     let mut frames: Vec<CutFrame> = Vec::new();
     let mut writers: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
     for (index, timestamp) in timestamps_micros.iter().enumerate() {
-        let nearest = shown.nearest(*timestamp);
+        let nearest = schedule.nearest(*timestamp);
         let near = nearest.filter(|(_, time)| (time.micros - *timestamp as f64).abs() <= limit);
         if let Some((number, _)) = near {
             writers.entry(number).or_default().push(index);
@@ -145,12 +140,8 @@ pub fn cut_frames(
     for (number, indices) in writers {
         while reached <= number {
             if !stream.grab()? {
-                return Err(malformed(
-                    video,
-                    &format!("frame {number}"),
-                    "the frame that was there before",
-                    "none".to_owned(),
-                ));
+                let location = format!("frame {number}");
+                return Err(malformed(video, location, "the frame found in the first pass", "the end"));
             }
             reached += 1;
         }
@@ -164,7 +155,7 @@ pub fn cut_frames(
         progress(decided);
     }
     progress(timestamps_micros.len());
-    Ok(VideoCut { interval_micros: shown.interval_micros, frames })
+    Ok(VideoCut { interval_micros: schedule.interval_micros, frames })
 }
 
 fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> Result<PathBuf, SceneError> {
@@ -179,13 +170,17 @@ fn write(picture: &Mat, folder: &Path, timestamp: i64, format: FrameFormat) -> R
     Ok(path)
 }
 
-fn malformed(path: &Path, location: &str, expected: &str, found: String) -> SceneError {
-    let (location, expected) = (location.to_owned(), expected.to_owned());
-    SceneError::Malformed { format: FORMAT, path: path.to_owned(), location, expected, found }
+fn malformed(
+    path: &Path,
+    location: impl Into<String>,
+    expected: impl Into<String>,
+    found: impl Into<String>,
+) -> SceneError {
+    SceneError::malformed("video", path, location, expected, found)
 }
 
-/// When a video's frames are shown.
-struct Shown {
+/// Presentation times of a video's frames.
+struct Schedule {
     times: Vec<Time>,
     interval_micros: f64,
 }
@@ -196,23 +191,23 @@ struct Time {
     estimated: bool,
 }
 
-impl Shown {
-    /// Decodes the video up to the first frame after `until` for its times.
+impl Schedule {
+    /// Decodes the video up to the first frame after `until`.
     fn read(path: &Path, until: Option<i64>) -> Result<Self, SceneError> {
         let mut stream = Stream::open(path)?;
         let mut known: Vec<Option<f64>> = Vec::new();
         let mut last = f64::NEG_INFINITY;
         while until.is_some_and(|until| last <= until as f64) && stream.grab()? {
-            // OpenCV says 0 where it does not know; only the first frame is shown then.
+            // OpenCV returns 0 for an unknown time; only the first frame is presented at 0.
             let time = stream.time()?;
-            let lost = !known.is_empty() && time == 0.0;
+            let unknown = !known.is_empty() && time == 0.0;
             let increases = time > last && time.is_finite();
-            if !lost && !increases {
+            if !unknown && !increases {
                 let expected = format!("a time after {last} µs");
-                return Err(malformed(path, &format!("frame {}", known.len()), &expected, format!("{time} µs")));
+                return Err(malformed(path, format!("frame {}", known.len()), expected, format!("{time} µs")));
             }
-            last = if lost { last } else { time };
-            known.push((!lost).then_some(time));
+            last = if unknown { last } else { time };
+            known.push((!unknown).then_some(time));
         }
         let gaps = known.windows(2).filter_map(|pair| match pair {
             [Some(before), Some(after)] => Some(after - before),
@@ -221,23 +216,23 @@ impl Shown {
         let interval_micros = median(gaps).unwrap_or(stream.declared_interval_micros);
         let mut times: Vec<Time> = Vec::new();
         for time in known {
-            let follows = times.last().map_or(0.0, |time| time.micros + interval_micros);
-            times.push(Time { micros: time.unwrap_or(follows), estimated: time.is_none() });
+            let extrapolated = times.last().map_or(0.0, |time| time.micros + interval_micros);
+            times.push(Time { micros: time.unwrap_or(extrapolated), estimated: time.is_none() });
         }
         Ok(Self { times, interval_micros })
     }
 
-    /// The number and time of the frame shown nearest to a timestamp, the earlier of two equally near.
+    /// The number and time of the frame nearest to a timestamp, the earlier of two equally near ones.
     fn nearest(&self, timestamp: i64) -> Option<(usize, Time)> {
-        let wanted = timestamp as f64;
-        let after = self.times.partition_point(|time| time.micros < wanted);
+        let target = timestamp as f64;
+        let after = self.times.partition_point(|time| time.micros < target);
         let candidates = [after.checked_sub(1), Some(after)].into_iter().flatten();
         let timed = candidates.filter_map(|number| Some((number, *self.times.get(number)?)));
-        timed.min_by(|(_, a), (_, b)| (a.micros - wanted).abs().total_cmp(&(b.micros - wanted).abs()))
+        timed.min_by(|(_, a), (_, b)| (a.micros - target).abs().total_cmp(&(b.micros - target).abs()))
     }
 }
 
-/// A video read from its start, frame by frame.
+/// A video decoded sequentially from its start.
 struct Stream {
     path: PathBuf,
     capture: VideoCapture,
@@ -251,7 +246,7 @@ impl Stream {
         let name = name.ok_or_else(|| malformed(path, "path", "UTF-8", path.to_string_lossy().into_owned()))?;
         let capture = called("opening a video", VideoCapture::from_file(name, CAP_FFMPEG))?;
         if !called("opening a video", capture.is_opened())? {
-            return Err(malformed(path, "header", "a video that FFmpeg can decode", "none".to_owned()));
+            return Err(malformed(path, "header", "a video that FFmpeg can decode", "something else"));
         }
         let rate = called("reading the frame rate", capture.get(CAP_PROP_FPS))?;
         if !(rate.is_finite() && rate > 0.0) {
@@ -260,24 +255,24 @@ impl Stream {
         Ok(Self { path: path.to_owned(), capture, declared_interval_micros: 1e6 / rate })
     }
 
-    /// Whether there was another frame.
+    /// Advances to the next frame; `false` at the end.
     fn grab(&mut self) -> Result<bool, SceneError> {
         called("decoding a frame", self.capture.grab())
     }
 
-    /// When the frame grabbed last is shown, in microseconds; 0 where OpenCV does not know.
+    /// Presentation time of the current frame in microseconds; 0 if unknown to OpenCV.
     fn time(&self) -> Result<f64, SceneError> {
         Ok(1e3 * called("reading a presentation time", self.capture.get(CAP_PROP_POS_MSEC))?)
     }
 
-    /// The picture of the frame grabbed last.
+    /// The picture of the current frame.
     fn picture(&mut self) -> Result<Mat, SceneError> {
         let mut picture = Mat::default();
         let retrieved = called("retrieving a frame", self.capture.retrieve_def(&mut picture))?;
         if retrieved && !picture.empty() {
             return Ok(picture);
         }
-        Err(malformed(&self.path, "frame", "a decodable picture", "none".to_owned()))
+        Err(malformed(&self.path, "frame", "a decodable picture", "none"))
     }
 }
 
@@ -331,7 +326,7 @@ mod tests {
     }
 
     #[test]
-    fn constant_rate_frames_come_by_their_time() {
+    fn frames_at_a_constant_rate_are_found_by_time() {
         // 25 frames a second: frame n at n · 40 ms.
         let (cut, _folder) = cut("constant.mp4", &[0, 40_000, 1_200_000, 419_000]);
         assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [Some(0), Some(1), Some(30), Some(10)]);
@@ -342,7 +337,7 @@ mod tests {
     }
 
     #[test]
-    fn every_frame_to_the_last_is_found_at_its_time() {
+    fn every_frame_is_found_at_its_time() {
         let times: Vec<i64> = (0..49).map(|n| n * 40_000).collect();
         let (cut, _folder) = cut("constant.mp4", &times);
         assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), (0..49).map(Some).collect::<Vec<_>>());
@@ -350,7 +345,7 @@ mod tests {
     }
 
     #[test]
-    fn a_variable_rate_is_read_from_the_frames_and_not_from_their_numbers() {
+    fn frames_at_a_variable_rate_are_found_by_time() {
         // make_videos.sh: frame n at n² · 4 ms.
         let times: Vec<i64> = (0..20).map(|n| n * n * 4_000).collect();
         let (cut, _folder) = cut("variable.mkv", &times);
@@ -362,25 +357,25 @@ mod tests {
     }
 
     #[test]
-    fn what_lies_far_outside_is_rejected_with_its_residual() {
+    fn distant_timestamps_are_rejected_with_their_residual() {
         let (cut, folder) = cut("constant.mp4", &[-500_000, -19_000, 9_000_000]);
         assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [None, Some(0), None]);
         assert!(cut.frames.iter().all(|frame| frame.residual_micros().is_some()));
         assert_eq!(cut.frames[2].outcome, CutOutcome::TooFar);
         let names: Vec<_> =
             std::fs::read_dir(folder.path().join("scene")).unwrap().map(|e| e.unwrap().file_name()).collect();
-        assert_eq!(names, ["-19000.png"], "nothing half written stays behind");
+        assert_eq!(names, ["-19000.png"], "no partial file is left");
         assert!(cut.to_string().contains("1 of 3 frames written"), "{cut}");
     }
 
     #[test]
-    fn timestamps_may_come_in_any_order_and_twice() {
+    fn timestamps_may_be_unordered_and_repeated() {
         let (cut, _folder) = cut("constant.mp4", &[800_000, 0, 800_000, 400_000]);
         assert_eq!(cut.frames.iter().map(number_in).collect::<Vec<_>>(), [Some(20), Some(0), Some(20), Some(10)]);
     }
 
     #[test]
-    fn jpeg_frames_are_jpegs() {
+    fn jpeg_frames_are_written_as_jpeg() {
         let folder = tempfile::tempdir().unwrap();
         let options = CutOptions { folder: folder.path().to_owned(), format: FrameFormat::Jpeg(95) };
         let cut = cut_frames(&fixture("constant.mp4"), "scene", &[120_000], &options, |_| ()).unwrap();
@@ -390,7 +385,7 @@ mod tests {
     }
 
     #[test]
-    fn bad_videos_and_keys_are_errors() {
+    fn invalid_videos_and_keys_are_errors() {
         let folder = tempfile::tempdir().unwrap();
         let options = CutOptions { folder: folder.path().join("out"), format: FrameFormat::Png };
         let attempt = |video: &Path, key: &str| cut_frames(video, key, &[0], &options, |_| ()).err();

@@ -7,14 +7,14 @@ use super::{Plan, PreprocessError};
 
 const STEP: &str = "centre-crop";
 
-/// Cuts `height` × `width` out of the centre without resampling; the half-pixel of an odd margin is
-/// rounded down (`center_crop`, pixelSplat `src/dataset/shims/crop_shim.py`).
+/// Crops the centre to `height` × `width` without resampling; the half-pixel of an odd margin is rounded down
+/// (`center_crop`, pixelSplat `src/dataset/shims/crop_shim.py`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct CentreCrop {
-    /// Rows that come out; at most the picture's.
+    /// Output rows; at most the picture's.
     pub height: u32,
-    /// Columns that come out; at most the picture's.
+    /// Output columns; at most the picture's.
     pub width: u32,
 }
 

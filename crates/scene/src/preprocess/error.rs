@@ -2,63 +2,35 @@ use atsplat_camera::{CameraError, ImageSize};
 use atsplat_pixels::PixelError;
 use thiserror::Error;
 
-/// Why a picture or its intrinsics cannot be preprocessed as asked.
+/// Why a picture or its intrinsics cannot be preprocessed.
 #[derive(Debug, Error)]
 #[non_exhaustive]
+#[expect(missing_docs, reason = "the message explains the fields")]
 pub enum PreprocessError {
-    /// The protocol is for pictures of one size only.
+    /// The protocol requires another picture size.
     #[error("picture size: the protocol expects {expected}, found {found}")]
-    UnexpectedSize {
-        /// The size that the protocol states.
-        expected: ImageSize,
-        /// The picture's own size.
-        found: ImageSize,
-    },
+    UnexpectedSize { expected: ImageSize, found: ImageSize },
     /// A step would have to enlarge the picture.
     #[error("{step}: expected a picture of at least {wanted}, found {found}")]
-    TooSmall {
-        /// The step's name.
-        step: &'static str,
-        /// What the step would cut out.
-        wanted: ImageSize,
-        /// The picture's size before the step.
-        found: ImageSize,
-    },
-    /// A step would make a picture of too many pixels.
+    TooSmall { step: &'static str, wanted: ImageSize, found: ImageSize },
+    /// A step's output would have too many pixels.
     #[error("{step}: expected at most {limit} pixels, found {wanted}")]
     TooLarge {
-        /// The step's name.
         step: &'static str,
-        /// The size asked for.
         wanted: ImageSize,
         /// [`super::Plan::MAX_PIXELS`].
         limit: u64,
     },
-    /// A width or height is odd where the centre has to lie between two pixels.
+    /// A width or height is odd, but the centre has to lie between two pixels.
     #[error("{step}: expected even width and height, found {found}")]
-    OddSize {
-        /// The step's name.
-        step: &'static str,
-        /// The picture's size before the step.
-        found: ImageSize,
-    },
+    OddSize { step: &'static str, found: ImageSize },
     /// A picture or parameter has no pixels.
     #[error("{what}: expected at least one pixel a side, found {found}")]
-    Empty {
-        /// Which size.
-        what: &'static str,
-        /// Its value.
-        found: ImageSize,
-    },
+    Empty { what: &'static str, found: ImageSize },
     /// A plan made for one size was applied to a picture of another.
     #[error("plan for a picture of {expected} applied to one of {found}")]
-    WrongPicture {
-        /// The size that the plan was made for.
-        expected: ImageSize,
-        /// The picture's size.
-        found: ImageSize,
-    },
-    /// Intrinsics or a crop break a camera's rules.
+    WrongPicture { expected: ImageSize, found: ImageSize },
+    /// Intrinsics or a crop are invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
     /// Resampling or cropping failed.

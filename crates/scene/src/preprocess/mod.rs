@@ -1,8 +1,8 @@
-//! The papers' preprocessing: pictures and intrinsics changed together, by named steps.
+//! The papers' preprocessing, applied to pictures and intrinsics together.
 //!
-//! A [`Preprocessing`] is a list of steps, as a protocol preset writes it. [`Preprocessing::plan`] turns it
-//! into a [`Plan`] for one picture size: pure geometry that can be checked, printed and applied to cameras
-//! before any picture is decoded.
+//! A [`Preprocessing`] is a list of named steps, as written in a protocol preset. [`Preprocessing::plan`] converts it to
+//! a [`Plan`] for one picture size: pure geometry that can be checked, printed and applied to cameras before any picture
+//! is decoded.
 //!
 //! ```
 //! use atsplat_camera::{ImageSize, NormalizedIntrinsics};
@@ -21,7 +21,6 @@ mod centre_crop;
 mod error;
 mod patch_crop;
 mod plan;
-mod resampling;
 mod rescale_and_crop;
 mod resize;
 mod square_crop;
@@ -35,12 +34,11 @@ pub use centre_crop::CentreCrop;
 pub use error::PreprocessError;
 pub use patch_crop::PatchCrop;
 pub use plan::{Operation, Plan};
-pub use resampling::Resampling;
 pub use rescale_and_crop::RescaleAndCrop;
-pub use resize::Resize;
+pub use resize::{Resampling, Resize};
 pub use square_crop::SquareCrop;
 
-/// What happens to every picture and its intrinsics between the file and the method.
+/// The steps applied to every picture and its intrinsics between the file and the method.
 ///
 /// ```toml
 /// expected-size = { width = 480, height = 270 }
@@ -50,15 +48,15 @@ pub use square_crop::SquareCrop;
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Preprocessing {
-    /// The only size that a picture file may have; any, if absent. The papers' loaders drop scenes of other
-    /// shapes in silence (`skip_bad_shape`, depthsplat `src/dataset/dataset_dl3dv.py:211-279`); here it is
-    /// [`PreprocessError::UnexpectedSize`], for the caller to count.
+    /// The required size of picture files; any, if absent. The papers' loaders silently drop scenes of other shapes
+    /// (`skip_bad_shape`, depthsplat `src/dataset/dataset_dl3dv.py:211-279`); here they are
+    /// [`PreprocessError::UnexpectedSize`].
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expected_size: Option<ImageSize>,
-    /// What crops do to the principal point; frozen, as the papers have it, unless stated.
+    /// How crops treat the principal point; by default frozen, as in the papers.
     #[serde(default)]
     pub principal_point: PrincipalPointRule,
-    /// Steps in order; none leaves pictures as they are.
+    /// Steps in order; without any, pictures are unchanged.
     #[serde(default)]
     pub steps: Vec<Step>,
 }
@@ -67,30 +65,30 @@ pub struct Preprocessing {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(tag = "step", rename_all = "kebab-case")]
 pub enum Step {
-    /// Scale until the target just fits inside, then crop the centre.
+    /// Scale to the smallest size that covers the target, then crop the centre.
     RescaleAndCrop(RescaleAndCrop),
     /// Crop the centre to multiples of a patch size.
     PatchCrop(PatchCrop),
     /// Crop the centre to a size.
     CentreCrop(CentreCrop),
-    /// Crop the largest centred square.
+    /// Crop to the largest centred square.
     SquareCrop(SquareCrop),
-    /// Scale both sides, whatever that does to the aspect ratio.
+    /// Scale to a size without keeping the aspect ratio.
     Resize(Resize),
 }
 
 impl Preprocessing {
-    /// These steps, for pictures of any size, with the principal point frozen as the papers have it.
+    /// These steps for pictures of any size, with the principal point frozen as in the papers.
     pub fn of(steps: impl IntoIterator<Item = Step>) -> Self {
         Self { steps: steps.into_iter().collect(), ..Self::default() }
     }
 
-    /// What the steps do to a picture of `source` size, in pixels. Resampling to the size that a picture
-    /// already has and crops of all of it are left out: both are copies.
+    /// The operations on a picture of size `source`, in pixels, without those that would be copies: resampling to the
+    /// same size and crops of the whole picture.
     ///
     /// # Errors
-    /// [`PreprocessError::UnexpectedSize`] where `source` is not [`Self::expected_size`]; other
-    /// [`PreprocessError`]s where a step does not fit its picture.
+    /// [`PreprocessError::UnexpectedSize`] if `source` is not [`Self::expected_size`]; other [`PreprocessError`]s if a
+    /// step cannot be applied to its input size.
     pub fn plan(&self, source: ImageSize) -> Result<Plan, PreprocessError> {
         if let Some(expected) = self.expected_size
             && expected != source
@@ -99,20 +97,14 @@ impl Preprocessing {
         }
         let mut plan = Plan::untouched(source, self.principal_point)?;
         for step in &self.steps {
-            match step {
-                Step::RescaleAndCrop(step) => step.extend(&mut plan)?,
-                Step::PatchCrop(step) => step.extend(&mut plan)?,
-                Step::CentreCrop(step) => step.extend(&mut plan)?,
-                Step::SquareCrop(step) => step.extend(&mut plan)?,
-                Step::Resize(step) => step.extend(&mut plan)?,
-            }
+            step.extend(&mut plan)?;
         }
         Ok(plan)
     }
 }
 
 impl fmt::Display for Preprocessing {
-    /// One line with every parameter: equal lines mean equal preprocessing.
+    /// One line with all parameters, so that equal lines mean equal preprocessing.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         if let Some(size) = self.expected_size {
             write!(f, "only {size}: ")?;
@@ -122,13 +114,7 @@ impl fmt::Display for Preprocessing {
         }
         for (position, step) in self.steps.iter().enumerate() {
             let separator = if position == 0 { "" } else { ", then " };
-            match step {
-                Step::RescaleAndCrop(step) => write!(f, "{separator}{step}")?,
-                Step::PatchCrop(step) => write!(f, "{separator}{step}")?,
-                Step::CentreCrop(step) => write!(f, "{separator}{step}")?,
-                Step::SquareCrop(step) => write!(f, "{separator}{step}")?,
-                Step::Resize(step) => write!(f, "{separator}{step}")?,
-            }
+            write!(f, "{separator}{step}")?;
         }
         let rule = match self.principal_point {
             PrincipalPointRule::Frozen => "frozen",
@@ -138,17 +124,33 @@ impl fmt::Display for Preprocessing {
     }
 }
 
-macro_rules! step_from {
-    ($($step:ident),*) => {$(
-        impl From<$step> for Step {
+macro_rules! steps {
+    ($($step:ident),*) => {
+        impl Step {
+            fn extend(&self, plan: &mut Plan) -> Result<(), PreprocessError> {
+                match self {
+                    $(Self::$step(step) => step.extend(plan),)*
+                }
+            }
+        }
+
+        impl fmt::Display for Step {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                match self {
+                    $(Self::$step(step) => step.fmt(f),)*
+                }
+            }
+        }
+
+        $(impl From<$step> for Step {
             fn from(step: $step) -> Self {
                 Self::$step(step)
             }
-        }
-    )*};
+        })*
+    };
 }
 
-step_from!(RescaleAndCrop, PatchCrop, CentreCrop, SquareCrop, Resize);
+steps!(RescaleAndCrop, PatchCrop, CentreCrop, SquareCrop, Resize);
 
 #[cfg(test)]
 mod tests;

@@ -8,18 +8,17 @@ use super::{Plan, PreprocessError};
 
 const STEP: &str = "patch-crop";
 
-/// Cuts the centre out at the largest size whose sides are multiples of `multiple`, as DepthSplat's encoder
-/// does to every picture it is given (depthsplat `src/dataset/shims/patch_shim.py:4-27`).
+/// Crops the centre to the largest size whose sides are multiples of `multiple`, as DepthSplat's encoder does to its
+/// input pictures (depthsplat `src/dataset/shims/patch_shim.py:4-27`).
 ///
-/// DepthSplat's and iLRM's "256×448" on DL3DV is this with `multiple = 64` on the native 270×480: no pixel
-/// is resampled.
+/// DepthSplat's and iLRM's "256×448" on DL3DV is this with `multiple = 64` on the native 270×480, without resampling.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct PatchCrop {
-    /// What both sides become a multiple of.
+    /// Both sides become multiples of this.
     pub multiple: u32,
-    /// Accept pictures with an odd side, whose crop is half a pixel off the centre. DepthSplat asserts that
-    /// there is none, and so does this step unless told otherwise.
+    /// Accept pictures with an odd side, whose crop is half a pixel off the centre. By default they are an error, as in
+    /// DepthSplat.
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     pub allow_odd_size: bool,
 }

@@ -3,9 +3,9 @@ use atsplat_pixels::ImageU8;
 
 use super::{PreprocessError, Resampling};
 
-/// A preprocessing worked out for one picture size: which pixels are resampled and cut, in order.
+/// The operations of a preprocessing for one picture size.
 ///
-/// Made by [`super::Preprocessing::plan`]; every operation fits the picture that reaches it.
+/// Created by [`super::Preprocessing::plan`]; every operation is valid for its input size.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Plan {
     source: ImageSize,
@@ -14,7 +14,7 @@ pub struct Plan {
     operations: Vec<Operation>,
 }
 
-/// One change of a picture.
+/// One operation on a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Operation {
     /// Resample to a size.
@@ -29,37 +29,37 @@ pub enum Operation {
 }
 
 impl Plan {
-    /// Most pixels that a step may resample to, 16 384 × 16 384: a preset's typing error is an error, not an
-    /// allocation of gigabytes.
+    /// Maximum pixels that a step may resample to, 16 384 × 16 384, so that a mistake in a preset is an error instead of
+    /// an allocation of gigabytes.
     pub const MAX_PIXELS: u64 = 1 << 28;
 
-    /// The picture as it is.
+    /// A plan without operations.
     pub(super) fn untouched(source: ImageSize, principal_point: PrincipalPointRule) -> Result<Self, PreprocessError> {
         not_empty("picture", source)?;
         Ok(Self { source, output: source, principal_point, operations: Vec::new() })
     }
 
-    /// Size of the pictures that the plan is for.
+    /// Input size.
     pub const fn source(&self) -> ImageSize {
         self.source
     }
 
-    /// Size of the pictures that come out.
+    /// Output size.
     pub const fn output(&self) -> ImageSize {
         self.output
     }
 
-    /// What happens, in order; nothing that would be a copy.
+    /// The operations in order, none of which is a copy.
     pub fn operations(&self) -> &[Operation] {
         &self.operations
     }
 
-    /// Intrinsics of the picture that comes out. Resampling changes no normalised number; a crop scales the
-    /// focal lengths by the *whole* sizes before and after it (455, not 455.11…) and treats the principal
-    /// point by the preprocessing's rule (pixelSplat `src/dataset/shims/crop_shim.py`).
+    /// Intrinsics of the output picture. Resampling does not change normalised intrinsics; a crop scales the focal
+    /// lengths by the *integer* sizes before and after it (455, not 455.11…) and treats the principal point by the
+    /// preprocessing's rule (pixelSplat `src/dataset/shims/crop_shim.py`).
     ///
     /// # Errors
-    /// [`PreprocessError::Camera`] where a focal length or principal point leaves the range of f64.
+    /// [`PreprocessError::Camera`] if a focal length or principal point overflows f64.
     pub fn intrinsics(&self, source: &NormalizedIntrinsics) -> Result<NormalizedIntrinsics, PreprocessError> {
         let mut size = self.source;
         let mut k = *source;
@@ -75,20 +75,20 @@ impl Plan {
         Ok(NormalizedIntrinsics::new(k.fx, k.fy, k.cx, k.cy)?)
     }
 
-    /// The camera of the picture that comes out: same pose, new intrinsics. Distortion coefficients act on
-    /// the `z = 1` plane, so they stay.
+    /// The camera of the output picture: same pose, new intrinsics. Distortion coefficients apply to the `z = 1` plane
+    /// and do not change.
     ///
     /// # Errors
-    /// As [`Self::intrinsics`].
+    /// Those of [`Self::intrinsics`].
     pub fn camera(&self, source: &Camera) -> Result<Camera, PreprocessError> {
         Ok(Camera { intrinsics: self.intrinsics(&source.intrinsics)?, ..*source })
     }
 
-    /// The picture that comes out.
+    /// The output picture.
     ///
     /// # Errors
-    /// [`PreprocessError::WrongPicture`] where `picture` has another size than [`Self::source`],
-    /// [`PreprocessError::Pixels`] where resampling fails.
+    /// [`PreprocessError::WrongPicture`] if the size of `picture` is not [`Self::source`], [`PreprocessError::Pixels`] if
+    /// resampling fails.
     pub fn apply(&self, picture: &ImageU8) -> Result<ImageU8, PreprocessError> {
         let found = ImageSize { width: picture.width(), height: picture.height() };
         if found != self.source {
@@ -98,7 +98,7 @@ impl Plan {
         rest.iter().try_fold(first.apply(picture)?, |picture, operation| operation.apply(&picture))
     }
 
-    /// Adds resampling to `size`, unless it would be a copy (Pillow's `resize` to the same size is one).
+    /// Adds resampling to `size`, unless it would be a copy (as Pillow's `resize` to the same size is).
     pub(super) fn resize(
         &mut self,
         step: &'static str,
@@ -143,7 +143,7 @@ impl Operation {
     }
 }
 
-/// `Ok` where both sides have a pixel.
+/// [`PreprocessError::Empty`] if a side is 0.
 pub(super) fn not_empty(what: &'static str, found: ImageSize) -> Result<(), PreprocessError> {
     if found.width == 0 || found.height == 0 { Err(PreprocessError::Empty { what, found }) } else { Ok(()) }
 }

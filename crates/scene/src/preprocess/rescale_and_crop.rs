@@ -9,14 +9,14 @@ use super::{Plan, PreprocessError, Resampling};
 
 const STEP: &str = "rescale-and-crop";
 
-/// Scales a picture until `height` × `width` just fits inside, then cuts its centre out: `rescale_and_crop`
-/// of pixelSplat, MVSplat, NoPoSplat (`src/dataset/shims/crop_shim.py`) and DepthSplat (lines 64–105).
+/// Scales a picture to the smallest size that covers `height` × `width`, then crops the centre: `rescale_and_crop` of
+/// pixelSplat, MVSplat, NoPoSplat (`src/dataset/shims/crop_shim.py`) and DepthSplat (lines 64–105).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RescaleAndCrop {
-    /// Rows that come out; at most the picture's.
+    /// Output rows; at most the picture's.
     pub height: u32,
-    /// Columns that come out; at most the picture's.
+    /// Output columns; at most the picture's.
     pub width: u32,
     /// Resampling filter.
     #[serde(default)]
@@ -24,7 +24,7 @@ pub struct RescaleAndCrop {
 }
 
 impl RescaleAndCrop {
-    /// With the papers' filter, Lanczos.
+    /// With Lanczos, the papers' filter.
     pub const fn new(height: u32, width: u32) -> Self {
         Self { height, width, filter: Resampling::Lanczos }
     }
@@ -41,8 +41,8 @@ impl RescaleAndCrop {
     }
 }
 
-/// `source` scaled by `s = max(h_out / h_in, w_out / w_in)`, in Python's arithmetic: f64 throughout, and
-/// `round()` takes halves to the even neighbour.
+/// `source` scaled by `s = max(h_out / h_in, w_out / w_in)`, in Python's arithmetic: f64, with `round()` of halves to
+/// even.
 fn just_covering(source: ImageSize, target: ImageSize) -> ImageSize {
     let ratio = |outer: u32, inner: u32| f64::from(inner) / f64::from(outer);
     let scale = ratio(source.height, target.height).maximum_of(ratio(source.width, target.width));

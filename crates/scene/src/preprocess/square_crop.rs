@@ -7,14 +7,14 @@ use super::{Plan, PreprocessError, Resampling};
 
 const STEP: &str = "square-crop";
 
-/// Cuts out the largest centred square and, where `size` is given, resamples it to `size` × `size`.
+/// Crops to the largest centred square and, if `size` is given, resamples it to `size` × `size`.
 ///
-/// The other order of [`super::RescaleAndCrop`]: the square is cut at the file's resolution, so its edge is
-/// a whole pixel there and the two differ by up to a pixel of the output.
+/// [`super::RescaleAndCrop`] in the opposite order: here the edges are whole pixels at the file's resolution, so the two
+/// differ by up to an output pixel.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct SquareCrop {
-    /// Side that comes out; the square's own, if absent.
+    /// Output side; that of the square, if absent.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub size: Option<u32>,
     /// Resampling filter.

@@ -14,14 +14,14 @@ fn intrinsics() -> NormalizedIntrinsics {
     NormalizedIntrinsics::new(0.482_334_223, 0.857_483_091, 0.503, 0.491).unwrap()
 }
 
-/// The focal lengths grew by these factors and the principal point stayed, as the papers freeze it.
+/// Asserts that the focal lengths are scaled by these factors and the principal point is unchanged, as in the papers.
 fn assert_scaled(k: NormalizedIntrinsics, focal: DVec2, context: &str) {
     let before = intrinsics();
     let expected = [before.fx * focal.x, before.fy * focal.y, before.cx, before.cy];
     Tolerance::EXACT.assert([k.fx, k.fy, k.cx, k.cy], expected, context);
 }
 
-/// The resampled size, if any, and the crop's first row and column.
+/// The resampled size, if any, and the first row and column of the crop.
 fn geometry(plan: &Plan) -> (Option<ImageSize>, (u32, u32)) {
     let mut outcome = (None, (0, 0));
     for operation in plan.operations() {
@@ -33,7 +33,7 @@ fn geometry(plan: &Plan) -> (Option<ImageSize>, (u32, u32)) {
     outcome
 }
 
-/// One case that `crop_shim.py` was run on.
+/// One result of `crop_shim.py`.
 struct RescaleCase {
     source: ImageSize,
     target: ImageSize,
@@ -42,7 +42,7 @@ struct RescaleCase {
 }
 
 #[test]
-fn rescale_and_crop_does_what_the_papers_shim_does() {
+fn rescale_and_crop_matches_the_papers_shim() {
     let case = |source, target, scaled, row_column| RescaleCase { source, target, scaled, row_column };
     let cases = [
         case(size(360, 640), size(256, 256), Some(size(256, 455)), (0, 99)),
@@ -67,7 +67,7 @@ fn rescale_and_crop_does_what_the_papers_shim_does() {
 }
 
 #[test]
-fn halves_round_to_even_as_python_rounds() {
+fn halves_round_to_even_as_in_python() {
     // s = 1/2: 5 · ½ = 2.5 becomes 2 and 7 · ½ = 3.5 becomes 4.
     for (height, scaled) in [(5, 2), (7, 4)] {
         let plan = Preprocessing::of([RescaleAndCrop::new(1, 2).into()]).plan(size(height, 4)).unwrap();
@@ -84,7 +84,7 @@ fn rescale_and_crop_never_enlarges() {
 }
 
 #[test]
-fn depthsplat_cuts_256_by_448_out_of_270_by_480_without_resampling() {
+fn depthsplat_crops_270_by_480_to_256_by_448_without_resampling() {
     let plan = Preprocessing::of([PatchCrop::new(64).into()]).plan(size(270, 480)).unwrap();
     let crop = CropRect { column: 16, row: 7, size: size(256, 448) };
     assert_eq!(plan.operations(), [Operation::Crop(crop)]);
@@ -93,14 +93,14 @@ fn depthsplat_cuts_256_by_448_out_of_270_by_480_without_resampling() {
 }
 
 #[test]
-fn patch_crop_leaves_whole_patches_alone() {
+fn patch_crop_keeps_whole_patches() {
     let plan = Preprocessing::of([RescaleAndCrop::new(256, 256).into(), PatchCrop::new(64).into()]);
     let re10k = Preprocessing::of([RescaleAndCrop::new(256, 256).into()]);
     assert_eq!(plan.plan(size(360, 640)).unwrap(), re10k.plan(size(360, 640)).unwrap());
 }
 
 #[test]
-fn patch_crop_refuses_what_depthsplat_asserts_against() {
+fn patch_crop_rejects_what_depthsplat_asserts_against() {
     let strict = Preprocessing::of([PatchCrop::new(64).into()]);
     assert!(matches!(strict.plan(size(135, 240)), Err(PreprocessError::OddSize { .. })), "odd height");
     assert!(matches!(strict.plan(size(62, 240)), Err(PreprocessError::TooSmall { .. })), "less than one patch");
@@ -111,7 +111,7 @@ fn patch_crop_refuses_what_depthsplat_asserts_against() {
 }
 
 #[test]
-fn tokengs_view_of_dl3dv_is_a_crop_and_a_resize() {
+fn tokengs_preprocesses_dl3dv_with_a_crop_and_a_resize() {
     let tokengs = Preprocessing::of([
         CentreCrop::new(540, 944).into(),
         Resize { height: 256, width: 448, filter: Resampling::Bilinear }.into(),
@@ -120,11 +120,11 @@ fn tokengs_view_of_dl3dv_is_a_crop_and_a_resize() {
     assert_eq!((plan.output(), geometry(&plan)), (size(256, 448), (Some(size(256, 448)), (0, 8))));
     let depthsplat = Preprocessing::of([PatchCrop::new(64).into()]).plan(size(270, 480)).unwrap();
     let fx = |plan: &Plan| plan.intrinsics(&intrinsics()).unwrap().fx;
-    assert!(fx(&plan) < fx(&depthsplat), "TokenGS sees a wider field than DepthSplat does");
+    assert!(fx(&plan) < fx(&depthsplat), "TokenGS has a wider field of view than DepthSplat");
 }
 
 #[test]
-fn square_crop_cuts_first_and_scales_second() {
+fn square_crop_crops_before_it_scales() {
     let plan = Preprocessing::of([SquareCrop::resized(224).into()]).plan(size(271, 480)).unwrap();
     let crop = CropRect { column: 104, row: 0, size: size(271, 271) };
     let resize = Operation::Resize { size: size(224, 224), filter: Resampling::Lanczos };
@@ -135,16 +135,16 @@ fn square_crop_cuts_first_and_scales_second() {
 }
 
 #[test]
-fn only_the_expected_size_passes() {
+fn other_sizes_than_the_expected_one_are_errors() {
     let preprocessing =
         Preprocessing { expected_size: Some(size(270, 480)), ..Preprocessing::of([PatchCrop::new(64).into()]) };
     assert!(preprocessing.plan(size(270, 480)).is_ok());
-    let refused = preprocessing.plan(size(540, 960)).unwrap_err();
-    assert_eq!(refused.to_string(), "picture size: the protocol expects 480×270, found 960×540");
+    let error = preprocessing.plan(size(540, 960)).unwrap_err();
+    assert_eq!(error.to_string(), "picture size: the protocol expects 480×270, found 960×540");
 }
 
 #[test]
-fn corrected_principal_point_lands_where_the_optical_axis_does() {
+fn a_corrected_principal_point_stays_on_the_optical_axis() {
     let corrected = Preprocessing {
         principal_point: PrincipalPointRule::Corrected,
         ..Preprocessing::of([RescaleAndCrop::new(256, 256).into()])
@@ -154,7 +154,7 @@ fn corrected_principal_point_lands_where_the_optical_axis_does() {
 }
 
 #[test]
-fn empty_pictures_and_enormous_ones_are_refused() {
+fn empty_and_enormous_pictures_are_errors() {
     let outcome = Preprocessing::default().plan(size(0, 640));
     assert!(matches!(outcome, Err(PreprocessError::Empty { .. })), "{outcome:?}");
     for step in [RescaleAndCrop::new(0, 256).into(), CentreCrop::new(256, 0).into(), SquareCrop::resized(0).into()] {
@@ -168,25 +168,25 @@ fn empty_pictures_and_enormous_ones_are_refused() {
 }
 
 #[test]
-fn a_plan_is_for_one_size_only() {
+fn a_plan_rejects_pictures_of_another_size() {
     let plan = Preprocessing::of([CentreCrop::new(2, 2).into()]).plan(size(4, 4)).unwrap();
     let picture = ImageU8::new(5, 4, vec![0; 60]).unwrap();
     assert!(matches!(plan.apply(&picture), Err(PreprocessError::WrongPicture { .. })));
 }
 
 #[test]
-fn a_crop_keeps_the_pixels_it_says() {
+fn a_crop_keeps_the_expected_pixels() {
     let samples: Vec<u8> = (0..6 * 8 * 3).map(|i| u8::try_from(i % 251).unwrap()).collect();
     let picture = ImageU8::new(8, 6, samples).unwrap();
     let plan = Preprocessing::of([PatchCrop::new(4).into()]).plan(size(6, 8)).unwrap();
-    let cut = plan.apply(&picture).unwrap();
-    assert_eq!((cut.width(), cut.height()), (8, 4));
-    assert_eq!(cut.pixel(3, 0), picture.pixel(3, 1));
-    assert_eq!(cut.pixel(7, 3), picture.pixel(7, 4));
+    let crop = plan.apply(&picture).unwrap();
+    assert_eq!((crop.width(), crop.height()), (8, 4));
+    assert_eq!(crop.pixel(3, 0), picture.pixel(3, 1));
+    assert_eq!(crop.pixel(7, 3), picture.pixel(7, 4));
 }
 
 #[test]
-fn presets_are_read_by_name_and_typing_errors_are_told() {
+fn presets_round_trip_and_unknown_fields_are_errors() {
     let text = r#"{"expected-size":{"width":480,"height":270},"principal-point":"corrected","steps":[
         {"step":"rescale-and-crop","height":256,"width":256},
         {"step":"resize","height":8,"width":9,"filter":"box"},
@@ -216,7 +216,7 @@ fn presets_are_read_by_name_and_typing_errors_are_told() {
 }
 
 #[test]
-fn one_line_says_everything() {
+fn display_is_one_line_with_all_parameters() {
     let preprocessing = Preprocessing {
         expected_size: Some(size(270, 480)),
         ..Preprocessing::of([RescaleAndCrop::new(224, 224).into(), PatchCrop::new(16).into()])
@@ -242,7 +242,7 @@ prop_compose! {
 
 proptest! {
     #[test]
-    fn a_plan_always_fits_its_picture(steps in any_steps(), height in 0..400u32, width in 0..400u32) {
+    fn operations_are_valid_for_their_input(steps in any_steps(), height in 0..400u32, width in 0..400u32) {
         let Ok(plan) = Preprocessing::of(steps).plan(size(height, width)) else { return Ok(()) };
         let mut reached = plan.source();
         for operation in plan.operations() {
@@ -260,17 +260,17 @@ proptest! {
     }
 
     #[test]
-    fn rescale_and_crop_reaches_its_target_from_anything_larger(
+    fn rescale_and_crop_reaches_its_target_from_any_larger_size(
         height in 1..3000u32, width in 1..3000u32, rows in 0..4000u32, columns in 0..4000u32,
     ) {
         let source = size(height + rows, width + columns);
         let plan = Preprocessing::of([RescaleAndCrop::new(height, width).into()]).plan(source).unwrap();
         prop_assert_eq!(plan.output(), size(height, width));
         let scaled = geometry(&plan).0.unwrap_or(source);
-        prop_assert!(scaled.height == height || scaled.width == width, "the shim asserts that one side is reached");
+        prop_assert!(scaled.height == height || scaled.width == width, "the shim asserts that one side matches");
     }
 
-    /// Follows one point of the picture through the operations in pixels, and projects it with the new K.
+    /// Maps one point through the operations in pixels, and projects it with the new K.
     #[test]
     fn corrected_intrinsics_follow_the_pixels(
         steps in any_steps(), height in 300..400u32, width in 300..400u32, x in -1.0..1.0f64, y in -1.0..1.0f64,

@@ -4,19 +4,19 @@ use std::path::PathBuf;
 use crate::files::PictureListing;
 use crate::{Picture, Scene, SceneError, WarningKind, Warnings};
 
-/// How the pictures of a clip are named.
+/// The naming scheme of a clip's pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Naming {
-    /// `<timestamp>.jpg`, as `real_estate_10k_tools` writes (`src/convert.py:69-73`).
+    /// `<timestamp>.jpg`, as written by `real_estate_10k_tools` (`src/convert.py:69-73`).
     Timestamp,
     /// Row `i` is picture `first + i`.
     Numbered { first: i64 },
 }
 
-/// Gives each frame its picture from the first of `folders` that holds pictures.
+/// Assigns each frame its picture from the first of `folders` that holds pictures.
 ///
-/// Where there is no such folder the trajectory came alone and the frames stay [`Picture::Absent`].
-/// Where there is one, a frame without a file keeps its position as [`Picture::Missing`] and is counted.
+/// If no folder exists, the frames stay [`Picture::Absent`]. Otherwise a frame without a file becomes
+/// [`Picture::Missing`], with a warning.
 pub(super) fn attach_pictures(
     scene: &mut Scene,
     folders: &[PathBuf],
@@ -31,11 +31,8 @@ pub(super) fn attach_pictures(
         }
     }
     if let Some(first) = repeated.first() {
-        let detail = format!(
-            "{} pictures have the number of another in {}, first: {first}",
-            repeated.len(),
-            listing.folder().display()
-        );
+        let (count, folder) = (repeated.len(), listing.folder().display());
+        let detail = format!("{count} pictures have the number of another in {folder}, first: {first}");
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     let naming = naming(scene, &numbers, warnings);
@@ -60,7 +57,7 @@ pub(super) fn attach_pictures(
     Ok(())
 }
 
-/// The first folder with pictures in it; failing that, the first that is there at all.
+/// The first folder with pictures; otherwise the first that exists.
 fn first_with_pictures(folders: &[PathBuf]) -> Result<Option<PictureListing>, SceneError> {
     let mut empty = None;
     for folder in folders {
@@ -73,16 +70,16 @@ fn first_with_pictures(folders: &[PathBuf]) -> Result<Option<PictureListing>, Sc
     Ok(empty)
 }
 
-/// The number that a stem ends with, after its last underscore: `00012`, `frame_00012`, `45979267`.
+/// The number at the end of a stem, after the last underscore: `00012`, `frame_00012`, `45979267`.
 fn number_of(stem: &str) -> Option<i64> {
     let digits = stem.rsplit('_').next()?;
     digits.bytes().all(|byte| byte.is_ascii_digit()).then(|| digits.parse().ok())?
 }
 
-/// Whichever naming finds more pictures; timestamps where they tie.
+/// The naming scheme that finds more pictures; timestamps in case of a tie.
 ///
-/// Numbers count from 0 where a picture 0 exists, else from 1. That is certain where either picture 0 or
-/// picture `rows` exists but not both; otherwise the guess is reported.
+/// Numbers start from 0 if a picture 0 exists, else from 1. This is unambiguous if exactly one of picture 0 and picture
+/// `rows` exists; otherwise there is a warning.
 fn naming(scene: &Scene, numbers: &BTreeMap<i64, &str>, warnings: &mut Warnings) -> Naming {
     let has = |number: i64| numbers.contains_key(&number);
     let rows = i64::try_from(scene.frames.len()).unwrap_or(i64::MAX);
@@ -94,9 +91,8 @@ fn naming(scene: &Scene, numbers: &BTreeMap<i64, &str>, warnings: &mut Warnings)
     }
     if has(0) == has(rows) {
         let (least, most) = (numbers.keys().next(), numbers.keys().next_back());
-        let (least, most) =
-            least.zip(most).unwrap_or_else(|| unreachable!("more pictures than {by_time} have a number"));
-        let detail = format!("pictures {least} to {most} for {rows} rows: taken to count from {first}");
+        let (least, most) = least.zip(most).unwrap_or_else(|| unreachable!("by_number > by_time >= 0"));
+        let detail = format!("pictures {least} to {most} for {rows} rows: assumed to start from {first}");
         warnings.push(WarningKind::AmbiguousNumbering, &scene.key, detail);
     }
     Naming::Numbered { first }
@@ -135,14 +131,14 @@ mod tests {
     }
 
     #[test]
-    fn timestamps_find_their_frames_and_the_missing_keep_their_place() {
+    fn pictures_are_found_by_timestamp_and_missing_ones_keep_their_position() {
         let (scene, warnings) = attach(&["66733.png", "0.png", "999.png"]);
         assert_eq!(names(&scene), ["0.png", "no 33366.png", "66733.png"]);
         assert_eq!((warnings.count(WarningKind::MissingPicture), warnings.total()), (1, 1));
     }
 
     #[test]
-    fn numbers_count_from_zero_or_one() {
+    fn numbers_start_from_zero_or_one() {
         for (files, first) in [(["00000.jpg", "00001.jpg", "00002.jpg"], 0), (["1.jpg", "2.jpg", "3.jpg"], 1)] {
             let (scene, warnings) = attach(&files);
             assert_eq!(names(&scene), files, "from {first}");
@@ -151,14 +147,14 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_fit_both_ways_are_reported() {
+    fn ambiguous_numbers_are_reported() {
         let (scene, warnings) = attach(&["frame_1.png", "frame_2.png"]);
         assert_eq!(names(&scene), ["frame_1.png", "frame_2.png", "no 00003.png"]);
         assert_eq!(warnings.count(WarningKind::AmbiguousNumbering), 1);
     }
 
     #[test]
-    fn two_pictures_of_one_number_are_reported() {
+    fn two_pictures_with_one_number_are_reported() {
         let (scene, warnings) = attach(&["1.jpg", "frame_00001.jpg", "2.jpg", "3.jpg"]);
         assert_eq!(names(&scene), ["frame_00001.jpg", "2.jpg", "3.jpg"]);
         assert_eq!(warnings.counts().collect::<Vec<_>>(), [(WarningKind::AmbiguousNumbering, 1)]);
@@ -166,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn an_empty_folder_misses_every_frame_and_no_folder_none() {
+    fn pictures_are_missing_with_an_empty_folder_and_absent_without_one() {
         let (scene, warnings) = attach(&[]);
         assert_eq!(names(&scene), ["no 0.jpg", "no 33366.jpg", "no 66733.jpg"]);
         assert_eq!(warnings.count(WarningKind::MissingPicture), 3);

@@ -1,13 +1,11 @@
-//! RealEstate10K: camera trajectories as text, with or without the video's frames beside them.
+//! RealEstate10K: camera trajectories as text, with or without the video's frames.
 
 mod frames;
 mod source;
 mod trajectory;
-mod write;
 
 pub use source::{Re10kOptions, Re10kScenes};
-pub use trajectory::{Trajectory, TrajectoryRow, parse_trajectory, read_trajectory};
-pub use write::write_trajectory;
+pub use trajectory::{Trajectory, TrajectoryRow, parse_trajectory, read_trajectory, write_trajectory};
 
 pub(crate) use source::trajectory_files;
 pub(crate) use trajectory::starts_like_a_trajectory;

@@ -4,24 +4,24 @@ use std::path::{Path, PathBuf};
 use super::frames::attach_pictures;
 use super::read_trajectory;
 use crate::camera_policy::report_cameras;
+use crate::dataset::find_by_key;
 use crate::files::list;
 use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
 
-/// Where to look for what a folder of trajectories does not hold itself.
+/// How RE10K trajectories are read.
 #[derive(Clone, Debug, Default)]
 pub struct Re10kOptions {
-    /// Folder with `<key>/<timestamp>.jpg` or `<key>/images/…`; beside the trajectories by default.
+    /// Folder with `<key>/<timestamp>.jpg` or `<key>/images/…`; by default that of the trajectories.
     pub frames_root: Option<PathBuf>,
 }
 
 /// RE10K trajectory files, as one file or a folder of them.
 ///
-/// The key is the file's stem. Trajectories lie in the folder as `<key>.txt` (the official layout), or
-/// one folder deeper as `<key>/<key>.txt`. Pictures (JPEG, PNG or WebP) are looked for, in this order, in
-/// `<key>/` and `<key>/images/` beside the trajectory or below `frames_root`, and in `images/` beside a
-/// trajectory that is the only one of its folder. They are named by timestamp, or numbered by row from
-/// 0 or from 1 (`00000.png`, `frame_1.jpg`); which of the two is told from the names. Without any such
-/// folder the scene is a trajectory alone.
+/// The key is the file's stem. Trajectories are `<key>.txt` in the folder (the official layout), or `<key>/<key>.txt`.
+/// Pictures (JPEG, PNG or WebP) are searched, in this order, in `<key>/` and `<key>/images/` next to the trajectory or
+/// below `frames_root`, and in `images/` next to a trajectory that is the only one in its folder. They are named by
+/// timestamp, or numbered by row from 0 or 1 (`00000.png`, `frame_1.jpg`), which is detected from the names. Without such
+/// a folder the scene has no pictures.
 #[derive(Clone, Debug)]
 pub struct Re10kScenes {
     path: PathBuf,
@@ -37,7 +37,7 @@ struct TrajectoryFile {
 }
 
 impl Re10kScenes {
-    /// Finds the trajectories of a file or folder; reads none of them.
+    /// Finds the trajectories of a file or folder without reading them.
     ///
     /// # Errors
     /// [`SceneError::Io`], and [`SceneError::Unrecognized`] for a folder without trajectories.
@@ -45,11 +45,8 @@ impl Re10kScenes {
         let found =
             if path.is_dir() { trajectory_files(path)? } else { BTreeMap::from([(stem(path), path.to_owned())]) };
         if found.is_empty() {
-            return Err(SceneError::Unrecognized {
-                expected: "<key>.txt or <key>/<key>.txt with RE10K trajectories".to_owned(),
-                found: "a folder without any".to_owned(),
-                path: path.to_owned(),
-            });
+            let expected = "<key>.txt or <key>/<key>.txt with RE10K trajectories";
+            return Err(SceneError::unrecognized(path, expected, "no such files"));
         }
         let mut files_in: BTreeMap<PathBuf, usize> = BTreeMap::new();
         let folder = |file: &Path| file.parent().map(Path::to_owned).unwrap_or_default();
@@ -61,12 +58,8 @@ impl Re10kScenes {
             let texts = siblings.iter().filter(|(name, is_folder)| !is_folder && trajectory_key(name).is_some());
             files_in.insert(folder(path), texts.count());
         }
-        let (keys, files) = found
-            .into_iter()
-            .map(|(key, path)| {
-                (key, TrajectoryFile { alone_in_folder: files_in.get(&folder(&path)) == Some(&1), path })
-            })
-            .unzip();
+        let file = |path: PathBuf| TrajectoryFile { alone_in_folder: files_in.get(&folder(&path)) == Some(&1), path };
+        let (keys, files) = found.into_iter().map(|(key, path)| (key, file(path))).unzip();
         Ok(Self { path: path.to_owned(), options, keys, files })
     }
 
@@ -74,10 +67,10 @@ impl Re10kScenes {
         if let Some(root) = &self.options.frames_root {
             return vec![root.join(key), root.join(key).join("images")];
         }
-        let beside = existing_folder(&file.path);
-        let mut folders = vec![beside.join(key), beside.join(key).join("images")];
+        let root = existing_folder(&file.path);
+        let mut folders = vec![root.join(key), root.join(key).join("images")];
         if file.alone_in_folder {
-            folders.push(beside.join("images"));
+            folders.push(root.join("images"));
         }
         folders
     }
@@ -89,10 +82,7 @@ impl SceneSource for Re10kScenes {
     }
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
-        let position = self.keys.binary_search_by(|held| held.as_str().cmp(key)).ok();
-        let Some(file) = position.and_then(|at| self.files.get(at)) else {
-            return Err(SceneError::UnknownScene { key: key.to_owned(), path: self.path.clone() });
-        };
+        let file = find_by_key(&self.keys, &self.files, key, &self.path)?;
         let trajectory = read_trajectory(&file.path)?;
         let mut scene = trajectory.to_scene(key);
         if let Some(row) = trajectory.rows.iter().position(|row| row.radial.iter().any(|slot| *slot != 0.0)) {
@@ -105,7 +95,7 @@ impl SceneSource for Re10kScenes {
     }
 }
 
-/// Keys and files of a folder's trajectories: `<key>.txt` before `<key>/<key>.txt`.
+/// Keys and files of a folder's trajectories; `<key>.txt` is preferred to `<key>/<key>.txt`.
 pub(crate) fn trajectory_files(folder: &Path) -> Result<BTreeMap<String, PathBuf>, SceneError> {
     let mut found = BTreeMap::new();
     for (name, is_folder) in list(folder)? {
@@ -126,10 +116,10 @@ fn trajectory_key(name: &str) -> Option<&str> {
 }
 
 fn stem(path: &Path) -> String {
-    path.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default()
+    path.file_stem().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-/// The folder of a file, `.` where its path has none.
+/// The folder of a file, `.` if its path has none.
 fn existing_folder(file: &Path) -> PathBuf {
     match file.parent() {
         Some(folder) if folder != Path::new("") => folder.to_owned(),

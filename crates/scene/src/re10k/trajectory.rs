@@ -1,3 +1,4 @@
+use std::io::{self, Write};
 use std::path::Path;
 
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, NormalizedIntrinsics};
@@ -9,34 +10,18 @@ use crate::{Frame, Picture, Scene, SceneError};
 const FORMAT: &str = "RE10K trajectory";
 
 /// Names of the 19 columns, for messages.
+#[rustfmt::skip]
 const COLUMNS: [&str; 19] = [
-    "timestamp",
-    "fx",
-    "fy",
-    "cx",
-    "cy",
-    "k1",
-    "k2", //
-    "r00",
-    "r01",
-    "r02",
-    "tx",
-    "r10",
-    "r11",
-    "r12",
-    "ty",
-    "r20",
-    "r21",
-    "r22",
-    "tz",
+    "timestamp", "fx", "fy", "cx", "cy", "k1", "k2",
+    "r00", "r01", "r02", "tx", "r10", "r11", "r12", "ty", "r20", "r21", "r22", "tz",
 ];
 
-/// One RE10K trajectory file: the path of a camera through one clip of a video.
+/// One RE10K trajectory file: the camera path of one video clip.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Trajectory {
-    /// The first line where it is no row: the video's URL in official files, a `#` comment in others.
+    /// The first line, if it is not a row: the video's URL in official files, a `#` comment in others.
     pub header: Option<String>,
-    /// Rows in the file's order, which is the order that evaluation indices count in.
+    /// Rows in the file's order, which evaluation indices refer to.
     pub rows: Vec<TrajectoryRow>,
 }
 
@@ -45,36 +30,35 @@ pub struct Trajectory {
 pub struct TrajectoryRow {
     /// Presentation time in the video, in microseconds.
     pub timestamp_micros: i64,
-    /// In units of the picture's width and height.
+    /// Intrinsics in units of the picture's width and height.
     pub intrinsics: NormalizedIntrinsics,
-    /// Columns 6 and 7: slots for radial distortion, zero in RE10K, which no loader of the field reads.
+    /// Columns 6 and 7, reserved for radial distortion: zero in RE10K and not read by any loader of the field.
     pub radial: [f64; 2],
-    /// World to camera, OpenCV axes, kept as printed.
+    /// World-to-camera transform with OpenCV axes, exactly as in the file.
     pub camera_from_world: CameraFromWorld,
 }
 
 /// Reads and parses one trajectory file.
 ///
 /// # Errors
-/// [`SceneError::Io`], and as [`parse_trajectory`].
+/// [`SceneError::Io`], and those of [`parse_trajectory`].
 pub fn read_trajectory(path: &Path) -> Result<Trajectory, SceneError> {
     parse_trajectory(&read_file("reading a trajectory", path)?, path)
 }
 
 /// Parses the text of an RE10K trajectory; `path` is for messages only.
 ///
-/// An optional first line (the video's URL, or a comment), then rows of 19 blank-separated columns:
+/// An optional first line (the video's URL, or a comment), then rows of 19 whitespace-separated columns:
 /// `timestamp` in microseconds, `fx fy cx cy` normalised, two unused slots, and the row-major 3×4
 /// world-to-camera matrix with OpenCV axes (`real_estate_10k_tools` `src/convert.py:76-97`; pixelSplat
 /// `src/dataset/dataset_re10k.py:179-197`).
 ///
-/// A byte order mark, carriage returns, blank lines and trailing blanks are accepted. The first line is
-/// a header if it starts with `#`, holds `://`, or is a single word that is no number; pixelSplat's
-/// converter skips the first line whatever it is, so a file without a header loses a row there and
-/// not here. Numbers are exactly what `str::parse::<f64>` makes of them.
+/// A byte order mark, carriage returns, blank lines and trailing blanks are accepted. The first line is a header if it
+/// starts with `#`, contains `://`, or is a single word that is not a number; pixelSplat's converter always skips the
+/// first line, so it loses a row of a file without a header. Numbers are parsed exactly like `str::parse::<f64>`.
 ///
 /// # Errors
-/// [`SceneError::Malformed`] with line and column, [`SceneError::Camera`] for a row that is no camera.
+/// [`SceneError::Malformed`] with line and column, [`SceneError::Camera`] for a row with an invalid camera.
 pub fn parse_trajectory(text: &[u8], path: &Path) -> Result<Trajectory, SceneError> {
     let text = text.strip_prefix(b"\xef\xbb\xbf").unwrap_or(text);
     let mut trajectory = Trajectory { header: None, rows: Vec::new() };
@@ -89,24 +73,19 @@ pub fn parse_trajectory(text: &[u8], path: &Path) -> Result<Trajectory, SceneErr
         }
     }
     if trajectory.rows.is_empty() {
-        return Err(SceneError::Malformed {
-            format: FORMAT,
-            path: path.to_owned(),
-            location: "whole file".to_owned(),
-            expected: "at least one row of 19 columns".to_owned(),
-            found: format!("none in {} bytes", text.len()),
-        });
+        let found = format!("none in {} bytes", text.len());
+        return Err(SceneError::malformed(FORMAT, path, "whole file", "at least one row of 19 columns", found));
     }
     Ok(trajectory)
 }
 
 impl Trajectory {
-    /// Where the video came from, if the header says so.
+    /// The video's URL, if the header holds one.
     pub fn url(&self) -> Option<&str> {
         self.header.as_deref().filter(|header| !header.starts_with('#'))
     }
 
-    /// The scene without pictures; frames are named by their timestamps.
+    /// The scene without pictures, with frames named by timestamp.
     pub fn to_scene(&self, key: &str) -> Scene {
         let frame = |row: &TrajectoryRow| Frame {
             name: row.timestamp_micros.to_string(),
@@ -119,15 +98,15 @@ impl Trajectory {
     }
 }
 
-/// Whether a file's first bytes hold a row of 19 numbers on the first or second line that is not blank.
+/// Whether the first or second line that is not blank is a row of 19 numbers.
 pub(crate) fn starts_like_a_trajectory(start: &[u8]) -> bool {
     let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start);
     let lines = start.split(|byte| *byte == b'\n').filter(|line| !line.trim_ascii().is_empty());
     lines.take(2).any(|line| split_row(line).is_ok_and(|row| row.iter().all(|column| parse_f64(column).is_some())))
 }
 
-/// A URL, a comment, or a bare video name; a line of numbers is never one, however broken.
-pub(super) fn is_header(line: &[u8]) -> bool {
+/// Whether a line is a URL, a comment, or a video name; a malformed row of numbers is not a header.
+fn is_header(line: &[u8]) -> bool {
     let line = line.trim_ascii();
     let mut columns = Columns::of(line);
     let only = columns.next().filter(|_| columns.next().is_none());
@@ -136,7 +115,7 @@ pub(super) fn is_header(line: &[u8]) -> bool {
         || only.is_some_and(|word| parse_f64(word).is_none())
 }
 
-/// What is wrong with a row, before line and file are known.
+/// An error in a row, before line and file are known.
 enum RowProblem {
     Text { location: String, expected: &'static str, found: String },
     Camera(CameraError),
@@ -145,16 +124,10 @@ enum RowProblem {
 impl RowProblem {
     fn at(self, line: usize, path: &Path) -> SceneError {
         match self {
-            Self::Text { location, expected, found } => SceneError::Malformed {
-                format: FORMAT,
-                path: path.to_owned(),
-                location: format!("line {line}{location}"),
-                expected: expected.to_owned(),
-                found,
-            },
-            Self::Camera(source) => {
-                SceneError::Camera { path: path.to_owned(), location: format!("line {line}"), source }
+            Self::Text { location, expected, found } => {
+                SceneError::malformed(FORMAT, path, format!("line {line}{location}"), expected, found)
             }
+            Self::Camera(source) => SceneError::camera(path, format!("line {line}"))(source),
         }
     }
 }
@@ -199,6 +172,39 @@ fn split_row(line: &[u8]) -> Result<[&[u8]; 19], RowProblem> {
 fn bad_column(index: usize, expected: &'static str, token: &[u8]) -> RowProblem {
     let name = COLUMNS.get(index).unwrap_or_else(|| unreachable!("a row has 19 columns"));
     RowProblem::Text { location: format!(", column {} ({name})", index + 1), expected, found: shown(token) }
+}
+
+/// Writes a trajectory that [`parse_trajectory`] reads back bit for bit.
+///
+/// Numbers that nine decimals represent exactly are written with nine, so that official files are reproduced byte for
+/// byte; others get the shortest text that round-trips.
+///
+/// # Errors
+/// Those of `out`, and [`io::ErrorKind::InvalidInput`] for a header that would not be read back as one.
+pub fn write_trajectory(trajectory: &Trajectory, out: &mut impl Write) -> io::Result<()> {
+    if let Some(header) = &trajectory.header {
+        if header.contains(['\n', '\r']) || header.trim_ascii() != header || !is_header(header.as_bytes()) {
+            let reason = format!("expected a URL or a # comment as header, found {header:?}");
+            return Err(io::Error::new(io::ErrorKind::InvalidInput, reason));
+        }
+        writeln!(out, "{header}")?;
+    }
+    trajectory.rows.iter().try_for_each(|row| write_row(row, out))
+}
+
+fn write_row(row: &TrajectoryRow, out: &mut impl Write) -> io::Result<()> {
+    let k = row.intrinsics;
+    write!(out, "{}", row.timestamp_micros)?;
+    let numbers = [k.fx, k.fy, k.cx, k.cy].into_iter().chain(row.radial).chain(row.camera_from_world.to_rows());
+    for number in numbers {
+        let nine_decimals = format!("{number:.9}");
+        if nine_decimals.parse::<f64>().is_ok_and(|back| back.to_bits() == number.to_bits()) {
+            write!(out, " {nine_decimals}")?;
+        } else {
+            write!(out, " {number:?}")?;
+        }
+    }
+    writeln!(out)
 }
 
 #[cfg(test)]

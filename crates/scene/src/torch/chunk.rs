@@ -9,8 +9,8 @@ use crate::{Scene, SceneError, SharedBytes, WarningKind, Warnings};
 /// One `.torch` chunk: a pickled list of scenes, each a dict of `url`, `timestamps`, `cameras`, `images`
 /// and `key` (`real_estate_10k_tools` `src/convert.py:65-152`).
 ///
-/// Opening reads the list and no picture. Scenes are checked one by one when they are asked for, so a
-/// broken one does not keep its neighbours from being used.
+/// Opening reads the list, but no pictures. Each scene is checked when it is loaded, so an invalid one does not affect
+/// the others.
 #[derive(Debug)]
 pub struct Chunk {
     path: PathBuf,
@@ -19,21 +19,20 @@ pub struct Chunk {
 }
 
 impl Chunk {
-    /// Maps a chunk and finds its scenes. Entries without a key, or with one that was there before, are
-    /// left out with a warning.
+    /// Maps a chunk and finds its scenes. Entries without a key or with a repeated one are skipped with a warning.
     ///
     /// # Errors
-    /// [`SceneError::Io`] where the file cannot be mapped, [`SceneError::Torch`] where it is not a list
-    /// that `torch.save` wrote.
+    /// [`SceneError::Io`] if the file cannot be mapped, [`SceneError::Torch`] if it is not a list written by
+    /// `torch.save`.
     pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let path = path.as_ref();
         Self::from_bytes(super::map(path)?, path, warnings)
     }
 
-    /// [`Chunk::open`] for bytes that are already in memory; `path` only names them.
+    /// [`Chunk::open`] for bytes in memory; `path` is for messages.
     ///
     /// # Errors
-    /// [`SceneError::Torch`] where the bytes are not a list that `torch.save` wrote.
+    /// [`SceneError::Torch`] if the bytes are not a list written by `torch.save`.
     pub fn from_bytes(bytes: SharedBytes, path: &Path, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let root = super::parse(bytes).map_err(SceneError::torch(path))?;
         let Value::List(items) = &root else {
@@ -42,7 +41,7 @@ impl Chunk {
         };
         let mut chunk = Self { path: path.to_owned(), keys: Vec::new(), scenes: HashMap::new() };
         for (position, item) in items.iter().enumerate() {
-            let refused = match item.as_dict().and_then(|dict| dict.get("key")) {
+            let found = match item.as_dict().and_then(|dict| dict.get("key")) {
                 Some(Value::Str(key)) if !chunk.scenes.contains_key(&**key) => {
                     chunk.keys.push(key.to_string());
                     chunk.scenes.insert(key.to_string(), item.clone());
@@ -50,9 +49,9 @@ impl Chunk {
                 }
                 Some(Value::Str(key)) => format!("the key {:?} a second time", shortened(key)),
                 Some(other) => other.to_string(),
-                None => format!("{item} without one"),
+                None => format!("{item} without a key"),
             };
-            let detail = format!("scene {position} of the chunk: expected a key of its own, found {refused}");
+            let detail = format!("scene {position} of the chunk: expected a unique key, found {found}");
             warnings.push(WarningKind::UnreadableScene, path.display().to_string(), detail);
         }
         Ok(chunk)
@@ -63,21 +62,21 @@ impl Chunk {
         &self.keys
     }
 
-    /// One scene as it is stored.
+    /// One scene as stored.
     ///
     /// # Errors
-    /// [`SceneError::UnknownScene`] for a key that is not in [`Chunk::keys`], [`SceneError::Torch`] where a
-    /// field has the wrong type, shape or length.
+    /// [`SceneError::UnknownScene`] for a key that is not in [`Chunk::keys`], [`SceneError::Torch`] if a field has the
+    /// wrong type, shape or length.
     pub fn record(&self, key: &str) -> Result<ChunkScene, SceneError> {
-        let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.path.clone() };
+        let unknown = || SceneError::unknown_scene(key, &self.path);
         let dict = self.scenes.get(key).and_then(Value::as_dict).ok_or_else(unknown)?;
         ChunkScene::from_dict(key, dict).map_err(SceneError::torch(&self.path))
     }
 
-    /// One scene with its cameras; its pictures stay in the map, undecoded.
+    /// One scene with its cameras; its encoded pictures stay in the mapped file.
     ///
     /// # Errors
-    /// As [`Chunk::record`], and [`SceneError::Camera`] where a row is no camera.
+    /// Those of [`Chunk::record`], and [`SceneError::Camera`] if a row is not a valid camera.
     pub fn load(&self, key: &str) -> Result<Scene, SceneError> {
         self.record(key)?.to_scene(&self.path)
     }

@@ -13,11 +13,11 @@ use crate::{Scene, SceneError, SceneSource, WarningKind, Warnings};
 const INDEX: &str = "index.json";
 const FORMAT: &str = "torch chunks";
 
-/// A folder of `.torch` chunks, with or without the `index.json` that says which chunk holds a scene
-/// (`real_estate_10k_tools` `src/generate_index.py`).
+/// A folder of `.torch` chunks, with or without an `index.json` from scene keys to chunks (`real_estate_10k_tools`
+/// `src/generate_index.py`).
 ///
-/// Scenes come in pixelSplat's order: by chunk file name, then as the chunk holds them. The last few
-/// chunks stay parsed, so that loading scenes in this order parses each chunk once.
+/// Scenes are in pixelSplat's order: by chunk file name, then in the chunk's order. The last few chunks stay parsed, so
+/// that loading scenes in this order parses each chunk once.
 #[derive(Debug)]
 pub struct TorchChunks {
     folder: PathBuf,
@@ -29,17 +29,15 @@ pub struct TorchChunks {
 }
 
 impl TorchChunks {
-    /// Finds the scenes under `path`: a chunk, a folder of chunks, or a dataset whose chunks lie in
-    /// `test` (preferred, because this toolkit evaluates) or `train`.
+    /// Finds the scenes under `path`: a chunk, a folder of chunks, or a dataset whose chunks are in `test` (preferred,
+    /// because this toolkit evaluates) or `train`.
     ///
-    /// Without an `index.json` every chunk's list is read, though none of its pictures. A scene whose
-    /// chunk is missing, a chunk that the index does not name and a chunk that cannot be read are left
-    /// out with a warning.
+    /// Without an `index.json` every chunk's list is read, but no pictures. A scene whose chunk is missing, a chunk that
+    /// is not in the index and a chunk that cannot be read are skipped with a warning.
     ///
     /// # Errors
-    /// [`SceneError::Io`] where the folder cannot be listed, [`SceneError::Malformed`] where there are no
-    /// chunks, or `index.json` is broken or reaches outside its folder; for a single chunk, whatever is
-    /// wrong with it.
+    /// [`SceneError::Io`] if the folder cannot be listed, [`SceneError::Malformed`] if there are no chunks, or
+    /// `index.json` is invalid or refers to another folder; for a single chunk, those of [`Chunk::open`].
     pub fn open(path: impl AsRef<Path>, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let path = path.as_ref();
         if path.is_file() {
@@ -66,31 +64,28 @@ impl TorchChunks {
     fn indexed(folder: PathBuf, index: &Path, found: &[PathBuf], warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut entries: Vec<(String, PathBuf)> = Vec::new();
         for (key, chunk) in read_index(index)? {
-            let chunk = inside(&folder, &chunk).ok_or_else(|| SceneError::Malformed {
-                format: FORMAT,
-                path: index.to_owned(),
-                location: format!("key {key:?}"),
-                expected: "the name of a chunk in this folder".to_owned(),
-                found: format!("{chunk:?}"),
+            let chunk = inside(&folder, &chunk).ok_or_else(|| {
+                let (location, found) = (format!("key {key:?}"), format!("{chunk:?}"));
+                SceneError::malformed(FORMAT, index, location, "the name of a chunk in this folder", found)
             })?;
             entries.push((key, chunk));
         }
         let named: BTreeSet<PathBuf> = entries.iter().map(|(_, chunk)| chunk.clone()).collect();
         let chunks: Vec<PathBuf> = named.into_iter().filter(|chunk| chunk.is_file()).collect();
-        for stray in found.iter().filter(|chunk| chunks.binary_search(chunk).is_err()) {
-            let detail = format!("{INDEX} names no scene of this chunk");
-            warnings.push(WarningKind::UnindexedChunk, stray.display().to_string(), detail);
+        for unindexed in found.iter().filter(|chunk| chunks.binary_search(chunk).is_err()) {
+            let detail = format!("{INDEX} lists no scene of this chunk");
+            warnings.push(WarningKind::UnindexedChunk, unindexed.display().to_string(), detail);
         }
         let mut scenes = Vec::with_capacity(entries.len());
         for (key, chunk) in entries {
             if let Ok(position) = chunks.binary_search(&chunk) {
                 scenes.push((key, position));
             } else {
-                let detail = format!("{INDEX} places it in {}, which is missing", chunk.display());
+                let detail = format!("{INDEX} lists it in {}, which is missing", chunk.display());
                 warnings.push(WarningKind::SceneNotFound, key, detail);
             }
         }
-        // Stable: within a chunk the index keeps the order in which its maker met the scenes.
+        // Stable: within a chunk the scenes keep the order of the index.
         scenes.sort_by_key(|(_, position)| *position);
         Ok(Self::new(folder, chunks, scenes, false))
     }
@@ -115,7 +110,7 @@ impl TorchChunks {
                             scenes.push((key, position));
                         } else {
                             let detail =
-                                format!("an earlier chunk holds this key too, so {} is not used", path.display());
+                                format!("an earlier chunk has the same key, so {} is not used", path.display());
                             warnings.push(WarningKind::UnreadableScene, key, detail);
                         }
                     }
@@ -128,7 +123,7 @@ impl TorchChunks {
         Self::new(folder, chunks, scenes, true)
     }
 
-    /// The chunk files that hold scenes, in the order they are read.
+    /// The chunk files that hold scenes, in order.
     pub fn chunks(&self) -> &[PathBuf] {
         &self.chunks
     }
@@ -137,7 +132,7 @@ impl TorchChunks {
         if let Some(chunk) = self.recent.lock().unwrap_or_else(PoisonError::into_inner).get(position) {
             return Ok(chunk);
         }
-        // Parsed outside the lock: two threads may parse one chunk at once, which costs less than waiting.
+        // Parsed outside the lock: two threads may parse the same chunk, which costs less than waiting.
         let mut from_chunk = Warnings::new();
         let chunk = Arc::new(Chunk::open(path, &mut from_chunk)?);
         if self.recent.lock().unwrap_or_else(PoisonError::into_inner).put(position, &chunk) {
@@ -153,7 +148,7 @@ impl SceneSource for TorchChunks {
     }
 
     fn load(&self, key: &str, warnings: &mut Warnings) -> Result<Scene, SceneError> {
-        let unknown = || SceneError::UnknownScene { key: key.to_owned(), path: self.folder.clone() };
+        let unknown = || SceneError::unknown_scene(key, &self.folder);
         let position = *self.chunk_of.get(key).ok_or_else(unknown)?;
         let path = self.chunks.get(position).ok_or_else(unknown)?;
         let record = self.chunk(position, path, warnings)?.record(key)?;
@@ -164,17 +159,17 @@ impl SceneSource for TorchChunks {
     }
 }
 
-/// The chunks used last, the latest at the end.
+/// Cache of the most recently used chunks, the latest at the end.
 #[derive(Debug)]
 struct Recent {
     chunks: Vec<(usize, Arc<Chunk>)>,
-    /// Whether a chunk's own warnings have been handed on already.
+    /// Whether the warnings of a chunk have been reported.
     reported: Vec<bool>,
 }
 
 impl Recent {
-    /// A map and a list of scenes each: enough for every thread of a machine to be in another chunk.
-    const KEPT: usize = 32;
+    /// Each is a mapped file and a list of scenes: enough for every thread to use another chunk.
+    const CAPACITY: usize = 32;
 
     fn get(&mut self, position: usize) -> Option<Arc<Chunk>> {
         let at = self.chunks.iter().position(|(held, _)| *held == position)?;
@@ -184,10 +179,10 @@ impl Recent {
         Some(chunk)
     }
 
-    /// Keeps a chunk; whether its warnings are news.
+    /// Inserts a chunk; returns whether its warnings are not reported yet.
     fn put(&mut self, position: usize, chunk: &Arc<Chunk>) -> bool {
         if self.get(position).is_none() {
-            if self.chunks.len() >= Self::KEPT {
+            if self.chunks.len() >= Self::CAPACITY {
                 self.chunks.remove(0);
             }
             self.chunks.push((position, Arc::clone(chunk)));
@@ -206,13 +201,8 @@ fn stage(root: &Path) -> Result<PathBuf, SceneError> {
             }
         }
     }
-    Err(SceneError::Malformed {
-        format: FORMAT,
-        path: root.to_owned(),
-        location: "folder".to_owned(),
-        expected: format!("*.torch or {INDEX}, here or in test or train"),
-        found: "neither".to_owned(),
-    })
+    let expected = format!("*.torch or {INDEX} in the folder, its test or its train");
+    Err(SceneError::malformed(FORMAT, root, "folder", expected, "neither"))
 }
 
 /// The `.torch` files of a folder, sorted by name.
@@ -233,16 +223,14 @@ fn chunks_in(folder: &Path) -> Result<Vec<PathBuf>, SceneError> {
 
 fn read_index(path: &Path) -> Result<IndexMap<String, String>, SceneError> {
     let bytes = read_file("reading a chunk index", path)?;
-    crate::json::parse_object(&bytes).map_err(|source| SceneError::Malformed {
-        format: FORMAT,
-        path: path.to_owned(),
-        location: format!("line {}, column {}", source.line(), source.column()),
-        expected: "an object of scene keys, each once, and chunk names".to_owned(),
-        found: source.to_string(),
+    crate::json::parse_object(&bytes).map_err(|source| {
+        let location = format!("line {}, column {}", source.line(), source.column());
+        let expected = "an object of unique scene keys with chunk names";
+        SceneError::malformed(FORMAT, path, location, expected, source.to_string())
     })
 }
 
-/// `name` below `folder`; `None` where it would leave it.
+/// `name` in `folder`; `None` if it leaves the folder.
 fn inside(folder: &Path, name: &str) -> Option<PathBuf> {
     let relative = Path::new(name);
     let mut parts = relative.components().peekable();

@@ -1,7 +1,7 @@
-//! Files of `torch.save` as [`atsplat_pickle`] reads them, and the chunks of pixelSplat's datasets among them.
+//! Reads `torch.save` files with [`atsplat_pickle`], and reads and writes the chunks of pixelSplat's datasets.
 //!
-//! A mapped file must not be made shorter while it is in use: the operating system then ends the process
-//! (`SIGBUS`). Replacing a file by renaming, as [`ChunkWriter`] does, is safe.
+//! A mapped file must not be truncated while it is in use: the operating system would terminate the process (`SIGBUS`).
+//! Replacing a file by renaming, as [`ChunkWriter`] does, is safe.
 
 mod chunk;
 mod chunks;
@@ -19,13 +19,13 @@ pub use writer::{ChunkWriter, ChunksWritten};
 
 use crate::{SceneError, SharedBytes};
 
-/// Reads a file that `torch.save` wrote, in the zip format (PyTorch 1.6 and later) or the one before.
+/// Reads a `torch.save` file, in the zip format (PyTorch 1.6 and later) or the legacy one.
 ///
-/// Tensors stay in the file until [`Tensor::to_bytes`] asks for them.
+/// Tensors stay in the mapped file until [`Tensor::to_bytes`] and the like are called.
 ///
 /// # Errors
-/// [`SceneError::Io`] where the file cannot be mapped, [`SceneError::Torch`] where its bytes are not
-/// tensors and plain containers.
+/// [`SceneError::Io`] if the file cannot be mapped, [`SceneError::Torch`] if it does not consist of tensors and plain
+/// containers.
 pub fn read(path: impl AsRef<Path>) -> Result<Value, SceneError> {
     let path = path.as_ref();
     parse(map(path)?).map_err(SceneError::torch(path))

@@ -1,9 +1,9 @@
 use super::{ChunkScene, TorchError};
 use crate::SharedBytes;
 
-/// Writes the pickle of a chunk in protocol 2, and collects the storages it refers to.
+/// Writes the pickle of a chunk in protocol 2, and collects the storages that it refers to.
 ///
-/// Nothing is memoised: a few repeated names a picture cost less than keeping track of them.
+/// Nothing is memoised: a few repeated names per picture are negligible.
 pub(super) struct PickleWriter {
     bytes: Vec<u8>,
     storages: Vec<SharedBytes>,
@@ -53,7 +53,7 @@ impl PickleWriter {
         self.bytes.extend_from_slice(b"tQ");
         self.integer(0);
         self.tuple(shape);
-        // NumPy and PyTorch give empty dimensions the stride of one element.
+        // As in NumPy and PyTorch, empty dimensions count as one in strides.
         let strides: Vec<usize> =
             (1..=shape.len()).map(|from| shape.iter().skip(from).map(|&size| size.max(1)).product()).collect();
         self.tuple(&strides);

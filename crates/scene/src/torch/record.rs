@@ -7,23 +7,23 @@ use super::{Dict, TorchError, Value};
 use crate::files::read_file;
 use crate::{Frame, Picture, Scene, SceneError, SharedBytes, WarningKind, Warnings};
 
-/// Columns of a `cameras` row: fx fy cx cy, two unused, and a row-major 3×4 world-to-camera matrix.
+/// Columns of a `cameras` row.
 const CAMERA_COLUMNS: usize = 18;
 
-/// One scene as a chunk holds it: the dict that pixelSplat's loader reads
-/// (`src/dataset/dataset_re10k.py`; written by `real_estate_10k_tools` `src/convert.py:65-152`).
+/// One scene as stored in a chunk: the dict that pixelSplat's loader reads (`src/dataset/dataset_re10k.py`; written by
+/// `real_estate_10k_tools` `src/convert.py:65-152`).
 ///
-/// `timestamps`, `cameras` and `images` are of one length.
+/// `timestamps`, `cameras` and `images` have the same length.
 #[derive(Clone, Debug)]
 pub struct ChunkScene {
-    /// The scene's name in evaluation indices.
+    /// The scene's key in evaluation indices.
     pub key: String,
-    /// Where the video came from; empty where that is unknown.
+    /// Source of the video; empty if unknown.
     pub url: String,
-    /// Microseconds since the start of the video for RE10K and ACID, frame numbers for DL3DV.
+    /// For RE10K and ACID microseconds since the start of the video, for DL3DV frame numbers.
     pub timestamps: Vec<i64>,
-    /// fx, fy, cx, cy in units of the picture's size, two zeros, and the row-major 3×4 world-to-camera
-    /// matrix with OpenCV axes. Chunks store f32.
+    /// fx, fy, cx, cy in units of the picture's size, two zeros, and the row-major 3×4 world-to-camera matrix with OpenCV
+    /// axes. Chunks store f32.
     pub cameras: Vec<[f64; CAMERA_COLUMNS]>,
     /// Encoded pictures: JPEG for RE10K, PNG for DL3DV.
     pub images: Vec<SharedBytes>,
@@ -51,19 +51,16 @@ impl ChunkScene {
         Ok(())
     }
 
-    /// The scene with posed, undecoded frames, named by their timestamps.
+    /// The scene, with frames named by timestamp. `path` is the chunk, for messages.
     ///
     /// # Errors
-    /// [`SceneError::Camera`] where a row is no camera; `path` is the chunk, for the message.
+    /// [`SceneError::Camera`] if a row is not a valid camera.
     pub fn to_scene(&self, path: &Path) -> Result<Scene, SceneError> {
         let mut frames = Vec::with_capacity(self.timestamps.len());
         let rows = self.timestamps.iter().zip(&self.cameras).zip(&self.images);
         for (position, ((&timestamp, row), image)) in rows.enumerate() {
-            let camera = camera_from_row(row).map_err(|source| SceneError::Camera {
-                path: path.to_owned(),
-                location: format!("scene {:?}, frame {position}", shortened(&self.key)),
-                source,
-            })?;
+            let location = || format!("scene {:?}, frame {position}", shortened(&self.key));
+            let camera = camera_from_row(row).map_err(|source| SceneError::camera(path, location())(source))?;
             frames.push(Frame {
                 name: timestamp.to_string(),
                 timestamp_micros: Some(timestamp),
@@ -76,11 +73,12 @@ impl ChunkScene {
         Ok(Scene { key: self.key.clone(), url, frames })
     }
 
-    /// Counts a lens that nobody looks at: columns 5 and 6 are RE10K's slots for radial distortion, which are zero there.
+    /// Warns about lens distortion that is ignored: columns 5 and 6 are RE10K's slots for radial coefficients, which are
+    /// zero there.
     pub(super) fn report_radial(&self, warnings: &mut Warnings) {
-        let is_bent = |[_, _, _, _, k1, k2, ..]: &[f64; CAMERA_COLUMNS]| *k1 != 0.0 || *k2 != 0.0;
-        if let Some(first) = self.cameras.iter().position(is_bent) {
-            let count = self.cameras.iter().filter(|row| is_bent(row)).count();
+        let is_distorted = |[_, _, _, _, k1, k2, ..]: &[f64; CAMERA_COLUMNS]| *k1 != 0.0 || *k2 != 0.0;
+        if let Some(first) = self.cameras.iter().position(is_distorted) {
+            let count = self.cameras.iter().filter(|row| is_distorted(row)).count();
             let detail = format!(
                 "field cameras: columns 5 and 6 are not zero in {count} of {} rows, first {first}; no loader of the field \
                  reads them",
@@ -90,14 +88,13 @@ impl ChunkScene {
         }
     }
 
-    /// What a chunk stores of a scene: pictures as they are encoded, cameras without their lens.
+    /// Converts a scene for storage in a chunk: encoded pictures are unchanged, lens distortion is dropped with a warning.
     ///
-    /// A frame without a timestamp takes the number at the end of its name, as depthsplat does
+    /// A frame without a timestamp gets the number at the end of its name, as in depthsplat
     /// (`src/scripts/convert_dl3dv_test.py`: the integer after the last `_` of the file stem).
     ///
     /// # Errors
-    /// [`SceneError::NoPicture`] for a frame without a picture or number, [`SceneError::Io`] where a
-    /// picture cannot be read.
+    /// [`SceneError::NoPicture`] for a frame without a picture or number, [`SceneError::Io`] if a picture cannot be read.
     pub fn from_scene(scene: &Scene, warnings: &mut Warnings) -> Result<Self, SceneError> {
         let mut stored = Self {
             key: scene.key.clone(),
@@ -108,31 +105,33 @@ impl ChunkScene {
         };
         let mut distorted = 0;
         for (position, frame) in scene.frames.iter().enumerate() {
-            let lacking = |reason: String| SceneError::NoPicture { scene: scene.key.clone(), frame: position, reason };
+            let no_picture =
+                |reason: String| SceneError::NoPicture { scene: scene.key.clone(), frame: position, reason };
             let timestamp = frame.timestamp_micros.or_else(|| number_at_end(&frame.name));
-            let timestamp = timestamp
-                .ok_or_else(|| lacking(format!("expected a timestamp or a numbered name, found {:?}", frame.name)))?;
+            let timestamp = timestamp.ok_or_else(|| {
+                no_picture(format!("expected a timestamp or a numbered name, found {:?}", frame.name))
+            })?;
             match frame.header(&scene.key, position) {
                 Ok(header) => frame.report(&scene.key, position, &header, warnings),
                 Err(error @ SceneError::Pixels { .. }) => {
                     warnings.push(WarningKind::UnreadablePicture, &scene.key, error.to_string());
                 }
-                // Said below, where the picture is asked for.
+                // Reported below, when the picture is read.
                 Err(_) => {}
             }
             stored.images.push(match &frame.picture {
                 Picture::Encoded(bytes) => bytes.clone(),
                 Picture::File(file) => SharedBytes::new(read_file("reading a picture", file)?),
                 Picture::Made(_) => SharedBytes::new(frame.bytes(&scene.key, position)?.into_owned()),
-                Picture::Missing(file) => return Err(lacking(format!("no file {}", file.display()))),
-                Picture::Absent => return Err(lacking("the trajectory came without pictures".to_owned())),
+                Picture::Missing(file) => return Err(no_picture(format!("no file {}", file.display()))),
+                Picture::Absent => return Err(no_picture("the source has no pictures".to_owned())),
             });
             stored.timestamps.push(timestamp);
             stored.cameras.push(row_from_camera(&frame.camera));
             distorted += usize::from(frame.camera.distortion != atsplat_camera::Distortion::None);
         }
         if distorted > 0 {
-            let detail = format!("a chunk has no place for the lens of {distorted} frames");
+            let detail = format!("chunks cannot store the lens distortion of {distorted} frames");
             warnings.push(WarningKind::LensDistortion, &scene.key, detail);
         }
         Ok(stored)

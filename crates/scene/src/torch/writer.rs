@@ -9,15 +9,14 @@ use super::pickle_writer::PickleWriter;
 use super::{ChunkScene, TorchError};
 use crate::SceneError;
 
-const FORMAT: &str = "torch chunks";
-/// PyTorch aligns storages so that they can be mapped and used in place.
+/// PyTorch's alignment of storages, so that they can be used from a mapped file.
 const ALIGNMENT: u16 = 64;
 
-/// Writes scenes into numbered chunks and an `index.json`, as `real_estate_10k_tools` does
-/// (`src/convert.py`, `src/generate_index.py`): what pixelSplat's loader and its descendants read.
+/// Writes scenes as numbered chunks and an `index.json`, like `real_estate_10k_tools` (`src/convert.py`,
+/// `src/generate_index.py`), for pixelSplat's loader and its descendants.
 ///
-/// A chunk is written when its pictures reach the target size; a scene is never split. Each file appears
-/// whole, under its final name, or not at all, and the same scenes give the same bytes.
+/// A chunk is written when its pictures reach the target size; a scene is never split. Files are renamed into place when
+/// complete, and the same scenes give the same bytes.
 #[derive(Debug)]
 pub struct ChunkWriter {
     folder: PathBuf,
@@ -28,7 +27,7 @@ pub struct ChunkWriter {
     index: IndexMap<String, String>,
 }
 
-/// What a [`ChunkWriter`] wrote.
+/// The result of a [`ChunkWriter`].
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ChunksWritten {
     /// Chunk files, in order.
@@ -38,42 +37,35 @@ pub struct ChunksWritten {
 }
 
 impl ChunkWriter {
-    /// Bytes of pictures after which a chunk is written, for RE10K (`real_estate_10k_tools`
-    /// `src/convert.py:17`). DepthSplat's DL3DV chunks use twice as much
-    /// (`src/scripts/convert_dl3dv_test.py:44`). The originals count a scene's folder with `du -b`, which
-    /// adds the folder's own 4096 bytes.
+    /// Bytes of pictures after which a chunk is written, for RE10K (`real_estate_10k_tools` `src/convert.py:17`).
+    /// DepthSplat's DL3DV chunks use twice as much (`src/scripts/convert_dl3dv_test.py:44`). The original tools measure a
+    /// scene's folder with `du -b`, which adds the folder's own 4096 bytes.
     pub const TARGET_BYTES: u64 = 100_000_000;
 
-    /// Starts writing into a folder, which is made if need be.
+    /// Starts writing to a folder, which is created if necessary.
     ///
     /// # Errors
-    /// [`SceneError::Io`], and [`SceneError::Malformed`] where the folder already holds chunks: old ones
-    /// would be read together with new ones.
+    /// [`SceneError::Io`], and [`SceneError::Malformed`] if the folder already holds chunks, which would be read together
+    /// with the new ones.
     pub fn create(folder: impl Into<PathBuf>, target_bytes: u64) -> Result<Self, SceneError> {
         let folder = folder.into();
-        std::fs::create_dir_all(&folder).map_err(SceneError::io("making a folder for chunks", &folder))?;
+        std::fs::create_dir_all(&folder).map_err(SceneError::io("creating a folder for chunks", &folder))?;
         for entry in std::fs::read_dir(&folder).map_err(SceneError::io("listing chunks", &folder))? {
             let name = entry.map_err(SceneError::io("listing chunks", &folder))?.file_name();
             let name = name.to_string_lossy();
             if name.ends_with(".torch") || name == "index.json" {
-                return Err(SceneError::Malformed {
-                    format: FORMAT,
-                    location: "folder".to_owned(),
-                    expected: "no chunks yet".to_owned(),
-                    found: name.into_owned(),
-                    path: folder,
-                });
+                return Err(SceneError::malformed("torch chunks", &folder, "folder", "no chunks yet", name));
             }
         }
         Ok(Self { folder, target_bytes, pending: Vec::new(), pending_bytes: 0, chunks: 0, index: IndexMap::new() })
     }
 
-    /// Adds a scene, and writes a chunk when that fills one.
+    /// Adds a scene, and writes a chunk if it is full.
     ///
     /// # Errors
-    /// [`SceneError::Torch`] where the scene's lengths differ, its key was used before, a picture is neither
-    /// JPEG, PNG nor WebP, or a camera does not fit f32: the scene is left out and the next may follow.
-    /// [`SceneError::Io`] where a chunk cannot be written.
+    /// [`SceneError::Torch`] if the scene's lengths differ, its key is repeated, a picture is neither JPEG, PNG nor WebP,
+    /// or a camera overflows f32: the scene is skipped, and writing may continue. [`SceneError::Io`] if a chunk cannot be
+    /// written.
     pub fn push(&mut self, scene: ChunkScene) -> Result<(), SceneError> {
         self.check(&scene).map_err(SceneError::torch(&self.folder))?;
         self.pending_bytes += scene.images.iter().map(|image| image.len() as u64).sum::<u64>();
@@ -82,10 +74,10 @@ impl ChunkWriter {
         if self.pending_bytes >= self.target_bytes { self.flush() } else { Ok(()) }
     }
 
-    /// Writes what is left, and the index.
+    /// Writes the last chunk and the index.
     ///
     /// # Errors
-    /// As [`ChunkWriter::push`].
+    /// Those of [`ChunkWriter::push`].
     pub fn finish(mut self) -> Result<ChunksWritten, SceneError> {
         if !self.pending.is_empty() {
             self.flush()?;
@@ -113,31 +105,31 @@ impl ChunkWriter {
     fn check(&self, scene: &ChunkScene) -> Result<(), TorchError> {
         scene.require_equal_lengths()?;
         if self.index.contains_key(&scene.key) {
-            return Err(TorchError::malformed(format!("scene {:?}", scene.key), "a key of its own", "a used one"));
+            return Err(TorchError::malformed(format!("scene {:?}", scene.key), "a unique key", "a repeated one"));
         }
         for (position, image) in scene.images.iter().enumerate() {
             if !is_picture(image) {
-                let shown: Vec<String> = image.iter().take(8).map(|byte| format!("{byte:02x}")).collect();
+                let start = atsplat_files::hexadecimal(image.get(..8).unwrap_or(image));
                 let location = format!("scene {:?}, field images[{position}]", scene.key);
-                return Err(TorchError::malformed(location, "a JPEG, PNG or WebP file", shown.join(" ")));
+                return Err(TorchError::malformed(location, "a JPEG, PNG or WebP file", format!("bytes {start}")));
             }
         }
-        #[expect(clippy::cast_possible_truncation, reason = "whether it overflows is the question")]
+        #[expect(clippy::cast_possible_truncation, reason = "checks whether it overflows")]
         let is_f32 = |number: &f64| (*number as f32).is_finite();
         match scene.cameras.iter().position(|row| !row.iter().all(is_f32)) {
             None => Ok(()),
             Some(position) => {
                 let location = format!("scene {:?}, field cameras[{position}]", scene.key);
-                Err(TorchError::malformed(location, "numbers that f32 can hold", "larger ones"))
+                Err(TorchError::malformed(location, "numbers in the range of f32", "larger ones"))
             }
         }
     }
 }
 
-/// Writes one chunk; the file appears under its name when it is whole.
+/// Writes one chunk and renames it into place.
 ///
 /// # Errors
-/// [`SceneError::Torch`] where a camera does not fit f32, [`SceneError::Io`].
+/// [`SceneError::Torch`] if a camera overflows f32, [`SceneError::Io`].
 pub(super) fn write_chunk(path: &Path, scenes: &[ChunkScene]) -> Result<(), SceneError> {
     let (pickle, storages) = PickleWriter::chunk(scenes).map_err(SceneError::torch(path))?;
     let written = atsplat_files::write_with(path, |file| {

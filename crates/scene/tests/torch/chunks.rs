@@ -1,4 +1,4 @@
-//! Folders of chunks, and chunks that this toolkit writes.
+//! Folders of chunks, and chunks written by this toolkit.
 
 use std::fs;
 use std::path::Path;
@@ -54,7 +54,7 @@ fn write(folder: &Path, target_bytes: u64, scenes: Vec<ChunkScene>) -> Vec<Strin
 }
 
 #[test]
-fn a_folder_is_read_with_and_without_an_index_and_below_its_stage() {
+fn a_folder_is_read_with_and_without_an_index_and_below_its_split() {
     let chunk = fixture_bytes("zip.torch");
     let index = format!("{{\"{}\": \"000000.torch\", \"{}\": \"000000.torch\"}}", KEYS[0], KEYS[1]);
     for files in [
@@ -78,14 +78,14 @@ fn a_folder_is_read_with_and_without_an_index_and_below_its_stage() {
 }
 
 #[test]
-fn a_single_chunk_is_a_dataset_too() {
+fn a_single_chunk_is_a_dataset() {
     let (source, warnings) = open(&fixture("legacy.torch"));
     assert_eq!(source.unwrap().keys(), KEYS);
     assert_eq!(warnings.total(), 0);
 }
 
 #[test]
-fn what_an_index_gets_wrong_is_reported() {
+fn errors_of_an_index_are_reported() {
     let chunk = fixture_bytes("zip.torch");
     let index = format!(r#"{{"gone": "000009.torch", "{}": "000000.torch", "not there": "000000.torch"}}"#, KEYS[1]);
     let folder = folder(&[("index.json", index.as_bytes()), ("000000.torch", &chunk), ("000001.torch", &chunk)]);
@@ -99,7 +99,7 @@ fn what_an_index_gets_wrong_is_reported() {
 }
 
 #[test]
-fn an_index_cannot_reach_outside_its_folder() {
+fn an_index_cannot_refer_outside_its_folder() {
     let chunk = fixture_bytes("zip.torch");
     for name in
         ["../000000.torch", "/etc/passwd", "a/../../b.torch", "..\\\\000000.torch", "", ".", "./000000.torch/.."]
@@ -112,7 +112,7 @@ fn an_index_cannot_reach_outside_its_folder() {
 }
 
 #[test]
-fn broken_indices_and_empty_folders_are_typed_errors() {
+fn invalid_indices_and_empty_folders_are_typed_errors() {
     for index in ["", "[]", "{\"a\": 1}", "{\"a\": null}", "{", "\u{feff}{}", &"[".repeat(100_000)] {
         let (source, _) = open(folder(&[("index.json", index.as_bytes())]).path());
         assert!(matches!(source, Err(SceneError::Malformed { .. })), "{index:.20}");
@@ -122,14 +122,14 @@ fn broken_indices_and_empty_folders_are_typed_errors() {
 }
 
 #[test]
-fn what_lies_where_the_lens_would_is_counted() {
+fn lens_columns_that_are_not_zero_are_reported() {
     let folder = TempDir::new().unwrap();
-    let mut bent = numbered(1, 10);
-    bent.cameras.push(bent.cameras[0]);
-    bent.timestamps.push(2);
-    bent.images.push(bent.images[0].clone());
-    bent.cameras[1][5] = 0.25;
-    write(folder.path(), 1 << 20, vec![numbered(0, 10), bent]);
+    let mut distorted = numbered(1, 10);
+    distorted.cameras.push(distorted.cameras[0]);
+    distorted.timestamps.push(2);
+    distorted.images.push(distorted.images[0].clone());
+    distorted.cameras[1][5] = 0.25;
+    write(folder.path(), 1 << 20, vec![numbered(0, 10), distorted]);
     let (source, mut warnings) = open(folder.path());
     let source = source.unwrap();
     source.load("scene0", &mut warnings).unwrap();
@@ -141,7 +141,7 @@ fn what_lies_where_the_lens_would_is_counted() {
 }
 
 #[test]
-fn pointers_of_git_lfs_and_keys_that_stand_twice_are_named() {
+fn git_lfs_pointers_and_repeated_keys_are_reported() {
     let pointer = b"version https://git-lfs.github.com/spec/v1\noid sha256:4d7a\nsize 12345\n";
     let (source, warnings) = open(folder(&[("000000.torch", pointer)]).path());
     assert!(source.unwrap().keys().is_empty());
@@ -156,21 +156,20 @@ fn pointers_of_git_lfs_and_keys_that_stand_twice_are_named() {
 }
 
 #[test]
-fn a_broken_chunk_costs_its_own_scenes_only() {
+fn an_invalid_chunk_does_not_affect_the_others() {
     let good = fixture_bytes("zip.torch");
     let folder =
         folder(&[("000000.torch", b"PK\x03\x04 and no more"), ("000001.torch", &good), ("000002.torch", &good)]);
     let (source, warnings) = open(folder.path());
     assert_eq!(source.unwrap().keys(), KEYS);
-    assert_eq!(warnings.count(WarningKind::UnreadableScene), 3, "one broken chunk and two keys that come twice");
+    assert_eq!(warnings.count(WarningKind::UnreadableScene), 3, "one invalid chunk and two repeated keys");
     let details: Vec<String> = warnings.kept().iter().map(ToString::to_string).collect();
     assert!(details[0].contains("000000.torch") && details[0].contains("end-of-directory"), "{details:?}");
 }
 
-/// The committed chunk is what `fixtures/torch/check_with_torch.py` shows to PyTorch.
-/// `ATSPLAT_BLESS=1` writes it anew.
+/// The committed chunk is checked by PyTorch in `fixtures/torch/check_with_torch.py`. `ATSPLAT_BLESS=1` updates it.
 #[test]
-fn the_writer_makes_the_bytes_that_pytorch_was_shown() {
+fn the_writer_reproduces_the_chunk_checked_by_pytorch() {
     let folder = TempDir::new().unwrap();
     assert_eq!(write(folder.path(), ChunkWriter::TARGET_BYTES, stored_scenes()), ["000000.torch"]);
     for name in ["000000.torch", "index.json"] {
@@ -185,7 +184,7 @@ fn the_writer_makes_the_bytes_that_pytorch_was_shown() {
 }
 
 #[test]
-fn write_read_write_gives_the_same_bytes() {
+fn writing_what_was_read_gives_the_same_bytes() {
     let (first, second) = (TempDir::new().unwrap(), TempDir::new().unwrap());
     write(first.path(), 1, stored_scenes());
     let (source, mut warnings) = open(first.path());
@@ -195,12 +194,16 @@ fn write_read_write_gives_the_same_bytes() {
         ChunkScene::from_scene(&scene, &mut warnings).unwrap()
     });
     let names = write(second.path(), 1, scenes.collect());
-    assert_eq!(names, ["000000.torch", "000001.torch"], "a scene each, because each reaches the target");
+    assert_eq!(names, ["000000.torch", "000001.torch"], "one scene each, because each reaches the target");
     for name in ["000000.torch", "000001.torch", "index.json"] {
         assert!(fs::read(first.path().join(name)).unwrap() == fs::read(second.path().join(name)).unwrap(), "{name}");
     }
     let counts: Vec<_> = warnings.counts().collect();
-    assert_eq!(counts, [(WarningKind::UnexpectedSize, 6)], "the fixture's pictures are not of its cameras' shape");
+    assert_eq!(
+        counts,
+        [(WarningKind::UnexpectedSize, 6)],
+        "the fixture's pictures do not have the shape of its cameras"
+    );
 }
 
 #[test]
@@ -217,7 +220,7 @@ fn storages_are_aligned_and_entries_stored() {
 }
 
 #[test]
-fn chunks_are_flushed_when_their_pictures_reach_the_target() {
+fn chunks_are_written_when_their_pictures_reach_the_target() {
     let folder = TempDir::new().unwrap();
     let names = write(
         folder.path(),
@@ -236,11 +239,11 @@ fn chunks_are_flushed_when_their_pictures_reach_the_target() {
         r#"{"0":"000000.torch","1":"000000.torch","2":"000000.torch","3":"000001.torch","4":"000002.torch"}"#
     );
     let left: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
-    assert_eq!(left.len(), 4, "nothing half-written stays behind: {left:?}");
+    assert_eq!(left.len(), 4, "no partial file is left: {left:?}");
 }
 
 #[test]
-fn what_a_chunk_cannot_hold_is_refused() {
+fn scenes_that_a_chunk_cannot_store_are_rejected() {
     let folder = TempDir::new().unwrap();
     let mut writer = ChunkWriter::create(folder.path(), u64::MAX).unwrap();
     writer.push(numbered(0, 100)).unwrap();
@@ -254,7 +257,7 @@ fn what_a_chunk_cannot_hold_is_refused() {
         let key = scene.key.clone();
         assert!(matches!(writer.push(scene), Err(SceneError::Torch { .. })), "{key}");
     }
-    assert_eq!(writer.finish().unwrap().scenes, 1, "what was refused is not in the way");
+    assert_eq!(writer.finish().unwrap().scenes, 1, "rejected scenes are skipped");
     write(&folder.path().join("new"), 1, vec![numbered(0, 10)]);
     assert!(
         matches!(ChunkWriter::create(folder.path().join("new"), 1), Err(SceneError::Malformed { .. })),
@@ -263,7 +266,7 @@ fn what_a_chunk_cannot_hold_is_refused() {
 }
 
 #[test]
-fn frames_without_pictures_or_numbers_cannot_be_stored() {
+fn frames_without_a_picture_or_number_cannot_be_stored() {
     let chunk = Chunk::open(fixture("zip.torch"), &mut Warnings::new()).unwrap();
     let scene = chunk.load(KEYS[0]).unwrap();
     let with = |change: &dyn Fn(&mut atsplat_scene::Frame)| {
@@ -289,14 +292,14 @@ fn frames_without_pictures_or_numbers_cannot_be_stored() {
         frame.timestamp_micros = None;
         frame.name = "frame_00042".to_owned();
     });
-    assert_eq!(named.unwrap().timestamps[1], 42, "the number that depthsplat's conversion takes");
+    assert_eq!(named.unwrap().timestamps[1], 42, "the number used by depthsplat's conversion");
 }
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
-    fn any_scene_survives_a_round_trip(
+    fn any_scene_round_trips(
         key in "[a-z0-9 äöü\"\\\\/]{1,20}",
         url in ".{0,40}",
         frames in proptest::collection::vec((any::<i64>(), proptest::array::uniform18(-1e30f32..1e30), 3..2000usize), 0..5),

@@ -1,17 +1,17 @@
-//! What PyTorch wrote is read as PyTorch reads it: every value of `golden.json`, in both containers.
+//! Files written by PyTorch are read as PyTorch reads them: every value of `golden.json`, in both containers.
 
 use crate::support::{fixture, fixture_bytes};
+use atsplat_files::Sha256Digest;
 use atsplat_scene::torch::{self, Chunk, DType, Key, Tensor, Value};
 use atsplat_scene::{Picture, SceneError, Warnings};
 use serde_json::Value as Json;
-use sha2::{Digest, Sha256};
 
 fn golden(file: &str) -> Json {
     let golden: Json = serde_json::from_slice(&fixture_bytes("golden.json")).unwrap();
     golden[file].clone()
 }
 
-/// A value in the words of `make_fixtures.py`.
+/// A value in the notation of `make_fixtures.py`.
 fn plain(value: &Value) -> Json {
     match value {
         Value::None => Json::Null,
@@ -39,10 +39,7 @@ fn plain_tensor(tensor: &Tensor) -> Json {
         DType::F16 | DType::Bf16 | DType::F32 | DType::F64 => {
             tensor.to_f64().unwrap().into_iter().map(hexadecimal).collect::<Vec<_>>().into()
         }
-        DType::U8 if tensor.element_count() > 64 => {
-            let digest = Sha256::digest(&*tensor.to_bytes().unwrap());
-            digest.to_vec().into()
-        }
+        DType::U8 if tensor.element_count() > 64 => Sha256Digest::of(&tensor.to_bytes().unwrap()).0.to_vec().into(),
         _ => tensor.to_i64().unwrap().into(),
     };
     serde_json::json!({ "dtype": tensor.dtype().to_string(), "shape": tensor.shape(), "elements": elements })
@@ -61,7 +58,7 @@ fn hexadecimal(value: f64) -> String {
 }
 
 #[test]
-fn every_value_of_the_fixtures_is_what_pytorch_reads() {
+fn all_values_of_the_fixtures_match_pytorch() {
     for file in ["zip.torch", "legacy.torch", "checkpoint.pt", "checkpoint_protocol4.pt", "checkpoint_legacy.pt"] {
         let expected = golden(file);
         assert!(expected.is_object(), "golden.json has {file}");
@@ -70,7 +67,7 @@ fn every_value_of_the_fixtures_is_what_pytorch_reads() {
 }
 
 #[test]
-fn views_keep_their_strides_and_share_a_storage() {
+fn views_keep_their_strides() {
     let checkpoint = torch::read(fixture("checkpoint.pt")).unwrap();
     let tensor = |name| checkpoint.as_dict().unwrap().get(name).unwrap().as_tensor().unwrap();
     assert_eq!((tensor("transposed").shape(), tensor("transposed").strides()), (&[4, 3][..], &[1, 4][..]));
@@ -80,7 +77,7 @@ fn views_keep_their_strides_and_share_a_storage() {
 }
 
 #[test]
-fn a_chunk_is_a_list_of_posed_scenes() {
+fn chunks_hold_posed_scenes() {
     for file in ["zip.torch", "legacy.torch"] {
         let mut warnings = Warnings::new();
         let chunk = Chunk::open(fixture(file), &mut warnings).unwrap();
@@ -104,13 +101,13 @@ fn a_chunk_is_a_list_of_posed_scenes() {
 }
 
 #[test]
-fn pictures_are_parts_of_the_map_and_not_copies() {
+fn pictures_are_slices_of_the_mapped_file() {
     let file = crate::support::shared(fixture_bytes("zip.torch"));
     let inside = file.as_ptr_range();
     let chunk = Chunk::from_bytes(file.clone(), "zip.torch".as_ref(), &mut Warnings::new()).unwrap();
     for key in chunk.keys() {
         for image in chunk.record(key).unwrap().images {
-            assert!(inside.contains(&image.as_ptr()), "{key}: the picture's bytes were moved");
+            assert!(inside.contains(&image.as_ptr()), "{key}: the picture was copied");
         }
     }
 }

@@ -1,11 +1,11 @@
-//! Bytes that mean harm, or that a broken disk left: a value or a typed error, in bounded time and memory.
+//! Malicious or corrupt files give a value or a typed error, in bounded time and memory.
 
 use crate::support::{fixture_bytes, integer, pickle, saved, shared, storage, tensor, text, tuple, zip_of};
 use atsplat_scene::torch::{self, Chunk, MAX_DEPTH, TorchError};
 use atsplat_scene::{SceneError, SharedBytes, Warnings};
 use proptest::prelude::*;
 
-/// Reads everything that bytes claim to hold: scenes, cameras, pictures.
+/// Reads all scenes, cameras and pictures.
 pub(crate) fn read_all(bytes: SharedBytes) -> Result<usize, SceneError> {
     let chunk = Chunk::from_bytes(bytes, "hostile.torch".as_ref(), &mut Warnings::new())?;
     let mut touched = 0;
@@ -30,7 +30,7 @@ fn malformed(result: Result<torch::Value, TorchError>) -> String {
 }
 
 #[test]
-fn a_file_cut_short_anywhere_is_an_error() {
+fn truncated_files_are_errors() {
     for name in ["zip.torch", "legacy.torch"] {
         let whole = fixture_bytes(name);
         assert!(read_all(shared(whole.clone())).is_ok());
@@ -42,7 +42,7 @@ fn a_file_cut_short_anywhere_is_an_error() {
 }
 
 #[test]
-fn a_flipped_bit_anywhere_is_survived() {
+fn flipped_bits_do_not_panic() {
     for name in ["zip.torch", "legacy.torch", "checkpoint_protocol4.pt"] {
         let whole = fixture_bytes(name);
         for at in 0..whole.len() {
@@ -56,7 +56,7 @@ fn a_flipped_bit_anywhere_is_survived() {
 }
 
 #[test]
-fn globals_outside_the_allow_list_are_named() {
+fn globals_outside_the_allow_list_are_errors() {
     for (module, name) in [
         ("os", "system"),
         ("posix", "system"),
@@ -78,7 +78,7 @@ fn globals_outside_the_allow_list_are_named() {
 }
 
 #[test]
-fn opcodes_outside_the_allow_list_are_named() {
+fn opcodes_outside_the_allow_list_are_errors() {
     // INST, OBJ, PERSID, NEWOBJ, NEWOBJ_EX, EXT1, FLOAT, STRING, GET, PUT, DICT, LIST, FROZENSET, BYTEARRAY8
     for opcode in [b'i', b'o', b'P', 0x81, 0x92, 0x82, b'F', b'S', b'g', b'p', b'd', b'l', 0x91, 0x96] {
         let result = torch::parse_pickle(&pickle(&[opcode]));
@@ -90,7 +90,7 @@ fn opcodes_outside_the_allow_list_are_named() {
 }
 
 #[test]
-fn calls_of_anything_but_a_function_are_refused() {
+fn calling_anything_but_a_function_is_an_error() {
     for body in [
         &b"K\x01)R"[..],
         b"])R",
@@ -106,59 +106,35 @@ fn calls_of_anything_but_a_function_are_refused() {
 }
 
 #[test]
-fn stack_and_memo_misuse_is_refused() {
-    for body in [
-        &b""[..],
-        b"0",
-        b"1",
-        b"t",
-        b"\x85",
-        b"K\x01\x86",
-        b"K\x01(\x85",
-        b"a",
-        b"e",
-        b"](",
-        b"]K\x01(a",
-        b"}K\x01s",
-        b"}(K\x01u",
-        b"K\x01K\x02a",
-        b"K\x01(K\x02e",
-        b"h\x00",
-        b"j\xff\xff\xff\xff",
-        b"q\x00",
-        b"Q",
-        b"R",
-        b"b",
-        b"\x93",
-        b"K\x01K\x02\x93",
-        b"(0",
-    ] {
+fn stack_and_memo_misuse_is_an_error() {
+    #[rustfmt::skip]
+    let bodies = [
+        &b""[..], b"0", b"1", b"t", b"\x85", b"K\x01\x86", b"K\x01(\x85", b"a", b"e", b"](", b"]K\x01(a", b"}K\x01s",
+        b"}(K\x01u", b"K\x01K\x02a", b"K\x01(K\x02e", b"h\x00", b"j\xff\xff\xff\xff", b"q\x00", b"Q", b"R", b"b",
+        b"\x93", b"K\x01K\x02\x93", b"(0",
+    ];
+    for body in bodies {
         let message = malformed(torch::parse_pickle(&pickle(body)));
         assert!(message.starts_with("pickle byte"), "{body:?}: {message}");
     }
 }
 
 #[test]
-fn lengths_beyond_the_file_are_refused_without_allocating() {
-    for body in [
-        &b"X\xff\xff\xff\xffabc"[..],
-        b"\x8d\xff\xff\xff\xff\xff\xff\xff\xff",
-        b"\x8e\xff\xff\xff\xff\xff\xff\xff\x7f",
-        b"B\xff\xff\xff\x7f",
-        b"\x8a\xff\x01",
-        b"\x8b\xff\xff\xff\x7f",
-        b"\x8b\xff\xff\xff\xff",
-        b"\x95\xff\xff\xff\xff\xff\xff\xff\xff",
-        b"ctorch",
-        b"I12",
+fn lengths_beyond_the_file_are_errors_before_allocation() {
+    #[rustfmt::skip]
+    let bodies = [
+        &b"X\xff\xff\xff\xffabc"[..], b"\x8d\xff\xff\xff\xff\xff\xff\xff\xff",
+        b"\x8e\xff\xff\xff\xff\xff\xff\xff\x7f", b"B\xff\xff\xff\x7f", b"\x8a\xff\x01", b"\x8b\xff\xff\xff\x7f",
+        b"\x8b\xff\xff\xff\xff", b"\x95\xff\xff\xff\xff\xff\xff\xff\xff", b"ctorch", b"I12",
         b"I99999999999999999999\n",
-    ] {
+    ];
+    for body in bodies {
         malformed(torch::parse_pickle(&pickle(body)));
     }
 }
 
 #[test]
-fn deep_nesting_is_refused_without_recursion() {
+fn deep_nesting_is_an_error_without_recursion() {
     let nested = |depth: usize| pickle(&[vec![b']'; depth], vec![b'a'; depth - 1]].concat());
     assert!(torch::parse_pickle(&nested(MAX_DEPTH + 1)).is_ok());
     assert!(matches!(torch::parse_pickle(&nested(MAX_DEPTH + 2)), Err(TorchError::Unsupported { .. })));
@@ -170,7 +146,7 @@ fn deep_nesting_is_refused_without_recursion() {
 }
 
 #[test]
-fn a_billion_laughs_stay_one_laugh_each() {
+fn a_billion_laughs_are_shared_not_copied() {
     let mut body = b"]q\x00".to_vec();
     for level in 0..90u8 {
         body.extend([b']', b'q', level + 1, b'(']);
@@ -179,30 +155,30 @@ fn a_billion_laughs_stay_one_laugh_each() {
     }
     let value = torch::parse_pickle(&pickle(&body)).unwrap();
     assert_eq!(value.as_sequence().unwrap().len(), 100);
-    assert_eq!(format!("{value:?}"), "a list of 100", "printing does not follow 100^90 paths");
+    assert_eq!(format!("{value:?}"), "a list of 100", "printing does not expand 100^90 paths");
 }
 
 #[test]
-fn an_object_that_holds_itself_is_refused() {
+fn cycles_are_errors() {
     for body in [&b"]q\x00h\x00a"[..], b"}q\x00K\x01h\x00s", b"]q\x00h\x00\x85a", b"]q\x00]q\x01h\x00aa"] {
         let result = torch::parse_pickle(&pickle(body));
         assert!(matches!(result, Err(TorchError::Unsupported { .. })), "{result:?}");
     }
 }
 
-/// 3 bytes a call of one memoised list: a copy each would be 10^5 × 10^5 entries.
+/// Each call needs 3 bytes and copies the same memoised list, in total 10^5 × 10^5 entries.
 #[test]
-fn a_list_copied_over_and_over_into_dicts_is_refused() {
+fn copying_one_list_into_many_dicts_is_an_error() {
     const ENTRIES: usize = 100_000;
     let pairs = b"K\x01K\x02\x86".repeat(ENTRIES);
     let list = [&b"]("[..], &pairs, b"e\x85q\x02ccollections\nOrderedDict\nq\x03"].concat();
     let bomb = pickle(&[&list[..], &b"h\x03h\x02R0".repeat(ENTRIES)].concat());
     let message = malformed(torch::parse_pickle(&bomb));
-    assert!(message.contains("copied over and over"), "{message}");
+    assert!(message.contains("copied repeatedly"), "{message}");
 }
 
 #[test]
-fn memo_slots_cannot_outrun_the_bytes() {
+fn memo_slots_are_bounded_by_the_bytes_read() {
     for slot in [&b"r\xff\xff\xff\xff"[..], b"r\xfe\xff\xff\x7f", b"q\xff"] {
         let message = malformed(torch::parse_pickle(&pickle(&[b"K\x01", slot].concat())));
         assert!(message.contains("memo slot"), "{message}");
@@ -211,7 +187,7 @@ fn memo_slots_cannot_outrun_the_bytes() {
 }
 
 #[test]
-fn dict_keys_are_text_or_integers() {
+fn dict_keys_must_be_strings_or_integers() {
     for key in [&b"N"[..], b"]", b"}", b")", b"G\x00\x00\x00\x00\x00\x00\x00\x00"] {
         malformed(torch::parse_pickle(&pickle(&[b"}", key, b"Ns"].concat())));
     }
@@ -221,12 +197,12 @@ fn dict_keys_are_text_or_integers() {
     assert_eq!(
         format!("{dict:?}"),
         "{Int(1): the integer 3, Int(7): the integer 8}",
-        "as Python: first place, last value"
+        "as in Python: first position, last value"
     );
 }
 
 #[test]
-fn tensors_that_reach_outside_their_storage_are_refused() {
+fn tensors_outside_their_storage_are_errors() {
     let four_floats = [0u8; 16];
     let floats = storage("FloatStorage", 4);
     assert!(torch::parse(saved(&pickle(&tensor(&floats, 1, &[3], &[1])), &four_floats)).is_ok());
@@ -248,7 +224,7 @@ fn tensors_that_reach_outside_their_storage_are_refused() {
 }
 
 #[test]
-fn storages_must_be_as_long_as_they_say() {
+fn storages_must_have_their_declared_length() {
     for (class, len, bytes) in [
         ("FloatStorage", 4, 15),
         ("FloatStorage", 4, 17),
@@ -286,7 +262,7 @@ fn persistent_ids_must_be_storages() {
 }
 
 #[test]
-fn zip_directories_that_lie_are_refused() {
+fn inconsistent_zip_directories_are_errors() {
     let good = zip_of(&[("a/data.pkl", b"\x80\x02N."), ("a/version", b"3\n")]);
     assert!(torch::parse(shared(good.clone())).is_ok());
     let directory = good.windows(4).position(|window| window == b"PK\x01\x02").unwrap();
@@ -321,11 +297,11 @@ fn zip_directories_that_lie_are_refused() {
 }
 
 #[test]
-fn zip64_lengths_of_two_to_the_63_are_refused() {
+fn zip64_lengths_of_two_to_the_63_are_errors() {
     let good = zip_of(&[("a/data.pkl", b"\x80\x02N.")]);
     let directory = good.windows(4).position(|window| window == b"PK\x01\x02").unwrap();
     let end = good.windows(4).position(|window| window == b"PK\x05\x06").unwrap();
-    // A zip64 extra field that says 2^63 for both lengths, put behind the name.
+    // A zip64 extra field with 2^63 for both lengths, after the name.
     let extra = [&[1, 0, 16, 0][..], &(1u64 << 63).to_le_bytes(), &(1u64 << 63).to_le_bytes()].concat();
     let mut header = good[directory..end].to_vec();
     header[20..28].copy_from_slice(&[0xff; 8]);
@@ -338,7 +314,7 @@ fn zip64_lengths_of_two_to_the_63_are_refused() {
 }
 
 #[test]
-fn ambiguous_and_foreign_archives_are_refused() {
+fn ambiguous_and_unrelated_archives_are_errors() {
     let pickle = &b"\x80\x02N."[..];
     let twice = zip_of(&[("a/data.pkl", pickle), ("a/data/0", b"x"), ("a/data/1", b"y")]);
     let at = twice.windows(8).rposition(|window| window == b"a/data/1").unwrap();
@@ -386,7 +362,7 @@ fn fields_of_the_wrong_type_or_length_name_the_scene_and_the_field() {
     let error_of = |fields: &[Vec<u8>]| {
         let body = [b"]}(", &field("key", &text("k"))[..], &fields.concat(), b"ua"].concat();
         let chunk = Chunk::from_bytes(saved(&pickle(&body), &[0; 32]), "x.torch".as_ref(), &mut Warnings::new());
-        // One storage of 32 bytes under one key can be of one type only; the others fail before.
+        // A storage of 32 bytes under one key can have only one type; the other fields fail before.
         match chunk.and_then(|chunk| chunk.load("k")) {
             Err(error) => error.to_string(),
             Ok(scene) => panic!("{scene:?}"),
@@ -417,7 +393,7 @@ fn fields_of_the_wrong_type_or_length_name_the_scene_and_the_field() {
     ];
     for (fields, expected) in cases {
         let message = error_of(&fields);
-        assert!(message.contains(expected) && message.contains("scene \"k\""), "{message} lacks {expected}");
+        assert!(message.contains(expected) && message.contains("scene \"k\""), "{message} does not contain {expected}");
     }
 }
 
@@ -446,45 +422,14 @@ proptest! {
     }
 }
 
-/// Pieces that fit together often enough to get deep into the machine.
+/// Sequences that are valid together often enough to reach deep into the interpreter.
+#[rustfmt::skip]
 const OPCODES: &[&[u8]] = &[
-    b"]",
-    b"}",
-    b")",
-    b"(",
-    b"N",
-    b"\x88",
-    b"K\x01",
-    b"J\xff\xff\xff\xff",
-    b"\x8a\x01\x7f",
-    b"G\x3f\xf0\x00\x00\x00\x00\x00\x00",
-    b"a",
-    b"e",
-    b"s",
-    b"u",
-    b"t",
-    b"\x85",
-    b"\x86",
-    b"\x87",
-    b"q\x00",
-    b"q\x01",
-    b"h\x00",
-    b"h\x01",
-    b"\x94",
-    b"0",
-    b"1",
-    b"R",
-    b"b",
-    b"Q",
-    b"X\x07\x00\x00\x00storage",
-    b"X\x01\x00\x00\x000",
-    b"X\x03\x00\x00\x00key",
-    b"C\x01a",
-    b"ctorch\nByteStorage\n",
-    b"ctorch._utils\n_rebuild_tensor_v2\n",
-    b"ctorch._utils\n_rebuild_parameter\n",
-    b"ccollections\nOrderedDict\n",
-    b"\x93",
-    b"(X\x07\x00\x00\x00storagectorch\nByteStorage\nX\x01\x00\x00\x000X\x03\x00\x00\x00cpuK\x08tQ",
+    b"]", b"}", b")", b"(", b"N", b"\x88", b"K\x01", b"J\xff\xff\xff\xff", b"\x8a\x01\x7f",
+    b"G\x3f\xf0\x00\x00\x00\x00\x00\x00", b"a", b"e", b"s", b"u", b"t", b"\x85", b"\x86", b"\x87", b"q\x00",
+    b"q\x01", b"h\x00", b"h\x01", b"\x94", b"0", b"1", b"R", b"b", b"Q", b"X\x07\x00\x00\x00storage",
+    b"X\x01\x00\x00\x000", b"X\x03\x00\x00\x00key", b"C\x01a", b"ctorch\nByteStorage\n",
+    b"ctorch._utils\n_rebuild_tensor_v2\n", b"ctorch._utils\n_rebuild_parameter\n", b"ccollections\nOrderedDict\n",
+    b"\x93", b"(X\x07\x00\x00\x00storagectorch\nByteStorage\nX\x01\x00\x00\x000X\x03\x00\x00\x00cpuK\x08tQ",
     b"(K\x00K\x02\x85K\x01\x85\x89}",
 ];

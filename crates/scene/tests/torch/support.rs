@@ -1,4 +1,4 @@
-//! Builds `.torch` files by hand, the broken ones above all.
+//! Builds `.torch` files by hand, mainly malformed ones.
 
 use std::io::{Cursor, Write};
 use std::path::PathBuf;
@@ -20,7 +20,7 @@ pub(crate) fn shared(bytes: impl Into<Vec<u8>>) -> SharedBytes {
     SharedBytes::new(bytes.into())
 }
 
-/// A stored zip file of these entries, in this order.
+/// An uncompressed zip file with these entries, in this order.
 pub(crate) fn zip_of(entries: &[(&str, &[u8])]) -> Vec<u8> {
     let mut zip = ZipWriter::new(Cursor::new(Vec::new()));
     for (name, bytes) in entries {
@@ -31,7 +31,7 @@ pub(crate) fn zip_of(entries: &[(&str, &[u8])]) -> Vec<u8> {
     zip.finish().unwrap().into_inner()
 }
 
-/// `torch.save` of what a pickle describes, with one storage of these bytes.
+/// A `torch.save` file with this pickle and one storage.
 pub(crate) fn saved(pickle: &[u8], storage: &[u8]) -> SharedBytes {
     shared(zip_of(&[("archive/data.pkl", pickle), ("archive/data/0", storage), ("archive/version", b"3\n")]))
 }
@@ -75,7 +75,7 @@ pub(crate) fn tensor(storage: &[u8], offset: i64, shape: &[i64], strides: &[i64]
     .concat()
 }
 
-/// A whole pickle of protocol 2.
+/// A complete pickle of protocol 2.
 pub(crate) fn pickle(body: &[u8]) -> Vec<u8> {
     [b"\x80\x02", body, b"."].concat()
 }

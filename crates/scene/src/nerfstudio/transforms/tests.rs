@@ -29,7 +29,7 @@ fn message(root: &Value) -> String {
     parse(root).unwrap_err().to_string()
 }
 
-/// Loads `root` as a scene in a folder that holds `files`.
+/// Loads `root` as a scene in a folder with `files`.
 fn load(root: &Value, files: &[&str], pictures: PictureFolder) -> Result<(Scene, Warnings), SceneError> {
     load_with(root, files, NerfstudioOptions { pictures, ..NerfstudioOptions::default() })
 }
@@ -49,7 +49,7 @@ fn load_with(root: &Value, files: &[&str], options: NerfstudioOptions) -> Result
     Ok((scene, warnings))
 }
 
-/// The smallest PNG of a size, black, by hand: the header is all that is read of it here.
+/// The header of a PNG; nothing else is read here.
 fn image_bytes(width: u32, height: u32) -> Vec<u8> {
     let mut header = b"IHDR".to_vec();
     header.extend(width.to_be_bytes());
@@ -75,7 +75,7 @@ fn file_name(picture: &Picture) -> &str {
 }
 
 #[test]
-fn opengl_axes_become_opencv_axes_and_the_world_stays() {
+fn opengl_axes_are_converted_and_the_world_is_unchanged() {
     let scene = parse(&transforms(|_| ())).unwrap();
     let pose = scene.frames[0].world_from_camera;
     assert_eq!(pose.centre(), DVec3::new(1.0, 2.0, 3.0));
@@ -84,7 +84,7 @@ fn opengl_axes_become_opencv_axes_and_the_world_stays() {
 }
 
 #[test]
-fn intrinsics_are_divided_by_the_stated_size_whatever_the_pictures() {
+fn intrinsics_are_divided_by_the_stated_size_for_any_copy_of_the_pictures() {
     let root = transforms(|root| root["w"] = json!(200.0));
     for pictures in [PictureFolder::Listed, PictureFolder::Downscaled(8)] {
         let (scene, warnings) = load(&root, &["images/f_1.png", "images_8/f_1.png"], pictures).unwrap();
@@ -99,7 +99,7 @@ fn intrinsics_are_divided_by_the_stated_size_whatever_the_pictures() {
 }
 
 #[test]
-fn a_frame_s_own_intrinsics_win() {
+fn intrinsics_of_a_frame_override_the_global_ones() {
     let root = transforms(|root| {
         root["frames"] = json!([frame("images/a.png"), frame("images/b.png")]);
         root["frames"][1]["fl_x"] = json!(50);
@@ -112,7 +112,7 @@ fn a_frame_s_own_intrinsics_win() {
 }
 
 #[test]
-fn angles_give_focal_lengths() {
+fn angles_are_converted_to_focal_lengths() {
     let root = json!({ "camera_angle_x": std::f64::consts::FRAC_PI_2, "frames": [frame("./train/r_0")] });
     let (scene, warnings) = load(&root, &["train/r_0.png"], PictureFolder::Listed).unwrap();
     let frame = &scene.frames[0];
@@ -123,7 +123,7 @@ fn angles_give_focal_lengths() {
         "square pixels of an 8×6 picture",
     );
     assert_eq!((file_name(&frame.picture), frame.name.as_str()), ("r_0.png", "r_0"));
-    assert_eq!(warnings.total(), 0, "a name without extension is a dialect: {:?}", warnings.kept());
+    assert_eq!(warnings.total(), 0, "names without extension are allowed: {:?}", warnings.kept());
 
     let degrees = transforms(|root| {
         let fields = root.as_object_mut().unwrap();
@@ -134,17 +134,17 @@ fn angles_give_focal_lengths() {
     });
     let (scene, _) = load(&degrees, &[], PictureFolder::Listed).unwrap();
     let k = scene.frames[0].camera.intrinsics;
-    Tolerance::F64.assert([k.fx, k.fy], [0.5, 0.5], "instant-ngp's two spellings");
+    Tolerance::F64.assert([k.fx, k.fy], [0.5, 0.5], "instant-ngp's two notations");
 }
 
 #[test]
-fn pixel_lengths_win_over_angles() {
+fn focal_lengths_in_pixels_override_angles() {
     let root = transforms(|root| root["camera_angle_x"] = json!(1.0));
     assert_eq!(parse(&root).unwrap().lens.focal_x, Some(Focal::Pixels(100.0)));
 }
 
 #[test]
-fn a_size_that_nothing_states_is_an_error() {
+fn an_unknown_picture_size_is_an_error() {
     let root = json!({ "camera_angle_x": 1.0, "frames": [frame("train/r_0")] });
     let error = load(&root, &[], PictureFolder::Listed).unwrap_err().to_string();
     assert!(error.contains("frames[0]") && error.contains("size of the pictures"), "{error}");
@@ -153,7 +153,7 @@ fn a_size_that_nothing_states_is_an_error() {
 }
 
 #[test]
-fn lenses() {
+fn camera_models_convert_to_lenses_or_are_unsupported() {
     let lens = |fields: Value| {
         let root = transforms(|root| root.as_object_mut().unwrap().extend(fields.as_object().unwrap().clone()));
         load(&root, &[], PictureFolder::Listed).map(|(scene, _)| scene.frames[0].camera.distortion)
@@ -186,7 +186,7 @@ fn lenses() {
 }
 
 #[test]
-fn pictures_elsewhere_are_found_and_counted_and_missing_ones_keep_their_place() {
+fn pictures_with_another_extension_are_found_and_missing_ones_keep_their_position() {
     let root =
         transforms(|root| root["frames"] = json!(["a", "b", "c"].map(|name| frame(&format!("images/{name}.png")))));
     let (scene, warnings) = load(&root, &["images/a.png", "images/c.JPG"], PictureFolder::Listed).unwrap();
@@ -198,7 +198,7 @@ fn pictures_elsewhere_are_found_and_counted_and_missing_ones_keep_their_place() 
 }
 
 #[test]
-fn without_the_listed_folder_the_largest_copy_stands_in_and_is_reported() {
+fn without_the_listed_folder_the_largest_copy_is_used_and_reported() {
     let (scene, warnings) =
         load(&transforms(|_| ()), &["images_8/f_1.png", "images_4/f_1.png"], PictureFolder::Listed).unwrap();
     let Picture::File(path) = &scene.frames[0].picture else { panic!("{:?}", scene.frames[0].picture) };
@@ -208,7 +208,7 @@ fn without_the_listed_folder_the_largest_copy_stands_in_and_is_reported() {
 }
 
 #[test]
-fn paths_out_of_the_scene_are_refused() {
+fn paths_outside_the_scene_are_errors() {
     for path in ["../../etc/passwd", "/etc/passwd", "images/../../x.png", r"..\x.png", ""] {
         let root = transforms(|root| root["frames"][0]["file_path"] = json!(path));
         let error = load(&root, &[], PictureFolder::Listed).unwrap_err();
@@ -249,14 +249,14 @@ fn messages_name_the_field() {
     ];
     for (expected, change) in cases {
         let message = message(&transforms(change));
-        assert!(message.contains(expected), "{message}\nlacks {expected}");
+        assert!(message.contains(expected), "{message}\ndoes not contain {expected}");
     }
     let zero_focal = load(&transforms(|r| r["fl_x"] = json!(0)), &[], PictureFolder::Listed).unwrap_err();
     assert!(matches!(zero_focal, SceneError::Camera { .. }), "{zero_focal}");
 }
 
 #[test]
-fn broken_json_names_the_line() {
+fn errors_of_invalid_json_name_the_line() {
     for text in ["", "{\n\"frames\": [NaN]}", "{\"frames\"", "[[[[", "\u{0}", "{\n\n \"w\": 1e999}"] {
         let error = parse_transforms(text.as_bytes(), Path::new("t.json")).unwrap_err().to_string();
         assert!(error.contains("line ") || error.contains("top level"), "{error}");
@@ -266,7 +266,7 @@ fn broken_json_names_the_line() {
 }
 
 #[test]
-fn of_two_focal_lengths_neither_is_taken() {
+fn two_focal_lengths_are_an_error() {
     let text = transforms(|_| ()).to_string().replace("\"w\"", "\n\"fl_x\":999,\"w\"");
     let error = parse_transforms(text.as_bytes(), Path::new("t.json")).unwrap_err().to_string();
     assert!(
@@ -275,7 +275,7 @@ fn of_two_focal_lengths_neither_is_taken() {
     );
 }
 
-/// Its `w` and `h` are 200 and 100: scaled to any size they fit; cropped, turned or squeezed they do not.
+/// `w` and `h` are 200 and 100: scaled pictures fit, cropped, rotated or stretched ones do not.
 #[test]
 fn a_picture_of_another_shape_is_not_decoded() {
     let decoded = |width: u32, height: u32, elsewhere: &str| {
@@ -297,11 +297,11 @@ fn a_picture_of_another_shape_is_not_decoded() {
         let message = error.to_string();
         assert!(message.contains("200×100") && message.contains(&format!("{width}×{height}")), "{message}");
     }
-    assert!(decoded(100, 200, "_2").is_err(), "a copy whose size nothing states");
+    assert!(decoded(100, 200, "_2").is_err(), "a copy without a stated size");
 }
 
 #[test]
-fn the_applied_transform_is_kept_and_undone_only_when_asked() {
+fn the_applied_transform_is_undone_only_on_request() {
     let applied = json!([[0, 1, 0, 5], [0, 0, 1, 6], [1, 0, 0, 7]]);
     let root = transforms(|root| {
         root["applied_transform"] = applied;
@@ -314,7 +314,7 @@ fn the_applied_transform_is_kept_and_undone_only_when_asked() {
         let (scene, _) = load_with(&root, &[], options).unwrap();
         scene.frames[0].camera.camera_from_world.inverse().centre().to_array()
     };
-    Tolerance::F64.assert(centre(false), [1.0, 2.0, 3.0], "as the papers take it");
+    Tolerance::F64.assert(centre(false), [1.0, 2.0, 3.0], "as in the papers");
     // saved = 2 · (A · original + a), so original = Aᵀ · (saved / 2 − a).
     let (x, y, z) = (0.5 - 5.0, 1.0 - 6.0, 1.5 - 7.0);
     Tolerance::F64.assert(centre(true), [z, x, y], "undone");
@@ -327,7 +327,7 @@ proptest! {
     }
 
     #[test]
-    fn any_cut_and_any_byte_give_a_value_or_an_error(cut in 0usize..400, at in 0usize..400, byte: u8) {
+    fn any_truncation_and_byte_give_a_value_or_an_error(cut in 0usize..400, at in 0usize..400, byte: u8) {
         let mut text = transforms(|_| ()).to_string().into_bytes();
         text.truncate(cut);
         if let Some(slot) = text.get_mut(at) {
@@ -337,9 +337,9 @@ proptest! {
     }
 }
 
-/// The frame is the same picture at half size: the global lens holds for it, in its own pixels.
+/// The frame is the same picture at half size: the global lens applies to it, scaled to its pixels.
 #[test]
-fn a_frame_of_another_size_has_the_global_lens() {
+fn the_global_lens_is_scaled_to_a_frame_of_another_size() {
     let root = transforms(|root| {
         root["cy"] = json!(48);
         root["frames"][0]["w"] = json!(100);

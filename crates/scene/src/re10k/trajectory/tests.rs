@@ -21,7 +21,7 @@ fn row_with(column: usize, value: &str) -> String {
 }
 
 #[test]
-fn a_row_is_what_the_format_says() {
+fn parses_header_and_row() {
     let trajectory = parse(&format!("https://www.youtube.com/watch?v=x\n{ROW}\n")).unwrap();
     assert_eq!(trajectory.url(), Some("https://www.youtube.com/watch?v=x"));
     let row = trajectory.rows[0];
@@ -31,7 +31,7 @@ fn a_row_is_what_the_format_says() {
 }
 
 #[test]
-fn headers_marks_line_ends_and_blanks_change_nothing() {
+fn headers_byte_order_marks_line_ends_and_blanks_do_not_affect_rows() {
     let plain = parse(ROW).unwrap();
     assert_eq!(plain.header, None);
     for text in [
@@ -42,11 +42,11 @@ fn headers_marks_line_ends_and_blanks_change_nothing() {
     ] {
         assert_eq!(parse(&text).unwrap().rows, plain.rows, "{text:?}");
     }
-    assert_eq!(parse(&format!("# recovered\n{ROW}")).unwrap().url(), None, "a comment is no address");
+    assert_eq!(parse(&format!("# recovered\n{ROW}")).unwrap().url(), None, "a comment is not a URL");
 }
 
 #[test]
-fn messages_name_line_column_expected_and_found() {
+fn errors_name_line_column_expected_and_found() {
     assert_eq!(
         message(&format!("https://youtu.be/x\n{ROW}\n{}", row_with(3, "half"))),
         "RE10K trajectory: line 3, column 4 (cx): expected a number, found \"half\" (clip.txt)"
@@ -65,14 +65,14 @@ fn messages_name_line_column_expected_and_found() {
 }
 
 #[test]
-fn a_broken_first_row_is_not_taken_for_a_header() {
+fn a_malformed_first_row_is_not_a_header() {
     for text in ["45979267", "45979267x 0.48 0.86", "0.48 0.86 0.5"] {
         assert!(message(&format!("{text}\n{ROW}")).contains("line 1"), "{text:?}");
     }
 }
 
 #[test]
-fn numbers_that_make_no_camera_are_errors() {
+fn invalid_cameras_are_errors() {
     for (column, value, expected) in [
         (1, "0", "fx: expected a positive number, found 0"),
         (2, "-0.9", "fy: expected a positive number"),
@@ -88,14 +88,14 @@ fn numbers_that_make_no_camera_are_errors() {
 }
 
 #[test]
-fn a_truncated_file_says_where_it_ends() {
+fn the_error_of_a_truncated_file_names_the_line() {
     let whole = format!("{ROW}\n{ROW}");
     let cut = &whole[..whole.len() - 12];
     assert!(message(cut).contains("line 2: expected 19 columns, found 15"), "{}", message(cut));
 }
 
 #[test]
-fn what_is_no_trajectory_is_not_taken_for_one() {
+fn trajectories_are_recognised_by_their_first_lines() {
     assert!(starts_like_a_trajectory(format!("https://youtu.be/x\n{ROW}\n").as_bytes()));
     assert!(starts_like_a_trajectory(format!("\n{ROW}").as_bytes()));
     for text in ["", "{\"frames\": []}", "# a\n# b\n", "1 PINHOLE 640 360 500 500 320 180"] {
@@ -104,7 +104,7 @@ fn what_is_no_trajectory_is_not_taken_for_one() {
 }
 
 #[test]
-fn a_header_that_would_read_back_as_something_else_is_not_written() {
+fn headers_that_would_not_round_trip_are_not_written() {
     let rows = parse(ROW).unwrap().rows;
     for header in ["two\nlines", "12345", "", " padded"] {
         let trajectory = Trajectory { header: Some(header.to_owned()), rows: rows.clone() };
@@ -138,7 +138,7 @@ fn any_row() -> impl Strategy<Value = TrajectoryRow> {
 
 proptest! {
     #[test]
-    fn written_trajectories_read_back_to_the_bit(
+    fn written_trajectories_round_trip_bit_for_bit(
         rows in prop::collection::vec(any_row(), 1..8),
         header in prop::option::of("https://www[.]youtube[.]com/watch[?]v=[A-Za-z0-9_-]{11}"),
     ) {
@@ -158,7 +158,7 @@ proptest! {
     }
 
     #[test]
-    fn any_cut_of_a_file_gives_a_value_or_an_error(cut in 0usize..300) {
+    fn any_truncation_gives_a_value_or_an_error(cut in 0usize..300) {
         let whole = format!("https://youtu.be/x\n{ROW}\n{ROW}\n{ROW}\n");
         let cut = cut.min(whole.len());
         if let Ok(trajectory) = parse(&whole[..cut]) {

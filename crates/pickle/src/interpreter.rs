@@ -1,39 +1,39 @@
-//! A machine for the part of Python's pickle that `torch.save` writes (`CPython`
-//! `Lib/pickletools.py` describes the opcodes): containers, text, numbers, and tensors through an
-//! allow-list of names. It calls nothing, and its memory is a constant times the bytes it has read.
+//! Interprets the subset of Python's pickle opcodes that `torch.save` writes (described in `CPython`
+//! `Lib/pickletools.py`): containers, strings, numbers, and tensors through an allow-list of names. It never calls Python
+//! functions, and its memory is proportional to the bytes read.
+
+mod objects;
 
 use std::ops::Range;
 
 use crate::TorchError;
-use crate::bytes::array_at;
 use crate::globals::Global;
-use crate::graph::{Graph, Node, NodeId, StorageRef, TensorRef};
+use crate::graph::{Graph, Node, NodeId};
+use crate::shared_bytes::array_at;
 use crate::shortened;
 
-/// Longest pickle that is read. A chunk needs some 70 bytes a picture.
+/// Maximum length of a pickle. A chunk needs about 70 bytes per picture.
 const MAX_PICKLE_BYTES: usize = 256 << 20;
-/// PyTorch numbers the storages; the older format uses addresses in decimal.
-const MAX_STORAGE_KEY_BYTES: usize = 64;
 const HIGHEST_PROTOCOL: u8 = 5;
 /// A memo slot without an object.
 const EMPTY: NodeId = NodeId::MAX;
 
-/// A pickle that ran to its end.
+/// A completely interpreted pickle.
 pub(crate) struct Parsed<'a> {
     pub(crate) graph: Graph<'a>,
     pub(crate) root: NodeId,
-    /// Where the byte after the pickle is.
+    /// Offset of the byte after the pickle.
     pub(crate) end: usize,
 }
 
-/// Runs the pickle that begins at `start`; offsets in errors count from the beginning of `bytes`.
+/// Interprets the pickle that starts at `start`; offsets in errors are relative to `bytes`.
 pub(crate) fn parse(bytes: &[u8], start: usize) -> Result<Parsed<'_>, TorchError> {
     let limit = bytes.len().min(start.saturating_add(MAX_PICKLE_BYTES));
-    let source = bytes.get(..limit).unwrap_or_default();
+    let source = &bytes[..limit];
     if u32::try_from(limit).is_err() {
         return Err(TorchError::unsupported(format!("byte {start}"), "a pickle beyond 4 GiB"));
     }
-    let mut machine = Machine {
+    let mut interpreter = Interpreter {
         graph: Graph { nodes: Vec::new(), source },
         start,
         at: start,
@@ -45,32 +45,32 @@ pub(crate) fn parse(bytes: &[u8], start: usize) -> Result<Parsed<'_>, TorchError
         copied: 0,
     };
     let root = loop {
-        if let Some(root) = machine.step()? {
+        if let Some(root) = interpreter.step()? {
             break root;
         }
     };
-    Ok(Parsed { graph: machine.graph, root, end: machine.at })
+    Ok(Parsed { graph: interpreter.graph, root, end: interpreter.at })
 }
 
-struct Machine<'a> {
+struct Interpreter<'a> {
     graph: Graph<'a>,
     start: usize,
     at: usize,
-    /// Where the current opcode is, for errors.
+    /// Offset of the current opcode, for errors.
     opcode_at: usize,
     stack: Vec<NodeId>,
-    /// Heights of the stack at each MARK.
+    /// Height of the stack at each MARK.
     marks: Vec<usize>,
-    /// Objects by slot, [`EMPTY`] where there is none. A pickler numbers its slots in order.
+    /// Objects by slot, [`EMPTY`] if there is none. A pickler numbers its slots in order.
     memo: Vec<NodeId>,
-    /// How many slots are filled.
+    /// Number of filled slots.
     remembered: u32,
-    /// Dict entries that were copied out of lists.
+    /// Number of dict entries copied from lists.
     copied: usize,
 }
 
-impl<'a> Machine<'a> {
-    /// One opcode; the finished object at STOP.
+impl<'a> Interpreter<'a> {
+    /// Interprets one opcode; returns the root object at STOP.
     fn step(&mut self) -> Result<Option<NodeId>, TorchError> {
         self.opcode_at = self.at;
         let [opcode] = self.array()?;
@@ -171,7 +171,7 @@ impl<'a> Machine<'a> {
         }
     }
 
-    /// Frames only help a stream to read ahead; the length must still be true.
+    /// Frames only help a stream to read ahead, but the length must be valid.
     fn frame(&mut self) -> Result<(), TorchError> {
         let len = u64::from_le_bytes(self.array()?);
         let left = self.graph.source.len().saturating_sub(self.at) as u64;
@@ -189,7 +189,7 @@ impl<'a> Machine<'a> {
         self.pop().map(drop)
     }
 
-    /// Protocol 0 and 1 integers, `I00` and `I01` being booleans.
+    /// Integers of protocols 0 and 1; `I00` and `I01` are booleans.
     fn decimal(&mut self) -> Result<(), TorchError> {
         let line = self.line()?;
         let node = match line {
@@ -228,8 +228,7 @@ impl<'a> Machine<'a> {
 
     fn text(&mut self, opcode: u8) -> Result<(), TorchError> {
         let range = self.sized(opcode)?;
-        let bytes = self.graph.source.get(range.start as usize..range.end as usize).unwrap_or_default();
-        if let Err(source) = std::str::from_utf8(bytes) {
+        if let Err(source) = std::str::from_utf8(self.graph.slice(&range)) {
             return Err(self.unexpected("text in UTF-8", source.to_string()));
         }
         self.push(Node::Str(range));
@@ -242,7 +241,7 @@ impl<'a> Machine<'a> {
         Ok(())
     }
 
-    /// The range of a string whose length comes first, in one, four or eight bytes.
+    /// The range of a string with a length prefix of one, four or eight bytes.
     fn sized(&mut self, opcode: u8) -> Result<Range<u32>, TorchError> {
         let len = match opcode {
             b'U' | b'C' | 0x8c => {
@@ -329,128 +328,9 @@ impl<'a> Machine<'a> {
         Ok(())
     }
 
-    /// `('storage', class, key, location, numel)`; the older format adds a view, which is `None` since 0.4.
-    fn persistent(&mut self) -> Result<(), TorchError> {
-        const EXPECTED: &str = "('storage', class, key, location, numel)";
-        let id = self.pop()?;
-        let parts = match self.graph.node(id) {
-            Node::Tuple(parts) => parts,
-            other => return Err(self.unexpected(EXPECTED, other.kind())),
-        };
-        let (kind, class, key, len, view) = match **parts {
-            [kind, class, key, _, len] => (kind, class, key, len, None),
-            [kind, class, key, _, len, view] => (kind, class, key, len, Some(view)),
-            _ => return Err(self.unexpected(EXPECTED, format!("a tuple of {}", parts.len()))),
-        };
-        if let Some(view) = view
-            && !matches!(self.graph.node(view), Node::None)
-        {
-            return Err(self.unexpected("a storage that is no view of another", self.graph.node(view).kind()));
-        }
-        let len = match self.graph.node(len) {
-            Node::Int(len) => u64::try_from(*len).ok(),
-            _ => None,
-        };
-        match (self.graph.text(kind), self.graph.node(class), self.graph.text(key), len) {
-            (Some("storage"), Node::Global(Global::Storage(dtype)), Some(name), Some(len))
-                if name.len() <= MAX_STORAGE_KEY_BYTES =>
-            {
-                let node = Node::Storage(StorageRef { dtype: *dtype, key, len });
-                self.push(node);
-                Ok(())
-            }
-            _ => Err(self.unexpected(EXPECTED, "another tuple")),
-        }
-    }
-
-    fn reduce(&mut self) -> Result<(), TorchError> {
-        let (arguments, callable) = (self.pop()?, self.pop()?);
-        let Node::Tuple(arguments) = self.graph.node(arguments) else {
-            return Err(self.unexpected("a tuple of arguments", self.graph.node(arguments).kind()));
-        };
-        let node = match self.graph.node(callable) {
-            Node::Global(Global::RebuildTensor) => self.tensor(arguments)?,
-            Node::Global(Global::RebuildParameter) => {
-                let parameter = match **arguments {
-                    [data, _, _] if matches!(self.graph.node(data), Node::Tensor(_)) => data,
-                    _ => return Err(self.unexpected("(tensor, requires_grad, hooks)", "other arguments")),
-                };
-                self.stack.push(parameter);
-                return Ok(());
-            }
-            Node::Global(Global::OrderedDict) => {
-                let entries = match **arguments {
-                    [] => Vec::new(),
-                    [pairs] => self.pairs(pairs)?,
-                    _ => return Err(self.unexpected("at most one argument of OrderedDict", "more")),
-                };
-                self.copied = self.copied.saturating_add(entries.len());
-                Node::Dict(entries)
-            }
-            other => return Err(self.unexpected("something to call", other.kind())),
-        };
-        self.push(node);
-        Ok(())
-    }
-
-    fn tensor(&self, arguments: &[NodeId]) -> Result<Node, TorchError> {
-        const EXPECTED: &str = "(storage, offset, size, stride) or (…, requires_grad, hooks)";
-        let (storage, offset, shape, strides, metadata) = match *arguments {
-            [storage, offset, shape, strides] | [storage, offset, shape, strides, _, _] => {
-                (storage, offset, shape, strides, None)
-            }
-            [storage, offset, shape, strides, _, _, metadata] => (storage, offset, shape, strides, Some(metadata)),
-            _ => return Err(self.unexpected(EXPECTED, format!("{} arguments", arguments.len()))),
-        };
-        if metadata.is_some_and(|metadata| !matches!(self.graph.node(metadata), Node::None)) {
-            return Err(self.unexpected("a tensor without metadata", "a conjugated or negated view"));
-        }
-        let offset = match self.graph.node(offset) {
-            Node::Int(offset) => u64::try_from(*offset).ok(),
-            _ => None,
-        };
-        match (self.graph.node(storage), offset) {
-            (Node::Storage(storage), Some(offset)) => {
-                Ok(Node::Tensor(Box::new(TensorRef { storage: *storage, offset, shape, strides })))
-            }
-            (other, _) => Err(self.unexpected(EXPECTED, other.kind())),
-        }
-    }
-
-    /// Python 2 pickles an `OrderedDict` as a call with a list of `[key, value]` lists. Calling it again and
-    /// again with one list must not cost more than writing that list out would have.
-    fn pairs(&self, list: NodeId) -> Result<Vec<(NodeId, NodeId)>, TorchError> {
-        let Node::List(items) = self.graph.node(list) else {
-            return Err(self.unexpected("a list of pairs", self.graph.node(list).kind()));
-        };
-        if self.copied.saturating_add(items.len()) > self.graph.source.len() {
-            return Err(self.unexpected("dicts that the pickle spells out", "one list copied over and over"));
-        }
-        let pair = |&item: &NodeId| match self.graph.node(item) {
-            Node::List(parts) => <[NodeId; 2]>::try_from(parts.as_slice()).ok(),
-            Node::Tuple(parts) => <[NodeId; 2]>::try_from(&**parts).ok(),
-            _ => None,
-        };
-        items
-            .iter()
-            .map(|item| pair(item).map(|[key, value]| (key, value)))
-            .collect::<Option<_>>()
-            .ok_or_else(|| self.unexpected("a list of pairs", "something else in it"))
-    }
-
-    /// A `state_dict` carries its `_metadata` as an attribute: read past, because only its entries are data.
-    fn build(&mut self) -> Result<(), TorchError> {
-        self.pop()?;
-        let object = self.top()?;
-        match self.graph.node(object) {
-            Node::Dict(_) => Ok(()),
-            other => Err(self.unexpected("a dict to give attributes to", other.kind())),
-        }
-    }
-
     fn push(&mut self, node: Node) {
-        // Fits: every node costs at least a byte of a source that is shorter than 4 GiB.
-        let id = u32::try_from(self.graph.nodes.len()).unwrap_or(u32::MAX);
+        let id = u32::try_from(self.graph.nodes.len());
+        let id = id.unwrap_or_else(|_| unreachable!("each node has at least one byte of a source below 4 GiB"));
         self.graph.nodes.push(node);
         self.stack.push(id);
     }
@@ -488,7 +368,7 @@ impl<'a> Machine<'a> {
         Ok(bytes)
     }
 
-    /// Text up to a newline, which is read past.
+    /// Text up to a newline, which is skipped.
     fn line(&mut self) -> Result<&'a str, TorchError> {
         let rest = self.graph.source.get(self.at..).unwrap_or_default();
         let len = rest.iter().position(|&byte| byte == b'\n').ok_or_else(|| self.truncated())?;
