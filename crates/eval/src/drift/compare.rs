@@ -9,7 +9,7 @@ use super::{
     Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
     Verdict, least_limit, metric_bound,
 };
-use crate::statistics::{Outcome, Paired, Picked, direction, paired_of, score_of, summary_of};
+use crate::statistics::{Outcome, Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
 use crate::{Results, TrialKey};
 
 /// Compares results with a baseline. Order of rows, seconds, threads and dates do not matter.
@@ -177,8 +177,8 @@ impl Group {
             Some(Both { place, frame: then.frame, then: score(then)?, now })
         });
         let both: Vec<Both> = both.collect();
-        let then: Vec<Picked> = both.iter().map(|both| both.picked(both.then)).collect();
-        let today: Vec<Picked> = both.iter().map(|both| both.picked(both.now)).collect();
+        let then: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.then)).collect();
+        let today: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.now)).collect();
         let paired = paired_of(&today, &then, direction(metric));
         let outside = |bound: Tolerance| both.iter().filter(|both| !bound.accepts(both.now, both.then)).count() as u64;
         let (changed, beyond) = (outside(Tolerance::EXACT), outside(metric_bound(metric)));
@@ -197,7 +197,7 @@ impl Group {
             Basis::Bound if beyond == 0 => Verdict::Within,
             Basis::Bound | Basis::Interval => by_limit(),
         };
-        let mean = |picked: &[Picked]| summary_of(picked, Aggregation::SceneMeans).mean;
+        let mean = |selected: &[SelectedTarget]| summary_of(selected, Aggregation::SceneMeans).mean;
         Comparison {
             preset: preset.to_owned(),
             method: method.to_owned(),
@@ -224,8 +224,8 @@ struct Both<'a> {
 }
 
 impl Both<'_> {
-    fn picked(&self, value: f64) -> Picked<'_> {
-        Picked {
+    fn selected(&self, value: f64) -> SelectedTarget<'_> {
+        SelectedTarget {
             scene: &self.place.0,
             entry: self.place.1,
             target: self.place.2,

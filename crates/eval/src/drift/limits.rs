@@ -4,7 +4,7 @@ use atsplat_numeric::Extremes as _;
 use serde::{Deserialize, Serialize};
 
 use crate::Results;
-use crate::statistics::{Leaked, Question, scene_means, student_quantile};
+use crate::statistics::{Leaked, MetricQuery, scene_means, student_quantile};
 
 /// How far a mean may move without meaning anything.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -42,24 +42,24 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
         .map(|method| method.name.as_str())
         .collect();
     let named = |row: &'_ crate::TargetRow| random.contains(row.key.method.as_str());
-    let questions: BTreeSet<(&str, &str, &str)> = first
+    let queries: BTreeSet<(&str, &str, &str)> = first
         .targets
         .iter()
         .filter(|row| named(row))
         .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
         .collect();
     let limit = |(preset, method, metric): (&str, &str, &str)| {
-        let question = Question { preset, method, metric, leaked: Leaked::Included };
-        let means: Vec<f64> = runs.iter().filter_map(|run| mean(run, &question)).collect();
+        let query = MetricQuery { preset, method, metric, leaked: Leaked::Included };
+        let means: Vec<f64> = runs.iter().filter_map(|run| mean(run, &query)).collect();
         let limit = spread(&means).unwrap_or_default().maximum_of(least_limit(metric));
         let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
         Limit { preset, method, metric, limit, runs: means.len() as u64 }
     };
-    questions.into_iter().map(limit).collect()
+    queries.into_iter().map(limit).collect()
 }
 
-fn mean(run: &Results, question: &Question) -> Option<f64> {
-    let scenes = scene_means(run, question);
+fn mean(run: &Results, query: &MetricQuery) -> Option<f64> {
+    let scenes = scene_means(run, query);
     let sum: f64 = scenes.iter().map(|scene| scene.mean).sum();
     (!scenes.is_empty()).then(|| sum / scenes.len() as f64)
 }

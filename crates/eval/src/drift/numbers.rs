@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use super::probe::Stage;
 use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
 use crate::Results;
-use crate::statistics::{Outcome, Picked, score_of, summary_of};
+use crate::statistics::{Outcome, SelectedTarget, score_of, summary_of};
 
 /// One number of an accepted run, as a baseline remembers it when its rows are gone.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -81,15 +81,15 @@ fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> 
         rows.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
     }
     let of = |(preset, method, metric): (&str, &str, &str)| {
-        let picked = groups.get(&(preset, method))?.iter().filter_map(|row| picked(row, metric));
-        let summary = summary_of(&picked.collect::<Vec<_>>(), Aggregation::SceneMeans);
+        let selected = groups.get(&(preset, method))?.iter().filter_map(|row| selected(row, metric));
+        let summary = summary_of(&selected.collect::<Vec<_>>(), Aggregation::SceneMeans);
         Some(((preset.to_owned(), method.to_owned(), metric.to_owned()), (summary.mean?, summary.interval)))
     };
     names.into_iter().filter_map(of).collect()
 }
 
-fn picked<'a>(row: &'a BaselineTarget, metric: &str) -> Option<Picked<'a>> {
-    Some(Picked {
+fn selected<'a>(row: &'a BaselineTarget, metric: &str) -> Option<SelectedTarget<'a>> {
+    Some(SelectedTarget {
         scene: &row.key.scene,
         entry: row.key.entry,
         target: row.target,

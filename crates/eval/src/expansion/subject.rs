@@ -6,6 +6,7 @@ use atsplat_protocol::trial::{ContextView, TargetPictures, Trial};
 use atsplat_splat::{RenderOptions, View};
 
 use super::ExpansionError;
+use crate::context::trial_seed;
 use crate::network_views;
 
 /// A scene as network and renderer take it.
@@ -55,7 +56,7 @@ impl Subject {
             Ok(Target { frame: target.frame, view: View { camera: target.camera, size: target.size }, truth: truth? })
         };
         let targets = positions.iter().map(target).collect::<Result<_, ExpansionError>>()?;
-        Ok(Self { views: views(trial)?, call_seed, options, targets })
+        Ok(Self { views: views(trial)?, call_seed: trial_seed(call_seed, trial), options, targets })
     }
 }
 

@@ -3,7 +3,7 @@ use serde::Serialize;
 
 use super::bootstrap::interval_of_mean;
 use super::scene_means::clusters;
-use super::selection::{Outcome, Picked};
+use super::selection::{Outcome, SelectedTarget};
 
 /// A weighted sum of several answers to the same targets; of weights 1 and −1, their difference.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
@@ -37,17 +37,17 @@ impl Contrast {
 
 /// The sum of answers times their weights, over the targets that all have a score for; targets are matched by scene, entry and
 /// position, whatever preset they belong to. `None` where there are none.
-pub(crate) fn contrast(terms: &[(&[Picked<'_>], f64)], aggregation: Aggregation) -> Option<Contrast> {
+pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggregation) -> Option<Contrast> {
     let ((first, weight), others) = terms.split_first()?;
     let mut sums = Vec::new();
     for target in *first {
-        let others = others.iter().map(|(picked, weight)| {
-            let at = picked.binary_search_by(|other| other.place().cmp(&target.place())).ok()?;
-            Some(weight * score(picked.get(at)?)?)
+        let others = others.iter().map(|(selected, weight)| {
+            let at = selected.binary_search_by(|other| other.place().cmp(&target.place())).ok()?;
+            Some(weight * score(selected.get(at)?)?)
         });
         let terms = std::iter::once(score(target).map(|score| weight * score)).chain(others);
         if let Some(value) = terms.sum::<Option<f64>>() {
-            sums.push(Picked { outcome: Outcome::Score { value, identical: false }, ..*target });
+            sums.push(SelectedTarget { outcome: Outcome::Score { value, identical: false }, ..*target });
         }
     }
     let clusters = clusters(&sums, aggregation);
@@ -57,8 +57,8 @@ pub(crate) fn contrast(terms: &[(&[Picked<'_>], f64)], aggregation: Aggregation)
     Some(Contrast { value, interval: interval_of_mean(&parts), scenes: clusters.len() as u64 })
 }
 
-fn score(picked: &Picked<'_>) -> Option<f64> {
-    match picked.outcome {
+fn score(selected: &SelectedTarget<'_>) -> Option<f64> {
+    match selected.outcome {
         Outcome::Score { value, .. } => Some(value),
         _ => None,
     }

@@ -1,6 +1,6 @@
 //! What a store's rows say: means as protocols publish them, intervals, paired differences, cost.
 //!
-//! Everything starts from a [`Question`]: one metric of one method under one preset, with or without the targets that the
+//! Everything starts from a [`MetricQuery`]: one metric of one method under one preset, with or without the targets that the
 //! method was given as context. What was not compared is counted and never averaged; a value that is not finite counts as a
 //! broken render, wherever it comes from. Intervals resample scenes, because targets of one scene fail together.
 
@@ -31,14 +31,14 @@ pub use summary::{Summary, summary};
 pub use worst::{direction, worst};
 
 pub(crate) use contrast::contrast;
-pub(crate) use paired::of_picked as paired_of;
-pub(crate) use selection::{Outcome, Picked, pick, score_of};
+pub(crate) use paired::of_selected as paired_of;
+pub(crate) use selection::{Outcome, SelectedTarget, score_of, select};
 pub(crate) use student::student_quantile;
-pub(crate) use summary::of_picked as summary_of;
+pub(crate) use summary::of_selected as summary_of;
 
 /// One metric of one method under one preset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Question<'a> {
+pub struct MetricQuery<'a> {
     /// Name of the preset in the rows.
     pub preset: &'a str,
     /// Name of the method in the rows.

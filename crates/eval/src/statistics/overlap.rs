@@ -1,9 +1,9 @@
 use atsplat_protocol::{Aggregation, OverlapBins};
 use serde::Serialize;
 
-use super::selection::{Picked, pick};
-use super::summary::of_picked;
-use super::{Question, Summary};
+use super::selection::{SelectedTarget, select};
+use super::summary::of_selected;
+use super::{MetricQuery, Summary};
 use crate::Results;
 
 /// A number by overlap of the context views.
@@ -20,16 +20,16 @@ pub struct Binned {
 }
 
 /// Per-scene means by bin of overlap, as the protocol of `bins` files them.
-pub fn by_overlap(results: &Results, question: &Question, bins: &OverlapBins) -> Binned {
-    let picked = pick(results, question);
-    let bin_of = |target: &Picked| target.overlap.and_then(|overlap| bins.name_of(overlap));
+pub fn by_overlap(results: &Results, query: &MetricQuery, bins: &OverlapBins) -> Binned {
+    let selected = select(results, query);
+    let bin_of = |target: &SelectedTarget| target.overlap.and_then(|overlap| bins.name_of(overlap));
     let summary = |wanted: &dyn Fn(Option<&str>) -> bool| {
-        let chosen: Vec<Picked> = picked.iter().filter(|target| wanted(bin_of(target))).copied().collect();
-        of_picked(&chosen, Aggregation::SceneMeans)
+        let chosen: Vec<SelectedTarget> = selected.iter().filter(|target| wanted(bin_of(target))).copied().collect();
+        of_selected(&chosen, Aggregation::SceneMeans)
     };
     Binned {
         bins: bins.names().iter().map(|name| (name.clone(), summary(&|bin| bin == Some(name)))).collect(),
         average: summary(&|bin| bin.is_some()),
-        ignored: picked.iter().filter(|target| bin_of(target).is_none()).count() as u64,
+        ignored: selected.iter().filter(|target| bin_of(target).is_none()).count() as u64,
     }
 }

@@ -6,8 +6,8 @@ use serde::Serialize;
 
 use super::bootstrap::interval_of_mean;
 use super::scene_means::clusters;
-use super::selection::{Outcome, Picked, pick};
-use super::{Question, direction, sign_test};
+use super::selection::{Outcome, SelectedTarget, select};
+use super::{MetricQuery, direction, sign_test};
 use crate::Results;
 
 /// Two answers to the same targets, compared scene by scene.
@@ -36,17 +36,17 @@ pub struct Paired {
 
 /// `a` against `b` within one store, over the targets that both have a score for, whatever preset they belong to: targets
 /// are matched by scene, entry and position. `None` where there are none.
-pub fn paired(results: &Results, a: &Question, b: &Question) -> Option<Paired> {
+pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Paired> {
     paired_between((results, a), (results, b))
 }
 
 /// As [`paired`], across two stores.
-pub fn paired_between(a: (&Results, &Question), b: (&Results, &Question)) -> Option<Paired> {
-    of_picked(&pick(a.0, a.1), &pick(b.0, b.1), direction(a.1.metric))
+pub fn paired_between(a: (&Results, &MetricQuery), b: (&Results, &MetricQuery)) -> Option<Paired> {
+    of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric))
 }
 
-/// As [`paired`], of targets that are picked already and in order.
-pub(crate) fn of_picked(a: &[Picked], b: &[Picked], direction: Direction) -> Option<Paired> {
+/// As [`paired`], of targets that are selected already and in order.
+pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction: Direction) -> Option<Paired> {
     let (differences, unpaired) = differences(a, b);
     let clusters = clusters(&differences, Aggregation::SceneMeans);
     let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
@@ -72,8 +72,8 @@ pub(crate) fn of_picked(a: &[Picked], b: &[Picked], direction: Direction) -> Opt
 }
 
 /// `a − b` where both have a score, and how many targets only one of them has; both lists are in order of place.
-fn differences<'a>(a: &[Picked<'a>], b: &[Picked<'a>]) -> (Vec<Picked<'a>>, u64) {
-    let score = |picked: &Picked| match picked.outcome {
+fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> (Vec<SelectedTarget<'a>>, u64) {
+    let score = |selected: &SelectedTarget| match selected.outcome {
         Outcome::Score { value, .. } => Some(value),
         _ => None,
     };
@@ -86,7 +86,7 @@ fn differences<'a>(a: &[Picked<'a>], b: &[Picked<'a>]) -> (Vec<Picked<'a>>, u64)
         match others.next_if(|(other, _)| other.place() == one.place()) {
             Some((_, other)) => {
                 let outcome = Outcome::Score { value: value - other, identical: false };
-                differences.push(Picked { outcome, ..*one });
+                differences.push(SelectedTarget { outcome, ..*one });
             }
             None => unpaired += 1,
         }

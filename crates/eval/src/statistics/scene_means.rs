@@ -1,8 +1,8 @@
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::Question;
-use super::selection::{Outcome, Picked, pick};
+use super::MetricQuery;
+use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
 
 /// What one scene scored.
@@ -20,9 +20,9 @@ pub struct SceneMean {
 }
 
 /// Scenes with at least one score, in order of their keys.
-pub fn scene_means(results: &Results, question: &Question) -> Vec<SceneMean> {
-    let picked = pick(results, question);
-    let clusters = clusters(&picked, Aggregation::SceneMeans).into_iter();
+pub fn scene_means(results: &Results, query: &MetricQuery) -> Vec<SceneMean> {
+    let selected = select(results, query);
+    let clusters = clusters(&selected, Aggregation::SceneMeans).into_iter();
     let mean = |cluster: Cluster| SceneMean {
         scene: cluster.scene.to_owned(),
         mean: cluster.sum / cluster.weight,
@@ -46,9 +46,9 @@ pub(super) struct Cluster<'a> {
 ///
 /// Published evaluation loops take one index entry at a time as a batch of one and average what the batches say, so an
 /// entry, not a scene, has one vote where a scene has several (latentSplat's index); resampling still takes whole scenes.
-pub(super) fn clusters<'a>(picked: &[Picked<'a>], aggregation: Aggregation) -> Vec<Cluster<'a>> {
+pub(super) fn clusters<'a>(selected: &[SelectedTarget<'a>], aggregation: Aggregation) -> Vec<Cluster<'a>> {
     let mut clusters: Vec<Cluster<'a>> = Vec::new();
-    for trial in picked.chunk_by(|a, b| (a.scene, a.entry) == (b.scene, b.entry)) {
+    for trial in selected.chunk_by(|a, b| (a.scene, a.entry) == (b.scene, b.entry)) {
         let (mut sum, mut targets, mut identical) = (0.0, 0u64, 0u64);
         for target in trial {
             if let Outcome::Score { value, identical: same } = target.outcome {

@@ -2,12 +2,12 @@ use std::collections::BTreeSet;
 
 use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 
-use super::{Leaked, Question};
+use super::{Leaked, MetricQuery};
 use crate::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
 
-/// One target as a question sees it.
+/// One target as a query sees it.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Picked<'a> {
+pub(crate) struct SelectedTarget<'a> {
     pub(crate) scene: &'a str,
     pub(crate) entry: u32,
     pub(crate) target: u32,
@@ -30,23 +30,23 @@ pub(crate) enum Outcome<'a> {
     NotComputed(&'a str),
 }
 
-impl Picked<'_> {
+impl SelectedTarget<'_> {
     /// Identity within a preset and method, and the order of every sum.
     pub(crate) fn place(&self) -> (&str, u32, u32) {
         (self.scene, self.entry, self.target)
     }
 }
 
-/// The targets that a question is about, in order of scene, entry and target.
-pub(crate) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Picked<'a>> {
-    let Question { preset, method, metric, leaked } = *question;
+/// The targets that a query is about, in order of scene, entry and target.
+pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<SelectedTarget<'a>> {
+    let MetricQuery { preset, method, metric, leaked } = *query;
     let rows = || results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
     let asked = results.provenance.metrics.iter().any(|record| record.id == metric)
         || rows().any(|row| row.scores.contains_key(metric));
     let absent = results.provenance.metrics.iter().find(|record| record.id == metric);
     let absent = absent.and_then(|record| record.absent.as_deref()).unwrap_or("not among the metrics of this run");
     let counts = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
-    let of_row = |row: &'a TargetRow| Picked {
+    let of_row = |row: &'a TargetRow| SelectedTarget {
         scene: &row.key.scene,
         entry: row.key.entry,
         target: row.target,
@@ -54,12 +54,12 @@ pub(crate) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Pic
         overlap: row.overlap,
         outcome: outcome(row, metric, asked, absent),
     };
-    let mut picked: Vec<Picked<'a>> = rows().filter(counts).map(of_row).collect();
+    let mut selected: Vec<SelectedTarget<'a>> = rows().filter(counts).map(of_row).collect();
     let seen: BTreeSet<(&str, u32)> = rows().map(|row| (row.key.scene.as_str(), row.key.entry)).collect();
     for trial in results.trials.iter().filter(|trial| trial.key.preset == preset && trial.key.method == method) {
         let place = (trial.key.scene.as_str(), trial.key.entry);
         if trial.status == TrialStatus::Failed && !seen.contains(&place) {
-            picked.extend((0..trial.targets).map(|target| Picked {
+            selected.extend((0..trial.targets).map(|target| SelectedTarget {
                 scene: place.0,
                 entry: place.1,
                 target,
@@ -69,8 +69,8 @@ pub(crate) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Pic
             }));
         }
     }
-    picked.sort_by(|a, b| a.place().cmp(&b.place()));
-    picked
+    selected.sort_by(|a, b| a.place().cmp(&b.place()));
+    selected
 }
 
 fn outcome<'a>(row: &'a TargetRow, metric: &str, asked: bool, absent: &'a str) -> Outcome<'a> {

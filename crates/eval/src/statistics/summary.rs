@@ -1,10 +1,10 @@
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
-use super::Question;
+use super::MetricQuery;
 use super::bootstrap::interval_of_mean;
 use super::scene_means::clusters;
-use super::selection::{Outcome, Picked, pick};
+use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
 
 /// A protocol's number, what it is made of, and what is missing from it.
@@ -32,13 +32,13 @@ pub struct Summary {
 }
 
 /// The number that a protocol with this aggregation publishes.
-pub fn summary(results: &Results, question: &Question, aggregation: Aggregation) -> Summary {
-    of_picked(&pick(results, question), aggregation)
+pub fn summary(results: &Results, query: &MetricQuery, aggregation: Aggregation) -> Summary {
+    of_selected(&select(results, query), aggregation)
 }
 
-/// As [`summary`], of targets that are picked already and in order.
-pub(crate) fn of_picked(picked: &[Picked], aggregation: Aggregation) -> Summary {
-    let clusters = clusters(picked, aggregation);
+/// As [`summary`], of targets that are selected already and in order.
+pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
+    let clusters = clusters(selected, aggregation);
     let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
     let [sum, weight] = parts.iter().fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);
     let mean = Some(sum / weight).filter(|mean| mean.is_finite());
@@ -50,7 +50,7 @@ pub(crate) fn of_picked(picked: &[Picked], aggregation: Aggregation) -> Summary 
         identical: clusters.iter().map(|cluster| cluster.identical).sum(),
         ..Summary::default()
     };
-    for target in picked {
+    for target in selected {
         match target.outcome {
             Outcome::Score { .. } => {}
             Outcome::NonFinite => summary.non_finite += 1,

@@ -31,8 +31,8 @@ fn oracle() -> Oracle {
     serde_json::from_str(include_str!("../../tests/fixtures/statistics.json")).unwrap()
 }
 
-fn question(method: &str) -> Question<'_> {
-    Question { preset: PRESET, method, metric: "psnr", leaked: Leaked::Included }
+fn query(method: &str) -> MetricQuery<'_> {
+    MetricQuery { preset: PRESET, method, metric: "psnr", leaked: Leaked::Included }
 }
 
 fn psnr(scenes: &[(&str, u32, Vec<f64>)]) -> Results {
@@ -81,7 +81,7 @@ fn published_averages_come_out_of_the_published_bins() {
                 }));
             }
         }
-        let binned = by_overlap(&made, &question(method), &bins);
+        let binned = by_overlap(&made, &query(method), &bins);
         let found = binned.average.mean.unwrap();
         Tolerance::absolute(0.005).assert([found], [average], method);
         let of_bins = binned.bins.iter().map(|(_, summary)| summary.mean.unwrap());
@@ -99,15 +99,15 @@ fn published_averages_come_out_of_the_published_bins() {
 #[test]
 fn scenes_and_pictures_are_different_means() {
     let uneven = psnr(&[("a", 0, vec![20.0]), ("b", 0, vec![30.0, 30.0, 30.0]), ("c", 0, vec![40.0, 20.0])]);
-    let scenes = summary(&uneven, &question("m"), Aggregation::SceneMeans);
-    let pictures = summary(&uneven, &question("m"), Aggregation::AllPictures);
+    let scenes = summary(&uneven, &query("m"), Aggregation::SceneMeans);
+    let pictures = summary(&uneven, &query("m"), Aggregation::AllPictures);
     Tolerance::F64.assert(scenes.mean, [80.0 / 3.0], "scenes");
     Tolerance::F64.assert(pictures.mean, [170.0 / 6.0], "pictures");
     assert_eq!((scenes.scenes, scenes.targets, pictures.targets), (3, 6, 6));
     // latentSplat's index: each entry of a scene has a vote, and the scene is still one cluster.
     let entries = psnr(&[("a", 0, vec![10.0]), ("a", 1, vec![20.0, 40.0]), ("b", 0, vec![30.0])]);
-    Tolerance::F64.assert(summary(&entries, &question("m"), Aggregation::SceneMeans).mean, [70.0 / 3.0], "entries");
-    let of_scenes = scene_means(&entries, &question("m"));
+    Tolerance::F64.assert(summary(&entries, &query("m"), Aggregation::SceneMeans).mean, [70.0 / 3.0], "entries");
+    let of_scenes = scene_means(&entries, &query("m"));
     assert_eq!(of_scenes.iter().map(|s| (s.scene.as_str(), s.targets)).collect::<Vec<_>>(), [("a", 3), ("b", 1)]);
     Tolerance::F64.assert(of_scenes.iter().map(|s| s.mean), [20.0, 30.0], "scene means");
 }
@@ -129,15 +129,15 @@ fn what_has_no_score_is_counted_and_never_averaged() {
     let mut lost = trial("m", "d", 0, 7);
     lost.status = TrialStatus::Failed;
     made.trials.push(lost);
-    let found = summary(&made, &question("m"), Aggregation::SceneMeans);
+    let found = summary(&made, &query("m"), Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [(21.0 + 30.0 + DECIBEL_CAP) / 3.0], "mean");
     assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
-    let nobody = summary(&made, &Question { metric: "lpips", ..question("m") }, Aggregation::SceneMeans);
+    let nobody = summary(&made, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
     assert_eq!((nobody.mean, nobody.interval, nobody.uncomputed), (None, None, 7), "an absent metric is no cap");
     assert!(nobody.not_computed.unwrap().contains("not among"));
-    assert_eq!(summary(&made, &question("other"), Aggregation::SceneMeans), Summary::default());
+    assert_eq!(summary(&made, &query("other"), Aggregation::SceneMeans), Summary::default());
 }
 
 /// Pictures that are the same once they are rounded: the row says why the number is not there.
@@ -146,7 +146,7 @@ fn infinite_scores_of_one_metric_count_as_the_cap() {
     let mut made = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
     made.targets[1].scores.clear();
     made.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
-    let of = Question { metric: "psnr-8bit-truncated", ..question("m") };
+    let of = MetricQuery { metric: "psnr-8bit-truncated", ..query("m") };
     let found = summary(&made, &of, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [f64::midpoint(20.0, DECIBEL_CAP)], "mean");
     assert_eq!((found.identical, found.uncomputed), (1, 0));
@@ -157,8 +157,8 @@ fn leaked_targets_can_be_left_out() {
     let mut made = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
     made.targets[1].leaked = true;
     made.targets[2].leaked = true;
-    let clean = Question { leaked: Leaked::Excluded, ..question("m") };
-    Tolerance::F64.assert(summary(&made, &question("m"), Aggregation::SceneMeans).mean, [72.5], "with");
+    let clean = MetricQuery { leaked: Leaked::Excluded, ..query("m") };
+    Tolerance::F64.assert(summary(&made, &query("m"), Aggregation::SceneMeans).mean, [72.5], "with");
     let without = summary(&made, &clean, Aggregation::SceneMeans);
     Tolerance::F64.assert(without.mean, [20.0], "without");
     assert_eq!((without.scenes, without.targets, without.interval), (1, 1, None));
@@ -174,7 +174,7 @@ fn pairs_match_targets_and_know_the_metric_s_direction() {
     let b = results("b", "lpips", &[("x", 0, vec![0.2, 0.2]), ("y", 0, vec![0.3]), ("z", 0, vec![0.3, 0.9])]);
     made.trials.extend(b.trials.clone());
     made.targets.extend(b.targets.clone());
-    let of = |method| Question { metric: "lpips", ..question(method) };
+    let of = |method| MetricQuery { metric: "lpips", ..query(method) };
     let found = paired(&made, &of("a"), &of("b")).unwrap();
     Tolerance::F64.assert([found.difference], [(-0.05 + 0.1 + 0.0) / 3.0], "difference");
     assert_eq!((found.wins, found.ties, found.losses, found.scenes), (1, 1, 1, 3));
@@ -203,7 +203,7 @@ fn wins_are_scenes_that_are_better_whichever_way_that_is() {
         for (row, by) in a.targets.iter_mut().zip([0.1, 0.1, 0.1, -0.2]) {
             row.scores.values_mut().for_each(|score| *score += by);
         }
-        let of = |method| Question { metric, ..question(method) };
+        let of = |method| MetricQuery { metric, ..query(method) };
         let found = paired_between((&a, &of("a")), (&b, &of("b"))).unwrap();
         assert_eq!([found.wins, found.ties, found.losses], expected, "{metric}");
         Tolerance::F64.assert([found.difference], [0.025], "the difference has no direction");
@@ -220,7 +220,7 @@ fn distances_are_means_over_scenes() {
     for (row, distance) in made.targets.iter_mut().zip([-1, -1, 2, -1]) {
         row.signed_distance = distance;
     }
-    let found = by_distance(&made, &question("m"));
+    let found = by_distance(&made, &query("m"));
     assert_eq!(found.iter().map(|(d, s)| (*d, s.scenes, s.targets)).collect::<Vec<_>>(), [(-1, 2, 3), (2, 1, 1)]);
     Tolerance::F64.assert(found.iter().filter_map(|(_, s)| s.mean), [25.5, 10.0], "means");
 }
@@ -229,8 +229,8 @@ fn distances_are_means_over_scenes() {
 fn the_worst_are_those_of_the_metric_s_direction() {
     let scenes = [("a", 0, vec![0.3]), ("b", 0, vec![0.1]), ("c", 0, vec![0.3])];
     let names = |metric: &str| {
-        let question = Question { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
-        worst(&results("m", metric, &scenes), &question, 2).into_iter().map(|s| s.scene).collect::<Vec<_>>()
+        let query = MetricQuery { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
+        worst(&results("m", metric, &scenes), &query, 2).into_iter().map(|s| s.scene).collect::<Vec<_>>()
     };
     assert_eq!(names("psnr"), ["b", "a"]);
     assert_eq!(names("lpips"), ["a", "c"]);

@@ -1,6 +1,6 @@
 use atsplat_metrics::{Direction, definition};
 
-use super::{Question, SceneMean, scene_means};
+use super::{MetricQuery, SceneMean, scene_means};
 use crate::Results;
 
 /// Which way a metric is better; what has no [`atsplat_metrics::Definition`], as errors of depth, is better when smaller.
@@ -9,9 +9,9 @@ pub fn direction(metric: &str) -> Direction {
 }
 
 /// The scenes with the worst means, the worst first, by the metric's direction; equal ones in order of their keys.
-pub fn worst(results: &Results, question: &Question, count: usize) -> Vec<SceneMean> {
-    let mut scenes = scene_means(results, question);
-    match direction(question.metric) {
+pub fn worst(results: &Results, query: &MetricQuery, count: usize) -> Vec<SceneMean> {
+    let mut scenes = scene_means(results, query);
+    match direction(query.metric) {
         Direction::Higher => scenes.sort_by(|a, b| a.mean.total_cmp(&b.mean)),
         Direction::Lower => scenes.sort_by(|a, b| b.mean.total_cmp(&a.mean)),
     }

@@ -10,7 +10,7 @@ use super::disk;
 use super::schema::Column;
 use crate::EvalError;
 
-/// A table that was read, with the columns that its version has.
+/// A table read from disk, with the columns of its schema version.
 pub(super) struct Table<'a> {
     frame: DataFrame,
     columns: &'a [Column],
@@ -19,7 +19,7 @@ pub(super) struct Table<'a> {
 
 /// Writes a table.
 pub(super) fn write(path: &Path, frame: PolarsOutcome) -> Result<(), EvalError> {
-    let failed = |error: PolarsError| EvalError::malformed(path, "table", "rows that Parquet holds", error);
+    let failed = |error: PolarsError| EvalError::malformed(path, "table", "rows that Parquet can represent", error);
     let mut frame = frame.map_err(failed)?;
     let mut bytes = Vec::new();
     ParquetWriter::new(&mut bytes).set_parallel(false).finish(&mut frame).map_err(failed)?;
@@ -29,7 +29,7 @@ pub(super) fn write(path: &Path, frame: PolarsOutcome) -> Result<(), EvalError> 
 pub(super) type PolarsOutcome = Result<DataFrame, PolarsError>;
 
 impl<'a> Table<'a> {
-    /// Reads a table and checks its columns; `None` where there is no file.
+    /// Reads a table and checks its columns; `None` if there is no file.
     pub(super) fn read(path: &'a Path, columns: &'a [Column]) -> Result<Option<Self>, EvalError> {
         let Some(bytes) = disk::read(path)? else { return Ok(None) };
         let frame = ParquetReader::new(Cursor::new(bytes)).finish();
@@ -41,7 +41,7 @@ impl<'a> Table<'a> {
 
     fn check(&self, column: &Column) -> Result<(), EvalError> {
         let Column { name, kind, nullable } = column;
-        let expected = || format!("{}, {}", kind.name(), if *nullable { "null or not" } else { "never null" });
+        let expected = || format!("{}, {}", kind.name(), if *nullable { "nullable" } else { "not null" });
         let wrong = |found: String| EvalError::malformed(self.path, format!("column {name}"), expected(), found);
         let series = self.frame.column(name).map_err(|_absent| wrong("no such column".to_owned()))?;
         if *series.dtype() != kind.data_type() {
@@ -55,7 +55,7 @@ impl<'a> Table<'a> {
         self.frame.height()
     }
 
-    /// A column that the table's version has, as the type that its schema says; `None` for one that came later.
+    /// A column in the type of the schema; `None` for a column that was added in a later version.
     #[expect(clippy::expect_used, reason = "every column of the version was checked when the table was read")]
     fn column<'t, T>(&'t self, name: &str, typed: impl Fn(&'t Series) -> PolarsResult<T>) -> Option<T> {
         self.columns.iter().find(|column| column.name == name)?;
@@ -96,7 +96,7 @@ impl<'a> Table<'a> {
         self.lists(name, |series| Ok(series.f64()?.iter().collect()))
     }
 
-    /// `of` gives `None` for a list that holds a null. Lists of a column that came later are empty.
+    /// `of` returns `None` for a list that holds a null. Lists of a column that was added in a later version are empty.
     fn lists<T>(
         &self,
         name: &str,
@@ -114,7 +114,7 @@ impl<'a> Table<'a> {
         (0..column.len()).map(list).collect()
     }
 
-    /// Nulls where there is no such column.
+    /// The values, or nulls if there is no such column.
     fn all<T>(&self, values: Option<impl Iterator<Item = Option<T>>>) -> Vec<Option<T>> {
         match values {
             Some(values) => values.collect(),
@@ -122,7 +122,7 @@ impl<'a> Table<'a> {
         }
     }
 
-    /// A value outside what a field takes.
+    /// The error for an invalid value.
     pub(super) fn wrong(&self, column: &str, row: usize, expected: &str, found: impl Display) -> EvalError {
         EvalError::malformed(self.path, format!("column {column}, row {row}"), expected, found)
     }

@@ -1,4 +1,4 @@
-//! [`TargetRow`]s as a table: a column for each metric that there is, null where it was not computed.
+//! [`TargetRow`]s as a table, with a column for each metric, null where it was not computed.
 
 use atsplat_metrics::definitions;
 
@@ -8,11 +8,7 @@ use super::trials::{keys, needed, pairs, small, taken, value};
 use crate::{EvalError, TargetRow, TargetStatus};
 
 pub(super) fn columns(rows: &[TargetRow]) -> Columns<'_, TargetRow> {
-    let fixed = Columns::of(rows)
-        .text("preset", |row| &row.key.preset)
-        .text("method", |row| &row.key.method)
-        .text("scene", |row| &row.key.scene)
-        .count("entry", |row| row.key.entry.into())
+    let fixed = Columns::of(rows, |row| &row.key)
         .count("target", |row| row.target.into())
         .count("frame", |row| row.frame)
         .integer("signed-distance", |row| row.signed_distance)

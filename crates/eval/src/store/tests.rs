@@ -126,8 +126,8 @@ fn a_finished_store_goes_on_and_ends_with_the_bytes_of_one_run() {
     filled(once.path(), &["a", "b", "c"]).finish().unwrap();
     filled(twice.path(), &["c", "a"]).finish().unwrap();
     let store = Store::resume(twice.path(), Provenance::default()).unwrap();
-    let answered = |key: &TrialKey, data: &str| store.known().answered(key, "hash of c", data, None);
-    assert!(answered(&key("c"), "data of c") && !answered(&key("c"), "data of d") && !answered(&key("b"), "data of c"));
+    let is_known = |key: &TrialKey, data: &str| store.known().contains(key, "hash of c", data, None);
+    assert!(is_known(&key("c"), "data of c") && !is_known(&key("c"), "data of d") && !is_known(&key("b"), "data of c"));
     store.append(&trial("b"), &targets("b")).unwrap();
     fs::write(parts::folder(twice.path()).join("x.json.1-0.tmp"), b"half a tri").unwrap();
     store.finish().unwrap();
@@ -329,7 +329,7 @@ fn rows_of_different_data_are_not_read_as_one_table() {
     row.data_hash = None;
     targets[0].truth_hash = Some("another truth".to_owned());
     store.append(&row, &targets).unwrap();
-    assert!(store.finish().unwrap_err().to_string().contains("different true pictures"));
+    assert!(store.finish().unwrap_err().to_string().contains("different ground-truth pictures"));
 }
 
 #[test]

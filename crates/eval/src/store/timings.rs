@@ -1,7 +1,7 @@
-//! [`TimingRow`]s: a table of their own beside trials and targets.
+//! [`TimingRow`]s as a table of their own.
 //!
-//! It is small and written whole, as soon as a protocol has been timed. Stores of schema version 1 have none: their times were
-//! taken while other trials ran, and are not read.
+//! The table is small and rewritten whenever a protocol has been timed. Stores of schema version 1 have none: their times
+//! were measured while other trials ran and are not read.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -17,23 +17,24 @@ use crate::timing::{Load, Machine, TimingRow, merged};
 const TIMINGS: &str = "timings.parquet";
 
 impl Store {
-    /// The timing rows that are there.
+    /// The store's timing rows.
     ///
     /// # Errors
     /// As [`crate::Results::read`].
+    #[expect(clippy::expect_used, reason = "tests parse every committed schema")]
     pub fn timings(&self) -> Result<Vec<TimingRow>, EvalError> {
-        read(&self.folder, &Schema::of_version(SCHEMA_VERSION).unwrap_or_default())
+        read(&self.folder, &Schema::of_version(SCHEMA_VERSION).expect("the newest version has a schema"))
     }
 
-    /// Adds timing rows. They take the place of those that the same methods have on the same machine.
+    /// Adds timing rows, which replace those of the same methods on the same machine.
     ///
     /// # Errors
     /// [`EvalError::NotFinite`] before anything is written, [`EvalError::Io`].
     pub fn add_timings(&self, rows: Vec<TimingRow>) -> Result<(), EvalError> {
         let subject = |row: &TimingRow| (row.key.preset.clone(), row.key.method.clone(), row.machine.clone());
-        let timed_anew: BTreeSet<_> = rows.iter().map(subject).collect();
+        let replaced: BTreeSet<_> = rows.iter().map(subject).collect();
         let mut all = self.timings()?;
-        all.retain(|row| !timed_anew.contains(&subject(row)));
+        all.retain(|row| !replaced.contains(&subject(row)));
         all.extend(rows);
         write(&self.folder, &merged(all)?)
     }
@@ -44,7 +45,7 @@ pub(super) fn write(folder: &Path, rows: &[TimingRow]) -> Result<(), EvalError> 
     table::write(&folder.join(TIMINGS), columns(rows).frame())
 }
 
-/// The rows of a store; none where its version has no such table, and where nothing was timed.
+/// The rows of a store; none if its version has no such table or nothing was timed.
 pub(super) fn read(folder: &Path, schema: &Schema) -> Result<Vec<TimingRow>, EvalError> {
     if schema.timings.is_empty() {
         return Ok(Vec::new());
@@ -53,11 +54,7 @@ pub(super) fn read(folder: &Path, schema: &Schema) -> Result<Vec<TimingRow>, Eva
 }
 
 pub(super) fn columns(rows: &[TimingRow]) -> Columns<'_, TimingRow> {
-    Columns::of(rows)
-        .text("preset", |row| &row.key.preset)
-        .text("method", |row| &row.key.method)
-        .text("scene", |row| &row.key.scene)
-        .count("entry", |row| row.key.entry.into())
+    Columns::of(rows, |row| &row.key)
         .text("trial-hash", |row| &row.trial_hash)
         .text("processor", |row| &row.machine.processor)
         .text("platform", |row| &row.machine.platform)
@@ -97,10 +94,10 @@ fn rows(table: &Table<'_>) -> Result<Vec<TimingRow>, EvalError> {
         let small = |name, values: &[Option<u64>]| small(table, name, at, values);
         let [encode, render, of_stages] = samples.each_mut().map(|lists| taken(lists, at));
         let names = taken(&mut stages, at);
-        // Every stage has as many repetitions.
+        // Every stage has the same number of repetitions; without stages there are no samples.
         let each = of_stages.len().checked_div(names.len()).unwrap_or(0);
         if each * names.len() != of_stages.len() {
-            let expected = format!("as many for each of {} stages", names.len());
+            let expected = format!("the same number for each of {} stages", names.len());
             return Err(table.wrong("stage-samples", at, &expected, of_stages.len()));
         }
         let stages = names.into_iter().zip(of_stages.chunks(each.max(1)).map(<[f64]>::to_vec)).collect();

@@ -5,11 +5,7 @@ use super::table::Table;
 use crate::{EvalError, TrialKey, TrialRow, TrialStatus};
 
 pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
-    Columns::of(rows)
-        .text("preset", |row| &row.key.preset)
-        .text("method", |row| &row.key.method)
-        .text("scene", |row| &row.key.scene)
-        .count("entry", |row| row.key.entry.into())
+    Columns::of(rows, |row| &row.key)
         .text("trial-hash", |row| &row.trial_hash)
         .text("pose-hash", |row| &row.pose_hash)
         .optional_text("data-hash", |row| row.data_hash.as_deref())
@@ -92,7 +88,7 @@ pub(super) fn keys(table: &Table<'_>) -> Result<Vec<TrialKey>, EvalError> {
     (0..table.rows()).map(key).collect()
 }
 
-/// A count of 32 bits.
+/// A count below 2³².
 pub(super) fn small(table: &Table<'_>, name: &str, at: usize, values: &[Option<u64>]) -> Result<u32, EvalError> {
     let count = needed(table, name, at, values)?;
     u32::try_from(count).map_err(|_too_large| table.wrong(name, at, "a count below 2³²", count))
@@ -102,17 +98,17 @@ pub(super) fn value<T: Clone>(values: &[Option<T>], at: usize) -> Option<T> {
     values.get(at).cloned().flatten()
 }
 
-/// A value that every version has.
+/// A value that must not be null.
 pub(super) fn needed<T: Clone>(table: &Table<'_>, name: &str, at: usize, values: &[Option<T>]) -> Result<T, EvalError> {
     value(values, at).ok_or_else(|| table.wrong(name, at, "a value", "none"))
 }
 
-#[expect(clippy::expect_used, reason = "a list is read for each row, and taken once")]
+#[expect(clippy::expect_used, reason = "every row has a list")]
 pub(super) fn taken<T>(lists: &mut [Vec<T>], at: usize) -> Vec<T> {
     lists.get_mut(at).map(std::mem::take).expect("a list for each row")
 }
 
-/// Two lists of one row that belong together, element by element.
+/// Zips two lists of one row, which must be of equal length.
 pub(super) fn pairs<A, B>(
     table: &Table<'_>,
     (name, first): (&str, Vec<A>),
@@ -122,5 +118,5 @@ pub(super) fn pairs<A, B>(
     if first.len() == second.len() {
         return Ok(first.into_iter().zip(second));
     }
-    Err(table.wrong(name, at, &format!("{} entries, as the list beside it has", second.len()), first.len()))
+    Err(table.wrong(name, at, &format!("{} entries, as in the list paired with it", second.len()), first.len()))
 }

@@ -76,7 +76,7 @@ impl RendererKnobs {
         if let Some(name) = self.constants.as_ref().filter(|name| RendererConstants::named(name).is_none()) {
             return unfit("constants", &RendererConstants::PRESETS.join(", "), name);
         }
-        let changed = self.turned(constants);
+        let changed = self.applied_unchecked(constants);
         match changed.check() {
             Ok(()) => Ok(changed),
             Err(error) => unfit("renderer", "numbers that can be rendered with", error.to_string()),
@@ -84,7 +84,7 @@ impl RendererKnobs {
     }
 
     /// As [`Self::applied`], unchecked: a renderer refuses what it cannot render with.
-    pub(crate) fn turned(&self, constants: &RendererConstants) -> RendererConstants {
+    pub(crate) fn applied_unchecked(&self, constants: &RendererConstants) -> RendererConstants {
         let named = self.constants.as_deref().and_then(RendererConstants::named);
         let mut changed = named.unwrap_or_else(|| constants.clone());
         let mut name = changed.name.clone();

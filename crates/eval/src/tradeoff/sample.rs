@@ -5,7 +5,7 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::{Axis, Frontier, Sample, frontier};
-use crate::statistics::{Leaked, Picked, Question, contrast, cost, direction, pick, summary_of};
+use crate::statistics::{Leaked, MetricQuery, SelectedTarget, contrast, cost, direction, select, summary_of};
 use crate::timing::{Machine, machine_of, times};
 use crate::{EvalError, PresetRecord, Results};
 
@@ -42,7 +42,7 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
     presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
 }
 
-/// The methods of all protocols of a store in one: numbers that answer different questions side by side, as where views or
+/// The methods of all protocols of a store in one: numbers that answer different queries side by side, as where views or
 /// resolution are swept. Labels say the protocol; differences are between the same scene's targets.
 ///
 /// # Errors
@@ -52,8 +52,8 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     let mut all = Vec::new();
     for preset in presets {
         let own = scored(results, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
-        all.extend(own.map(|(sample, picked)| {
-            (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, picked)
+        all.extend(own.map(|(sample, selected)| {
+            (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, selected)
         }));
     }
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
@@ -65,7 +65,7 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
 fn of_scored(
     (preset, protocol): (&str, &str),
     metric: &str,
-    scored: &[(Sample, Vec<Picked<'_>>)],
+    scored: &[(Sample, Vec<SelectedTarget<'_>>)],
     aggregation: Aggregation,
     machines: Vec<Machine>,
 ) -> Tradeoff {
@@ -101,13 +101,13 @@ fn scored<'a>(
     metric: &'a str,
     leaked: Leaked,
     aggregation: Aggregation,
-) -> Vec<(Sample, Vec<Picked<'a>>)> {
+) -> Vec<(Sample, Vec<SelectedTarget<'a>>)> {
     let sample = |method: &'a str| {
         let cost = cost(results, preset, method);
-        let picked = pick(results, &Question { preset, method, metric, leaked });
+        let selected = select(results, &MetricQuery { preset, method, metric, leaked });
         let mut sample = Sample {
             label: method.to_owned(),
-            quality: summary_of(&picked, aggregation).mean,
+            quality: summary_of(&selected, aggregation).mean,
             gaussians: cost.gaussians,
             ..Sample::default()
         };
@@ -119,7 +119,7 @@ fn scored<'a>(
             }
             Err(reason) => sample.untimed = Some(reason),
         }
-        (cost.trials > 0).then_some((sample, picked))
+        (cost.trials > 0).then_some((sample, selected))
     };
     results.provenance.methods.iter().filter_map(|record| sample(&record.name)).collect()
 }
