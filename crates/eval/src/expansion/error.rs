@@ -1,35 +1,35 @@
 use thiserror::Error;
 
-/// Why expansion cannot be studied in a scene.
+/// Why a scene cannot be analysed.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ExpansionError {
-    /// The network refuses the views, or gives numbers that are not finite.
+    /// The network rejects the views or returns non-finite numbers.
     #[error(transparent)]
     Model(#[from] atsplat_model::ModelError),
-    /// The renderer refuses a view.
+    /// The renderer rejects a view.
     #[error("rendering: {0}")]
     Splat(#[from] atsplat_splat::SplatError),
-    /// A render and its truth cannot be compared.
+    /// A render and its ground truth cannot be compared.
     #[error(transparent)]
     Metric(#[from] atsplat_metrics::MetricError),
     /// A picture cannot be read.
     #[error(transparent)]
     Protocol(#[from] atsplat_protocol::ProtocolError),
-    /// A camera maps nothing.
+    /// An invalid camera.
     #[error(transparent)]
     Camera(#[from] atsplat_camera::CameraError),
-    /// A render has not the samples of a picture.
+    /// A render has the wrong number of samples.
     #[error(transparent)]
     Pixels(#[from] atsplat_pixels::PixelError),
-    /// A trial that is none for a network.
+    /// A target that the trial does not have.
     #[error("{what}: expected {expected}, found {found}")]
-    Unfit {
-        /// What was asked for.
+    Invalid {
+        /// What was requested.
         what: &'static str,
-        /// What would fit.
+        /// What was expected.
         expected: String,
-        /// What was given.
+        /// What was found.
         found: String,
     },
 }

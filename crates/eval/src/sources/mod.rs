@@ -1,4 +1,4 @@
-//! Where a run's scenes come from, beside files as they are: simulated, cropped beforehand, with gaps closed.
+//! Scene sources other than plain files: simulated, cropped in advance, or without frames whose pictures are missing.
 
 mod cropped;
 mod present;

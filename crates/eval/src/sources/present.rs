@@ -2,13 +2,13 @@ use std::sync::Arc;
 
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 
-/// A dataset without the frames whose pictures are missing, for indices that are sampled on the spot. Published indices
-/// count all frames of a scene: for them nothing may be left out.
+/// A dataset without frames whose pictures are missing, for sampling an index. Published indices count all frames of a scene,
+/// so this must not be used with them.
 #[derive(Clone)]
 pub struct PresentFrames(Arc<dyn SceneSource>);
 
 impl PresentFrames {
-    /// Around a dataset.
+    /// Wraps a dataset.
     pub fn new(source: Arc<dyn SceneSource>) -> Self {
         Self(source)
     }

@@ -1,16 +1,15 @@
 use atsplat_metrics::DECIBEL_CAP;
-use atsplat_numeric::SplitMix64;
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_protocol::{Aggregation, BinRule, OverlapBins};
 use serde::Deserialize;
 
 use super::bootstrap::interval_of_resamples;
-use super::student::{normal_tail, student_quantile};
+use super::significance::{normal_tail, student_quantile};
 use super::*;
 use crate::sample_rows::{PRESET, key, results, target, trial};
 use crate::{Results, TargetStatus, TrialStatus};
 
-/// What numpy and scipy say (`oracle/make_statistics.py`).
+/// Reference values of numpy and scipy (`oracle/make_statistics.py`).
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Oracle {
@@ -40,7 +39,7 @@ fn psnr(scenes: &[(&str, u32, Vec<f64>)]) -> Results {
 }
 
 #[test]
-fn intervals_and_tests_are_those_of_scipy() {
+fn intervals_and_tests_agree_with_scipy() {
     let Oracle { intervals, sign_tests, student_quantiles, normal_tails } = oracle();
     for Resampled { clusters, resamples, interval } in intervals {
         let found = interval_of_resamples(&clusters, resamples).unwrap();
@@ -61,7 +60,7 @@ fn intervals_and_tests_are_those_of_scipy() {
 
 /// The ATSplat paper's overlap table: bin means over NoPoSplat's scenes, and the printed average of four methods.
 #[test]
-fn published_averages_come_out_of_the_published_bins() {
+fn published_averages_follow_from_published_bins() {
     let table = [
         ("pixelSplat", [20.28, 23.73, 27.15], 23.86),
         ("MVSplat", [20.37, 23.81, 27.47], 24.01),
@@ -97,7 +96,7 @@ fn published_averages_come_out_of_the_published_bins() {
 }
 
 #[test]
-fn scenes_and_pictures_are_different_means() {
+fn scene_means_and_picture_means_differ() {
     let uneven = psnr(&[("a", 0, vec![20.0]), ("b", 0, vec![30.0, 30.0, 30.0]), ("c", 0, vec![40.0, 20.0])]);
     let scenes = summary(&uneven, &query("m"), Aggregation::SceneMeans);
     let pictures = summary(&uneven, &query("m"), Aggregation::AllPictures);
@@ -113,7 +112,7 @@ fn scenes_and_pictures_are_different_means() {
 }
 
 #[test]
-fn what_has_no_score_is_counted_and_never_averaged() {
+fn missing_scores_are_counted_and_never_averaged() {
     let mut made =
         psnr(&[("a", 0, vec![20.0, f64::NAN, 22.0]), ("b", 0, vec![f64::INFINITY, 30.0]), ("c", 0, vec![0.0; 4])]);
     for (row, status) in made.targets.iter_mut().skip(5).zip([
@@ -134,9 +133,9 @@ fn what_has_no_score_is_counted_and_never_averaged() {
     assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
-    let nobody = summary(&made, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
-    assert_eq!((nobody.mean, nobody.interval, nobody.uncomputed), (None, None, 7), "an absent metric is no cap");
-    assert!(nobody.not_computed.unwrap().contains("not among"));
+    let absent = summary(&made, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
+    assert_eq!((absent.mean, absent.interval, absent.uncomputed), (None, None, 7), "an absent metric is no cap");
+    assert!(absent.not_computed.unwrap().contains("not among"));
     assert_eq!(summary(&made, &query("other"), Aggregation::SceneMeans), Summary::default());
 }
 
@@ -153,7 +152,7 @@ fn infinite_scores_of_one_metric_count_as_the_cap() {
 }
 
 #[test]
-fn leaked_targets_can_be_left_out() {
+fn leaked_targets_can_be_excluded() {
     let mut made = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
     made.targets[1].leaked = true;
     made.targets[2].leaked = true;
@@ -165,7 +164,7 @@ fn leaked_targets_can_be_left_out() {
 }
 
 #[test]
-fn pairs_match_targets_and_know_the_metric_s_direction() {
+fn pairs_match_targets_and_respect_the_metrics_direction() {
     let mut made = results(
         "a",
         "lpips",
@@ -183,12 +182,12 @@ fn pairs_match_targets_and_know_the_metric_s_direction() {
     let swapped = paired(&made, &of("b"), &of("a")).unwrap();
     Tolerance::EXACT.assert([swapped.difference], [-found.difference], "swapped");
     assert_eq!(paired_between((&made, &of("a")), (&b, &of("b"))), Some(found));
-    assert_eq!(paired(&made, &of("a"), &of("nobody")), None);
+    assert_eq!(paired(&made, &of("a"), &of("unknown")), None);
 }
 
 /// Three scenes of four with more of the metric, one with less: three wins where higher is better, one where lower is.
 #[test]
-fn wins_are_scenes_that_are_better_whichever_way_that_is() {
+fn wins_follow_the_metrics_direction() {
     for (metric, expected) in [
         ("psnr", [3, 0, 1]),
         ("ssim", [3, 0, 1]),
@@ -226,7 +225,7 @@ fn distances_are_means_over_scenes() {
 }
 
 #[test]
-fn the_worst_are_those_of_the_metric_s_direction() {
+fn worst_scenes_follow_the_metrics_direction() {
     let scenes = [("a", 0, vec![0.3]), ("b", 0, vec![0.1]), ("c", 0, vec![0.3])];
     let names = |metric: &str| {
         let query = MetricQuery { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
@@ -250,11 +249,11 @@ fn cost_is_means_and_extremes() {
     let found = cost(&made, PRESET, "m");
     assert_eq!((found.trials, found.failed, found.gaussians_min, found.gaussians_max), (4, 1, Some(10), Some(60)));
     Tolerance::F64.assert(found.gaussians, [30.0], "mean Gaussians");
-    assert_eq!(cost(&made, PRESET, "nobody"), Cost::default());
+    assert_eq!(cost(&made, PRESET, "unknown"), Cost::default());
 }
 
 #[test]
-fn intervals_need_two_scenes_and_numbers() {
+fn intervals_need_two_scenes_and_finite_numbers() {
     assert_eq!(interval_of_mean(&[]), None);
     assert_eq!(interval_of_mean(&[[20.0, 1.0]]), None);
     assert_eq!(interval_of_mean(&[[20.0, 1.0], [f64::NAN, 1.0]]), None);
@@ -273,9 +272,9 @@ fn intervals_do_not_depend_on_threads() {
     Tolerance::EXACT.assert(of_threads(1), of_threads(7), "threads");
 }
 
-/// How often 95 % intervals hold the truth, over samples of normal and of skewed scenes.
+/// Coverage of 95 % intervals over samples of normal and of skewed scenes.
 #[test]
-fn intervals_cover_what_they_promise() {
+fn intervals_have_their_nominal_coverage() {
     let mut random = SplitMix64::new(11);
     let normal = |random: &mut SplitMix64| (0..12).map(|_| uniform(random)).sum::<f64>() - 6.0;
     let exponential = |random: &mut SplitMix64| -(1.0 - uniform(random)).ln() - 1.0;

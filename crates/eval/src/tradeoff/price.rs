@@ -2,30 +2,30 @@ use serde::Serialize;
 
 use super::Point;
 
-/// What a step of quality costs between two neighbours on a frontier, at the rate between them.
+/// Cost of a step of quality between two neighbours on a frontier, at the rate between them.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Price {
     /// Label of the cheaper point.
     pub from: String,
-    /// Label of the dearer one.
+    /// Label of the more expensive point.
     pub to: String,
-    /// How much quality lies between them, by their means over the same targets; positive, whatever the metric's direction.
+    /// Difference in quality over the same targets; positive whatever the metric's direction.
     pub gain: f64,
-    /// The gain's 95 % interval, which does not hold 0.
+    /// The gain's 95 % interval, which does not contain 0.
     pub gain_interval: [f64; 2],
     /// The step that is priced, in the metric's unit.
     pub step: f64,
-    /// Seconds for the step; negative where the better point is faster. `None` where one of both has none, or they differ by
-    /// less than repetitions do.
+    /// Seconds for the step; negative if the better point is faster. `None` if one of them is untimed, or if they differ by
+    /// less than the measurement error.
     pub secs: Option<f64>,
     /// Gaussians for the step, likewise.
     pub gaussians: Option<f64>,
 }
 
 /// Prices from each point of a frontier to the next.
-pub(super) fn prices(ascent: &[&Point], step: f64) -> Vec<Price> {
-    ascent.windows(2).filter_map(|pair| price(pair[0], pair[1], step)).collect()
+pub(super) fn prices(frontier: &[&Point], step: f64) -> Vec<Price> {
+    frontier.windows(2).filter_map(|pair| price(pair[0], pair[1], step)).collect()
 }
 
 fn price(from: &Point, to: &Point, step: f64) -> Option<Price> {

@@ -23,11 +23,11 @@ pub struct Tradeoff {
     pub unit: String,
     /// Against seconds, and against Gaussians.
     pub frontiers: Vec<Frontier>,
-    /// The machines that seconds are of, each once.
+    /// The machine types that were timed.
     pub machines: Vec<Machine>,
 }
 
-/// Every method of a store as a point, for each protocol and metric.
+/// The frontiers of a store's methods, for each protocol and metric.
 ///
 /// # Errors
 /// [`EvalError::Preset`].
@@ -42,8 +42,8 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
     presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
 }
 
-/// The methods of all protocols of a store in one: numbers that answer different queries side by side, as where views or
-/// resolution are swept. Labels say the protocol; differences are between the same scene's targets.
+/// The frontiers over the methods of all protocols together, for sweeps of views or resolution. Labels include the protocol;
+/// differences are between targets of the same scene.
 ///
 /// # Errors
 /// [`EvalError::Preset`].
@@ -86,15 +86,15 @@ fn of_scored(
     }
 }
 
-/// The methods of a store under a preset, in the order of the provenance record, each as a sample.
+/// The methods of a store under a preset as samples, in the order of the provenance record.
 ///
-/// Seconds are those of the timing pass, the median of encoding plus the median of rendering one view: what a user waits for the
-/// first picture. A method that has only one of both has only that.
+/// Seconds come from the timing pass: the median of encoding plus the median of rendering one view, which is the time to the
+/// first picture. If a method has only one of the two, that one counts.
 pub fn samples(results: &Results, preset: &str, metric: &str, leaked: Leaked, aggregation: Aggregation) -> Vec<Sample> {
     scored(results, preset, metric, leaked, aggregation).into_iter().map(|(sample, _)| sample).collect()
 }
 
-/// Samples with the targets that they were scored on.
+/// Samples with their scored targets.
 fn scored<'a>(
     results: &'a Results,
     preset: &'a str,
