@@ -12,7 +12,7 @@ use super::{
 use crate::statistics::{Outcome, Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
 use crate::{Results, TrialKey};
 
-/// Compares results with a baseline. Order of rows, seconds, threads and dates do not matter.
+/// Compares results with a baseline. The order of rows, times, threads and dates do not matter.
 pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let same_machine = same_machine(&baseline.provenance, &results.provenance);
     let then = Rows::new(baseline.trials.iter().cloned(), baseline.targets.iter().cloned());
@@ -21,9 +21,9 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let (mut comparisons, mut findings) = (Vec::new(), protocol_findings(results, baseline));
     findings.extend(data_findings(&data));
     let groups: BTreeSet<&(String, String)> = then.0.keys().chain(now.0.keys()).collect();
-    let nothing = Group::default();
+    let empty = Group::default();
     for group in groups {
-        let [then, now] = [&then, &now].map(|rows| rows.0.get(group).unwrap_or(&nothing));
+        let [then, now] = [&then, &now].map(|rows| rows.0.get(group).unwrap_or(&empty));
         let (preset, method) = group;
         let deterministic = |provenance: &crate::Provenance| {
             provenance.methods.iter().any(|record| record.name == *method && record.deterministic)
@@ -36,9 +36,9 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
         findings.extend(then.findings(now, preset, method, basis));
         let metrics: BTreeSet<&String> = then.targets.values().flat_map(|row| row.scores.keys()).collect();
         for metric in metrics {
-            let wanted =
+            let matches =
                 |limit: &&super::Limit| limit.preset == *preset && limit.method == *method && limit.metric == *metric;
-            let limit = baseline.limits.iter().find(wanted).map_or_else(|| least_limit(metric), |found| found.limit);
+            let limit = baseline.limits.iter().find(matches).map_or_else(|| least_limit(metric), |found| found.limit);
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
@@ -50,7 +50,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     DriftReport { verdict, comparisons, findings, data, differences, attribution: None, not_attributed: None }
 }
 
-/// Other pictures, by preset.
+/// Changed pictures by preset.
 fn data_findings(data: &DataComparison) -> Vec<Finding> {
     let presets = data.changed.chunk_by(|a, b| a.preset == b.preset);
     let finding = |changed: &[super::ChangedPicture]| {
@@ -67,7 +67,7 @@ fn data_findings(data: &DataComparison) -> Vec<Finding> {
     presets.filter_map(finding).collect()
 }
 
-/// Presets whose hash, or whose index's, is another.
+/// Presets whose hash or index hash differs.
 fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
     let of = |name: &str| results.provenance.presets.iter().find(|preset| preset.name == name);
     let finding = |then: &crate::PresetRecord| {
@@ -112,7 +112,7 @@ impl Rows {
     }
 }
 
-/// A kind of change, how often, and the first.
+/// Number and first example of each kind of change.
 type Changes = BTreeMap<FindingKind, (u64, String)>;
 
 impl Group {
@@ -134,24 +134,24 @@ impl Group {
             }
         }
         for (place, then) in &self.targets {
-            let told = || format!("{} {} frame {}", place.0, place.1, then.frame);
+            let place_of = || format!("{} {} frame {}", place.0, place.1, then.frame);
             let Some(now) = now.targets.get(place) else {
-                add(FindingKind::Missing, &told);
+                add(FindingKind::Missing, &place_of);
                 continue;
             };
             if then.status != now.status {
                 add(FindingKind::Status, &|| {
-                    format!("{}: {} was, {} is", told(), then.status.name(), now.status.name())
+                    format!("{}: {} was, {} is", place_of(), then.status.name(), now.status.name())
                 });
             }
             if then.render_hash.is_some() && then.render_hash != now.render_hash {
-                add(FindingKind::Render, &told);
+                add(FindingKind::Render, &place_of);
             }
             if let Some(id) = then.scores.keys().find(|id| !now.scores.contains_key(*id)) {
-                add(FindingKind::Score, &|| format!("{}: {id}", told()));
+                add(FindingKind::Score, &|| format!("{}: {id}", place_of()));
             }
             if let Some(id) = now.scores.keys().find(|id| !then.scores.contains_key(*id)) {
-                add(FindingKind::NewScore, &|| format!("{}: {id}", told()));
+                add(FindingKind::NewScore, &|| format!("{}: {id}", place_of()));
             }
         }
         for (place, row) in now.targets.iter().filter(|(place, _)| !self.targets.contains_key(*place)) {
@@ -160,7 +160,7 @@ impl Group {
         let finding = |(kind, (count, example))| {
             let verdict = match kind {
                 FindingKind::New | FindingKind::NewScore => Verdict::Within,
-                // Bits and counts are for whom they are promised to.
+                // Bits and counts are only guaranteed for deterministic methods on the same machine type.
                 FindingKind::Render | FindingKind::Count if basis != Basis::Exact => Verdict::Within,
                 _ => Verdict::Drifted,
             };
@@ -215,7 +215,7 @@ impl Group {
     }
 }
 
-/// A target that has a score then and now.
+/// A target with a score in both runs.
 struct Both<'a> {
     place: &'a (String, u32, u32),
     frame: u64,
@@ -236,8 +236,7 @@ impl Both<'_> {
     }
 }
 
-/// Whether a difference is certainly larger than its limit: the whole interval lies beyond, or, with one scene, the
-/// difference does.
+/// Whether the whole interval of a difference, or with one scene the difference, is beyond its limit.
 fn beyond_limit(paired: &Paired, limit: f64) -> bool {
     let [low, high] = paired.interval.unwrap_or([paired.difference; 2]);
     low > limit || high < -limit

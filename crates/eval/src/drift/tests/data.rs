@@ -1,4 +1,4 @@
-//! Other pictures are a change of their own, told by scene and frame.
+//! Changed pictures are reported by scene and frame.
 
 use super::*;
 use crate::drift::probe::{Attribution, StageChange, StageVerdict};
@@ -11,7 +11,7 @@ fn roles(picture: &ChangedPicture) -> Vec<&'static str> {
 fn a_changed_context_picture_is_named_by_scene_and_frame() {
     let made = store(true, 6, 0.0, 1);
     let baseline = Baseline::new(&made, &[], acceptance("first"));
-    // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 is both.
+    // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 has both roles.
     assert_eq!(compare(&made, &baseline).data, DataComparison { compared: 6 * 4, changed: vec![], unknown: 0 });
     let mut now = made.clone();
     now.trials[3].context_hashes[1] = "blurred".to_owned();
@@ -50,14 +50,14 @@ fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
     }
     let [picture] = &compare(&now, &baseline).data.changed[..] else { panic!("one picture") };
     assert_eq!((picture.frame, roles(picture)), (0, vec!["context", "target"]));
-    // Methods that were run before and after the change: mixed in one store, and a change all the same.
+    // Methods run before and after the change in one store still count as a change.
     let mut mixed = made.clone();
     mixed.trials[1].context_hashes[1] = "other".to_owned();
     assert_eq!(compare(&mixed, &baseline).data.changed.len(), 1);
 }
 
 #[test]
-fn scenes_that_one_side_lacks_are_no_change_of_data() {
+fn scenes_missing_on_one_side_are_not_changed_data() {
     let all = store(true, 6, 0.0, 1);
     let mut fewer = all.clone();
     fewer.trials.truncate(4);
@@ -68,9 +68,9 @@ fn scenes_that_one_side_lacks_are_no_change_of_data() {
     }
 }
 
-/// Rows from before context pictures had digests, on either side.
+/// Rows without digests of context pictures, on either side.
 #[test]
-fn pictures_that_one_side_does_not_know_are_counted_and_not_called_the_same() {
+fn pictures_without_a_digest_are_counted_as_unknown() {
     let made = store(true, 3, 0.0, 1);
     let mut old = made.clone();
     old.trials.iter_mut().for_each(|row| row.context_hashes.clear());
@@ -79,15 +79,15 @@ fn pictures_that_one_side_does_not_know_are_counted_and_not_called_the_same() {
         assert_eq!(report.data, DataComparison { compared: 3 * 3, changed: vec![], unknown: 3 }, "frame 9 of each");
         assert!(report.to_string().contains("3 pictures are known to one side alone"), "{report}");
     }
-    let mut blind = old.clone();
-    blind.targets.iter_mut().for_each(|row| row.truth_hash = None);
-    let report = compare(&blind, &Baseline::new(&blind, &[], acceptance("first")));
+    let mut unknown = old.clone();
+    unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
+    let report = compare(&unknown, &Baseline::new(&unknown, &[], acceptance("first")));
     assert_eq!((report.data.verdict(), report.first_stage()), (StageVerdict::Empty, None));
     assert!(report.to_string().contains("No picture could be compared; stages were not probed."), "{report}");
 }
 
 #[test]
-fn a_file_from_before_pictures_were_listed_knows_those_of_its_targets() {
+fn an_older_format_without_pictures_has_those_of_its_targets() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.json");
     let made = store(true, 3, 0.0, 1);
@@ -117,10 +117,10 @@ fn probed(changed: &[Stage]) -> Attribution {
     Attribution { stages: stages.collect(), metrics: Vec::new() }
 }
 
-/// Pictures are compared after decoding and resizing: where those changed, they and not the files may be the reason. Later
-/// stages make no pictures.
+/// Pictures are compared after decoding and resizing, so a change of those stages may explain changed pictures; later stages
+/// cannot.
 #[test]
-fn the_data_comes_first_unless_decoding_or_resizing_explains_it() {
+fn changed_pictures_are_attributed_to_data_unless_decoding_or_resizing_changed() {
     let made = store(true, 3, 0.0, 1);
     let baseline = Baseline::new(&made, &[], acceptance("first"));
     let mut now = made.clone();
@@ -143,7 +143,7 @@ fn the_data_comes_first_unless_decoding_or_resizing_explains_it() {
 }
 
 #[test]
-fn a_stage_without_values_is_not_called_the_same() {
+fn a_stage_without_values_is_not_the_same() {
     let made = store(true, 3, 0.0, 1);
     let mut attribution = probed(&[]);
     attribution.stages[4].verdict = StageVerdict::Empty;

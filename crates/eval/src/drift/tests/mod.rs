@@ -1,5 +1,4 @@
-use atsplat_numeric::SplitMix64;
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{SplitMix64, Tolerance};
 
 use super::probe::{Inputs, Pipeline, Recipe, Stage, attribute, run};
 use super::*;
@@ -7,14 +6,14 @@ use crate::sample_rows::{PRESET, results};
 use crate::{MethodRecord, PresetRecord, Results, TargetStatus};
 
 mod data;
+mod directions;
 mod planted;
-mod senses;
 
 fn acceptance(reason: &str) -> Acceptance {
     Acceptance { date: date(0), reason: reason.to_owned(), atsplat: "0.1.0".to_owned(), commit: None }
 }
 
-/// Three targets in each of so many scenes, the same each time.
+/// Three targets per scene with fixed scores plus seeded noise.
 fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
     let mut random = SplitMix64::new(seed);
     let mut unit = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
@@ -44,7 +43,7 @@ fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
 }
 
 #[test]
-fn equal_rows_are_the_same_whatever_their_order_and_times() {
+fn equal_rows_are_the_same_in_any_order() {
     let made = store(true, 12, 0.0, 1);
     let baseline = Baseline::new(&made, &[], acceptance("first"));
     let mut again = made.clone();
@@ -59,7 +58,7 @@ fn equal_rows_are_the_same_whatever_their_order_and_times() {
 }
 
 #[test]
-fn one_last_bit_is_drift_where_bits_are_promised() {
+fn a_single_bit_is_drift_for_deterministic_methods() {
     let made = store(true, 12, 0.0, 1);
     let baseline = Baseline::new(&made, &[], acceptance("first"));
     let mut now = made.clone();
@@ -77,7 +76,7 @@ fn one_last_bit_is_drift_where_bits_are_promised() {
 }
 
 #[test]
-fn another_machine_has_a_bound_and_then_the_limits() {
+fn another_machine_is_compared_by_bound_and_limit() {
     let baseline = Baseline::new(&store(true, 12, 0.0, 1), &[], acceptance("first"));
     let report = |by: f64| {
         let mut made = moved(by);
@@ -94,7 +93,7 @@ fn another_machine_has_a_bound_and_then_the_limits() {
 }
 
 #[test]
-fn what_changes_beside_scores_is_found() {
+fn changes_other_than_scores_are_found() {
     let made = store(true, 4, 0.0, 1);
     let baseline = Baseline::new(&made, &[], acceptance("first"));
     let mut now = made.clone();
@@ -127,7 +126,7 @@ fn what_changes_beside_scores_is_found() {
 }
 
 #[test]
-fn nothing_compared_is_not_the_same() {
+fn comparing_nothing_is_not_the_same() {
     let empty = Baseline::new(&Results::default(), &[], acceptance("nothing"));
     let report = compare(&Results::default(), &empty);
     assert_eq!((report.verdict, report.drifted()), (Verdict::Nothing, false), "{report}");
@@ -135,7 +134,7 @@ fn nothing_compared_is_not_the_same() {
     let report = compare(&store(true, 4, 0.0, 1), &empty);
     assert_eq!(kinds(&report), [(FindingKind::New, Verdict::Within, 12)]);
     assert_eq!(report.verdict, Verdict::Nothing, "what is new was compared with nothing");
-    // Everything failed then, and again.
+    // Everything failed in both runs.
     let mut failed = store(true, 4, 0.0, 1);
     for row in &mut failed.targets {
         row.status = TargetStatus::Failed;
@@ -146,7 +145,7 @@ fn nothing_compared_is_not_the_same() {
 }
 
 #[test]
-fn numbers_print_as_a_person_writes_them() {
+fn reports_have_human_readable_numbers() {
     let mut made = store(true, 12, 0.0, 1);
     made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score = 21.969_999_999));
     let parameters = |threshold: f32| {
@@ -174,9 +173,9 @@ fn numbers_print_as_a_person_writes_them() {
     assert!(!report.contains("name"), "what is the same is not listed: {report}");
 }
 
-/// Runs that scatter as those behind the limits did raise no alarm; a shift well beyond does.
+/// Runs with the same noise as those behind the limits are not drift; a much larger shift is.
 #[test]
-fn ten_noisy_runs_raise_no_alarm_and_a_shift_does() {
+fn noise_is_not_drift_and_a_shift_is() {
     let run = |seed| store(false, 20, 0.5, seed);
     let repeats: Vec<Results> = (2..5).map(run).collect();
     let baseline = Baseline::new(&run(1), &repeats, acceptance("first"));
@@ -195,7 +194,7 @@ fn ten_noisy_runs_raise_no_alarm_and_a_shift_does() {
 }
 
 #[test]
-fn files_keep_every_bit_and_the_history() {
+fn baseline_files_are_exact_and_keep_the_history() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
     let mut made = store(true, 4, 0.3, 1);
@@ -223,7 +222,7 @@ fn files_keep_every_bit_and_the_history() {
 }
 
 #[test]
-fn every_acceptance_leaves_its_numbers() {
+fn every_acceptance_records_its_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
     let first = Baseline::new(&moved(0.0), &[], acceptance("first"));
@@ -251,7 +250,7 @@ fn every_acceptance_leaves_its_numbers() {
     assert_eq!(limits, [None, Some([mean; 2]), Some([mean + 0.5; 2]), Some([mean + 0.5; 2])], "every bit counts");
     assert_eq!((found.unknown, found.verdict, found.runs[3].label.as_str()), (0, Verdict::Drifted, "now"));
 
-    // A file from before numbers were kept knows its last acceptance by its rows, and goes on from there.
+    // A file of a format without numbers has those of its last acceptance in its rows, and later ones are added.
     third.write(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let (head, rest) = text.split_once("  \"numbers\": [").unwrap();
@@ -266,7 +265,7 @@ fn every_acceptance_leaves_its_numbers() {
 }
 
 #[test]
-fn limits_of_a_history_are_those_of_the_baseline_before() {
+fn history_limits_are_those_of_the_previous_baseline() {
     let runs: Vec<Results> = (0..3).map(|seed| store(false, 12, 0.3, seed)).collect();
     let baseline = Baseline::new(&runs[0], &runs[1..], acceptance("first"));
     let limit = baseline.limits[0].limit;
@@ -280,10 +279,10 @@ fn limits_of_a_history_are_those_of_the_baseline_before() {
     assert_eq!(found.runs.len(), 1, "a number that is gone has no present");
 }
 
-/// A store whose rows the probe's own stages made, its baseline on disk, and a constant that is a thousandth larger: the
-/// number is found to have moved, and the stage is named.
+/// Rows from the probe's own stages, their baseline on disk, and a renderer constant increased by a thousandth: the number has
+/// drifted, and the stage is named.
 #[test]
-fn a_moved_number_is_traced_to_its_stage() {
+fn a_changed_number_is_traced_to_its_stage() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("probe.json");
     let (recipe, inputs) = (Recipe::default(), Inputs::pattern(&atsplat_splat::RendererConstants::default()).unwrap());
@@ -305,8 +304,8 @@ fn a_moved_number_is_traced_to_its_stage() {
     let baseline = Baseline::read(&path).unwrap();
     let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();
     let mut pipeline = Pipeline::of(&recipe).unwrap();
-    let calm = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
-    assert_eq!(calm.verdict, Verdict::Same, "{calm}");
+    let unchanged = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
+    assert_eq!(unchanged.verdict, Verdict::Same, "{unchanged}");
 
     pipeline.options.constants.blur *= 1.001;
     let report = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
