@@ -86,9 +86,9 @@ pub enum EvalError {
         key: String,
         /// The first column that differs.
         field: String,
-        /// What the first result says.
+        /// The first result's value.
         first: String,
-        /// What the second says.
+        /// The second result's value.
         second: String,
     },
     /// A record's protocol text cannot be parsed.
@@ -102,7 +102,7 @@ pub enum EvalError {
     /// Another process is writing to the store.
     #[error(
         "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into a \
-         folder of its own, with --shard 1/2 and --shard 2/2, and put the parts together with `atsplat merge`",
+         folder of its own, with --shard 1/2 and --shard 2/2, and merge the parts with `atsplat merge`",
         folder.display()
     )]
     InUse {

@@ -84,7 +84,7 @@ fn baselines_have_complete_rows() {
     assert!(of("warp", 0).scores["psnr"] > of("nearest-view", 0).scores["psnr"]);
     assert_eq!(of("warp", 0).not_computed["lpips"], "weights absent");
     let lpips = results.provenance.metrics.iter().find(|metric| metric.id == "lpips").unwrap();
-    assert!(lpips.absent.as_ref().unwrap().contains("vgg16"), "how to get them is said once");
+    assert!(lpips.absent.as_ref().unwrap().contains("vgg16"), "instructions are in the provenance");
     assert_eq!(Results::read(folder.path()).unwrap(), results);
 }
 

@@ -178,7 +178,7 @@ fn untimed_methods_have_a_reason() {
     }
     assert!(times(&results, "walls", "rejecting").unwrap_err().contains("three views are too many"));
     assert!(times(&results, "walls", "broken").unwrap_err().contains("panicked"));
-    assert!(times(&results, "walls", "nobody").unwrap_err().contains("--timing"));
+    assert!(times(&results, "walls", "unknown").unwrap_err().contains("--timing"));
     assert!(results.trials.iter().any(|trial| trial.status == TrialStatus::Done), "and nothing else is lost");
     assert_eq!(Results::read(folder.path()).unwrap(), results);
 }
@@ -214,7 +214,7 @@ fn undisturbed_times_are_not_measured_again() {
     assert!(times(&Results::read(folder.path()).unwrap(), "walls", "sleeper").unwrap().busy);
     calls();
     timed_run(folder.path(), walls(2), &methods, Some(TimingPlan::default()));
-    assert_eq!(calls(), 12, "a pass that was disturbed is made again");
+    assert_eq!(calls(), 12, "a disturbed pass is repeated");
     let fresh = tempfile::tempdir().unwrap();
     let changed = timed_run(fresh.path(), other, &methods, Some(TimingPlan::default()));
     assert_ne!(changed.timings[0].trial_hash, known[0].trial_hash);

@@ -30,27 +30,14 @@ fn convolutions(network: Network) -> Vec<(String, [usize; 3])> {
             &["1.0", "1.2", "2.6", "2.8", "3.12", "3.14", "3.16", "4.20", "4.22", "4.24", "5.28", "5.30", "5.32"]
         }
     };
-    let shapes: &[[usize; 3]] = if names.len() == 5 {
-        &[[64, 3, 11], [192, 64, 5], [384, 192, 3], [256, 384, 3], [256, 256, 3]]
+    const VGG_CHANNELS: [usize; 14] = [3, 64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512];
+    let shapes: Vec<[usize; 3]> = if names.len() == 5 {
+        vec![[64, 3, 11], [192, 64, 5], [384, 192, 3], [256, 384, 3], [256, 256, 3]]
     } else {
-        &[
-            [64, 3, 3],
-            [64, 64, 3],
-            [128, 64, 3],
-            [128, 128, 3],
-            [256, 128, 3],
-            [256, 256, 3],
-            [256, 256, 3],
-            [512, 256, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-        ]
+        VGG_CHANNELS.windows(2).map(|channels| [channels[1], channels[0], 3]).collect()
     };
     let prefix = if matches!(network, Network::LpipsVgg | Network::LpipsAlex) { "features." } else { "net.slice" };
-    names.iter().map(|name| format!("{prefix}{name}")).zip(shapes.iter().copied()).collect()
+    names.iter().map(|name| format!("{prefix}{name}")).zip(shapes).collect()
 }
 
 fn weights(network: Network) -> StoredTensors {
@@ -173,7 +160,7 @@ fn differences_beyond_the_receptive_field_do_not_affect_a_masked_distance() {
     let features = [&a, &b].map(|picture| perceptual.features(picture).unwrap());
     let mask = columns(size, 600, 640);
     let again = perceptual.compare_features(&features[0], &features[1], Some(&mask)).ok();
-    Tolerance::EXACT.assert(again, [there], "with features that were made before");
+    Tolerance::EXACT.assert(again, [there], "with precomputed features");
     let mut networks = Networks::default();
     networks.add(Arc::new(perceptual));
     let suite = Suite::new(vec![definition("lpips-alex").unwrap()], networks, 1 << 24);

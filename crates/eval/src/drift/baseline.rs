@@ -107,7 +107,7 @@ struct Written {
 }
 
 impl Baseline {
-    /// A baseline of a run, and of further runs of the same that tell how far its numbers scatter.
+    /// The baseline of a run. `repeats` are reruns of the same plan, which determine the limits of non-deterministic methods.
     pub fn new(results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let runs: Vec<&Results> = std::iter::once(results).chain(repeats).collect();
         let mut provenance = results.provenance.clone();

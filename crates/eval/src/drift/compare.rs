@@ -80,7 +80,7 @@ fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
             kind: FindingKind::Protocol,
             verdict: Verdict::Drifted,
             count: 1,
-            example: format!("{before} was, {after} is"),
+            example: format!("was {before}, is now {after}"),
         })
     };
     baseline.provenance.presets.iter().filter_map(finding).collect()
@@ -129,29 +129,29 @@ impl Group {
             if (then.final_tokens, then.gaussians) != (now.final_tokens, now.gaussians) {
                 let counts = |trial: &BaselineTrial| trial.gaussians.map_or("none".to_owned(), |n| n.to_string());
                 add(FindingKind::Count, &|| {
-                    format!("{} {}: {} was, {} is", place.0, place.1, counts(then), counts(now))
+                    format!("{} {}: was {}, is now {}", place.0, place.1, counts(then), counts(now))
                 });
             }
         }
         for (place, then) in &self.targets {
-            let place_of = || format!("{} {} frame {}", place.0, place.1, then.frame);
+            let location = || format!("{} {} frame {}", place.0, place.1, then.frame);
             let Some(now) = now.targets.get(place) else {
-                add(FindingKind::Missing, &place_of);
+                add(FindingKind::Missing, &location);
                 continue;
             };
             if then.status != now.status {
                 add(FindingKind::Status, &|| {
-                    format!("{}: {} was, {} is", place_of(), then.status.name(), now.status.name())
+                    format!("{}: was {}, is now {}", location(), then.status.name(), now.status.name())
                 });
             }
             if then.render_hash.is_some() && then.render_hash != now.render_hash {
-                add(FindingKind::Render, &place_of);
+                add(FindingKind::Render, &location);
             }
             if let Some(id) = then.scores.keys().find(|id| !now.scores.contains_key(*id)) {
-                add(FindingKind::Score, &|| format!("{}: {id}", place_of()));
+                add(FindingKind::Score, &|| format!("{}: {id}", location()));
             }
             if let Some(id) = now.scores.keys().find(|id| !then.scores.contains_key(*id)) {
-                add(FindingKind::NewScore, &|| format!("{}: {id}", place_of()));
+                add(FindingKind::NewScore, &|| format!("{}: {id}", location()));
             }
         }
         for (place, row) in now.targets.iter().filter(|(place, _)| !self.targets.contains_key(*place)) {

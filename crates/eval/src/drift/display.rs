@@ -54,14 +54,20 @@ impl fmt::Display for DriftReport {
         }
         for Finding { preset, method, kind, verdict, count, example } in findings {
             let of = if method.is_empty() { preset.clone() } else { format!("{preset}, {method}") };
-            writeln!(f, "{verdict:<8} {of}: {}: {count}, as {example}", kind.description())?;
+            writeln!(f, "{verdict:<8} {of}: {}: {count}, such as {example}", kind.description())?;
         }
         if !differences.is_empty() {
-            writeln!(f, "\nOtherwise than in the baseline:")?;
+            writeln!(f, "\nDifferent from the baseline:")?;
         }
         for difference in differences {
             let shown = |value: &Option<String>| value.as_deref().map_or("nothing".to_owned(), shortened);
-            writeln!(f, "  {}: {} was, {} is", difference.what, shown(&difference.baseline), shown(&difference.now))?;
+            writeln!(
+                f,
+                "  {}: was {}, is now {}",
+                difference.what,
+                shown(&difference.baseline),
+                shown(&difference.now)
+            )?;
         }
         write!(f, "\n{data}")?;
         if let Some(attribution) = attribution {
@@ -90,7 +96,7 @@ impl DriftReport {
         match &self.attribution {
             None => format!("{data}; stages were not probed."),
             Some(_) if empty.is_empty() => format!("{data}; no stage changed on the probe."),
-            Some(_) => format!("{data}; on the probe there was nothing to compare of: {}.", empty.join(", ")),
+            Some(_) => format!("{data}; on the probe there was nothing to compare for: {}.", empty.join(", ")),
         }
     }
 }
@@ -145,7 +151,7 @@ impl fmt::Display for DataComparison {
             0 => Ok(()),
             unknown => writeln!(
                 f,
-                "    {unknown} pictures are known to one side alone, and not watched; accept the baseline again to watch them"
+                "    {unknown} pictures have a digest on one side only and are not monitored; accept the baseline again to monitor them"
             ),
         }
     }

@@ -62,7 +62,7 @@ fn families_are_mean_centres_of_decoded_gaussians() {
         let expected = [0, 1].map(|child| centre(&made.gaussians, first_child + 2 * at + child).to_array());
         let children = family.children.iter().flat_map(DVec3::to_array);
         tolerance.assert(children.collect::<Vec<f64>>(), expected.concat(), "children");
-        assert_ne!(family.children[0], family.children[1], "siblings have one anchor and places of their own");
+        assert_ne!(family.children[0], family.children[1], "siblings share an anchor but not a centre");
     }
     // A parent is decoded as it enters its block.
     let forward = network.forward(std::slice::from_ref(&subject.views), 0).unwrap();

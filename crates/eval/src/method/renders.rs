@@ -85,7 +85,7 @@ fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
     })
 }
 
-/// Rewrites `000007.png` as `000029.png`: layouts are told apart by their number of digits only.
+/// Rewrites `000007.png` as `000029.png`: layouts differ only in their number of digits.
 fn frame_as_example(file: &str) -> String {
     let (stem, extension) = file.split_once('.').unwrap_or((file, ""));
     format!("{:0>width$}.{extension}", 29, width = if stem.starts_with('0') { stem.len() } else { 1 })

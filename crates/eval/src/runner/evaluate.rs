@@ -11,6 +11,7 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
 use rayon::prelude::*;
+use thiserror::Error;
 
 use super::pictures::{self, CONTEXT, PictureSink, TRUTH};
 use super::scored::{compare, hash_of_bytes, unscored_row};
@@ -158,23 +159,14 @@ impl Evaluation<'_> {
 }
 
 /// Why a trial could not be evaluated.
+#[derive(Debug, Error)]
 enum Failure {
-    /// The method failed: the trial's rows say so.
-    Method(MethodError),
-    /// The store cannot be written: the run ends.
-    Store(EvalError),
-}
-
-impl From<MethodError> for Failure {
-    fn from(error: MethodError) -> Self {
-        Self::Method(error)
-    }
-}
-
-impl From<EvalError> for Failure {
-    fn from(error: EvalError) -> Self {
-        Self::Store(error)
-    }
+    /// The method failed, which is recorded in the trial's rows.
+    #[error(transparent)]
+    Method(#[from] MethodError),
+    /// The store cannot be written, which ends the run.
+    #[error(transparent)]
+    Store(#[from] EvalError),
 }
 
 fn panic_message(panic: &(dyn Any + Send)) -> &str {

@@ -34,8 +34,8 @@ pub struct Paired {
     pub unpaired: u64,
 }
 
-/// `a` against `b` within one store, over the targets that both have a score for, whatever preset they belong to: targets
-/// are matched by scene, entry and position. `None` where there are none.
+/// `a` against `b` within one store, over the targets that both have a score for, whatever their preset: targets are matched
+/// by scene, entry and position. `None` if there are none.
 pub fn paired(results: &Results, a: &MetricQuery, b: &MetricQuery) -> Option<Paired> {
     paired_between((results, a), (results, b))
 }

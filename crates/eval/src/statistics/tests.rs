@@ -134,12 +134,12 @@ fn missing_scores_are_counted_and_never_averaged() {
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
     let absent = summary(&made, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
-    assert_eq!((absent.mean, absent.interval, absent.uncomputed), (None, None, 7), "an absent metric is no cap");
+    assert_eq!((absent.mean, absent.interval, absent.uncomputed), (None, None, 7), "an absent metric is not capped");
     assert!(absent.not_computed.unwrap().contains("not among"));
     assert_eq!(summary(&made, &query("other"), Aggregation::SceneMeans), Summary::default());
 }
 
-/// Pictures that are the same once they are rounded: the row says why the number is not there.
+/// Pictures that are identical after rounding: the row has the reason instead of a number.
 #[test]
 fn infinite_scores_of_one_metric_count_as_the_cap() {
     let mut made = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);

@@ -75,7 +75,7 @@ impl Store {
     fn create_locked(folder: &Path, provenance: Provenance, lock: Lock) -> Result<Self, EvalError> {
         if folder.join(PROVENANCE).exists() {
             return Err(EvalError::Different {
-                what: "the places".to_owned(),
+                what: "folders".to_owned(),
                 expected: "an empty folder".to_owned(),
                 found: format!("results in {}", folder.display()),
                 advice: "; resume them, or choose another folder",

@@ -19,8 +19,12 @@ pub struct Machine {
 
 impl Machine {
     /// The current machine, with the number of threads of the caller's pool.
+    ///
+    /// # Panics
+    /// Never: no machine has 2³² threads.
+    #[expect(clippy::expect_used, reason = "no machine has 2³² threads")]
     pub fn current() -> Self {
-        let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
+        let count = |count: usize| u32::try_from(count).expect("fewer than 2³² threads");
         Self {
             processor: processor(),
             platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),

@@ -120,7 +120,7 @@ fn untimed(results: &Results, rows: &[&TimingRow]) -> String {
         return reason.clone();
     }
     if results.provenance.schema_version < FIRST_WITH_TIMINGS {
-        return "the store is of an older atsplat, whose times were taken while other trials ran: run again with --timing"
+        return "the store was written by an older atsplat, which measured times while other trials ran: run again with --timing"
             .to_owned();
     }
     "no timing pass was made: `atsplat run --timing` makes one".to_owned()

@@ -94,12 +94,16 @@ fn points_with_overlapping_intervals_are_not_ranked() {
         let steps: Vec<_> = found.prices.iter().map(|price| (price.from.as_str(), price.to.as_str())).collect();
         assert_eq!(steps, [("cheap", "better"), ("better", "best")]);
         Tolerance::F64.assert(found.prices[0].gain_interval, [0.1, 2.1], "the gain's interval");
-        assert_eq!(found.knee, None, "21.1 is no dB above the line between 20 and 24 at half of the way");
+        assert_eq!(found.knee, None, "21.1 is less than 1 dB above the line from 20 to 24");
     }
     assert_eq!(labels(&frontier_with_intervals(9.0, &samples, Direction::Higher, Axis::Seconds, 0.1)), ["cheap"]);
     let one_scene = |_: &[(usize, f64)]| Some(Contrast { value: 5.0, interval: None, scenes: 1 });
     let found = super::frontier(&samples, &one_scene, Direction::Higher, Axis::Seconds, 0.1);
-    assert_eq!((labels(&found), found.prices.len(), &found.knee), (vec!["cheap"], 0, &None), "one scene tells nothing");
+    assert_eq!(
+        (labels(&found), found.prices.len(), &found.knee),
+        (vec!["cheap"], 0, &None),
+        "one scene has no interval"
+    );
 }
 
 #[test]
@@ -217,7 +221,7 @@ fn protocols_share_a_frontier_only_on_request() {
     let found = across(&store, "psnr", Leaked::Included).unwrap();
     let standings: Vec<_> =
         found.frontiers[0].points.iter().map(|point| (point.label.as_str(), point.standing)).collect();
-    assert_eq!(standings, [("a, other", On), ("a, sampled", Unclear)], "one scene tells no interval");
+    assert_eq!(standings, [("a, other", On), ("a, sampled", Unclear)], "one scene has no interval");
     // A protocol that cannot be parsed must not silently change how its scores are averaged.
     store.provenance.presets[1].toml = store.provenance.presets[1].toml.replace("aggregation", "agregation");
     let message =

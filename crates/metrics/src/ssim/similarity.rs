@@ -133,11 +133,15 @@ impl<T, F: Fn(usize, &[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, T
 impl<F, const TAPS: usize> Band<'_, F, TAPS> {
     /// Computes the terms of a row of the padded picture.
     #[inline(always)]
+    #[expect(clippy::expect_used, reason = "the buffer has a ring for each moment")]
     fn read<S: Simd>(&self, simd: S, row: usize, terms: &mut [f64]) {
         let Shape { width, height, padding, .. } = self.shape;
         let padded = self.shape.padded();
-        let mut places = terms.chunks_exact_mut(TAPS * padded).map(|ring| &mut ring[row % TAPS * padded..][..padded]);
-        let mut slots = [(); MOMENTS].map(|()| places.next().unwrap_or_default());
+        let mut rings = terms.chunks_exact_mut(TAPS * padded);
+        let mut slots = [(); MOMENTS].map(|()| {
+            let ring = rings.next().expect("a ring for each moment");
+            &mut ring[row % TAPS * padded..][..padded]
+        });
         let inside = row >= padding && row < padding + height;
         if self.shape.border == Border::Zeros && !inside {
             for slot in slots {

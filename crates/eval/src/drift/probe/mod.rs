@@ -14,6 +14,10 @@ mod sheet;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
+
+use atsplat_pixels::{Image, ImageU8};
+use atsplat_splat::Gaussians;
 use serde::{Deserialize, Serialize};
 
 pub use attribution::{Attribution, MetricEffect, StageChange, StageVerdict, attribute};
@@ -64,34 +68,16 @@ impl Stage {
 }
 
 /// An implementation of the stages; [`Pipeline`] is the current one.
+#[expect(clippy::missing_errors_doc, reason = "every stage fails with DriftError::Stage")]
 pub trait Stages {
     /// [`Stage::Decode`].
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`], here and below.
-    fn decode(&self, bytes: &[u8]) -> Result<atsplat_pixels::ImageU8, DriftError>;
+    fn decode(&self, bytes: &[u8]) -> Result<ImageU8, DriftError>;
     /// [`Stage::Resize`].
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
     fn resize(&self, view: &View) -> Result<View, DriftError>;
     /// [`Stage::Model`].
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
-    fn model(&self, context: &[View]) -> Result<atsplat_splat::Gaussians, DriftError>;
+    fn model(&self, context: &[View]) -> Result<Gaussians, DriftError>;
     /// [`Stage::Splatter`]: renders the view of `target`, whose picture is ignored.
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
-    fn splat(&self, gaussians: &atsplat_splat::Gaussians, target: &View) -> Result<atsplat_pixels::Image, DriftError>;
+    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError>;
     /// [`Stage::Metric`]: finite scores by id.
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
-    fn score(
-        &self,
-        render: &atsplat_pixels::Image,
-        truth: &atsplat_pixels::ImageU8,
-    ) -> Result<std::collections::BTreeMap<String, f64>, DriftError>;
+    fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError>;
 }

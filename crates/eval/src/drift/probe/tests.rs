@@ -1,13 +1,11 @@
-use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{DType, StoredTensor};
 use atsplat_numeric::Tolerance;
-use atsplat_pixels::{Image, ImageU8};
 use atsplat_scene::SharedBytes;
 use atsplat_scene::preprocess::{Preprocessing, Resampling, RescaleAndCrop};
-use atsplat_splat::{Gaussians, RendererConstants};
+use atsplat_splat::RendererConstants;
 
 use super::pipeline::weights;
 use super::*;

@@ -23,7 +23,7 @@ fn a_changed_context_picture_is_named_by_scene_and_frame() {
     assert_eq!((report.verdict, report.first_stage()), (Verdict::Drifted, Some(Stage::Data)), "{report}");
     let text = report.to_string();
     for part in [
-        "pictures are others: 2, as scene scene 003, frame 2 (target)",
+        "pictures have changed: 2, such as scene scene 003, frame 2 (target)",
         "sampled: scene scene 003, frame 9 (context)",
         "The first stage that changed is the data.",
     ] {
@@ -77,7 +77,7 @@ fn pictures_without_a_digest_are_counted_as_unknown() {
     for (then, now) in [(&made, &old), (&old, &made)] {
         let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
         assert_eq!(report.data, DataComparison { compared: 3 * 3, changed: vec![], unknown: 3 }, "frame 9 of each");
-        assert!(report.to_string().contains("3 pictures are known to one side alone"), "{report}");
+        assert!(report.to_string().contains("3 pictures have a digest on one side only"), "{report}");
     }
     let mut unknown = old.clone();
     unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
@@ -150,5 +150,5 @@ fn a_stage_without_values_is_not_the_same() {
     let baseline = Baseline::new(&made, &[], acceptance("first"));
     let report = compare(&made, &baseline).with_attribution(Ok(attribution));
     assert_eq!((report.verdict, report.first_stage()), (Verdict::Nothing, None));
-    assert!(report.to_string().contains("on the probe there was nothing to compare of: metric."), "{report}");
+    assert!(report.to_string().contains("on the probe there was nothing to compare for: metric."), "{report}");
 }

@@ -140,7 +140,7 @@ fn missing_rows_are_drift_and_do_not_affect_other_numbers() {
             let [comparison] = &report.comparisons[..] else { panic!("{report}") };
             assert_eq!((report.verdict, comparison.verdict), (Verdict::Drifted, Verdict::Same), "{report}");
             assert_eq!(comparison.baseline, comparison.now, "the missing target is in neither mean");
-            assert!(report.to_string().contains("targets are missing: 1, as scene 0 0 frame 0"), "{report}");
+            assert!(report.to_string().contains("targets are missing: 1, such as scene 0 0 frame 0"), "{report}");
             // A failed row has no number either.
             let mut failed = then.clone();
             failed.targets[0].status = TargetStatus::Failed;

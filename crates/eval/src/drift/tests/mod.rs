@@ -169,7 +169,7 @@ fn reports_have_human_readable_numbers() {
     {
         assert!(report.contains(part), "{part}: {report}");
     }
-    assert!(report.contains("method m, configuration.thresholds.first: 0.05 was, 0.1 is"), "{report}");
+    assert!(report.contains("method m, configuration.thresholds.first: was 0.05, is now 0.1"), "{report}");
     assert!(!report.contains("name"), "what is the same is not listed: {report}");
 }
 
@@ -276,7 +276,7 @@ fn history_limits_are_those_of_the_previous_baseline() {
     assert_eq!(found.runs[1].verdict, Some(Verdict::Within));
     let nothing = Results { targets: Vec::new(), ..runs[1].clone() };
     let found = histories(&baseline, &nothing, &compare(&nothing, &baseline)).remove(0);
-    assert_eq!(found.runs.len(), 1, "a number that is gone has no present");
+    assert_eq!(found.runs.len(), 1, "a missing number has no current run");
 }
 
 /// Rows from the probe's own stages, their baseline on disk, and a renderer constant increased by a thousandth: the number has
