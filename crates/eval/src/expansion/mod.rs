@@ -6,7 +6,6 @@
 //!
 //! [`study`] analyses single scenes; its results are not part of a results store.
 
-mod error;
 mod families;
 mod stages;
 mod subject;
@@ -19,8 +18,8 @@ use atsplat_model::network::Network;
 use atsplat_pixels::Image;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Gaussians, RenderOptions, Rendering, View};
+use thiserror::Error;
 
-pub use error::ExpansionError;
 pub use families::{Family, SeenFamily, seen_by};
 pub use stages::Stage;
 pub use subject::{Subject, Target};
@@ -42,6 +41,40 @@ pub struct TargetStudy {
     pub stages: Vec<Stage>,
     /// Of the last block that scores its tokens; `None` if no block does.
     pub uncertainty: Option<Uncertainty>,
+}
+
+/// Why a scene cannot be analysed.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum ExpansionError {
+    /// The network rejects the views or returns non-finite numbers.
+    #[error(transparent)]
+    Model(#[from] atsplat_model::ModelError),
+    /// The renderer rejects a view.
+    #[error("rendering: {0}")]
+    Splat(#[from] atsplat_splat::SplatError),
+    /// A render and its ground truth cannot be compared.
+    #[error(transparent)]
+    Metric(#[from] atsplat_metrics::MetricError),
+    /// A picture cannot be read.
+    #[error(transparent)]
+    Protocol(#[from] atsplat_protocol::ProtocolError),
+    /// An invalid camera.
+    #[error(transparent)]
+    Camera(#[from] atsplat_camera::CameraError),
+    /// A render has the wrong number of samples.
+    #[error(transparent)]
+    Pixels(#[from] atsplat_pixels::PixelError),
+    /// A target that the trial does not have.
+    #[error("{what}: expected {expected}, found {found}")]
+    Invalid {
+        /// What was requested.
+        what: &'static str,
+        /// What was expected.
+        expected: String,
+        /// What was found.
+        found: String,
+    },
 }
 
 /// Runs a network on a scene: once in full, and once for each smaller number of expanding blocks.

@@ -42,29 +42,23 @@ pub(super) fn folder_of_method(store: &Path, preset: &str, method: &str) -> Path
     store.join("pictures").join(file_name(preset)).join(file_name(method))
 }
 
-/// [`KeepPictures`] with the store and the state that the decision needs.
+/// Decides which pictures are stored, and where.
 #[derive(Clone, Copy, Debug)]
-pub(super) enum PictureSink<'a> {
-    Nothing,
-    Worst(&'a Path, &'a WorstSoFar),
-    All(&'a Path),
+pub(super) struct PictureSink<'a> {
+    pub(super) keep: KeepPictures,
+    pub(super) store: &'a Path,
+    pub(super) worst: &'a WorstSoFar,
 }
 
 impl<'a> PictureSink<'a> {
     /// The store, if it keeps all pictures.
-    pub(super) const fn all(self) -> Option<&'a Path> {
-        match self {
-            Self::All(store) => Some(store),
-            Self::Nothing | Self::Worst(..) => None,
-        }
+    pub(super) fn all(self) -> Option<&'a Path> {
+        (self.keep == KeepPictures::All).then_some(self.store)
     }
 
     /// The store, if it keeps the worst trials' pictures and a trial with these rows is among them so far.
     pub(super) fn worst(self, key: &TrialKey, rows: &[TargetRow]) -> Option<&'a Path> {
-        match self {
-            Self::Worst(store, worst) if worst.admits(key, rows) => Some(store),
-            Self::Nothing | Self::Worst(..) | Self::All(_) => None,
-        }
+        (self.keep == KeepPictures::Worst && self.worst.admits(key, rows)).then_some(self.store)
     }
 }
 

@@ -19,11 +19,7 @@ pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Resul
     let mut summary = Summary::default();
     let worst = WorstSoFar::default();
     let folder = store.folder().to_owned();
-    let pictures = match plan.pictures {
-        KeepPictures::Nothing => PictureSink::Nothing,
-        KeepPictures::Worst => PictureSink::Worst(&folder, &worst),
-        KeepPictures::All => PictureSink::All(&folder),
-    };
+    let pictures = PictureSink { keep: plan.pictures, store: &folder, worst: &worst };
     let evaluating = timing::evaluating();
     for dataset in plan.datasets {
         let Selected { index, missing } = plan.selected(dataset);

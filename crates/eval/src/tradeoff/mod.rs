@@ -6,15 +6,13 @@
 mod frontier;
 mod knobs;
 mod parts;
-mod price;
 mod sample;
 mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Sample, Standing, frontier};
+pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Price, Sample, Standing, frontier};
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, Swept, parts};
-pub use price::Price;
 pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

@@ -14,8 +14,7 @@ fn constant(metric: &str, score: f64, basis: Basis) -> Results {
     let rows: Vec<_> = names.iter().map(|name| (name.as_str(), 0, vec![score; 3])).collect();
     let mut made = results("m", metric, &rows);
     made.targets.iter_mut().for_each(|row| row.render_hash = None);
-    let deterministic = basis != Basis::Interval;
-    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
+    add_method(&mut made, basis != Basis::Interval);
     made
 }
 

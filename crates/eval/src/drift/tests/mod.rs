@@ -13,6 +13,11 @@ fn acceptance(reason: &str) -> Acceptance {
     Acceptance { date: date(0), reason: reason.to_owned(), atsplat: "0.1.0".to_owned(), commit: None }
 }
 
+/// Adds the record of the method `m`.
+fn add_method(results: &mut Results, deterministic: bool) {
+    results.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
+}
+
 /// Three targets per scene with fixed scores plus seeded noise.
 fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
     let mut random = SplitMix64::new(seed);
@@ -25,7 +30,7 @@ fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
         row.scores.values_mut().for_each(|score| *score += noise * unit());
         row.render_hash = row.scores.values().next().map(ToString::to_string);
     }
-    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
+    add_method(&mut made, deterministic);
     let preset = PresetRecord { name: PRESET.to_owned(), hash: "a".to_owned(), ..PresetRecord::default() };
     made.provenance.presets.push(preset);
     made.provenance.processor = "this one".to_owned();
@@ -290,11 +295,7 @@ fn a_changed_number_is_traced_to_its_stage() {
     let rows = |pipeline: &Pipeline| {
         let outputs = run(pipeline, &inputs).unwrap();
         let mut made = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
-        made.provenance.methods.push(MethodRecord {
-            name: "m".to_owned(),
-            deterministic: true,
-            ..MethodRecord::default()
-        });
+        add_method(&mut made, true);
         (made, outputs)
     };
     let (made, outputs) = rows(&pipeline);

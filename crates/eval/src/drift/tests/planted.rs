@@ -75,7 +75,7 @@ fn rows(outputs: &Outputs) -> Results {
     let [first, second, target] = &digests[..] else { panic!("two context views and a target") };
     (made.trials[0].context, made.trials[0].context_hashes) = (vec![4, 9], vec![first.clone(), second.clone()]);
     (made.targets[0].frame, made.targets[0].truth_hash) = (6, Some(target.clone()));
-    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic: true, ..MethodRecord::default() });
+    add_method(&mut made, true);
     made
 }
 
