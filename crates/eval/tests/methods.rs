@@ -111,7 +111,7 @@ fn the_warp_weighs_views_by_their_inverse_squared_distance() {
         let expected = [0, 1, 2].map(share);
         let close = Tolerance::F32_ROUND_TRIP;
         let same = |pixel: &&[f32; 3]| {
-            pixel.iter().zip(expected).all(|(&found, wanted)| close.accepts(f64::from(found), wanted))
+            pixel.iter().zip(expected).all(|(&found, expected)| close.accepts(f64::from(found), expected))
         };
         let both = render.samples().as_chunks::<3>().0.iter().filter(same).count();
         let pixels = (SIZE.width * SIZE.height) as usize;

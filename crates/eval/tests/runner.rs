@@ -210,11 +210,11 @@ fn requested_pictures_are_kept() {
         let folder = tempfile::tempdir().unwrap();
         let run = Run { pictures: keep, ..settings(Walls::new(12, 8), vec![Arc::new(Warp)]) };
         let (results, _) = run.run(folder.path()).unwrap();
-        let kept = |method: &str, frame| {
+        let stored = |method: &str, frame| {
             (0..12).filter(|scene| picture_path(folder.path(), &key(method, *scene), frame).is_file()).count()
         };
         assert_eq!(
-            [kept("warp", 1), kept("truth", 6), kept("context", 0), kept("context", 1)],
+            [stored("warp", 1), stored("truth", 6), stored("context", 0), stored("context", 1)],
             [scenes, scenes, scenes, 0]
         );
         let (mut worst, mut others) = (Vec::new(), Vec::new());

@@ -133,22 +133,23 @@ fn shipped_sweeps_expand() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 1, 4, 6], &[2])])];
     let trained = Swept { weights: WeightsOf::File { sha256: "00".to_owned() }, ..swept() };
-    let mut turned = Vec::new();
+    let mut used_knobs = Vec::new();
     for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {
         if file.extension().is_some_and(|extension| extension == "toml") {
             let sweep = Sweep::from_toml(&std::fs::read_to_string(&file).unwrap()).unwrap();
-            let made = parts(&sweep, &trained, &datasets).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-            assert_eq!(made.iter().map(|part| part.methods.len()).sum::<usize>(), sweep.settings.len());
+            let expanded =
+                parts(&sweep, &trained, &datasets).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+            assert_eq!(expanded.iter().map(|part| part.methods.len()).sum::<usize>(), sweep.settings.len());
             for Setting { knobs, .. } in &sweep.settings {
-                turned.extend(knobs.gaussians_per_token.map(|_| "Gaussians per token"));
-                turned.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
-                turned.extend(knobs.views.map(|_| "views"));
-                turned.extend(knobs.resolution.map(|_| "size"));
-                turned.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
+                used_knobs.extend(knobs.gaussians_per_token.map(|_| "Gaussians per token"));
+                used_knobs.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
+                used_knobs.extend(knobs.views.map(|_| "views"));
+                used_knobs.extend(knobs.resolution.map(|_| "size"));
+                used_knobs.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
             }
         }
     }
-    turned.sort_unstable();
-    turned.dedup();
-    assert_eq!(turned, ["Gaussians per token", "renderer", "size", "thresholds", "views"]);
+    used_knobs.sort_unstable();
+    used_knobs.dedup();
+    assert_eq!(used_knobs, ["Gaussians per token", "renderer", "size", "thresholds", "views"]);
 }

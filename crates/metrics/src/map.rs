@@ -99,10 +99,10 @@ impl Ramp {
         match self {
             Self::Grey => [narrow; 3],
             Self::Viridis => {
-                let place = narrow * 8.0;
-                let below = (1..=7u8).filter(|&point| f32::from(point) <= place).count();
+                let position = narrow * 8.0;
+                let below = (1..=7u8).filter(|&point| f32::from(point) <= position).count();
                 let (a, b) = (VIRIDIS[below], VIRIDIS[below + 1]);
-                let part = place - below as f32;
+                let part = position - below as f32;
                 std::array::from_fn(|channel| a[channel] + (b[channel] - a[channel]) * part)
             }
         }

@@ -29,8 +29,8 @@ impl NonFinite {
             counted.render += u64::from(broken(render));
             counted.truth += u64::from(broken(truth));
             if counted.first.is_none() && counted.total() > 0 {
-                let place = [sample / 3 % width, sample / 3 / width, sample % 3];
-                counted.first = Some(place.map(|part| u32::try_from(part).expect("sides of pictures are u32")));
+                let position = [sample / 3 % width, sample / 3 / width, sample % 3];
+                counted.first = Some(position.map(|part| u32::try_from(part).expect("sides of pictures are u32")));
             }
         }
         counted

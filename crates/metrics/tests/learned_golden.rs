@@ -105,7 +105,7 @@ fn distances_are_independent_of_threads_masks_and_caches() {
 
     let cache = FeatureCache::new(perceptual.features(&a).unwrap().bytes() * 2);
     let first = cache.features(&perceptual, &a).unwrap();
-    assert!(Arc::ptr_eq(&first, &cache.features(&perceptual, &a).unwrap()), "kept");
+    assert!(Arc::ptr_eq(&first, &cache.features(&perceptual, &a).unwrap()), "cached");
     for picture in [&b, &seeded(71, 64, 3)] {
         cache.features(&perceptual, picture).unwrap();
     }

@@ -106,14 +106,14 @@ proptest! {
         }
         let damaged = Image::new(width, height, samples).unwrap();
         let first = u32::try_from(broken[0]).unwrap();
-        let place = Some([first / 3 % width, first / 3 / width, first % 3]);
+        let position = Some([first / 3 % width, first / 3 / width, first % 3]);
         let number = broken.len() as u64;
         let counted = |outcome: Result<Pair<'_>, MetricError>| match outcome {
             Err(MetricError::NonFinite(counted)) => Some(counted),
             _ => None,
         };
-        prop_assert_eq!(counted(Pair::new(&damaged, &clean)), Some(NonFinite { render: number, truth: 0, first: place }));
-        prop_assert_eq!(counted(Pair::new(&clean, &damaged)), Some(NonFinite { render: 0, truth: number, first: place }));
+        prop_assert_eq!(counted(Pair::new(&damaged, &clean)), Some(NonFinite { render: number, truth: 0, first: position }));
+        prop_assert_eq!(counted(Pair::new(&clean, &damaged)), Some(NonFinite { render: 0, truth: number, first: position }));
     }
 }
 

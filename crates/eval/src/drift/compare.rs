@@ -101,12 +101,12 @@ impl Rows {
         let mut rows: BTreeMap<(String, String), Group> = BTreeMap::new();
         let group = |key: &TrialKey| (key.preset.clone(), key.method.clone());
         for trial in trials {
-            let place = (trial.key.scene.clone(), trial.key.entry);
-            rows.entry(group(&trial.key)).or_default().trials.insert(place, trial);
+            let id = (trial.key.scene.clone(), trial.key.entry);
+            rows.entry(group(&trial.key)).or_default().trials.insert(id, trial);
         }
         for target in targets {
-            let place = (target.key.scene.clone(), target.key.entry, target.target);
-            rows.entry(group(&target.key)).or_default().targets.insert(place, target);
+            let id = (target.key.scene.clone(), target.key.entry, target.target);
+            rows.entry(group(&target.key)).or_default().targets.insert(id, target);
         }
         Self(rows)
     }
@@ -121,21 +121,19 @@ impl Group {
         let mut add = |kind, example: &dyn Fn() -> String| {
             changes.entry(kind).or_insert_with(|| (0, example())).0 += 1;
         };
-        for (place, then) in &self.trials {
-            let Some(now) = now.trials.get(place) else { continue };
+        for (id, then) in &self.trials {
+            let Some(now) = now.trials.get(id) else { continue };
             if then.trial_hash != now.trial_hash {
-                add(FindingKind::Trial, &|| format!("{} {}", place.0, place.1));
+                add(FindingKind::Trial, &|| format!("{} {}", id.0, id.1));
             }
             if (then.final_tokens, then.gaussians) != (now.final_tokens, now.gaussians) {
                 let counts = |trial: &BaselineTrial| trial.gaussians.map_or("none".to_owned(), |n| n.to_string());
-                add(FindingKind::Count, &|| {
-                    format!("{} {}: was {}, is now {}", place.0, place.1, counts(then), counts(now))
-                });
+                add(FindingKind::Count, &|| format!("{} {}: was {}, is now {}", id.0, id.1, counts(then), counts(now)));
             }
         }
-        for (place, then) in &self.targets {
-            let location = || format!("{} {} frame {}", place.0, place.1, then.frame);
-            let Some(now) = now.targets.get(place) else {
+        for (id, then) in &self.targets {
+            let location = || format!("{} {} frame {}", id.0, id.1, then.frame);
+            let Some(now) = now.targets.get(id) else {
                 add(FindingKind::Missing, &location);
                 continue;
             };
@@ -154,8 +152,8 @@ impl Group {
                 add(FindingKind::NewScore, &|| format!("{}: {id}", location()));
             }
         }
-        for (place, row) in now.targets.iter().filter(|(place, _)| !self.targets.contains_key(*place)) {
-            add(FindingKind::New, &|| format!("{} {} frame {}", place.0, place.1, row.frame));
+        for (id, row) in now.targets.iter().filter(|(id, _)| !self.targets.contains_key(*id)) {
+            add(FindingKind::New, &|| format!("{} {} frame {}", id.0, id.1, row.frame));
         }
         let finding = |(kind, (count, example))| {
             let verdict = match kind {
@@ -172,9 +170,9 @@ impl Group {
     fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, limit: f64) -> Comparison {
         let (preset, method, metric) = of;
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
-        let both = self.targets.iter().filter_map(|(place, then)| {
-            let now = now.targets.get(place).and_then(score)?;
-            Some(Both { place, frame: then.frame, then: score(then)?, now })
+        let both = self.targets.iter().filter_map(|(id, then)| {
+            let now = now.targets.get(id).and_then(score)?;
+            Some(Both { id, frame: then.frame, then: score(then)?, now })
         });
         let both: Vec<Both> = both.collect();
         let then: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.then)).collect();
@@ -209,7 +207,7 @@ impl Group {
             paired,
             changed,
             largest: largest.0,
-            largest_at: largest.1.map(|both| format!("{} {} frame {}", both.place.0, both.place.1, both.frame)),
+            largest_at: largest.1.map(|both| format!("{} {} frame {}", both.id.0, both.id.1, both.frame)),
             limit: (basis != Basis::Exact).then_some(limit),
         }
     }
@@ -217,7 +215,7 @@ impl Group {
 
 /// A target with a score in both runs.
 struct Both<'a> {
-    place: &'a (String, u32, u32),
+    id: &'a (String, u32, u32),
     frame: u64,
     then: f64,
     now: f64,
@@ -226,9 +224,9 @@ struct Both<'a> {
 impl Both<'_> {
     fn selected(&self, value: f64) -> SelectedTarget<'_> {
         SelectedTarget {
-            scene: &self.place.0,
-            entry: self.place.1,
-            target: self.place.2,
+            scene: &self.id.0,
+            entry: self.id.1,
+            target: self.id.2,
             distance: None,
             overlap: None,
             outcome: Outcome::Score { value, identical: false },

@@ -82,28 +82,28 @@ impl DataComparison {
 /// Compares the pictures of common scenes.
 #[expect(clippy::expect_used, reason = "digests and roles come from the same rows")]
 pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataComparison {
-    let then = by_place(&baseline.pictures);
+    let then = by_id(&baseline.pictures);
     let listed = pictures_of(results);
-    let now = by_place(&listed);
+    let now = by_id(&listed);
     let roles = roles_of(results);
     let scenes = |keys: &mut dyn Iterator<Item = &TrialKey>| -> BTreeSet<(String, String)> {
         keys.map(|key| (key.preset.clone(), key.scene.clone())).collect()
     };
     let known = scenes(&mut baseline.trials.iter().map(|trial| &trial.key));
     let present = scenes(&mut results.trials.iter().map(|trial| &trial.key));
-    let shared = |(preset, scene, _): &&Place| {
+    let shared = |(preset, scene, _): &&PictureId| {
         let scene = (preset.clone(), scene.clone());
         known.contains(&scene) && present.contains(&scene)
     };
-    let places: BTreeSet<&Place> = then.keys().chain(now.keys()).collect();
+    let ids: BTreeSet<&PictureId> = then.keys().chain(now.keys()).collect();
     let mut found = DataComparison::default();
-    for place in places.into_iter().filter(shared) {
-        match (then.get(place), now.get(place)) {
+    for id in ids.into_iter().filter(shared) {
+        match (then.get(id), now.get(id)) {
             (Some(then), Some(now)) => {
                 found.compared += 1;
                 if then != now {
-                    let (preset, scene, frame) = place.clone();
-                    let roles = roles.get(place).cloned().expect("every picture of the results has a role");
+                    let (preset, scene, frame) = id.clone();
+                    let roles = roles.get(id).cloned().expect("every picture of the results has a role");
                     found.changed.push(ChangedPicture { preset, scene, frame, roles });
                 }
             }
@@ -128,7 +128,7 @@ pub(super) fn pictures_of_targets(targets: &[BaselineTarget]) -> Vec<PictureDige
     unique(targets.iter().filter_map(|row| Some(digest(&row.key, row.frame, row.truth_hash.as_ref()?))))
 }
 
-type Place = (String, String, u64);
+type PictureId = (String, String, u64);
 
 fn digest(key: &TrialKey, frame: u64, sha256: &str) -> PictureDigest {
     PictureDigest { preset: key.preset.clone(), scene: key.scene.clone(), frame, sha256: sha256.to_owned() }
@@ -139,16 +139,16 @@ fn unique(pictures: impl Iterator<Item = PictureDigest>) -> Vec<PictureDigest> {
 }
 
 /// Digests by preset, scene and frame. Several digests mean that methods saw different pictures, which counts as a change.
-fn by_place(pictures: &[PictureDigest]) -> BTreeMap<Place, BTreeSet<&str>> {
-    let mut places: BTreeMap<Place, BTreeSet<&str>> = BTreeMap::new();
+fn by_id(pictures: &[PictureDigest]) -> BTreeMap<PictureId, BTreeSet<&str>> {
+    let mut ids: BTreeMap<PictureId, BTreeSet<&str>> = BTreeMap::new();
     for PictureDigest { preset, scene, frame, sha256 } in pictures {
-        places.entry((preset.clone(), scene.clone(), *frame)).or_default().insert(sha256);
+        ids.entry((preset.clone(), scene.clone(), *frame)).or_default().insert(sha256);
     }
-    places
+    ids
 }
 
-fn roles_of(results: &Results) -> BTreeMap<Place, BTreeSet<PictureRole>> {
-    let mut roles: BTreeMap<Place, BTreeSet<PictureRole>> = BTreeMap::new();
+fn roles_of(results: &Results) -> BTreeMap<PictureId, BTreeSet<PictureRole>> {
+    let mut roles: BTreeMap<PictureId, BTreeSet<PictureRole>> = BTreeMap::new();
     let mut add = |key: &TrialKey, frame: u64, role| {
         roles.entry((key.preset.clone(), key.scene.clone(), frame)).or_default().insert(role);
     };

@@ -46,10 +46,10 @@ fn families_are_mean_centres_of_decoded_gaussians() {
     let (network, subject) = (network(&nano()), subject(&[]));
     let found = study(&network, &subject).unwrap();
     assert!(found.targets.is_empty());
-    let made = network.reconstruct(&subject.views, 0).unwrap();
+    let reconstruction = network.reconstruct(&subject.views, 0).unwrap();
     let by_block = |block: usize| found.families.iter().filter(move |family| family.block == block);
     let counts: Vec<usize> = (1..=4).map(|block| by_block(block).count()).collect();
-    assert_eq!(counts, made.budget.expanded);
+    assert_eq!(counts, reconstruction.budget.expanded);
 
     // The last block's children are final tokens, whose Gaussians have these mean centres.
     let centre = |gaussians: &Gaussians, token: usize| {
@@ -57,9 +57,9 @@ fn families_are_mean_centres_of_decoded_gaussians() {
         own.fold(DVec3::ZERO, |sum, (_, mean)| sum + DVec3::from(mean.map(f64::from)) / 16.0)
     };
     let tolerance = Tolerance::relative(1e-9);
-    let first_child = made.budget.final_tokens - 2 * made.budget.expanded[3];
+    let first_child = reconstruction.budget.final_tokens - 2 * reconstruction.budget.expanded[3];
     for (at, family) in by_block(4).enumerate() {
-        let expected = [0, 1].map(|child| centre(&made.gaussians, first_child + 2 * at + child).to_array());
+        let expected = [0, 1].map(|child| centre(&reconstruction.gaussians, first_child + 2 * at + child).to_array());
         let children = family.children.iter().flat_map(DVec3::to_array);
         tolerance.assert(children.collect::<Vec<f64>>(), expected.concat(), "children");
         assert_ne!(family.children[0], family.children[1], "siblings share an anchor but not a centre");
@@ -67,9 +67,9 @@ fn families_are_mean_centres_of_decoded_gaussians() {
     // A parent is decoded as it enters its block.
     let forward = network.forward(std::slice::from_ref(&subject.views), 0).unwrap();
     let entering = network.gaussians(&forward.blocks[0].tokens).scene(0).unwrap();
-    for (family, &token) in by_block(2).zip(&made.blocks[1].selected) {
+    for (family, &token) in by_block(2).zip(&reconstruction.blocks[1].selected) {
         tolerance.assert(family.parent.to_array(), centre(&entering, token).to_array(), "parent");
-        assert_eq!(family.score, made.blocks[1].scores.as_ref().map(|scores| scores[token]));
+        assert_eq!(family.score, reconstruction.blocks[1].scores.as_ref().map(|scores| scores[token]));
     }
 }
 
@@ -101,7 +101,7 @@ fn the_last_stage_is_the_full_render() {
     let (config, subject) = (nano(), subject(&[0, 1]));
     let network = network(&config);
     let found = study(&network, &subject).unwrap();
-    let made = network.reconstruct(&subject.views, 0).unwrap();
+    let reconstruction = network.reconstruct(&subject.views, 0).unwrap();
     for (target, own) in subject.targets.iter().zip(&found.targets) {
         let blocks: Vec<&[usize]> = own.stages.iter().map(|stage| stage.blocks.as_slice()).collect();
         assert_eq!(blocks, [&[][..], &[2], &[2, 3], &[2, 3, 4]]);
@@ -110,7 +110,7 @@ fn the_last_stage_is_the_full_render() {
             assert_eq!(stage.gaussians, range.fixed().unwrap().gaussians);
             assert!(stage.psnr.is_finite());
         }
-        let whole = CpuRenderer::default().render(&made.gaussians, &target.view, &subject.options).unwrap();
+        let whole = CpuRenderer::default().render(&reconstruction.gaussians, &target.view, &subject.options).unwrap();
         assert_eq!(own.stages[3].image.samples(), whole.rgb.as_flattened());
         assert_ne!(own.stages[0].image.samples(), whole.rgb.as_flattened());
     }

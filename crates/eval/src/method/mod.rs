@@ -164,8 +164,8 @@ fn render_each(
 /// store keeps its pictures.
 pub(crate) fn names_of(trial: &Trial) -> Vec<String> {
     let (scene, entry) = (trial.scene(), trial.entry_number());
-    let bare = (entry == 0).then(|| scene.to_owned());
-    let mut names: Vec<String> = bare.into_iter().chain([format!("{scene}-{entry}")]).collect();
+    let without_entry = (entry == 0).then(|| scene.to_owned());
+    let mut names: Vec<String> = without_entry.into_iter().chain([format!("{scene}-{entry}")]).collect();
     let stored = format!("{}-{entry}", file_name(scene));
     if !names.contains(&stored) {
         names.push(stored);

@@ -70,9 +70,9 @@ impl Backend {
 fn with_spare<T>(spare: &Mutex<Vec<CpuRenderer>>, work: impl FnOnce(&mut CpuRenderer) -> T) -> T {
     let taken = spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
     let mut renderer = taken.unwrap_or_default();
-    let made = work(&mut renderer);
+    let result = work(&mut renderer);
     spare.lock().unwrap_or_else(PoisonError::into_inner).push(renderer);
-    made
+    result
 }
 
 impl Default for Splatting {

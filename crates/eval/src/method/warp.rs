@@ -189,8 +189,8 @@ fn sample(picture: &ImageU8, position: DVec2) -> DVec3 {
 /// The pixel whose centre is at or before a position, and the weight of the next one.
 fn between(position: f64, pixels: u32) -> [f64; 2] {
     let last = f64::from(pixels) - 1.0;
-    let place = (position * f64::from(pixels) - 0.5).clamp(0.0, last);
-    [place.floor(), place - place.floor()]
+    let position = (position * f64::from(pixels) - 0.5).clamp(0.0, last);
+    [position.floor(), position - position.floor()]
 }
 
 fn pixel_centre(column: u32, row: u32, size: ImageSize) -> DVec2 {
@@ -198,9 +198,9 @@ fn pixel_centre(column: u32, row: u32, size: ImageSize) -> DVec2 {
     DVec2::new(share(column, size.width), share(row, size.height))
 }
 
-fn largest_distance(places: impl IntoIterator<Item = DVec3>) -> f64 {
-    let places: Vec<DVec3> = places.into_iter().collect();
-    let pairs = places.iter().flat_map(|a| places.iter().map(|b| a.distance(*b)));
+fn largest_distance(positions: impl IntoIterator<Item = DVec3>) -> f64 {
+    let positions: Vec<DVec3> = positions.into_iter().collect();
+    let pairs = positions.iter().flat_map(|a| positions.iter().map(|b| a.distance(*b)));
     pairs.fold(0.0, |largest, distance| if distance > largest { distance } else { largest })
 }
 

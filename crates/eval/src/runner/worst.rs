@@ -22,11 +22,11 @@ impl WorstSoFar {
         let Some(mean) = mean_psnr(rows) else { return false };
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let lowest = all.entry((key.preset.clone(), key.method.clone())).or_default();
-        let place = lowest.partition_point(|known| known.total_cmp(&mean).is_lt());
-        if place >= WORST {
+        let position = lowest.partition_point(|known| known.total_cmp(&mean).is_lt());
+        if position >= WORST {
             return false;
         }
-        lowest.insert(place, mean);
+        lowest.insert(position, mean);
         lowest.truncate(WORST);
         true
     }

@@ -42,7 +42,7 @@ pub(crate) fn contrast(terms: &[(&[SelectedTarget<'_>], f64)], aggregation: Aggr
     let mut sums = Vec::new();
     for target in *first {
         let others = others.iter().map(|(selected, weight)| {
-            let at = selected.binary_search_by(|other| other.place().cmp(&target.place())).ok()?;
+            let at = selected.binary_search_by(|other| other.id().cmp(&target.id())).ok()?;
             Some(weight * selected.get(at)?.score()?)
         });
         let terms = std::iter::once(target.score().map(|score| weight * score)).chain(others);

@@ -71,15 +71,15 @@ pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction:
 }
 
 /// `a − b` of the targets that both have a score for, and the number of targets that only one has; both lists are ordered by
-/// [`SelectedTarget::place`].
+/// [`SelectedTarget::id`].
 fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> (Vec<SelectedTarget<'a>>, u64) {
     let mut others = b.iter().filter_map(|other| Some((other, other.score()?))).peekable();
     let (mut differences, mut unpaired) = (Vec::new(), 0);
     for (one, value) in a.iter().filter_map(|one| Some((one, one.score()?))) {
-        while others.next_if(|(other, _)| other.place() < one.place()).is_some() {
+        while others.next_if(|(other, _)| other.id() < one.id()).is_some() {
             unpaired += 1;
         }
-        match others.next_if(|(other, _)| other.place() == one.place()) {
+        match others.next_if(|(other, _)| other.id() == one.id()) {
             Some((_, other)) => {
                 let outcome = Outcome::Score { value: value - other, identical: false };
                 differences.push(SelectedTarget { outcome, ..*one });

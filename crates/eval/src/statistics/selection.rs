@@ -32,7 +32,7 @@ pub(crate) enum Outcome<'a> {
 
 impl SelectedTarget<'_> {
     /// Identity within a preset and method; also the order of every sum.
-    pub(crate) fn place(&self) -> (&str, u32, u32) {
+    pub(crate) fn id(&self) -> (&str, u32, u32) {
         (self.scene, self.entry, self.target)
     }
 
@@ -64,11 +64,11 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
     let mut selected: Vec<SelectedTarget<'a>> = rows().filter(counts).map(of_row).collect();
     let seen: BTreeSet<(&str, u32)> = rows().map(|row| (row.key.scene.as_str(), row.key.entry)).collect();
     for trial in results.trials.iter().filter(|trial| trial.key.preset == preset && trial.key.method == method) {
-        let place = (trial.key.scene.as_str(), trial.key.entry);
-        if trial.status == TrialStatus::Failed && !seen.contains(&place) {
+        let id = (trial.key.scene.as_str(), trial.key.entry);
+        if trial.status == TrialStatus::Failed && !seen.contains(&id) {
             selected.extend((0..trial.targets).map(|target| SelectedTarget {
-                scene: place.0,
-                entry: place.1,
+                scene: id.0,
+                entry: id.1,
                 target,
                 distance: None,
                 overlap: trial.overlap,
@@ -76,7 +76,7 @@ pub(crate) fn select<'a>(results: &'a Results, query: &MetricQuery<'a>) -> Vec<S
             }));
         }
     }
-    selected.sort_by(|a, b| a.place().cmp(&b.place()));
+    selected.sort_by(|a, b| a.id().cmp(&b.id()));
     selected
 }
 

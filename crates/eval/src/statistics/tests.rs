@@ -69,18 +69,18 @@ fn published_averages_follow_from_published_bins() {
     ];
     let bins = OverlapBins::noposplat(BinRule::Published);
     for (method, means, average) in table {
-        let mut made = Results::default();
+        let mut store = Results::default();
         for ((mean, overlap), count) in means.into_iter().zip([0.2, 0.4, 0.7]).zip([1403, 2568, 1630]) {
             for scene in 0..count {
                 let scene = format!("{overlap} {scene:04}");
                 let rows = [mean - 1.5, mean, mean + 1.5].into_iter().zip(0..);
-                made.targets.extend(rows.map(|(score, at)| crate::TargetRow {
+                store.targets.extend(rows.map(|(score, at)| crate::TargetRow {
                     overlap: Some(overlap),
                     ..target(method, &scene, 0, at, "psnr", score)
                 }));
             }
         }
-        let binned = by_overlap(&made, &query(method), &bins);
+        let binned = by_overlap(&store, &query(method), &bins);
         let found = binned.average.mean.unwrap();
         Tolerance::absolute(0.005).assert([found], [average], method);
         let of_bins = binned.bins.iter().map(|(_, summary)| summary.mean.unwrap());
@@ -113,9 +113,9 @@ fn scene_means_and_picture_means_differ() {
 
 #[test]
 fn missing_scores_are_counted_and_never_averaged() {
-    let mut made =
+    let mut store =
         psnr(&[("a", 0, vec![20.0, f64::NAN, 22.0]), ("b", 0, vec![f64::INFINITY, 30.0]), ("c", 0, vec![0.0; 4])]);
-    for (row, status) in made.targets.iter_mut().skip(5).zip([
+    for (row, status) in store.targets.iter_mut().skip(5).zip([
         TargetStatus::Identical,
         TargetStatus::NonFinite,
         TargetStatus::Failed,
@@ -124,65 +124,65 @@ fn missing_scores_are_counted_and_never_averaged() {
         row.status = status;
         row.scores.clear();
     }
-    made.targets[8].not_computed.insert("psnr".to_owned(), "too small".to_owned());
+    store.targets[8].not_computed.insert("psnr".to_owned(), "too small".to_owned());
     let mut lost = trial("m", "d", 0, 7);
     lost.status = TrialStatus::Failed;
-    made.trials.push(lost);
-    let found = summary(&made, &query("m"), Aggregation::SceneMeans);
+    store.trials.push(lost);
+    let found = summary(&store, &query("m"), Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [(21.0 + 30.0 + DECIBEL_CAP) / 3.0], "mean");
     assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
-    let absent = summary(&made, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
+    let absent = summary(&store, &MetricQuery { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
     assert_eq!((absent.mean, absent.interval, absent.uncomputed), (None, None, 7), "an absent metric is not capped");
     assert!(absent.not_computed.unwrap().contains("not among"));
-    assert_eq!(summary(&made, &query("other"), Aggregation::SceneMeans), Summary::default());
+    assert_eq!(summary(&store, &query("other"), Aggregation::SceneMeans), Summary::default());
 }
 
 /// Pictures that are identical after rounding: the row has the reason instead of a number.
 #[test]
 fn infinite_scores_of_one_metric_count_as_the_cap() {
-    let mut made = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
-    made.targets[1].scores.clear();
-    made.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
+    let mut store = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
+    store.targets[1].scores.clear();
+    store.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
     let of = MetricQuery { metric: "psnr-8bit-truncated", ..query("m") };
-    let found = summary(&made, &of, Aggregation::SceneMeans);
+    let found = summary(&store, &of, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [f64::midpoint(20.0, DECIBEL_CAP)], "mean");
     assert_eq!((found.identical, found.uncomputed), (1, 0));
 }
 
 #[test]
 fn leaked_targets_can_be_excluded() {
-    let mut made = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
-    made.targets[1].leaked = true;
-    made.targets[2].leaked = true;
+    let mut store = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
+    store.targets[1].leaked = true;
+    store.targets[2].leaked = true;
     let clean = MetricQuery { leaked: Leaked::Excluded, ..query("m") };
-    Tolerance::F64.assert(summary(&made, &query("m"), Aggregation::SceneMeans).mean, [72.5], "with");
-    let without = summary(&made, &clean, Aggregation::SceneMeans);
+    Tolerance::F64.assert(summary(&store, &query("m"), Aggregation::SceneMeans).mean, [72.5], "with");
+    let without = summary(&store, &clean, Aggregation::SceneMeans);
     Tolerance::F64.assert(without.mean, [20.0], "without");
     assert_eq!((without.scenes, without.targets, without.interval), (1, 1, None));
 }
 
 #[test]
 fn pairs_match_targets_and_respect_the_metrics_direction() {
-    let mut made = results(
+    let mut store = results(
         "a",
         "lpips",
         &[("x", 0, vec![0.1, 0.2]), ("y", 0, vec![0.4]), ("z", 0, vec![0.3]), ("w", 1, vec![9.0])],
     );
     let b = results("b", "lpips", &[("x", 0, vec![0.2, 0.2]), ("y", 0, vec![0.3]), ("z", 0, vec![0.3, 0.9])]);
-    made.trials.extend(b.trials.clone());
-    made.targets.extend(b.targets.clone());
+    store.trials.extend(b.trials.clone());
+    store.targets.extend(b.targets.clone());
     let of = |method| MetricQuery { metric: "lpips", ..query(method) };
-    let found = paired(&made, &of("a"), &of("b")).unwrap();
+    let found = paired(&store, &of("a"), &of("b")).unwrap();
     Tolerance::F64.assert([found.difference], [(-0.05 + 0.1 + 0.0) / 3.0], "difference");
     assert_eq!((found.wins, found.ties, found.losses, found.scenes), (1, 1, 1, 3));
     assert_eq!((found.targets, found.unpaired), (4, 2));
     Tolerance::EXACT.assert([found.sign_test], [1.0], "sign test");
-    let swapped = paired(&made, &of("b"), &of("a")).unwrap();
+    let swapped = paired(&store, &of("b"), &of("a")).unwrap();
     Tolerance::EXACT.assert([swapped.difference], [-found.difference], "swapped");
-    assert_eq!(paired_between((&made, &of("a")), (&b, &of("b"))), Some(found));
-    assert_eq!(paired(&made, &of("a"), &of("unknown")), None);
+    assert_eq!(paired_between((&store, &of("a")), (&b, &of("b"))), Some(found));
+    assert_eq!(paired(&store, &of("a"), &of("unknown")), None);
 }
 
 /// Three scenes of four with more of the metric, one with less: three wins where higher is better, one where lower is.
@@ -215,11 +215,11 @@ fn wins_follow_the_metrics_direction() {
 
 #[test]
 fn distances_are_means_over_scenes() {
-    let mut made = psnr(&[("a", 0, vec![20.0, 22.0, 10.0]), ("b", 0, vec![30.0])]);
-    for (row, distance) in made.targets.iter_mut().zip([-1, -1, 2, -1]) {
+    let mut store = psnr(&[("a", 0, vec![20.0, 22.0, 10.0]), ("b", 0, vec![30.0])]);
+    for (row, distance) in store.targets.iter_mut().zip([-1, -1, 2, -1]) {
         row.signed_distance = distance;
     }
-    let found = by_distance(&made, &query("m"));
+    let found = by_distance(&store, &query("m"));
     assert_eq!(found.iter().map(|(d, s)| (*d, s.scenes, s.targets)).collect::<Vec<_>>(), [(-1, 2, 3), (2, 1, 1)]);
     Tolerance::F64.assert(found.iter().filter_map(|(_, s)| s.mean), [25.5, 10.0], "means");
 }
@@ -238,18 +238,18 @@ fn worst_scenes_follow_the_metrics_direction() {
 
 #[test]
 fn cost_is_means_and_extremes() {
-    let mut made = psnr(&[("a", 0, vec![1.0]), ("b", 0, vec![1.0]), ("c", 0, vec![1.0]), ("d", 0, vec![1.0])]);
-    for (row, gaussians) in made.trials.iter_mut().zip([10, 20, 60, 30]) {
+    let mut store = psnr(&[("a", 0, vec![1.0]), ("b", 0, vec![1.0]), ("c", 0, vec![1.0]), ("d", 0, vec![1.0])]);
+    for (row, gaussians) in store.trials.iter_mut().zip([10, 20, 60, 30]) {
         row.gaussians = Some(gaussians);
     }
-    made.trials[3].status = TrialStatus::Partial;
+    store.trials[3].status = TrialStatus::Partial;
     let mut failed = trial("m", "e", 0, 1);
     (failed.status, failed.gaussians, failed.key) = (TrialStatus::Failed, Some(1000), key("m", "e", 0));
-    made.trials.push(failed);
-    let found = cost(&made, PRESET, "m");
+    store.trials.push(failed);
+    let found = cost(&store, PRESET, "m");
     assert_eq!((found.trials, found.failed, found.gaussians_min, found.gaussians_max), (4, 1, Some(10), Some(60)));
     Tolerance::F64.assert(found.gaussians, [30.0], "mean Gaussians");
-    assert_eq!(cost(&made, PRESET, "unknown"), Cost::default());
+    assert_eq!(cost(&store, PRESET, "unknown"), Cost::default());
 }
 
 #[test]

@@ -122,8 +122,8 @@ impl Pass<'_> {
                 && self.store.known().trial_hash(&row.key) == Some(row.trial_hash.as_str())
                 && (!row.is_timed() || self.is_enough(row))
         });
-        let (timed, refused): (Vec<_>, Vec<_>) = valid.partition(|row| row.is_timed());
-        timed.len() >= (self.timing.trials as usize).min(available) || (timed.is_empty() && !refused.is_empty())
+        let (timed, rejected): (Vec<_>, Vec<_>) = valid.partition(|row| row.is_timed());
+        timed.len() >= (self.timing.trials as usize).min(available) || (timed.is_empty() && !rejected.is_empty())
     }
 
     fn is_enough(&self, row: &TimingRow) -> bool {
@@ -133,10 +133,10 @@ impl Pass<'_> {
 
     /// The rows of one method: the requested number of timed trials, or the first that could not be timed, with the reason.
     fn method(&self, dataset: &Dataset, trials: &mut Timeable, method: &dyn Method) -> Vec<TimingRow> {
-        let (wanted, available) = (self.timing.trials as usize, trials.len());
-        let (mut rows, mut refused) = (Vec::new(), None);
+        let (requested, available) = (self.timing.trials as usize, trials.len());
+        let (mut rows, mut rejected) = (Vec::new(), None);
         let timed = method.timed();
-        for position in 0..wanted + SPARE {
+        for position in 0..requested + SPARE {
             let Some(prepared) = trials.get(position) else { break };
             let measured = if timed.encoding || timed.rendering {
                 self.pool.install(|| Samples::of(self.timing, &dataset.preset, prepared, method))
@@ -151,14 +151,14 @@ impl Pass<'_> {
                 }
                 Err(detail) => {
                     row.detail = Some(detail);
-                    refused.get_or_insert(row);
+                    rejected.get_or_insert(row);
                 }
             }
-            if rows.len() == wanted || (refused.is_some() && !timed.encoding && !timed.rendering) {
+            if rows.len() == requested || (rejected.is_some() && !timed.encoding && !timed.rendering) {
                 break;
             }
         }
-        if rows.is_empty() { refused.into_iter().collect() } else { rows }
+        if rows.is_empty() { rejected.into_iter().collect() } else { rows }
     }
 
     fn row(&self, dataset: &Dataset, prepared: &PreparedTrial, method: &dyn Method, available: usize) -> TimingRow {
@@ -190,9 +190,9 @@ struct Timeable {
 }
 
 impl Timeable {
-    fn new(dataset: &Dataset, index: &EvaluationIndex, methods: &[Arc<dyn Method>], wanted: usize) -> Self {
+    fn new(dataset: &Dataset, index: &EvaluationIndex, methods: &[Arc<dyn Method>], requested: usize) -> Self {
         let scenes: Vec<_> = index.scenes.iter().collect();
-        let first = spread(scenes.len(), wanted);
+        let first = spread(scenes.len(), requested);
         let order = first.iter().copied().chain((0..scenes.len()).filter(|at| !first.contains(at)));
         let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
         let of_scene = |(key, entries): &(&String, &Vec<IndexEntry>)| {

@@ -60,8 +60,8 @@ fn dominated_points_are_not_on_the_frontier() {
     Tolerance::F64.assert(found.prices.iter().filter_map(|price| price.gaussians), [100.0 / 7.0, 200.0], "Gaussians");
     // The same with the opposite direction, as for LPIPS.
     let lower: Vec<Sample> = samples.iter().map(|s| Sample { quality: s.quality.map(|q| -q), ..s.clone() }).collect();
-    let turned = frontier(&lower, Direction::Lower, Axis::Seconds, 0.1);
-    assert_eq!((labels(&turned), &turned.knee, &turned.prices), (labels(&found), &found.knee, &found.prices));
+    let rotated = frontier(&lower, Direction::Lower, Axis::Seconds, 0.1);
+    assert_eq!((labels(&rotated), &rotated.knee, &rotated.prices), (labels(&found), &found.knee, &found.prices));
 }
 
 /// A point is better only if the interval of the difference excludes 0.
@@ -78,8 +78,8 @@ fn points_with_overlapping_intervals_are_not_ranked() {
     ];
     for direction in [Direction::Higher, Direction::Lower] {
         let sign = if direction == Direction::Higher { 1.0 } else { -1.0 };
-        let turned = samples.clone().map(|s| Sample { quality: s.quality.map(|quality| sign * quality), ..s });
-        let found = frontier_with_intervals(1.0, &turned, direction, Axis::Seconds, 0.1);
+        let rotated = samples.clone().map(|s| Sample { quality: s.quality.map(|quality| sign * quality), ..s });
+        let found = frontier_with_intervals(1.0, &rotated, direction, Axis::Seconds, 0.1);
         let found_standings: Vec<Standing> = standings(&found).into_iter().map(|(_, standing)| standing).collect();
         assert_eq!(found_standings, [On, Unclear, On, Unclear, Worse, Unclear, On], "{direction:?}");
         let against: Vec<&str> =
@@ -163,7 +163,7 @@ proptest! {
     #[test]
     fn frontier_points_are_not_dominated(
         places in prop::collection::vec((0u8..8, 1u8..8), 0..12),
-        turn in 0usize..12,
+        rotation in 0usize..12,
     ) {
         let mut samples: Vec<Sample> = places
             .iter()
@@ -180,10 +180,10 @@ proptest! {
             let twin = found.points[..position].iter().any(|other| (other.quality, other.cost) == (quality, secs));
             prop_assert_eq!(point.on_frontier(), !twin && !found.points.iter().any(|other| dominates(&other)));
         }
-        let by = turn.checked_rem(samples.len()).unwrap_or(0);
+        let by = rotation.checked_rem(samples.len()).unwrap_or(0);
         samples.rotate_left(by);
-        let turned = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
-        prop_assert_eq!(standings(&turned), standings(&found));
+        let rotated = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
+        prop_assert_eq!(standings(&rotated), standings(&found));
     }
 }
 

@@ -28,8 +28,8 @@ impl Convolution {
         bias: Vec<f32>,
     ) -> Self {
         let kernel_row = |y: usize| {
-            let places = (0..kernel).flat_map(|x| (0..channels_in).map(move |channel| (x, channel)));
-            places
+            let positions = (0..kernel).flat_map(|x| (0..channels_in).map(move |channel| (x, channel)));
+            positions
                 .flat_map(|(x, channel)| {
                     (0..channels_out).map(move |out| weight[((out * channels_in + channel) * kernel + y) * kernel + x])
                 })
@@ -65,17 +65,18 @@ impl Convolution {
     fn band(&self, padded: &Activations, first: usize, out: &mut [f32], relu: bool) {
         let columns = (padded.width - self.kernel) / self.stride + 1;
         let rows = out.len() / (columns * self.channels_out);
-        let (calls, places) = if self.stride == 1 { (1, (rows - 1) * padded.width + columns) } else { (rows, columns) };
-        let mut sums = vec![0.0; places * self.channels_out];
+        let (calls, positions) =
+            if self.stride == 1 { (1, (rows - 1) * padded.width + columns) } else { (rows, columns) };
+        let mut sums = vec![0.0; positions * self.channels_out];
         for call in 0..calls {
-            for (place, sum) in sums.chunks_exact_mut(self.channels_out).enumerate() {
-                debug_assert!(place < places);
+            for (position, sum) in sums.chunks_exact_mut(self.channels_out).enumerate() {
+                debug_assert!(position < positions);
                 sum.copy_from_slice(&self.bias);
             }
             for (kernel_row, right) in self.kernel_rows.iter().enumerate() {
                 let start = (first + call) * self.stride + kernel_row;
                 let data = &padded.values[start * padded.row()..];
-                let left = Rows { data, count: places, stride: self.stride * self.channels_in };
+                let left = Rows { data, count: positions, stride: self.stride * self.channels_in };
                 multiply_add(&mut sums, left, right, self.kernel * self.channels_in, self.channels_out);
             }
             let row = columns * self.channels_out;

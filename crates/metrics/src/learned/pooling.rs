@@ -51,8 +51,8 @@ pub(super) fn blurred(input: &Activations) -> Activations {
 }
 
 /// The pixel at a position of the padded picture, reflected without repeating the edge.
-fn reflected(place: usize, side: usize) -> usize {
-    let from_edge = place.abs_diff(REFLECTED);
+fn reflected(position: usize, side: usize) -> usize {
+    let from_edge = position.abs_diff(REFLECTED);
     if from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
 }
 
@@ -79,8 +79,8 @@ mod tests {
 
     #[test]
     fn reflections_do_not_repeat_the_edge() {
-        let places: Vec<usize> = (0..8).map(|place| reflected(place, 4)).collect();
-        assert_eq!(places, [2, 1, 0, 1, 2, 3, 2, 1]);
+        let positions: Vec<usize> = (0..8).map(|position| reflected(position, 4)).collect();
+        assert_eq!(positions, [2, 1, 0, 1, 2, 3, 2, 1]);
     }
 
     #[test]

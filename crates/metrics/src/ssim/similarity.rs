@@ -166,7 +166,7 @@ impl<F, const TAPS: usize> Band<'_, F, TAPS> {
 }
 
 /// The pixel at a position of a padded side, mirrored at the outermost pixels.
-const fn mirrored(place: usize, padding: usize, side: usize) -> usize {
-    let from_edge = place.abs_diff(padding);
-    if place < padding || from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
+const fn mirrored(position: usize, padding: usize, side: usize) -> usize {
+    let from_edge = position.abs_diff(padding);
+    if position < padding || from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
 }

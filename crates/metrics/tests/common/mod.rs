@@ -37,12 +37,12 @@ pub(crate) fn crop(picture: &Image, [left, top, width, height]: [u32; 4]) -> Ima
 pub(crate) fn render(truth: &Image, seed: u64) -> Image {
     let (width, samples) = (truth.width() as usize, truth.samples());
     let noise = uniform(seed, samples.len(), 0.08);
-    let made = (0..samples.len()).map(|sample| {
+    let rendered = (0..samples.len()).map(|sample| {
         let (pixel, channel) = (sample / 3, sample % 3);
         let left = if pixel % width == 0 { pixel + width - 1 } else { pixel - 1 };
         0.75 * samples[sample] + 0.3 * samples[left * 3 + channel] + noise[sample]
     });
-    Image::new(truth.width(), truth.height(), made.collect()).unwrap()
+    Image::new(truth.width(), truth.height(), rendered.collect()).unwrap()
 }
 
 /// `seeded.uniform`.

@@ -88,12 +88,12 @@ impl Stages for Pipeline {
     }
 
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
-        let made = || {
+        let reconstruct = || {
             let cameras = context.iter().map(|view| view.camera).collect();
             let views = network_views(context.iter().map(|view| &view.picture), cameras)?;
             self.network.reconstruct(&views, 0)
         };
-        made().map(|made| made.gaussians).map_err(|error| Stage::Model.failed()(&error))
+        reconstruct().map(|reconstruction| reconstruction.gaussians).map_err(|error| Stage::Model.failed()(&error))
     }
 
     fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {

@@ -19,13 +19,13 @@ pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftErr
     let mut sheet = Sheet::default();
     // Faint layers behind each other on the left: transmittance decreases in small steps to the termination threshold.
     for layer in 0..400 {
-        let place = [between(-0.4, -0.1), between(-0.4, 0.4)];
-        sheet.add(place, 5.0 + 0.01 * f64::from(layer), 8.0, -2.2);
+        let direction = [between(-0.4, -0.1), between(-0.4, 0.4)];
+        sheet.add(direction, 5.0 + 0.01 * f64::from(layer), 8.0, -2.2);
     }
     // Discs with wide rims, along which alpha crosses the smallest alpha.
     for _ in 0..600 {
-        let place = [between(-0.1, 0.5), between(-0.5, 0.5)];
-        sheet.add(place, between(2.0, 4.0), 3.0, between(-3.5, -2.0));
+        let direction = [between(-0.1, 0.5), between(-0.5, 0.5)];
+        sheet.add(direction, between(2.0, 4.0), 3.0, between(-3.5, -2.0));
     }
     // Nearly opaque dots in front of everything, at pixel centres, for the largest alpha.
     for dot in 0..12 {

@@ -9,11 +9,11 @@ fn roles(picture: &ChangedPicture) -> Vec<&'static str> {
 
 #[test]
 fn a_changed_context_picture_is_named_by_scene_and_frame() {
-    let made = store(true, 6, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
+    let base = store(true, 6, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
     // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 has both roles.
-    assert_eq!(compare(&made, &baseline).data, DataComparison { compared: 6 * 4, changed: vec![], unknown: 0 });
-    let mut now = made.clone();
+    assert_eq!(compare(&base, &baseline).data, DataComparison { compared: 6 * 4, changed: vec![], unknown: 0 });
+    let mut now = base.clone();
     now.trials[3].context_hashes[1] = "blurred".to_owned();
     now.targets[3 * 3 + 2].truth_hash = Some("sharpened".to_owned());
     let report = compare(&now, &baseline);
@@ -33,15 +33,15 @@ fn a_changed_context_picture_is_named_by_scene_and_frame() {
 
 #[test]
 fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
-    let mut made = store(true, 2, 0.0, 1);
-    let mut other = made.clone();
+    let mut base = store(true, 2, 0.0, 1);
+    let mut other = base.clone();
     other.trials.iter_mut().for_each(|row| row.key.method = "n".to_owned());
     other.targets.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    made.trials.extend(other.trials);
-    made.targets.extend(other.targets);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
+    base.trials.extend(other.trials);
+    base.targets.extend(other.targets);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
     assert_eq!(baseline.pictures.len(), 2 * 4);
-    let mut now = made.clone();
+    let mut now = base.clone();
     for row in now.trials.iter_mut().filter(|row| row.key.scene == "scene 001") {
         row.context_hashes[0] = "other".to_owned();
     }
@@ -51,7 +51,7 @@ fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
     let [picture] = &compare(&now, &baseline).data.changed[..] else { panic!("one picture") };
     assert_eq!((picture.frame, roles(picture)), (0, vec!["context", "target"]));
     // Methods run before and after the change in one store still count as a change.
-    let mut mixed = made.clone();
+    let mut mixed = base.clone();
     mixed.trials[1].context_hashes[1] = "other".to_owned();
     assert_eq!(compare(&mixed, &baseline).data.changed.len(), 1);
 }
@@ -71,10 +71,10 @@ fn scenes_missing_on_one_side_are_not_changed_data() {
 /// Rows without digests of context pictures, on either side.
 #[test]
 fn pictures_without_a_digest_are_counted_as_unknown() {
-    let made = store(true, 3, 0.0, 1);
-    let mut old = made.clone();
+    let base = store(true, 3, 0.0, 1);
+    let mut old = base.clone();
     old.trials.iter_mut().for_each(|row| row.context_hashes.clear());
-    for (then, now) in [(&made, &old), (&old, &made)] {
+    for (then, now) in [(&base, &old), (&old, &base)] {
         let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
         assert_eq!(report.data, DataComparison { compared: 3 * 3, changed: vec![], unknown: 3 }, "frame 9 of each");
         assert!(report.to_string().contains("3 pictures have a digest on one side only"), "{report}");
@@ -90,15 +90,15 @@ fn pictures_without_a_digest_are_counted_as_unknown() {
 fn an_older_format_without_pictures_has_those_of_its_targets() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.json");
-    let made = store(true, 3, 0.0, 1);
-    Baseline::new(&made, &[], acceptance("first")).write(&path).unwrap();
+    let base = store(true, 3, 0.0, 1);
+    Baseline::new(&base, &[], acceptance("first")).write(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap().replace("\"format\": 3", "\"format\": 2");
     let (head, rest) = text.split_once("  \"pictures\": [").unwrap();
     let (_, tail) = rest.split_once("],\n").unwrap();
     std::fs::write(&path, format!("{head}{tail}")).unwrap();
     let old = Baseline::read(&path).unwrap();
     assert_eq!(old.pictures.len(), 3 * 3);
-    let mut now = made.clone();
+    let mut now = base.clone();
     now.targets[4].truth_hash = Some("other".to_owned());
     let data = compare(&now, &old).data;
     assert_eq!((data.compared, data.changed.len(), data.unknown), (9, 1, 3));
@@ -121,9 +121,9 @@ fn probed(changed: &[Stage]) -> Attribution {
 /// cannot.
 #[test]
 fn changed_pictures_are_attributed_to_data_unless_decoding_or_resizing_changed() {
-    let made = store(true, 3, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut now = made.clone();
+    let base = store(true, 3, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut now = base.clone();
     now.trials[0].context_hashes[1] = "other".to_owned();
     let first = |now: &Results, changed: &[Stage]| {
         let report = compare(now, &baseline).with_attribution(Ok(probed(changed)));
@@ -139,16 +139,16 @@ fn changed_pictures_are_attributed_to_data_unless_decoding_or_resizing_changed()
     ] {
         assert_eq!(first(&now, changed), Some(expected), "{changed:?}");
     }
-    assert_eq!((first(&made, &[]), first(&made, &[Stage::Metric])), (None, Some(Stage::Metric)));
+    assert_eq!((first(&base, &[]), first(&base, &[Stage::Metric])), (None, Some(Stage::Metric)));
 }
 
 #[test]
 fn a_stage_without_values_is_not_the_same() {
-    let made = store(true, 3, 0.0, 1);
+    let base = store(true, 3, 0.0, 1);
     let mut attribution = probed(&[]);
     attribution.stages[4].verdict = StageVerdict::Empty;
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let report = compare(&made, &baseline).with_attribution(Ok(attribution));
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let report = compare(&base, &baseline).with_attribution(Ok(attribution));
     assert_eq!((report.verdict, report.first_stage()), (Verdict::Nothing, None));
     assert!(report.to_string().contains("on the probe there was nothing to compare for: metric."), "{report}");
 }

@@ -12,10 +12,10 @@ const BASES: [Basis; 3] = [Basis::Exact, Basis::Bound, Basis::Interval];
 fn constant(metric: &str, score: f64, basis: Basis) -> Results {
     let names: Vec<String> = (0..8).map(|scene| format!("scene {scene}")).collect();
     let rows: Vec<_> = names.iter().map(|name| (name.as_str(), 0, vec![score; 3])).collect();
-    let mut made = results("m", metric, &rows);
-    made.targets.iter_mut().for_each(|row| row.render_hash = None);
-    add_method(&mut made, basis != Basis::Interval);
-    made
+    let mut base = results("m", metric, &rows);
+    base.targets.iter_mut().for_each(|row| row.render_hash = None);
+    add_method(&mut base, basis != Basis::Interval);
+    base
 }
 
 /// A run whose scenes changed by `by`, against a baseline with constant scores.

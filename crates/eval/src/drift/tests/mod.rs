@@ -25,22 +25,22 @@ fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
     let names: Vec<String> = (0..scenes).map(|scene| format!("scene {scene:03}")).collect();
     let scores = |scene: u64| (0..3).map(|at| 20.0 + ((scene * 7 + at * 3) % 11) as f64).collect::<Vec<_>>();
     let rows = names.iter().zip(0..).map(|(name, scene)| (name.as_str(), 0, scores(scene)));
-    let mut made = results("m", "psnr", &rows.collect::<Vec<_>>());
-    for row in &mut made.targets {
+    let mut base = results("m", "psnr", &rows.collect::<Vec<_>>());
+    for row in &mut base.targets {
         row.scores.values_mut().for_each(|score| *score += noise * unit());
         row.render_hash = row.scores.values().next().map(ToString::to_string);
     }
-    add_method(&mut made, deterministic);
+    add_method(&mut base, deterministic);
     let preset = PresetRecord { name: PRESET.to_owned(), hash: "a".to_owned(), ..PresetRecord::default() };
-    made.provenance.presets.push(preset);
-    made.provenance.processor = "this one".to_owned();
-    made
+    base.provenance.presets.push(preset);
+    base.provenance.processor = "this one".to_owned();
+    base
 }
 
 fn moved(by: f64) -> Results {
-    let mut made = store(true, 12, 0.0, 1);
-    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
-    made
+    let mut base = store(true, 12, 0.0, 1);
+    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+    base
 }
 
 fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
@@ -49,9 +49,9 @@ fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
 
 #[test]
 fn equal_rows_are_the_same_in_any_order() {
-    let made = store(true, 12, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut again = made.clone();
+    let base = store(true, 12, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut again = base.clone();
     again.targets.reverse();
     again.trials.reverse();
     (again.provenance.threads, again.provenance.started) = (7, 1_800_000_000);
@@ -64,9 +64,9 @@ fn equal_rows_are_the_same_in_any_order() {
 
 #[test]
 fn a_single_bit_is_drift_for_deterministic_methods() {
-    let made = store(true, 12, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut now = made.clone();
+    let base = store(true, 12, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut now = base.clone();
     let score = now.targets[7].scores.get_mut("psnr").unwrap();
     *score = score.next_up();
     let report = compare(&now, &baseline);
@@ -75,7 +75,7 @@ fn a_single_bit_is_drift_for_deterministic_methods() {
         (report.comparisons[0].changed, report.comparisons[0].largest_at.as_deref()),
         (1, Some("scene 002 0 frame 1"))
     );
-    let mut bits = made.clone();
+    let mut bits = base.clone();
     bits.targets[3].render_hash = Some("other".to_owned());
     assert_eq!(kinds(&compare(&bits, &baseline)), [(FindingKind::Render, Verdict::Drifted, 1)]);
 }
@@ -84,9 +84,9 @@ fn a_single_bit_is_drift_for_deterministic_methods() {
 fn another_machine_is_compared_by_bound_and_limit() {
     let baseline = Baseline::new(&store(true, 12, 0.0, 1), &[], acceptance("first"));
     let report = |by: f64| {
-        let mut made = moved(by);
-        made.provenance.processor = "another".to_owned();
-        compare(&made, &baseline)
+        let mut base = moved(by);
+        base.provenance.processor = "another".to_owned();
+        compare(&base, &baseline)
     };
     for (by, expected) in
         [(0.0, Verdict::Same), (5e-4, Verdict::Within), (5e-3, Verdict::Within), (0.02, Verdict::Drifted)]
@@ -99,9 +99,9 @@ fn another_machine_is_compared_by_bound_and_limit() {
 
 #[test]
 fn changes_other_than_scores_are_found() {
-    let made = store(true, 4, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut now = made.clone();
+    let base = store(true, 4, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut now = base.clone();
     now.targets[0].truth_hash = Some("other".to_owned());
     now.targets[4].scores.insert("ssim".to_owned(), 0.5);
     now.targets[1].status = TargetStatus::Failed;
@@ -151,17 +151,17 @@ fn comparing_nothing_is_not_the_same() {
 
 #[test]
 fn reports_have_human_readable_numbers() {
-    let mut made = store(true, 12, 0.0, 1);
-    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score = 21.969_999_999));
+    let mut base = store(true, 12, 0.0, 1);
+    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score = 21.969_999_999));
     let parameters = |threshold: f32| {
         let json = serde_json::json!({ "thresholds": { "first": f64::from(threshold) }, "name": "small" });
         [("configuration".to_owned(), json)].into_iter().collect()
     };
-    made.provenance.methods[0].parameters = parameters(0.05);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 0.125));
-    made.provenance.methods[0].parameters = parameters(0.1);
-    let report = compare(&made, &baseline).to_string();
+    base.provenance.methods[0].parameters = parameters(0.05);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 0.125));
+    base.provenance.methods[0].parameters = parameters(0.1);
+    let report = compare(&base, &baseline).to_string();
     let limit = Limit {
         preset: "p".to_owned(),
         method: "m".to_owned(),
@@ -202,10 +202,10 @@ fn noise_is_not_drift_and_a_shift_is() {
 fn baseline_files_are_exact_and_keep_the_history() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
-    let mut made = store(true, 4, 0.3, 1);
-    made.targets[5].status = TargetStatus::NonFinite;
-    made.targets[5].scores.clear();
-    let first = Baseline::new(&made, &[], acceptance("first"));
+    let mut base = store(true, 4, 0.3, 1);
+    base.targets[5].status = TargetStatus::NonFinite;
+    base.targets[5].scores.clear();
+    let first = Baseline::new(&base, &[], acceptance("first"));
     let second = first.accept(&store(true, 4, 0.3, 2), &[], acceptance("a better filter"));
     second.write(&path).unwrap();
     assert_eq!(Baseline::read(&path).unwrap(), second);
@@ -294,13 +294,13 @@ fn a_changed_number_is_traced_to_its_stage() {
     let pipeline = Pipeline::of(&recipe).unwrap();
     let rows = |pipeline: &Pipeline| {
         let outputs = run(pipeline, &inputs).unwrap();
-        let mut made = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
-        add_method(&mut made, true);
-        (made, outputs)
+        let mut base = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
+        add_method(&mut base, true);
+        (base, outputs)
     };
-    let (made, outputs) = rows(&pipeline);
+    let (base, outputs) = rows(&pipeline);
     Baseline::write_probe(&path, &outputs).unwrap();
-    Baseline::new(&made, &[], acceptance("first")).with_probe(recipe, &outputs).write(&path).unwrap();
+    Baseline::new(&base, &[], acceptance("first")).with_probe(recipe, &outputs).write(&path).unwrap();
 
     let baseline = Baseline::read(&path).unwrap();
     let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();

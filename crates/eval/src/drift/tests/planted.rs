@@ -40,11 +40,11 @@ impl Stages for Planted<'_> {
     }
 
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
-        let made = self.pipeline.model(context)?;
+        let base = self.pipeline.model(context)?;
         if self.stage != Some(Stage::Model) {
-            return Ok(made);
+            return Ok(base);
         }
-        let mut parts = made.parts().clone();
+        let mut parts = base.parts().clone();
         parts.sh.as_flattened_mut().iter_mut().for_each(|coefficient| *coefficient += self.amount);
         Ok(Gaussians::new(parts).unwrap())
     }
@@ -69,14 +69,14 @@ impl Stages for Planted<'_> {
 
 /// The rows of a run with these outputs.
 fn rows(outputs: &Outputs) -> Results {
-    let mut made = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
+    let mut base = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
     let digest = |view: &View| Sha256Digest::of(view.picture.samples()).to_string();
     let digests: Vec<String> = outputs.views.iter().map(digest).collect();
     let [first, second, target] = &digests[..] else { panic!("two context views and a target") };
-    (made.trials[0].context, made.trials[0].context_hashes) = (vec![4, 9], vec![first.clone(), second.clone()]);
-    (made.targets[0].frame, made.targets[0].truth_hash) = (6, Some(target.clone()));
-    add_method(&mut made, true);
-    made
+    (base.trials[0].context, base.trials[0].context_hashes) = (vec![4, 9], vec![first.clone(), second.clone()]);
+    (base.targets[0].frame, base.targets[0].truth_hash) = (6, Some(target.clone()));
+    add_method(&mut base, true);
+    base
 }
 
 fn inputs() -> Inputs {
