@@ -86,8 +86,8 @@ pub struct Scored {
 
 impl Suite {
     /// A suite of metrics with the networks that some of them need, and a limit on the bytes of cached ground-truth features.
-    pub fn new(definitions: Vec<&'static Definition>, networks: Networks, most_feature_bytes: usize) -> Self {
-        Self { definitions, networks, cache: Arc::new(FeatureCache::new(most_feature_bytes)) }
+    pub fn new(definitions: Vec<&'static Definition>, networks: Networks, max_feature_bytes: usize) -> Self {
+        Self { definitions, networks, cache: Arc::new(FeatureCache::new(max_feature_bytes)) }
     }
 
     /// The metrics, in order.

@@ -65,7 +65,7 @@ pub struct PresetRecord {
     pub name: String,
     /// Name of the preset.
     pub preset: String,
-    /// The published preset that it replaces, as [`atsplat_protocol::Preset::stands_for`].
+    /// The published preset that it represents, as [`atsplat_protocol::Preset::stands_for`].
     #[serde(default)]
     pub stands_for: Option<String>,
     /// One-line description.
@@ -92,7 +92,7 @@ pub struct PresetRecord {
 }
 
 impl PresetRecord {
-    /// The published preset in whose tables these results belong: its own, or the one that it replaces.
+    /// The published preset in whose tables these results belong: its own, or the one that it represents.
     pub fn published(&self) -> &str {
         self.stands_for.as_deref().unwrap_or(&self.preset)
     }

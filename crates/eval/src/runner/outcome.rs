@@ -40,7 +40,7 @@ impl Plan<'_> {
         }
         if let Some(first) = own.first() {
             let why = first.detail.as_deref().unwrap_or("unknown reason");
-            return Some(format!("all {} targets failed, the first with: {why}", own.len()));
+            return Some(format!("all of {} targets failed, the first with: {why}", own.len()));
         }
         let reasons: Vec<String> = self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect();
         Some(reasons.join("; "))
