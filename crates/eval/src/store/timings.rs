@@ -20,6 +20,9 @@ impl Store {
     ///
     /// # Errors
     /// As [`crate::Results::read`].
+    ///
+    /// # Panics
+    /// Never: the newest version has a schema.
     #[expect(clippy::expect_used, reason = "tests parse every committed schema")]
     pub fn timings(&self) -> Result<Vec<TimingRow>, EvalError> {
         read(&self.folder, &Schema::of_version(SCHEMA_VERSION).expect("the newest version has a schema"))
