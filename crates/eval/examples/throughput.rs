@@ -1,22 +1,22 @@
-//! How many trials a minute go through splatting, PSNR, SSIM and the store, and how long one takes by itself.
+//! Measures the throughput of splatting, PSNR, SSIM and the store in trials a minute, and the time of a single trial.
 //!
 //! `cargo run --release -p atsplat-eval --example throughput -- ../shared/data/re10k/000c3ab189999a83 [TARGETS]`
 //!
 //! Every trial has two context and three target pictures of a real scene at 256², and 131 072 Gaussians: one for each
-//! context pixel, on a wall before its camera, as wide as the pixel. What the network would take comes on top.
+//! context pixel, on a wall in front of its camera, as wide as the pixel. The network's time is not included.
 
 #![expect(clippy::print_stdout, reason = "an example prints what it measures")]
 
-use atsplat_files::Sha256Digest;
 use std::sync::Arc;
 use std::time::Instant;
 
 use anyhow::{Context as _, ensure};
 use atsplat_camera::DirectionScale;
-use atsplat_eval::method::{Answer, Cost, Method, Question, Refusal, Splatting};
+use atsplat_eval::method::{Cost, Method, MethodError, Prediction, Splatting, TrialInput};
 use atsplat_eval::runner::{Dataset, KeepPictures, Plan, PlannedIndex, Selection, here, named_metrics, run};
 use atsplat_eval::timing::{TimingPlan, times};
 use atsplat_eval::{MethodRecord, Store};
+use atsplat_files::Sha256Digest;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::Prefetch;
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
@@ -29,13 +29,13 @@ const PUBLISHED: [f64; 2] = [6474.0, 19_422.0];
 const WALL: f64 = 4.0;
 
 fn main() -> anyhow::Result<()> {
-    let mut words = std::env::args().skip(1);
-    let data = words.next().context("the folder of a scene is needed")?;
-    let targets: usize = words.next().map_or(Ok(501), |word| word.parse())?;
+    let mut args = std::env::args().skip(1);
+    let data = args.next().context("expected the folder of a scene")?;
+    let targets: usize = args.next().map_or(Ok(501), |targets| targets.parse())?;
     let source: Arc<dyn SceneSource> = Arc::new(atsplat_scene::open(&data, &mut Warnings::new())?);
-    let key = source.keys().first().context("the data hold no scene")?.clone();
+    let key = source.keys().first().context("the data has no scene")?.clone();
     let frames = source.load(&key, &mut Warnings::new())?.frames.len();
-    ensure!(frames > 60, "{frames} frames are too few");
+    ensure!(frames > 60, "expected more than 60 frames, found {frames}");
     let entries = targets.div_ceil(3);
     let entry = |at: usize| {
         let first = at % (frames - 50);
@@ -87,7 +87,7 @@ fn main() -> anyhow::Result<()> {
     Ok(())
 }
 
-/// Context pixels as Gaussians.
+/// Turns context pixels into Gaussians on a wall.
 #[derive(Debug, Default)]
 struct Wall {
     splatting: Splatting,
@@ -98,19 +98,19 @@ impl Method for Wall {
         MethodRecord { name: "wall".to_owned(), kind: "ply".to_owned(), deterministic: true, ..MethodRecord::default() }
     }
 
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        Ok(self.splatting.answer(question, gaussians(question)?, Cost::default()))
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(self.splatting.predict(input, gaussians(input)?, Cost::default()))
     }
 }
 
-fn gaussians(question: Question<'_>) -> Result<Gaussians, Refusal> {
-    let failed = |error: &dyn std::fmt::Display| Refusal::Failed(error.to_string());
-    let views = question.trial.context();
+fn gaussians(input: TrialInput<'_>) -> Result<Gaussians, MethodError> {
+    let failed = |error: &dyn std::fmt::Display| MethodError::Failed(error.to_string());
+    let views = input.trial.context();
     let centres: Vec<_> = views.iter().map(|view| view.camera.camera_from_world.inverse().centre()).collect();
     let baseline = centres.first().zip(centres.last()).map_or(1.0, |(a, b)| a.distance(*b));
     let depth = WALL * baseline;
     let mut parts = GaussianParts::default();
-    for (view, picture) in views.iter().zip(question.pictures) {
+    for (view, picture) in views.iter().zip(input.pictures) {
         let rays = view.camera.pixel_rays(view.size, DirectionScale::UnitDepth).map_err(|error| failed(&error))?;
         let pixel = depth / (view.camera.intrinsics.fx * f64::from(view.size.width));
         #[expect(clippy::cast_possible_truncation, reason = "Gaussians are f32")]

@@ -1,12 +1,14 @@
 use atsplat_camera::Camera;
 use atsplat_model::network::Views;
 use atsplat_model::{ImageSize, ModelError};
+use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
+use atsplat_protocol::trial::Trial;
 
-/// Context pictures with their cameras, as the network takes them: 8-bit samples become shares of 255.
+/// Context pictures and cameras as the network's input: 8-bit samples are divided by 255.
 ///
 /// # Errors
-/// [`ModelError::SizesDiffer`] for pictures of several sizes, and what [`Views::new`] refuses.
+/// [`ModelError::SizesDiffer`] for pictures of different sizes, and the errors of [`Views::new`].
 pub fn network_views<'a>(
     pictures: impl IntoIterator<Item = &'a ImageU8>,
     cameras: Vec<Camera>,
@@ -22,4 +24,10 @@ pub fn network_views<'a>(
         samples.extend(image.samples().iter().map(|&sample| f32::from(sample) / 255.0));
     }
     Views::new(size.unwrap_or(ImageSize::new(0, 0)), samples, cameras)
+}
+
+/// The seed of a network's forward pass for one trial: a hash of the configured seed, the scene's key and the entry's number.
+/// Random token expansion therefore draws differently in every trial, whatever the order of trials and number of threads.
+pub(crate) fn trial_seed(seed: u64, trial: &Trial) -> u64 {
+    SplitMix64::for_scene(seed, &format!("{} {}", trial.scene(), trial.entry_number())).next_u64()
 }

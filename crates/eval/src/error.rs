@@ -3,49 +3,49 @@ use std::path::{Path, PathBuf};
 
 use thiserror::Error;
 
-/// Why results cannot be made, kept or read.
+/// Why results cannot be computed, stored or read.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum EvalError {
-    /// The file system refused.
+    /// A file operation failed.
     #[error("{action}: {source} ({})", path.display())]
     Io {
         /// What was being done.
         action: &'static str,
         /// The file or folder.
         path: PathBuf,
-        /// The system's reason.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// A file of a store does not hold what it should.
+    /// A file of a store has invalid content.
     #[error("{}: {location}: expected {expected}, found {found}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
         /// Column and row, or line and column.
         location: String,
-        /// What should stand there.
+        /// What was expected.
         expected: String,
-        /// What does.
+        /// What was found.
         found: String,
     },
-    /// A folder that holds no store.
+    /// A folder without a store.
     #[error("{} holds no results: expected the file {} in it", folder.display(), super::store::PROVENANCE)]
     NoStore {
         /// The folder.
         folder: PathBuf,
     },
-    /// A store that a later atsplat wrote.
+    /// A store written by a newer atsplat.
     #[error("{} was written with schema version {found}; this atsplat reads versions 1 to {newest}: a newer one is needed", path.display())]
     TooNew {
         /// Its provenance.
         path: PathBuf,
         /// Its version.
         found: u32,
-        /// The latest that is known here.
+        /// The newest version that can be read.
         newest: u32,
     },
-    /// A store that says its schema's version and has another schema.
+    /// A store whose schema hash does not match its schema version.
     #[error("{}: schema version {version}: expected the hash {expected}, found {found}", path.display())]
     SchemaHash {
         /// Its provenance.
@@ -54,10 +54,10 @@ pub enum EvalError {
         version: u32,
         /// The committed schema's hash.
         expected: String,
-        /// What the store says.
+        /// The store's hash.
         found: String,
     },
-    /// Two runs that do not belong into one store.
+    /// Two runs that cannot share a store.
     #[error("{what} of the two runs differ: expected {expected}, found {found}{advice}")]
     Different {
         /// What differs.
@@ -66,32 +66,32 @@ pub enum EvalError {
         expected: String,
         /// What the second has.
         found: String,
-        /// What to do about it.
+        /// Advice to the user.
         advice: &'static str,
     },
-    /// Two records of one run's parts that are not the same.
+    /// Two records that must be equal within one run.
     #[error("{what} of the two runs differ: {differences}{advice}")]
     Differences {
         /// What differs.
         what: String,
-        /// Each field with what the first has and what the second has.
+        /// Each differing field with the first and the second value.
         differences: String,
-        /// What to do about it.
+        /// Advice to the user.
         advice: &'static str,
     },
-    /// Two answers to one question that are not the same.
+    /// Two different results for one trial.
     #[error("two results of {key} differ in {field}: {first} and {second}")]
     Disagreement {
         /// Preset, method, scene and entry.
         key: String,
         /// The first column that differs.
         field: String,
-        /// What the first result says.
+        /// The first result's value.
         first: String,
-        /// What the second says.
+        /// The second result's value.
         second: String,
     },
-    /// The protocol that a record holds as text is none.
+    /// A record's protocol text cannot be parsed.
     #[error("presets, {name}, toml: {source}")]
     Preset {
         /// Name of the preset in the rows.
@@ -99,10 +99,10 @@ pub enum EvalError {
         /// The field, what was expected and found.
         source: Box<atsplat_protocol::ProtocolError>,
     },
-    /// Another process writes into the store.
+    /// Another process is writing to the store.
     #[error(
         "{} is being written by {by}: wait until that run ends; or let each process write a part of the scenes into a \
-         folder of its own, with --shard 1/2 and --shard 2/2, and put the parts together with `atsplat merge`",
+         folder of its own, with --shard 1/2 and --shard 2/2, and merge the parts with `atsplat merge`",
         folder.display()
     )]
     InUse {
@@ -111,20 +111,22 @@ pub enum EvalError {
         /// Which process, on which machine, since when.
         by: String,
     },
-    /// Results that a run would leave beside new ones were made from other data than there is now.
-    #[error("{count} results were made from other data than there is now: {first}; {advice}, or choose another folder")]
+    /// Existing results that a run would keep were computed from data that has changed since.
+    #[error(
+        "{count} results were computed from data that has changed since: {first}; {advice}, or choose another folder"
+    )]
     DataChanged {
         /// How many.
         count: usize,
-        /// The first, and what became of its data.
+        /// The first one, and how its data changed.
         first: String,
-        /// What to do about it.
+        /// Advice to the user.
         advice: &'static str,
     },
-    /// A store holds rows of one trial that were made from different data.
+    /// Rows of one trial were computed from different data.
     #[error(
-        "results of one trial were made from different {what}: {first}, and {second}; a run of these methods into the same \
-         folder computes again what is out of date"
+        "results of one trial were computed from different {what}: {first}, and {second}; a run of these methods into the \
+         same folder recomputes what is outdated"
     )]
     MixedData {
         /// What differs.
@@ -134,8 +136,8 @@ pub enum EvalError {
         /// Another.
         second: String,
     },
-    /// A number that no row may hold.
-    #[error("{key}: {field} is {value}, and only finite numbers are kept")]
+    /// A non-finite number in a row.
+    #[error("{key}: {field} is {value}, and only finite numbers are allowed")]
     NotFinite {
         /// Preset, method, scene and entry.
         key: String,
@@ -144,33 +146,33 @@ pub enum EvalError {
         /// What it is.
         value: f64,
     },
-    /// A word that names nothing.
+    /// An unknown name.
     #[error("{what}: expected one of {}, found {found:?}", known.join(", "))]
     Unknown {
-        /// What was named.
+        /// What kind of name.
         what: &'static str,
-        /// What was asked for.
+        /// The unknown name.
         found: String,
-        /// What there is.
+        /// The known names.
         known: Vec<String>,
     },
-    /// Settings that do not fit together.
+    /// An invalid or inconsistent setting.
     #[error("{what}: expected {expected}, found {found}")]
     Settings {
         /// Which setting.
         what: &'static str,
-        /// What is allowed.
+        /// What was expected.
         expected: String,
-        /// What was given.
+        /// What was found.
         found: String,
     },
-    /// The evaluation protocol cannot be run.
+    /// An error of the evaluation protocol.
     #[error(transparent)]
     Protocol(#[from] atsplat_protocol::ProtocolError),
-    /// A network cannot be run.
+    /// An error of the network.
     #[error(transparent)]
     Model(#[from] atsplat_model::ModelError),
-    /// Learned metrics cannot be loaded.
+    /// A learned metric cannot be loaded.
     #[error(transparent)]
     Metrics(#[from] atsplat_metrics::learned::LoadError),
 }

@@ -1,8 +1,9 @@
-//! Methods and trials into a results store, and what a store says: statistics, drift, attribution, accuracy against time.
+//! Evaluates methods on trials into a results store, and analyses stores: statistics, drift, attribution, accuracy against
+//! time.
 //!
-//! A *result* is one method's answer to one trial. It becomes one [`TrialRow`] and as many [`TargetRow`]s as the trial has
-//! targets, whatever happened: a failure is a row too. How long it took is told by a [timing pass](timing). [`Results`] are the rows of one store with their [`Provenance`].
-//! How a table looks is not known here.
+//! Every trial under every method becomes one [`TrialRow`] and one [`TargetRow`] per target, also if it fails. Times come from
+//! a separate [timing pass](timing). [`Results`] are the rows of one store with their [`Provenance`]. Tables are laid out
+//! elsewhere.
 
 mod context;
 pub mod drift;

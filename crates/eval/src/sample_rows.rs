@@ -1,12 +1,12 @@
-//! Rows for tests.
+//! Sample rows for tests.
 
 use crate::timing::{Load, Machine, TimingRow};
 use crate::{MetricRecord, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
-/// The name of every sample's preset.
+/// The preset's name in all sample rows.
 pub(crate) const PRESET: &str = "sampled";
 
-/// Rows of scenes as `(scene, entry, scores of its targets)` under one method and metric; frames are counted from 0.
+/// Rows of scenes given as `(scene, entry, scores of its targets)` under one method and metric; frames count from 0.
 pub(crate) fn results(method: &str, metric: &str, scenes: &[(&str, u32, Vec<f64>)]) -> Results {
     let mut results = Results::default();
     results.provenance.metrics.push(MetricRecord { id: metric.to_owned(), ..MetricRecord::default() });

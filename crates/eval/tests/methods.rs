@@ -1,4 +1,4 @@
-//! What each method makes of a scene whose pictures are known.
+//! Each method on a scene whose pictures are known in closed form.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use atsplat_camera::Similarity;
 use atsplat_eval::method::{
-    AtSplat, GaussianFrame, Method, NearestView, Ply, Question, Refusal, Renders, Splatting, Warp, WeightsOf,
+    AtSplat, GaussianFrame, Method, MethodError, NearestView, Ply, Renders, Splatting, TrialInput, Warp, WeightsOf,
     constants_of,
 };
 use atsplat_metrics::{DECIBEL_CAP, Pair, Values, psnr};
@@ -26,33 +26,33 @@ use atsplat_splat::files::{Encoding, Output};
 use atsplat_splat::{GaussianParts, Gaussians, ReferenceRenderer, RenderOptions, Renderer, View, files};
 use common::{SIZE, Walls, entry, picture, preset};
 
-struct Asked {
+struct TestTrial {
     preset: Preset,
     trial: Trial,
     pictures: Vec<Arc<ImageU8>>,
 }
 
-fn asked(entries: &[IndexEntry]) -> Vec<Asked> {
+fn test_trials(entries: &[IndexEntry]) -> Vec<TestTrial> {
     let preset = preset();
     let walls = Walls::new(1, 8);
     let index = EvaluationIndex { scenes: [("wall-0".to_owned(), entries.to_vec())].into_iter().collect() };
     let trials = Trials::new(Arc::new(walls), &index, TrialRecipe::of(&preset, "ATSplat"), Prefetch::default());
-    let asked = trials.map(|trial| {
+    let with_pictures = trials.map(|trial| {
         let (trial, _) = trial.unwrap();
         let pictures = trial.context().iter().map(|view| view.picture().unwrap()).collect();
-        Asked { preset: preset.clone(), trial, pictures }
+        TestTrial { preset: preset.clone(), trial, pictures }
     });
-    asked.collect()
+    with_pictures.collect()
 }
 
-impl Asked {
-    fn question(&self) -> Question<'_> {
-        Question { preset: &self.preset, trial: &self.trial, pictures: &self.pictures }
+impl TestTrial {
+    fn input(&self) -> TrialInput<'_> {
+        TrialInput { preset: &self.preset, trial: &self.trial, pictures: &self.pictures }
     }
 
-    fn answer(&self, method: &dyn Method, target: usize) -> Result<Image, String> {
-        let answer = method.begin(self.question()).map_err(|refusal| refusal.to_string())?;
-        answer.render(&[target]).remove(0).map(|rendered| rendered.image)
+    fn render(&self, method: &dyn Method, target: usize) -> Result<Image, String> {
+        let prediction = method.predict(self.input()).map_err(|error| error.to_string())?;
+        prediction.render(&[target]).remove(0).map(|rendered| rendered.image)
     }
 }
 
@@ -65,31 +65,27 @@ fn between(render: &Image, truth: &Image) -> f64 {
 }
 
 #[test]
-fn the_nearest_view_is_copied_and_ties_go_to_the_first() {
-    let asked = asked(&[entry(&[0, 4], &[1, 2, 3, 4, 7])]);
-    let copied = |target| asked[0].answer(&NearestView, target).unwrap();
+fn nearest_view_is_copied_and_ties_go_to_the_first() {
+    let trials = test_trials(&[entry(&[0, 4], &[1, 2, 3, 4, 7])]);
+    let copied = |target| trials[0].render(&NearestView, target).unwrap();
     for (target, frame) in [(0, 0), (1, 0), (2, 4), (3, 4), (4, 4)] {
         assert_eq!(copied(target), Image::from_u8(&picture(0, frame)), "target {target}");
     }
-    let turned = common_tie();
-    assert_eq!(turned.answer(&NearestView, 0).unwrap(), Image::from_u8(&picture(0, 4)), "first in the trial's order");
+    let tied = test_trials(&[entry(&[4, 0], &[2])]).remove(0);
+    assert_eq!(tied.render(&NearestView, 0).unwrap(), Image::from_u8(&picture(0, 4)), "first in the trial's order");
 }
 
-fn common_tie() -> Asked {
-    asked(&[entry(&[4, 0], &[2])]).remove(0)
-}
-
-/// The wall is a plane that faces the cameras: the warp's only errors are its steps of depth and its interpolation.
+/// The wall is a plane that faces the cameras: the warp's only errors are its depth steps and its interpolation.
 #[test]
 fn the_warp_finds_the_wall() {
-    let asked = asked(&[entry(&[0, 4], &[1, 2, 3, 6])]);
+    let trials = test_trials(&[entry(&[0, 4], &[1, 2, 3, 6])]);
     for (target, frame, least) in [(0, 1, 35.0), (1, 2, 35.0), (2, 3, 35.0), (3, 6, 20.0)] {
-        let warped = decibels(&asked[0].answer(&Warp, target).unwrap(), frame);
-        let copied = decibels(&asked[0].answer(&NearestView, target).unwrap(), frame);
+        let warped = decibels(&trials[0].render(&Warp, target).unwrap(), frame);
+        let copied = decibels(&trials[0].render(&NearestView, target).unwrap(), frame);
         assert!(warped > least && warped > copied + 3.0, "frame {frame}: warped {warped}, copied {copied}");
     }
-    let single = asked_single();
-    let alone = single.answer(&Warp, 0).unwrap();
+    let single = test_trials(&[entry(&[3], &[3])]).remove(0);
+    let alone = single.render(&Warp, 0).unwrap();
     assert!(alone.samples().iter().all(|sample| (0.0..=1.0).contains(sample)), "without parallax too");
 }
 
@@ -97,35 +93,31 @@ fn the_warp_finds_the_wall() {
 /// with `s` a hundredth of the distance between the two, whatever plane was found.
 #[test]
 fn the_warp_weighs_views_by_their_inverse_squared_distance() {
-    let mut asked = asked(&[entry(&[0, 4], &[1, 2, 3])]).remove(0);
+    let mut trial = test_trials(&[entry(&[0, 4], &[1, 2, 3])]).remove(0);
     let plain = |colour: [u8; 3]| {
         let samples = colour.repeat((SIZE.width * SIZE.height) as usize);
         Arc::new(ImageU8::new(SIZE.width, SIZE.height, samples).unwrap())
     };
     let colours = [[255, 0, 51], [0, 255, 153]];
-    asked.pictures = colours.map(plain).to_vec();
-    // Cameras stand side by side, four units of 0.2 apart; the common factor cancels.
+    trial.pictures = colours.map(plain).to_vec();
+    // The cameras are side by side, four units of 0.2 apart; the common factor cancels.
     for (target, distances) in [(0, [1.0, 3.0]), (1, [2.0, 2.0]), (2, [3.0, 1.0])] {
         let weights = distances.map(|distance: f64| 1.0 / (distance * distance + (0.01 * 4.0f64).powi(2)));
         let share = |channel: usize| {
             let [a, b] = colours.map(|colour: [u8; 3]| f64::from(colour[channel]) / 255.0);
             (weights[0] * a + weights[1] * b) / (weights[0] + weights[1])
         };
-        let render = asked.answer(&Warp, target).unwrap();
+        let render = trial.render(&Warp, target).unwrap();
         let expected = [0, 1, 2].map(share);
         let close = Tolerance::F32_ROUND_TRIP;
         let same = |pixel: &&[f32; 3]| {
-            pixel.iter().zip(expected).all(|(&found, wanted)| close.accepts(f64::from(found), wanted))
+            pixel.iter().zip(expected).all(|(&found, expected)| close.accepts(f64::from(found), expected))
         };
         let both = render.samples().as_chunks::<3>().0.iter().filter(same).count();
         let pixels = (SIZE.width * SIZE.height) as usize;
-        // A plane is taken only where a quarter of the rays is seen twice.
+        // A plane is accepted only if two views see a quarter of the rays.
         assert!(both * 5 > pixels && both < pixels, "target {target}: {both} of {pixels} pixels show both views");
     }
-}
-
-fn asked_single() -> Asked {
-    asked(&[entry(&[3], &[3])]).remove(0)
 }
 
 fn write(path: &Path, bytes: &[u8]) {
@@ -136,43 +128,43 @@ fn write(path: &Path, bytes: &[u8]) {
 #[test]
 fn renders_are_found_in_every_layout() {
     let png = encode_png(&picture(0, 5)).unwrap();
-    let asked = asked(&[entry(&[0, 4], &[5]), entry(&[0, 6], &[5])]);
+    let trials = test_trials(&[entry(&[0, 4], &[5]), entry(&[0, 6], &[5])]);
     for layout in ["wall-0/color/000005.png", "wall-0/000005.png", "wall-0/5.png", "wall-0-0/00005.png"] {
         let folder = tempfile::tempdir().unwrap();
         write(&folder.path().join(layout), &png);
         let renders = Renders::new(folder.path(), Some("other")).unwrap();
-        assert_eq!(asked[0].answer(&renders, 0), Ok(Image::from_u8(&picture(0, 5))), "{layout}");
-        let second = asked[1].answer(&renders, 0).unwrap_err();
-        assert!(second.contains("no file for frame 5"), "another question of the scene has its own folder: {second}");
+        assert_eq!(trials[0].render(&renders, 0), Ok(Image::from_u8(&picture(0, 5))), "{layout}");
+        let second = trials[1].render(&renders, 0).unwrap_err();
+        assert!(second.contains("no file for frame 5"), "another entry of the scene has its own folder: {second}");
         write(&folder.path().join("wall-0-1/color/5.png"), &png);
-        assert!(asked[1].answer(&renders, 0).is_ok());
+        assert!(trials[1].render(&renders, 0).is_ok());
     }
 }
 
 #[test]
-fn floats_come_before_bytes_and_two_files_for_a_frame_are_told() {
-    let asked = asked(&[entry(&[0, 4], &[5])]).remove(0);
+fn exr_takes_precedence_and_two_files_for_a_frame_are_an_error() {
+    let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let renders = Renders::new(folder.path(), None).unwrap();
     let bright: Vec<f32> = Image::from_u8(&picture(0, 5)).samples().iter().map(|sample| sample + 0.7).collect();
     let bright = Image::new(SIZE.width, SIZE.height, bright).unwrap();
     write(&folder.path().join("wall-0/000005.png"), &encode_png(&picture(0, 5)).unwrap());
     write(&folder.path().join("wall-0/000005.exr"), &exr::write_rgb(&bright, &exr::Values::DisplayReferred).unwrap());
-    assert_eq!(asked.answer(&renders, 0), Ok(bright), "values above 1 stay");
+    assert_eq!(trial.render(&renders, 0), Ok(bright), "values above 1 stay");
     write(&folder.path().join("wall-0/05.png"), b"");
-    assert!(asked.answer(&renders, 0).unwrap_err().contains("two files for frame 5"));
+    assert!(trial.render(&renders, 0).unwrap_err().contains("two files for frame 5"));
     assert!(Renders::new(&folder.path().join("nowhere"), None).is_err());
 }
 
-/// What colour a transparent pixel has nobody knows: not scored as if it were black.
+/// The colour of a transparent pixel is undefined; it must not be scored as black.
 #[test]
-fn a_transparent_render_is_no_picture() {
-    let asked = asked(&[entry(&[0, 4], &[5])]).remove(0);
+fn rejects_a_transparent_render() {
+    let trial = test_trials(&[entry(&[0, 4], &[5])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let renders = Renders::new(folder.path(), None).unwrap();
     let rgba = include_bytes!("../../pixels/tests/fixtures/pictures/colour6_8.png");
     write(&folder.path().join("wall-0/000005.png"), rgba);
-    let error = asked.answer(&renders, 0).unwrap_err();
+    let error = trial.render(&renders, 0).unwrap_err();
     assert!(error.contains("transparent pixels, the first at column") && error.contains("000005.png"), "{error}");
 
     let plane = |name: &str, values: exr::Values, value: f32| exr::Channel {
@@ -191,11 +183,11 @@ fn a_transparent_render_is_no_picture() {
         planes.push(plane("A", of_alpha, alpha));
         let channels = exr::Channels::new(SIZE.width, SIZE.height, planes).unwrap();
         write(&folder.path().join("wall-0/000005.exr"), &exr::write(&channels).unwrap());
-        assert_eq!(asked.answer(&renders, 0).is_ok(), is_read, "alpha {alpha}");
+        assert_eq!(trial.render(&renders, 0).is_ok(), is_read, "alpha {alpha}");
     }
 }
 
-/// Two dozen Gaussians before the cameras.
+/// Two dozen Gaussians in front of the cameras.
 fn gaussians() -> Gaussians {
     let number = |at: usize, of: f32| ((at as f32 * 12.9898 + of).sin() * 43758.547).fract();
     let count = 24;
@@ -214,23 +206,23 @@ fn gaussians() -> Gaussians {
     Gaussians::new(parts).unwrap()
 }
 
-/// Gaussians in the dataset's world, seen by the dataset's own camera with the near plane in its unit of length: another
-/// renderer, and no normalisation at all.
+/// Compares with the reference renderer in the dataset's own world, without pose normalisation and with the near plane in
+/// the dataset's unit of length.
 #[test]
-fn imported_gaussians_stand_where_the_photos_see_the_scene() {
-    let asked = asked(&[entry(&[0, 4], &[2])]).remove(0);
-    let Similarity { scale, .. } = asked.trial.normalisation().new_from_old;
+fn imported_gaussians_are_in_the_dataset_frame() {
+    let trial = test_trials(&[entry(&[0, 4], &[2])]).remove(0);
+    let Similarity { scale, .. } = trial.trial.normalisation().new_from_old;
     assert!((scale - 1.0).abs() > 0.1, "the trial's world is another one: {scale}");
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("wall-0/gaussians.ply");
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
     files::write(&path, &gaussians(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
     let imported = |frame| Ply::new(folder.path(), None, frame, false, Splatting::default()).unwrap();
-    let seen = asked.answer(&imported(GaussianFrame::Dataset), 0).unwrap();
+    let seen = trial.render(&imported(GaussianFrame::Dataset), 0).unwrap();
 
-    let mut planes = asked.trial.near_far();
+    let mut planes = trial.trial.near_far();
     planes.near /= scale;
-    let constants = constants_of(&asked.preset.renderer, planes);
+    let constants = constants_of(&trial.preset.renderer, planes);
     let options = RenderOptions { constants, ..RenderOptions::default() };
     let view = View { camera: common::camera(2), size: SIZE };
     let expected = ReferenceRenderer.render(&gaussians(), &view, &options).unwrap();
@@ -238,57 +230,57 @@ fn imported_gaussians_stand_where_the_photos_see_the_scene() {
     assert!(expected.samples().iter().any(|sample| *sample > 0.2), "there is something to see");
     let agreement = between(&seen, &expected);
     assert!(agreement > 80.0, "{agreement} dB");
-    let elsewhere = asked.answer(&imported(GaussianFrame::Trial), 0).unwrap();
+    let elsewhere = trial.render(&imported(GaussianFrame::Trial), 0).unwrap();
     assert!(between(&elsewhere, &expected) < 30.0, "the frame matters");
 }
 
 #[test]
-fn views_together_have_the_bits_of_views_alone() {
-    let asked = asked(&[entry(&[0, 4], &[1, 2, 3, 5, 6])]).remove(0);
+fn rendering_views_together_is_bit_identical_to_one_by_one() {
+    let trial = test_trials(&[entry(&[0, 4], &[1, 2, 3, 5, 6])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     files::write(&folder.path().join("wall-0.ply"), &gaussians(), Output::Ply(Encoding::Ascii)).unwrap();
     let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
-    let answer = ply.begin(asked.question()).unwrap();
-    let together = answer.render(&[0, 1, 2, 3, 4]);
+    let prediction = ply.predict(trial.input()).unwrap();
+    let together = prediction.render(&[0, 1, 2, 3, 4]);
     for (at, both) in together.into_iter().enumerate() {
-        let (together, alone) = (both.unwrap(), answer.render(&[at]).remove(0).unwrap());
+        let (together, alone) = (both.unwrap(), prediction.render(&[at]).remove(0).unwrap());
         assert_eq!((together.image, together.drawn), (alone.image, alone.drawn), "target {at}");
         assert_eq!(together.effects, alone.effects);
     }
-    assert_eq!(answer.cost().gaussians, Some(24));
-    assert!(answer.render(&[9]).remove(0).is_err(), "there is no such target");
+    assert_eq!(prediction.cost().gaussians, Some(24));
+    assert!(prediction.render(&[9]).remove(0).is_err(), "there is no such target");
 }
 
 #[test]
-fn gaussians_that_are_not_there_and_files_that_are_none() {
-    let asked = asked(&[entry(&[0, 4], &[1])]).remove(0);
+fn missing_and_malformed_gaussian_files_are_errors() {
+    let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
-    assert!(asked.answer(&ply, 0).unwrap_err().contains("expected wall-0.ply"));
+    assert!(trial.render(&ply, 0).unwrap_err().contains("expected wall-0.ply"));
     write(&folder.path().join("wall-0.ply"), b"ply\nnonsense");
-    assert!(matches!(ply.begin(asked.question()).map(drop), Err(Refusal::Failed(_))));
+    assert!(matches!(ply.predict(trial.input()).map(drop), Err(MethodError::Failed(_))));
 }
 
-/// Gaussians that are left out are missing from the score: the trial says how many, which and in which file.
+/// Skipped Gaussians affect the score, so the trial notes how many, which and in which file.
 #[test]
-fn broken_gaussians_are_told() {
-    let asked = asked(&[entry(&[0, 4], &[1])]).remove(0);
+fn broken_gaussians_are_noted() {
+    let trial = test_trials(&[entry(&[0, 4], &[1])]).remove(0);
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("wall-0.ply");
     let ply = Ply::new(folder.path(), None, GaussianFrame::Dataset, false, Splatting::default()).unwrap();
     let notes = |parts: GaussianParts| {
         files::write(&path, &Gaussians::new(parts).unwrap(), Output::Ply(Encoding::BinaryLittleEndian)).unwrap();
-        ply.begin(asked.question()).unwrap().cost().notes.clone()
+        ply.predict(trial.input()).unwrap().cost().notes.clone()
     };
     assert_eq!(notes(gaussians().into_parts()), [""; 0]);
     let mut broken = gaussians().into_parts();
     broken.means[17][1] = f32::NAN;
     broken.means[20][0] = f32::NAN;
     broken.log_scales[5] = [90.0; 3];
-    let told = notes(broken).concat();
-    assert!(told.contains("3 of 24, of which 2 are left out"), "{told}");
-    assert!(told.contains("means not a number in 2, first 17"), "{told}");
-    assert!(told.contains("log-scales out of range in 1, first 5") && told.contains("wall-0.ply"), "{told}");
+    let notes = notes(broken).concat();
+    assert!(notes.contains("3 of 24, of which 2 are skipped"), "{notes}");
+    assert!(notes.contains("means not a number in 2, first 17"), "{notes}");
+    assert!(notes.contains("log-scales out of range in 1, first 5") && notes.contains("wall-0.ply"), "{notes}");
 }
 
 fn nano() -> Network {
@@ -298,7 +290,7 @@ fn nano() -> Network {
 }
 
 #[test]
-fn an_untrained_network_says_so_and_counts_its_tokens() {
+fn an_untrained_network_is_marked_and_counts_its_tokens() {
     let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
     let splatting = Splatting {
         effects: EffectSelection::Auto,
@@ -309,31 +301,31 @@ fn an_untrained_network_says_so_and_counts_its_tokens() {
     let record = method.record();
     assert!(record.untrained && record.title.contains("untrained") && record.weights_sha256.is_none());
     assert_eq!(record.parameters["effects"], "auto");
-    let asked = asked(&[entry(&[0, 4], &[2])]).remove(0);
-    let answer = method.begin(asked.question()).unwrap();
-    let cost = answer.cost();
+    let trial = test_trials(&[entry(&[0, 4], &[2])]).remove(0);
+    let prediction = method.predict(trial.input()).unwrap();
+    let cost = prediction.cost();
     assert_eq!(cost.gaussians.unwrap() % cost.final_tokens.unwrap(), 0);
     assert_eq!(cost.stages.len(), 5);
     assert_eq!(cost.notes, ["cpu renders: no adapter"], "why another renderer took over is in every row");
-    let rendered = answer.render(&[0]).remove(0).unwrap();
+    let rendered = prediction.render(&[0]).remove(0).unwrap();
     assert!(rendered.image.samples().iter().all(|sample| sample.is_finite()));
 }
 
-/// A picture of 64×64 has 16 patches of a network that was trained at such, and 4 of one that was trained at 32×32.
+/// A picture of 64×64 has 16 patches for a network trained at that size, and 4 for one trained at 32×32.
 #[test]
-fn a_network_sees_the_scale_it_was_trained_at_and_renders_the_protocols() {
+fn a_network_sees_its_training_size_and_renders_the_protocols_size() {
     let weights = WeightsOf::File { sha256: "0".repeat(64) };
-    let asked = asked(&[entry(&[0, 4], &[2])]).remove(0);
+    let trial = test_trials(&[entry(&[0, 4], &[2])]).remove(0);
     let smaller = "the network saw context pictures of 64x64 at 32x32".to_owned();
     for (trained, tokens, notes) in [(32, 2 * 4, vec![smaller]), (64, 2 * 16, vec![])] {
         let network = nano().trained_at(ImageSize::new(trained, trained));
         let method = AtSplat::new("atsplat", network, &weights, 0, Splatting::default()).unwrap();
         assert_eq!(method.record().parameters["context-at-scale-of"], format!("{trained}x{trained}"));
-        let answer = method.begin(asked.question()).unwrap();
-        assert_eq!((answer.cost().initial_tokens, &answer.cost().notes), (Some(tokens), &notes));
-        let rendered = answer.render(&[0]).remove(0).unwrap().image;
+        let prediction = method.predict(trial.input()).unwrap();
+        assert_eq!((prediction.cost().initial_tokens, &prediction.cost().notes), (Some(tokens), &notes));
+        let rendered = prediction.render(&[0]).remove(0).unwrap().image;
         assert_eq!((rendered.width(), rendered.height()), (SIZE.width, SIZE.height));
     }
-    let as_given = AtSplat::new("atsplat", nano(), &weights, 0, Splatting::default()).unwrap();
-    assert!(!as_given.record().parameters.contains_key("context-at-scale-of"));
+    let any_size = AtSplat::new("atsplat", nano(), &weights, 0, Splatting::default()).unwrap();
+    assert!(!any_size.record().parameters.contains_key("context-at-scale-of"));
 }

@@ -1,63 +1,49 @@
-//! Runs: rows for whatever happens, resuming, shards, threads.
+//! Runs: rows for every outcome, resuming, shards, threads.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 mod common;
 
-use std::path::Path;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
 
-use atsplat_eval::method::{Answer, Cost, Method, NearestView, Question, Refusal, Rendered, Warp};
-use atsplat_eval::runner::{
-    Dataset, KeepPictures, Plan, PlannedIndex, Selection, Summary, here, named_metrics, picture_path, run,
-};
-use atsplat_eval::{
-    EvalError, IDENTICAL, MethodRecord, Results, Shard, Store, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus,
-};
-use atsplat_metrics::{Networks, Suite};
+use atsplat_eval::method::{Method, MethodError, Prediction, Rendered, TrialInput, Warp};
+use atsplat_eval::runner::{KeepPictures, PlannedIndex, here, picture_path};
+use atsplat_eval::{IDENTICAL, MethodRecord, Results, Shard, TargetStatus, TrialKey, TrialStatus};
 use atsplat_pixels::Image;
-use atsplat_protocol::trial::Prefetch;
 use atsplat_scene::Warnings;
-use common::{SIZE, Walls, dataset, entry};
+use common::{Run, SIZE, Walls, baselines, dataset, entry, record, rows, suite};
 
-/// Does to each scene what its number says, and counts how often it was asked.
+/// Fails in a different way in each of the first scenes, and counts its calls.
 #[derive(Debug, Default)]
-struct Troubled {
-    asked: AtomicUsize,
+struct Faulty {
+    calls: AtomicUsize,
 }
 
-impl Method for Troubled {
+impl Method for Faulty {
     fn record(&self) -> MethodRecord {
-        MethodRecord { name: "troubled".to_owned(), kind: "test".to_owned(), ..MethodRecord::default() }
+        record("faulty")
     }
 
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        self.asked.fetch_add(1, Ordering::Relaxed);
-        match question.trial.scene() {
-            "wall-0" => Err(Refusal::NotApplicable("two views are too few".to_owned())),
-            "wall-1" => Err(Refusal::Failed("out of memory".to_owned())),
-            #[expect(clippy::panic, reason = "a method's bug is what is tested")]
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        self.calls.fetch_add(1, Ordering::Relaxed);
+        match input.trial.scene() {
+            "wall-0" => Err(MethodError::NotApplicable("two views are too few".to_owned())),
+            "wall-1" => Err(MethodError::Failed("out of memory".to_owned())),
+            #[expect(clippy::panic, reason = "the test covers panics in methods")]
             "wall-2" => panic!("a bug"),
-            scene => Ok(Box::new(Trouble { scene: scene.to_owned(), cost: Cost::default() })),
+            scene => Ok(Box::new(FaultyPrediction(scene.to_owned()))),
         }
     }
 }
 
-struct Trouble {
-    scene: String,
-    cost: Cost,
-}
+struct FaultyPrediction(String);
 
-impl Answer for Trouble {
-    fn cost(&self) -> &Cost {
-        &self.cost
-    }
-
+impl Prediction for FaultyPrediction {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
         let samples = |sample: f32, width: u32| vec![sample; (width * SIZE.height * 3) as usize];
         let image = |sample, width| Image::new(width, SIZE.height, samples(sample, width)).unwrap();
-        let one = |target: &usize| match (self.scene.as_str(), target) {
+        let one = |target: &usize| match (self.0.as_str(), target) {
             ("wall-3", 0) => Err("no picture".to_owned()),
             ("wall-4", 0) => Ok(image(f32::NAN, SIZE.width)),
             ("wall-5", 0) => Ok(image(0.5, SIZE.width - 1)),
@@ -68,54 +54,9 @@ impl Answer for Trouble {
     }
 }
 
-struct Setting {
-    datasets: Vec<Dataset>,
-    methods: Vec<Arc<dyn Method>>,
-    suite: Suite,
-    selection: Selection,
-    pictures: KeepPictures,
-}
-
-impl Setting {
-    fn new(walls: Walls, methods: Vec<Arc<dyn Method>>) -> Self {
-        let ids = ["psnr", "ssim", "lpips"];
-        Self {
-            datasets: vec![dataset(walls, &[entry(&[0, 4], &[1, 4, 6])])],
-            methods,
-            suite: Suite::new(named_metrics(ids).unwrap(), Networks::default(), 0),
-            selection: Selection::default(),
-            pictures: KeepPictures::Nothing,
-        }
-    }
-
-    fn plan(&self) -> Plan<'_> {
-        Plan {
-            datasets: &self.datasets,
-            methods: &self.methods,
-            suite: &self.suite,
-            selection: self.selection,
-            timing: None,
-            pictures: self.pictures,
-            prefetch: Prefetch::default(),
-        }
-    }
-
-    fn run(&self, folder: &Path) -> Result<(Results, Summary), EvalError> {
-        let plan = self.plan();
-        let steps = AtomicUsize::new(0);
-        let store = Store::resume(folder, plan.provenance(here("0", None, Vec::new()))?)?;
-        let made = run(&plan, store, &|| _ = steps.fetch_add(1, Ordering::Relaxed))?;
-        assert_eq!(steps.into_inner() as u64, plan.results(), "every result is a step");
-        Ok(made)
-    }
-}
-
-fn floors() -> Vec<Arc<dyn Method>> {
-    vec![Arc::new(NearestView), Arc::new(Warp)]
-}
-
-fn bare(results: &Results) -> (Vec<TrialRow>, Vec<TargetRow>) {
-    (results.trials.clone(), results.targets.clone())
+fn settings(walls: Walls, methods: Vec<Arc<dyn Method>>) -> Run {
+    let datasets = vec![dataset(walls, &[entry(&[0, 4], &[1, 4, 6])])];
+    Run { suite: suite(&["psnr", "ssim", "lpips"]), ..Run::new(datasets, methods) }
 }
 
 fn key(method: &str, scene: usize) -> TrialKey {
@@ -123,9 +64,9 @@ fn key(method: &str, scene: usize) -> TrialKey {
 }
 
 #[test]
-fn floors_have_whole_rows() {
+fn baselines_have_complete_rows() {
     let folder = tempfile::tempdir().unwrap();
-    let (results, summary) = Setting::new(Walls::new(3, 8), floors()).run(folder.path()).unwrap();
+    let (results, summary) = settings(Walls::new(3, 8), baselines()).run(folder.path()).unwrap();
     assert_eq!((results.trials.len(), results.targets.len()), (6, 18));
     assert!(summary.is_complete() && summary.evaluated == 6, "{summary:?}");
     for trial in &results.trials {
@@ -143,15 +84,15 @@ fn floors_have_whole_rows() {
     assert!(of("warp", 0).scores["psnr"] > of("nearest-view", 0).scores["psnr"]);
     assert_eq!(of("warp", 0).not_computed["lpips"], "weights absent");
     let lpips = results.provenance.metrics.iter().find(|metric| metric.id == "lpips").unwrap();
-    assert!(lpips.absent.as_ref().unwrap().contains("vgg16"), "how to get them is said once");
+    assert!(lpips.absent.as_ref().unwrap().contains("vgg16"), "instructions are in the provenance");
     assert_eq!(Results::read(folder.path()).unwrap(), results);
 }
 
 #[test]
-fn whatever_happens_is_a_row() {
+fn every_outcome_is_a_row() {
     let walls = Walls { damaged: Some((6, 0)), ..Walls::new(8, 8) };
     let folder = tempfile::tempdir().unwrap();
-    let (results, summary) = Setting::new(walls, vec![Arc::new(Troubled::default())]).run(folder.path()).unwrap();
+    let (results, summary) = settings(walls, vec![Arc::new(Faulty::default())]).run(folder.path()).unwrap();
     let trial = |scene: usize| &results.trials[scene];
     let expected = [
         (TrialStatus::NotApplicable, "two views are too few"),
@@ -169,113 +110,111 @@ fn whatever_happens_is_a_row() {
         assert!(found.detail.clone().unwrap_or_default().contains(detail), "{found:?}");
     }
     assert_eq!(results.targets.len(), 24, "every target has its row");
-    let refused = results.targets.iter().find(|row| row.key == key("troubled", 0)).unwrap();
+    let refused = results.targets.iter().find(|row| row.key == key("faulty", 0)).unwrap();
     assert_eq!(refused.status, TargetStatus::Failed);
     assert!(refused.detail.as_ref().unwrap().contains("too few"));
-    let nan = results.targets.iter().find(|row| row.key == key("troubled", 4)).unwrap();
+    let nan = results.targets.iter().find(|row| row.key == key("faulty", 4)).unwrap();
     assert_eq!((nan.status, nan.non_finite, nan.scores.len()), (TargetStatus::NonFinite, 64 * 64 * 3, 0));
     assert_eq!((summary.incomplete, summary.non_finite), (6, 1));
     assert!(!summary.is_complete());
 }
 
-/// A true picture that cannot be read costs its target alone.
+/// A ground-truth picture that cannot be read fails only its target.
 #[test]
-fn a_damaged_truth_is_a_failed_target() {
+fn a_damaged_ground_truth_is_a_failed_target() {
     let walls = Walls { damaged: Some((0, 6)), ..Walls::new(2, 8) };
     let folder = tempfile::tempdir().unwrap();
-    let (results, _) = Setting::new(walls, floors()).run(folder.path()).unwrap();
+    let (results, _) = settings(walls, baselines()).run(folder.path()).unwrap();
     let row = results.targets.iter().find(|row| row.key == key("warp", 0) && row.frame == 6).unwrap();
     assert_eq!((row.status, row.truth_hash.is_none()), (TargetStatus::Failed, true));
-    assert!(row.detail.as_ref().unwrap().contains("the true picture"), "{row:?}");
+    assert!(row.detail.as_ref().unwrap().contains("the ground-truth picture"), "{row:?}");
     assert_eq!(results.trials.iter().filter(|trial| trial.status == TrialStatus::Partial).count(), 2);
 }
 
 #[test]
-fn what_is_there_is_not_asked_again() {
+fn existing_results_are_not_recomputed() {
     let folder = tempfile::tempdir().unwrap();
-    let troubled = Arc::new(Troubled::default());
-    let setting = Setting::new(Walls::new(8, 8), vec![Arc::clone(&troubled) as Arc<dyn Method>]);
-    let first = setting.run(folder.path()).unwrap();
-    let asked = troubled.asked.load(Ordering::Relaxed);
-    let second = setting.run(folder.path()).unwrap();
-    assert_eq!((troubled.asked.load(Ordering::Relaxed), asked), (8, 8));
-    assert_eq!(bare(&first.0), bare(&second.0));
+    let faulty = Arc::new(Faulty::default());
+    let run = settings(Walls::new(8, 8), vec![Arc::clone(&faulty) as Arc<dyn Method>]);
+    let first = run.run(folder.path()).unwrap();
+    let calls = faulty.calls.load(Ordering::Relaxed);
+    let second = run.run(folder.path()).unwrap();
+    assert_eq!((faulty.calls.load(Ordering::Relaxed), calls), (8, 8));
+    assert_eq!(rows(&first.0), rows(&second.0));
     assert_eq!((second.1.resumed, second.1.evaluated), (8, 0));
-    // Another method joins the same store.
-    let mut more = Setting::new(Walls::new(8, 8), floors());
-    more.methods.push(troubled.clone());
+    // Another method is added to the same store.
+    let mut more = settings(Walls::new(8, 8), baselines());
+    more.methods.push(faulty.clone());
     let (joined, summary) = more.run(folder.path()).unwrap();
     assert_eq!((summary.resumed, summary.evaluated, joined.provenance.methods.len()), (8, 16, 3));
-    assert_eq!(troubled.asked.load(Ordering::Relaxed), 8);
+    assert_eq!(faulty.calls.load(Ordering::Relaxed), 8);
 }
 
 #[test]
-fn another_question_is_asked_again_and_another_protocol_is_refused() {
+fn a_changed_entry_is_recomputed_and_a_changed_protocol_is_rejected() {
     let folder = tempfile::tempdir().unwrap();
-    let mut setting = Setting::new(Walls::new(2, 8), floors());
-    setting.run(folder.path()).unwrap();
-    // Frames that the same index now finds: the poses changed under it.
+    let mut run = settings(Walls::new(2, 8), baselines());
+    run.run(folder.path()).unwrap();
+    // Other target frames under the same index hash.
     let shifted = entry(&[0, 4], &[2, 4, 6]);
-    let record = setting.datasets[0].index.clone();
-    setting.datasets[0].index.index.scenes["wall-1"] = vec![shifted];
-    setting.datasets[0].index.sha256 = record.sha256;
-    let (results, summary) = setting.run(folder.path()).unwrap();
+    run.datasets[0].index.index.scenes["wall-1"] = vec![shifted];
+    let (results, summary) = run.run(folder.path()).unwrap();
     assert_eq!((summary.evaluated, summary.resumed), (2, 2));
     let frames: Vec<u64> =
         results.targets.iter().filter(|row| row.key == key("warp", 1)).map(|row| row.frame).collect();
     assert_eq!(frames, [2, 4, 6]);
-    setting.datasets[0].preset.renderer.dilation = 0.1;
-    let error = setting.run(folder.path()).unwrap_err().to_string();
+    run.datasets[0].preset.renderer.dilation = 0.1;
+    let error = run.run(folder.path()).unwrap_err().to_string();
     assert!(error.contains("of the two runs differ") && error.contains("another folder"), "{error}");
 }
 
 #[test]
-fn shards_merged_are_one_run_on_any_number_of_threads() {
+fn merged_shards_equal_one_run_on_any_number_of_threads() {
     let whole = tempfile::tempdir().unwrap();
-    let (whole, _) = Setting::new(Walls::new(7, 8), floors()).run(whole.path()).unwrap();
+    let (whole, _) = settings(Walls::new(7, 8), baselines()).run(whole.path()).unwrap();
     let shard = |number| {
-        let mut setting = Setting::new(Walls::new(7, 8), floors());
-        setting.selection.shard = Some(Shard { number, of: 3 });
+        let mut run = settings(Walls::new(7, 8), baselines());
+        run.selection.shard = Some(Shard { number, of: 3 });
         let folder = tempfile::tempdir().unwrap();
         let pool = rayon::ThreadPoolBuilder::new().num_threads(number as usize).build().unwrap();
-        pool.install(|| setting.run(folder.path())).unwrap().0
+        pool.install(|| run.run(folder.path())).unwrap().0
     };
     let merged = Results::merge([2, 3, 1].map(shard).to_vec()).unwrap();
     assert_eq!(merged.missing_shards, [] as [u32; 0]);
-    assert_eq!(bare(&merged.results), bare(&whole));
+    assert_eq!(rows(&merged.results), rows(&whole));
     assert_eq!(merged.results.provenance.presets[0].entries, whole.provenance.presets[0].entries);
 }
 
 #[test]
-fn a_limit_spreads_and_scenes_that_are_not_there_are_told() {
-    let mut setting = Setting::new(Walls::new(9, 8), floors());
-    setting.selection.limit = Some(3);
-    setting.datasets[0].index.index.scenes.insert("gone".to_owned(), vec![entry(&[0, 4], &[1])]);
-    setting.datasets[0].index.index.scenes.insert("wall-8".to_owned(), vec![entry(&[0, 400], &[1])]);
+fn a_limit_spreads_over_scenes_and_missing_scenes_are_reported() {
+    let mut run = settings(Walls::new(9, 8), baselines());
+    run.selection.limit = Some(3);
+    run.datasets[0].index.index.scenes.insert("gone".to_owned(), vec![entry(&[0, 4], &[1])]);
+    run.datasets[0].index.index.scenes.insert("wall-8".to_owned(), vec![entry(&[0, 400], &[1])]);
     let folder = tempfile::tempdir().unwrap();
-    let (results, summary) = setting.run(folder.path()).unwrap();
+    let (results, summary) = run.run(folder.path()).unwrap();
     let scenes: Vec<&str> = results.trials.iter().map(|trial| trial.key.scene.as_str()).collect();
     assert_eq!(scenes, ["wall-0", "wall-3", "wall-6", "wall-0", "wall-3", "wall-6"]);
     assert_eq!((summary.not_there, summary.is_complete()), (1, false));
     assert_eq!(results.provenance.warnings[0].example, "gone");
-    setting.selection.limit = None;
+    run.selection.limit = None;
     let all = tempfile::tempdir().unwrap();
-    let (results, summary) = setting.run(all.path()).unwrap();
+    let (results, summary) = run.run(all.path()).unwrap();
     assert_eq!((summary.skipped, results.provenance.skipped[0].reason.as_str()), (1, "frame-out-of-range"));
     assert_eq!(results.trials.len(), 16);
 }
 
 #[test]
-fn pictures_are_kept_where_asked_for() {
+fn requested_pictures_are_kept() {
     for (keep, scenes) in [(KeepPictures::All, 12), (KeepPictures::Worst, 10)] {
         let folder = tempfile::tempdir().unwrap();
-        let setting = Setting { pictures: keep, ..Setting::new(Walls::new(12, 8), vec![Arc::new(Warp)]) };
-        let (results, _) = setting.run(folder.path()).unwrap();
-        let kept = |method: &str, frame| {
+        let run = Run { pictures: keep, ..settings(Walls::new(12, 8), vec![Arc::new(Warp)]) };
+        let (results, _) = run.run(folder.path()).unwrap();
+        let stored = |method: &str, frame| {
             (0..12).filter(|scene| picture_path(folder.path(), &key(method, *scene), frame).is_file()).count()
         };
         assert_eq!(
-            [kept("warp", 1), kept("truth", 6), kept("context", 0), kept("context", 1)],
+            [stored("warp", 1), stored("truth", 6), stored("context", 0), stored("context", 1)],
             [scenes, scenes, scenes, 0]
         );
         let (mut worst, mut others) = (Vec::new(), Vec::new());
@@ -296,18 +235,18 @@ fn pictures_are_kept_where_asked_for() {
 }
 
 #[test]
-fn names_that_clash_and_shards_that_are_none_are_refused() {
-    let setting = Setting::new(Walls::new(1, 8), vec![Arc::new(Warp), Arc::new(Warp)]);
-    let error = setting.plan().provenance(here("0", None, Vec::new())).unwrap_err().to_string();
+fn rejects_duplicate_names_and_invalid_shards() {
+    let run = settings(Walls::new(1, 8), vec![Arc::new(Warp), Arc::new(Warp)]);
+    let error = run.plan().provenance(here("0", None, Vec::new())).unwrap_err().to_string();
     assert!(error.contains("warp twice"), "{error}");
-    let mut setting = Setting::new(Walls::new(1, 8), floors());
-    setting.selection.shard = Some(Shard { number: 4, of: 3 });
-    assert!(setting.plan().provenance(here("0", None, Vec::new())).is_err());
+    let mut run = settings(Walls::new(1, 8), baselines());
+    run.selection.shard = Some(Shard { number: 4, of: 3 });
+    assert!(run.plan().provenance(here("0", None, Vec::new())).is_err());
 }
 
-/// DepthSplat's rule asks for every frame of a window: those that the capture lists and lacks are none of them.
+/// DepthSplat's rule takes every frame of a window; frames whose picture is missing are not counted.
 #[test]
-fn a_sampled_index_asks_for_pictures_that_are_there() {
+fn a_sampled_index_contains_only_existing_pictures() {
     let walls = Walls { gaps: true, ..Walls::new(1, 60) };
     let index = PlannedIndex::sampled("dl3dv-6v", &walls, &mut Warnings::new()).unwrap();
     let entry = &index.index.scenes["wall-0"][0];
@@ -318,15 +257,15 @@ fn a_sampled_index_asks_for_pictures_that_are_there() {
     assert_eq!(whole.index.scenes["wall-0"][0].target, (0..50).collect::<Vec<_>>());
 }
 
-/// A context picture that is another one, and then a target's: drift names scene and frame, and nothing else of the data. The
-/// same pictures ten times are no drift.
+/// Changes a context picture and then a target picture: drift names exactly that scene and frame. Ten reruns on the same
+/// pictures are not drift.
 #[test]
 fn drift_names_the_picture_that_changed() {
     use atsplat_eval::drift::{Acceptance, Baseline, PictureRole, Verdict, compare};
     let of = |brighter| {
         let folder = tempfile::tempdir().unwrap();
         let walls = Walls { brighter, ..Walls::new(3, 8) };
-        Setting::new(walls, floors()).run(folder.path()).unwrap().0
+        settings(walls, baselines()).run(folder.path()).unwrap().0
     };
     let acceptance = Acceptance {
         date: "2026-01-01".to_owned(),

@@ -4,18 +4,16 @@
 
 mod common;
 
-use atsplat_eval::method::{ConstantsChoice, Question, WeightsOf};
-use atsplat_eval::runner::{KeepPictures, Plan, Selection, here, named_metrics, run};
+use atsplat_eval::Results;
+use atsplat_eval::method::{ConstantsChoice, TrialInput, WeightsOf};
 use atsplat_eval::statistics::Leaked;
 use atsplat_eval::timing::TimingPlan;
 use atsplat_eval::tradeoff::{Part, Setting, Sweep, Swept, across, parts, tradeoffs};
-use atsplat_eval::{Results, Store};
-use atsplat_metrics::{Networks, Suite};
 use atsplat_model::ModelConfig;
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::generated;
 use atsplat_protocol::trial::{Prefetch, TrialRecipe, Trials};
-use common::{Walls, dataset, entry};
+use common::{Run, Walls, dataset, entry};
 
 fn swept() -> Swept {
     let config = ModelConfig::named("nano").unwrap();
@@ -40,22 +38,11 @@ fn every_knob_changes_what_it_should() {
          [[settings]]\nlabel = 'two views'\nknobs = { views = 2 }\n",
     );
     let datasets = [dataset(Walls::new(2, 7), &[entry(&[0, 3, 6], &[2])])];
-    let suite = Suite::new(named_metrics(["psnr"]).unwrap(), Networks::default(), 0);
     let folder = tempfile::tempdir().unwrap();
     let parts = parts(&sweep, &swept(), &datasets).unwrap();
     assert_eq!(parts.iter().map(|part| part.methods.len()).collect::<Vec<_>>(), [5, 1]);
-    for part in &parts {
-        let plan = Plan {
-            datasets: &part.datasets,
-            methods: &part.methods,
-            suite: &suite,
-            selection: Selection::default(),
-            timing: Some(TimingPlan::default()),
-            pictures: KeepPictures::Nothing,
-            prefetch: Prefetch::default(),
-        };
-        let store = Store::resume(folder.path(), plan.provenance(here("0", None, Vec::new())).unwrap()).unwrap();
-        run(&plan, store, &|| ()).unwrap();
+    for Part { datasets, methods } in parts {
+        Run { timing: Some(TimingPlan::default()), ..Run::new(datasets, methods) }.run(folder.path()).unwrap();
     }
     let results = Results::read(folder.path()).unwrap();
     assert_eq!((results.trials.len(), results.targets.len()), (12, 12));
@@ -95,9 +82,9 @@ fn every_knob_changes_what_it_should() {
 }
 
 #[test]
-fn a_knob_that_does_not_fit_stops_the_sweep_before_it_runs() {
+fn an_invalid_knob_is_rejected_before_the_sweep_runs() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
-    for (knobs, told) in [
+    for (knobs, message) in [
         ("views = 3", "views"),
         ("resolution = [32, 0]", "resolution"),
         ("ratios = [0.5]", "ratios"),
@@ -107,13 +94,13 @@ fn a_knob_that_does_not_fit_stops_the_sweep_before_it_runs() {
     ] {
         let sweep = sweep(&format!("[[settings]]\nlabel = 'a'\nknobs = {{ {knobs} }}"));
         let error = parts(&sweep, &swept(), &datasets).unwrap_err().to_string();
-        assert!(error.contains(told), "{knobs}: {error}");
+        assert!(error.contains(message), "{knobs}: {error}");
     }
 }
 
-/// Trained weights give their first Gaussians, and no more than they have.
+/// Fewer Gaussians per token keep the first ones of the trained weights; more than they have are an error.
 #[test]
-fn trained_weights_give_fewer_gaussians_per_token() {
+fn trained_weights_can_give_fewer_gaussians_per_token() {
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 6], &[2])])];
     let trained = Swept { weights: WeightsOf::File { sha256: "00".to_owned() }, ..swept() };
     let of =
@@ -128,9 +115,9 @@ fn trained_weights_give_fewer_gaussians_per_token() {
         );
         let (trial, _) = trials.last().unwrap().unwrap();
         let pictures: Vec<_> = trial.context().iter().map(|view| view.picture().unwrap()).collect();
-        let answer =
-            method.begin(Question { preset: &datasets[0].preset, trial: &trial, pictures: &pictures }).unwrap();
-        (answer.cost().gaussians, answer.render(&[target]).remove(0).unwrap().image)
+        let prediction =
+            method.predict(TrialInput { preset: &datasets[0].preset, trial: &trial, pictures: &pictures }).unwrap();
+        (prediction.cost().gaussians, prediction.render(&[target]).remove(0).unwrap().image)
     };
     let [few, all] =
         ["gaussians-per-token = 2", "gaussians-per-token = 16"].map(|knobs| renders(&of(knobs).unwrap()[0], 0));
@@ -140,28 +127,29 @@ fn trained_weights_give_fewer_gaussians_per_token() {
     assert!(error.contains("gaussians-per-token") && error.contains("head."), "{error}");
 }
 
-/// Each shipped sweep turns into methods and protocols on pictures of 128² in four views.
+/// Every shipped sweep expands into methods and protocols on a scene of four views.
 #[test]
-fn the_sweeps_of_the_project_run() {
+fn shipped_sweeps_expand() {
     let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/sweeps");
     let datasets = [dataset(Walls::new(1, 7), &[entry(&[0, 1, 4, 6], &[2])])];
     let trained = Swept { weights: WeightsOf::File { sha256: "00".to_owned() }, ..swept() };
-    let mut turned = Vec::new();
+    let mut used_knobs = Vec::new();
     for file in std::fs::read_dir(folder).unwrap().map(|file| file.unwrap().path()) {
         if file.extension().is_some_and(|extension| extension == "toml") {
             let sweep = Sweep::from_toml(&std::fs::read_to_string(&file).unwrap()).unwrap();
-            let made = parts(&sweep, &trained, &datasets).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
-            assert_eq!(made.iter().map(|part| part.methods.len()).sum::<usize>(), sweep.settings.len());
+            let expanded =
+                parts(&sweep, &trained, &datasets).unwrap_or_else(|error| panic!("{}: {error}", file.display()));
+            assert_eq!(expanded.iter().map(|part| part.methods.len()).sum::<usize>(), sweep.settings.len());
             for Setting { knobs, .. } in &sweep.settings {
-                turned.extend(knobs.gaussians_per_token.map(|_| "Gaussians per token"));
-                turned.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
-                turned.extend(knobs.views.map(|_| "views"));
-                turned.extend(knobs.resolution.map(|_| "size"));
-                turned.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
+                used_knobs.extend(knobs.gaussians_per_token.map(|_| "Gaussians per token"));
+                used_knobs.extend(knobs.thresholds.as_ref().map(|_| "thresholds"));
+                used_knobs.extend(knobs.views.map(|_| "views"));
+                used_knobs.extend(knobs.resolution.map(|_| "size"));
+                used_knobs.extend(knobs.renderer.min_alpha.map(|_| "renderer"));
             }
         }
     }
-    turned.sort_unstable();
-    turned.dedup();
-    assert_eq!(turned, ["Gaussians per token", "renderer", "size", "thresholds", "views"]);
+    used_knobs.sort_unstable();
+    used_knobs.dedup();
+    assert_eq!(used_knobs, ["Gaussians per token", "renderer", "size", "thresholds", "views"]);
 }

@@ -40,7 +40,7 @@ with tempfile.TemporaryDirectory() as folder:
                 start = time.perf_counter()
                 value = call()
                 theirs.setdefault(name, []).append((1e3 * (time.perf_counter() - start), float(value)))
-print(f"{width}x{height} RGB, one thread, least of all turns, milliseconds")
+print(f"{width}x{height} RGB, one thread, minimum of all repetitions, milliseconds")
 for name in calls:
     least = min(o[0] for o in ours[name])
     other = min(t[0] for t in theirs[name])

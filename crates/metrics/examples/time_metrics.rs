@@ -1,4 +1,4 @@
-//! Least and median milliseconds of each metric on two raw f32 RGB pictures, on one thread:
+//! Minimum and median milliseconds of each metric on two raw f32 RGB pictures, on one thread:
 //! `time_metrics WIDTH HEIGHT RENDER TRUTH TURNS`. For `benches/against_skimage.py`.
 
 #![expect(clippy::print_stdout, reason = "an example that prints")]
@@ -10,8 +10,8 @@ use atsplat_metrics::{Pair, Score, Ssim, Values, psnr, ssim};
 use atsplat_pixels::Image;
 
 fn main() -> Result<(), Box<dyn Error>> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let [width, height, render, truth, turns] = words.as_slice() else {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let [width, height, render, truth, turns] = args.as_slice() else {
         return Err("expected WIDTH HEIGHT RENDER TRUTH TURNS".into());
     };
     let (width, height, turns) = (width.parse()?, height.parse()?, turns.parse::<usize>()?);
@@ -21,14 +21,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         Ok(Image::new(width, height, samples)?)
     };
     let (render, truth) = (read(render)?, read(truth)?);
-    let one = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
+    let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build()?;
     let pair = Pair::new(&render, &truth)?;
     let time = |name: &str, work: &(dyn Fn() -> Score + Sync)| {
         let mut times = Vec::with_capacity(turns);
         let mut value = None;
         for _ in 0..turns {
             let start = Instant::now();
-            value = one.install(work).value();
+            value = pool.install(work).value();
             times.push(start.elapsed().as_secs_f64() * 1e3);
         }
         times.sort_by(f64::total_cmp);

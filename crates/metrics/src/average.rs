@@ -2,21 +2,21 @@ use serde::Serialize;
 
 use crate::Score;
 
-/// What identical pictures count as in averages of PSNR, in dB. Papers average the infinity; this is a declared choice,
-/// a root-mean-square error of 1e-5, far below the step of 8 bits.
+/// PSNR in dB that identical pictures count as in averages, where papers average the infinity. A convention of this toolkit,
+/// equal to a root mean square error of 1e-5, far below the step of 8 bits.
 pub const DECIBEL_CAP: f64 = 100.0;
 
-/// A mean that says what it is made of.
+/// A mean with its counts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Average {
-    /// Over `counted` scores; `None` where there are none.
+    /// Mean over `counted` scores; `None` without any.
     pub mean: Option<f64>,
-    /// Scores in the mean, identical pictures among them.
+    /// Scores in the mean, including identical pictures.
     pub counted: u64,
     /// Identical pictures, each counted as `cap`.
     pub identical: u64,
-    /// What an identical picture counts as.
+    /// The value of an identical picture.
     pub cap: f64,
     /// Scores that were not computed and are not in the mean.
     pub not_computed: u64,
@@ -49,7 +49,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     #[test]
-    fn identical_pictures_count_as_the_cap_and_missing_scores_do_not_count() {
+    fn identical_pictures_count_as_the_cap_and_missing_scores_do_not() {
         let missing = Score::NotComputed(MetricError::Empty { size: [0, 0] }.into());
         let average = Average::of(&[Score::Value(20.0), Score::Identical, missing.clone()], DECIBEL_CAP);
         Tolerance::EXACT.assert(average.mean, [60.0], "mean");

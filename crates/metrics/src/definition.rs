@@ -4,23 +4,23 @@ use serde::Serialize;
 use crate::learned::Network;
 use crate::{Ssim, Values};
 
-/// A metric as a table shows it: what it is called, which way is better, and exactly what was computed.
+/// A metric: its names, direction, unit and exact convention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Definition {
-    /// Name in files and on command lines; never changes its meaning.
+    /// Name in files and on command lines; its meaning never changes.
     pub id: &'static str,
     /// Name in tables.
     pub name: &'static str,
     /// Which way is better.
     pub direction: Direction,
-    /// Unit; empty for plain numbers.
+    /// Unit; empty if dimensionless.
     pub unit: &'static str,
     /// What is computed.
     pub measure: Measure,
-    /// The convention in words, and who follows it.
+    /// Description of the convention, and who uses it.
     pub convention: &'static str,
-    /// Where it is defined.
+    /// Link to its definition.
     pub link: &'static str,
 }
 
@@ -34,30 +34,30 @@ pub enum Direction {
     Lower,
 }
 
-/// What is computed, with everything that decides the number.
+/// What is computed, with all parameters that affect the number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case", tag = "kind")]
 pub enum Measure {
     /// [`psnr`](crate::psnr()).
     Psnr {
-        /// What is done to samples before.
+        /// Conversion of samples.
         values: Values,
     },
     /// [`ssim`](crate::ssim()).
     Ssim {
-        /// What is done to samples before.
+        /// Conversion of samples.
         values: Values,
         /// Window, border, covariance.
         ssim: Ssim,
     },
     /// [`l1`](crate::l1()).
     L1 {
-        /// What is done to samples before.
+        /// Conversion of samples.
         values: Values,
     },
     /// [`Perceptual`](crate::learned::Perceptual).
     Perceptual {
-        /// What is done to samples before.
+        /// Conversion of samples.
         values: Values,
         /// Network and version of its weights.
         network: Network,
@@ -226,13 +226,13 @@ const DEFINITIONS: &[Definition] = &[
     },
 ];
 
-/// Every metric of two pictures, the field's usual ones first in their groups. Depth errors are
-/// [`DepthError`](crate::DepthError)'s fields.
+/// All metrics of two pictures, the most common variant first in each group. Depth errors are the fields of
+/// [`DepthError`](crate::DepthError).
 pub const fn definitions() -> &'static [Definition] {
     DEFINITIONS
 }
 
-/// The metric of this name.
+/// The metric of this id.
 pub fn definition(id: &str) -> Option<&'static Definition> {
     DEFINITIONS.iter().find(|definition| definition.id == id)
 }
@@ -273,10 +273,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_unique_and_links_are_links() {
+    fn ids_are_unique_and_definitions_are_complete() {
         for (at, definition) in DEFINITIONS.iter().enumerate() {
-            let twin = DEFINITIONS[at + 1..].iter().find(|d| d.id == definition.id || d.measure == definition.measure);
-            assert_eq!(twin, None, "{} has a twin", definition.id);
+            let duplicate =
+                DEFINITIONS[at + 1..].iter().find(|d| d.id == definition.id || d.measure == definition.measure);
+            assert_eq!(duplicate, None, "{} has a duplicate", definition.id);
             assert!(definition.link.starts_with("https://") && !definition.convention.is_empty(), "{}", definition.id);
             assert_eq!(super::definition(definition.id), Some(definition));
         }

@@ -3,7 +3,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Mask, MetricError};
 
-/// Depths along the camera's axis, row-major; a value that is not finite or not positive means "no depth here".
+/// Depths along the camera's axis, row-major; a value that is not finite or not positive marks a pixel without depth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DepthMap<'a> {
     size: [u32; 2],
@@ -14,7 +14,7 @@ impl<'a> DepthMap<'a> {
     /// One depth per pixel.
     ///
     /// # Errors
-    /// [`MetricError::ValueCount`] where there are not `width · height`.
+    /// [`MetricError::ValueCount`] unless there are `width · height` values.
     pub fn new(width: u32, height: u32, depths: &'a [f32]) -> Result<Self, MetricError> {
         let expected = u64::from(width) * u64::from(height);
         if depths.len() as u64 != expected {
@@ -24,7 +24,7 @@ impl<'a> DepthMap<'a> {
     }
 }
 
-/// True depths that are compared, in the unit of the maps; both ends belong to it.
+/// Range of ground-truth depths that are compared, in the unit of the maps, including both ends.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DepthRange {
@@ -39,43 +39,43 @@ impl DepthRange {
     pub const ALL: Self = Self { near: f32::MIN_POSITIVE, far: f32::MAX };
 }
 
-/// What is done to rendered depths before they are compared; a part of the convention.
+/// Scaling of rendered depths before they are compared; part of the convention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DepthScale {
-    /// Nothing: poses of known scale.
+    /// None: poses of known scale.
     Metric,
-    /// Multiplied by median(truth) / median(render) of the picture, as for methods whose scale is free
+    /// Multiplied by median(truth) / median(render) of the picture, for methods with unknown scale
     /// (Zhou et al. 2017, `SfMLearner`'s `kitti_eval/eval_depth.py`).
     Median,
 }
 
-/// Errors of a rendered depth map as the field reports them (Eigen et al. 2014, section 4.1; DepthSplat `depth` branch).
+/// Standard errors of a rendered depth map (Eigen et al. 2014, section 4.1; DepthSplat `depth` branch).
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DepthError {
-    /// Pixels with a true depth within the range that are compared.
+    /// Compared pixels: those with rendered and ground-truth depth in the range.
     pub compared: u64,
-    /// Pixels with such a true depth where the render has none; they are not compared, so look here first.
+    /// Pixels with ground-truth depth in the range but no rendered depth; they are not part of the errors below.
     pub missing: u64,
-    /// What rendered depths were multiplied by.
+    /// Factor applied to rendered depths.
     pub scale: f64,
     /// Mean of |d − d*| / d*.
     pub abs_rel: f64,
     /// Mean of (d − d*)² / d*, in the unit of the maps.
     pub sq_rel: f64,
-    /// Root of the mean of (d − d*)², in the unit of the maps.
+    /// Root mean square of d − d*, in the unit of the maps.
     pub rmse: f64,
-    /// Root of the mean of (ln d − ln d*)².
+    /// Root mean square of ln d − ln d*.
     pub rmse_log: f64,
-    /// Shares of pixels with max(d / d*, d* / d) below 1.25, 1.25², 1.25³.
+    /// Fractions of pixels with max(d / d*, d* / d) below 1.25, 1.25², 1.25³.
     pub delta: [f64; 3],
 }
 
-/// Compares a rendered depth map with a true one, in f64, pixel after pixel in the order of rows.
+/// Compares a rendered depth map with the ground truth, in f64 and row-major order.
 ///
 /// # Errors
-/// [`MetricError::SizeMismatch`]; [`MetricError::NothingInMask`] where no pixel has both depths.
+/// [`MetricError::SizeMismatch`]; [`MetricError::EmptyMask`] if no pixel has both depths.
 pub fn depth_error(
     render: &DepthMap<'_>,
     truth: &DepthMap<'_>,
@@ -103,7 +103,7 @@ pub fn depth_error(
     }
     let medians = [0, 1].map(|at| median(compared.iter().map(|pair| pair[at])));
     let [Some(render), Some(truth)] = medians else {
-        return Err(MetricError::NothingInMask { expected: "at least one pixel with a rendered and a true depth" });
+        return Err(MetricError::EmptyMask { expected: "at least one pixel with a rendered and a true depth" });
     };
     let scale = match scale {
         DepthScale::Metric => 1.0,
@@ -112,7 +112,7 @@ pub fn depth_error(
     Ok(summarise(&compared, missing, scale))
 }
 
-/// Whether a true depth is one and lies in the range; NaN does not.
+/// Whether a ground-truth depth is valid and in the range.
 fn has_depth(truth: f32, range: DepthRange) -> bool {
     truth > 0.0 && truth.is_finite() && truth >= range.near && truth <= range.far
 }
@@ -161,7 +161,7 @@ mod tests {
     }
 
     #[test]
-    fn by_hand() {
+    fn errors_agree_with_a_manual_calculation() {
         let found = errors(&[1.0, 3.0, 2.0, f32::NAN], &[2.0, 2.0, 2.0, 4.0], None, DepthScale::Metric).unwrap();
         assert_eq!((found.compared, found.missing), (3, 1));
         let logs = ((0.5f64.ln().powi(2) + 1.5f64.ln().powi(2)) / 3.0).sqrt();
@@ -171,13 +171,13 @@ mod tests {
     }
 
     #[test]
-    fn median_scaling_takes_a_factor_away_and_says_which() {
+    fn median_scaling_removes_and_reports_a_factor() {
         let found = errors(&[2.0, 4.0, 6.0, 8.0], &[1.0, 2.0, 3.0, 4.0], None, DepthScale::Median).unwrap();
         Tolerance::F64.assert([found.scale, found.abs_rel, found.delta[0]], [0.5, 0.0, 1.0], "scaled");
     }
 
     #[test]
-    fn what_has_no_true_depth_or_lies_outside_is_not_compared() {
+    fn pixels_without_ground_truth_or_outside_the_range_are_ignored() {
         let truth = [20.0, f32::INFINITY, -1.0, 1.0];
         let found = errors(&[1.0; 4], &truth, None, DepthScale::Metric).unwrap();
         assert_eq!((found.compared, found.missing), (1, 0));

@@ -1,11 +1,11 @@
-//! Two pictures into a number, under a named convention.
+//! Image metrics under named conventions: PSNR, SSIM, LPIPS, L1 and depth errors.
 //!
-//! A [`Pair`] is checked first: sizes agree and every sample is finite, or a typed error says what is wrong and how
-//! often. Measures then compute in f64 with a fixed order of sums, so that threads change no bit. What papers mean by
-//! "SSIM" differs by up to 0.03; [`definitions`] lists every convention as data, and [`Suite`] computes any of them.
+//! A [`Pair`] is validated first: equal sizes and finite samples, or a typed error with what is wrong and how often. Metrics are
+//! computed in f64 with a fixed order of summation, so results do not depend on the number of threads. What papers call "SSIM"
+//! differs by up to 0.03; [`definitions`] lists every convention as data, and [`Suite`] computes any of them.
 //!
-//! Learned metrics need weights that are not ours to carry. Where they are absent a score says so
-//! ([`NotComputed::WeightsAbsent`]) and how to get them; nothing is put in their place.
+//! Learned metrics need weights that may not be redistributed. If they are missing, the score is
+//! [`NotComputed::WeightsAbsent`] with instructions to get them; there is no substitute value.
 
 mod average;
 mod definition;

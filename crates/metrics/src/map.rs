@@ -3,50 +3,50 @@ use rayon::prelude::*;
 
 use crate::{Pair, Values};
 
-/// One number per pixel, over a part of the pictures.
+/// One value per pixel of a part of the pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Map {
     /// Width and height of the pictures.
     pub(crate) picture: [u32; 2],
     pub(crate) left: u32,
     pub(crate) top: u32,
-    /// Of the map.
+    /// Width of the map.
     pub(crate) width: usize,
     pub(crate) values: Vec<f64>,
 }
 
 impl Map {
-    /// Row-major values; [`Map::width`] in a row.
+    /// Row-major values, [`Map::width`] per row.
     pub fn values(&self) -> &[f64] {
         &self.values
     }
 
-    /// Values in a row.
+    /// Number of values per row.
     pub const fn width(&self) -> usize {
         self.width
     }
 
     /// Number of rows.
     pub const fn height(&self) -> usize {
-        self.values.len() / if self.width == 0 { 1 } else { self.width }
+        if self.width == 0 { 0 } else { self.values.len() / self.width }
     }
 
-    /// Column and row of the picture that the first value belongs to.
+    /// Column and row of the first value in the picture.
     pub const fn origin(&self) -> [u32; 2] {
         [self.left, self.top]
     }
 
-    /// The value at a pixel of the picture; `None` where the map does not reach.
+    /// The value at a pixel of the picture; `None` outside the map.
     pub fn at(&self, column: u32, row: u32) -> Option<f64> {
         let (column, row) = (column.checked_sub(self.left)? as usize, row.checked_sub(self.top)? as usize);
         if column < self.width { self.values.get(row * self.width + column).copied() } else { None }
     }
 
-    /// A picture of the pictures' size in a ramp's colours; `from` has the first colour, `to` the last, and values
-    /// beyond them the same. Pixels that the map does not reach are mid-grey.
+    /// The map as a picture in a ramp's colours, of the pictures' size. `from` has the first colour and `to` the last; values
+    /// beyond them are clipped. Pixels outside the map are mid-grey.
     ///
     /// # Errors
-    /// None that a map of this crate can have: one colour is made per pixel.
+    /// Never: there is one colour per pixel.
     pub fn to_image(&self, ramp: Ramp, from: f64, to: f64) -> Result<Image, PixelError> {
         const OUTSIDE: [f32; 3] = [0.5; 3];
         let [width, height] = self.picture;
@@ -59,7 +59,7 @@ impl Map {
     }
 }
 
-/// Mean over the three channels of the absolute difference at every pixel of both pictures, inside a mask and outside.
+/// Absolute difference at every pixel, averaged over channels, also outside a mask.
 pub fn absolute_error_map(pair: &Pair<'_>, values: Values) -> Map {
     let [render, truth] = pair.rows(values);
     let pixels = render.as_chunks::<3>().0.iter().zip(truth.as_chunks::<3>().0);
@@ -69,18 +69,18 @@ pub fn absolute_error_map(pair: &Pair<'_>, values: Values) -> Map {
     Map { picture: pair.size(), left: 0, top: 0, width: pair.size()[0] as usize, values: values.collect() }
 }
 
-/// Colours for numbers.
+/// A colour map.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Ramp {
     /// Black to white.
     Grey,
-    /// Matplotlib's `viridis` at nine points, straight lines between: dark violet, green, yellow; even in lightness and
-    /// legible without red and green.
+    /// Matplotlib's `viridis`, linearly interpolated between nine points: dark violet, green, yellow; perceptually uniform and
+    /// readable with colour blindness.
     Viridis,
 }
 
 impl Ramp {
-    /// The colour at a share of the way, clipped to [0, 1]; NaN has the first.
+    /// The colour at a position clipped to [0, 1]; NaN has the first colour.
     pub fn colour(self, share: f64) -> [f32; 3] {
         const VIRIDIS: [[f32; 3]; 9] = [
             [0.267, 0.005, 0.329],
@@ -99,10 +99,10 @@ impl Ramp {
         match self {
             Self::Grey => [narrow; 3],
             Self::Viridis => {
-                let place = narrow * 8.0;
-                let below = (1..=7u8).filter(|&point| f32::from(point) <= place).count();
+                let position = narrow * 8.0;
+                let below = (1..=7u8).filter(|&point| f32::from(point) <= position).count();
                 let (a, b) = (VIRIDIS[below], VIRIDIS[below + 1]);
-                let part = place - below as f32;
+                let part = position - below as f32;
                 std::array::from_fn(|channel| a[channel] + (b[channel] - a[channel]) * part)
             }
         }

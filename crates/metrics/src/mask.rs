@@ -1,9 +1,9 @@
 use crate::MetricError;
 
-/// Which pixels a number is made of; row-major.
+/// The pixels that are compared, row-major.
 ///
-/// What a mask means is the same for every measure of this crate that compares pixels or windows: as though the
-/// picture were only where the mask is. A mask that is a rectangle therefore gives the number of the crop.
+/// Metrics that compare pixels or windows treat the picture as if it existed only inside the mask, so a rectangular mask equals
+/// a crop.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Mask {
     size: [u32; 2],
@@ -12,10 +12,10 @@ pub struct Mask {
 }
 
 impl Mask {
-    /// `true` for pixels that count.
+    /// A mask that is `true` for included pixels.
     ///
     /// # Errors
-    /// [`MetricError::ValueCount`] where there are not `width · height` values.
+    /// [`MetricError::ValueCount`] unless there are `width · height` values.
     pub fn new(width: u32, height: u32, included: Vec<bool>) -> Result<Self, MetricError> {
         let expected = u64::from(width) * u64::from(height);
         if included.len() as u64 != expected {
@@ -30,22 +30,22 @@ impl Mask {
         self.size
     }
 
-    /// Row-major, `true` for pixels that count.
+    /// Row-major, `true` for included pixels.
     pub fn included(&self) -> &[bool] {
         &self.included
     }
 
-    /// How many pixels count.
+    /// Number of included pixels.
     pub const fn count(&self) -> usize {
         self.count
     }
 
-    /// Whether a whole square of `2 · radius + 1` pixels lies in the mask, by its centre: row-major, of the
-    /// `width − 2 · radius` by `height − 2 · radius` centres that have room.
+    /// For each square of side `2 · radius + 1` inside the picture, whether it is completely in the mask: row-major by centre,
+    /// `width − 2 · radius` by `height − 2 · radius` values.
     pub(crate) fn windows_inside(&self, radius: usize) -> Vec<bool> {
         let [width, height] = self.size.map(|side| side as usize);
         let side = 2 * radius + 1;
-        // Rows first, then columns: how many pixels up to here are included without a gap.
+        // Rows first, then columns: length of the run of included pixels that ends here.
         let mut run_right = vec![0usize; width * height];
         for (row, run) in self.included.chunks(width).zip(run_right.chunks_mut(width)) {
             let mut length = 0;
@@ -75,14 +75,14 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn counts_of_values_are_checked() {
+    fn rejects_a_wrong_number_of_values() {
         let error = Mask::new(3, 2, vec![true; 5]).unwrap_err();
         assert_eq!(error.to_string(), "mask: expected 6 values for its width and height, found 5");
     }
 
     proptest! {
         #[test]
-        fn windows_inside_agree_with_looking_at_every_pixel(
+        fn windows_inside_agree_with_checking_every_pixel(
             width in 1usize..12, height in 1usize..12, radius in 0usize..4, bits in prop::collection::vec(0u8..8, 144),
         ) {
             let included: Vec<bool> = bits.iter().take(width * height).map(|bits| *bits > 0).collect();

@@ -2,8 +2,8 @@ use std::fmt;
 
 use serde::Serialize;
 
-/// How many samples of a pair of pictures are NaN or infinite. Counted before anything is computed, because a
-/// comparison such as `f32::max` would swallow them.
+/// Number of NaN or infinite samples of a pair of pictures. Counted before anything is computed, because comparisons such as
+/// `f32::max` would hide them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct NonFinite {
@@ -11,14 +11,15 @@ pub struct NonFinite {
     pub render: u64,
     /// Samples of the ground truth.
     pub truth: u64,
-    /// Column, row and channel of the first one, rows first; of either picture.
+    /// Column, row and channel of the first one in row-major order, in either picture.
     pub first: Option<[u32; 3]>,
 }
 
 impl NonFinite {
-    /// Counts in interleaved RGB rows of `width` pixels, where `included` says yes to a pixel's place in the picture.
+    /// Counts the samples of interleaved RGB rows of `width` pixels, of the pixels for which `included` is true.
+    #[expect(clippy::expect_used, reason = "sides of pictures are u32")]
     pub(crate) fn count(render: &[f32], truth: &[f32], width: usize, included: impl Fn(usize) -> bool) -> Self {
-        // Nearly every picture is finite, and that takes one pass without branches.
+        // Fast path for finite pictures: one pass without branches.
         if all_finite(render) && all_finite(truth) {
             return Self::default();
         }
@@ -28,14 +29,14 @@ impl NonFinite {
             counted.render += u64::from(broken(render));
             counted.truth += u64::from(broken(truth));
             if counted.first.is_none() && counted.total() > 0 {
-                let place = [sample / 3 % width, sample / 3 / width, sample % 3];
-                counted.first = Some(place.map(|part| u32::try_from(part).unwrap_or(u32::MAX)));
+                let position = [sample / 3 % width, sample / 3 / width, sample % 3];
+                counted.first = Some(position.map(|part| u32::try_from(part).expect("sides of pictures are u32")));
             }
         }
         counted
     }
 
-    /// Of both pictures.
+    /// Number in both pictures.
     pub const fn total(&self) -> u64 {
         self.render + self.truth
     }

@@ -4,7 +4,7 @@ use atsplat_pixels::Image;
 
 use crate::{Mask, MetricError, NonFinite, Values};
 
-/// A render and its ground truth: of one size, at least one pixel, and finite wherever they are compared.
+/// A render and its ground truth: of equal, non-zero size and finite wherever they are compared.
 #[derive(Clone, Copy, Debug)]
 pub struct Pair<'a> {
     render: &'a Image,
@@ -13,7 +13,7 @@ pub struct Pair<'a> {
 }
 
 impl<'a> Pair<'a> {
-    /// Both pictures, all of their pixels.
+    /// Pairs all pixels of both pictures.
     ///
     /// # Errors
     /// [`MetricError::SizeMismatch`], [`MetricError::Empty`], [`MetricError::NonFinite`] with the count.
@@ -21,10 +21,10 @@ impl<'a> Pair<'a> {
         Self { render, truth, mask: None }.checked()
     }
 
-    /// The pixels in a mask. Samples outside it may be anything, NaN included.
+    /// Pairs the pixels in a mask. Samples outside it may have any value, including NaN.
     ///
     /// # Errors
-    /// As [`Pair::new`], of the pixels in the mask, and [`MetricError::NothingInMask`].
+    /// As [`Pair::new`] for the pixels in the mask, and [`MetricError::EmptyMask`].
     pub fn masked(render: &'a Image, truth: &'a Image, mask: &'a Mask) -> Result<Self, MetricError> {
         Self { render, truth, mask: Some(mask) }.checked()
     }
@@ -41,15 +41,12 @@ impl<'a> Pair<'a> {
             return Err(MetricError::Empty { size: expected });
         }
         if self.mask.is_some_and(|mask| mask.count() == 0) {
-            return Err(MetricError::NothingInMask { expected: "at least one pixel" });
+            return Err(MetricError::EmptyMask { expected: "at least one pixel" });
         }
-        let non_finite = self.non_finite();
-        if non_finite.total() > 0 { Err(MetricError::NonFinite(non_finite)) } else { Ok(self) }
-    }
-
-    fn non_finite(&self) -> NonFinite {
         let included = |pixel: usize| self.mask.is_none_or(|mask| mask.included().get(pixel) == Some(&true));
-        NonFinite::count(self.render.samples(), self.truth.samples(), self.render.width() as usize, included)
+        let width = self.render.width() as usize;
+        let non_finite = NonFinite::count(self.render.samples(), self.truth.samples(), width, included);
+        if non_finite.total() > 0 { Err(MetricError::NonFinite(non_finite)) } else { Ok(self) }
     }
 
     /// Width and height.
@@ -67,23 +64,23 @@ impl<'a> Pair<'a> {
         self.truth
     }
 
-    /// The mask, if there is one.
+    /// The mask, if any.
     pub const fn mask(&self) -> Option<&'a Mask> {
         self.mask
     }
 
-    /// Whether every compared sample is the same number in both pictures, before any clipping or rounding.
+    /// Whether all compared samples are equal, before any clipping or rounding.
     pub fn is_identical(&self) -> bool {
         let [render, truth] = self.compared(Values::AsRendered);
         render == truth
     }
 
-    /// Samples of both pictures in whole rows, wherever the mask is.
+    /// All samples of both pictures, regardless of the mask.
     pub(crate) fn rows(&self, values: Values) -> [Cow<'a, [f32]>; 2] {
         [values.of(self.render.samples()), values.of(self.truth.samples())]
     }
 
-    /// Samples of both pictures that are compared, side by side: a crop and the mask of its rectangle give the same.
+    /// The compared samples of both pictures, contiguous: a crop and a mask of its rectangle give the same.
     pub(crate) fn compared(&self, values: Values) -> [Cow<'a, [f32]>; 2] {
         let Some(mask) = self.mask else { return self.rows(values) };
         [self.render, self.truth].map(|picture| {

@@ -14,12 +14,12 @@ pub fn l1(pair: &Pair<'_>, values: Values) -> f64 {
 /// Peak signal-to-noise ratio in dB for a peak of 1, one mean over the picture's pixels and channels
 /// (pixelSplat `src/evaluation/metrics.py:11-19` with [`Values::Clipped`]).
 ///
-/// [`Score::Identical`] where no sample differs after `values`: the ratio is then infinite.
+/// [`Score::Identical`] if no sample differs after the conversion by `values`: the ratio is infinite.
 pub fn psnr(pair: &Pair<'_>, values: Values) -> Score {
     psnr_of_mean_squared_error(mean_squared_error(pair, values))
 }
 
-/// `−10 log₁₀` of a mean squared error, which is what PSNR is for a peak of 1.
+/// PSNR for a peak of 1: `−10 log₁₀` of the mean squared error.
 pub fn psnr_of_mean_squared_error(error: f64) -> Score {
     if error == 0.0 { Score::Identical } else { Score::Value(-10.0 * error.log10()) }
 }

@@ -4,14 +4,14 @@ use thiserror::Error;
 use crate::MetricError;
 use crate::learned::WeightsAbsent;
 
-/// What a measure says of a pair.
+/// The result of a metric on a pair.
 #[derive(Clone, Debug, PartialEq)]
 pub enum Score {
     /// A finite number.
     Value(f64),
-    /// The pictures are the same and the number would be infinite.
+    /// The pictures are identical and the number is infinite.
     Identical,
-    /// There is no number.
+    /// No number could be computed.
     NotComputed(NotComputed),
 }
 
@@ -22,13 +22,13 @@ pub enum NotComputed {
     /// A learned metric's weights were not found.
     #[error("not computed: {0}")]
     WeightsAbsent(WeightsAbsent),
-    /// The pictures have no such number.
+    /// The pictures are unsuitable for the metric.
     #[error("not computed: {0}")]
     Pictures(#[from] MetricError),
 }
 
 impl Score {
-    /// The number; `None` where it is infinite or there is none.
+    /// The number; `None` if it is infinite or was not computed.
     pub const fn value(&self) -> Option<f64> {
         match self {
             Self::Value(value) => Some(*value),
@@ -36,7 +36,7 @@ impl Score {
         }
     }
 
-    /// The number, with a declared one for identical pictures.
+    /// The number, with `cap` for identical pictures.
     pub const fn capped(&self, cap: f64) -> Option<f64> {
         match self {
             Self::Value(value) => Some(*value),
@@ -55,7 +55,7 @@ impl From<Result<f64, MetricError>> for Score {
     }
 }
 
-/// As a number, `"identical"`, or an object with the reason.
+/// Serialises to a number, `"identical"`, or an object with the reason.
 impl Serialize for Score {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         use serde::ser::SerializeMap;

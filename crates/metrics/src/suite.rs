@@ -6,7 +6,7 @@ use serde::Serialize;
 use crate::learned::{FeatureCache, LoadError, Network, Perceptual, WeightsAbsent, WeightsFolders};
 use crate::{Definition, Mask, Measure, MetricError, NonFinite, NotComputed, Pair, Score, Values, l1, psnr, ssim};
 
-/// Learned metrics that could be loaded, and why the others could not.
+/// Loaded learned metrics, and why others could not be loaded.
 #[derive(Clone, Debug, Default)]
 pub struct Networks {
     loaded: Vec<Arc<Perceptual>>,
@@ -14,10 +14,10 @@ pub struct Networks {
 }
 
 impl Networks {
-    /// Loads what a list of metrics needs. Weights that are not there are remembered as absent.
+    /// Loads the networks of some metrics. Missing weights are recorded as absent.
     ///
     /// # Errors
-    /// [`LoadError::File`] and [`LoadError::Unfit`]: a file that is there and broken is no absence.
+    /// [`LoadError::File`] and [`LoadError::Mismatch`] for files that exist but are invalid.
     pub fn for_definitions(definitions: &[&Definition], folders: &WeightsFolders) -> Result<Self, LoadError> {
         let mut networks = Self::default();
         for definition in definitions {
@@ -28,7 +28,7 @@ impl Networks {
         Ok(networks)
     }
 
-    /// Adds a network that was loaded elsewhere, in the place of one of its kind.
+    /// Adds a loaded network, replacing one of the same kind.
     pub fn add(&mut self, perceptual: Arc<Perceptual>) {
         self.loaded.retain(|loaded| loaded.network() != perceptual.network());
         self.absent.retain(|absent| absent.network != perceptual.network());
@@ -38,14 +38,14 @@ impl Networks {
     /// A loaded network.
     ///
     /// # Errors
-    /// [`WeightsAbsent`] with the folders that were searched.
+    /// [`WeightsAbsent`] with the searched folders.
     pub fn get(&self, network: Network) -> Result<&Arc<Perceptual>, WeightsAbsent> {
         let absent = || self.absent.iter().find(|absent| absent.network == network).cloned();
         let loaded = self.loaded.iter().find(|loaded| loaded.network() == network);
         loaded.ok_or_else(|| absent().unwrap_or_else(|| WeightsAbsent::new(network, Vec::new())))
     }
 
-    /// Those whose weights were not found.
+    /// The networks whose weights were not found.
     pub fn absent(&self) -> &[WeightsAbsent] {
         &self.absent
     }
@@ -76,21 +76,21 @@ pub struct Suite {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Scored {
-    /// Samples that are NaN or infinite; where there are any, no score is computed.
+    /// Number of non-finite samples; if there are any, no score is computed.
     pub non_finite: NonFinite,
-    /// Whether the pictures are the same to the bit.
+    /// Whether the pictures are bit-identical.
     pub identical: bool,
-    /// By the order of the suite's definitions.
+    /// Scores by metric id, in the order of the suite's definitions.
     pub scores: Vec<(&'static str, Score)>,
 }
 
 impl Suite {
-    /// Metrics, the networks that some of them need, and a bound on the bytes of ground-truth features kept.
-    pub fn new(definitions: Vec<&'static Definition>, networks: Networks, most_feature_bytes: usize) -> Self {
-        Self { definitions, networks, cache: Arc::new(FeatureCache::new(most_feature_bytes)) }
+    /// A suite of metrics with the networks that some of them need, and a limit on the bytes of cached ground-truth features.
+    pub fn new(definitions: Vec<&'static Definition>, networks: Networks, max_feature_bytes: usize) -> Self {
+        Self { definitions, networks, cache: Arc::new(FeatureCache::new(max_feature_bytes)) }
     }
 
-    /// What is computed, in order.
+    /// The metrics, in order.
     pub fn definitions(&self) -> &[&'static Definition] {
         &self.definitions
     }
@@ -100,7 +100,7 @@ impl Suite {
         &self.networks
     }
 
-    /// Every metric of a pair. What cannot be computed is a [`Score::NotComputed`] that says why.
+    /// All metrics of a pair; a metric that cannot be computed is a [`Score::NotComputed`] with the reason.
     pub fn score(&self, render: &Image, truth: &Image, mask: Option<&Mask>) -> Scored {
         let pair = match mask {
             Some(mask) => Pair::masked(render, truth, mask),
@@ -112,14 +112,14 @@ impl Suite {
         };
         let identical = pair.as_ref().is_ok_and(Pair::is_identical);
         let score = |definition: &Definition| match &pair {
-            Ok(pair) => self.one(definition, pair),
+            Ok(pair) => self.measure(definition, pair),
             Err(error) => Score::NotComputed(error.clone().into()),
         };
         let scores = self.definitions.iter().map(|definition| (definition.id, score(definition))).collect();
         Scored { non_finite, identical, scores }
     }
 
-    fn one(&self, definition: &Definition, pair: &Pair<'_>) -> Score {
+    fn measure(&self, definition: &Definition, pair: &Pair<'_>) -> Score {
         match definition.measure {
             Measure::Psnr { values } => psnr(pair, values),
             Measure::Ssim { values, ssim: convention } => ssim(pair, values, convention).into(),
@@ -132,10 +132,9 @@ impl Suite {
     }
 
     fn perceptual(&self, perceptual: &Perceptual, pair: &Pair<'_>, values: Values) -> Result<f64, MetricError> {
-        let of = |picture: &Image| values.picture(picture);
         let (render, truth) = rayon::join(
-            || perceptual.features(&of(pair.render())),
-            || self.cache.features(perceptual, &of(pair.truth())),
+            || perceptual.features(&values.picture(pair.render())),
+            || self.cache.features(perceptual, &values.picture(pair.truth())),
         );
         perceptual.compare_features(&render?, &*truth?, pair.mask())
     }

@@ -1,23 +1,23 @@
-//! Sums over samples in one order, whatever the number of threads and the width of vectors.
+//! Sums over samples in a fixed order, independent of the number of threads and the SIMD width.
 
 #![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
 
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-/// Sums side by side. Vectors hold a part of them, so that their width changes nothing.
+/// Number of parallel partial sums; a multiple of every SIMD width.
 const LANES: usize = 16;
-/// Samples that one task sums.
+/// Samples per task.
 const RUN: usize = 1 << 16;
 
-/// `Σ (a − b)²` in f64, or `Σ |a − b|`.
+/// The summed difference: `(a − b)²` or `|a − b|`, in f64.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Difference {
     Squared,
     Absolute,
 }
 
-/// The sum of differences between two slices of one length.
+/// Sum of differences of two slices of equal length.
 pub(crate) fn sum_of_differences(a: &[f32], b: &[f32], difference: Difference) -> f64 {
     let arch = Arch::new();
     let runs = a.par_chunks(RUN).zip(b.par_chunks(RUN));

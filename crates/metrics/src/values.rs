@@ -3,27 +3,27 @@ use std::borrow::Cow;
 use atsplat_pixels::{Image, Rounding};
 use serde::{Deserialize, Serialize};
 
-/// What is done to the samples of both pictures before they are compared; a part of the convention.
+/// Conversion of both pictures' samples before they are compared; part of a metric's convention.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Values {
-    /// Nothing: a render's floats may leave [0, 1].
+    /// None: a render's samples may be outside [0, 1].
     AsRendered,
     /// Clipped to [0, 1].
     Clipped,
-    /// Clipped, written to 8 bits and read again (`v / 255` in f32).
+    /// Clipped, rounded to 8 bits and converted back (`v / 255` in f32).
     EightBit(Rounding),
 }
 
 impl Values {
-    /// The picture as it is compared.
+    /// The converted picture.
+    #[expect(clippy::expect_used, reason = "the number of samples does not change")]
     pub(crate) fn picture(self, picture: &Image) -> Image {
         let samples = self.of(picture.samples()).into_owned();
-        // As many samples as before, so that there is nothing to refuse.
-        Image::new(picture.width(), picture.height(), samples).unwrap_or_else(|_| picture.clone())
+        Image::new(picture.width(), picture.height(), samples).expect("as many samples as the original")
     }
 
-    /// The samples as they are compared.
+    /// The converted samples.
     pub(crate) fn of(self, samples: &[f32]) -> Cow<'_, [f32]> {
         let clip = |sample: &f32| sample.clamp(0.0, 1.0);
         match self {
@@ -45,7 +45,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     #[test]
-    fn eight_bits_are_those_of_a_written_and_read_picture() {
+    fn eight_bit_values_equal_a_round_trip_through_bytes() {
         let samples: Vec<f32> = (-300i16..3000).map(|i| f32::from(i) / 2500.0).collect();
         let picture = Image::new(1100, 1, samples.clone()).unwrap();
         for rounding in [Rounding::Truncate, Rounding::Nearest] {
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn clipping_leaves_the_inside_alone() {
+    fn clipping_keeps_values_inside_the_range() {
         let clipped = Values::Clipped.of(&[-0.5, 0.25, 1.5]).iter().copied().map(f64::from).collect::<Vec<_>>();
         Tolerance::EXACT.assert(clipped, [0.0, 0.25, 1.0], "clipped");
         assert!(matches!(Values::AsRendered.of(&[2.0]), Cow::Borrowed([..])));

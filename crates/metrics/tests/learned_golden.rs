@@ -1,5 +1,5 @@
-//! LPIPS and ST-LPIPS against their packages (`oracle/make_learned_golden.py`), with seeded networks; with published
-//! weights where they are found.
+//! LPIPS and ST-LPIPS against their packages (`oracle/make_learned_golden.py`), with seeded networks, and with published
+//! weights if they are found.
 
 #![expect(clippy::unwrap_used, reason = "a fixture that does not parse fails the test")]
 
@@ -16,7 +16,7 @@ use atsplat_pixels::{DecodeLimits, Image, decode};
 use atsplat_tests::{shared_data, skip};
 use common::{on_threads, seeded, uniform};
 
-/// Of values of about 0.01, by f32 networks that add in other orders.
+/// For values of about 0.01, of f32 networks with different summation orders.
 const SEEDED: Tolerance = Tolerance::absolute(1e-7);
 const PUBLISHED: Tolerance = Tolerance::absolute(1e-5);
 
@@ -30,27 +30,14 @@ fn convolutions(network: Network) -> Vec<(String, [usize; 3])> {
             &["1.0", "1.2", "2.6", "2.8", "3.12", "3.14", "3.16", "4.20", "4.22", "4.24", "5.28", "5.30", "5.32"]
         }
     };
-    let shapes: &[[usize; 3]] = if names.len() == 5 {
-        &[[64, 3, 11], [192, 64, 5], [384, 192, 3], [256, 384, 3], [256, 256, 3]]
+    const VGG_CHANNELS: [usize; 14] = [3, 64, 64, 128, 128, 256, 256, 256, 512, 512, 512, 512, 512, 512];
+    let shapes: Vec<[usize; 3]> = if names.len() == 5 {
+        vec![[64, 3, 11], [192, 64, 5], [384, 192, 3], [256, 384, 3], [256, 256, 3]]
     } else {
-        &[
-            [64, 3, 3],
-            [64, 64, 3],
-            [128, 64, 3],
-            [128, 128, 3],
-            [256, 128, 3],
-            [256, 256, 3],
-            [256, 256, 3],
-            [512, 256, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-            [512, 512, 3],
-        ]
+        VGG_CHANNELS.windows(2).map(|channels| [channels[1], channels[0], 3]).collect()
     };
     let prefix = if matches!(network, Network::LpipsVgg | Network::LpipsAlex) { "features." } else { "net.slice" };
-    names.iter().map(|name| format!("{prefix}{name}")).zip(shapes.iter().copied()).collect()
+    names.iter().map(|name| format!("{prefix}{name}")).zip(shapes).collect()
 }
 
 fn weights(network: Network) -> StoredTensors {
@@ -58,22 +45,22 @@ fn weights(network: Network) -> StoredTensors {
     let mut add = |name: String, shape: Vec<usize>, values: &[f32]| {
         stored.tensors.insert(name, StoredTensor::from_f32(shape, values).unwrap());
     };
-    for (place, (name, [channels_out, channels_in, kernel])) in convolutions(network).into_iter().enumerate() {
+    for (position, (name, [channels_out, channels_in, kernel])) in convolutions(network).into_iter().enumerate() {
         let fan_in = channels_in * kernel * kernel;
-        let weight = uniform(2 * place as u64, channels_out * fan_in, (6.0 / fan_in as f64).sqrt());
+        let weight = uniform(2 * position as u64, channels_out * fan_in, (6.0 / fan_in as f64).sqrt());
         add(format!("{name}.weight"), vec![channels_out, channels_in, kernel, kernel], &weight);
-        add(format!("{name}.bias"), vec![channels_out], &uniform(2 * place as u64 + 1, channels_out, 0.1));
+        add(format!("{name}.bias"), vec![channels_out], &uniform(2 * position as u64 + 1, channels_out, 0.1));
     }
-    for (place, channels) in network.channels().into_iter().enumerate() {
-        let head: Vec<f32> = uniform(1000 + place as u64, channels, 1.0).into_iter().map(f32::abs).collect();
+    for (position, channels) in network.channels().into_iter().enumerate() {
+        let head: Vec<f32> = uniform(1000 + position as u64, channels, 1.0).into_iter().map(f32::abs).collect();
         if matches!(network, Network::StLpipsAlex | Network::StLpipsVgg) {
-            add(format!("lin{place}.model.1.weight"), vec![1, channels, 1, 1], &head);
+            add(format!("lin{position}.model.1.weight"), vec![1, channels, 1, 1], &head);
         }
     }
     stored
 }
 
-/// Through a file, as a user's weights come.
+/// Loads seeded weights through a file, as users do.
 fn perceptual(network: Network) -> Perceptual {
     let folder = tempfile::tempdir().unwrap();
     weights(network).write(&folder.path().join(network.file())).unwrap();
@@ -81,7 +68,7 @@ fn perceptual(network: Network) -> Perceptual {
 }
 
 #[test]
-fn the_numbers_of_the_packages() {
+fn distances_agree_with_the_packages() {
     let golden = common::fixture("learned_golden.json");
     for (name, network) in [
         ("lpips-vgg", Network::LpipsVgg),
@@ -102,7 +89,7 @@ fn the_numbers_of_the_packages() {
 }
 
 #[test]
-fn threads_masks_caches_and_identical_pictures() {
+fn distances_are_independent_of_threads_masks_and_caches() {
     let perceptual = perceptual(Network::LpipsAlex);
     let (a, b) = (seeded(71, 64, 1), seeded(71, 64, 2));
     let pair = Pair::new(&a, &b).unwrap();
@@ -118,7 +105,7 @@ fn threads_masks_caches_and_identical_pictures() {
 
     let cache = FeatureCache::new(perceptual.features(&a).unwrap().bytes() * 2);
     let first = cache.features(&perceptual, &a).unwrap();
-    assert!(Arc::ptr_eq(&first, &cache.features(&perceptual, &a).unwrap()), "kept");
+    assert!(Arc::ptr_eq(&first, &cache.features(&perceptual, &a).unwrap()), "cached");
     for picture in [&b, &seeded(71, 64, 3)] {
         cache.features(&perceptual, picture).unwrap();
     }
@@ -126,16 +113,16 @@ fn threads_masks_caches_and_identical_pictures() {
     assert_eq!(*first, *cache.features(&perceptual, &a).unwrap(), "computed again");
 }
 
-/// A mask of the columns from `left` on, up to `right`.
+/// A mask of the columns `left..right`.
 fn columns(size: [u32; 2], left: u32, right: u32) -> Mask {
     let included = (0..size[1]).flat_map(|_| (0..size[0]).map(|x| (left..right).contains(&x)));
     Mask::new(size[0], size[1], included.collect()).unwrap()
 }
 
-/// A distance is a mean over the picture, so those of its parts, each by its share of the pixels, add up to it; and parts of
-/// different content have different distances. The cut is not on the borders of cells.
+/// A distance is a mean over the picture, so the distances of its parts, weighted by area, add up to it; parts of different
+/// content have different distances. The parts are not aligned with cells.
 #[test]
-fn distances_of_parts_add_up_to_that_of_the_whole() {
+fn distances_of_parts_add_up_to_the_whole() {
     for network in [Network::LpipsAlex, Network::StLpipsAlex] {
         let perceptual = perceptual(network);
         let size = [83, 64];
@@ -154,10 +141,10 @@ fn distances_of_parts_add_up_to_that_of_the_whole() {
     }
 }
 
-/// Features reach 64 to 195 pixels, so that the far end of a wide picture knows nothing of what is at the other: there the
-/// distance is nothing at all, and where the difference is it is more than over the whole.
+/// Receptive fields have 64 to 195 pixels, so a difference at one end of a wide picture does not affect the other end: the
+/// distance there is zero, and at the difference it is larger than over the whole picture.
 #[test]
-fn a_difference_outside_the_mask_and_its_reach_is_no_distance() {
+fn differences_beyond_the_receptive_field_do_not_affect_a_masked_distance() {
     let perceptual = perceptual(Network::LpipsAlex);
     let size = [640, 40];
     let a = seeded(640, 40, 1);
@@ -173,7 +160,7 @@ fn a_difference_outside_the_mask_and_its_reach_is_no_distance() {
     let features = [&a, &b].map(|picture| perceptual.features(picture).unwrap());
     let mask = columns(size, 600, 640);
     let again = perceptual.compare_features(&features[0], &features[1], Some(&mask)).ok();
-    Tolerance::EXACT.assert(again, [there], "with features that were made before");
+    Tolerance::EXACT.assert(again, [there], "with precomputed features");
     let mut networks = Networks::default();
     networks.add(Arc::new(perceptual));
     let suite = Suite::new(vec![definition("lpips-alex").unwrap()], networks, 1 << 24);
@@ -182,7 +169,7 @@ fn a_difference_outside_the_mask_and_its_reach_is_no_distance() {
 }
 
 #[test]
-fn hostile_pictures_and_weights_are_typed_errors() {
+fn invalid_pictures_and_weights_are_typed_errors() {
     let perceptual = perceptual(Network::LpipsAlex);
     let smallest = Network::LpipsAlex.smallest_side();
     assert!(perceptual.features(&seeded(smallest, smallest, 1)).is_ok());
@@ -210,18 +197,18 @@ fn hostile_pictures_and_weights_are_typed_errors() {
     assert!(from(&path).unwrap_err().to_string().contains("features.3.bias: expected shape [192]"));
     stored.tensors.shift_remove("features.3.bias");
     write(&stored);
-    assert!(matches!(from(&path), Err(LoadError::Unfit { .. })));
+    assert!(matches!(from(&path), Err(LoadError::Mismatch { .. })));
     assert_eq!(perceptual.hashes().is_published, Some(false), "seeded weights are not the published ones");
 }
 
 #[test]
-fn a_suite_scores_what_it_can_and_says_what_it_cannot() {
-    let wanted: Vec<_> = definitions().iter().collect();
+fn a_suite_reports_metrics_that_cannot_be_computed() {
+    let all: Vec<_> = definitions().iter().collect();
     let nowhere = WeightsFolders::new(vec!["/nonexistent".into()]);
-    let mut networks = Networks::for_definitions(&wanted, &nowhere).unwrap();
+    let mut networks = Networks::for_definitions(&all, &nowhere).unwrap();
     assert_eq!(networks.absent().len(), 4);
     networks.add(Arc::new(perceptual(Network::StLpipsAlex)));
-    let suite = Suite::new(wanted, networks, 1 << 24);
+    let suite = Suite::new(all, networks, 1 << 24);
     let (a, b) = (seeded(40, 40, 1), seeded(40, 40, 2));
     let scored = suite.score(&a, &b, None);
     for (id, score) in &scored.scores {
@@ -286,8 +273,8 @@ fn golden_value_of_published_lpips() {
 }
 
 #[test]
-fn heads_from_the_packages_own_file_are_those_carried() {
-    let test = "heads_from_the_packages_own_file_are_those_carried";
+fn the_packages_heads_equal_the_embedded_ones() {
+    let test = "the_packages_heads_equal_the_embedded_ones";
     let Some(data) = shared_data(test).map(|data| data.join("lpips/linear_heads/v0.1")) else { return };
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("alex.safetensors");

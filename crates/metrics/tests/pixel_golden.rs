@@ -10,11 +10,11 @@ const PSNR: Tolerance = Tolerance::absolute(1e-9);
 const SSIM: Tolerance = Tolerance::absolute(1e-9);
 /// torchmetrics divides by a logarithm in f32.
 const PSNR_TORCHMETRICS: Tolerance = Tolerance::absolute(1e-5);
-/// skimage's own rounding errors on f32 pictures, which papers pass.
+/// skimage's own rounding errors on the f32 pictures that papers use.
 const SSIM_SKIMAGE_F32: Tolerance = Tolerance::absolute(5e-6);
 
 #[test]
-fn the_numbers_of_other_programs() {
+fn metrics_agree_with_other_implementations() {
     let golden = common::fixture("pixel_golden.json");
     let cases = golden.as_array().unwrap();
     assert_eq!(cases.len(), 5, "cases of the fixture");

@@ -1,6 +1,6 @@
-//! What holds for any pair of pictures: bounds, symmetry, masks that are crops, the same bits on any threads.
+//! Properties of metrics on any pair of pictures: bounds, symmetry, masks as crops, independence of threads.
 
-#![expect(clippy::unwrap_used, reason = "pictures of the tests are whole")]
+#![expect(clippy::unwrap_used, reason = "test pictures are valid")]
 
 mod common;
 
@@ -11,12 +11,12 @@ use atsplat_metrics::{
 };
 use atsplat_numeric::Tolerance;
 use atsplat_pixels::{Image, Rounding};
-use common::{cut, on_threads, seeded};
+use common::{crop, on_threads, seeded};
 use proptest::prelude::*;
 
 const CONVENTIONS: [Ssim; 5] =
     [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::VALID, Ssim::TORCHMETRICS];
-/// A mask of these is a crop of the pictures.
+/// Conventions for which a rectangular mask equals a crop.
 const CROPPING: [Ssim; 4] = [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::VALID];
 const VALUES: [Values; 4] =
     [Values::AsRendered, Values::Clipped, Values::EightBit(Rounding::Truncate), Values::EightBit(Rounding::Nearest)];
@@ -40,7 +40,7 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(48))]
 
     #[test]
-    fn within_bounds_symmetric_and_the_same_on_any_threads(
+    fn metrics_are_bounded_symmetric_and_independent_of_threads(
         width in 11u32..60, height in 11u32..90, seeds: (u64, u64), values in prop::sample::select(VALUES.to_vec()),
     ) {
         let (a, b) = (seeded(width, height, seeds.0), seeded(width, height, seeds.1));
@@ -53,7 +53,7 @@ proptest! {
     }
 
     #[test]
-    fn a_rectangular_mask_is_a_crop_whatever_lies_outside(
+    fn a_rectangular_mask_equals_a_crop_whatever_is_outside(
         left in 0u32..9, top in 0u32..9, size in (11u32..30, 11u32..30), right in 0u32..9, bottom in 0u32..9,
         seed: u64, values in prop::sample::select(VALUES.to_vec()),
     ) {
@@ -69,14 +69,14 @@ proptest! {
         let render = Image::new(whole[0], whole[1], samples).unwrap();
         let truth = seeded(whole[0], whole[1], seed ^ 7);
         let found = numbers(&Pair::masked(&render, &truth, &mask).unwrap(), values, &CROPPING);
-        let (small_render, small_truth) = (cut(&render, window), cut(&truth, window));
+        let (small_render, small_truth) = (crop(&render, window), crop(&truth, window));
         let expected = numbers(&Pair::new(&small_render, &small_truth).unwrap(), values, &CROPPING);
         let outcome = Tolerance::F64.check(found.iter().copied(), expected);
         prop_assert!(outcome.is_ok(), "{outcome:?} {found:?}");
     }
 
     #[test]
-    fn maps_average_to_the_number(width in 11u32..40, height in 11u32..40, seed: u64) {
+    fn maps_average_to_the_metric(width in 11u32..40, height in 11u32..40, seed: u64) {
         let (a, b) = (seeded(width, height, seed), seeded(width, height, seed ^ 1));
         let pair = Pair::new(&a, &b).unwrap();
         let mean = |values: &[f64]| values.iter().sum::<f64>() / values.len() as f64;
@@ -93,7 +93,7 @@ proptest! {
     }
 
     #[test]
-    fn every_broken_sample_is_counted(
+    fn every_non_finite_sample_is_counted(
         width in 1u32..20, height in 1u32..20, at in prop::collection::btree_set(0usize..1200, 1..9), seed: u64,
     ) {
         let clean = seeded(width, height, seed);
@@ -106,19 +106,19 @@ proptest! {
         }
         let damaged = Image::new(width, height, samples).unwrap();
         let first = u32::try_from(broken[0]).unwrap();
-        let place = Some([first / 3 % width, first / 3 / width, first % 3]);
+        let position = Some([first / 3 % width, first / 3 / width, first % 3]);
         let number = broken.len() as u64;
         let counted = |outcome: Result<Pair<'_>, MetricError>| match outcome {
             Err(MetricError::NonFinite(counted)) => Some(counted),
             _ => None,
         };
-        prop_assert_eq!(counted(Pair::new(&damaged, &clean)), Some(NonFinite { render: number, truth: 0, first: place }));
-        prop_assert_eq!(counted(Pair::new(&clean, &damaged)), Some(NonFinite { render: 0, truth: number, first: place }));
+        prop_assert_eq!(counted(Pair::new(&damaged, &clean)), Some(NonFinite { render: number, truth: 0, first: position }));
+        prop_assert_eq!(counted(Pair::new(&clean, &damaged)), Some(NonFinite { render: 0, truth: number, first: position }));
     }
 }
 
 #[test]
-fn identical_pictures_are_said_to_be_so() {
+fn identical_pictures_are_recognised() {
     for picture in
         [seeded(20, 13, 5), Image::new(20, 13, vec![0.25; 780]).unwrap(), Image::new(20, 13, vec![0.0; 780]).unwrap()]
     {
@@ -138,7 +138,7 @@ fn identical_pictures_are_said_to_be_so() {
 }
 
 #[test]
-fn what_cannot_be_compared_is_a_typed_error() {
+fn invalid_pairs_are_typed_errors() {
     let of = |width, height| seeded(width, height, 1);
     let (one, ten, wide) = (of(1, 1), of(10, 10), of(12, 6));
     assert!(matches!(Pair::new(&ten, &wide), Err(MetricError::SizeMismatch { what: "truth", .. })));
@@ -147,7 +147,7 @@ fn what_cannot_be_compared_is_a_typed_error() {
     let empty = Image::new(0, 5, vec![]).unwrap();
     assert!(matches!(Pair::new(&empty, &empty), Err(MetricError::Empty { size: [0, 5] })));
     let nothing = Mask::new(10, 10, vec![false; 100]).unwrap();
-    assert!(matches!(Pair::masked(&ten, &ten, &nothing), Err(MetricError::NothingInMask { .. })));
+    assert!(matches!(Pair::masked(&ten, &ten, &nothing), Err(MetricError::EmptyMask { .. })));
     assert!(matches!(Pair::masked(&one, &one, &nothing), Err(MetricError::SizeMismatch { what: "mask", .. })));
     for (picture, convention, smallest) in [
         (&ten, Ssim::SKIMAGE_GAUSSIAN, Some(11)),
@@ -170,11 +170,11 @@ fn what_cannot_be_compared_is_a_typed_error() {
     let hole = rectangle([30, 30], [0, 0, 30, 10]);
     let large = of(30, 30);
     let outcome = ssim(&Pair::masked(&large, &large, &hole).unwrap(), Values::Clipped, Ssim::VALID);
-    assert_eq!(outcome, Err(MetricError::NothingInMask { expected: "at least one whole window" }));
+    assert_eq!(outcome, Err(MetricError::EmptyMask { expected: "at least one whole window" }));
 }
 
 #[test]
-fn noise_of_known_size_gives_the_ratio_that_it_must() {
+fn psnr_of_uniform_noise_is_its_variance() {
     let truth = Image::new(256, 256, vec![0.5; 256 * 256 * 3]).unwrap();
     let noise = common::uniform(3, truth.samples().len(), 0.1);
     let render = Image::new(256, 256, noise.iter().map(|noise| 0.5 + noise).collect()).unwrap();

@@ -9,49 +9,49 @@ use super::probe::{Fingerprint, Outputs, Recipe};
 use super::{Acceptance, AcceptedNumber, DriftError, Limit, PictureDigest, compare, numbers};
 use crate::{Provenance, Results, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
-/// The layout that is written.
+/// The format version that is written.
 const FORMAT: u32 = 3;
-/// The first that lists pictures; older ones know those of their targets.
+/// The first version that lists pictures; older ones only have those of their targets.
 const WITH_PICTURES: u32 = 3;
-/// The first that has numbers of earlier acceptances.
+/// The first version with the numbers of earlier acceptances.
 const WITH_NUMBERS: u32 = 2;
-/// The oldest that is read.
+/// The oldest version that can be read.
 const OLDEST: u32 = 1;
 
-/// What numbers should be.
+/// The accepted numbers of a run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Baseline {
-    /// Why it is what it is, the latest last.
+    /// The acceptances, oldest first.
     pub history: Vec<Acceptance>,
-    /// The means of every acceptance, oldest first, as far back as they were kept.
+    /// The means of every acceptance that recorded them, oldest first.
     pub numbers: Vec<AcceptedNumber>,
-    /// What made the numbers.
+    /// The provenance of the accepted run.
     pub provenance: Provenance,
-    /// How far numbers that are not deterministic may move.
+    /// How far the means of non-deterministic methods may change.
     pub limits: Vec<Limit>,
-    /// What a probe's stages gave; `None` where none was run.
+    /// The probe's outputs; `None` if no probe was run.
     pub probe: Option<ProbeRecord>,
-    /// Every picture that trials used, once; in order.
+    /// All pictures of the trials, ordered and without duplicates.
     pub pictures: Vec<PictureDigest>,
-    /// In the order of their keys.
+    /// Trials ordered by key.
     pub trials: Vec<BaselineTrial>,
-    /// In the order of their keys.
+    /// Targets ordered by key.
     pub targets: Vec<BaselineTarget>,
 }
 
-/// A probe in numbers that people can compare; the values themselves are in the file beside the baseline.
+/// A probe's outputs in human-readable numbers; the values are in a separate file next to the baseline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ProbeRecord {
-    /// What was run.
+    /// The probe's settings.
     pub recipe: Recipe,
-    /// What each stage gave.
+    /// Fingerprints of the stages' outputs.
     pub stages: Vec<Fingerprint>,
     /// The mean over the probe's targets of each score.
     pub scores: BTreeMap<String, f64>,
 }
 
-/// Of a trial, what should not change.
+/// The fields of a trial that are compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BaselineTrial {
     /// Which trial.
@@ -67,7 +67,7 @@ pub struct BaselineTrial {
     pub gaussians: Option<u64>,
 }
 
-/// Of a target, what should not change.
+/// The fields of a target that are compared.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct BaselineTarget {
     /// Which trial.
@@ -81,13 +81,13 @@ pub struct BaselineTarget {
     pub status: TargetStatus,
     /// As [`TargetRow::truth_hash`].
     pub truth_hash: Option<String>,
-    /// As [`TargetRow::render_hash`]; kept for deterministic methods alone.
+    /// As [`TargetRow::render_hash`]; kept for deterministic methods only.
     pub render_hash: Option<String>,
     /// As [`TargetRow::scores`], to the last bit.
     pub scores: BTreeMap<String, f64>,
 }
 
-/// Everything but the rows, as the file has it.
+/// The JSON file.
 #[derive(Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 struct Written {
@@ -107,11 +107,11 @@ struct Written {
 }
 
 impl Baseline {
-    /// A baseline of a run, and of further runs of the same that tell how far its numbers scatter.
+    /// The baseline of a run. `repeats` are reruns of the same plan, which determine the limits of non-deterministic methods.
     pub fn new(results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let runs: Vec<&Results> = std::iter::once(results).chain(repeats).collect();
         let mut provenance = results.provenance.clone();
-        // When, how and in how many threads it ran decides nothing, and would change with every acceptance.
+        // Time, command and threads do not affect numbers and would change with every acceptance.
         (provenance.started, provenance.threads) = (0, 0);
         provenance.command.clear();
         let deterministic = |key: &TrialKey| {
@@ -130,7 +130,7 @@ impl Baseline {
         Self { history, numbers, provenance, limits, probe: None, pictures, trials, targets }.with_numbers_of_rows()
     }
 
-    /// The baseline of another run, whose history goes on from this one's.
+    /// Accepts another run: its baseline with this one's history continued.
     #[must_use]
     pub fn accept(&self, results: &Results, repeats: &[Results], acceptance: Acceptance) -> Self {
         let mut next = Self::new(results, repeats, acceptance);
@@ -140,7 +140,7 @@ impl Baseline {
         next
     }
 
-    /// Remembers what a probe's stages gave.
+    /// Adds the fingerprints of a probe.
     #[must_use]
     pub fn with_probe(self, recipe: Recipe, outputs: &Outputs) -> Self {
         let (stages, scores) = (outputs.fingerprints(), outputs.mean_scores());
@@ -150,7 +150,7 @@ impl Baseline {
     /// Reads a baseline.
     ///
     /// # Errors
-    /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for a file that is none, or of another format.
+    /// [`DriftError::Io`]; [`DriftError::Malformed`] with line and column for invalid JSON or another format.
     pub fn read(path: &Path) -> Result<Self, DriftError> {
         let text = std::fs::read_to_string(path).map_err(DriftError::io("reading a baseline", path))?;
         let written: Written =
@@ -160,52 +160,51 @@ impl Baseline {
             let expected = format!("format {OLDEST} to {FORMAT}");
             return Err(DriftError::malformed(path, expected, format!("format {format}")));
         }
-        // What an older file does not say is in its rows.
+        // Older formats have these values only in their rows.
         let pictures = if format < WITH_PICTURES { pictures_of_targets(&targets) } else { pictures };
         let read = Self { history, numbers, provenance, limits, probe, pictures, trials, targets };
         Ok(if format < WITH_NUMBERS { read.with_numbers_of_rows() } else { read })
     }
 
-    /// Writes the baseline; the file appears whole under its name, or not at all.
+    /// Writes the baseline atomically.
     ///
     /// # Errors
-    /// [`DriftError::Io`], and [`DriftError::Malformed`] for numbers that JSON does not have.
+    /// [`DriftError::Io`], and [`DriftError::Malformed`] for numbers that JSON cannot represent.
     pub fn write(&self, path: &Path) -> Result<(), DriftError> {
         atsplat_files::write(path, self.to_text(path)?.as_bytes()).map_err(DriftError::io("writing a baseline", path))
     }
 
-    /// Where the probe's values are: beside the baseline, `.probe.safetensors` in the place of its ending.
+    /// Path of the probe's values: next to the baseline, with the extension `.probe.safetensors`.
     pub fn probe_path(path: &Path) -> PathBuf {
         path.with_extension("probe.safetensors")
     }
 
-    /// Reads the values of the baseline's probe; `None` where it has no probe.
+    /// Reads the values of the baseline's probe; `None` if it has no probe.
     ///
     /// # Errors
-    /// [`DriftError::Io`]; [`DriftError::Malformed`] for a file that is not this baseline's.
+    /// [`DriftError::Io`]; [`DriftError::Malformed`] for a file that does not match the baseline.
     pub fn read_probe(&self, path: &Path) -> Result<Option<(Recipe, Outputs)>, DriftError> {
         let Some(record) = &self.probe else { return Ok(None) };
         let path = Self::probe_path(path);
         let bytes = std::fs::read(&path).map_err(DriftError::io("reading a baseline's probe", &path))?;
         let outputs = Outputs::from_bytes(&bytes).map_err(|error| DriftError::malformed(&path, "a probe", error))?;
         if outputs.fingerprints() != record.stages {
-            return Err(DriftError::malformed(&path, "the values of the baseline's probe", "others"));
+            return Err(DriftError::malformed(&path, "the values of the baseline's probe", "other values"));
         }
         Ok(Some((record.recipe.clone(), outputs)))
     }
 
-    /// Writes the values of a probe beside the baseline.
+    /// Writes the values of a probe next to the baseline.
     ///
     /// # Errors
     /// [`DriftError::Io`].
     pub fn write_probe(path: &Path, outputs: &Outputs) -> Result<(), DriftError> {
-        {
-            let path = Self::probe_path(path);
-            atsplat_files::write(&path, &outputs.to_bytes()?).map_err(DriftError::io("writing a baseline", &path))
-        }
+        let path = Self::probe_path(path);
+        atsplat_files::write(&path, &outputs.to_bytes()?).map_err(DriftError::io("writing a baseline", &path))
     }
 
-    /// Everything but the rows on lines of its own, then one row a line.
+    /// Pretty-printed JSON with one row per line.
+    #[expect(clippy::expect_used, reason = "the field is part of the serialised structure")]
     fn to_text(&self, path: &Path) -> Result<String, DriftError> {
         let head = Written {
             format: FORMAT,
@@ -218,13 +217,13 @@ impl Baseline {
             trials: Vec::new(),
             targets: Vec::new(),
         };
-        let unfit = |error: serde_json::Error| DriftError::malformed(path, "numbers that JSON has", error);
-        let mut text = serde_json::to_string_pretty(&head).map_err(unfit)?;
-        // The four empty lists end the head; they are filled line by line.
-        let end = text.rfind("\"numbers\": []").unwrap_or(text.len());
+        let invalid = |error: serde_json::Error| DriftError::malformed(path, "numbers that JSON can represent", error);
+        let mut text = serde_json::to_string_pretty(&head).map_err(invalid)?;
+        // The four empty lists at the end are replaced by lists with one row per line.
+        let end = text.rfind("\"numbers\": []").expect("the head ends with empty lists");
         text.truncate(end);
         let lines = |rows: Vec<Result<String, serde_json::Error>>| {
-            let rows = rows.into_iter().collect::<Result<Vec<_>, _>>().map_err(unfit)?;
+            let rows = rows.into_iter().collect::<Result<Vec<_>, _>>().map_err(invalid)?;
             let inside = if rows.is_empty() { String::new() } else { format!("\n    {}\n  ", rows.join(",\n    ")) };
             Ok::<_, DriftError>(format!("[{inside}]"))
         };

@@ -9,10 +9,10 @@ use super::{
     Baseline, BaselineTarget, BaselineTrial, Basis, Comparison, DataComparison, DriftReport, Finding, FindingKind,
     Verdict, least_limit, metric_bound,
 };
-use crate::statistics::{Outcome, Paired, Picked, direction, paired_of, score_of, summary_of};
+use crate::statistics::{Outcome, Paired, SelectedTarget, direction, paired_of, score_of, summary_of};
 use crate::{Results, TrialKey};
 
-/// Compares results with a baseline. Order of rows, seconds, threads and dates do not matter.
+/// Compares results with a baseline. The order of rows, times, threads and dates do not matter.
 pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let same_machine = same_machine(&baseline.provenance, &results.provenance);
     let then = Rows::new(baseline.trials.iter().cloned(), baseline.targets.iter().cloned());
@@ -21,9 +21,9 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     let (mut comparisons, mut findings) = (Vec::new(), protocol_findings(results, baseline));
     findings.extend(data_findings(&data));
     let groups: BTreeSet<&(String, String)> = then.0.keys().chain(now.0.keys()).collect();
-    let nothing = Group::default();
+    let empty = Group::default();
     for group in groups {
-        let [then, now] = [&then, &now].map(|rows| rows.0.get(group).unwrap_or(&nothing));
+        let [then, now] = [&then, &now].map(|rows| rows.0.get(group).unwrap_or(&empty));
         let (preset, method) = group;
         let deterministic = |provenance: &crate::Provenance| {
             provenance.methods.iter().any(|record| record.name == *method && record.deterministic)
@@ -36,9 +36,9 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
         findings.extend(then.findings(now, preset, method, basis));
         let metrics: BTreeSet<&String> = then.targets.values().flat_map(|row| row.scores.keys()).collect();
         for metric in metrics {
-            let wanted =
+            let matches =
                 |limit: &&super::Limit| limit.preset == *preset && limit.method == *method && limit.metric == *metric;
-            let limit = baseline.limits.iter().find(wanted).map_or_else(|| least_limit(metric), |found| found.limit);
+            let limit = baseline.limits.iter().find(matches).map_or_else(|| least_limit(metric), |found| found.limit);
             comparisons.push(then.comparison(now, (preset, method, metric), basis, limit));
         }
     }
@@ -50,7 +50,7 @@ pub fn compare(results: &Results, baseline: &Baseline) -> DriftReport {
     DriftReport { verdict, comparisons, findings, data, differences, attribution: None, not_attributed: None }
 }
 
-/// Other pictures, by preset.
+/// Changed pictures by preset.
 fn data_findings(data: &DataComparison) -> Vec<Finding> {
     let presets = data.changed.chunk_by(|a, b| a.preset == b.preset);
     let finding = |changed: &[super::ChangedPicture]| {
@@ -67,7 +67,7 @@ fn data_findings(data: &DataComparison) -> Vec<Finding> {
     presets.filter_map(finding).collect()
 }
 
-/// Presets whose hash, or whose index's, is another.
+/// Presets whose hash or index hash differs.
 fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
     let of = |name: &str| results.provenance.presets.iter().find(|preset| preset.name == name);
     let finding = |then: &crate::PresetRecord| {
@@ -80,7 +80,7 @@ fn protocol_findings(results: &Results, baseline: &Baseline) -> Vec<Finding> {
             kind: FindingKind::Protocol,
             verdict: Verdict::Drifted,
             count: 1,
-            example: format!("{before} was, {after} is"),
+            example: format!("was {before}, is now {after}"),
         })
     };
     baseline.provenance.presets.iter().filter_map(finding).collect()
@@ -101,18 +101,18 @@ impl Rows {
         let mut rows: BTreeMap<(String, String), Group> = BTreeMap::new();
         let group = |key: &TrialKey| (key.preset.clone(), key.method.clone());
         for trial in trials {
-            let place = (trial.key.scene.clone(), trial.key.entry);
-            rows.entry(group(&trial.key)).or_default().trials.insert(place, trial);
+            let id = (trial.key.scene.clone(), trial.key.entry);
+            rows.entry(group(&trial.key)).or_default().trials.insert(id, trial);
         }
         for target in targets {
-            let place = (target.key.scene.clone(), target.key.entry, target.target);
-            rows.entry(group(&target.key)).or_default().targets.insert(place, target);
+            let id = (target.key.scene.clone(), target.key.entry, target.target);
+            rows.entry(group(&target.key)).or_default().targets.insert(id, target);
         }
         Self(rows)
     }
 }
 
-/// A kind of change, how often, and the first.
+/// Number and first example of each kind of change.
 type Changes = BTreeMap<FindingKind, (u64, String)>;
 
 impl Group {
@@ -121,46 +121,44 @@ impl Group {
         let mut add = |kind, example: &dyn Fn() -> String| {
             changes.entry(kind).or_insert_with(|| (0, example())).0 += 1;
         };
-        for (place, then) in &self.trials {
-            let Some(now) = now.trials.get(place) else { continue };
+        for (id, then) in &self.trials {
+            let Some(now) = now.trials.get(id) else { continue };
             if then.trial_hash != now.trial_hash {
-                add(FindingKind::Trial, &|| format!("{} {}", place.0, place.1));
+                add(FindingKind::Trial, &|| format!("{} {}", id.0, id.1));
             }
             if (then.final_tokens, then.gaussians) != (now.final_tokens, now.gaussians) {
                 let counts = |trial: &BaselineTrial| trial.gaussians.map_or("none".to_owned(), |n| n.to_string());
-                add(FindingKind::Count, &|| {
-                    format!("{} {}: {} was, {} is", place.0, place.1, counts(then), counts(now))
-                });
+                add(FindingKind::Count, &|| format!("{} {}: was {}, is now {}", id.0, id.1, counts(then), counts(now)));
             }
         }
-        for (place, then) in &self.targets {
-            let told = || format!("{} {} frame {}", place.0, place.1, then.frame);
-            let Some(now) = now.targets.get(place) else {
-                add(FindingKind::Missing, &told);
+        for (id, then) in &self.targets {
+            let location = || format!("{} {} frame {}", id.0, id.1, then.frame);
+            let Some(now) = now.targets.get(id) else {
+                add(FindingKind::Missing, &location);
                 continue;
             };
             if then.status != now.status {
                 add(FindingKind::Status, &|| {
-                    format!("{}: {} was, {} is", told(), then.status.name(), now.status.name())
+                    format!("{}: was {}, is now {}", location(), then.status.name(), now.status.name())
                 });
             }
             if then.render_hash.is_some() && then.render_hash != now.render_hash {
-                add(FindingKind::Render, &told);
+                add(FindingKind::Render, &location);
             }
             if let Some(id) = then.scores.keys().find(|id| !now.scores.contains_key(*id)) {
-                add(FindingKind::Score, &|| format!("{}: {id}", told()));
+                add(FindingKind::Score, &|| format!("{}: {id}", location()));
             }
             if let Some(id) = now.scores.keys().find(|id| !then.scores.contains_key(*id)) {
-                add(FindingKind::NewScore, &|| format!("{}: {id}", told()));
+                add(FindingKind::NewScore, &|| format!("{}: {id}", location()));
             }
         }
-        for (place, row) in now.targets.iter().filter(|(place, _)| !self.targets.contains_key(*place)) {
-            add(FindingKind::New, &|| format!("{} {} frame {}", place.0, place.1, row.frame));
+        for (id, row) in now.targets.iter().filter(|(id, _)| !self.targets.contains_key(*id)) {
+            add(FindingKind::New, &|| format!("{} {} frame {}", id.0, id.1, row.frame));
         }
         let finding = |(kind, (count, example))| {
             let verdict = match kind {
                 FindingKind::New | FindingKind::NewScore => Verdict::Within,
-                // Bits and counts are for whom they are promised to.
+                // Bits and counts are only guaranteed for deterministic methods on the same machine type.
                 FindingKind::Render | FindingKind::Count if basis != Basis::Exact => Verdict::Within,
                 _ => Verdict::Drifted,
             };
@@ -172,13 +170,13 @@ impl Group {
     fn comparison(&self, now: &Self, of: (&str, &str, &str), basis: Basis, limit: f64) -> Comparison {
         let (preset, method, metric) = of;
         let score = |row: &BaselineTarget| score_of(row.status, row.scores.get(metric).copied(), metric);
-        let both = self.targets.iter().filter_map(|(place, then)| {
-            let now = now.targets.get(place).and_then(score)?;
-            Some(Both { place, frame: then.frame, then: score(then)?, now })
+        let both = self.targets.iter().filter_map(|(id, then)| {
+            let now = now.targets.get(id).and_then(score)?;
+            Some(Both { id, frame: then.frame, then: score(then)?, now })
         });
         let both: Vec<Both> = both.collect();
-        let then: Vec<Picked> = both.iter().map(|both| both.picked(both.then)).collect();
-        let today: Vec<Picked> = both.iter().map(|both| both.picked(both.now)).collect();
+        let then: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.then)).collect();
+        let today: Vec<SelectedTarget> = both.iter().map(|both| both.selected(both.now)).collect();
         let paired = paired_of(&today, &then, direction(metric));
         let outside = |bound: Tolerance| both.iter().filter(|both| !bound.accepts(both.now, both.then)).count() as u64;
         let (changed, beyond) = (outside(Tolerance::EXACT), outside(metric_bound(metric)));
@@ -197,7 +195,7 @@ impl Group {
             Basis::Bound if beyond == 0 => Verdict::Within,
             Basis::Bound | Basis::Interval => by_limit(),
         };
-        let mean = |picked: &[Picked]| summary_of(picked, Aggregation::SceneMeans).mean;
+        let mean = |selected: &[SelectedTarget]| summary_of(selected, Aggregation::SceneMeans).mean;
         Comparison {
             preset: preset.to_owned(),
             method: method.to_owned(),
@@ -209,26 +207,26 @@ impl Group {
             paired,
             changed,
             largest: largest.0,
-            largest_at: largest.1.map(|both| format!("{} {} frame {}", both.place.0, both.place.1, both.frame)),
+            largest_at: largest.1.map(|both| format!("{} {} frame {}", both.id.0, both.id.1, both.frame)),
             limit: (basis != Basis::Exact).then_some(limit),
         }
     }
 }
 
-/// A target that has a score then and now.
+/// A target with a score in both runs.
 struct Both<'a> {
-    place: &'a (String, u32, u32),
+    id: &'a (String, u32, u32),
     frame: u64,
     then: f64,
     now: f64,
 }
 
 impl Both<'_> {
-    fn picked(&self, value: f64) -> Picked<'_> {
-        Picked {
-            scene: &self.place.0,
-            entry: self.place.1,
-            target: self.place.2,
+    fn selected(&self, value: f64) -> SelectedTarget<'_> {
+        SelectedTarget {
+            scene: &self.id.0,
+            entry: self.id.1,
+            target: self.id.2,
             distance: None,
             overlap: None,
             outcome: Outcome::Score { value, identical: false },
@@ -236,8 +234,7 @@ impl Both<'_> {
     }
 }
 
-/// Whether a difference is certainly larger than its limit: the whole interval lies beyond, or, with one scene, the
-/// difference does.
+/// Whether the whole interval of a difference, or with one scene the difference, is beyond its limit.
 fn beyond_limit(paired: &Paired, limit: f64) -> bool {
     let [low, high] = paired.interval.unwrap_or([paired.difference; 2]);
     low > limit || high < -limit

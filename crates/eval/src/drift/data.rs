@@ -1,4 +1,4 @@
-//! The pictures behind the numbers: which of them are not those of the baseline.
+//! Which pictures differ from the baseline's.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -8,7 +8,7 @@ use super::probe::StageVerdict;
 use super::{Baseline, BaselineTarget};
 use crate::{Results, TrialKey};
 
-/// A picture as trials used it, decoded and preprocessed.
+/// A picture as used in trials, decoded and preprocessed.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct PictureDigest {
@@ -22,19 +22,19 @@ pub struct PictureDigest {
     pub sha256: String,
 }
 
-/// The pictures of results against those of a baseline.
+/// Comparison of the pictures of results and baseline.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DataComparison {
-    /// Pictures whose digest both know.
+    /// Pictures with a digest in both.
     pub compared: u64,
-    /// Those of them that are other pictures now, in the order of preset, scene and frame.
+    /// Those that differ, ordered by preset, scene and frame.
     pub changed: Vec<ChangedPicture>,
-    /// Pictures of scenes that both have, whose digest only one of them knows.
+    /// Pictures of common scenes with a digest in only one of them.
     pub unknown: u64,
 }
 
-/// A picture that is not the baseline's.
+/// A picture that differs from the baseline's.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ChangedPicture {
@@ -44,17 +44,17 @@ pub struct ChangedPicture {
     pub scene: String,
     /// Position of the frame in the scene.
     pub frame: u64,
-    /// What it is used as; both where a target is also a context frame.
+    /// Its roles: both if a target is also a context frame.
     pub roles: BTreeSet<PictureRole>,
 }
 
-/// What a picture is used as.
+/// Role of a picture in a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PictureRole {
-    /// A method is given it.
+    /// Input of a method.
     Context,
-    /// A render is compared with it.
+    /// Ground truth of a render.
     Target,
 }
 
@@ -69,7 +69,7 @@ impl PictureRole {
 }
 
 impl DataComparison {
-    /// Nothing compared is not the same.
+    /// The verdict; comparing nothing is not [`StageVerdict::Same`].
     pub fn verdict(&self) -> StageVerdict {
         match (self.changed.is_empty(), self.compared) {
             (false, _) => StageVerdict::Changed,
@@ -79,30 +79,31 @@ impl DataComparison {
     }
 }
 
-/// Compares the pictures of scenes that both have.
+/// Compares the pictures of common scenes.
+#[expect(clippy::expect_used, reason = "digests and roles come from the same rows")]
 pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataComparison {
-    let then = by_place(&baseline.pictures);
+    let then = by_id(&baseline.pictures);
     let listed = pictures_of(results);
-    let now = by_place(&listed);
+    let now = by_id(&listed);
     let roles = roles_of(results);
     let scenes = |keys: &mut dyn Iterator<Item = &TrialKey>| -> BTreeSet<(String, String)> {
         keys.map(|key| (key.preset.clone(), key.scene.clone())).collect()
     };
     let known = scenes(&mut baseline.trials.iter().map(|trial| &trial.key));
     let present = scenes(&mut results.trials.iter().map(|trial| &trial.key));
-    let shared = |(preset, scene, _): &&Place| {
+    let shared = |(preset, scene, _): &&PictureId| {
         let scene = (preset.clone(), scene.clone());
         known.contains(&scene) && present.contains(&scene)
     };
-    let places: BTreeSet<&Place> = then.keys().chain(now.keys()).collect();
+    let ids: BTreeSet<&PictureId> = then.keys().chain(now.keys()).collect();
     let mut found = DataComparison::default();
-    for place in places.into_iter().filter(shared) {
-        match (then.get(place), now.get(place)) {
+    for id in ids.into_iter().filter(shared) {
+        match (then.get(id), now.get(id)) {
             (Some(then), Some(now)) => {
                 found.compared += 1;
                 if then != now {
-                    let (preset, scene, frame) = place.clone();
-                    let roles = roles.get(place).cloned().unwrap_or_default();
+                    let (preset, scene, frame) = id.clone();
+                    let roles = roles.get(id).cloned().expect("every picture of the results has a role");
                     found.changed.push(ChangedPicture { preset, scene, frame, roles });
                 }
             }
@@ -112,7 +113,7 @@ pub(super) fn compare_pictures(results: &Results, baseline: &Baseline) -> DataCo
     found
 }
 
-/// Every picture of a run once, in order.
+/// All pictures of a run, ordered and without duplicates.
 pub(super) fn pictures_of(results: &Results) -> Vec<PictureDigest> {
     let context = results.trials.iter().flat_map(|trial| {
         let digest = |(frame, sha256): (&u64, &String)| digest(&trial.key, *frame, sha256);
@@ -122,12 +123,12 @@ pub(super) fn pictures_of(results: &Results) -> Vec<PictureDigest> {
     unique(context.chain(targets))
 }
 
-/// What a baseline from before pictures were listed knows: its targets.
+/// The pictures known to a baseline whose format does not list them: those of its targets.
 pub(super) fn pictures_of_targets(targets: &[BaselineTarget]) -> Vec<PictureDigest> {
     unique(targets.iter().filter_map(|row| Some(digest(&row.key, row.frame, row.truth_hash.as_ref()?))))
 }
 
-type Place = (String, String, u64);
+type PictureId = (String, String, u64);
 
 fn digest(key: &TrialKey, frame: u64, sha256: &str) -> PictureDigest {
     PictureDigest { preset: key.preset.clone(), scene: key.scene.clone(), frame, sha256: sha256.to_owned() }
@@ -137,17 +138,17 @@ fn unique(pictures: impl Iterator<Item = PictureDigest>) -> Vec<PictureDigest> {
     pictures.collect::<BTreeSet<_>>().into_iter().collect()
 }
 
-/// Digests by place. Methods that saw different pictures leave more than one, which is a change too.
-fn by_place(pictures: &[PictureDigest]) -> BTreeMap<Place, BTreeSet<&str>> {
-    let mut places: BTreeMap<Place, BTreeSet<&str>> = BTreeMap::new();
+/// Digests by preset, scene and frame. Several digests mean that methods saw different pictures, which counts as a change.
+fn by_id(pictures: &[PictureDigest]) -> BTreeMap<PictureId, BTreeSet<&str>> {
+    let mut ids: BTreeMap<PictureId, BTreeSet<&str>> = BTreeMap::new();
     for PictureDigest { preset, scene, frame, sha256 } in pictures {
-        places.entry((preset.clone(), scene.clone(), *frame)).or_default().insert(sha256);
+        ids.entry((preset.clone(), scene.clone(), *frame)).or_default().insert(sha256);
     }
-    places
+    ids
 }
 
-fn roles_of(results: &Results) -> BTreeMap<Place, BTreeSet<PictureRole>> {
-    let mut roles: BTreeMap<Place, BTreeSet<PictureRole>> = BTreeMap::new();
+fn roles_of(results: &Results) -> BTreeMap<PictureId, BTreeSet<PictureRole>> {
+    let mut roles: BTreeMap<PictureId, BTreeSet<PictureRole>> = BTreeMap::new();
     let mut add = |key: &TrialKey, frame: u64, role| {
         roles.entry((key.preset.clone(), key.scene.clone(), frame)).or_default().insert(role);
     };

@@ -4,8 +4,8 @@ use super::figures::{change, range, score, short, signed, size};
 use super::probe::{Attribution, StageVerdict};
 use super::{Basis, ChangedPicture, Comparison, DataComparison, DriftReport, Finding, Limit, PictureRole, Verdict};
 
-/// How many changed pictures are named.
-const NAMED: usize = 10;
+/// Number of changed pictures that are listed.
+const MAX_LISTED: usize = 10;
 
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -54,14 +54,20 @@ impl fmt::Display for DriftReport {
         }
         for Finding { preset, method, kind, verdict, count, example } in findings {
             let of = if method.is_empty() { preset.clone() } else { format!("{preset}, {method}") };
-            writeln!(f, "{verdict:<8} {of}: {}: {count}, as {example}", kind.words())?;
+            writeln!(f, "{verdict:<8} {of}: {}: {count}, such as {example}", kind.description())?;
         }
         if !differences.is_empty() {
-            writeln!(f, "\nOtherwise than in the baseline:")?;
+            writeln!(f, "\nDifferent from the baseline:")?;
         }
         for difference in differences {
-            let told = |value: &Option<String>| value.as_deref().map_or("nothing".to_owned(), shortened);
-            writeln!(f, "  {}: {} was, {} is", difference.what, told(&difference.baseline), told(&difference.now))?;
+            let shown = |value: &Option<String>| value.as_deref().map_or("nothing".to_owned(), shortened);
+            writeln!(
+                f,
+                "  {}: was {}, is now {}",
+                difference.what,
+                shown(&difference.baseline),
+                shown(&difference.now)
+            )?;
         }
         write!(f, "\n{data}")?;
         if let Some(attribution) = attribution {
@@ -75,7 +81,7 @@ impl fmt::Display for DriftReport {
 }
 
 impl DriftReport {
-    /// Which stage to look at, or what is known to be the same.
+    /// The first changed stage, or what was compared without a change.
     fn conclusion(&self) -> String {
         if let Some(stage) = self.first_stage() {
             return format!("The first stage that changed is the {}.", stage.name());
@@ -90,7 +96,7 @@ impl DriftReport {
         match &self.attribution {
             None => format!("{data}; stages were not probed."),
             Some(_) if empty.is_empty() => format!("{data}; no stage changed on the probe."),
-            Some(_) => format!("{data}; on the probe there was nothing to compare of: {}.", empty.join(", ")),
+            Some(_) => format!("{data}; on the probe there was nothing to compare for: {}.", empty.join(", ")),
         }
     }
 }
@@ -101,14 +107,14 @@ fn line(f: &mut fmt::Formatter<'_>, comparison: &Comparison) -> fmt::Result {
     let difference = paired.as_ref().map_or("-".to_owned(), |paired| change(metric, paired.difference));
     let interval = paired.as_ref().and_then(|paired| paired.interval);
     let interval = interval.map_or("-".to_owned(), |bounds| range(metric, bounds));
-    let sense = comparison
-        .sense()
+    let direction = comparison
+        .improved()
         .filter(|_| *verdict == Verdict::Drifted)
         .map_or("", |better| if better { ", better" } else { ", worse" });
     let targets = paired.as_ref().map_or("-".to_owned(), |paired| format!("{changed}/{}", paired.targets));
     writeln!(
         f,
-        "{preset:<24} {method:<16} {metric:<12} {:>10} {:>10} {difference:>12} {interval:>26} {targets:>8} {basis:<8} {verdict}{sense}",
+        "{preset:<24} {method:<16} {metric:<12} {:>10} {:>10} {difference:>12} {interval:>26} {targets:>8} {basis:<8} {verdict}{direction}",
         number(baseline),
         number(now),
     )?;
@@ -130,22 +136,22 @@ impl fmt::Display for Limit {
 }
 
 impl fmt::Display for DataComparison {
-    /// A line, and one for each of the first changed pictures.
+    /// One line, and one for each of the first changed pictures.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { compared, changed, unknown } = self;
         let differ = format!("{}/{compared}", changed.len());
         writeln!(f, "{:<10} {:<10} {differ:>15} pictures differ", "data", self.verdict())?;
-        for picture in changed.iter().take(NAMED) {
+        for picture in changed.iter().take(MAX_LISTED) {
             writeln!(f, "    {}: {picture}", picture.preset)?;
         }
-        if let Some(more) = changed.len().checked_sub(NAMED).filter(|more| *more > 0) {
+        if let Some(more) = changed.len().checked_sub(MAX_LISTED).filter(|more| *more > 0) {
             writeln!(f, "    and {more} more")?;
         }
         match unknown {
             0 => Ok(()),
             unknown => writeln!(
                 f,
-                "    {unknown} pictures are known to one side alone, and not watched; accept the baseline again to watch them"
+                "    {unknown} pictures have a digest on one side only and are not monitored; accept the baseline again to monitor them"
             ),
         }
     }
@@ -159,7 +165,7 @@ impl fmt::Display for ChangedPicture {
 }
 
 impl fmt::Display for Attribution {
-    /// The stages of the probe, each with what it does to the probe's numbers.
+    /// The probe's stages with their effects on the probe's numbers.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{:<10} {:<10} {:>15} {:>10}", "stage", "alone", "values differ", "largest")?;
         for metric in &self.metrics {
@@ -184,11 +190,11 @@ impl fmt::Display for Attribution {
     }
 }
 
-/// Long values, as configurations are, by their beginning.
+/// Truncates long values such as configurations.
 fn shortened(value: &str) -> String {
-    const MOST: usize = 48;
-    if value.chars().count() <= MOST {
+    const MAX_LENGTH: usize = 48;
+    if value.chars().count() <= MAX_LENGTH {
         return value.to_owned();
     }
-    value.chars().take(MOST).chain("…".chars()).collect()
+    value.chars().take(MAX_LENGTH).chain("…".chars()).collect()
 }

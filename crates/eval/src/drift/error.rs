@@ -1,3 +1,4 @@
+use std::fmt::Display;
 use std::path::{Path, PathBuf};
 
 use thiserror::Error;
@@ -6,34 +7,34 @@ use thiserror::Error;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum DriftError {
-    /// The file system refused.
+    /// A file operation failed.
     #[error("{action}: {source} ({})", path.display())]
     Io {
         /// What was being done.
         action: &'static str,
         /// The file.
         path: PathBuf,
-        /// The system's reason.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// A file that is no baseline.
+    /// A file that is not a valid baseline.
     #[error("{}: expected {expected}, found {found}", path.display())]
     Malformed {
         /// The file.
         path: PathBuf,
-        /// What should stand there.
+        /// What was expected.
         expected: String,
-        /// What does.
+        /// What was found.
         found: String,
     },
-    /// What was asked for does not fit.
+    /// An invalid value.
     #[error("{what}: expected {expected}, found {found}")]
-    Unfit {
-        /// What was asked for.
+    Invalid {
+        /// Which value.
         what: &'static str,
-        /// What would fit.
+        /// What was expected.
         expected: String,
-        /// What was given.
+        /// What was found.
         found: String,
     },
     /// A stage of the probe failed.
@@ -51,21 +52,12 @@ impl DriftError {
         move |source| Self::Io { action, path: path.to_owned(), source }
     }
 
-    pub(super) fn malformed(path: &Path, expected: impl Into<String>, found: impl Into<Text>) -> Self {
-        let found = found.into().0.chars().take(200).collect();
+    pub(super) fn malformed(path: &Path, expected: impl Into<String>, found: impl Display) -> Self {
+        let found = found.to_string().chars().take(200).collect();
         Self::Malformed { path: path.to_owned(), expected: expected.into(), found }
     }
 
-    pub(super) fn unfit(what: &'static str, expected: impl Into<String>, found: impl Into<Text>) -> Self {
-        Self::Unfit { what, expected: expected.into(), found: found.into().0 }
-    }
-}
-
-/// What was found, in words: text, a number, or an error.
-pub(super) struct Text(String);
-
-impl<T: std::fmt::Display> From<T> for Text {
-    fn from(value: T) -> Self {
-        Self(value.to_string())
+    pub(super) fn invalid(what: &'static str, expected: impl Into<String>, found: impl Display) -> Self {
+        Self::Invalid { what, expected: expected.into(), found: found.to_string() }
     }
 }

@@ -1,4 +1,4 @@
-//! Numbers as a person writes them. JSON keeps every digit.
+//! Human-readable numbers; JSON keeps every digit.
 
 use atsplat_metrics::definition;
 
@@ -8,25 +8,25 @@ pub(super) fn score(metric: &str, value: f64) -> String {
     with_unit(format!("{value:.decimals$}"), unit)
 }
 
-/// A change with its sign: one digit more than scores have, and two that count where it is smaller than that.
+/// A change with its sign: one decimal more than scores, or two significant digits if it is smaller than that.
 pub(super) fn change(metric: &str, value: f64) -> String {
     let (decimals, unit) = style(metric);
     with_unit(signed(value, decimals + 1), unit)
 }
 
-/// Two changes, low and high.
+/// A range of changes.
 pub(super) fn range(metric: &str, [low, high]: [f64; 2]) -> String {
     let (decimals, _) = style(metric);
     format!("{} to {}", signed(low, decimals + 1), change(metric, high))
 }
 
-/// A size without a sign, as a limit is: no more digits than it needs.
+/// An unsigned size, such as a limit, without trailing zeros.
 pub(super) fn size(metric: &str, value: f64) -> String {
     let (_, unit) = style(metric);
     with_unit(short(value), unit)
 }
 
-/// A number of a stage, whatever it measures.
+/// A number without a unit.
 pub(super) fn short(value: f64) -> String {
     let size = value.abs();
     if !(1e-4..1e6).contains(&size) {
@@ -38,7 +38,7 @@ pub(super) fn short(value: f64) -> String {
     shown.to_owned()
 }
 
-/// A change of a number without a unit.
+/// A signed change without a unit.
 pub(super) fn signed(value: f64, decimals: usize) -> String {
     let size = value.abs();
     if value.is_nan() || size == 0.0 {
@@ -51,7 +51,7 @@ pub(super) fn signed(value: f64, decimals: usize) -> String {
     format!("{value:+.decimals$}")
 }
 
-/// Decimals that show two digits that count.
+/// Number of decimals that show two significant digits.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "between 0 and 8")]
 fn decimals_of(size: f64) -> usize {
     (1.0 - size.log10().floor()).clamp(0.0, 8.0) as usize
@@ -71,14 +71,14 @@ mod tests {
     use super::*;
 
     #[test]
-    fn scores_are_those_of_papers() {
+    fn scores_are_formatted_as_in_papers() {
         assert_eq!(score("psnr", 21.969_999_999), "21.97 dB");
         assert_eq!(score("ssim", 0.811_999_7), "0.812");
         assert_eq!(score("lpips", 0.1), "0.100");
     }
 
     #[test]
-    fn changes_show_what_counts() {
+    fn changes_show_significant_digits() {
         for (value, expected) in [
             (0.0, "0 dB"),
             (0.125, "+0.125 dB"),
@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn sizes_have_no_more_digits_than_they_need() {
+    fn sizes_have_no_trailing_zeros() {
         for (value, expected) in
             [(0.01, "0.01 dB"), (0.123_456, "0.12 dB"), (25.0, "25 dB"), (1.25, "1.2 dB"), (2.5e-7, "2.5e-7 dB")]
         {

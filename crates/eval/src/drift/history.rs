@@ -1,20 +1,20 @@
 use serde::{Deserialize, Serialize};
 
-/// Why a baseline became what it is.
+/// Why a run was accepted as the baseline.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Acceptance {
-    /// Day, in universal time, as `2026-02-28`.
+    /// Date in UTC, such as `2026-02-28`.
     pub date: String,
-    /// Why the numbers of this run are right.
+    /// Why this run's numbers are correct.
     pub reason: String,
-    /// Version of atsplat that made them.
+    /// Version of atsplat that computed them.
     pub atsplat: String,
-    /// The commit that it was built from, where known.
+    /// Commit that it was built from, if known.
     pub commit: Option<String>,
 }
 
-/// The day that so many seconds after 1970 fall on, in universal time (Hinnant, "chrono-compatible low-level date
+/// The date of a time in seconds since 1970, in UTC (Hinnant, "chrono-compatible low-level date
 /// algorithms": eras of 400 years that begin in March).
 pub fn date(seconds: u64) -> String {
     let days = seconds / 86_400 + 719_468;
@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn dates_are_those_of_the_calendar() {
+    fn dates_agree_with_the_calendar() {
         for (seconds, expected) in [
             (0, "1970-01-01"),
             (951_782_399, "2000-02-28"),

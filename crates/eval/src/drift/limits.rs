@@ -1,12 +1,12 @@
 use std::collections::BTreeSet;
 
-use atsplat_numeric::Extremes as _;
+use atsplat_numeric::{Extremes as _, Tolerance};
 use serde::{Deserialize, Serialize};
 
 use crate::Results;
 use crate::statistics::{Leaked, Question, scene_means, student_quantile};
 
-/// How far a mean may move without meaning anything.
+/// How far a mean may change before it counts as drift.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Limit {
@@ -18,20 +18,30 @@ pub struct Limit {
     pub metric: String,
     /// In the metric's unit.
     pub limit: f64,
-    /// From how many runs it was taken; 1 where there was nothing to compare, and the least limit stands.
+    /// Number of runs it was estimated from; with 1 run it is the least limit.
     pub runs: u64,
 }
 
 /// The smallest limit of a metric: 0.01 dB, and 0.0005 for everything else, half the last digit that papers print.
 pub fn least_limit(metric: &str) -> f64 {
-    let decibels = atsplat_metrics::definition(metric).is_some_and(|definition| definition.unit == "dB");
-    if decibels { 0.01 } else { 0.0005 }
+    if is_decibels(metric) { 0.01 } else { 0.0005 }
 }
 
-/// Limits of everything that is not deterministic in the first of these runs, which all asked the same.
+/// How far a target's score of a deterministic method may differ from the baseline's on another machine type: 0.001 dB, and
+/// 1e-5 for everything else. Fused multiply-adds change the last bits of networks and renders; a larger change means that
+/// another token was selected, or a real change.
+pub fn metric_bound(metric: &str) -> Tolerance {
+    Tolerance::absolute(if is_decibels(metric) { 1e-3 } else { 1e-5 })
+}
+
+fn is_decibels(metric: &str) -> bool {
+    atsplat_metrics::definition(metric).is_some_and(|definition| definition.unit == "dB")
+}
+
+/// Limits of all metrics of non-deterministic methods, from repeated runs of the same plan.
 ///
-/// With `n` runs whose means deviate by `s`, the difference between the baseline's mean and that of another such run stays
-/// within `t · s · √2` in 99 of 100 cases, `t` Student's quantile of `n − 1` degrees.
+/// With `n` runs whose means have the standard deviation `s`, the difference between the baseline's mean and that of another
+/// run stays within `t · s · √2` in 99 of 100 cases, where `t` is Student's quantile with `n − 1` degrees of freedom.
 pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
     let Some(first) = runs.first() else { return Vec::new() };
     let random: BTreeSet<&str> = first
@@ -41,25 +51,25 @@ pub(super) fn limits(runs: &[&Results]) -> Vec<Limit> {
         .filter(|method| !method.deterministic)
         .map(|method| method.name.as_str())
         .collect();
-    let named = |row: &'_ crate::TargetRow| random.contains(row.key.method.as_str());
-    let questions: BTreeSet<(&str, &str, &str)> = first
+    let queries: BTreeSet<(&str, &str, &str)> = first
         .targets
         .iter()
-        .filter(|row| named(row))
+        .filter(|row| random.contains(row.key.method.as_str()))
         .flat_map(|row| row.scores.keys().map(|id| (row.key.preset.as_str(), row.key.method.as_str(), id.as_str())))
         .collect();
     let limit = |(preset, method, metric): (&str, &str, &str)| {
-        let question = Question { preset, method, metric, leaked: Leaked::Included };
-        let means: Vec<f64> = runs.iter().filter_map(|run| mean(run, &question)).collect();
-        let limit = spread(&means).unwrap_or_default().maximum_of(least_limit(metric));
+        let query = Question { preset, method, metric, leaked: Leaked::Included };
+        let means: Vec<f64> = runs.iter().filter_map(|run| mean(run, &query)).collect();
+        let least = least_limit(metric);
+        let limit = spread(&means).map_or(least, |spread| spread.maximum_of(least));
         let (preset, method, metric) = (preset.to_owned(), method.to_owned(), metric.to_owned());
         Limit { preset, method, metric, limit, runs: means.len() as u64 }
     };
-    questions.into_iter().map(limit).collect()
+    queries.into_iter().map(limit).collect()
 }
 
-fn mean(run: &Results, question: &Question) -> Option<f64> {
-    let scenes = scene_means(run, question);
+fn mean(run: &Results, query: &Question) -> Option<f64> {
+    let scenes = scene_means(run, query);
     let sum: f64 = scenes.iter().map(|scene| scene.mean).sum();
     (!scenes.is_empty()).then(|| sum / scenes.len() as f64)
 }

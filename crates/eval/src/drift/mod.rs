@@ -1,14 +1,13 @@
-//! Results against a committed baseline: has a number moved, is the difference real, and which stage moved it.
+//! Compares results with a committed baseline: whether a number changed, whether the change is significant, and which stage
+//! caused it.
 //!
-//! A [`Baseline`] is a JSON file, one row a line, so that a review of its diff shows what moved. Rows of a deterministic
-//! method are compared bit by bit on the machine type that made them, within a stated bound on another, and everything else
-//! by paired intervals against limits that repeated runs gave ([`Limit`]). Any change that counts is drift, for better or
-//! worse: it has to be looked at and [accepted](Baseline::accept) with a reason. [`DriftReport::data`] says which pictures
-//! are others, and [`probe`] which stage does something else. Where nothing could be compared the verdict is
-//! [`Verdict::Nothing`], not the same.
+//! A [`Baseline`] is a JSON file with one row per line, so that its diff shows the changes. Rows of a deterministic method are
+//! compared bit by bit on the machine type that produced them and within a stated bound on another; all others by paired
+//! intervals against limits from repeated runs ([`Limit`]). Any significant change, for better or worse, is drift and has to be
+//! reviewed and [accepted](Baseline::accept) with a reason. [`DriftReport::data`] lists changed pictures, and [`probe`] finds
+//! the changed stage. If nothing could be compared, the verdict is [`Verdict::Nothing`] rather than [`Verdict::Same`].
 
 mod baseline;
-mod bounds;
 mod compare;
 mod data;
 mod display;
@@ -24,12 +23,11 @@ mod report;
 mod tests;
 
 pub use baseline::{Baseline, BaselineTarget, BaselineTrial, ProbeRecord};
-pub use bounds::metric_bound;
 pub use compare::compare;
 pub use data::{ChangedPicture, DataComparison, PictureDigest, PictureRole};
 pub use error::DriftError;
 pub use history::{Acceptance, date};
-pub use limits::{Limit, least_limit};
+pub use limits::{Limit, least_limit, metric_bound};
 pub use numbers::{AcceptedNumber, HistoricRun, NumberHistory, histories};
 pub use provenance::{Difference, same_machine};
 pub use report::{Basis, Comparison, DriftReport, Finding, FindingKind, Verdict};

@@ -6,13 +6,13 @@ use serde::{Deserialize, Serialize};
 use super::probe::Stage;
 use super::{Baseline, BaselineTarget, Comparison, DriftReport, Verdict};
 use crate::Results;
-use crate::statistics::{Outcome, Picked, score_of, summary_of};
+use crate::statistics::{Outcome, SelectedTarget, score_of, summary_of};
 
-/// One number of an accepted run, as a baseline remembers it when its rows are gone.
+/// One number of an accepted run, kept when the rows are replaced by a later acceptance.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct AcceptedNumber {
-    /// Which entry of the baseline's history, from 0.
+    /// Position in the baseline's history, from 0.
     pub acceptance: usize,
     /// Name of the preset.
     pub preset: String,
@@ -24,13 +24,13 @@ pub struct AcceptedNumber {
     pub mean: f64,
     /// Its 95 % interval; `None` with one scene.
     pub interval: Option<[f64; 2]>,
-    /// How far the mean of a later run may move; `None` of a deterministic method, whose every bit counts.
+    /// How far the mean of a later run may change; `None` for a deterministic method, which is compared bit by bit.
     pub limit: Option<f64>,
-    /// Of this number against the acceptance before; `None` where there was none to compare with.
+    /// Verdict against the previous acceptance; `None` if there was none.
     pub verdict: Option<Verdict>,
 }
 
-/// How one number moved from acceptance to acceptance, and to the present run.
+/// The history of one number over all acceptances and the current run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NumberHistory {
     /// Name of the preset.
@@ -39,30 +39,30 @@ pub struct NumberHistory {
     pub method: String,
     /// Id of the metric.
     pub metric: String,
-    /// Accepted runs, oldest first, then the present one where it has the number.
+    /// Accepted runs, oldest first, then the current run if it has the number.
     pub runs: Vec<HistoricRun>,
-    /// Acceptances of which the number is not known: from before numbers were kept, or without it.
+    /// Number of acceptances without the number, or from before numbers were recorded.
     pub unknown: usize,
-    /// The verdict on the present run.
+    /// The verdict on the current run.
     pub verdict: Verdict,
 }
 
-/// A number of one run.
+/// A number in one run.
 #[derive(Clone, Debug, PartialEq)]
 pub struct HistoricRun {
-    /// The day of its acceptance; `now`.
+    /// The date of its acceptance, or `now`.
     pub label: String,
     /// Mean over scenes.
     pub mean: f64,
     /// Its 95 % interval.
     pub interval: Option<[f64; 2]>,
-    /// Between which means the baseline of the time wanted it.
+    /// The range of means that the previous baseline allowed.
     pub limits: Option<[f64; 2]>,
     /// The verdict against that baseline.
     pub verdict: Option<Verdict>,
-    /// Mean less that baseline's.
+    /// Difference from that baseline's mean.
     pub moved: Option<f64>,
-    /// Why it was accepted; of the present run, the first stage that changed.
+    /// Why it was accepted; for the current run, the first stage that changed.
     pub why: Option<String>,
 }
 
@@ -81,15 +81,15 @@ fn means(targets: &[BaselineTarget]) -> BTreeMap<Name, (f64, Option<[f64; 2]>)> 
         rows.sort_by(|a, b| (&a.key, a.target).cmp(&(&b.key, b.target)));
     }
     let of = |(preset, method, metric): (&str, &str, &str)| {
-        let picked = groups.get(&(preset, method))?.iter().filter_map(|row| picked(row, metric));
-        let summary = summary_of(&picked.collect::<Vec<_>>(), Aggregation::SceneMeans);
+        let selected = groups.get(&(preset, method))?.iter().filter_map(|row| selected(row, metric));
+        let summary = summary_of(&selected.collect::<Vec<_>>(), Aggregation::SceneMeans);
         Some(((preset.to_owned(), method.to_owned(), metric.to_owned()), (summary.mean?, summary.interval)))
     };
     names.into_iter().filter_map(of).collect()
 }
 
-fn picked<'a>(row: &'a BaselineTarget, metric: &str) -> Option<Picked<'a>> {
-    Some(Picked {
+fn selected<'a>(row: &'a BaselineTarget, metric: &str) -> Option<SelectedTarget<'a>> {
+    Some(SelectedTarget {
         scene: &row.key.scene,
         entry: row.key.entry,
         target: row.target,
@@ -103,13 +103,13 @@ fn picked<'a>(row: &'a BaselineTarget, metric: &str) -> Option<Picked<'a>> {
 }
 
 impl Baseline {
-    /// With what its rows say of the last acceptance, and nothing of earlier ones.
+    /// With the numbers of its own rows and none of earlier acceptances.
     pub(super) fn with_numbers_of_rows(self) -> Self {
         Self { numbers: of_rows(&self, None), ..self }
     }
 }
 
-/// The numbers of a baseline's own rows, as those of its last acceptance. `report` compares them with the one before.
+/// The numbers of a baseline's rows, which belong to its last acceptance. `report` compares them with the previous one.
 pub(super) fn of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<AcceptedNumber> {
     let acceptance = baseline.history.len().saturating_sub(1);
     let number = |((preset, method, metric), (mean, interval)): (Name, _)| {
@@ -123,7 +123,7 @@ pub(super) fn of_rows(baseline: &Baseline, report: Option<&DriftReport>) -> Vec<
     means(&baseline.targets).into_iter().map(number).collect()
 }
 
-/// The history of every number that a report compares, in its order.
+/// The history of every number in a report, in its order.
 pub fn histories(baseline: &Baseline, results: &Results, report: &DriftReport) -> Vec<NumberHistory> {
     let now = means(&results.targets.iter().map(BaselineTarget::from).collect::<Vec<_>>());
     report.comparisons.iter().map(|comparison| history(baseline, comparison, &now, report)).collect()
@@ -138,7 +138,7 @@ fn history(
     let Comparison { preset, method, metric, verdict, .. } = comparison;
     let own = |number: &&AcceptedNumber| (&number.preset, &number.method, &number.metric) == (preset, method, metric);
     let numbers: Vec<&AcceptedNumber> = baseline.numbers.iter().filter(own).collect();
-    let around = |mean: f64, limit: Option<f64>| limit.map_or([mean; 2], |limit| [mean - limit, mean + limit]);
+    let range = |mean: f64, limit: Option<f64>| limit.map_or([mean; 2], |limit| [mean - limit, mean + limit]);
     let mut runs = Vec::new();
     let mut before: Option<&AcceptedNumber> = None;
     for number in &numbers {
@@ -147,7 +147,7 @@ fn history(
             label: accepted.map_or_else(|| number.acceptance.to_string(), |accepted| accepted.date.clone()),
             mean: number.mean,
             interval: number.interval,
-            limits: before.map(|before| around(before.mean, before.limit)),
+            limits: before.map(|before| range(before.mean, before.limit)),
             verdict: number.verdict,
             moved: before.map(|before| number.mean - before.mean),
             why: accepted.map(|accepted| accepted.reason.clone()),
@@ -160,7 +160,7 @@ fn history(
             label: "now".to_owned(),
             mean: *mean,
             interval: *interval,
-            limits: before.map(|before| around(before.mean, comparison.limit)),
+            limits: before.map(|before| range(before.mean, comparison.limit)),
             verdict: Some(*verdict),
             moved: before.map(|before| mean - before.mean),
             why: report.first_stage().map(Stage::name).map(str::to_owned),

@@ -4,41 +4,41 @@ use serde::Serialize;
 
 use crate::Provenance;
 
-/// Something that was otherwise when the baseline was made.
+/// A setting that differs from the baseline's.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Difference {
-    /// What, as `method atsplat, weights-sha256`.
+    /// Which setting, such as `method atsplat, weights-sha256`.
     pub what: String,
-    /// What the baseline says; `None` where it does not know of it.
+    /// The baseline's value, if any.
     pub baseline: Option<String>,
-    /// What the results say.
+    /// The results' value, if any.
     pub now: Option<String>,
 }
 
-/// What decides numbers and is not the same.
+/// Settings that affect numbers and differ.
 pub(super) fn differences(baseline: &Provenance, now: &Provenance) -> Vec<Difference> {
-    let (baseline, now) = (facts(baseline), facts(now));
+    let (baseline, now) = (settings(baseline), settings(now));
     let names: BTreeSet<&String> = baseline.keys().chain(now.keys()).collect();
     let difference = |what: &String| {
-        let [baseline, now] = [&baseline, &now].map(|facts| facts.get(what).cloned());
+        let [baseline, now] = [&baseline, &now].map(|settings| settings.get(what).cloned());
         (baseline != now).then(|| Difference { what: what.clone(), baseline, now })
     };
     names.into_iter().filter_map(difference).collect()
 }
 
-/// Whether bits may be compared: the same platform and processor, and the same adapter where one rendered.
+/// Whether results can be compared bit by bit: the same platform, processor and, if it rendered, graphics adapter.
 pub fn same_machine(a: &Provenance, b: &Provenance) -> bool {
     a.platform == b.platform && a.processor == b.processor && a.adapter == b.adapter
 }
 
-/// Everything in a provenance that decides numbers, by name; what is absent has no entry.
-fn facts(provenance: &Provenance) -> BTreeMap<String, String> {
+/// All settings of a provenance that affect numbers, by name; absent ones have no entry.
+fn settings(provenance: &Provenance) -> BTreeMap<String, String> {
     let Provenance { atsplat, commit, platform, processor, adapter, presets, methods, metrics, .. } = provenance;
-    let mut facts = BTreeMap::new();
+    let mut settings = BTreeMap::new();
     let mut put = |what: String, value: Option<String>| {
         if let Some(value) = value {
-            facts.insert(what, value);
+            settings.insert(what, value);
         }
     };
     put("atsplat".to_owned(), Some(atsplat.clone()));
@@ -70,10 +70,10 @@ fn facts(provenance: &Provenance) -> BTreeMap<String, String> {
         put(of("weights-sha256"), metric.weights_sha256.clone());
         put(of("absent"), metric.absent.clone());
     }
-    facts
+    settings
 }
 
-/// A parameter's fields one by one, so that a difference shows the field and not the whole of it.
+/// Adds a parameter's fields one by one, so that a difference names the field.
 fn each_field(name: &str, value: &serde_json::Value, put: &mut impl FnMut(String, Option<String>)) {
     match value {
         serde_json::Value::Object(fields) => {
@@ -85,10 +85,10 @@ fn each_field(name: &str, value: &serde_json::Value, put: &mut impl FnMut(String
     }
 }
 
-/// A number with the digits that it was written with: one that went through f32 has no more than those.
+/// A number with the digits it was written with: one that is an exact f32 is formatted as f32.
 fn plain(number: &serde_json::Number) -> String {
     let Some(value) = number.as_f64().filter(|_| number.is_f64()) else { return number.to_string() };
-    #[expect(clippy::cast_possible_truncation, reason = "the question is whether f32 holds it")]
+    #[expect(clippy::cast_possible_truncation, reason = "the result is compared with the original")]
     let single = value as f32;
     let same = f64::from(single).to_bits() == value.to_bits();
     if same { single.to_string() } else { value.to_string() }

@@ -7,37 +7,37 @@ use super::probe::{Attribution, Stage, StageVerdict};
 use super::{DataComparison, Difference};
 use crate::statistics::{Paired, direction};
 
-/// What became of a baseline's numbers.
+/// Comparison of results with a baseline.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DriftReport {
-    /// Of everything: the worst below.
+    /// The worst verdict of all parts.
     pub verdict: Verdict,
-    /// One for each metric of each method under each preset.
+    /// One per metric, method and preset.
     pub comparisons: Vec<Comparison>,
-    /// What changed beside scores.
+    /// Changes other than of scores.
     pub findings: Vec<Finding>,
-    /// The pictures that the numbers were made from.
+    /// The pictures that the numbers were computed from.
     pub data: DataComparison,
-    /// What decides numbers and was otherwise.
+    /// Settings that affect numbers and differ.
     pub differences: Vec<Difference>,
-    /// Which stage moved a probe's numbers; `None` where no probe was run.
+    /// Which stage changed a probe's numbers; `None` if no probe was run.
     pub attribution: Option<Attribution>,
     /// Why there is no attribution although the baseline has a probe.
     pub not_attributed: Option<String>,
 }
 
-/// Whether somebody has to look.
+/// Outcome of a comparison.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// Nothing moved.
+    /// Nothing changed.
     Same,
-    /// What moved stays within its bound or limit.
+    /// All changes are within their bound or limit.
     Within,
     /// There was nothing to compare.
     Nothing,
-    /// Something moved.
+    /// Something changed.
     Drifted,
 }
 
@@ -49,11 +49,11 @@ pub enum Basis {
     Exact,
     /// Target by target within [`super::metric_bound`]: a deterministic method on another machine type.
     Bound,
-    /// The paired interval against a limit: drift where it lies beyond the limit as a whole.
+    /// The paired interval against a limit: drift if the whole interval is beyond the limit.
     Interval,
 }
 
-/// One metric of one method under one preset, then and now.
+/// One metric of one method under one preset in baseline and results.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Comparison {
@@ -67,25 +67,25 @@ pub struct Comparison {
     pub verdict: Verdict,
     /// How it was reached.
     pub basis: Basis,
-    /// Mean over the scenes of the baseline, over the targets that both have.
+    /// The baseline's mean over scenes, over common targets.
     pub baseline: Option<f64>,
-    /// The same of the results.
+    /// The results' mean over scenes, over common targets.
     pub now: Option<f64>,
-    /// Results less baseline; `None` where no target has both.
+    /// Results minus baseline; `None` without common targets.
     pub paired: Option<Paired>,
-    /// Targets whose score is another number.
+    /// Targets whose score changed.
     pub changed: u64,
     /// Largest change of a target's score.
     pub largest: f64,
-    /// Where that was: scene, entry and frame.
+    /// Scene, entry and frame of the largest change.
     pub largest_at: Option<String>,
-    /// How far the mean may move, where intervals decide.
+    /// How far the mean may change, if intervals decide.
     pub limit: Option<f64>,
 }
 
 impl Comparison {
-    /// Whether the mean moved for the better, by the metric's direction; `None` where it did not move.
-    pub fn sense(&self) -> Option<bool> {
+    /// Whether the mean improved, by the metric's direction; `None` if it did not change.
+    pub fn improved(&self) -> Option<bool> {
         match (direction(&self.metric), self.paired.as_ref()?.difference.partial_cmp(&0.0)?) {
             (_, Ordering::Equal) => None,
             (Direction::Higher, order) => Some(order == Ordering::Greater),
@@ -94,7 +94,7 @@ impl Comparison {
     }
 }
 
-/// Something that changed beside a score, counted.
+/// A kind of change other than of a score, with its count.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Finding {
@@ -106,50 +106,50 @@ pub struct Finding {
     pub kind: FindingKind,
     /// Whether it counts as drift.
     pub verdict: Verdict,
-    /// How often.
+    /// Number of occurrences.
     pub count: u64,
-    /// The first of them.
+    /// The first occurrence.
     pub example: String,
 }
 
-/// What may change beside a score.
+/// Kinds of changes other than of scores.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FindingKind {
-    /// The protocol's or the index's hash: numbers answer another question.
+    /// The protocol's or the index's hash: the numbers are not comparable.
     Protocol,
-    /// Targets of the baseline that have no row.
+    /// Targets of the baseline without a row in the results.
     Missing,
-    /// Targets that the baseline does not know; no drift, but not watched either.
+    /// Targets that the baseline does not have; not drift, but not monitored either.
     New,
-    /// Trials whose hash is another: frames, cameras or preprocessing.
+    /// Trials with another hash: frames, cameras or preprocessing.
     Trial,
-    /// Targets that were compared and now failed, or the other way round.
+    /// Targets with another status, such as failed instead of scored.
     Status,
-    /// Context or target pictures of other samples: the data, decoding or resizing.
+    /// Context or target pictures with other samples, from the data, decoding or resizing.
     Data,
-    /// Renders of other bits.
+    /// Renders that are not bit-identical.
     Render,
-    /// Trials of other token or Gaussian counts.
+    /// Trials with other token or Gaussian counts.
     Count,
-    /// Scores that were there and are no longer computed.
+    /// Scores that are no longer computed.
     Score,
-    /// Scores that the baseline does not have; no drift, but not watched either.
+    /// Scores that the baseline does not have; not drift, but not monitored either.
     NewScore,
 }
 
 impl FindingKind {
-    /// What happened, in words.
-    pub const fn words(self) -> &'static str {
+    /// Description in reports.
+    pub const fn description(self) -> &'static str {
         match self {
             Self::Protocol => "another protocol",
             Self::Missing => "targets are missing",
             Self::New => "targets are new",
-            Self::Trial => "trials ask another question",
-            Self::Status => "targets ended otherwise",
-            Self::Data => "pictures are others",
-            Self::Render => "renders have other bits",
-            Self::Count => "trials have other counts of tokens or Gaussians",
+            Self::Trial => "trials have changed",
+            Self::Status => "targets have another status",
+            Self::Data => "pictures have changed",
+            Self::Render => "renders are not bit-identical",
+            Self::Count => "trials have other numbers of tokens or Gaussians",
             Self::Score => "scores are no longer computed",
             Self::NewScore => "scores are new",
         }
@@ -157,20 +157,20 @@ impl FindingKind {
 }
 
 impl DriftReport {
-    /// Whether anything drifted.
+    /// Whether the verdict is drift.
     pub fn drifted(&self) -> bool {
         self.verdict == Verdict::Drifted
     }
 
-    /// The first stage that changed: where to look. Other pictures are the data's change unless decoding or resizing changed
-    /// on the probe, which alone may make other pictures of the same files.
+    /// The first stage that changed. Changed pictures are attributed to the data unless decoding or resizing changed on the
+    /// probe, since those stages can produce other pictures from the same files.
     pub fn first_stage(&self) -> Option<Stage> {
         let probed = self.attribution.as_ref().and_then(Attribution::first);
         let explained = matches!(probed, Some(Stage::Decode | Stage::Resize));
         if self.data.verdict() == StageVerdict::Changed && !explained { Some(Stage::Data) } else { probed }
     }
 
-    /// The same, with what a probe says of stages.
+    /// Adds the attribution of a probe.
     #[must_use]
     pub fn with_attribution(self, attribution: Result<Attribution, super::DriftError>) -> Self {
         match attribution {

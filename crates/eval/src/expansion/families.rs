@@ -6,17 +6,17 @@ use glam::DVec3;
 
 use super::ExpansionError;
 
-/// An expanded token and its children, each at the mean centre of the Gaussians that the head makes of it: of the parent
-/// as it entered its block, of the children as they left it. They share an anchor, so that what parts them was learned.
+/// An expanded token and its children, each at the mean centre of the Gaussians that the head decodes it to: the parent as it
+/// enters its block, the children as they leave it. They share an anchor, so their separation is learned.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Family {
-    /// Which of the decoder's blocks expanded it, from 1.
+    /// Number of the decoder block that expanded it, from 1.
     pub block: usize,
-    /// Predicted uncertainty, where the block scores tokens.
+    /// Predicted uncertainty, if the block scores tokens.
     pub score: Option<f32>,
-    /// In the world of the context's cameras.
+    /// In the context cameras' world frame.
     pub parent: DVec3,
-    /// As many as the configuration says.
+    /// As many as the configuration sets.
     pub children: Vec<DVec3>,
 }
 
@@ -27,14 +27,15 @@ pub struct SeenFamily {
     pub block: usize,
     /// Inside the picture.
     pub parent: [f64; 2],
-    /// Those in front of the camera; they may lie outside the picture.
+    /// Those in front of the camera, inside the picture or not.
     pub children: Vec<[f64; 2]>,
 }
 
 /// Every expanded token, block by block.
 pub(super) fn families(trace: &Trace) -> Vec<Family> {
     let made = &trace.made;
-    let per_token = made.budget.gaussians.checked_div(made.budget.final_tokens).unwrap_or_default();
+    // Without tokens there are no families.
+    let Some(per_token) = made.budget.gaussians.checked_div(made.budget.final_tokens) else { return Vec::new() };
     let mut families = Vec::new();
     for (at, (block, entering)) in made.blocks.iter().zip(&trace.entering).enumerate() {
         let mut children: BTreeMap<usize, Vec<DVec3>> =
@@ -52,17 +53,17 @@ pub(super) fn families(trace: &Trace) -> Vec<Family> {
     families
 }
 
-/// `None` where a token has no Gaussians.
+/// `None` if a token has no Gaussians.
 fn mean_centre(gaussians: &Gaussians, token: usize, per_token: usize) -> Option<DVec3> {
     let means = gaussians.parts().means.chunks_exact(per_token.max(1)).nth(token)?;
     let sum: DVec3 = means.iter().map(|mean| DVec3::from(mean.map(f64::from))).sum();
     Some(sum / means.len() as f64)
 }
 
-/// Families whose parent a picture shows, whatever stands before it.
+/// Families whose parent projects into a picture, occluded or not.
 ///
 /// # Errors
-/// [`ExpansionError::Camera`] for a lens that maps nothing.
+/// [`ExpansionError::Camera`] for an invalid camera.
 pub fn seen_by(families: &[Family], view: &View) -> Result<Vec<SeenFamily>, ExpansionError> {
     let projector = view.camera.projector()?;
     let seen = |family: &Family| {

@@ -1,12 +1,11 @@
-//! What Adaptive Token Expansion does in one scene: the figures by which the paper explains it, as data.
+//! Adaptive Token Expansion in one scene: the data of the paper's explanatory figures.
 //!
-//! - [`Family`]: where children lie around their parents (paper, "Behavior of expanded tokens");
-//! - [`Stage`]: what is rendered with expansion in ever more blocks (supplement, "Expansion at each decoder block");
-//! - [`Uncertainty`]: whether what is expanded is what is wrong ("Predicted uncertainty and selected tokens").
+//! - [`Family`]: positions of children around their parents (paper, "Behavior of expanded tokens");
+//! - [`Stage`]: renders with expansion in more and more blocks (supplement, "Expansion at each decoder block");
+//! - [`Uncertainty`]: whether expanded regions are those with errors ("Predicted uncertainty and selected tokens").
 //!
-//! Nothing here enters a results store; [`study`] looks at a few scenes for people.
+//! [`study`] analyses single scenes; its results are not part of a results store.
 
-mod error;
 mod families;
 mod stages;
 mod subject;
@@ -19,35 +18,69 @@ use atsplat_model::network::Network;
 use atsplat_pixels::Image;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Gaussians, RenderOptions, Rendering, View};
+use thiserror::Error;
 
-pub use error::ExpansionError;
 pub use families::{Family, SeenFamily, seen_by};
 pub use stages::Stage;
 pub use subject::{Subject, Target};
 pub use uncertainty::Uncertainty;
 
-/// What expansion did in a scene.
+/// Analysis of token expansion in a scene.
 #[derive(Clone, Debug)]
 pub struct Study {
     /// Every expanded token with its children, block by block.
     pub families: Vec<Family>,
-    /// One for each of the subject's targets.
+    /// One per target of the subject.
     pub targets: Vec<TargetStudy>,
 }
 
-/// One target under the network.
+/// Analysis of one target.
 #[derive(Clone, Debug)]
 pub struct TargetStudy {
     /// Renders with expansion in none of the blocks that expand, the first, the first two, …, all.
     pub stages: Vec<Stage>,
-    /// Of the last block that scores its tokens; `None` where none does.
+    /// Of the last block that scores its tokens; `None` if no block does.
     pub uncertainty: Option<Uncertainty>,
 }
 
-/// Runs a network on a scene: once whole, and once for each smaller number of blocks that expand.
+/// Why a scene cannot be analysed.
+#[derive(Debug, Error)]
+#[non_exhaustive]
+pub enum ExpansionError {
+    /// The network rejects the views or returns non-finite numbers.
+    #[error(transparent)]
+    Model(#[from] atsplat_model::ModelError),
+    /// The renderer rejects a view.
+    #[error("rendering: {0}")]
+    Splat(#[from] atsplat_splat::SplatError),
+    /// A render and its ground truth cannot be compared.
+    #[error(transparent)]
+    Metric(#[from] atsplat_metrics::MetricError),
+    /// A picture cannot be read.
+    #[error(transparent)]
+    Protocol(#[from] atsplat_protocol::ProtocolError),
+    /// An invalid camera.
+    #[error(transparent)]
+    Camera(#[from] atsplat_camera::CameraError),
+    /// A render has the wrong number of samples.
+    #[error(transparent)]
+    Pixels(#[from] atsplat_pixels::PixelError),
+    /// A target that the trial does not have.
+    #[error("{what}: expected {expected}, found {found}")]
+    Invalid {
+        /// What was requested.
+        what: &'static str,
+        /// What was expected.
+        expected: String,
+        /// What was found.
+        found: String,
+    },
+}
+
+/// Runs a network on a scene: once in full, and once for each smaller number of expanding blocks.
 ///
 /// # Errors
-/// [`ExpansionError`] where the network refuses the views, the renderer the targets, or a truth is of another size.
+/// [`ExpansionError`] if the network rejects the views, the renderer rejects a target, or a ground truth has another size.
 pub fn study(network: &Network, subject: &Subject) -> Result<Study, ExpansionError> {
     let trace = network.trace(&subject.views, subject.call_seed)?;
     let families = families::families(&trace);
@@ -71,7 +104,7 @@ fn image(rendering: &Rendering<f32>) -> Result<Image, ExpansionError> {
     Ok(Image::new(rendering.size.width, rendering.size.height, samples)?)
 }
 
-/// A render beside its truth, of one size and finite.
+/// Compares a render with its ground truth, which must be finite and of equal size.
 fn compared<T>(render: &Image, target: &Target, with: impl FnOnce(&Pair<'_>) -> T) -> Result<T, ExpansionError> {
     let truth = Image::from_u8(&target.truth);
     Ok(with(&Pair::new(render, &truth)?))

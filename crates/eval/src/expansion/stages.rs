@@ -10,17 +10,17 @@ use super::{ExpansionError, Subject, compared, image, render};
 /// A target rendered with expansion in some of the decoder's blocks.
 #[derive(Clone, Debug)]
 pub struct Stage {
-    /// The blocks that expanded, from 1.
+    /// Numbers of the blocks that expand, from 1.
     pub blocks: Vec<usize>,
-    /// All Gaussians.
+    /// Number of Gaussians.
     pub gaussians: usize,
     /// The render, not clipped.
     pub image: Image,
-    /// In dB, of the clipped render; [`DECIBEL_CAP`] where it equals the truth.
+    /// PSNR of the clipped render in dB; [`DECIBEL_CAP`] if it equals the ground truth.
     pub psnr: f64,
 }
 
-/// Stages by target: expansion in none of the blocks that expand, the first, …, all, which is the trace.
+/// Stages by target: expansion in none of the expanding blocks, the first, …, all of them, which is the trace.
 pub(super) fn stages(network: &Network, trace: &Trace, subject: &Subject) -> Result<Vec<Vec<Stage>>, ExpansionError> {
     let (mut by_target, mut enabled) = (vec![Vec::new(); subject.targets.len()], Vec::new());
     let mut remaining = prefixes(network);
@@ -42,8 +42,8 @@ pub(super) fn stages(network: &Network, trace: &Trace, subject: &Subject) -> Res
     Ok(by_target)
 }
 
-/// For each stage the block that it enables beyond the one before, from 1, and how many of the blocks with weights to
-/// expand that makes. A block that the configuration switched off is never enabled.
+/// For each stage, the block that it enables in addition to the previous stage's, from 1, and the resulting number of blocks
+/// with expansion weights. A block that the configuration disables is never enabled.
 fn prefixes(network: &Network) -> std::vec::IntoIter<(Option<usize>, usize)> {
     let blocks = network.config().decoder.blocks.iter().enumerate().filter(|(_, block)| block.expansion.is_some());
     let active = blocks.enumerate().filter(|(_, (_, block))| block.active_expansion().is_some());

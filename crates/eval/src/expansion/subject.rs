@@ -6,38 +6,40 @@ use atsplat_protocol::trial::{ContextView, TargetPictures, Trial};
 use atsplat_splat::{RenderOptions, View};
 
 use super::ExpansionError;
+use crate::context::trial_seed;
 use crate::network_views;
 
-/// A scene as network and renderer take it.
+/// The scene to analyse, as input of network and renderer.
 #[derive(Clone, Debug)]
 pub struct Subject {
-    /// The context.
+    /// The context views.
     pub views: Views,
-    /// What random selection draws with.
+    /// Seed of the forward pass, which random token selection draws from.
     pub call_seed: u64,
     /// How targets are rendered.
     pub options: RenderOptions,
-    /// What is rendered; without any, families alone are found.
+    /// The views to render; without any, only families are computed.
     pub targets: Vec<Target>,
 }
 
-/// A view with its truth.
+/// A view with its ground truth.
 #[derive(Clone, Debug)]
 pub struct Target {
     /// Position of the frame in the scene.
     pub frame: usize,
-    /// Camera in the context's world, and size of the picture.
+    /// Camera in the context's world frame, and picture size.
     pub view: View,
-    /// What is to be seen.
+    /// The ground truth.
     pub truth: Arc<ImageU8>,
 }
 
 impl Subject {
-    /// A trial with some of its targets, by position; pictures are decoded now.
+    /// A trial with some of its targets, given by position; pictures are decoded here. Random token expansion draws the same
+    /// tokens as in an evaluation with this `call_seed`.
     ///
     /// # Errors
-    /// [`ExpansionError::Protocol`] for a picture that cannot be read, [`ExpansionError::Model`] for a context without a
-    /// picture or with pictures of several sizes, [`ExpansionError::Unfit`] for a target that is none of the trial's.
+    /// [`ExpansionError::Protocol`] for a picture that cannot be read, [`ExpansionError::Model`] for a context without
+    /// pictures or with pictures of different sizes, [`ExpansionError::Invalid`] for a position that the trial does not have.
     pub fn of(
         trial: &Trial,
         truths: &TargetPictures,
@@ -47,7 +49,7 @@ impl Subject {
     ) -> Result<Self, ExpansionError> {
         let target = |&position: &usize| {
             let (target, truth) =
-                trial.targets().get(position).zip(truths.get(position)).ok_or_else(|| ExpansionError::Unfit {
+                trial.targets().get(position).zip(truths.get(position)).ok_or_else(|| ExpansionError::Invalid {
                     what: "target",
                     expected: format!("one of {}", trial.targets().len()),
                     found: position.to_string(),
@@ -55,7 +57,7 @@ impl Subject {
             Ok(Target { frame: target.frame, view: View { camera: target.camera, size: target.size }, truth: truth? })
         };
         let targets = positions.iter().map(target).collect::<Result<_, ExpansionError>>()?;
-        Ok(Self { views: views(trial)?, call_seed, options, targets })
+        Ok(Self { views: views(trial)?, call_seed: trial_seed(call_seed, trial), options, targets })
     }
 }
 

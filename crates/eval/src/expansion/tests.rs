@@ -42,39 +42,39 @@ fn network(config: &ModelConfig) -> Network {
 }
 
 #[test]
-fn families_are_the_mean_centres_of_what_tokens_decode_to() {
+fn families_are_mean_centres_of_decoded_gaussians() {
     let (network, subject) = (network(&nano()), subject(&[]));
     let found = study(&network, &subject).unwrap();
     assert!(found.targets.is_empty());
-    let made = network.reconstruct(&subject.views, 0).unwrap();
+    let reconstruction = network.reconstruct(&subject.views, 0).unwrap();
     let by_block = |block: usize| found.families.iter().filter(move |family| family.block == block);
     let counts: Vec<usize> = (1..=4).map(|block| by_block(block).count()).collect();
-    assert_eq!(counts, made.budget.expanded);
+    assert_eq!(counts, reconstruction.budget.expanded);
 
-    // The last block's children are final tokens: what is left of a token's Gaussians is its mean.
+    // The last block's children are final tokens, whose Gaussians have these mean centres.
     let centre = |gaussians: &Gaussians, token: usize| {
         let own = gaussians.parts().means.iter().enumerate().filter(|(at, _)| at / 16 == token);
         own.fold(DVec3::ZERO, |sum, (_, mean)| sum + DVec3::from(mean.map(f64::from)) / 16.0)
     };
     let tolerance = Tolerance::relative(1e-9);
-    let first_child = made.budget.final_tokens - 2 * made.budget.expanded[3];
+    let first_child = reconstruction.budget.final_tokens - 2 * reconstruction.budget.expanded[3];
     for (at, family) in by_block(4).enumerate() {
-        let expected = [0, 1].map(|child| centre(&made.gaussians, first_child + 2 * at + child).to_array());
+        let expected = [0, 1].map(|child| centre(&reconstruction.gaussians, first_child + 2 * at + child).to_array());
         let children = family.children.iter().flat_map(DVec3::to_array);
         tolerance.assert(children.collect::<Vec<f64>>(), expected.concat(), "children");
-        assert_ne!(family.children[0], family.children[1], "siblings have one anchor and places of their own");
+        assert_ne!(family.children[0], family.children[1], "siblings share an anchor but not a centre");
     }
     // A parent is decoded as it enters its block.
     let forward = network.forward(std::slice::from_ref(&subject.views), 0).unwrap();
     let entering = network.gaussians(&forward.blocks[0].tokens).scene(0).unwrap();
-    for (family, &token) in by_block(2).zip(&made.blocks[1].selected) {
+    for (family, &token) in by_block(2).zip(&reconstruction.blocks[1].selected) {
         tolerance.assert(family.parent.to_array(), centre(&entering, token).to_array(), "parent");
-        assert_eq!(family.score, made.blocks[1].scores.as_ref().map(|scores| scores[token]));
+        assert_eq!(family.score, reconstruction.blocks[1].scores.as_ref().map(|scores| scores[token]));
     }
 }
 
 #[test]
-fn places_are_pixels_of_what_the_camera_sees() {
+fn families_are_projected_to_pixels() {
     let pose = WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(1.0, 0.0, 0.0)).unwrap();
     let camera = Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.5, 1.0, 0.5, 0.5).unwrap());
     let view = View { camera, size: ImageSize { width: 200, height: 100 } };
@@ -97,11 +97,11 @@ fn places_are_pixels_of_what_the_camera_sees() {
 }
 
 #[test]
-fn with_every_block_enabled_a_stage_is_the_whole_render() {
+fn the_last_stage_is_the_full_render() {
     let (config, subject) = (nano(), subject(&[0, 1]));
     let network = network(&config);
     let found = study(&network, &subject).unwrap();
-    let made = network.reconstruct(&subject.views, 0).unwrap();
+    let reconstruction = network.reconstruct(&subject.views, 0).unwrap();
     for (target, own) in subject.targets.iter().zip(&found.targets) {
         let blocks: Vec<&[usize]> = own.stages.iter().map(|stage| stage.blocks.as_slice()).collect();
         assert_eq!(blocks, [&[][..], &[2], &[2, 3], &[2, 3, 4]]);
@@ -110,14 +110,14 @@ fn with_every_block_enabled_a_stage_is_the_whole_render() {
             assert_eq!(stage.gaussians, range.fixed().unwrap().gaussians);
             assert!(stage.psnr.is_finite());
         }
-        let whole = CpuRenderer::default().render(&made.gaussians, &target.view, &subject.options).unwrap();
+        let whole = CpuRenderer::default().render(&reconstruction.gaussians, &target.view, &subject.options).unwrap();
         assert_eq!(own.stages[3].image.samples(), whole.rgb.as_flattened());
         assert_ne!(own.stages[0].image.samples(), whole.rgb.as_flattened());
     }
 }
 
 #[test]
-fn uncertainty_is_composited_and_selected_tokens_alone_are_opaque() {
+fn uncertainty_is_composited_and_only_selected_tokens_are_opaque() {
     let (network, subject) = (network(&nano()), subject(&[0]));
     let found = study(&network, &subject).unwrap().targets.remove(0).uncertainty.unwrap();
     let trace = network.trace(&subject.views, 0).unwrap();
@@ -131,7 +131,7 @@ fn uncertainty_is_composited_and_selected_tokens_alone_are_opaque() {
     for ((predicted, selected), alpha) in found.predicted.iter().zip(&found.selected_alpha).zip(&whole.alpha) {
         let alpha = f64::from(*alpha);
         assert!((least * alpha - slack..=most * alpha + slack).contains(predicted), "{predicted} of {alpha}");
-        // Compositing ends early where little light is left, and sooner with more Gaussians.
+        // Compositing stops early at low transmittance, and sooner with more Gaussians.
         assert!((0.0..=alpha + 2e-3).contains(selected), "{selected} of {alpha}");
     }
     assert!(found.selected_alpha.iter().any(|alpha| *alpha > 0.1));
@@ -139,7 +139,7 @@ fn uncertainty_is_composited_and_selected_tokens_alone_are_opaque() {
 }
 
 #[test]
-fn nothing_selected_is_nothing_opaque() {
+fn without_selected_tokens_nothing_is_opaque() {
     let config = nano().with_thresholds(&[1e9; 3]).unwrap();
     let found = study(&network(&config), &subject(&[0])).unwrap();
     assert!(found.families.is_empty());
@@ -149,14 +149,14 @@ fn nothing_selected_is_nothing_opaque() {
 }
 
 #[test]
-fn without_scores_or_expansion_there_is_less_to_see() {
+fn studies_without_scores_or_expansion_are_partial() {
     let mut random = nano();
     random.expansion.selection = Selection::Random { seed: 1 };
     let found = study(&network(&random), &subject(&[0])).unwrap();
     assert!(found.targets[0].uncertainty.is_none() && !found.families.is_empty());
     assert_eq!(found.targets[0].stages.len(), 4);
 
-    // Of the second expanding block alone: the first stays off whatever is enabled.
+    // Only the second expanding block: the first one stays disabled in every stage.
     let mut second = nano().with_expansion_in_first(2);
     second.decoder.blocks[1].expand = false;
     let found = study(&network(&second), &subject(&[0])).unwrap();
@@ -169,10 +169,10 @@ fn without_scores_or_expansion_there_is_less_to_see() {
 }
 
 #[test]
-fn what_cannot_be_compared_is_told() {
+fn invalid_subjects_are_errors() {
     let (trial, truths) = trial();
-    let told = Subject::of(&trial, &truths, &[9], RenderOptions::default(), 0).unwrap_err().to_string();
-    assert_eq!(told, "target: expected one of 2, found 9");
+    let message = Subject::of(&trial, &truths, &[9], RenderOptions::default(), 0).unwrap_err().to_string();
+    assert_eq!(message, "target: expected one of 2, found 9");
     let mut subject = subject(&[0]);
     subject.targets[0].view.size = ImageSize { width: 64, height: 64 };
     assert!(matches!(study(&network(&nano()), &subject), Err(ExpansionError::Metric(_))));

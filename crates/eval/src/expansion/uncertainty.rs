@@ -7,31 +7,31 @@ use atsplat_splat::{Channels, Gaussians, RenderOptions};
 
 use super::{ExpansionError, Target, compared, image, render};
 
-/// Where the intermediate Gaussians that enter a block err, where the network expects them to, and what it expands.
-/// Maps have one number a pixel, row by row.
+/// Actual error, predicted uncertainty and selected tokens of the intermediate Gaussians that enter a block. Maps have one
+/// value per pixel, row-major.
 #[derive(Clone, Debug)]
 pub struct Uncertainty {
-    /// Which of the decoder's blocks, from 1.
+    /// Number of the decoder block, from 1.
     pub block: usize,
-    /// In pixels.
+    /// Size of the maps in pixels.
     pub size: ImageSize,
-    /// The intermediate Gaussians, not clipped.
+    /// Render of the intermediate Gaussians, not clipped.
     pub render: Image,
-    /// `1 − SSIM` of the render, as 3DGS's training computes it: what the scores were trained to predict.
+    /// `1 − SSIM` of the render, as 3DGS's training computes it: the target of the uncertainty prediction.
     pub error: Vec<f64>,
-    /// The tokens' scores, composited like a colour on 0.
+    /// The tokens' scores, composited like a colour over 0.
     pub predicted: Vec<f64>,
     /// Opacity of the Gaussians of the selected tokens alone.
     pub selected_alpha: Vec<f64>,
-    /// Tokens that the block expanded.
+    /// Number of tokens that the block expanded.
     pub selected: usize,
-    /// Tokens that entered it.
+    /// Number of tokens that entered it.
     pub tokens: usize,
-    /// Spearman's rank correlation of error and prediction over pixels; `None` where one of them is the same everywhere.
+    /// Spearman's rank correlation of error and prediction over pixels; `None` if one of them is constant.
     pub correlation: Option<f64>,
 }
 
-/// Of the last block that scores its tokens.
+/// Uncertainty of the last block that scores its tokens.
 pub(super) fn uncertainty(
     trace: &Trace,
     target: &Target,
@@ -40,7 +40,7 @@ pub(super) fn uncertainty(
     let blocks = trace.made.blocks.iter().zip(&trace.entering).enumerate();
     let mut scored = blocks.filter_map(|(at, (block, gaussians))| Some((at, block, gaussians, block.scores.as_ref()?)));
     let Some((at, block, gaussians, scores)) = scored.next_back() else { return Ok(None) };
-    let per_token = gaussians.len().checked_div(scores.len()).unwrap_or_default();
+    let Some(per_token) = gaussians.len().checked_div(scores.len()) else { return Ok(None) };
 
     let mut parts = gaussians.parts().clone();
     parts.scalars = Some(scores.iter().flat_map(|&score| std::iter::repeat_n(score, per_token)).collect());

@@ -2,20 +2,22 @@ use atsplat_model::network::{Network, Reconstruction};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
 
 use super::splatting::{Splatting, parameters};
-use super::{Answer, Cost, Method, Question, Refusal};
+use super::{Cost, Method, MethodError, Prediction, TrialInput};
+use crate::context::trial_seed;
 use crate::{EvalError, MethodRecord, network_views};
 
-/// Pixels of a picture from which on the paper's configuration for high resolution is meant: it uses it at 512×960, and not
-/// at 256×448.
+/// Smallest number of pixels for which the paper's high-resolution configuration is used: the paper uses it at 512×960
+/// but not at 256×448.
 pub const HIGH_RESOLUTION: usize = 400_000;
 
-/// ATSplat, in any variant.
+/// ATSplat in any variant.
 #[derive(Debug)]
 pub struct AtSplat {
     network: Network,
-    /// Takes the place of `network` on large pictures.
+    /// Used instead of `network` for large pictures.
     high_resolution: Option<Network>,
     splatting: Splatting,
+    /// Combined with the trial's identity into the seed of each forward pass.
     call_seed: u64,
     record: MethodRecord,
 }
@@ -23,25 +25,26 @@ pub struct AtSplat {
 /// Where a network's weights came from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum WeightsOf {
-    /// A file with this SHA-256.
+    /// A weights file.
     File {
-        /// In hexadecimal.
+        /// Its SHA-256 in hexadecimal.
         sha256: String,
     },
-    /// Nothing was learned.
+    /// Random initialisation; untrained.
     Random {
-        /// What they were drawn with.
+        /// The initialisation's seed.
         seed: u64,
-        /// SHA-256 of the file of a pretrained backbone, where there is one.
+        /// SHA-256 of the pretrained backbone's file, if one was used.
         backbone_sha256: Option<String>,
     },
 }
 
 impl AtSplat {
-    /// A network with its weights. `name` is its name in the rows.
+    /// A network with its weights. `name` is the method's name in the rows; random token expansion draws from `call_seed`
+    /// and the trial's identity.
     ///
     /// # Errors
-    /// [`EvalError::Model`] for a configuration that JSON cannot hold.
+    /// [`EvalError::Model`] for a configuration that JSON cannot represent.
     pub fn new(
         name: &str,
         network: Network,
@@ -80,37 +83,39 @@ impl AtSplat {
         Ok(Self { network, high_resolution: None, splatting, call_seed, record })
     }
 
-    /// The same with another network for pictures of [`HIGH_RESOLUTION`] pixels and more: what the paper's configuration for
-    /// them makes of the same weights.
+    /// Adds a network for pictures of at least [`HIGH_RESOLUTION`] pixels: the same weights under the paper's configuration
+    /// for high resolution.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for a configuration that JSON cannot hold.
+    /// [`EvalError::Settings`] for a configuration that JSON cannot represent.
     pub fn with_high_resolution(mut self, network: Network) -> Result<Self, EvalError> {
         self.record.parameters.insert("high-resolution".to_owned(), as_json(network.config())?);
         self.high_resolution = Some(network);
         Ok(self)
     }
 
-    /// The same, told apart in tables and plots by what it changes of its weights' own configuration.
+    /// Sets the variant's name in tables and plots: what differs from the configuration stored with the weights.
     #[must_use]
     pub fn variant(mut self, name: &str) -> Self {
         self.record.title = title(&self.network.config().name, Some(name), self.record.untrained);
         self
     }
 
-    fn reconstruct(&self, question: &Question<'_>) -> Result<(Reconstruction, Option<String>), Refusal> {
-        let cameras = question.trial.context().iter().map(|view| view.camera).collect();
+    fn reconstruct(&self, input: &TrialInput<'_>) -> Result<(Reconstruction, Option<String>), MethodError> {
+        let cameras = input.trial.context().iter().map(|view| view.camera).collect();
         let views =
-            network_views(question.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| refusal(&error))?;
+            network_views(input.pictures.iter().map(AsRef::as_ref), cameras).map_err(|error| method_error(&error))?;
+        let seed = trial_seed(self.call_seed, input.trial);
         let network = self.network_for(views.size());
-        let made = network.reconstruct(&views, self.call_seed).map_err(|error| refusal(&error))?;
-        let note = (made.seen_at != views.size())
-            .then(|| format!("the network saw context pictures of {} at {}", views.size(), made.seen_at));
-        Ok((made, note))
+        let reconstruction = network.reconstruct(&views, seed).map_err(|error| method_error(&error))?;
+        let seen_at = reconstruction.seen_at;
+        let note = (seen_at != views.size())
+            .then(|| format!("the network saw context pictures of {} at {seen_at}", views.size()));
+        Ok((reconstruction, note))
     }
 
-    /// Large pictures go to the configuration for high resolution, whose coarse branch sees them at half their size, where
-    /// that is what the weights were trained at.
+    /// Large pictures use the high-resolution configuration, whose coarse branch sees them at half size, provided that the
+    /// weights were trained at that half size.
     fn network_for(&self, size: ImageSize) -> &Network {
         let half = ImageSize::new(size.height / 2, size.width / 2);
         let is_large = size.height.saturating_mul(size.width) >= HIGH_RESOLUTION && self.network.sees(half) == half;
@@ -118,18 +123,18 @@ impl AtSplat {
     }
 }
 
-/// What tables call it: the paper's own configurations need no name.
+/// Title in tables; the paper's own configurations are not named.
 fn title(config: &str, variant: Option<&str>, untrained: bool) -> String {
     let config = (!config.starts_with("paper-")).then_some(config);
-    let told: Vec<&str> = config.into_iter().chain(variant).chain(untrained.then_some("untrained")).collect();
-    if told.is_empty() { "ATSplat".to_owned() } else { format!("ATSplat ({})", told.join(", ")) }
+    let details: Vec<&str> = config.into_iter().chain(variant).chain(untrained.then_some("untrained")).collect();
+    if details.is_empty() { "ATSplat".to_owned() } else { format!("ATSplat ({})", details.join(", ")) }
 }
 
-/// The whole configuration: a table that asks for a variant reads it.
+/// The whole configuration, which tables use to identify variants.
 fn as_json(config: &ModelConfig) -> Result<serde_json::Value, EvalError> {
     serde_json::to_value(config).map_err(|error| EvalError::Settings {
         what: "configuration",
-        expected: "values that JSON can hold".to_owned(),
+        expected: "values that JSON can represent".to_owned(),
         found: error.to_string(),
     })
 }
@@ -143,24 +148,91 @@ impl Method for AtSplat {
         true
     }
 
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        let (made, note) = self.reconstruct(&question)?;
-        let stages = made.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let (reconstruction, note) = self.reconstruct(&input)?;
+        let stages = reconstruction.seconds.stages().map(|(name, secs)| (name.to_owned(), secs));
         let cost = Cost {
-            initial_tokens: Some(made.budget.initial_tokens as u64),
-            final_tokens: Some(made.budget.final_tokens as u64),
+            initial_tokens: Some(reconstruction.budget.initial_tokens as u64),
+            final_tokens: Some(reconstruction.budget.final_tokens as u64),
             stages: stages.into_iter().collect(),
-            peak_bytes: Some(made.memory.peak_bytes()),
+            peak_bytes: Some(reconstruction.memory.peak_bytes()),
             notes: note.into_iter().collect(),
             ..Cost::default()
         };
-        Ok(self.splatting.answer(question, made.gaussians, cost))
+        Ok(self.splatting.predict(input, reconstruction.gaussians, cost))
     }
 }
 
-fn refusal(error: &ModelError) -> Refusal {
+fn method_error(error: &ModelError) -> MethodError {
     match error {
-        ModelError::Indivisible { .. } | ModelError::SizesDiffer { .. } => Refusal::NotApplicable(error.to_string()),
-        _ => Refusal::Failed(error.to_string()),
+        ModelError::Indivisible { .. } | ModelError::SizesDiffer { .. } => {
+            MethodError::NotApplicable(error.to_string())
+        }
+        _ => MethodError::Failed(error.to_string()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::sync::Arc;
+
+    use atsplat_model::config::Selection;
+    use atsplat_model::network::Device;
+    use atsplat_model::parameters::parameters;
+    use atsplat_model::weights::generated;
+    use atsplat_pixels::ImageU8;
+    use atsplat_protocol::trial::{DecodeAhead, Prefetch, Trial, TrialRecipe, Trials};
+    use atsplat_protocol::{IndexFile, Preset};
+
+    use super::*;
+    use crate::sources::simulated;
+
+    /// Context of two simulated rooms; the first room has the same entry twice.
+    fn trials(preset: &Preset) -> Vec<(Trial, Vec<Arc<ImageU8>>)> {
+        let mut index = IndexFile::carried("rooms-2v").unwrap().unwrap().index;
+        index.scenes.truncate(2);
+        let entries = &mut index.scenes[0];
+        entries.truncate(1);
+        entries.push(entries[0].clone());
+        let source = Arc::new(simulated(preset, &index).unwrap().unwrap());
+        let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+        let trials = Trials::new(source, &index, TrialRecipe::of(preset, "ATSplat"), ahead).take(3);
+        let with_pictures = |trial: Trial| {
+            let pictures = trial.context().iter().map(|view| view.picture().unwrap()).collect();
+            (trial, pictures)
+        };
+        trials.map(|trial| with_pictures(trial.unwrap().0)).collect()
+    }
+
+    fn method(selection: Option<Selection>, call_seed: u64) -> AtSplat {
+        let mut config = ModelConfig::named("nano").unwrap();
+        config.expansion.selection = selection.unwrap_or(config.expansion.selection);
+        let network = Network::new(&config, &Device::flex()).unwrap();
+        let network = network.with_weights(&generated(&parameters(&config), 1)).unwrap();
+        let weights = WeightsOf::Random { seed: 1, backbone_sha256: None };
+        AtSplat::new("atsplat", network, &weights, call_seed, Splatting::default()).unwrap()
+    }
+
+    #[test]
+    fn random_expansion_differs_between_trials_and_is_reproducible() {
+        let preset = Preset::named("rooms-2v-128").unwrap();
+        let trials = trials(&preset);
+        let selected = |method: &AtSplat, at: usize| -> Vec<Vec<usize>> {
+            let (trial, pictures) = &trials[at];
+            let input = TrialInput { preset: &preset, trial, pictures };
+            method.reconstruct(&input).unwrap().0.blocks.into_iter().map(|block| block.selected).collect()
+        };
+        let random = method(Some(Selection::Random { seed: 3 }), 0);
+        let forwards = [0, 1, 2].map(|at| selected(&random, at));
+        assert!(forwards[0].iter().any(|block| !block.is_empty()), "nothing was expanded");
+        assert_ne!(forwards[0], forwards[1], "two entries of a scene");
+        assert_ne!(forwards[0], forwards[2], "two scenes");
+        let mut backwards = [2, 1, 0].map(|at| selected(&method(Some(Selection::Random { seed: 3 }), 0), at));
+        backwards.reverse();
+        assert_eq!(forwards, backwards, "a rerun in another order");
+        assert_ne!(selected(&method(Some(Selection::Random { seed: 3 }), 1), 0), forwards[0], "another call seed");
+        // Without random selection neither the call seed nor the trial's identity matters.
+        let scored = selected(&method(None, 0), 0);
+        assert_eq!((&scored, &scored), (&selected(&method(None, 1), 0), &selected(&method(None, 0), 1)));
     }
 }

@@ -4,19 +4,19 @@ use atsplat_splat::{ClampedGradient, Extent, PrincipalPoint, RendererConstants, 
 use crate::EvalError;
 use crate::tradeoff::RendererKnobs;
 
-/// Which renderer constants a method renders with.
+/// Which renderer constants a method uses.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum ConstantsChoice {
-    /// Those behind the protocol's published numbers ([`constants_of`]).
+    /// Those behind the protocol's published numbers (see [`constants_of`]).
     #[default]
     OfPreset,
-    /// These, whatever the protocol says; their near and far planes are in the trial's scene units.
+    /// Fixed constants for every protocol; near and far planes are in the trial's scene units.
     These(RendererConstants),
-    /// Those behind the protocol's published numbers, or a named preset, with some of them changed.
+    /// The protocol's constants, or those of a named preset, with overrides.
     Changed(ChangedConstants),
 }
 
-/// Constants with changes, and what they are called.
+/// Overrides of the protocol's constants, with a name for records.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ChangedConstants {
     name: String,
@@ -24,10 +24,10 @@ pub struct ChangedConstants {
 }
 
 impl ChangedConstants {
-    /// What these knobs make of the protocol's constants.
+    /// Overrides that apply to any protocol.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for a knob that no constants go with, whatever the protocol.
+    /// [`EvalError::Settings`] for values that no renderer accepts.
     pub fn new(knobs: RendererKnobs) -> Result<Self, EvalError> {
         let name = knobs
             .applied(&RendererConstants { name: "of the preset".to_owned(), ..RendererConstants::default() })?
@@ -35,23 +35,23 @@ impl ChangedConstants {
         Ok(Self { name, knobs })
     }
 
-    /// What is changed.
+    /// The overrides.
     pub const fn knobs(&self) -> &RendererKnobs {
         &self.knobs
     }
 }
 
 impl ConstantsChoice {
-    /// For a trial of this protocol.
+    /// The constants for a trial of this protocol.
     pub fn of(&self, convention: &RendererConvention, planes: NearFar) -> RendererConstants {
         match self {
             Self::OfPreset => constants_of(convention, planes),
             Self::These(constants) => constants.clone(),
-            Self::Changed(changed) => changed.knobs.turned(&constants_of(convention, planes)),
+            Self::Changed(changed) => changed.knobs.applied_unchecked(&constants_of(convention, planes)),
         }
     }
 
-    /// For records.
+    /// Name in records.
     pub fn name(&self) -> &str {
         match self {
             Self::OfPreset => "of the preset",
@@ -61,13 +61,14 @@ impl ConstantsChoice {
     }
 }
 
-/// A protocol's renderer as ours takes it. `planes` are the trial's, in its normalised world.
+/// A protocol's rendering convention as constants of our renderer. `planes` are the trial's, in its normalised world.
 ///
-/// - A near cull in near planes is a multiple of the trial's near plane; one in scene units is taken as it is. A centre
-///   on it is culled, as in diff-gaussian-rasterization. Nothing is culled for being far.
-/// - A reach of 3 standard deviations is that rasterizer's, by tiles; any other draws all that reaches the smallest alpha.
+/// - A near cull in near planes is a multiple of the trial's near plane; one in scene units is used as is. A centre
+///   exactly on it is culled, as in diff-gaussian-rasterization. There is no far cull.
+/// - An extent of 3 standard deviations is that rasterizer's, applied by tiles; any other extent draws everything that
+///   reaches the smallest alpha.
 /// - An ignored principal point is the picture's centre.
-/// - Spherical harmonics have 3DGS's axes: their order belongs to the Gaussians and not to the protocol.
+/// - Spherical harmonics use 3DGS's axes: their order is a property of the Gaussians, not of the protocol.
 pub fn constants_of(convention: &RendererConvention, planes: NearFar) -> RendererConstants {
     const THREE_SIGMAS: f64 = 3.0;
     let by_tiles = convention.extent_sigmas.total_cmp(&THREE_SIGMAS).is_eq();
@@ -101,9 +102,9 @@ mod tests {
     use super::*;
     use atsplat_protocol::Preset;
 
-    /// The published rasterizer by another way: its own preset in the renderer.
+    /// Compares with the renderer's own preset of the published rasterizer.
     #[test]
-    fn the_published_protocols_give_the_published_rasterizer() {
+    fn published_protocols_use_the_published_rasterizer() {
         let preset = Preset::named("re10k-2v-256").unwrap();
         let found = constants_of(&preset.renderer, NearFar { near: 1.0, far: 100.0 });
         let inria = RendererConstants::named("inria").unwrap();
@@ -117,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn near_culls_follow_their_unit() {
+    fn near_cull_is_converted_from_its_unit() {
         let mut convention = Preset::named("re10k-2v-256").unwrap().renderer;
         let planes = NearFar { near: 0.5, far: 100.0 };
         let near = |convention: &RendererConvention| constants_of(convention, planes).near;
@@ -129,7 +130,7 @@ mod tests {
         let constants = constants_of(&convention, planes);
         assert_eq!((constants.extent, constants.principal_point), (Extent::Exact, PrincipalPoint::Full));
         constants.check().unwrap();
-        let own = ConstantsChoice::These(RendererConstants::default());
-        assert_eq!(own.of(&convention, planes), RendererConstants::default());
+        let fixed = ConstantsChoice::These(RendererConstants::default());
+        assert_eq!(fixed.of(&convention, planes), RendererConstants::default());
     }
 }

@@ -5,90 +5,86 @@ use std::path::{Path, PathBuf};
 
 use crate::EvalError;
 
-/// Folders beside the one that was given, in which scenes are looked for.
-const MOST_NEIGHBOURS: usize = 64;
-/// Names of what a folder holds that are told.
-const TOLD: usize = 6;
+/// Limit on the subfolders searched if the given folder holds no scene.
+const MAX_SUBFOLDERS: usize = 64;
+/// Number of folder entries listed in a message.
+const MAX_LISTED: usize = 6;
 
-/// A scene, and the frames whose files are looked for.
+/// A scene with the frames whose files are looked for.
 #[derive(Clone, Copy, Debug)]
-pub struct Asked<'a> {
+pub struct RequestedScene<'a> {
     /// Its key.
     pub scene: &'a str,
     /// Positions of frames.
     pub frames: &'a [usize],
 }
 
-/// Where the files of a scene lie below a folder, as `SCENE/color/000029.png`.
+/// Where the files of a scene are below a folder, such as `SCENE/color/000029.png`.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct Layout(pub String);
 
-/// Layouts of the scenes that were found below a folder.
+/// Number of scenes found below a folder in each layout.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 struct Found(BTreeMap<Layout, usize>);
 
-/// What a folder of imported results holds of the scenes that are asked for.
+/// How many of the requested scenes a folder of imported results holds, and in which layout.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Survey {
     what: &'static str,
     folder: PathBuf,
     expected: &'static str,
-    asked: usize,
+    requested: usize,
     first: String,
     here: Found,
-    /// A folder up or down that holds more of them.
+    /// A parent or subfolder that holds scenes if this one holds none.
     elsewhere: Option<(PathBuf, Found)>,
 }
 
 impl Survey {
-    /// Looks for scenes below a folder, and where none is, one folder up and down. `layout` tells how a scene's files
-    /// lie below a folder, if they do.
+    /// Looks for scenes below a folder and, if there are none, in its parents and subfolders. `layout` returns how a
+    /// scene's files are laid out below a folder, if they are there.
     pub(super) fn of(
         (what, expected): (&'static str, &'static str),
         folder: &Path,
-        asked: &[Asked<'_>],
-        layout: impl Fn(&Path, &Asked<'_>) -> Option<Layout>,
+        requested: &[RequestedScene<'_>],
+        layout: impl Fn(&Path, &RequestedScene<'_>) -> Option<Layout>,
     ) -> Self {
         let found = |folder: &Path| {
             let mut found = Found::default();
-            for layout in asked.iter().filter_map(|asked| layout(folder, asked)) {
+            for layout in requested.iter().filter_map(|requested| layout(folder, requested)) {
                 *found.0.entry(layout).or_default() += 1;
             }
             found
         };
         let here = found(folder);
         let others = || neighbours(folder).into_iter().map(|other| (found(&other), other));
-        let elsewhere = if here.scenes() == 0 {
-            let most = others().filter(|(found, _)| found.scenes() > 0).max_by_key(|(found, _)| found.scenes());
-            most.map(|(found, other)| (other, found))
-        } else {
-            None
-        };
-        let first = asked.first().map(|asked| asked.scene.to_owned()).unwrap_or_default();
-        Self { what, folder: folder.to_owned(), expected, asked: asked.len(), first, here, elsewhere }
+        let with_scenes = || others().filter(|(found, _)| found.scenes() > 0);
+        let elsewhere = if here.scenes() > 0 { None } else { with_scenes().max_by_key(|(found, _)| found.scenes()) };
+        let elsewhere = elsewhere.map(|(found, other)| (other, found));
+        let first = requested.first().map_or_else(String::new, |requested| requested.scene.to_owned());
+        Self { what, folder: folder.to_owned(), expected, requested: requested.len(), first, here, elsewhere }
     }
 
-    /// How many scenes are there.
+    /// How many scenes were found.
     pub fn scenes(&self) -> usize {
         self.here.scenes()
     }
 
-    /// Why nothing can come of this folder; nothing where a scene is there, or none was asked for.
-    ///
     /// # Errors
-    /// [`EvalError::Settings`] with what was looked for, what is there, and where it is instead.
+    /// [`EvalError::Settings`] if scenes were requested and none was found: what was expected, what the folder holds, and
+    /// where the scenes are instead.
     pub fn check(&self) -> Result<(), EvalError> {
-        if self.scenes() > 0 || self.asked == 0 {
+        if self.scenes() > 0 || self.requested == 0 {
             return Ok(());
         }
-        let (folder, asked) = (self.folder.display(), self.asked);
+        let (folder, requested) = (self.folder.display(), self.requested);
         let found = match &self.elsewhere {
             Some((other, found)) => format!(
-                "none of {asked} scenes there, but {} of them below {}, as {found}: give that folder",
+                "none of {requested} scenes there, but {} of them below {}, as {found}: use that folder",
                 found.scenes(),
                 other.display()
             ),
-            None => format!("none of {asked} scenes there; the folder holds {}", content(&self.folder)),
+            None => format!("none of {requested} scenes there; the folder holds {}", content(&self.folder)),
         };
         let expected = format!("{} below {folder}, SCENE as {}", self.expected, self.first);
         Err(EvalError::Settings { what: self.what, expected, found })
@@ -99,8 +95,8 @@ impl fmt::Display for Survey {
     /// `folder of renders out: SCENE/color/000029.png in 12 of 12 scenes`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (what, folder) = (self.what, self.folder.display());
-        match (self.scenes(), self.asked) {
-            (0, _) => write!(f, "{what} {folder}: no scene of those asked for"),
+        match (self.scenes(), self.requested) {
+            (0, _) => write!(f, "{what} {folder}: none of the requested scenes"),
             (found, all) if found == all => write!(f, "{what} {folder}: {}", self.here),
             (found, all) => write!(f, "{what} {folder}: {}; {} of {all} scenes are missing", self.here, all - found),
         }
@@ -115,15 +111,15 @@ impl Found {
 
 impl fmt::Display for Found {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let told: Vec<String> = self.0.iter().map(|(Layout(name), count)| format!("{name} ({count})")).collect();
-        f.write_str(&told.join(", "))
+        let layouts: Vec<String> = self.0.iter().map(|(Layout(name), count)| format!("{name} ({count})")).collect();
+        f.write_str(&layouts.join(", "))
     }
 }
 
-/// One folder down, one up, two up.
+/// Subfolders, the parent and its parent.
 fn neighbours(folder: &Path) -> Vec<PathBuf> {
     let mut below = folders(folder);
-    below.truncate(MOST_NEIGHBOURS);
+    below.truncate(MAX_SUBFOLDERS);
     let whole = folder.canonicalize().unwrap_or_else(|_unreadable| folder.to_owned());
     below.extend(whole.ancestors().skip(1).take(2).map(Path::to_owned));
     below
@@ -136,12 +132,12 @@ fn folders(folder: &Path) -> Vec<PathBuf> {
     folders
 }
 
-/// The first names in a folder.
+/// The first entries of a folder, as text.
 fn content(folder: &Path) -> String {
     let entries = fs::read_dir(folder).into_iter().flatten().flatten();
     let mut names: Vec<String> = entries.map(|entry| entry.file_name().to_string_lossy().into_owned()).collect();
     names.sort();
-    let more = if names.len() > TOLD { format!(" and {} more", names.len() - TOLD) } else { String::new() };
-    names.truncate(TOLD);
+    let more = if names.len() > MAX_LISTED { format!(" and {} more", names.len() - MAX_LISTED) } else { String::new() };
+    names.truncate(MAX_LISTED);
     if names.is_empty() { "nothing".to_owned() } else { format!("{}{more}", names.join(", ")) }
 }

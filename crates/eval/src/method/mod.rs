@@ -1,4 +1,4 @@
-//! What turns a trial into pictures: one file per method.
+//! Methods turn a trial's context views into pictures of its targets; one file per method.
 
 mod atsplat;
 mod constants;
@@ -16,12 +16,12 @@ use std::sync::Arc;
 
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::Preset;
-use atsplat_protocol::trial::Trial;
+use atsplat_protocol::trial::{TargetView, Trial};
 use thiserror::Error;
 
 pub use atsplat::{AtSplat, HIGH_RESOLUTION, WeightsOf};
 pub use constants::{ChangedConstants, ConstantsChoice, constants_of};
-pub use layout::{Asked, Layout, Survey};
+pub use layout::{Layout, RequestedScene, Survey};
 pub use nearest_view::NearestView;
 pub use ply::{GaussianFrame, Ply};
 pub use renders::Renders;
@@ -31,64 +31,64 @@ pub use warp::Warp;
 use crate::MethodRecord;
 use crate::file_name::file_name;
 
-/// A way to answer trials.
+/// A novel-view-synthesis method under evaluation.
 pub trait Method: Debug + Send + Sync {
-    /// What it is, with everything that decides its pictures.
+    /// The method's identity and every parameter that affects its pictures.
     fn record(&self) -> MethodRecord;
 
-    /// Whose published pose normalisation and planes it takes where a preset lists several
+    /// The method whose published pose normalisation and near/far planes it uses if a preset lists several
     /// ([`Preset::setting_of`]).
     fn setting(&self) -> &'static str {
         "ATSplat"
     }
 
-    /// Whether one trial takes so much memory that it wants to be the only one.
+    /// Whether one trial needs so much memory that trials must run one at a time.
     fn is_heavy(&self) -> bool {
         false
     }
 
-    /// The files that answer a trial where a method brings its answers along, `None` for each that is missing: rows are
-    /// made again when one of them changes.
+    /// For an imported method, the files that hold its results for a trial, `None` for each missing file. Rows are
+    /// recomputed when one of them changes.
     fn files(&self, _trial: &Trial) -> Vec<Option<PathBuf>> {
         Vec::new()
     }
 
-    /// Where its files lie for these scenes; `None` for a method that makes its pictures here.
-    fn survey(&self, _asked: &[Asked<'_>]) -> Option<Survey> {
+    /// Where an imported method's files for these scenes are; `None` for a method that runs in this process.
+    fn survey(&self, _scenes: &[RequestedScene<'_>]) -> Option<Survey> {
         None
     }
 
-    /// Which of its work a timing pass measures: its own, and not the reading of what another program wrote.
+    /// Which parts a timing pass measures: the method's own work, not reading another program's output.
     fn timed(&self) -> Timed {
         Timed { encoding: true, rendering: true }
     }
 
-    /// Looks at the context.
+    /// Processes the context views; [`Prediction::render`] then renders targets.
     ///
     /// # Errors
-    /// [`Refusal`], why there will be no pictures.
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal>;
+    /// [`MethodError`] if the method cannot produce pictures for this trial.
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError>;
 }
 
-/// Work that is worth a time.
+/// Which parts of a method are timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Timed {
-    /// From context pictures to whatever is rendered: [`Method::begin`].
+    /// From context pictures to a renderable scene: [`Method::predict`].
     pub encoding: bool,
-    /// From there to a picture: [`Answer::render`].
+    /// From the scene to a picture: [`Prediction::render`].
     pub rendering: bool,
 }
 
 impl Timed {
-    /// What methods do that make nothing of the context before they render.
+    /// For methods that do no work on the context before rendering.
     pub const RENDERING: Self = Self { encoding: false, rendering: true };
-    /// What methods do that bring finished pictures.
+    /// For methods that import finished pictures.
     pub const NOTHING: Self = Self { encoding: false, rendering: false };
 }
 
-/// All that a method may see of a trial.
+/// Everything of a trial that a method may see.
 #[derive(Clone, Copy, Debug)]
-pub struct Question<'a> {
+pub struct TrialInput<'a> {
     /// The protocol.
     pub preset: &'a Preset,
     /// Cameras and sizes.
@@ -97,80 +97,89 @@ pub struct Question<'a> {
     pub pictures: &'a [Arc<ImageU8>],
 }
 
-/// What a method made of a context.
-pub trait Answer: Send + Sync {
-    /// What it is made of.
-    fn cost(&self) -> &Cost;
+/// A scene predicted from context views, ready to be rendered.
+pub trait Prediction: Send + Sync {
+    /// Sizes and timings of the prediction.
+    fn cost(&self) -> Cost {
+        Cost::default()
+    }
 
-    /// Pictures of these targets, by position in [`Trial::targets`], or why there is none.
+    /// Renders the targets at these positions in [`Trial::targets`]; an error message for each that fails.
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>>;
 }
 
-/// What an answer is made of, before anything is rendered.
+/// Sizes and timings of a prediction, before anything is rendered.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Cost {
     /// Tokens before expansion.
     pub initial_tokens: Option<u64>,
-    /// Tokens that became Gaussians.
+    /// Tokens after expansion, which are decoded to Gaussians.
     pub final_tokens: Option<u64>,
-    /// Gaussians, all of them.
+    /// All Gaussians.
     pub gaussians: Option<u64>,
-    /// Seconds of the encoding's parts by their own clocks; true where nothing else runs, as in a timing pass.
+    /// Wall-clock seconds of the encoding's stages; meaningful only if nothing else runs, as in a timing pass.
     pub stages: BTreeMap<String, f64>,
-    /// Estimated peak of memory in bytes.
+    /// Estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
-    /// What a reader must know.
+    /// Remarks for the reader of the results.
     pub notes: Vec<String>,
 }
 
-/// A picture of a target.
+/// A rendered target.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Rendered {
     /// The picture.
     pub image: Image,
-    /// Gaussians that reached the picture.
+    /// Gaussians that contributed to the picture.
     pub drawn: Option<u64>,
-    /// Effects that the renderer ran.
+    /// Renderer effects that ran.
     pub effects: Vec<&'static str>,
 }
 
-impl Rendered {
-    pub(crate) const fn plain(image: Image) -> Self {
-        Self { image, drawn: None, effects: Vec::new() }
-    }
-}
-
-/// Why a method makes nothing of a trial.
+/// Why a method has no prediction for a trial.
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
-pub enum Refusal {
-    /// It is not made for such trials.
+pub enum MethodError {
+    /// The method does not support this kind of trial.
     #[error("not applicable: {0}")]
     NotApplicable(String),
-    /// It should have.
+    /// The method supports the trial but failed.
     #[error("{0}")]
     Failed(String),
 }
 
-/// The file names of a scene: those of this entry, for the first entry those without its number, and the one that a store
-/// keeps pictures under.
+/// Renders targets one by one; a position that the trial does not have is an error.
+fn render_each(
+    trial: &Trial,
+    positions: &[usize],
+    render: impl Fn(&TargetView) -> Result<Image, String>,
+) -> Vec<Result<Rendered, String>> {
+    let one = |&position: &usize| {
+        let target = trial.targets().get(position).ok_or_else(|| format!("no target {position}"))?;
+        Ok(Rendered { image: render(target)?, drawn: None, effects: Vec::new() })
+    };
+    positions.iter().map(one).collect()
+}
+
+/// Accepted file names of a trial's scene: `<scene>` (first entry only), `<scene>-<entry>`, and the name under which a
+/// store keeps its pictures.
 pub(crate) fn names_of(trial: &Trial) -> Vec<String> {
     let (scene, entry) = (trial.scene(), trial.entry_number());
-    let bare = (entry == 0).then(|| scene.to_owned());
-    let mut names: Vec<String> = bare.into_iter().chain([format!("{scene}-{entry}")]).collect();
-    let kept = format!("{}-{entry}", file_name(scene));
-    if !names.contains(&kept) {
-        names.push(kept);
+    let without_entry = (entry == 0).then(|| scene.to_owned());
+    let mut names: Vec<String> = without_entry.into_iter().chain([format!("{scene}-{entry}")]).collect();
+    let stored = format!("{}-{entry}", file_name(scene));
+    if !names.contains(&stored) {
+        names.push(stored);
     }
     names
 }
 
-/// A path below a folder; `None` for one that leads out of it.
+/// A path below a folder; `None` if it would leave the folder.
 pub(crate) fn below(folder: &Path, name: &str) -> Option<PathBuf> {
     let inside = |component| matches!(component, Component::Normal(_));
     Path::new(name).components().all(inside).then(|| folder.join(name))
 }
 
-/// The last part of a path, for names of methods.
+/// The last component of a path, the default name of an imported method.
 pub(crate) fn last_of(folder: &Path) -> String {
     let name = folder.canonicalize().ok().and_then(|path| Some(path.file_name()?.to_string_lossy().into_owned()));
     name.unwrap_or_else(|| folder.display().to_string())

@@ -3,15 +3,15 @@ use std::sync::Arc;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{ContextView, TargetView};
 
-use super::{Answer, Cost, Method, Question, Refusal, Rendered, Timed};
+use super::{Method, MethodError, Prediction, Rendered, Timed, TrialInput, render_each};
 use crate::MethodRecord;
 
-/// A floor: the context picture whose camera stands closest to the target's, as it is. Of several that are equally close,
-/// to a billionth, the first in the trial's order.
+/// A lower baseline: copies the context picture whose camera is closest to the target's. Ties, to a relative 1e-9, go to
+/// the first in the trial's order.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct NearestView;
 
-/// What normalising poses may do to a distance, in parts of it.
+/// Relative rounding error that pose normalisation may add to a distance.
 const ROUNDING: f64 = 1e-9;
 
 impl Method for NearestView {
@@ -29,38 +29,27 @@ impl Method for NearestView {
         Timed::RENDERING
     }
 
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        Ok(Box::new(Copied { question, cost: Cost::default() }))
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(Box::new(Copied(input)))
     }
 }
 
-struct Copied<'a> {
-    question: Question<'a>,
-    cost: Cost,
-}
+struct Copied<'a>(TrialInput<'a>);
 
-impl Answer for Copied<'_> {
-    fn cost(&self) -> &Cost {
-        &self.cost
-    }
-
+impl Prediction for Copied<'_> {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        let views = self.question.trial.targets();
-        let one = |position: &usize| {
-            let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
-            let nearest = nearest(&self.question, target).ok_or("no context view")?;
-            Ok(Rendered::plain(Image::from_u8(nearest)))
-        };
-        targets.iter().map(one).collect()
+        render_each(self.0.trial, targets, |target| {
+            Ok(Image::from_u8(nearest(&self.0, target).ok_or("no context view")?))
+        })
     }
 }
 
 /// The context picture whose camera is closest to a target's.
-pub(super) fn nearest<'a>(question: &Question<'a>, target: &TargetView) -> Option<&'a Arc<ImageU8>> {
-    let place = target.camera.camera_from_world.inverse().centre();
-    let distance = |view: &ContextView| view.camera.camera_from_world.inverse().centre().distance(place);
-    let distances: Vec<f64> = question.trial.context().iter().map(distance).collect();
+pub(super) fn nearest<'a>(input: &TrialInput<'a>, target: &TargetView) -> Option<&'a Arc<ImageU8>> {
+    let centre = target.camera.camera_from_world.inverse().centre();
+    let distance = |view: &ContextView| view.camera.camera_from_world.inverse().centre().distance(centre);
+    let distances: Vec<f64> = input.trial.context().iter().map(distance).collect();
     let least = distances.iter().copied().min_by(f64::total_cmp)?;
     let first = distances.iter().position(|distance| *distance <= least * (1.0 + ROUNDING))?;
-    question.pictures.get(first)
+    input.pictures.get(first)
 }

@@ -6,29 +6,31 @@ use atsplat_splat::files::Import;
 use atsplat_splat::{Gaussians, files};
 
 use super::splatting::{Splatting, parameters};
-use super::{Answer, Asked, Cost, Layout, Method, Question, Refusal, Survey, Timed, below, last_of, names_of};
+use super::{
+    Cost, Layout, Method, MethodError, Prediction, RequestedScene, Survey, Timed, TrialInput, below, last_of, names_of,
+};
 use crate::{EvalError, MethodRecord};
 
-/// Gaussians that any other method wrote, a file for each scene:
-/// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same as `.spz` and `.splat`. Where an index asks
-/// several questions of one scene, those of the second are called `<scene>-1`, and so on.
+/// Gaussians written by another program, one file per scene:
+/// `<scene>.ply`, `<scene>/gaussians.ply`, `<scene>/point_cloud.ply`, or the same with `.spz` or `.splat`. If an index has
+/// several entries for a scene, the second is named `<scene>-1`, and so on.
 #[derive(Debug)]
 pub struct Ply {
     folder: PathBuf,
     name: String,
     frame: GaussianFrame,
-    /// Whether a PLY file's opacities are what they say instead of logits.
+    /// Whether a PLY file stores opacities themselves instead of logits.
     opacities_as_stored: bool,
     splatting: Splatting,
 }
 
-/// Whose axes and unit of length files of Gaussians have.
+/// The coordinate frame of imported Gaussians.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum GaussianFrame {
-    /// The dataset's: its cameras see the Gaussians where the photos see the scene.
+    /// The dataset's own world frame.
     #[default]
     Dataset,
-    /// The trial's, whose poses are normalised as the preset says.
+    /// The trial's world frame, normalised as the preset says.
     Trial,
 }
 
@@ -45,7 +47,7 @@ impl Ply {
     /// The files below a folder; `name` is the method's name in the rows, by default the folder's.
     ///
     /// # Errors
-    /// [`EvalError::Io`] where the folder cannot be read.
+    /// [`EvalError::Io`] if the folder cannot be read.
     pub fn new(
         folder: &Path,
         name: Option<&str>,
@@ -60,7 +62,7 @@ impl Ply {
 
     fn find(&self, trial: &Trial) -> Result<PathBuf, String> {
         for scene in names_of(trial) {
-            if let Some((path, _)) = places(&self.folder, &scene).find(|(path, _)| path.is_file()) {
+            if let Some((path, _)) = candidates(&self.folder, &scene).find(|(path, _)| path.is_file()) {
                 return Ok(path);
             }
         }
@@ -75,7 +77,7 @@ impl Ply {
         if self.opacities_as_stored {
             gaussians = gaussians.with_opacities_as_stored();
         } else if import.opacities_may_be_no_logits {
-            notes.push("every opacity of the file lies in [0, 1]: they may be no logits".to_owned());
+            notes.push("every opacity of the file lies in [0, 1]: they may not be logits".to_owned());
         }
         if self.frame == GaussianFrame::Dataset {
             gaussians =
@@ -85,20 +87,19 @@ impl Ply {
     }
 }
 
-/// Places of a scene's file, best first, and what they are called.
-fn places(folder: &Path, scene: &str) -> impl Iterator<Item = (PathBuf, String)> {
+/// Candidate files of a scene in order of preference, each with its layout.
+fn candidates(folder: &Path, scene: &str) -> impl Iterator<Item = (PathBuf, String)> {
     let stems = ["", "/gaussians", "/point_cloud"].into_iter();
     let names = stems.flat_map(|stem| ["ply", "spz", "splat"].map(|extension| format!("{stem}.{extension}")));
     names.filter_map(move |name| Some((below(folder, &format!("{scene}{name}"))?, format!("SCENE{name}"))))
 }
 
-/// How the Gaussians of a scene lie below a folder.
-fn layout(folder: &Path, asked: &Asked<'_>) -> Option<Layout> {
-    let mut there = places(folder, asked.scene).filter(|(path, _)| path.is_file());
-    there.next().map(|(_, name)| Layout(name))
+/// How a scene's Gaussians are stored below a folder.
+fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
+    candidates(folder, requested.scene).find(|(path, _)| path.is_file()).map(|(_, name)| Layout(name))
 }
 
-/// What is wrong with a file and does not keep it from being rendered.
+/// Defects of a file that do not prevent rendering.
 fn notes(import: &Import, path: &Path) -> Vec<String> {
     let mut notes = Vec::new();
     let found = &import.validation;
@@ -106,12 +107,12 @@ fn notes(import: &Import, path: &Path) -> Vec<String> {
         let kinds: Vec<String> = found.findings.iter().map(ToString::to_string).collect();
         let (kinds, path) = (kinds.join("; "), path.display());
         notes.push(format!(
-            "broken Gaussians: {} of {}, of which {} are left out: {kinds} ({path})",
+            "broken Gaussians: {} of {}, of which {} are skipped: {kinds} ({path})",
             found.invalid, found.total, found.rejected
         ));
     }
     if !import.unused.is_empty() {
-        notes.push(format!("parts of a file that nothing reads: {} ({})", import.unused.join(", "), path.display()));
+        notes.push(format!("unused parts of a file: {} ({})", import.unused.join(", "), path.display()));
     }
     notes
 }
@@ -137,17 +138,17 @@ impl Method for Ply {
         vec![self.find(trial).ok()]
     }
 
-    fn survey(&self, asked: &[Asked<'_>]) -> Option<Survey> {
+    fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
         const EXPECTED: &str = "SCENE.ply, SCENE/gaussians.ply or SCENE/point_cloud.ply, or .spz or .splat,";
-        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, asked, layout))
+        Some(Survey::of(("folder of Gaussians", EXPECTED), &self.folder, requested, layout))
     }
 
     fn timed(&self) -> Timed {
         Timed::RENDERING
     }
 
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        let (gaussians, notes) = self.read(question.trial).map_err(Refusal::Failed)?;
-        Ok(self.splatting.answer(question, gaussians, Cost { notes, ..Cost::default() }))
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let (gaussians, notes) = self.read(input.trial).map_err(MethodError::Failed)?;
+        Ok(self.splatting.predict(input, gaussians, Cost { notes, ..Cost::default() }))
     }
 }

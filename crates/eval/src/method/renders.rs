@@ -6,27 +6,28 @@ use atsplat_protocol::trial::Trial;
 
 use super::splatting::parameters;
 use super::{
-    Answer, Asked, Cost, Layout, Method, Question, Refusal, Rendered, Survey, Timed, below, last_of, names_of,
+    Layout, Method, MethodError, Prediction, Rendered, RequestedScene, Survey, Timed, TrialInput, below, last_of,
+    names_of, render_each,
 };
 use crate::{EvalError, MethodRecord};
 
-/// Pictures that any other method wrote, found by scene and frame.
+/// Pictures rendered by another program, found by scene and frame.
 ///
-/// For frame 29 of a scene, with `<scene>` its key in the dataset, the first of these layouts that has a file:
+/// For frame 29 of a scene, with `<scene>` its key in the dataset, the first of these layouts that exists is used:
 ///
-/// | layout | who writes it |
+/// | layout | written by |
 /// |---|---|
 /// | `<scene>/color/000029.png` | pixelSplat, MVSplat, DepthSplat, NoPoSplat: `test.save_image`, `src/model/model_wrapper.py` |
 /// | `<scene>/000029.png` | `atsplat run --keep-pictures all`, most others |
-/// | `<scene>/29.png` | without leading zeros, or with two to five digits |
+/// | `<scene>/29.png` | programs that pad to fewer digits: one to five |
 ///
 /// A frame's number is its position in the scene, as in the evaluation index. `.exr` files hold floats (channels R, G, B)
-/// and come before `.png` of the same name; no rounding to 8 bits enters then. They are taken for display-referred unless
-/// their header says otherwise, and refused then. Where an index asks several questions of
-/// one scene (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the first may be `<scene>-0`.
+/// and take precedence over `.png` files of the same name, which avoids rounding to 8 bits. They are assumed to be
+/// display-referred and rejected if their header says otherwise. If an index has several entries for a scene
+/// (latentSplat's), the folder of the second is `<scene>-1`, and so on; that of the first may be `<scene>-0`.
 ///
-/// Files of other sizes, damaged, transparent and missing ones are failed targets, never resized, composed over a
-/// background or left out.
+/// A file that is missing, damaged, transparent or of the wrong size is a failed target; it is never resized, composited
+/// over a background or skipped.
 #[derive(Clone, Debug)]
 pub struct Renders {
     folder: PathBuf,
@@ -37,7 +38,7 @@ impl Renders {
     /// The pictures below a folder; `name` is the method's name in the rows, by default the folder's.
     ///
     /// # Errors
-    /// [`EvalError::Io`] where the folder cannot be read.
+    /// [`EvalError::Io`] if the folder cannot be read.
     pub fn new(folder: &Path, name: Option<&str>) -> Result<Self, EvalError> {
         fs::read_dir(folder).map_err(EvalError::io("reading the folder of renders", folder))?;
         let name = name.map_or_else(|| last_of(folder), str::to_owned);
@@ -46,7 +47,7 @@ impl Renders {
 
     fn find(&self, trial: &Trial, frame: usize) -> Result<PathBuf, String> {
         for scene in names_of(trial) {
-            let folder = below(&self.folder, &scene).ok_or_else(|| format!("{scene:?} is no name of a folder"))?;
+            let folder = below(&self.folder, &scene).ok_or_else(|| format!("{scene:?} is not a valid folder name"))?;
             for folder in [folder.join("color"), folder] {
                 let found: Vec<PathBuf> = names(frame).map(|name| folder.join(name)).filter(|p| p.is_file()).collect();
                 let stem = |path: &PathBuf| path.file_stem().map(std::ffi::OsStr::to_owned);
@@ -70,27 +71,27 @@ impl Renders {
     }
 }
 
-/// How the pictures of a scene lie below a folder.
-fn layout(folder: &Path, asked: &Asked<'_>) -> Option<Layout> {
-    let scene = asked.scene;
+/// How a scene's pictures are laid out below a folder.
+fn layout(folder: &Path, requested: &RequestedScene<'_>) -> Option<Layout> {
+    let scene = requested.scene;
     [scene.to_owned(), format!("{scene}-0")].into_iter().find_map(|name| {
         let below = below(folder, &name)?;
-        let suffix = name.strip_prefix(scene).unwrap_or_default();
+        let suffix = &name[scene.len()..];
         [("color/", below.join("color")), ("", below)].into_iter().find_map(|(part, folder)| {
-            let frames = || asked.frames.iter().flat_map(|frame| names(*frame));
+            let frames = || requested.frames.iter().flat_map(|frame| names(*frame));
             let file = frames().find(|name| folder.join(name).is_file())?;
             Some(Layout(format!("SCENE{suffix}/{part}{}", frame_as_example(&file))))
         })
     })
 }
 
-/// `000007.png` as `000029.png`: layouts are counted by the number of digits.
+/// Rewrites `000007.png` as `000029.png`: layouts differ only in their number of digits.
 fn frame_as_example(file: &str) -> String {
     let (stem, extension) = file.split_once('.').unwrap_or((file, ""));
     format!("{:0>width$}.{extension}", 29, width = if stem.starts_with('0') { stem.len() } else { 1 })
 }
 
-/// Names that a frame's file may have, floats first.
+/// Accepted file names of a frame, floats first.
 fn names(frame: usize) -> impl Iterator<Item = String> {
     let mut stems: Vec<String> = [6, 5, 4, 3, 2, 1].map(|digits| format!("{frame:0digits$}")).to_vec();
     stems.dedup();
@@ -113,39 +114,31 @@ impl Method for Renders {
         trial.targets().iter().map(|target| self.find(trial, target.frame).ok()).collect()
     }
 
-    fn survey(&self, asked: &[Asked<'_>]) -> Option<Survey> {
+    fn survey(&self, requested: &[RequestedScene<'_>]) -> Option<Survey> {
         const EXPECTED: &str = "SCENE/color/000029.png, SCENE/000029.png or SCENE/29.png, or .exr,";
-        Some(Survey::of(("folder of renders", EXPECTED), &self.folder, asked, layout))
+        Some(Survey::of(("folder of renders", EXPECTED), &self.folder, requested, layout))
     }
 
     fn timed(&self) -> Timed {
         Timed::NOTHING
     }
 
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        Ok(Box::new(Imported { renders: self, trial: question.trial, cost: Cost::default() }))
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        Ok(Box::new(Imported { renders: self, trial: input.trial }))
     }
 }
 
 struct Imported<'a> {
     renders: &'a Renders,
     trial: &'a Trial,
-    cost: Cost,
 }
 
-impl Answer for Imported<'_> {
-    fn cost(&self) -> &Cost {
-        &self.cost
-    }
-
+impl Prediction for Imported<'_> {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        let views = self.trial.targets();
-        let one = |position: &usize| {
-            let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
+        render_each(self.trial, targets, |target| {
             let path = self.renders.find(self.trial, target.frame)?;
-            read(&path).map(Rendered::plain).map_err(|error| format!("{error} ({})", path.display()))
-        };
-        targets.iter().map(one).collect()
+            read(&path).map_err(|error| format!("{error} ({})", path.display()))
+        })
     }
 }
 
@@ -154,9 +147,7 @@ fn read(path: &Path) -> Result<Image, String> {
     let limits = DecodeLimits::default();
     if path.extension().is_some_and(|extension| extension == "exr") {
         return match exr::read_opaque_rgb(&bytes, &limits).map_err(|error| error.to_string())? {
-            (_, exr::Values::Linear) => {
-                Err("expected display-referred values, found some proportional to light".to_owned())
-            }
+            (_, exr::Values::Linear) => Err("expected display-referred values, found linear light".to_owned()),
             (_, exr::Values::Depth) => Err("expected a picture, found depths".to_owned()),
             (image, _) => Ok(image),
         };
@@ -169,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn each_name_of_a_frame_once() {
+    fn each_file_name_of_a_frame_is_listed_once() {
         let of = |frame| names(frame).filter(|name| name.ends_with("png")).collect::<Vec<_>>();
         assert_eq!(of(29), ["000029.png", "00029.png", "0029.png", "029.png", "29.png"]);
         assert_eq!(of(1_234_567), ["1234567.png"]);
@@ -177,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn names_that_lead_out_of_the_folder_are_refused() {
+    fn rejects_names_that_leave_the_folder() {
         for name in ["../other", "/etc", "a/../../b", "."] {
             assert_eq!(below(Path::new("renders"), name), None, "{name}");
         }

@@ -7,29 +7,29 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::effects::{EffectPlan, EffectSelection, Verdict};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError, View};
 
-use super::{Answer, ConstantsChoice, Cost, Question, Rendered};
+use super::{ConstantsChoice, Cost, Prediction, Rendered, TrialInput};
 use crate::MethodRecord;
 
-/// How Gaussians become pictures.
+/// How Gaussians are rendered.
 #[derive(Debug)]
 pub struct Splatting {
-    /// Rules of the rasterizer.
+    /// Renderer constants.
     pub constants: ConstantsChoice,
-    /// RGB behind everything; `None` takes the protocol's.
+    /// Background RGB; `None` uses the protocol's.
     pub background: Option<[f64; 3]>,
-    /// Which effects run.
+    /// Which renderer effects run.
     pub effects: EffectSelection,
-    /// Who renders.
+    /// The rendering backend.
     pub backend: Backend,
-    /// Why that is not who was asked for; `None` where it is.
+    /// Why this is not the requested backend; `None` if it is.
     pub passed_over: Option<String>,
 }
 
-/// Who renders.
+/// A rendering backend.
 pub enum Backend {
-    /// The processor: a renderer for each thread that asks.
+    /// The CPU: a pool of renderers, one per concurrent caller.
     Cpu(Mutex<Vec<CpuRenderer>>),
-    /// One renderer for all.
+    /// One renderer that all threads share.
     One(Mutex<Box<dyn Renderer>>),
 }
 
@@ -46,7 +46,7 @@ impl Default for Backend {
 }
 
 impl Backend {
-    /// For people.
+    /// Human-readable name.
     pub fn name(&self) -> String {
         match self {
             Self::Cpu(_) => Renderer::name(&CpuRenderer::default()),
@@ -54,7 +54,7 @@ impl Backend {
         }
     }
 
-    /// Whether equal inputs give equal bits on one machine.
+    /// Whether equal inputs give bit-identical results on one machine.
     pub const fn is_deterministic(&self) -> bool {
         matches!(self, Self::Cpu(_))
     }
@@ -70,13 +70,13 @@ impl Backend {
 fn with_spare<T>(spare: &Mutex<Vec<CpuRenderer>>, work: impl FnOnce(&mut CpuRenderer) -> T) -> T {
     let taken = spare.lock().unwrap_or_else(PoisonError::into_inner).pop();
     let mut renderer = taken.unwrap_or_default();
-    let made = work(&mut renderer);
+    let result = work(&mut renderer);
     spare.lock().unwrap_or_else(PoisonError::into_inner).push(renderer);
-    made
+    result
 }
 
 impl Default for Splatting {
-    /// The protocol's constants and background, every effect that is asked for, on the processor.
+    /// The protocol's constants and background with all effects, on the CPU.
     fn default() -> Self {
         Self {
             constants: ConstantsChoice::default(),
@@ -89,12 +89,12 @@ impl Default for Splatting {
 }
 
 impl Splatting {
-    /// The answer of a method whose Gaussians are in the trial's world.
-    pub fn answer<'a>(&'a self, question: Question<'a>, gaussians: Gaussians, cost: Cost) -> Box<dyn Answer + 'a> {
-        Box::new(Splatted::new(self, question, gaussians, cost))
+    /// The prediction of a method whose Gaussians are in the trial's world frame.
+    pub fn predict<'a>(&'a self, input: TrialInput<'a>, gaussians: Gaussians, cost: Cost) -> Box<dyn Prediction + 'a> {
+        Box::new(Splatted::new(self, input, gaussians, cost))
     }
 
-    /// What a method's record says of its renderer.
+    /// Adds the renderer's settings to a method's record.
     pub(super) fn describe(&self, record: &mut MethodRecord) {
         record.constants = Some(self.constants.name().to_owned());
         record.backend = Some(self.backend.name());
@@ -113,7 +113,7 @@ impl Splatting {
             ConstantsChoice::OfPreset => "of the preset".into(),
             ConstantsChoice::These(constants) => {
                 let mut fields = as_json(constants);
-                // An infinite plane is no JSON number.
+                // JSON has no infinity.
                 for (name, plane) in [("near", constants.near), ("far", constants.far)] {
                     if let Some(field) = fields.get_mut(name).filter(|_| !plane.is_finite()) {
                         *field = plane.to_string().into();
@@ -126,35 +126,35 @@ impl Splatting {
     }
 }
 
-#[expect(clippy::expect_used, reason = "structures of numbers and names")]
+#[expect(clippy::expect_used, reason = "the types hold numbers and strings only")]
 fn as_json<T: serde::Serialize>(settings: &T) -> serde_json::Value {
-    serde_json::to_value(settings).expect("settings that JSON holds")
+    serde_json::to_value(settings).expect("settings are representable in JSON")
 }
 
-/// Gaussians in a trial's world, ready to be rendered.
+/// Gaussians in a trial's world frame, ready to be rendered.
 struct Splatted<'a> {
     splatting: &'a Splatting,
-    question: Question<'a>,
+    input: TrialInput<'a>,
     gaussians: Gaussians,
     options: RenderOptions,
     cost: Cost,
 }
 
 impl<'a> Splatted<'a> {
-    fn new(splatting: &'a Splatting, question: Question<'a>, gaussians: Gaussians, mut cost: Cost) -> Self {
-        let convention = &question.preset.renderer;
+    fn new(splatting: &'a Splatting, input: TrialInput<'a>, gaussians: Gaussians, mut cost: Cost) -> Self {
+        let convention = &input.preset.renderer;
         let options = RenderOptions {
-            constants: splatting.constants.of(convention, question.trial.near_far()),
+            constants: splatting.constants.of(convention, input.trial.near_far()),
             background: splatting.background.unwrap_or(convention.background),
             ..RenderOptions::default()
         };
         cost.gaussians = Some(gaussians.len() as u64);
         cost.notes.extend(splatting.passed_over.clone());
-        Self { splatting, question, gaussians, options, cost }
+        Self { splatting, input, gaussians, options, cost }
     }
 
     fn target(&self, position: usize) -> Result<View, String> {
-        let target = self.question.trial.targets().get(position);
+        let target = self.input.trial.targets().get(position);
         let TargetView { camera, size, .. } = target.ok_or_else(|| format!("no target {position}"))?;
         Ok(View { camera: *camera, size: *size })
     }
@@ -164,23 +164,24 @@ impl<'a> Splatted<'a> {
         EffectPlan::for_scene(&self.gaussians, view, &self.options, selection, EffectPlan::TOLERANCE)
     }
 
-    /// One view.
-    fn one(&self, position: usize) -> Result<Rendered, String> {
+    /// Renders one view.
+    fn render_one(&self, position: usize) -> Result<Rendered, String> {
         let view = self.target(position)?;
-        let told = |error: SplatError| error.to_string();
-        let plan = self.plan(&view).map_err(told)?;
-        let rendering = self.splatting.backend.with(|renderer| plan.render(renderer, &self.gaussians)).map_err(told)?;
+        let message = |error: SplatError| error.to_string();
+        let plan = self.plan(&view).map_err(message)?;
+        let rendering =
+            self.splatting.backend.with(|renderer| plan.render(renderer, &self.gaussians)).map_err(message)?;
         finished(rendering, &plan)
     }
 
-    /// Several views with what they share worked out once: the same bits.
-    fn together(&self, targets: &[usize], spare: &Mutex<Vec<CpuRenderer>>) -> Result<Vec<Rendered>, String> {
-        let told = |error: SplatError| error.to_string();
+    /// Renders several views and shares the per-scene work; bit-identical to rendering them one by one.
+    fn render_together(&self, targets: &[usize], spare: &Mutex<Vec<CpuRenderer>>) -> Result<Vec<Rendered>, String> {
+        let message = |error: SplatError| error.to_string();
         let views: Vec<View> = targets.iter().map(|position| self.target(*position)).collect::<Result<_, _>>()?;
         let plans: Vec<EffectPlan> =
-            views.iter().map(|view| self.plan(view).map_err(told)).collect::<Result<_, _>>()?;
-        let renderings =
-            with_spare(spare, |renderer| renderer.render_many(&self.gaussians, &views, &self.options)).map_err(told)?;
+            views.iter().map(|view| self.plan(view).map_err(message)).collect::<Result<_, _>>()?;
+        let renderings = with_spare(spare, |renderer| renderer.render_many(&self.gaussians, &views, &self.options))
+            .map_err(message)?;
         renderings.into_iter().zip(&plans).map(|(rendering, plan)| finished(rendering, plan)).collect()
     }
 }
@@ -193,20 +194,20 @@ fn finished(rendering: Rendering<f32>, plan: &EffectPlan) -> Result<Rendered, St
     Ok(Rendered { image, drawn: Some(rendering.census.drawn), effects })
 }
 
-impl Answer for Splatted<'_> {
-    fn cost(&self) -> &Cost {
-        &self.cost
+impl Prediction for Splatted<'_> {
+    fn cost(&self) -> Cost {
+        self.cost.clone()
     }
 
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        // What is left out depends on the view, and so does the request.
-        let alike = self.splatting.effects == EffectSelection::All;
-        if let (true, true, Backend::Cpu(spare)) = (alike, targets.len() > 1, &self.splatting.backend)
-            && let Ok(rendered) = self.together(targets, spare)
+        // Any other selection may skip different effects in each view.
+        let same_effects = self.splatting.effects == EffectSelection::All;
+        if let (true, true, Backend::Cpu(spare)) = (same_effects, targets.len() > 1, &self.splatting.backend)
+            && let Ok(rendered) = self.render_together(targets, spare)
         {
             return rendered.into_iter().map(Ok).collect();
         }
-        targets.iter().map(|position| self.one(*position)).collect()
+        targets.iter().map(|position| self.render_one(*position)).collect()
     }
 }
 

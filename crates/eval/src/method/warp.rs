@@ -5,30 +5,30 @@ use glam::{DVec2, DVec3};
 use rayon::prelude::*;
 
 use super::nearest_view::nearest;
-use super::{Answer, Cost, Method, Question, Refusal, Rendered, Timed};
+use super::{Method, MethodError, Prediction, Rendered, Timed, TrialInput, render_each};
 use crate::MethodRecord;
 
-/// A floor: context pictures on one plane that faces the target camera, looked at from there.
+/// A lower baseline: a plane sweep with a single plane that faces the target camera.
 ///
-/// The plane's depth stands for the scene's mean depth, which no sensor tells: of 48 depths in geometric steps
-/// of 1.12, from 0.6 times the largest distance between context cameras on, it is the one at which the
-/// context pictures agree best: the smallest mean absolute deviation of colours over a grid of 24² pixels of the
-/// target, where at least a quarter of them is seen twice. Without parallax between context views, ten times the largest
-/// distance between any two cameras of the question is taken.
+/// The plane's depth is an estimate of the scene's mean depth. Of 48 depths in geometric steps of 1.12, starting at 0.6
+/// times the largest distance between context cameras, it is the one at which the context pictures agree best: smallest
+/// mean absolute deviation of colours over a grid of 24² pixels of the target, of which at least a quarter must be seen by
+/// two views. Without parallax between context views the depth is ten times the largest distance between any two cameras
+/// of the trial.
 ///
 /// A pixel is the mean over the context views that see it, weighted by the inverse squared distance of their cameras from
-/// the target's, softened by a hundredth of the largest distance between context cameras. What no view sees comes from the
-/// nearest view, at the same place in the picture.
+/// the target's, softened by a hundredth of the largest distance between context cameras. Pixels that no view sees are
+/// copied from the same position in the nearest view.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Warp;
 
-/// Depths that are tried.
+/// Number of candidate depths.
 const DEPTHS: u32 = 48;
 /// Factor from one depth to the next.
 const STEP: f64 = 1.12;
 /// The nearest depth in multiples of the largest distance between context cameras.
 const NEAREST: f64 = 0.6;
-/// Pixels a side on which depths are compared.
+/// Side of the pixel grid on which candidate depths are compared.
 const GRID: u32 = 24;
 
 impl Method for Warp {
@@ -46,15 +46,15 @@ impl Method for Warp {
         Timed::RENDERING
     }
 
-    fn begin<'a>(&'a self, question: Question<'a>) -> Result<Box<dyn Answer + 'a>, Refusal> {
-        let failed = |error: &dyn std::fmt::Display| Refusal::Failed(format!("a context camera: {error}"));
-        let mut sources = Vec::with_capacity(question.pictures.len());
-        for (view, picture) in question.trial.context().iter().zip(question.pictures) {
+    fn predict<'a>(&'a self, input: TrialInput<'a>) -> Result<Box<dyn Prediction + 'a>, MethodError> {
+        let failed = |error: &dyn std::fmt::Display| MethodError::Failed(format!("a context camera: {error}"));
+        let mut sources = Vec::with_capacity(input.pictures.len());
+        for (view, picture) in input.trial.context().iter().zip(input.pictures) {
             let projector = view.camera.projector().map_err(|error| failed(&error))?;
             let centre = view.camera.camera_from_world.inverse().centre();
             sources.push(Source { projector, centre, picture: picture.as_ref() });
         }
-        Ok(Box::new(Warped { question, sources, cost: Cost::default() }))
+        Ok(Box::new(Warped { input, sources }))
     }
 }
 
@@ -66,23 +66,13 @@ struct Source<'a> {
 }
 
 struct Warped<'a> {
-    question: Question<'a>,
+    input: TrialInput<'a>,
     sources: Vec<Source<'a>>,
-    cost: Cost,
 }
 
-impl Answer for Warped<'_> {
-    fn cost(&self) -> &Cost {
-        &self.cost
-    }
-
+impl Prediction for Warped<'_> {
     fn render(&self, targets: &[usize]) -> Vec<Result<Rendered, String>> {
-        let views = self.question.trial.targets();
-        let one = |position: &usize| {
-            let target = views.get(*position).ok_or_else(|| format!("no target {position}"))?;
-            self.picture(target).map(Rendered::plain)
-        };
-        targets.iter().map(one).collect()
+        render_each(self.input.trial, targets, |target| self.picture(target))
     }
 }
 
@@ -90,20 +80,20 @@ impl Warped<'_> {
     fn picture(&self, target: &TargetView) -> Result<Image, String> {
         let ImageSize { width, height } = target.size;
         let eye = target.camera.projector().map_err(|error| error.to_string())?;
-        let place = target.camera.camera_from_world.inverse().centre();
-        let depth = self.depth(&eye, place);
+        let centre = target.camera.camera_from_world.inverse().centre();
+        let depth = self.depth(&eye, centre);
         let softness = 1e-2 * largest_distance(self.sources.iter().map(|source| source.centre));
         let weight = |source: &Source<'_>| {
-            let squared = source.centre.distance_squared(place) + softness * softness;
-            // One view alone may stand where the target does.
+            let squared = source.centre.distance_squared(centre) + softness * softness;
+            // A single view has no softness, and its camera may coincide with the target's.
             if squared > 0.0 { 1.0 / squared } else { 1.0 }
         };
         let weights: Vec<f64> = self.sources.iter().map(weight).collect();
-        let beside = nearest(&self.question, target).ok_or("no context view")?;
+        let fallback = nearest(&self.input, target).ok_or("no context view")?;
         let colour = |position: DVec2| {
             let ray = eye.ray(position, DirectionScale::UnitDepth).ok();
             let mean = ray.and_then(|ray| self.mean(&ray, depth, &weights));
-            mean.unwrap_or_else(|| sample(beside, position)).to_array().map(narrowed)
+            mean.unwrap_or_else(|| sample(fallback, position)).to_array().map(narrowed)
         };
         let row = |row: u32| -> Vec<f32> {
             (0..width).flat_map(|column| colour(pixel_centre(column, row, target.size))).collect()
@@ -112,11 +102,11 @@ impl Warped<'_> {
         Image::new(width, height, rows.concat()).map_err(|error| error.to_string())
     }
 
-    /// The weighted mean of what the context views see at a depth along a ray; `None` where none sees it.
+    /// Weighted mean colour of the context views at a depth along a ray; `None` if no view sees the point.
     fn mean(&self, ray: &Ray, depth: f64, weights: &[f64]) -> Option<DVec3> {
         let (mut sum, mut total) = (DVec3::ZERO, 0.0);
         for (source, weight) in self.sources.iter().zip(weights) {
-            if let Some(colour) = source.look(ray.at(depth)) {
+            if let Some(colour) = source.colour_at(ray.at(depth)) {
                 sum += *weight * colour;
                 total += weight;
             }
@@ -125,7 +115,7 @@ impl Warped<'_> {
     }
 
     /// The depth at which context pictures agree best.
-    fn depth(&self, eye: &Projector, place: DVec3) -> f64 {
+    fn depth(&self, eye: &Projector, centre: DVec3) -> f64 {
         let grid = ImageSize { width: GRID, height: GRID };
         let positions = (0..GRID).flat_map(|row| (0..GRID).map(move |column| pixel_centre(column, row, grid)));
         let rays: Vec<Ray> =
@@ -143,18 +133,19 @@ impl Warped<'_> {
         }
         best.map_or_else(
             || {
-                let reach = largest_distance(self.sources.iter().map(|source| source.centre).chain([place]));
-                if reach > 0.0 { 10.0 * reach } else { 1.0 }
+                let largest = largest_distance(self.sources.iter().map(|source| source.centre).chain([centre]));
+                if largest > 0.0 { 10.0 * largest } else { 1.0 }
             },
             |(_, depth)| depth,
         )
     }
 
-    /// How far context pictures are from each other on a plane; `None` where too few rays are seen twice.
+    /// Mean absolute deviation of the context pictures on a plane; `None` if too few rays are seen by two views.
     fn deviation(&self, rays: &[Ray], depth: f64) -> Option<f64> {
         let (mut sum, mut seen) = (0.0, 0);
         for ray in rays {
-            let colours: Vec<DVec3> = self.sources.iter().filter_map(|source| source.look(ray.at(depth))).collect();
+            let colours: Vec<DVec3> =
+                self.sources.iter().filter_map(|source| source.colour_at(ray.at(depth))).collect();
             if colours.len() > 1 {
                 let mean = colours.iter().sum::<DVec3>() / colours.len() as f64;
                 let apart = colours.iter().map(|colour| (*colour - mean).abs().element_sum()).sum::<f64>();
@@ -167,14 +158,14 @@ impl Warped<'_> {
 }
 
 impl Source<'_> {
-    /// Colour of a point of the world; `None` where the view does not see it.
-    fn look(&self, point: DVec3) -> Option<DVec3> {
+    /// Colour of a world point; `None` if it projects outside the picture.
+    fn colour_at(&self, point: DVec3) -> Option<DVec3> {
         let projected = self.projector.project(point).ok()?;
         projected.is_inside().then(|| sample(self.picture, projected.position))
     }
 }
 
-/// Bilinear, in [0, 1], at a position in units of width and height; the border pixels reach beyond their centres.
+/// Bilinear sample in [0, 1] at a position in units of width and height; borders are clamped.
 fn sample(picture: &ImageU8, position: DVec2) -> DVec3 {
     let [x, right] = between(position.x, picture.width());
     let [y, down] = between(position.y, picture.height());
@@ -183,9 +174,9 @@ fn sample(picture: &ImageU8, position: DVec2) -> DVec3 {
             clippy::cast_possible_truncation,
             clippy::cast_sign_loss,
             clippy::expect_used,
-            reason = "kept inside the picture"
+            reason = "coordinates are clamped to the picture"
         )]
-        let pixel = picture.pixel(column as u32, row as u32).expect("a place inside the picture");
+        let pixel = picture.pixel(column as u32, row as u32).expect("clamped coordinates");
         DVec3::from_array(pixel.map(|sample| f64::from(sample) / 255.0))
     };
     let (last_column, last_row) = (f64::from(picture.width()) - 1.0, f64::from(picture.height()) - 1.0);
@@ -195,11 +186,11 @@ fn sample(picture: &ImageU8, position: DVec2) -> DVec3 {
     above.lerp(below, down)
 }
 
-/// The pixel whose centre is at or before a position, and the share of the next one.
+/// The pixel whose centre is at or before a position, and the weight of the next one.
 fn between(position: f64, pixels: u32) -> [f64; 2] {
     let last = f64::from(pixels) - 1.0;
-    let place = (position * f64::from(pixels) - 0.5).clamp(0.0, last);
-    [place.floor(), place - place.floor()]
+    let position = (position * f64::from(pixels) - 0.5).clamp(0.0, last);
+    [position.floor(), position - position.floor()]
 }
 
 fn pixel_centre(column: u32, row: u32, size: ImageSize) -> DVec2 {
@@ -207,9 +198,9 @@ fn pixel_centre(column: u32, row: u32, size: ImageSize) -> DVec2 {
     DVec2::new(share(column, size.width), share(row, size.height))
 }
 
-fn largest_distance(places: impl IntoIterator<Item = DVec3>) -> f64 {
-    let places: Vec<DVec3> = places.into_iter().collect();
-    let pairs = places.iter().flat_map(|a| places.iter().map(|b| a.distance(*b)));
+fn largest_distance(positions: impl IntoIterator<Item = DVec3>) -> f64 {
+    let positions: Vec<DVec3> = positions.into_iter().collect();
+    let pairs = positions.iter().flat_map(|a| positions.iter().map(|b| a.distance(*b)));
     pairs.fold(0.0, |largest, distance| if distance > largest { distance } else { largest })
 }
 

@@ -1,15 +1,16 @@
-//! What two records differ in, field by field, for people.
+//! Describes the fields in which two records differ.
 
 use serde::Serialize;
 use serde_json::Value;
 
-/// Fields that are told; the rest is counted.
-const TOLD: usize = 4;
-/// Characters of a value that are told.
-const LENGTH: usize = 72;
-/// What names an element of a list, and what holds a TOML text whose fields are compared in its place.
+/// Number of fields that are listed; the rest is counted.
+const MAX_FIELDS: usize = 4;
+/// Number of characters of a value that are shown.
+const MAX_LENGTH: usize = 72;
+/// Fields that name an element of a list.
 const NAMES: [&str; 2] = ["name", "id"];
-const TEXTS: [&str; 1] = ["toml"];
+/// The field with TOML text, which is compared field by field.
+const TOML: &str = "toml";
 
 /// A field that differs.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -19,20 +20,21 @@ struct Difference {
     second: String,
 }
 
-/// `renderer.near: 0.01 and 0.2; seed: 0 and 7`, each field with the first record's value and the second's; empty where
+/// `renderer.near: 0.01 and 0.2; seed: 0 and 7`: each differing field with the first and the second record's value; empty if
 /// nothing differs.
 pub(super) fn differences<T: Serialize>(first: &T, second: &T) -> String {
-    #[expect(clippy::expect_used, reason = "records are written as JSON into every store")]
-    let [first, second] = [first, second].map(|record| serde_json::to_value(record).expect("a record that JSON holds"));
+    #[expect(clippy::expect_used, reason = "records are stored as JSON")]
+    let [first, second] =
+        [first, second].map(|record| serde_json::to_value(record).expect("a record is representable in JSON"));
     let mut found = Vec::new();
     compare(String::new(), &first, &second, &mut found);
-    let more = found.len().saturating_sub(TOLD);
-    let told = found.into_iter().take(TOLD).map(|Difference { field, first, second }| {
+    let more = found.len().saturating_sub(MAX_FIELDS);
+    let listed = found.into_iter().take(MAX_FIELDS).map(|Difference { field, first, second }| {
         let field = if field.is_empty() { field } else { format!("{field}: ") };
         format!("{field}{first} and {second}")
     });
-    let more = (more > 0).then(|| format!("{more} fields more"));
-    told.chain(more).collect::<Vec<_>>().join("; ")
+    let more = (more > 0).then(|| format!("{more} more fields"));
+    listed.chain(more).collect::<Vec<_>>().join("; ")
 }
 
 fn compare(field: String, first: &Value, second: &Value, found: &mut Vec<Difference>) {
@@ -42,8 +44,7 @@ fn compare(field: String, first: &Value, second: &Value, found: &mut Vec<Differe
             let names = a.keys().chain(b.keys().filter(|name| !a.contains_key(*name)));
             for name in names {
                 let [own, other] = [a, b].map(|object| object.get(name).unwrap_or(&Value::Null));
-                let fields = |value: &Value| if TEXTS.contains(&name.as_str()) { table(value) } else { value.clone() };
-                let [own, other] = [own, other].map(fields);
+                let [own, other] = [own, other].map(|value| if name == TOML { table(value) } else { value.clone() });
                 let path = if field.is_empty() { name.clone() } else { format!("{field}.{name}") };
                 compare(path, &own, &other, found);
             }
@@ -61,18 +62,18 @@ fn compare(field: String, first: &Value, second: &Value, found: &mut Vec<Differe
                 match (with(a, name), with(b, name)) {
                     (Some(own), Some(other)) => compare(path, &own, &other, found),
                     (own, _) => {
-                        let there = |is: bool| if is { "there" } else { "absent" }.to_owned();
-                        let [first, second] = [own.is_some(), own.is_none()].map(there);
+                        let presence = |present: bool| if present { "present" } else { "absent" }.to_owned();
+                        let [first, second] = [own.is_some(), own.is_none()].map(presence);
                         found.push(Difference { field: path, first, second });
                     }
                 }
             }
         }
-        (first, second) => found.push(Difference { field, first: told(first), second: told(second) }),
+        (first, second) => found.push(Difference { field, first: shown(first), second: shown(second) }),
     }
 }
 
-/// TOML text as its fields; other text as it is.
+/// TOML text as a table; other values unchanged.
 fn table(value: &Value) -> Value {
     let fields = value.as_str().and_then(|text| text.parse::<toml::Table>().ok());
     fields.and_then(|fields| serde_json::to_value(fields).ok()).unwrap_or_else(|| value.clone())
@@ -82,13 +83,13 @@ fn name_of(item: &Value) -> Option<&str> {
     NAMES.iter().find_map(|name| item.get(name)?.as_str())
 }
 
-fn told(value: &Value) -> String {
+fn shown(value: &Value) -> String {
     let text = match value {
         Value::Null => "none".to_owned(),
         Value::String(text) => text.clone(),
         other => other.to_string(),
     };
-    match text.char_indices().nth(LENGTH) {
+    match text.char_indices().nth(MAX_LENGTH) {
         Some((end, _)) => format!("{}…", text.get(..end).unwrap_or(&text)),
         None => text,
     }
@@ -101,7 +102,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn fields_that_differ_are_told_by_path_and_others_are_not() {
+    fn only_differing_fields_are_listed_by_path() {
         let first = json!({"name": "a", "same": 1, "deep": {"x": 1.5, "y": [1, 2]}, "gone": true});
         let second = json!({"name": "a", "same": 1, "deep": {"x": 1.5, "y": [2, 1]}, "new": "n"});
         assert_eq!(differences(&first, &second), "deep.y: [1,2] and [2,1]; gone: true and none; new: none and n");
@@ -110,23 +111,23 @@ mod tests {
     }
 
     #[test]
-    fn named_elements_and_toml_are_compared_by_their_fields() {
+    fn named_elements_and_toml_are_compared_field_by_field() {
         let first = json!([{"id": "psnr", "convention": "a"}, {"id": "ssim", "convention": "b"}]);
         let second = json!([{"id": "ssim", "convention": "c"}, {"id": "l1", "convention": "d"}]);
         assert_eq!(
             differences(&first, &second),
-            "psnr: there and absent; ssim.convention: b and c; l1: absent and there"
+            "psnr: present and absent; ssim.convention: b and c; l1: absent and present"
         );
         let [first, second] = [1, 2].map(|far| json!({"toml": format!("[near-far]\nnear = 0\nfar = {far}")}));
         assert_eq!(differences(&first, &second), "toml.near-far.far: 1 and 2");
     }
 
     #[test]
-    fn long_values_and_many_fields_are_cut() {
+    fn long_values_and_long_lists_are_truncated() {
         let many = |value: &str| -> Value {
             (0..9).map(|at| (format!("f{at}"), value.into())).collect::<serde_json::Map<_, _>>().into()
         };
         let text = differences(&many(&"x".repeat(500)), &many("y"));
-        assert!(text.len() < 500 && text.contains("x… and y") && text.ends_with("; 5 fields more"), "{text}");
+        assert!(text.len() < 500 && text.contains("x… and y") && text.ends_with("; 5 more fields"), "{text}");
     }
 }

@@ -1,4 +1,4 @@
-//! Two runs' provenance as one.
+//! Merges the provenance of two runs.
 
 use serde::Serialize;
 
@@ -7,23 +7,23 @@ use super::{PresetRecord, Provenance, WarningCount};
 use crate::EvalError;
 
 impl Provenance {
-    /// Takes in another shard of the same run.
+    /// Adds another shard of the same run.
     ///
     /// # Errors
     /// [`EvalError::Differences`] naming what differs.
-    pub(crate) fn take_in(&mut self, other: Self) -> Result<(), EvalError> {
-        self.same_run(&other, "; shards of one run are merged")?;
+    pub(crate) fn merge_shard(&mut self, other: Self) -> Result<(), EvalError> {
+        self.same_run(&other, "; only shards of one run can be merged")?;
         same("presets", &names(&self.presets), &names(&other.presets), "")?;
         same("methods", &self.methods, &other.methods, "")?;
         for preset in other.presets {
             if let Some(known) = self.presets.iter_mut().find(|known| known.name == preset.name) {
                 let entries = known.entries + preset.entries;
-                let bare = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
-                same(&of("presets", &preset.name), &bare(known), &bare(&preset), "")?;
+                let without_entries = |record: &PresetRecord| PresetRecord { entries: 0, ..record.clone() };
+                same(&of("presets", &preset.name), &without_entries(known), &without_entries(&preset), "")?;
                 known.entries = entries;
             }
         }
-        self.started = if other.started < self.started { other.started } else { self.started };
+        self.started = self.started.min(other.started);
         for warning in other.warnings {
             let WarningCount { preset, kind, count, .. } = &warning;
             match self.warnings.iter_mut().find(|known| known.preset == *preset && known.kind == *kind) {
@@ -37,12 +37,12 @@ impl Provenance {
         Ok(())
     }
 
-    /// Goes on with a run: what is there was made in the same way. Presets and methods may be new.
+    /// Resumes a run with the same settings; presets and methods may be new.
     ///
     /// # Errors
     /// [`EvalError::Differences`] naming what differs.
-    pub(crate) fn go_on_with(&mut self, other: Self) -> Result<(), EvalError> {
-        const ADVICE: &str = "; what is there is not gone on with: choose another folder for the new results";
+    pub(crate) fn resume_with(&mut self, other: Self) -> Result<(), EvalError> {
+        const ADVICE: &str = "; the existing results cannot be resumed: choose another folder for the new results";
         self.same_run(&other, ADVICE)?;
         same("schema versions", &self.schema_version, &crate::store::SCHEMA_VERSION, ADVICE)?;
         same("shards", &self.shard, &other.shard, ADVICE)?;

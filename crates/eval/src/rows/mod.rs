@@ -17,7 +17,7 @@ pub use trial::{TrialRow, TrialStatus};
 use crate::EvalError;
 use crate::timing::TimingRow;
 
-/// What was asked, and of whom: the identity of a trial's rows in a store.
+/// Identity of a trial's rows in a store: the trial and the method.
 #[derive(Clone, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 pub struct TrialKey {
     /// Name of the protocol preset, as in [`PresetRecord::name`].
@@ -26,21 +26,28 @@ pub struct TrialKey {
     pub method: String,
     /// Key of the scene in its dataset.
     pub scene: String,
-    /// Position of the index entry among those of the scene.
+    /// Position of the index entry among the scene's entries.
     pub entry: u32,
 }
 
 /// All rows of a store, in the order of their keys (targets by position within).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Results {
-    /// What was run, with what, where.
+    /// What was run, how and where.
     pub provenance: Provenance,
     /// One row per trial and method.
     pub trials: Vec<TrialRow>,
     /// One row per target view of these trials.
     pub targets: Vec<TargetRow>,
-    /// Times of some of these trials, by machine and pass; none where no timing pass was made.
+    /// Times of some of these trials, by machine and timing pass; empty without a timing pass.
     pub timings: Vec<TimingRow>,
+}
+
+impl TrialKey {
+    /// The same trial under another method.
+    pub(crate) fn of_method(&self, method: &str) -> Self {
+        Self { method: method.to_owned(), ..self.clone() }
+    }
 }
 
 impl fmt::Display for TrialKey {
@@ -50,7 +57,7 @@ impl fmt::Display for TrialKey {
     }
 }
 
-/// Refuses a number that is NaN or infinite.
+/// Rejects NaN and infinities.
 pub(crate) fn finite(key: &TrialKey, field: &str, value: impl IntoIterator<Item = f64>) -> Result<(), EvalError> {
     match value.into_iter().find(|value| !value.is_finite()) {
         None => Ok(()),

@@ -5,55 +5,55 @@ use serde::{Deserialize, Serialize};
 
 use crate::EvalError;
 
-/// What was run, with what, where: one record for a store.
+/// What was run, how and where: one record per store.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Provenance {
-    /// Version of the rows' schema.
+    /// Schema version of the rows.
     pub schema_version: u32,
-    /// Hash of the rows' schema.
+    /// Schema hash of the rows.
     pub schema_hash: String,
     /// Version of atsplat.
     pub atsplat: String,
-    /// Commit that atsplat was built from; `None` where it was built outside its repository.
+    /// Commit that atsplat was built from; `None` if it was built outside its repository.
     pub commit: Option<String>,
     /// Operating system and architecture.
     pub platform: String,
     /// The processor's name and its vector instructions.
     pub processor: String,
-    /// The adapter, where one rendered.
+    /// The graphics adapter, if it rendered.
     pub adapter: Option<String>,
     /// Worker threads.
     pub threads: u32,
-    /// Seconds since 1970 when the run began.
+    /// Start of the run in seconds since 1970.
     pub started: u64,
     /// The command line.
     pub command: Vec<String>,
-    /// Which part of a run this is; `None` for a whole one.
+    /// Which part of a run this is; `None` for a whole run.
     #[serde(default)]
     pub shard: Option<Shard>,
-    /// How many scenes of each dataset were asked for; `None` for all.
+    /// Maximum number of scenes of each dataset; `None` for all.
     #[serde(default)]
     pub limit: Option<u64>,
     /// Every protocol that was run.
     pub presets: Vec<PresetRecord>,
     /// Every method that was run.
     pub methods: Vec<MethodRecord>,
-    /// Every metric that was asked for.
+    /// Every requested metric.
     pub metrics: Vec<MetricRecord>,
-    /// What was wrong with datasets without stopping anything.
+    /// Problems with datasets that did not stop the run.
     pub warnings: Vec<WarningCount>,
-    /// Index entries that made no trial.
+    /// Index entries without a trial.
     pub skipped: Vec<SkippedEntry>,
 }
 
-/// One of several parts of a run.
+/// One of several parts of a run that is divided by scenes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Shard {
-    /// Which, from 1.
+    /// Number of the part, from 1.
     pub number: u32,
-    /// How many there are.
+    /// Number of parts.
     pub of: u32,
 }
 
@@ -61,46 +61,46 @@ pub struct Shard {
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct PresetRecord {
-    /// Name in the rows; that of the preset, with a suffix where one preset ran on several datasets.
+    /// Name in the rows: that of the preset, with a suffix if the preset ran on several datasets.
     pub name: String,
     /// Name of the preset.
     pub preset: String,
-    /// The published preset that it stands for, as [`atsplat_protocol::Preset::stands_for`].
+    /// The published preset that it represents, as [`atsplat_protocol::Preset::stands_for`].
     #[serde(default)]
     pub stands_for: Option<String>,
-    /// One line for people.
+    /// One-line description.
     pub title: String,
     /// [`atsplat_protocol::Preset::hash`] in hexadecimal: results whose hashes differ do not share a table.
     pub hash: String,
     /// The whole preset as TOML.
     pub toml: String,
-    /// The dataset's path as the user gave it, or what it was simulated from.
+    /// The dataset's path as given by the user, or the description of a simulated one.
     pub dataset: String,
-    /// The evaluation index's path, or how it was made.
+    /// The evaluation index's path, or how it was generated.
     pub index: String,
     /// SHA-256 of the index.
     pub index_sha256: String,
-    /// The known published index that it is, if any.
+    /// The published index that it equals or was derived from, if any.
     pub index_name: Option<String>,
-    /// Estimators of overlap that the index records; none where it ships values without saying whose they are.
+    /// Overlap estimators named in the index; empty if it has values without naming their estimator.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub overlap_estimators: Vec<String>,
-    /// Index entries that were gone through, those without a trial among them.
+    /// Index entries that were processed, including those without a trial.
     pub entries: u64,
-    /// How many entries the index has, those of scenes that the dataset lacks and of other shards among them.
+    /// Entries of the whole index, including those of missing scenes and other shards.
     pub entries_of_index: u64,
 }
 
 impl PresetRecord {
-    /// The published preset whose tables these results belong into: its own, or the one that it stands for.
+    /// The published preset in whose tables these results belong: its own, or the one that it represents.
     pub fn published(&self) -> &str {
         self.stands_for.as_deref().unwrap_or(&self.preset)
     }
 
-    /// The protocol itself. Records of a store that was read all hold one.
+    /// Parses the protocol. In a store that was read, every record's protocol is valid.
     ///
     /// # Errors
-    /// [`EvalError::Preset`] for text that is no protocol of this version, with its field.
+    /// [`EvalError::Preset`] for text that is not a protocol of this version, with the field.
     pub fn protocol(&self) -> Result<Preset, EvalError> {
         Preset::from_toml(&self.toml)
             .map_err(|source| EvalError::Preset { name: self.name.clone(), source: Box::new(source) })
@@ -115,11 +115,11 @@ pub struct MethodRecord {
     pub name: String,
     /// `atsplat`, `renders`, `ply`, `nearest-view` or `warp`.
     pub kind: String,
-    /// What a table says.
+    /// Title in tables.
     pub title: String,
-    /// Everything that decides its renders: configuration, constants, precision, as JSON values by name.
+    /// Everything that determines its renders: configuration, constants, precision, as JSON values by name.
     pub parameters: BTreeMap<String, serde_json::Value>,
-    /// SHA-256 of its weights; `None` for methods without, and for untrained ones.
+    /// SHA-256 of its weights; `None` for methods without weights and for untrained ones.
     pub weights_sha256: Option<String>,
     /// Whether its weights are random.
     pub untrained: bool,
@@ -127,7 +127,7 @@ pub struct MethodRecord {
     pub constants: Option<String>,
     /// Name of the rendering backend.
     pub backend: Option<String>,
-    /// Whether equal inputs give equal bits on one machine.
+    /// Whether equal inputs give bit-identical results on one machine.
     pub deterministic: bool,
 }
 
@@ -137,33 +137,33 @@ pub struct MethodRecord {
 pub struct MetricRecord {
     /// Id of the [`atsplat_metrics::Definition`].
     pub id: String,
-    /// Convention in words.
+    /// Description of the convention.
     pub convention: String,
     /// SHA-256 of learned weights.
     pub weights_sha256: Option<String>,
-    /// Why it was not computed at all.
+    /// Why it was not computed at all, if so.
     pub absent: Option<String>,
 }
 
-/// A kind of warning, counted.
+/// A kind of warning with its count.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct WarningCount {
-    /// Preset whose dataset it is.
+    /// Preset of the dataset.
     pub preset: String,
     /// Kind.
     pub kind: String,
-    /// How often.
+    /// Number of occurrences.
     pub count: u64,
-    /// The first of them.
+    /// The first occurrence.
     pub example: String,
 }
 
-/// An index entry that made no trial.
+/// An index entry without a trial.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SkippedEntry {
-    /// Preset that it belongs to.
+    /// Preset of the entry.
     pub preset: String,
     /// Key of the scene.
     pub scene: String,

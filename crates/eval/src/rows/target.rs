@@ -5,8 +5,8 @@ use serde::{Deserialize, Serialize};
 use super::{TrialKey, finite};
 use crate::EvalError;
 
-/// What [`TargetRow::not_computed`] says of a metric that is infinite because what it compares is the same: a PSNR of
-/// identical pictures, or of pictures that are identical once they are rounded to 8 bits.
+/// The entry in [`TargetRow::not_computed`] of a metric that is infinite because its inputs are equal: the PSNR of identical
+/// pictures, or of pictures that are identical after rounding to 8 bits.
 pub const IDENTICAL: &str = "identical";
 
 /// One target view under one method.
@@ -21,48 +21,48 @@ pub struct TargetRow {
     pub frame: u64,
     /// Frames outside the window of context frames: negative before it, positive after it, 0 inside.
     pub signed_distance: i64,
-    /// Whether the method was given this very frame.
+    /// Whether the frame is also a context frame.
     pub leaked: bool,
-    /// Overlap of the context views, where the index has one; nominally in [0, 1].
+    /// Overlap of the context views, if the index has it; nominally in [0, 1].
     pub overlap: Option<f64>,
     /// Width of the scored picture in pixels.
     pub width: u32,
     /// Height of the scored picture in pixels.
     pub height: u32,
-    /// SHA-256 of the true picture's samples; `None` where it could not be read.
+    /// SHA-256 of the ground-truth picture's samples; `None` if it could not be read.
     pub truth_hash: Option<String>,
-    /// SHA-256 of the render's samples as little-endian f32; `None` where there is none.
+    /// SHA-256 of the render's samples as little-endian f32; `None` without a render.
     pub render_hash: Option<String>,
-    /// What became of it.
+    /// The outcome.
     pub status: TargetStatus,
     /// Why it failed.
     pub detail: Option<String>,
     /// Samples of the render that are NaN or infinite.
     pub non_finite: u64,
-    /// Finite scores, by the id of their [`atsplat_metrics::Definition`]. A PSNR of identical pictures is infinite and
-    /// not here: [`Self::not_computed`] has [`IDENTICAL`] in its place.
+    /// Finite scores by the id of their [`atsplat_metrics::Definition`]. The PSNR of identical pictures is infinite and
+    /// listed as [`IDENTICAL`] in [`Self::not_computed`] instead.
     pub scores: BTreeMap<String, f64>,
-    /// Why a score is not there, by the same ids.
+    /// Why a score is missing, by the same ids.
     pub not_computed: BTreeMap<String, String>,
 }
 
-/// What became of a target view.
+/// Outcome of a target view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TargetStatus {
     /// Compared.
     Scored,
-    /// Compared, and the same to the bit.
+    /// Compared, and bit-identical to the ground truth.
     Identical,
-    /// The render has samples that are no numbers; nothing was compared.
+    /// The render has non-finite samples and was not compared.
     NonFinite,
-    /// There is no render, or no truth, or they do not fit each other.
+    /// The render or the ground truth is missing, or their sizes differ.
     Failed,
 }
 
 impl TargetRow {
     /// # Errors
-    /// [`EvalError::NotFinite`] for a score or an overlap that is no number.
+    /// [`EvalError::NotFinite`] for a score or an overlap that is not finite.
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "overlap", self.overlap)?;
         self.scores.iter().try_for_each(|(id, score)| finite(&self.key, id, [*score]))

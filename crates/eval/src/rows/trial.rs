@@ -13,25 +13,26 @@ pub struct TrialRow {
     pub trial_hash: String,
     /// [`atsplat_protocol::trial::Trial::pose_hash`] in hexadecimal.
     pub pose_hash: String,
-    /// [`atsplat_protocol::trial::Trial::data_hash`] in hexadecimal; `None` in rows that were written before there was one.
+    /// [`atsplat_protocol::trial::Trial::data_hash`] in hexadecimal; `None` in rows of older
+    /// versions.
     #[serde(default)]
     pub data_hash: Option<String>,
-    /// SHA-256 of the files that the method brought its answer in, in hexadecimal; `None` for methods that bring none.
+    /// SHA-256 of an imported method's files, in hexadecimal; `None` for other methods.
     #[serde(default)]
     pub input_hash: Option<String>,
-    /// What became of it.
+    /// The outcome.
     pub status: TrialStatus,
     /// Why it failed.
     pub detail: Option<String>,
-    /// Frames that the method was given.
+    /// Context frames.
     pub context: Vec<u64>,
-    /// SHA-256 of the samples of the pictures of these frames, decoded and preprocessed, in the same order; empty where one
-    /// could not be read, and in stores of schema 1.
+    /// SHA-256 of the samples of these frames' pictures, decoded and preprocessed, in the same order; empty if one could not
+    /// be read, and in stores of schema 1.
     #[serde(default)]
     pub context_hashes: Vec<String>,
-    /// How many targets it was asked for.
+    /// Number of targets.
     pub targets: u32,
-    /// Overlap of the context views, where the index has one.
+    /// Overlap of the context views, if the index has it.
     pub overlap: Option<f64>,
     /// Width of the pictures in pixels.
     pub width: u32,
@@ -39,38 +40,38 @@ pub struct TrialRow {
     pub height: u32,
     /// Tokens before expansion; `None` for methods without tokens.
     pub initial_tokens: Option<u64>,
-    /// Tokens that became Gaussians.
+    /// Tokens after expansion, which are decoded to Gaussians.
     pub final_tokens: Option<u64>,
-    /// Gaussians, all of them; `None` for methods without.
+    /// All Gaussians; `None` for methods without Gaussians.
     pub gaussians: Option<u64>,
-    /// Gaussians that reached a picture, averaged over the targets.
+    /// Gaussians that contributed to a picture, averaged over the targets.
     pub gaussians_drawn: Option<f64>,
-    /// Estimated peak of memory in bytes.
+    /// Estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
     /// Effects that the renderer ran, by name.
     pub effects: Vec<String>,
-    /// What a reader must know: pose normalisations that fell back, and the like.
+    /// Remarks for the reader, such as fallbacks of pose normalisation.
     pub notes: Vec<String>,
 }
 
-/// What became of a trial.
+/// Outcome of a trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TrialStatus {
-    /// Every target has a row that was compared.
+    /// Every target was compared.
     Done,
     /// Some targets failed.
     Partial,
-    /// The method made nothing.
+    /// No target was compared.
     Failed,
-    /// The method does not answer this kind of trial, and says so: another number of views, a size that its patches do
-    /// not divide.
+    /// The method does not support this kind of trial, such as its number of views or a size that its patches do not
+    /// divide.
     NotApplicable,
 }
 
 impl TrialRow {
     /// # Errors
-    /// [`EvalError::NotFinite`] for an overlap or a mean that is no number.
+    /// [`EvalError::NotFinite`] for an overlap or a mean that is not finite.
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "overlap", self.overlap)?;
         finite(&self.key, "gaussians-drawn", self.gaussians_drawn)

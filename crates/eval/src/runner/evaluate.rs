@@ -1,4 +1,4 @@
-//! One trial under one method.
+//! Evaluates one trial under one method.
 
 use std::any::Any;
 use std::collections::BTreeSet;
@@ -11,39 +11,40 @@ use atsplat_pixels::ImageU8;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::{PictureDigests, TargetPictures, Trial};
 use rayon::prelude::*;
+use thiserror::Error;
 
-use super::pictures::{self, CONTEXT, Keeping, TRUTH};
-use super::scored::{blank, compare, hash_of_bytes};
-use crate::method::{Answer, Cost, Method, Question, Refusal, Rendered};
+use super::pictures::{self, CONTEXT, PictureSink, TRUTH};
+use super::scored::{compare, hash_of_bytes, unscored_row};
+use crate::method::{Cost, Method, MethodError, Prediction, Rendered, TrialInput};
 use crate::{EvalError, TargetRow, TargetStatus, TrialKey, TrialRow, TrialStatus};
 
-/// Targets that are rendered together.
-const TOGETHER: usize = 4;
+/// Targets that are rendered in one batch.
+const BATCH: usize = 4;
 
-/// How trials are evaluated.
+/// Settings of an evaluation.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Evaluation<'a> {
     pub(super) preset: &'a Preset,
     pub(super) suite: &'a Suite,
-    /// Which pictures are kept.
-    pub(super) pictures: Keeping<'a>,
+    /// Which pictures are stored.
+    pub(super) pictures: PictureSink<'a>,
 }
 
-/// A trial with all of its pictures.
-pub(super) struct Decoded {
+/// A trial with its decoded pictures.
+pub(super) struct DecodedTrial {
     pub(super) trial: Trial,
-    /// Of the bytes that were decoded, as [`Trial::data_hash`].
+    /// [`Trial::data_hash`] of the bytes that were decoded.
     pub(super) data_hash: String,
     context: Result<Vec<Arc<ImageU8>>, String>,
     truths: Vec<Result<Arc<ImageU8>, String>>,
 }
 
-impl Decoded {
+impl DecodedTrial {
     pub(super) fn new(trial: Trial, targets: &TargetPictures, digests: &PictureDigests) -> Self {
         let context = trial.context().iter().map(|view| view.picture().map_err(|error| error.to_string())).collect();
         let truth = |position| match targets.get(position) {
-            Some(picture) => picture.map_err(|error| format!("the true picture: {error}")),
-            None => Err("there is no true picture".to_owned()),
+            Some(picture) => picture.map_err(|error| format!("the ground-truth picture: {error}")),
+            None => Err("no ground-truth picture".to_owned()),
         };
         let truths = (0..trial.targets().len()).map(truth).collect();
         let data_hash = trial.data_hash(targets, digests).to_string();
@@ -52,107 +53,98 @@ impl Decoded {
 }
 
 impl Evaluation<'_> {
-    /// The rows of a trial, whatever happens to it.
+    /// The rows of a trial, also if it fails. Only a store that cannot be written is an error.
     pub(super) fn rows(
         &self,
         key: TrialKey,
         input_hash: Option<String>,
-        decoded: &Decoded,
+        decoded: &DecodedTrial,
         method: &dyn Method,
     ) -> Result<(TrialRow, Vec<TargetRow>), EvalError> {
         let trial = &decoded.trial;
-        let blanks = trial.targets().iter().enumerate().map(|(at, target)| {
+        let unscored = trial.targets().iter().enumerate().map(|(at, target)| {
             let truth_hash = decoded.truths.get(at).and_then(|truth| truth.as_ref().ok()).map(|t| hash_of_bytes(t));
-            TargetRow { truth_hash, ..blank(&key, trial, target, at) }
+            TargetRow { truth_hash, ..unscored_row(&key, trial, target, at) }
         });
         if let Some(store) = self.pictures.all() {
-            keep_given(store, &key, decoded)?;
+            write_inputs(store, &key, decoded)?;
         }
-        let mut made = Made { input_hash, rows: blanks.collect(), ..Made::default() };
-        // A method's bug costs its trial and no other.
-        let outcome = catch_unwind(AssertUnwindSafe(|| self.fill(&key, &mut made, decoded, method)));
-        let refusal = match outcome {
-            Ok(filled) => filled?.err(),
-            Err(panic) => Some(Refusal::Failed(format!("the method panicked: {}", text_of(panic.as_ref())))),
+        let mut result = TrialResult { input_hash, rows: unscored.collect(), ..TrialResult::default() };
+        // A panic in a method fails this trial only.
+        let outcome = catch_unwind(AssertUnwindSafe(|| self.evaluate(&key, &mut result, decoded, method)));
+        let error = match outcome {
+            Ok(Ok(())) => None,
+            Ok(Err(Failure::Method(error))) => Some(error),
+            Ok(Err(Failure::Store(error))) => return Err(error),
+            Err(panic) => Some(MethodError::Failed(format!("the method panicked: {}", panic_message(panic.as_ref())))),
         };
-        if let Some(refusal) = &refusal {
-            let unfilled = made.rows.iter_mut().filter(|row| row.render_hash.is_none() && row.detail.is_none());
-            unfilled.for_each(|row| row.detail = Some(refusal.to_string()));
+        if let Some(error) = &error {
+            let unfinished = result.rows.iter_mut().filter(|row| row.render_hash.is_none() && row.detail.is_none());
+            unfinished.for_each(|row| row.detail = Some(error.to_string()));
         }
-        Ok(made.into_rows(key, decoded, refusal))
+        Ok(result.into_rows(key, decoded, error))
     }
 
-    fn fill(
+    fn evaluate(
         &self,
         key: &TrialKey,
-        made: &mut Made,
-        decoded: &Decoded,
+        result: &mut TrialResult,
+        decoded: &DecodedTrial,
         method: &dyn Method,
-    ) -> Result<Result<(), Refusal>, EvalError> {
-        let pictures = match &decoded.context {
-            Ok(pictures) => pictures,
-            Err(detail) => return Ok(Err(Refusal::Failed(format!("a context picture: {detail}")))),
-        };
-        let answer = match method.begin(Question { preset: self.preset, trial: &decoded.trial, pictures }) {
-            Ok(answer) => answer,
-            Err(refusal) => return Ok(Err(refusal)),
-        };
-        made.cost = answer.cost().clone();
-        let rows = made.rows.clone();
+    ) -> Result<(), Failure> {
+        let context = decoded.context.as_ref();
+        let pictures = context.map_err(|detail| MethodError::Failed(format!("a context picture: {detail}")))?;
+        let prediction = method.predict(TrialInput { preset: self.preset, trial: &decoded.trial, pictures })?;
+        let prediction = prediction.as_ref();
+        result.cost = prediction.cost();
+        let rows = result.rows.clone();
         let positions: Vec<usize> = (0..rows.len()).collect();
-        let chunk = |targets: &[usize]| self.chunk(answer.as_ref(), targets, &rows, decoded);
-        let chunks: Vec<Result<Vec<Scored>, Refusal>> =
-            positions.par_chunks(TOGETHER).map(chunk).collect::<Result<_, _>>()?;
-        let chunks = match chunks.into_iter().collect::<Result<Vec<_>, Refusal>>() {
-            Ok(chunks) => chunks,
-            Err(refusal) => return Ok(Err(refusal)),
-        };
-        made.rows.clear();
-        for Scored { row, drawn, effects } in chunks.into_iter().flatten() {
-            made.rows.push(row);
-            made.drawn.extend(drawn);
-            made.effects.extend(effects);
+        let batch = |targets: &[usize]| self.score_batch(prediction, targets, &rows, decoded);
+        // All batches first, so that the error of the first one is reported whatever the number of threads.
+        let batches: Vec<Result<Vec<ScoredTarget>, Failure>> = positions.par_chunks(BATCH).map(batch).collect();
+        let batches = batches.into_iter().collect::<Result<Vec<_>, _>>()?;
+        result.rows.clear();
+        for ScoredTarget { row, drawn, effects } in batches.into_iter().flatten() {
+            result.rows.push(row);
+            result.drawn.extend(drawn);
+            result.effects.extend(effects);
         }
-        if let Some(store) = self.pictures.worst(key, &made.rows) {
-            keep_given(store, key, decoded)?;
-            return keep_renders(store, key, decoded, answer.as_ref());
+        if let Some(store) = self.pictures.worst(key, &result.rows) {
+            write_inputs(store, key, decoded)?;
+            write_renders(store, key, decoded, prediction)?;
         }
-        Ok(Ok(()))
+        Ok(())
     }
 
-    /// Renders and scores some targets. The renders are gone when it is done.
+    /// Renders and scores some targets; the renders are dropped before it returns.
     #[expect(clippy::expect_used, reason = "positions are those of the rows, and every target has a row and a truth")]
-    fn chunk(
+    fn score_batch(
         &self,
-        answer: &dyn Answer,
+        prediction: &dyn Prediction,
         targets: &[usize],
         rows: &[TargetRow],
-        decoded: &Decoded,
-    ) -> Result<Result<Vec<Scored>, Refusal>, EvalError> {
-        let rendered = match render_all(answer, targets) {
-            Ok(rendered) => rendered,
-            Err(refusal) => return Ok(Err(refusal)),
-        };
+        decoded: &DecodedTrial,
+    ) -> Result<Vec<ScoredTarget>, Failure> {
         let mut scored = Vec::with_capacity(targets.len());
-        for (position, rendered) in targets.iter().zip(rendered) {
+        for (position, rendered) in targets.iter().zip(render_all(prediction, targets)?) {
             let row = rows.get(*position).cloned().expect("a row for each target");
             let truth = decoded.truths.get(*position).expect("a truth or its error for each target");
-            scored.push(self.scored(row, rendered, truth)?);
+            scored.push(self.score(row, rendered, truth)?);
         }
-        Ok(Ok(scored))
+        Ok(scored)
     }
 
-    fn scored(
+    fn score(
         &self,
         mut row: TargetRow,
         rendered: Result<Rendered, String>,
         truth: &Result<Arc<ImageU8>, String>,
-    ) -> Result<Scored, EvalError> {
+    ) -> Result<ScoredTarget, EvalError> {
         let Rendered { image, drawn, effects } = match rendered {
             Ok(rendered) => rendered,
             Err(detail) => {
                 row.detail = Some(detail);
-                return Ok(Scored { row, drawn: None, effects: Vec::new() });
+                return Ok(ScoredTarget { row, drawn: None, effects: Vec::new() });
             }
         };
         match truth {
@@ -160,76 +152,79 @@ impl Evaluation<'_> {
             Err(detail) => row.detail = Some(detail.clone()),
         }
         if let Some(store) = self.pictures.all() {
-            pictures::keep(store, &row.key, row.frame, &image)?;
+            pictures::write_render(store, &row.key, row.frame, &image)?;
         }
-        Ok(Scored { row, drawn, effects })
+        Ok(ScoredTarget { row, drawn, effects })
     }
 }
 
-/// What a panic said.
-fn text_of(panic: &(dyn Any + Send)) -> &str {
-    let text = panic.downcast_ref::<String>().map(String::as_str);
-    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("without a text")
+/// Why a trial could not be evaluated.
+#[derive(Debug, Error)]
+enum Failure {
+    /// The method failed, which is recorded in the trial's rows.
+    #[error(transparent)]
+    Method(#[from] MethodError),
+    /// The store cannot be written, which ends the run.
+    #[error(transparent)]
+    Store(#[from] EvalError),
 }
 
-/// As many pictures as targets, or why not.
-fn render_all(answer: &dyn Answer, targets: &[usize]) -> Result<Vec<Result<Rendered, String>>, Refusal> {
-    let rendered = answer.render(targets);
+fn panic_message(panic: &(dyn Any + Send)) -> &str {
+    let text = panic.downcast_ref::<String>().map(String::as_str);
+    text.or_else(|| panic.downcast_ref::<&str>().copied()).unwrap_or("no message")
+}
+
+/// One outcome for each target; an error if the method returns another number of them.
+fn render_all(prediction: &dyn Prediction, targets: &[usize]) -> Result<Vec<Result<Rendered, String>>, MethodError> {
+    let rendered = prediction.render(targets);
     if rendered.len() == targets.len() {
         return Ok(rendered);
     }
-    Err(Refusal::Failed(format!(
-        "expected a picture for each of {} targets, the method gave {}",
-        targets.len(),
-        rendered.len()
-    )))
+    let (expected, found) = (targets.len(), rendered.len());
+    Err(MethodError::Failed(format!("expected a picture for each of {expected} targets, the method returned {found}")))
 }
 
-/// Keeps what methods have in common: true and context pictures.
-fn keep_given(store: &Path, key: &TrialKey, decoded: &Decoded) -> Result<(), EvalError> {
+/// Stores ground-truth and context pictures, which all methods share.
+fn write_inputs(store: &Path, key: &TrialKey, decoded: &DecodedTrial) -> Result<(), EvalError> {
     let truths = decoded.trial.targets().iter().map(|target| target.frame).zip(&decoded.truths);
     let truths = truths.filter_map(|(frame, truth)| Some((TRUTH, frame, truth.as_ref().ok()?)));
     let context = decoded.trial.context().iter().zip(decoded.context.iter().flatten());
     let context = context.map(|(view, picture)| (CONTEXT, view.frame, picture));
     for (method, frame, picture) in truths.chain(context) {
-        pictures::keep_bytes(store, &pictures::common(key, method), frame as u64, picture)?;
+        pictures::write_picture(store, &key.of_method(method), frame as u64, picture)?;
     }
     Ok(())
 }
 
-/// Renders once more, since a trial's score is known after its renders are gone, and keeps them.
-fn keep_renders(
+/// Renders again and stores the renders: whether they are needed is known only after the first renders are dropped.
+fn write_renders(
     store: &Path,
     key: &TrialKey,
-    decoded: &Decoded,
-    answer: &dyn Answer,
-) -> Result<Result<(), Refusal>, EvalError> {
+    decoded: &DecodedTrial,
+    prediction: &dyn Prediction,
+) -> Result<(), Failure> {
     let targets = decoded.trial.targets();
     let positions: Vec<usize> = (0..targets.len()).collect();
-    for together in positions.chunks(TOGETHER) {
-        let rendered = match render_all(answer, together) {
-            Ok(rendered) => rendered,
-            Err(refusal) => return Ok(Err(refusal)),
-        };
-        for (position, rendered) in together.iter().zip(rendered) {
+    for batch in positions.chunks(BATCH) {
+        for (position, rendered) in batch.iter().zip(render_all(prediction, batch)?) {
             if let (Some(target), Ok(rendered)) = (targets.get(*position), rendered) {
-                pictures::keep(store, key, target.frame as u64, &rendered.image)?;
+                pictures::write_render(store, key, target.frame as u64, &rendered.image)?;
             }
         }
     }
-    Ok(Ok(()))
+    Ok(())
 }
 
-/// A target that was rendered and scored.
-struct Scored {
+/// A rendered and scored target.
+struct ScoredTarget {
     row: TargetRow,
     drawn: Option<u64>,
     effects: Vec<&'static str>,
 }
 
-/// A trial on its way to its rows.
+/// What is known of a trial so far.
 #[derive(Default)]
-struct Made {
+struct TrialResult {
     input_hash: Option<String>,
     rows: Vec<TargetRow>,
     cost: Cost,
@@ -237,22 +232,29 @@ struct Made {
     effects: BTreeSet<&'static str>,
 }
 
-impl Made {
-    fn into_rows(self, key: TrialKey, decoded: &Decoded, refusal: Option<Refusal>) -> (TrialRow, Vec<TargetRow>) {
+impl TrialResult {
+    fn into_rows(
+        self,
+        key: TrialKey,
+        decoded: &DecodedTrial,
+        error: Option<MethodError>,
+    ) -> (TrialRow, Vec<TargetRow>) {
         let Self { input_hash, rows, cost, drawn, effects } = self;
         let trial = &decoded.trial;
         let failed = rows.iter().filter(|row| row.status == TargetStatus::Failed).count();
         let first = rows.iter().find_map(|row| row.detail.clone().filter(|_| row.status == TargetStatus::Failed));
         let of_targets = || first.map(|first| format!("{failed} of {} targets failed: {first}", rows.len()));
-        let (status, detail) = match refusal {
-            Some(Refusal::NotApplicable(why)) => (TrialStatus::NotApplicable, Some(why)),
-            Some(Refusal::Failed(why)) => (TrialStatus::Failed, Some(why)),
+        let (status, detail) = match error {
+            Some(MethodError::NotApplicable(why)) => (TrialStatus::NotApplicable, Some(why)),
+            Some(MethodError::Failed(why)) => (TrialStatus::Failed, Some(why)),
             None if failed == 0 => (TrialStatus::Done, None),
             None if failed == rows.len() => (TrialStatus::Failed, of_targets()),
             None => (TrialStatus::Partial, of_targets()),
         };
         let size = trial.targets().first().map(|target| target.size);
         let size = size.or_else(|| trial.context().first().map(|view| view.size));
+        // A trial without any view has no size.
+        let (width, height) = size.map_or((0, 0), |size| (size.width, size.height));
         let fallbacks =
             trial.normalisation().fallbacks.iter().map(|fallback| format!("pose normalisation: {fallback:?}"));
         let row = TrialRow {
@@ -265,10 +267,10 @@ impl Made {
             detail,
             context: trial.context().iter().map(|view| view.frame as u64).collect(),
             context_hashes: decoded.context.iter().flatten().map(|picture| hash_of_bytes(picture)).collect(),
-            targets: super::walk::number(rows.len()),
+            targets: super::walk::to_u32(rows.len()),
             overlap: trial.entry().overlap.as_ref().map(|overlap| overlap.value),
-            width: size.map(|size| size.width).unwrap_or_default(),
-            height: size.map(|size| size.height).unwrap_or_default(),
+            width,
+            height,
             initial_tokens: cost.initial_tokens,
             final_tokens: cost.final_tokens,
             gaussians: cost.gaussians,

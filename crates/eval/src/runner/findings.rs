@@ -3,17 +3,17 @@ use atsplat_scene::Warnings;
 
 use crate::{SkippedEntry, WarningCount};
 
-/// What was wrong with datasets without stopping a run.
+/// Problems with datasets that did not stop a run.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct Findings {
-    /// By preset and kind.
+    /// Warnings by preset and kind.
     pub warnings: Vec<WarningCount>,
-    /// Index entries that made no trial.
+    /// Index entries without a trial.
     pub skipped: Vec<SkippedEntry>,
 }
 
 impl Findings {
-    /// Adds what walking a dataset under a preset came across.
+    /// Adds the warnings of a dataset under a preset.
     #[expect(clippy::expect_used, reason = "warnings keep the first of each kind")]
     pub(super) fn add_warnings(&mut self, preset: &str, warnings: &Warnings) {
         for (kind, count) in warnings.counts() {
@@ -32,21 +32,21 @@ impl Findings {
         }
     }
 
-    /// Adds entries without a trial. Methods with other pose normalisations walk the same index: what they skip too is
-    /// told once.
+    /// Adds entries without a trial. Methods with different pose normalisations walk the same index; duplicates are removed
+    /// by [`Self::in_order`].
     pub(super) fn add_skipped(&mut self, preset: &str, report: &SkipReport) {
         for Skipped { scene, entry_number, reason, detail } in &report.skipped {
             self.skipped.push(SkippedEntry {
                 preset: preset.to_owned(),
                 scene: scene.clone(),
-                entry: super::walk::number(*entry_number),
+                entry: super::walk::to_u32(*entry_number),
                 reason: reason.name().to_owned(),
                 detail: detail.clone(),
             });
         }
     }
 
-    /// The same for any way in which the work was divided.
+    /// Sorted and without duplicates: independent of how the work was divided.
     pub(super) fn in_order(mut self) -> Self {
         self.warnings.sort_by(|a, b| (&a.preset, &a.kind).cmp(&(&b.preset, &b.kind)));
         self.skipped.sort();

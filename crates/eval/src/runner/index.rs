@@ -1,37 +1,37 @@
-use atsplat_files::Sha256Digest;
 use std::fs;
 use std::path::{Path, PathBuf};
 
+use atsplat_files::Sha256Digest;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexBuilder, IndexFile, IndexLayout, IndexMatch, Preset};
 use atsplat_scene::{SceneSource, Warnings};
 
 use crate::EvalError;
 
-/// Files larger than this are no indices: the largest published one takes 1.2 MB.
-const LARGEST: u64 = 64 << 20;
-/// How deep folders of indices are searched.
-const DEEPEST: usize = 4;
+/// Larger files are not searched: the largest published index has 1.2 MB.
+const MAX_BYTES: u64 = 64 << 20;
+/// Depth to which folders are searched for indices.
+const MAX_DEPTH: usize = 4;
 
-/// An evaluation index, and where it came from.
+/// An evaluation index and its origin.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PlannedIndex {
-    /// What is asked.
+    /// The index.
     pub index: EvaluationIndex,
-    /// Its file, or how it was made.
+    /// Its file, or how it was generated.
     pub told: String,
-    /// Hash of the file's bytes; of the bytes that it would have where it was made here.
+    /// Hash of the file's bytes; for a generated index, of its serialisation.
     pub sha256: Sha256Digest,
-    /// The published index that it is, or was made from.
+    /// The published index that it equals or was derived from.
     pub name: Option<String>,
 }
 
 impl PlannedIndex {
-    /// From a file; or, of a folder, from the file in it that the preset names by its hash. A published index from which
-    /// the preset's split is yet to be made becomes that split: the dataset says how long scenes are.
+    /// Reads an index file, or finds the preset's index in a folder by its hash. If the preset's split has to be derived from
+    /// a published index, the split is computed with the scene lengths of the dataset.
     ///
     /// # Errors
-    /// [`EvalError::Protocol`] for a file that is no index or says two things about one scene, [`EvalError::Io`],
+    /// [`EvalError::Protocol`] for a file that is not an index or has conflicting entries for a scene, [`EvalError::Io`],
     /// [`EvalError::Settings`] for a folder without the preset's index.
     pub fn read(
         path: &Path,
@@ -57,25 +57,25 @@ impl PlannedIndex {
             None => Ok(Self { index, told, sha256, name }),
             Some(derivation) => {
                 let keys = source.keys();
-                let there = index.scenes.iter().filter(|(key, _)| keys.contains(key));
-                let there = EvaluationIndex { scenes: there.map(|(k, e)| (k.clone(), e.clone())).collect() };
-                let lengths = scene_lengths(&there, source, &|| (), warnings);
+                let present = index.scenes.iter().filter(|(key, _)| keys.contains(key));
+                let present = EvaluationIndex { scenes: present.map(|(k, e)| (k.clone(), e.clone())).collect() };
+                let lengths = scene_lengths(&present, source, &|| (), warnings);
                 let split = Extrapolation::from(derivation).split(&index, &lengths);
-                Ok(Self::made(split.index, format!("{told}, its windows with frames before and after them"), name))
+                Ok(Self::generated(split.index, format!("{told}, its windows with frames before and after them"), name))
             }
         }
     }
 
-    /// What a sampler chooses: the index that `protocol build` writes.
+    /// Samples an index, as `protocol build` does.
     ///
     /// # Errors
-    /// [`EvalError::Protocol`] for a sampler that is not known or malformed.
+    /// [`EvalError::Protocol`] for an unknown or malformed sampler.
     pub fn sampled(sampler: &str, source: &dyn SceneSource, warnings: &mut Warnings) -> Result<Self, EvalError> {
         let built = IndexBuilder::resolve(sampler)?.build(source, &|| (), warnings);
-        Ok(Self::made(built.index, format!("sampled by {sampler}"), None))
+        Ok(Self::generated(built.index, format!("sampled by {sampler}"), None))
     }
 
-    /// The index beside a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its
+    /// The index next to a dataset: `<preset>.json`, `evaluation_index_<dataset>.json` or `evaluation_index.json` in its
     /// folder.
     pub fn beside(data: &Path, preset: &Preset) -> Option<PathBuf> {
         let names = [
@@ -87,32 +87,32 @@ impl PlannedIndex {
         names.into_iter().map(|name| folder.join(name)).find(|path| path.is_file())
     }
 
-    fn made(index: EvaluationIndex, told: String, name: Option<String>) -> Self {
+    fn generated(index: EvaluationIndex, told: String, name: Option<String>) -> Self {
         let sha256 = Sha256Digest::of(index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
         Self { index, told, sha256, name }
     }
 }
 
-/// The first of a preset's accepted indices that a folder holds, wherever in it and whatever it is called.
+/// The first of a preset's accepted indices in a folder, in any subfolder and under any name.
 fn published_below(folder: &Path, preset: &Preset) -> Result<PathBuf, EvalError> {
     let mut found: Vec<(Sha256Digest, PathBuf)> = Vec::new();
     let mut folders = vec![(folder.to_owned(), 0)];
     while let Some((folder, depth)) = folders.pop() {
-        let entries = fs::read_dir(&folder).map_err(EvalError::io("searching evaluation indices", &folder))?;
+        let entries = fs::read_dir(&folder).map_err(EvalError::io("searching for evaluation indices", &folder))?;
         for path in entries.flatten().map(|entry| entry.path()) {
             let is_json = path.extension().is_some_and(|extension| extension == "json");
-            if path.is_dir() && depth < DEEPEST {
+            if path.is_dir() && depth < MAX_DEPTH {
                 folders.push((path, depth + 1));
-            } else if is_json && fs::metadata(&path).is_ok_and(|data| data.is_file() && data.len() <= LARGEST) {
-                let bytes = fs::read(&path).map_err(EvalError::io("searching evaluation indices", &path))?;
+            } else if is_json && fs::metadata(&path).is_ok_and(|data| data.is_file() && data.len() <= MAX_BYTES) {
+                let bytes = fs::read(&path).map_err(EvalError::io("searching for evaluation indices", &path))?;
                 found.push((Sha256Digest::of(&bytes), path));
             }
         }
     }
     found.sort_by(|(_, a), (_, b)| a.cmp(b));
     let accepted = &preset.index.accepted;
-    let of = |wanted: &Sha256Digest| found.iter().find(|(hash, _)| hash == wanted).map(|(_, path)| path.clone());
-    accepted.iter().find_map(|accepted| of(&accepted.sha256)).ok_or_else(|| {
+    let by_hash = |sha256: &Sha256Digest| found.iter().find(|(hash, _)| hash == sha256).map(|(_, path)| path.clone());
+    accepted.iter().find_map(|accepted| by_hash(&accepted.sha256)).ok_or_else(|| {
         let names: Vec<&str> = accepted.iter().map(|accepted| accepted.name.as_str()).collect();
         EvalError::Settings {
             what: "evaluation index",

@@ -4,7 +4,7 @@ use atsplat_protocol::{LpipsConvention, MetricConvention, PixelValues, PsnrConve
 
 use crate::{EvalError, MetricRecord};
 
-/// What a protocol means by PSNR, SSIM and LPIPS: ids of [`atsplat_metrics::definitions`], in this order.
+/// A protocol's variants of PSNR, SSIM and LPIPS, in this order, as ids of [`atsplat_metrics::definitions`].
 pub const fn metric_ids(convention: &MetricConvention) -> [&'static str; 3] {
     let MetricConvention { psnr, ssim, lpips, pixels, clip_before_ssim_and_lpips: clip } = *convention;
     let truncated = matches!(pixels, PixelValues::TruncatedToBytes);
@@ -27,24 +27,24 @@ pub const fn metric_ids(convention: &MetricConvention) -> [&'static str; 3] {
     [psnr, ssim, lpips]
 }
 
-/// Definitions by id, each once, in the order of [`definitions`]; `all` stands for every metric.
+/// Definitions by id, without duplicates, in the order of [`definitions`]; `all` selects every metric.
 ///
 /// # Errors
 /// [`EvalError::Unknown`].
 pub fn named_metrics<'a>(ids: impl IntoIterator<Item = &'a str>) -> Result<Vec<&'static Definition>, EvalError> {
-    let mut wanted = Vec::new();
+    let mut requested = Vec::new();
     for id in ids {
         if id == "all" {
             return Ok(definitions().iter().collect());
         }
         let known = || definitions().iter().map(|metric| metric.id.to_owned()).collect();
         let unknown = || EvalError::Unknown { what: "metrics", found: id.to_owned(), known: known() };
-        wanted.push(definition(id).ok_or_else(unknown)?.id);
+        requested.push(definition(id).ok_or_else(unknown)?.id);
     }
-    Ok(definitions().iter().filter(|metric| wanted.contains(&metric.id)).collect())
+    Ok(definitions().iter().filter(|metric| requested.contains(&metric.id)).collect())
 }
 
-/// What a store says of the metrics that it holds.
+/// The provenance records of a suite's metrics.
 pub fn metric_records(suite: &Suite) -> Vec<MetricRecord> {
     let record = |metric: &&'static Definition| {
         let network = match metric.measure {
@@ -69,7 +69,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_convention_is_a_metric_that_exists() {
+    fn every_convention_maps_to_existing_metrics() {
         let mut convention = Preset::named("re10k-2v-256").unwrap().metrics;
         assert_eq!(metric_ids(&convention), ["psnr", "ssim", "lpips"]);
         for pixels in [PixelValues::Float, PixelValues::TruncatedToBytes] {
@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn metrics_are_named_once_and_in_order() {
+    fn named_metrics_are_unique_and_ordered() {
         let ids = |list: &[&str]| {
             named_metrics(list.iter().copied()).map(|found| found.iter().map(|metric| metric.id).collect::<Vec<_>>())
         };

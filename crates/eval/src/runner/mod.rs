@@ -1,12 +1,11 @@
-//! Presets × methods × trials into a [`Store`](crate::Store).
+//! Evaluates presets × methods × trials into a [`Store`](crate::Store).
 //!
-//! Trials come prepared ahead within the bounds of [`Prefetch`](atsplat_protocol::trial::Prefetch). Several of them, or the
-//! targets of one, are worked on at once, and nothing is timed; where times are wanted, a [timing pass](crate::timing) follows.
-//! Whatever happens to a trial becomes rows; only a store that cannot be written stops a run.
+//! Trials are prepared ahead within the limits of [`Prefetch`](atsplat_protocol::trial::Prefetch). Several trials, or the
+//! targets of one, are evaluated concurrently without timing; a [timing pass](crate::timing) follows if requested. Failures
+//! become rows; only a store that cannot be written stops a run.
 
 mod evaluate;
 mod findings;
-mod here;
 mod index;
 mod metrics;
 mod outcome;
@@ -20,11 +19,10 @@ mod walk;
 mod worst;
 
 pub use findings::Findings;
-pub use here::here;
 pub use index::PlannedIndex;
 pub use metrics::{metric_ids, metric_records, named_metrics};
 pub use pictures::{KeepPictures, TRUTH, picture_path};
-pub use plan::{Dataset, Plan, Summary};
+pub use plan::{Dataset, Plan, Summary, here};
 pub use run::run;
 pub use selection::{Selection, spread};
 

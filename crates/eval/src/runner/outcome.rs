@@ -1,34 +1,34 @@
-//! Whether a run can come to anything, and whether it did.
+//! Checks before and after a run: whether imported files exist, and why nothing was evaluated.
 
 use std::collections::BTreeMap;
 
 use super::{Plan, spread};
-use crate::method::{Asked, Survey};
+use crate::method::{RequestedScene, Survey};
 use crate::{EvalError, Results, TargetRow, TargetStatus};
 
-/// Scenes of a dataset whose imported files are looked for before anything is evaluated.
-const LOOKED_FOR: usize = 32;
+/// Scenes per dataset whose imported files are looked for before the run.
+const SURVEYED: usize = 32;
 
 impl Plan<'_> {
-    /// Where imported methods have their files, method by method.
+    /// Where the files of each imported method are.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for a folder that holds no scene of any dataset.
+    /// [`EvalError::Settings`] for a folder without any scene of the datasets.
     pub fn surveys(&self) -> Result<Vec<Survey>, EvalError> {
         let indices: Vec<_> = self.datasets.iter().map(|dataset| self.selected(dataset).index).collect();
-        let mut asked: Vec<Asked<'_>> = Vec::new();
+        let mut requested: Vec<RequestedScene<'_>> = Vec::new();
         for index in &indices {
-            for at in spread(index.scenes.len(), LOOKED_FOR) {
+            for at in spread(index.scenes.len(), SURVEYED) {
                 let entry = index.scenes.get_index(at).and_then(|(scene, entries)| Some((scene, entries.first()?)));
-                asked.extend(entry.map(|(scene, entry)| Asked { scene, frames: &entry.target }));
+                requested.extend(entry.map(|(scene, entry)| RequestedScene { scene, frames: &entry.target }));
             }
         }
-        let surveys: Vec<Survey> = self.methods.iter().filter_map(|method| method.survey(&asked)).collect();
+        let surveys: Vec<Survey> = self.methods.iter().filter_map(|method| method.survey(&requested)).collect();
         surveys.iter().try_for_each(Survey::check)?;
         Ok(surveys)
     }
 
-    /// Why `results` hold no comparison that this plan asks for; `None` where they hold one.
+    /// Why `results` hold no scored target of this plan; `None` if they hold one.
     pub fn nothing_evaluated(&self, results: &Results) -> Option<String> {
         let is_own = |row: &&TargetRow| {
             self.datasets.iter().any(|dataset| dataset.name == row.key.preset)
@@ -39,8 +39,8 @@ impl Plan<'_> {
             return None;
         }
         if let Some(first) = own.first() {
-            let why = first.detail.as_deref().unwrap_or("no reason is known");
-            return Some(format!("all of {} targets failed, the first because of this: {why}", own.len()));
+            let why = first.detail.as_deref().unwrap_or("unknown reason");
+            return Some(format!("all of {} targets failed, the first with: {why}", own.len()));
         }
         let reasons: Vec<String> = self.datasets.iter().map(|dataset| self.why_empty(dataset, results)).collect();
         Some(reasons.join("; "))
@@ -53,22 +53,22 @@ impl Plan<'_> {
             return format!("{name}: the index has no entry ({})", dataset.index.told);
         }
         let selected = self.selected(dataset);
-        let there = index.scene_count() - selected.not_there.len();
-        if let Some(first) = selected.not_there.first().filter(|_| there == 0) {
+        let present = index.scene_count() - selected.missing.len();
+        if let Some(first) = selected.missing.first().filter(|_| present == 0) {
             return format!("{name}: none of the index's scenes is in {}: {first}, …", dataset.told);
         }
         if let Some(shard) = self.selection.shard.filter(|_| selected.index.scenes.is_empty()) {
-            return format!("{name}: shard {} of {} of {there} scenes is empty", shard.number, shard.of);
+            return format!("{name}: shard {} of {} of {present} scenes is empty", shard.number, shard.of);
         }
         let mut reasons: BTreeMap<&str, (usize, &str)> = BTreeMap::new();
         for skipped in results.provenance.skipped.iter().filter(|skipped| skipped.preset == *name) {
             reasons.entry(&skipped.reason).or_insert((0, &skipped.detail)).0 += 1;
         }
-        let told: Vec<String> =
+        let reasons: Vec<String> =
             reasons.into_iter().map(|(reason, (count, first))| format!("{count} {reason} ({first})")).collect();
-        if told.is_empty() {
-            return format!("{name}: no entry of {entries} asks for a target");
+        if reasons.is_empty() {
+            return format!("{name}: none of {entries} entries has a target");
         }
-        format!("{name}: every entry was skipped: {}", told.join(", "))
+        format!("{name}: every entry was skipped: {}", reasons.join(", "))
     }
 }

@@ -2,13 +2,13 @@ use atsplat_protocol::DropReason;
 use atsplat_protocol::trial::{SkipReason, Skipped, Trial};
 
 use super::plan::{Dataset, Plan};
-use super::walk::number;
+use super::walk::to_u32;
 use crate::{EvalError, Store, TrialKey};
 
-const RECOMPUTE: &str = "run these methods too, so that they are computed again";
-const RESTORE: &str = "bring the data back";
+const RECOMPUTE: &str = "run these methods too, so that they are recomputed";
+const RESTORE: &str = "restore the data";
 
-/// Results in a store that were made from other data than there is now, and that a run would leave as they are.
+/// Results in a store that were computed from data which has changed since, and which a run would not replace.
 pub(super) struct Outdated<'a> {
     plan: &'a Plan<'a>,
     dataset: &'a Dataset,
@@ -22,8 +22,9 @@ impl<'a> Outdated<'a> {
         Self { plan, dataset, store, count: 0, first: None }
     }
 
-    /// A trial as it is now. What the run's own methods made of other data is computed again; what others made stays.
-    pub(super) fn look_at(&mut self, trial: &Trial, data_hash: &str) {
+    /// Checks the current state of a trial. Outdated results of the run's own methods are recomputed; those of other methods
+    /// are recorded here.
+    pub(super) fn check_trial(&mut self, trial: &Trial, data_hash: &str) {
         let key = self.key(trial.scene(), trial.entry_number());
         for method in self.store.known().outdated(&key, data_hash) {
             if !self.plan.methods.iter().any(|own| own.record().name == method) {
@@ -32,33 +33,33 @@ impl<'a> Outdated<'a> {
         }
     }
 
-    /// An entry that makes no trial any more. Whether poses can be normalised depends on the method: that alone says
-    /// nothing of what others made.
-    pub(super) fn look_at_skipped(&mut self, skipped: &Skipped) {
+    /// Checks an entry that is skipped now. Whether poses can be normalised depends on the method, so that reason alone does
+    /// not make other methods' results outdated.
+    pub(super) fn check_skipped(&mut self, skipped: &Skipped) {
         if matches!(skipped.reason, SkipReason::PoseNormalisation | SkipReason::Dropped(DropReason::Baseline)) {
             return;
         }
         let key = self.key(&skipped.scene, skipped.entry_number);
         for method in self.store.known().methods(&key.preset, &key.scene, key.entry) {
-            let why = format!("it is skipped now, {}: {}", skipped.reason.name(), skipped.detail);
+            let why = format!("its entry is skipped now, {}: {}", skipped.reason.name(), skipped.detail);
             self.note(&key, method, &why, RESTORE);
         }
     }
 
-    /// A scene that the dataset lacks.
-    pub(super) fn look_at_absent(&mut self, scene: &str) {
+    /// Checks a scene that is missing from the dataset.
+    pub(super) fn check_missing_scene(&mut self, scene: &str) {
         let entries = self.dataset.index.index.scenes.get(scene).map_or(0, Vec::len);
         for entry in 0..entries {
             let key = self.key(scene, entry);
             for method in self.store.known().methods(&key.preset, &key.scene, key.entry) {
-                self.note(&key, method, "the scene is not in the data any more", RESTORE);
+                self.note(&key, method, "the scene is no longer in the data", RESTORE);
             }
         }
     }
 
     /// # Errors
-    /// [`EvalError::DataChanged`] where there is any.
-    pub(super) fn refuse(self) -> Result<(), EvalError> {
+    /// [`EvalError::DataChanged`] if any result is outdated.
+    pub(super) fn into_result(self) -> Result<(), EvalError> {
         match self.first {
             None => Ok(()),
             Some((first, advice)) => Err(EvalError::DataChanged { count: self.count, first, advice }),
@@ -67,12 +68,11 @@ impl<'a> Outdated<'a> {
 
     fn key(&self, scene: &str, entry: usize) -> TrialKey {
         let preset = self.dataset.name.clone();
-        TrialKey { preset, method: String::new(), scene: scene.to_owned(), entry: number(entry) }
+        TrialKey { preset, method: String::new(), scene: scene.to_owned(), entry: to_u32(entry) }
     }
 
     fn note(&mut self, key: &TrialKey, method: &str, why: &str, advice: &'static str) {
         self.count += 1;
-        let key = TrialKey { method: method.to_owned(), ..key.clone() };
-        self.first.get_or_insert_with(|| (format!("{key}: {why}"), advice));
+        self.first.get_or_insert_with(|| (format!("{}: {why}", key.of_method(method)), advice));
     }
 }

@@ -1,5 +1,6 @@
 use std::collections::BTreeSet;
 use std::sync::Arc;
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use atsplat_metrics::Suite;
 use atsplat_protocol::Preset;
@@ -10,10 +11,10 @@ use serde::Serialize;
 use super::selection::Selected;
 use super::{KeepPictures, PlannedIndex, Selection, metric_records};
 use crate::method::Method;
-use crate::timing::TimingPlan;
+use crate::timing::{Machine, TimingPlan};
 use crate::{EvalError, PresetRecord, Provenance};
 
-/// A protocol on a dataset.
+/// A dataset with the protocol that it is evaluated under.
 pub struct Dataset {
     /// Name in the rows.
     pub name: String,
@@ -21,14 +22,14 @@ pub struct Dataset {
     pub preset: Preset,
     /// The scenes.
     pub source: Arc<dyn SceneSource>,
-    /// Where they are, in the user's words.
+    /// Where they come from, as the user gave it.
     pub told: String,
-    /// What is asked.
+    /// The evaluation index.
     pub index: PlannedIndex,
 }
 
-/// Everything that a run is about.
-#[derive(Clone, Copy)]
+/// Everything that defines a run.
+#[derive(Clone, Copy, Debug)]
 pub struct Plan<'a> {
     /// Protocols.
     pub datasets: &'a [Dataset],
@@ -38,34 +39,35 @@ pub struct Plan<'a> {
     pub suite: &'a Suite,
     /// Which scenes.
     pub selection: Selection,
-    /// The timing pass after the evaluation; `None` for none.
+    /// The timing pass after the evaluation, if any.
     pub timing: Option<TimingPlan>,
-    /// Which pictures are kept.
+    /// Which pictures are stored.
     pub pictures: KeepPictures,
     /// How far ahead trials are prepared.
     pub prefetch: Prefetch,
 }
 
-/// What became of a run.
+/// Counts of a run's outcomes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Summary {
-    /// Trials that were evaluated now.
+    /// Trials evaluated in this run.
     pub evaluated: u64,
-    /// Trials that were there.
+    /// Trials whose results were already in the store.
     pub resumed: u64,
-    /// Trials, new and old, that are not whole: failed ones and those with failed targets.
+    /// Trials, new and old, that failed or have failed targets.
     pub incomplete: u64,
-    /// Targets, new and old, with samples that are no numbers.
+    /// Targets, new and old, with non-finite samples.
     pub non_finite: u64,
     /// Index entries without a trial.
     pub skipped: u64,
-    /// Scenes that indices name and datasets lack.
+    /// Scenes of the indices that the datasets lack.
+    #[serde(rename = "not-there")]
     pub not_there: u64,
 }
 
 impl Summary {
-    /// Whether every question of every index was answered whole.
+    /// Whether every entry of every index was evaluated without failures.
     pub const fn is_complete(&self) -> bool {
         self.incomplete == 0 && self.non_finite == 0 && self.skipped == 0 && self.not_there == 0
     }
@@ -78,23 +80,23 @@ impl std::fmt::Debug for Dataset {
 }
 
 impl Plan<'_> {
-    /// How many results the run will have, those that are there already and index entries without a trial among them.
+    /// Number of results, including those already in the store and entries without a trial.
     pub fn results(&self) -> u64 {
         let of = |dataset: &Dataset| self.selected(dataset).index.entries().count() as u64;
         self.datasets.iter().map(of).sum::<u64>() * self.methods.len() as u64
     }
 
-    /// How often the run calls its `step`: for each result, and for each method and protocol that is timed.
+    /// How often the run calls `step`: once per result, and once per timed method and protocol.
     pub fn steps(&self) -> u64 {
         let timed = self.timing.map_or(0, |_| self.datasets.len() * self.methods.len());
         self.results() + timed as u64
     }
 
-    /// What a store says of this run; `here` is what it says of the machine.
+    /// The provenance record of this run; `here` is the machine's part of it, see [`here`].
     ///
     /// # Errors
-    /// [`EvalError::Protocol`] for a preset that cannot be written, [`EvalError::Settings`] for methods or presets of one
-    /// name and a shard that is none.
+    /// [`EvalError::Protocol`] for a preset that cannot be serialised, [`EvalError::Settings`] for duplicate names of methods
+    /// or presets and for an invalid shard.
     pub fn provenance(&self, here: Provenance) -> Result<Provenance, EvalError> {
         let methods: Vec<_> = self.methods.iter().map(|method| method.record()).collect();
         unique("methods", methods.iter().map(|method| method.name.as_str()))?;
@@ -103,7 +105,7 @@ impl Plan<'_> {
             let found = format!("{} of {}", shard.number, shard.of);
             return Err(EvalError::Settings {
                 what: "shard",
-                expected: "a number from 1 to how many".to_owned(),
+                expected: "a number from 1 to the number of shards".to_owned(),
                 found,
             });
         }
@@ -144,23 +146,25 @@ fn unique<'a>(what: &'static str, names: impl Iterator<Item = &'a str>) -> Resul
     let mut seen = BTreeSet::new();
     for name in names {
         if !seen.insert(name) {
-            let found = format!("{name} twice: name one of them otherwise");
-            return Err(EvalError::Settings { what, expected: "every name once".to_owned(), found });
+            let found = format!("{name} twice: rename one of them");
+            return Err(EvalError::Settings { what, expected: "unique names".to_owned(), found });
         }
     }
     Ok(())
 }
 
-impl std::fmt::Debug for Plan<'_> {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        let Self { datasets, methods, selection, timing, pictures, prefetch, suite: _ } = self;
-        f.debug_struct("Plan")
-            .field("datasets", datasets)
-            .field("methods", methods)
-            .field("selection", selection)
-            .field("timing", timing)
-            .field("pictures", pictures)
-            .field("prefetch", prefetch)
-            .finish_non_exhaustive()
+/// The part of a provenance record that describes the machine and the moment. `commit` is the build's, `command` the
+/// command line.
+pub fn here(version: &str, commit: Option<&str>, command: Vec<String>) -> Provenance {
+    let Machine { processor, platform, threads, .. } = Machine::current();
+    Provenance {
+        atsplat: version.to_owned(),
+        commit: commit.map(str::to_owned),
+        platform,
+        processor,
+        threads,
+        started: SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs()),
+        command,
+        ..Provenance::default()
     }
 }

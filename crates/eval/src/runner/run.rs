@@ -1,5 +1,5 @@
 use super::outdated::Outdated;
-use super::pictures::Keeping;
+use super::pictures::PictureSink;
 use super::plan::{Plan, Summary};
 use super::selection::Selected;
 use super::walk::{Walk, groups};
@@ -7,45 +7,37 @@ use super::worst::{WorstSoFar, prune};
 use super::{Findings, KeepPictures};
 use crate::{EvalError, Results, Store, TargetStatus, TrialStatus, timing};
 
-/// Runs a plan into a store, which was made or resumed with [`Plan::provenance`], and finishes it. Trials that are there
-/// and asked the same question are not asked again. Where the plan wants times, a timing pass follows. `step` is called
-/// [`Plan::steps`] times, from any thread. While other plans of this process are evaluated, the pass waits, and they for it.
+/// Runs a plan into a store that was created or resumed with [`Plan::provenance`], and finishes the store. Up-to-date
+/// results are not recomputed. If the plan has a timing pass, it follows the evaluation. `step` is called [`Plan::steps`]
+/// times, from any thread. A timing pass and evaluations of other plans in this process wait for each other.
 ///
 /// # Errors
-/// [`EvalError::Io`] where the store cannot be written; what was evaluated before is kept. [`EvalError::Settings`] for a timing
-/// pass that is asked for on a rayon thread while something else is evaluated.
+/// [`EvalError::Io`] if the store cannot be written; results so far are kept. [`EvalError::Settings`] for a timing pass on a
+/// rayon thread while something else is evaluated.
 pub fn run(plan: &Plan<'_>, mut store: Store, step: &(dyn Fn() + Sync)) -> Result<(Results, Summary), EvalError> {
     let mut findings = Findings::default();
     let mut summary = Summary::default();
     let worst = WorstSoFar::default();
     let folder = store.folder().to_owned();
-    let keeping = match plan.pictures {
-        KeepPictures::Nothing => Keeping::Nothing,
-        KeepPictures::Worst => Keeping::Worst(&folder, &worst),
-        KeepPictures::All => Keeping::All(&folder),
-    };
+    let pictures = PictureSink { keep: plan.pictures, store: &folder, worst: &worst };
     let evaluating = timing::evaluating();
     for dataset in plan.datasets {
-        let Selected { index, not_there } = plan.selected(dataset);
-        summary.not_there += not_there.len() as u64;
-        if let Some(first) = not_there.first() {
-            findings.add(
-                &dataset.name,
-                "scenes of the index that are not in the data",
-                not_there.len() as u64,
-                first.clone(),
-            );
+        let Selected { index, missing } = plan.selected(dataset);
+        summary.not_there += missing.len() as u64;
+        if let Some(first) = missing.first() {
+            const KIND: &str = "scenes of the index that are not in the data";
+            findings.add(&dataset.name, KIND, missing.len() as u64, first.clone());
         }
         let mut outdated = Outdated::of(plan, dataset, &store);
-        for scene in &not_there {
-            outdated.look_at_absent(scene);
+        for scene in &missing {
+            outdated.check_missing_scene(scene);
         }
-        outdated.refuse()?;
+        outdated.into_result()?;
         for misfit in dataset.preset.misfits(&index, &dataset.index.sha256) {
             findings.add(&dataset.name, &misfit.kind, misfit.count, misfit.example);
         }
         for methods in groups(&dataset.preset, plan.methods) {
-            let walk = Walk { plan, dataset, methods, store: &store, keeping, step };
+            let walk = Walk { plan, dataset, methods, store: &store, pictures, step };
             walk.run(&index, &mut findings, &mut summary)?;
         }
     }

@@ -1,19 +1,17 @@
-//! A target's row.
+//! A target's row: scores and hashes.
 
+use atsplat_files::Sha256Digest;
 use atsplat_metrics::{NotComputed, Score, Suite};
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_protocol::trial::{TargetView, Trial};
-use sha2::{Digest, Sha256};
 
 use crate::{IDENTICAL, TargetRow, TargetStatus, TrialKey};
-use atsplat_files::hexadecimal;
 
-/// The row of a target of which nothing is known yet.
-#[expect(clippy::expect_used, reason = "no index file holds so many targets")]
-pub(super) fn blank(key: &TrialKey, trial: &Trial, target: &TargetView, position: usize) -> TargetRow {
+/// The row of a target before it is rendered.
+pub(super) fn unscored_row(key: &TrialKey, trial: &Trial, target: &TargetView, position: usize) -> TargetRow {
     TargetRow {
         key: key.clone(),
-        target: u32::try_from(position).expect("a trial has fewer than 2³² targets"),
+        target: super::walk::to_u32(position),
         frame: target.frame as u64,
         signed_distance: target.label.signed_distance,
         leaked: target.label.leaked,
@@ -25,12 +23,12 @@ pub(super) fn blank(key: &TrialKey, trial: &Trial, target: &TargetView, position
         status: TargetStatus::Failed,
         detail: None,
         non_finite: 0,
-        scores: std::collections::BTreeMap::new(),
-        not_computed: std::collections::BTreeMap::new(),
+        scores: [].into(),
+        not_computed: [].into(),
     }
 }
 
-/// Fills a row with what comparing says.
+/// Compares a render with the ground truth and fills in the row.
 pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth: &ImageU8) {
     row.render_hash = Some(hash_of(render));
     let [expected, found] =
@@ -57,7 +55,7 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
             }
             Score::Value(value) => format!("the score is {value}"),
             Score::Identical => IDENTICAL.to_owned(),
-            // Where they were looked for is in the provenance, once.
+            // The searched folders are in the provenance.
             Score::NotComputed(NotComputed::WeightsAbsent(_)) => "weights absent".to_owned(),
             Score::NotComputed(_) if row.status == TargetStatus::NonFinite => "samples that are no numbers".to_owned(),
             Score::NotComputed(reason) => reason.to_string(),
@@ -66,15 +64,15 @@ pub(super) fn compare(row: &mut TargetRow, suite: &Suite, render: &Image, truth:
     }
 }
 
-/// SHA-256 of samples as little-endian f32.
+/// SHA-256 of the samples as little-endian f32.
 fn hash_of(render: &Image) -> String {
     let bytes: Vec<u8> = render.samples().iter().flat_map(|sample| sample.to_le_bytes()).collect();
-    hexadecimal(&Sha256::digest(&bytes))
+    Sha256Digest::of(&bytes).to_string()
 }
 
-/// SHA-256 of samples.
+/// SHA-256 of the samples.
 pub(super) fn hash_of_bytes(truth: &ImageU8) -> String {
-    hexadecimal(&Sha256::digest(truth.samples()))
+    Sha256Digest::of(truth.samples()).to_string()
 }
 
 #[cfg(test)]
@@ -84,28 +82,6 @@ mod tests {
 
     use super::super::named_metrics;
     use super::*;
-    use crate::TrialKey;
-
-    fn row() -> TargetRow {
-        let key = TrialKey { preset: String::new(), method: String::new(), scene: String::new(), entry: 0 };
-        TargetRow {
-            key,
-            target: 0,
-            frame: 0,
-            signed_distance: 0,
-            leaked: false,
-            overlap: None,
-            width: 64,
-            height: 64,
-            truth_hash: None,
-            render_hash: None,
-            status: TargetStatus::Failed,
-            detail: None,
-            non_finite: 0,
-            scores: std::collections::BTreeMap::new(),
-            not_computed: std::collections::BTreeMap::new(),
-        }
-    }
 
     fn scored(change: impl Fn(usize, f32) -> f32) -> TargetRow {
         let ids = ["psnr", "ssim", "psnr-8bit-rounded", "lpips"];
@@ -114,14 +90,16 @@ mod tests {
         let truth = ImageU8::new(64, 64, samples).unwrap();
         let changed = Image::from_u8(&truth).into_samples();
         let changed = changed.into_iter().enumerate().map(|(at, sample)| change(at, sample)).collect();
-        let mut row = row();
+        let (width, height, status) = (64, 64, TargetStatus::Failed);
+        let sample = crate::sample_rows::target("m", "a", 0, 0, "psnr", 0.0);
+        let mut row = TargetRow { width, height, status, scores: [].into(), ..sample };
         compare(&mut row, &suite, &Image::new(64, 64, changed).unwrap(), &truth);
         row.check().unwrap();
         row
     }
 
     #[test]
-    fn the_truth_itself_is_identical_and_infinity_is_no_score() {
+    fn an_identical_render_has_no_infinite_score() {
         let row = scored(|_, sample| sample);
         assert_eq!(row.status, TargetStatus::Identical);
         assert_eq!(row.not_computed["psnr"], IDENTICAL);
@@ -130,7 +108,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_identical_only_when_rounded_is_scored() {
+    fn a_render_that_is_identical_only_after_rounding_is_scored() {
         let row = scored(|_, sample| sample + 1e-4);
         assert_eq!(row.status, TargetStatus::Scored);
         assert_eq!(row.not_computed["psnr-8bit-rounded"], IDENTICAL);
@@ -138,7 +116,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_are_counted_and_nothing_is_scored() {
+    fn non_finite_samples_are_counted_and_not_scored() {
         for value in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             let row = scored(|at, sample| if at % 1000 == 7 { value } else { sample });
             assert_eq!((row.status, row.non_finite), (TargetStatus::NonFinite, 13));

@@ -9,38 +9,38 @@ use crate::Shard;
 pub struct Selection {
     /// At most this many scenes, spread over the index ([`spread`]).
     pub limit: Option<u64>,
-    /// Every n-th of them.
+    /// Which part of them, if the run is divided.
     pub shard: Option<Shard>,
 }
 
-/// What an index asks of a dataset.
+/// The part of an index that a run evaluates on a dataset.
 #[derive(Clone, Debug, PartialEq)]
 pub(crate) struct Selected {
     /// Scenes to run, in the index's order.
     pub(crate) index: EvaluationIndex,
     /// Scenes with entries that the dataset lacks.
-    pub(super) not_there: Vec<String>,
+    pub(super) missing: Vec<String>,
 }
 
 impl Selection {
-    /// Scenes that have entries and are in the dataset; of them as many as are wanted; of these, every n-th. Whole
-    /// scenes: what is asked of one scene stays in one shard.
+    /// Scenes with entries that are in the dataset, limited to the requested number, of which a shard takes every n-th.
+    /// All entries of a scene stay in one shard.
     pub(super) fn of(self, index: &EvaluationIndex, keys: &[String]) -> Selected {
         let known: HashSet<&str> = keys.iter().map(String::as_str).collect();
-        let asked = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
-        let (there, not_there): (Vec<_>, Vec<_>) = asked.partition(|(key, _)| known.contains(key.as_str()));
-        let limit = self.limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(there.len());
-        let positions = spread(there.len(), limit);
+        let with_entries = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
+        let (present, missing): (Vec<_>, Vec<_>) = with_entries.partition(|(key, _)| known.contains(key.as_str()));
+        let limit = self.limit.and_then(|limit| usize::try_from(limit).ok()).unwrap_or(present.len());
+        let positions = spread(present.len(), limit);
         let Shard { number, of } = self.shard.unwrap_or(Shard { number: 1, of: 1 });
-        let mine = positions.into_iter().skip(number.saturating_sub(1) as usize).step_by(of.max(1) as usize);
-        let scenes = mine.filter_map(|at| there.get(at)).map(|(key, entries)| ((*key).clone(), (*entries).clone()));
+        let selected = positions.into_iter().skip(number.saturating_sub(1) as usize).step_by(of.max(1) as usize);
+        let scenes =
+            selected.filter_map(|at| present.get(at)).map(|(key, entries)| ((*key).clone(), (*entries).clone()));
         let index = EvaluationIndex { scenes: scenes.collect() };
-        Selected { index, not_there: not_there.into_iter().map(|(key, _)| key.clone()).collect() }
+        Selected { index, missing: missing.into_iter().map(|(key, _)| key.clone()).collect() }
     }
 }
 
-/// `count` of `all` positions, as evenly as they go, the first among them: `⌊k · all / count⌋`. All where there are no
-/// more.
+/// `count` of `all` positions, evenly spread and including the first: `⌊k · all / count⌋`; all of them if `count ≥ all`.
 pub fn spread(all: usize, count: usize) -> Vec<usize> {
     if count >= all {
         return (0..all).collect();
@@ -71,12 +71,12 @@ mod tests {
     }
 
     #[test]
-    fn shards_share_out_the_limited_index() {
+    fn shards_partition_the_limited_index() {
         let index = index(11);
         let keys: Vec<String> = index.scenes.keys().filter(|key| *key != "s3").cloned().collect();
         let selected = |shard| Selection { limit: Some(7), shard }.of(&index, &keys);
         let whole = selected(None);
-        assert_eq!((whole.index.scenes.len(), whole.not_there.as_slice()), (7, &["s3".to_owned()][..]));
+        assert_eq!((whole.index.scenes.len(), whole.missing.as_slice()), (7, &["s3".to_owned()][..]));
         let parts = (1..=3).map(|number| selected(Some(Shard { number, of: 3 })).index);
         let mut together: Vec<String> = parts.flat_map(|part| part.scenes.into_keys()).collect();
         together.sort();

@@ -8,21 +8,21 @@ use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::Findings;
-use super::evaluate::{Decoded, Evaluation};
+use super::evaluate::{DecodedTrial, Evaluation};
 use super::outdated::Outdated;
-use super::pictures::Keeping;
+use super::pictures::PictureSink;
 use super::plan::{Dataset, Plan, Summary};
 use crate::method::Method;
 use crate::{EvalError, Store, TrialKey};
 
-/// Methods that take the same pose normalisation and planes, and so the same trials.
+/// Groups methods with the same pose normalisation and near/far planes, which share their trials.
 pub(crate) fn groups(preset: &Preset, methods: &[Arc<dyn Method>]) -> Vec<Vec<Arc<dyn Method>>> {
     let mut groups: Vec<Vec<Arc<dyn Method>>> = Vec::new();
     for method in methods {
-        let alike = |group: &&mut Vec<Arc<dyn Method>>| {
+        let same_setting = |group: &&mut Vec<Arc<dyn Method>>| {
             group.first().is_some_and(|first| preset.setting_of(first.setting()) == preset.setting_of(method.setting()))
         };
-        match groups.iter_mut().find(alike) {
+        match groups.iter_mut().find(same_setting) {
             Some(group) => group.push(Arc::clone(method)),
             None => groups.push(vec![Arc::clone(method)]),
         }
@@ -39,17 +39,17 @@ pub(crate) fn key_of(dataset: &Dataset, method: &dyn Method, scene: &str, entry:
         preset: dataset.name.clone(),
         method: method.record().name,
         scene: scene.to_owned(),
-        entry: number(entry),
+        entry: to_u32(entry),
     }
 }
 
-/// How many entries or targets a scene has, as rows have it.
-#[expect(clippy::expect_used, reason = "no index file holds so many")]
-pub(super) fn number(count: usize) -> u32 {
+/// A number of entries or targets as stored in rows.
+#[expect(clippy::expect_used, reason = "index files are far smaller than 2³² entries")]
+pub(super) fn to_u32(count: usize) -> u32 {
     u32::try_from(count).expect("a scene has fewer than 2³² entries and targets")
 }
 
-/// SHA-256 over the files that a method brings for a trial; `None` where it brings none.
+/// SHA-256 over an imported method's files for a trial; `None` for methods without files.
 fn input_hash(method: &dyn Method, trial: &Trial, digests: &PictureDigests) -> Option<String> {
     let files = method.files(trial);
     let mut text = String::new();
@@ -60,23 +60,23 @@ fn input_hash(method: &dyn Method, trial: &Trial, digests: &PictureDigests) -> O
     (!files.is_empty()).then(|| Sha256Digest::of(text.as_bytes()).to_string())
 }
 
-/// A scene that the store has results of, as it is now.
+/// Current state of a scene that the store already has results of.
 #[derive(Default)]
-struct Looked {
+struct SceneState {
     warnings: Warnings,
     trials: u64,
     skipped: u64,
-    /// Whether a method has yet to answer one of its trials: then the scene is gone through again, with its pictures.
-    is_missing: bool,
+    /// Whether some method still has to evaluate one of its trials: then the scene is walked again with pictures.
+    is_incomplete: bool,
 }
 
-/// One walk over a dataset.
+/// Evaluates a group of methods on a dataset.
 pub(super) struct Walk<'a> {
     pub(super) plan: &'a Plan<'a>,
     pub(super) dataset: &'a Dataset,
     pub(super) methods: Vec<Arc<dyn Method>>,
     pub(super) store: &'a Store,
-    pub(super) keeping: Keeping<'a>,
+    pub(super) pictures: PictureSink<'a>,
     pub(super) step: &'a (dyn Fn() + Sync),
 }
 
@@ -87,43 +87,43 @@ impl Walk<'_> {
         findings: &mut Findings,
         summary: &mut Summary,
     ) -> Result<(), EvalError> {
-        let (known, mut rest) = self.parted(index);
-        // Scenes that are there are looked at without decoding: whether they still ask the same of the same data.
+        let (known, mut rest) = self.split_known(index);
+        // Scenes with results are checked without decoding: whether their trials and data are unchanged.
         let ahead = Prefetch { decode: DecodeAhead::Nothing, ..self.plan.prefetch };
         let mut trials = self.trials(&known, ahead);
-        let mut scenes: IndexMap<String, Looked> = IndexMap::new();
+        let mut scenes: IndexMap<String, SceneState> = IndexMap::new();
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
         while let Some(outcome) = trials.next() {
             let scene = outcome.as_ref().map_or_else(|skipped| skipped.scene.as_str(), |(trial, _)| trial.scene());
-            let looked = scenes.entry(scene.to_owned()).or_default();
-            looked.warnings.merge(trials.take_warnings());
+            let state = scenes.entry(scene.to_owned()).or_default();
+            state.warnings.merge(trials.take_warnings());
             match outcome {
                 Ok((trial, targets)) => {
                     let data = trial.data_hash(&targets, self.store.digests()).to_string();
-                    outdated.look_at(&trial, &data);
-                    looked.trials += 1;
-                    looked.is_missing |= !self.missing(&trial, &data).is_empty();
+                    outdated.check_trial(&trial, &data);
+                    state.trials += 1;
+                    state.is_incomplete |= !self.missing(&trial, &data).is_empty();
                 }
                 Err(skipped) => {
-                    outdated.look_at_skipped(&skipped);
-                    looked.skipped += 1;
+                    outdated.check_skipped(&skipped);
+                    state.skipped += 1;
                 }
             }
         }
         self.store.digests().keep()?;
-        outdated.refuse()?;
+        outdated.into_result()?;
         findings.add_skipped(&self.dataset.name, trials.report());
-        for looked in scenes.values().filter(|looked| !looked.is_missing) {
-            findings.add_warnings(&self.dataset.name, &looked.warnings);
+        for state in scenes.values().filter(|state| !state.is_incomplete) {
+            findings.add_warnings(&self.dataset.name, &state.warnings);
             let methods = self.methods.len() as u64;
-            summary.resumed += looked.trials * methods;
-            (0..(looked.trials + looked.skipped) * methods).for_each(|_| (self.step)());
+            summary.resumed += state.trials * methods;
+            (0..(state.trials + state.skipped) * methods).for_each(|_| (self.step)());
         }
-        let is_missing = |scene: &str| scenes.get(scene).is_some_and(|looked| looked.is_missing);
-        rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_missing(scene)));
+        let is_incomplete = |scene: &str| scenes.get(scene).is_some_and(|state| state.is_incomplete);
+        rest.scenes.extend(known.scenes.into_iter().filter(|(scene, _)| is_incomplete(scene)));
         let mut trials = self.trials(&rest, self.plan.prefetch);
         loop {
-            let batch: Vec<_> = trials.by_ref().take(self.together()).collect();
+            let batch: Vec<_> = trials.by_ref().take(self.batch_size()).collect();
             if batch.is_empty() {
                 break;
             }
@@ -134,10 +134,10 @@ impl Walk<'_> {
                     Err(_skipped) => self.methods.iter().for_each(|_| (self.step)()),
                 }
             }
-            let evaluated: Vec<(u64, u64)> = if work.len() > 1 {
-                work.into_par_iter().map(|(trial, targets)| self.evaluate(trial, &targets)).collect::<Result<_, _>>()?
-            } else {
-                work.into_iter().map(|(trial, targets)| self.evaluate(trial, &targets)).collect::<Result<_, _>>()?
+            let evaluate = |(trial, targets): (Trial, TargetPictures)| self.evaluate(trial, &targets);
+            let evaluated: Vec<(u64, u64)> = match work.len() {
+                0 | 1 => work.into_iter().map(evaluate).collect::<Result<_, _>>()?,
+                _ => work.into_par_iter().map(evaluate).collect::<Result<_, _>>()?,
             };
             for (evaluated, resumed) in evaluated {
                 summary.evaluated += evaluated;
@@ -149,11 +149,11 @@ impl Walk<'_> {
         Ok(())
     }
 
-    /// Scenes that the store has results of, by whichever method, and the others.
-    fn parted(&self, index: &EvaluationIndex) -> (EvaluationIndex, EvaluationIndex) {
+    /// Splits the index into scenes that the store has results of, by any method, and the rest.
+    fn split_known(&self, index: &EvaluationIndex) -> (EvaluationIndex, EvaluationIndex) {
         let is_known = |scene: &str, entries: usize| {
             let name = &self.dataset.name;
-            (0..entries).any(|entry| self.store.known().methods(name, scene, number(entry)).next().is_some())
+            (0..entries).any(|entry| self.store.known().methods(name, scene, to_u32(entry)).next().is_some())
         };
         let (mut known, mut rest) = (EvaluationIndex::default(), EvaluationIndex::default());
         for (scene, entries) in &index.scenes {
@@ -167,34 +167,34 @@ impl Walk<'_> {
         Trials::new(Arc::clone(&self.dataset.source), index, recipe(self.dataset, &self.methods), prefetch)
     }
 
-    /// Methods that have not answered this very question about these data with these files, and what their files are.
+    /// Methods without an up-to-date result for this trial, data and input files, each with the hash of its input files.
     fn missing(&self, trial: &Trial, data_hash: &str) -> Vec<(&Arc<dyn Method>, Option<String>)> {
         let hash = trial.hash().to_string();
-        let missing = |method: &'_ Arc<dyn Method>| {
+        let missing = |method: &Arc<dyn Method>| {
             let key = key_of(self.dataset, method.as_ref(), trial.scene(), trial.entry_number());
             let input_hash = input_hash(method.as_ref(), trial, self.store.digests());
-            let answered = self.store.known().answered(&key, &hash, data_hash, input_hash.as_deref());
-            (!answered).then_some(input_hash)
+            let is_known = self.store.known().contains(&key, &hash, data_hash, input_hash.as_deref());
+            (!is_known).then_some(input_hash)
         };
         self.methods.iter().filter_map(|method| Some((method, missing(method)?))).collect()
     }
 
-    /// Trials that are worked on at once. Networks take too much memory for several.
-    fn together(&self) -> usize {
-        let one = self.methods.iter().any(|method| method.is_heavy());
-        if one { 1 } else { 2 * rayon::current_num_threads() }
+    /// Trials that are evaluated concurrently. Networks need too much memory for more than one.
+    fn batch_size(&self) -> usize {
+        let is_heavy = self.methods.iter().any(|method| method.is_heavy());
+        if is_heavy { 1 } else { 2 * rayon::current_num_threads() }
     }
 
-    /// Evaluates a trial under each method that has not answered it; how many did, and how many had.
+    /// Evaluates a trial under each method without a result; returns how many were evaluated and how many had one.
     fn evaluate(&self, trial: Trial, targets: &TargetPictures) -> Result<(u64, u64), EvalError> {
-        let decoded = Decoded::new(trial, targets, self.store.digests());
+        let decoded = DecodedTrial::new(trial, targets, self.store.digests());
         self.store.digests().keep()?;
-        // The data may have changed since they were looked at.
+        // The data may have changed since the first check.
         let mut outdated = Outdated::of(self.plan, self.dataset, self.store);
-        outdated.look_at(&decoded.trial, &decoded.data_hash);
-        outdated.refuse()?;
+        outdated.check_trial(&decoded.trial, &decoded.data_hash);
+        outdated.into_result()?;
         let missing = self.missing(&decoded.trial, &decoded.data_hash);
-        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, pictures: self.keeping };
+        let evaluation = Evaluation { preset: &self.dataset.preset, suite: self.plan.suite, pictures: self.pictures };
         let before = (self.methods.len() - missing.len()) as u64;
         (0..before).for_each(|_| (self.step)());
         let evaluated = missing.len() as u64;

@@ -6,33 +6,33 @@ use std::sync::{Mutex, PoisonError};
 use super::pictures::{self, CONTEXT, TRUTH};
 use crate::{EvalError, Results, TargetRow, TrialKey};
 
-/// Trials that are kept with pictures where only the worst are.
+/// Number of trials whose pictures are kept with [`super::KeepPictures::Worst`].
 const WORST: usize = 10;
 
-/// The lowest mean PSNRs of each method under each preset, as far as a run has come.
+/// The lowest mean PSNRs of each method under each preset so far.
 ///
-/// A trial that is among the worst in the end was among the worst when it came, so that its pictures were kept; those of
-/// others are [pruned](prune).
+/// A trial that is among the worst at the end was among the worst when it was evaluated, so its pictures were stored; the
+/// others' pictures are removed by [`prune`].
 #[derive(Debug, Default)]
 pub(super) struct WorstSoFar(Mutex<BTreeMap<(String, String), Vec<f64>>>);
 
 impl WorstSoFar {
-    /// Whether a trial is among the worst now.
+    /// Whether a trial is among the worst so far; if so, it is recorded.
     pub(super) fn admits(&self, key: &TrialKey, rows: &[TargetRow]) -> bool {
         let Some(mean) = mean_psnr(rows) else { return false };
         let mut all = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let lowest = all.entry((key.preset.clone(), key.method.clone())).or_default();
-        let place = lowest.partition_point(|known| known.total_cmp(&mean).is_lt());
-        if place >= WORST {
+        let position = lowest.partition_point(|known| known.total_cmp(&mean).is_lt());
+        if position >= WORST {
             return false;
         }
-        lowest.insert(place, mean);
+        lowest.insert(position, mean);
         lowest.truncate(WORST);
         true
     }
 }
 
-/// Removes the pictures of trials that others turned out worse than.
+/// Removes pictures of trials that are not among the worst at the end of a run.
 pub(super) fn prune(store: &Path, preset: &str, results: &Results) -> Result<(), EvalError> {
     let methods: BTreeSet<&str> = results
         .trials
@@ -44,7 +44,7 @@ pub(super) fn prune(store: &Path, preset: &str, results: &Results) -> Result<(),
     let mut common = BTreeSet::new();
     for method in methods {
         let worst = worst(results, preset, method);
-        common.extend(worst.iter().flat_map(|key| [TRUTH, CONTEXT].map(|name| folder(&pictures::common(key, name)))));
+        common.extend(worst.iter().flat_map(|key| [TRUTH, CONTEXT].map(|name| folder(&key.of_method(name)))));
         retain(&pictures::folder_of_method(store, preset, method), &worst.iter().map(folder).collect())?;
     }
     for name in [TRUTH, CONTEXT] {
@@ -73,7 +73,7 @@ fn worst(results: &Results, preset: &str, method: &str) -> Vec<TrialKey> {
     means.into_iter().take(WORST).map(|(_, key)| key.clone()).collect()
 }
 
-/// Whichever PSNR the protocol means, over the targets that have one.
+/// Mean of the protocol's PSNR variant over the targets that have one.
 fn mean_psnr(rows: &[TargetRow]) -> Option<f64> {
     let score = |row: &TargetRow| row.scores.iter().find(|(id, _)| id.starts_with("psnr")).map(|(_, score)| *score);
     let scores: Vec<f64> = rows.iter().filter_map(score).collect();

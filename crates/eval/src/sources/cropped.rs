@@ -5,9 +5,9 @@ use atsplat_protocol::Preset;
 use atsplat_scene::preprocess::{Plan, Preprocessing};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
 
-/// A dataset whose pictures went through a preset's preprocessing before. Copies of RE10K are passed on like that, as
-/// 256×256 crops: beside the official rows, whose cameras are those of the whole pictures and are cropped here, or with
-/// cameras that were cropped too, which stay as they are.
+/// A dataset whose pictures have already been through a preset's preprocessing. Copies of RE10K are distributed as 256×256
+/// crops, either with the official cameras of the whole pictures, which are cropped here, or with cameras that are already
+/// cropped, which are left unchanged.
 #[derive(Clone)]
 pub struct AlreadyCropped {
     inner: Arc<dyn SceneSource>,
@@ -15,8 +15,8 @@ pub struct AlreadyCropped {
 }
 
 impl AlreadyCropped {
-    /// The dataset with cameras that fit its pictures, and the preset that takes its pictures as they are. `None` where pictures
-    /// are of the expected size, or of neither: one frame of the first scene with a picture is looked at.
+    /// The dataset with cameras that match its pictures, and the preset without its preprocessing. `None` if the pictures have
+    /// the expected size, or neither size; one frame of the first scene with a picture decides.
     pub fn of(source: &Arc<dyn SceneSource>, preset: &Preset) -> Option<(Self, Preset)> {
         let expected = preset.preprocessing.expected_size?;
         let plan = preset.preprocessing.plan(expected).ok()?;
@@ -54,7 +54,7 @@ impl SceneSource for AlreadyCropped {
                     .plan
                     .camera(&frame.camera)
                     .map_err(|error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) })?;
-                // What was stated is of the whole picture; whether the crop fits is asked of its pixels' shape.
+                // The stated size is that of the whole picture; the crop is checked by its pixels' shape.
                 frame.stated_size = None;
             }
         }
@@ -77,10 +77,10 @@ mod tests {
 
     use super::*;
 
-    /// One frame of this size, and its focal lengths.
-    struct One(Vec<String>, ImageSize, [f64; 2]);
+    /// A scene of one frame of this size and with these focal lengths.
+    struct OneFrame(Vec<String>, ImageSize, [f64; 2]);
 
-    impl SceneSource for One {
+    impl SceneSource for OneFrame {
         fn keys(&self) -> &[String] {
             &self.0
         }
@@ -102,14 +102,14 @@ mod tests {
     }
 
     fn source(width: u32, height: u32) -> Arc<dyn SceneSource> {
-        Arc::new(One(vec!["a".to_owned()], ImageSize { width, height }, [0.5, 0.9]))
+        Arc::new(OneFrame(vec!["a".to_owned()], ImageSize { width, height }, [0.5, 0.9]))
     }
 
     #[test]
-    fn cameras_that_were_cropped_with_their_pictures_stay() {
+    fn cropped_cameras_are_unchanged() {
         let preset = Preset::named("re10k-2v-256").unwrap();
         let size = ImageSize { width: 256, height: 256 };
-        let squares: Arc<dyn SceneSource> = Arc::new(One(vec!["a".to_owned()], size, [0.88, 0.88]));
+        let squares: Arc<dyn SceneSource> = Arc::new(OneFrame(vec!["a".to_owned()], size, [0.88, 0.88]));
         let (cropped, adapted) = AlreadyCropped::of(&squares, &preset).unwrap();
         let k = cropped.load("a", &mut Warnings::new()).unwrap().frames[0].camera.intrinsics;
         Tolerance::EXACT.assert([k.fx, k.fy], [0.88, 0.88], "not cropped a second time");
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn crops_keep_their_pictures_and_get_their_cameras() {
+    fn cameras_of_whole_pictures_are_cropped() {
         let preset = Preset::named("re10k-2v-256").unwrap();
         let (cropped, adapted) = AlreadyCropped::of(&source(256, 256), &preset).unwrap();
         let scene = cropped.load("a", &mut Warnings::new()).unwrap();
@@ -128,7 +128,7 @@ mod tests {
     }
 
     #[test]
-    fn other_pictures_are_left_alone() {
+    fn pictures_of_other_sizes_are_ignored() {
         let preset = Preset::named("re10k-2v-256").unwrap();
         assert!(AlreadyCropped::of(&source(640, 360), &preset).is_none());
         assert!(AlreadyCropped::of(&source(128, 128), &preset).is_none());

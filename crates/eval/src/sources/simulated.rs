@@ -5,11 +5,11 @@ use atsplat_rooms::{Request, SceneKind, SceneSeed, SimulatedScenes, Split};
 
 use crate::EvalError;
 
-/// The simulated scenes that an index names, with the pictures that it asks for, at the size that the preset expects.
-/// `None` for a preset whose dataset is not simulated.
+/// The simulated scenes of an index with the pictures that it uses, at the size that the preset expects. `None` if the
+/// preset's dataset is not simulated.
 ///
 /// # Errors
-/// [`EvalError::Settings`] for a scene that no seed makes, and for a preset without a picture size.
+/// [`EvalError::Settings`] for a scene key without a seed, and for a preset without a picture size.
 pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<SimulatedScenes>, EvalError> {
     let kind = match preset.dataset.as_str() {
         "rooms" => SceneKind::Rooms,
@@ -19,17 +19,17 @@ pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<Simu
     let size = preset.preprocessing.expected_size.ok_or_else(|| EvalError::Settings {
         what: "preset of simulated scenes",
         expected: "preprocessing.expected-size, the size to simulate".to_owned(),
-        found: format!("{} without one", preset.name),
+        found: format!("none in {}", preset.name),
     })?;
-    let mut wanted: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
+    let mut frames_of: BTreeMap<&str, Vec<usize>> = BTreeMap::new();
     for (key, _, entry) in index.entries() {
-        wanted.entry(key).or_default().extend(entry.context.iter().chain(&entry.target));
+        frames_of.entry(key).or_default().extend(entry.context.iter().chain(&entry.target));
     }
     let mut scenes = SimulatedScenes::new();
-    for (key, frames) in wanted {
+    for (key, frames) in frames_of {
         let seed = seed(kind, key).ok_or_else(|| EvalError::Settings {
             what: "scene of a simulated dataset",
-            expected: format!("a key as {}", SceneSeed { split: Split::Test, number: 0 }.key(kind)),
+            expected: format!("a key such as {}", SceneSeed { split: Split::Test, number: 0 }.key(kind)),
             found: format!("{key:?}"),
         })?;
         scenes.add_frames(Request { size, ..Request::new(kind, seed) }, frames);
@@ -37,7 +37,7 @@ pub fn simulated(preset: &Preset, index: &EvaluationIndex) -> Result<Option<Simu
     Ok(Some(scenes))
 }
 
-/// The seed whose key this is.
+/// The seed of a scene key.
 fn seed(kind: SceneKind, key: &str) -> Option<SceneSeed> {
     let number = key.rsplit('-').next()?.parse().ok()?;
     [Split::Train, Split::Test].map(|split| SceneSeed { split, number }).into_iter().find(|seed| seed.key(kind) == key)
@@ -65,7 +65,7 @@ mod tests {
     }
 
     #[test]
-    fn frames_of_the_index_have_pictures_and_others_have_none() {
+    fn only_frames_of_the_index_have_pictures() {
         let preset = Preset::named("rooms-2v-128").unwrap();
         let mut index = IndexFile::carried("rooms-2v").unwrap().unwrap().index;
         index.scenes.truncate(1);
@@ -74,13 +74,13 @@ mod tests {
         let scene = source.load(&key, &mut Warnings::new()).unwrap();
         let entry = &index.scenes[&key][0];
         for (at, frame) in scene.frames.iter().enumerate() {
-            let asked = entry.context.contains(&at) || entry.target.contains(&at);
-            assert_eq!(matches!(frame.picture, atsplat_scene::Picture::Made(_)), asked, "frame {at}");
+            let is_used = entry.context.contains(&at) || entry.target.contains(&at);
+            assert_eq!(matches!(frame.picture, atsplat_scene::Picture::Made(_)), is_used, "frame {at}");
         }
     }
 
     #[test]
-    fn keys_that_no_seed_makes_are_refused() {
+    fn rejects_keys_without_a_seed() {
         let preset = Preset::named("rooms-2v-128").unwrap();
         for key in ["yards-test-00000001", "rooms-test-1", "rooms-test-", "rooms", ""] {
             let mut index = EvaluationIndex::default();

@@ -1,18 +1,17 @@
-use atsplat_numeric::SplitMix64;
-use atsplat_numeric::quantile;
+use atsplat_numeric::{SplitMix64, quantile};
 use rayon::prelude::*;
 
-use super::student::{normal_tail, student_quantile};
+use super::significance::{normal_tail, student_quantile};
 
-/// How often an interval should hold the truth.
+/// Nominal coverage of the intervals.
 pub const CONFIDENCE: f64 = 0.95;
 
-/// Where the resampling starts; the same for every number, so that equal rows give equal intervals.
+/// Seed of the resampling, fixed so that equal rows give equal intervals.
 const SEED: u64 = 0x6174_7370_6c61_7421;
-/// Resamples where there are few scenes, and at the least.
+/// Number of resamples for few scenes, and the minimum.
 const MOST: usize = 10_000;
 const LEAST: usize = 2_000;
-/// Draws that an interval may take before it makes do with fewer resamples.
+/// Maximum number of draws per interval; more scenes reduce the number of resamples.
 const DRAWS: usize = 10_000_000;
 
 /// The 95 % interval of `Σ sum / Σ weight` over clusters given as `[sum, weight]`: the expanded percentile interval of a
@@ -20,17 +19,17 @@ const DRAWS: usize = 10_000_000;
 /// Statistician 69, 2015, section 4.1).
 ///
 /// A plain percentile interval of `n` clusters is too short by `√((n − 1) / n)` and by the difference between Student's and
-/// the normal distribution; taking percentiles further out, at `Φ(−√(n / (n − 1)) · t)`, makes up for both. The resamples
-/// come from a fixed seed, each from a stream of its own, so that threads change no bit. No interval leaves the range of
-/// what the clusters say: below six of them it is too short, whatever is done.
+/// the normal distribution; percentiles further out, at `Φ(−√(n / (n − 1)) · t)`, correct for both. Every resample has its own
+/// stream from a fixed seed, so results do not depend on threads. The interval cannot leave the range of the clusters' values,
+/// so with fewer than six clusters it is too short.
 ///
-/// `None` with fewer than two clusters, or where a value is not finite or a weight not positive.
+/// `None` with fewer than two clusters, or if a value is not finite or a weight not positive.
 pub fn interval_of_mean(clusters: &[[f64; 2]]) -> Option<[f64; 2]> {
     let resamples = DRAWS.checked_div(clusters.len()).unwrap_or(MOST).clamp(LEAST, MOST);
     interval_of_resamples(clusters, resamples)
 }
 
-/// As [`interval_of_mean`], from this many resamples.
+/// As [`interval_of_mean`] with this many resamples.
 pub(super) fn interval_of_resamples(clusters: &[[f64; 2]], resamples: usize) -> Option<[f64; 2]> {
     let last = clusters.len().checked_sub(1).filter(|last| *last > 0)?;
     if clusters.iter().any(|[sum, weight]| !sum.is_finite() || !weight.is_finite() || *weight <= 0.0) {

@@ -2,29 +2,29 @@ use serde::Serialize;
 
 use crate::{Results, TrialRow, TrialStatus};
 
-/// What one method's answers under one preset are made of. How long they took is told by [`crate::timing::times`].
+/// Sizes of one method's predictions under one preset; times are in [`crate::timing::times`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Cost {
-    /// Trials that were answered, in full or in part; the rest of this record is about them.
+    /// Trials with results, complete or partial; the fields below are about these.
     pub trials: u64,
-    /// Trials in which the method made nothing.
+    /// Trials in which the method failed.
     pub failed: u64,
-    /// Trials that the method does not answer.
+    /// Trials that the method does not support.
     pub not_applicable: u64,
-    /// Mean number of Gaussians, before anything is culled; `None` for methods without.
+    /// Mean number of Gaussians before culling; `None` for methods without Gaussians.
     pub gaussians: Option<f64>,
-    /// Fewest Gaussians of a trial.
+    /// Smallest number of Gaussians of a trial.
     pub gaussians_min: Option<u64>,
-    /// Most Gaussians of a trial.
+    /// Largest number of Gaussians of a trial.
     pub gaussians_max: Option<u64>,
-    /// Mean number of Gaussians that reached a picture.
+    /// Mean number of Gaussians that contributed to a picture.
     pub gaussians_drawn: Option<f64>,
     /// Mean number of tokens before expansion.
     pub initial_tokens: Option<f64>,
-    /// Mean number of tokens that became Gaussians.
+    /// Mean number of tokens after expansion.
     pub final_tokens: Option<f64>,
-    /// Largest estimated peak of memory in bytes.
+    /// Largest estimated peak memory in bytes.
     pub peak_bytes: Option<u64>,
 }
 
@@ -32,8 +32,8 @@ pub struct Cost {
 pub fn cost(results: &Results, preset: &str, method: &str) -> Cost {
     let all = results.trials.iter().filter(|trial| trial.key.preset == preset && trial.key.method == method);
     let count = |status: TrialStatus| all.clone().filter(|trial| trial.status == status).count() as u64;
-    let answered = |trial: &&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
-    let trials: Vec<&TrialRow> = all.clone().filter(answered).collect();
+    let has_results = |trial: &&TrialRow| matches!(trial.status, TrialStatus::Done | TrialStatus::Partial);
+    let trials: Vec<&TrialRow> = all.clone().filter(has_results).collect();
     let mean = |of: &dyn Fn(&TrialRow) -> Option<f64>| mean(trials.iter().filter_map(|trial| of(trial)));
     let gaussians = || trials.iter().filter_map(|trial| trial.gaussians);
     Cost {

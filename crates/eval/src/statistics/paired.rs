@@ -5,12 +5,12 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::bootstrap::interval_of_mean;
-use super::scene_means::clusters;
-use super::selection::{Outcome, Picked, pick};
+use super::scene_means::{clusters, mean_of_clusters};
+use super::selection::{Outcome, SelectedTarget, select};
 use super::{Question, direction, sign_test};
 use crate::Results;
 
-/// Two answers to the same targets, compared scene by scene.
+/// Two results for the same targets, compared scene by scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Paired {
@@ -20,39 +20,38 @@ pub struct Paired {
     pub interval: Option<[f64; 2]>,
     /// Scenes in which `a` is better, by the direction of its metric.
     pub wins: u64,
-    /// Scenes in which both are equal to the bit.
+    /// Scenes in which both are bit-identical.
     pub ties: u64,
     /// Scenes in which `b` is better.
     pub losses: u64,
-    /// Exact two-sided sign test over scenes, ties left out.
+    /// Exact two-sided sign test over scenes, without ties.
     pub sign_test: f64,
     /// Scenes with at least one target that both have a score for.
     pub scenes: u64,
     /// Targets that both have a score for.
     pub targets: u64,
-    /// Targets that one of them alone has a score for; they are left out.
+    /// Targets that only one of them has a score for; they are excluded.
     pub unpaired: u64,
 }
 
-/// `a` against `b` within one store, over the targets that both have a score for, whatever preset they belong to: targets
-/// are matched by scene, entry and position. `None` where there are none.
+/// `a` against `b` within one store, over the targets that both have a score for, whatever their preset: targets are matched
+/// by scene, entry and position. `None` if there are none.
 pub fn paired(results: &Results, a: &Question, b: &Question) -> Option<Paired> {
     paired_between((results, a), (results, b))
 }
 
 /// As [`paired`], across two stores.
 pub fn paired_between(a: (&Results, &Question), b: (&Results, &Question)) -> Option<Paired> {
-    of_picked(&pick(a.0, a.1), &pick(b.0, b.1), direction(a.1.metric))
+    of_selected(&select(a.0, a.1), &select(b.0, b.1), direction(a.1.metric))
 }
 
-/// As [`paired`], of targets that are picked already and in order.
-pub(crate) fn of_picked(a: &[Picked], b: &[Picked], direction: Direction) -> Option<Paired> {
+/// As [`paired`], of targets that are already selected and ordered.
+pub(crate) fn of_selected(a: &[SelectedTarget], b: &[SelectedTarget], direction: Direction) -> Option<Paired> {
     let (differences, unpaired) = differences(a, b);
     let clusters = clusters(&differences, Aggregation::SceneMeans);
-    let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
-    let [sum, weight] = parts.iter().fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);
-    let difference = Some(sum / weight).filter(|mean| mean.is_finite())?;
-    let count = |wanted: Ordering| parts.iter().filter(|[sum, _]| sum.partial_cmp(&0.0) == Some(wanted)).count() as u64;
+    let (difference, parts) = mean_of_clusters(&clusters);
+    let difference = difference?;
+    let count = |order: Ordering| parts.iter().filter(|[sum, _]| sum.partial_cmp(&0.0) == Some(order)).count() as u64;
     let (above, below) = (count(Ordering::Greater), count(Ordering::Less));
     let (wins, losses) = match direction {
         Direction::Higher => (above, below),
@@ -71,22 +70,19 @@ pub(crate) fn of_picked(a: &[Picked], b: &[Picked], direction: Direction) -> Opt
     })
 }
 
-/// `a − b` where both have a score, and how many targets only one of them has; both lists are in order of place.
-fn differences<'a>(a: &[Picked<'a>], b: &[Picked<'a>]) -> (Vec<Picked<'a>>, u64) {
-    let score = |picked: &Picked| match picked.outcome {
-        Outcome::Score { value, .. } => Some(value),
-        _ => None,
-    };
-    let mut others = b.iter().filter_map(|other| Some((other, score(other)?))).peekable();
+/// `a − b` of the targets that both have a score for, and the number of targets that only one has; both lists are ordered by
+/// [`SelectedTarget::id`].
+fn differences<'a>(a: &[SelectedTarget<'a>], b: &[SelectedTarget<'a>]) -> (Vec<SelectedTarget<'a>>, u64) {
+    let mut others = b.iter().filter_map(|other| Some((other, other.score()?))).peekable();
     let (mut differences, mut unpaired) = (Vec::new(), 0);
-    for (one, value) in a.iter().filter_map(|one| Some((one, score(one)?))) {
-        while others.next_if(|(other, _)| other.place() < one.place()).is_some() {
+    for (one, value) in a.iter().filter_map(|one| Some((one, one.score()?))) {
+        while others.next_if(|(other, _)| other.id() < one.id()).is_some() {
             unpaired += 1;
         }
-        match others.next_if(|(other, _)| other.place() == one.place()) {
+        match others.next_if(|(other, _)| other.id() == one.id()) {
             Some((_, other)) => {
                 let outcome = Outcome::Score { value: value - other, identical: false };
-                differences.push(Picked { outcome, ..*one });
+                differences.push(SelectedTarget { outcome, ..*one });
             }
             None => unpaired += 1,
         }

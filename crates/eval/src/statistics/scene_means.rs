@@ -1,28 +1,29 @@
+use atsplat_metrics::{Direction, definition};
 use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::Question;
-use super::selection::{Outcome, Picked, pick};
+use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
 
-/// What one scene scored.
+/// The mean score of one scene.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SceneMean {
     /// Key of the scene.
     pub scene: String,
-    /// The mean over targets; where the index has several entries for the scene, the mean of the entries' means.
+    /// The mean over targets; if the index has several entries for the scene, the mean of the entries' means.
     pub mean: f64,
     /// Targets that were compared.
     pub targets: u64,
-    /// Those that equal the truth to the bit.
+    /// Those that are bit-identical to the ground truth.
     pub identical: u64,
 }
 
-/// Scenes with at least one score, in order of their keys.
-pub fn scene_means(results: &Results, question: &Question) -> Vec<SceneMean> {
-    let picked = pick(results, question);
-    let clusters = clusters(&picked, Aggregation::SceneMeans).into_iter();
+/// Means of scenes with at least one score, ordered by key.
+pub fn scene_means(results: &Results, query: &Question) -> Vec<SceneMean> {
+    let selected = select(results, query);
+    let clusters = clusters(&selected, Aggregation::SceneMeans).into_iter();
     let mean = |cluster: Cluster| SceneMean {
         scene: cluster.scene.to_owned(),
         mean: cluster.sum / cluster.weight,
@@ -32,7 +33,24 @@ pub fn scene_means(results: &Results, question: &Question) -> Vec<SceneMean> {
     clusters.map(mean).filter(|scene| scene.mean.is_finite()).collect()
 }
 
-/// A scene's part of a mean: `Σ sum / Σ weight` over scenes is the protocol's number.
+/// Which direction of a metric is better; metrics without a [`atsplat_metrics::Definition`], such as depth errors, are better
+/// when lower.
+pub fn direction(metric: &str) -> Direction {
+    definition(metric).map_or(Direction::Lower, |definition| definition.direction)
+}
+
+/// The scenes with the worst means by the metric's direction, worst first; ties ordered by key.
+pub fn worst(results: &Results, query: &Question, count: usize) -> Vec<SceneMean> {
+    let mut scenes = scene_means(results, query);
+    match direction(query.metric) {
+        Direction::Higher => scenes.sort_by(|a, b| a.mean.total_cmp(&b.mean)),
+        Direction::Lower => scenes.sort_by(|a, b| b.mean.total_cmp(&a.mean)),
+    }
+    scenes.truncate(count);
+    scenes
+}
+
+/// A scene's contribution to a mean: `Σ sum / Σ weight` over scenes is the protocol's number.
 #[derive(Clone, Debug)]
 pub(super) struct Cluster<'a> {
     pub(super) scene: &'a str,
@@ -44,11 +62,11 @@ pub(super) struct Cluster<'a> {
 
 /// Scores by scene, in the order given, which is that of scene, entry and target.
 ///
-/// Published evaluation loops take one index entry at a time as a batch of one and average what the batches say, so an
-/// entry, not a scene, has one vote where a scene has several (latentSplat's index); resampling still takes whole scenes.
-pub(super) fn clusters<'a>(picked: &[Picked<'a>], aggregation: Aggregation) -> Vec<Cluster<'a>> {
+/// Published evaluation loops process one index entry per batch and average over batches, so each entry has one vote, not each
+/// scene (relevant for latentSplat's index); resampling still draws whole scenes.
+pub(super) fn clusters<'a>(selected: &[SelectedTarget<'a>], aggregation: Aggregation) -> Vec<Cluster<'a>> {
     let mut clusters: Vec<Cluster<'a>> = Vec::new();
-    for trial in picked.chunk_by(|a, b| (a.scene, a.entry) == (b.scene, b.entry)) {
+    for trial in selected.chunk_by(|a, b| (a.scene, a.entry) == (b.scene, b.entry)) {
         let (mut sum, mut targets, mut identical) = (0.0, 0u64, 0u64);
         for target in trial {
             if let Outcome::Score { value, identical: same } = target.outcome {
@@ -73,4 +91,11 @@ pub(super) fn clusters<'a>(picked: &[Picked<'a>], aggregation: Aggregation) -> V
         }
     }
     clusters
+}
+
+/// The mean over clusters with their `[sum, weight]` pairs, from which intervals are resampled; `None` if it is not finite.
+pub(super) fn mean_of_clusters(clusters: &[Cluster<'_>]) -> (Option<f64>, Vec<[f64; 2]>) {
+    let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
+    let [sum, weight] = parts.iter().fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);
+    (Some(sum / weight).filter(|mean| mean.is_finite()), parts)
 }

@@ -5,63 +5,70 @@ use atsplat_metrics::{DECIBEL_CAP, Measure, definition};
 use super::{Leaked, Question};
 use crate::{IDENTICAL, Results, TargetRow, TargetStatus, TrialStatus};
 
-/// One target as a question sees it.
+/// One target of a query.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Picked<'a> {
+pub(crate) struct SelectedTarget<'a> {
     pub(crate) scene: &'a str,
     pub(crate) entry: u32,
     pub(crate) target: u32,
-    /// `None` where a trial failed before it had targets.
+    /// `None` if the trial failed before it had targets.
     pub(crate) distance: Option<i64>,
     pub(crate) overlap: Option<f64>,
     pub(crate) outcome: Outcome<'a>,
 }
 
-/// What a target has to say.
+/// The score of a target, or why there is none.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Outcome<'a> {
     /// A finite number.
     Score { value: f64, identical: bool },
     /// The render, or the score, is not finite.
     NonFinite,
-    /// There is no render or no truth.
+    /// The render or the ground truth is missing.
     Failed,
-    /// Nobody computed it, for this reason.
+    /// It was not computed, for this reason.
     NotComputed(&'a str),
 }
 
-impl Picked<'_> {
-    /// Identity within a preset and method, and the order of every sum.
-    pub(crate) fn place(&self) -> (&str, u32, u32) {
+impl SelectedTarget<'_> {
+    /// Identity within a preset and method; also the order of every sum.
+    pub(crate) fn id(&self) -> (&str, u32, u32) {
         (self.scene, self.entry, self.target)
+    }
+
+    pub(super) const fn score(&self) -> Option<f64> {
+        match self.outcome {
+            Outcome::Score { value, .. } => Some(value),
+            _ => None,
+        }
     }
 }
 
-/// The targets that a question is about, in order of scene, entry and target.
-pub(crate) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Picked<'a>> {
-    let Question { preset, method, metric, leaked } = *question;
+/// The targets of a query, ordered by scene, entry and target.
+pub(crate) fn select<'a>(results: &'a Results, query: &Question<'a>) -> Vec<SelectedTarget<'a>> {
+    let Question { preset, method, metric, leaked } = *query;
     let rows = || results.targets.iter().filter(|row| row.key.preset == preset && row.key.method == method);
-    let asked = results.provenance.metrics.iter().any(|record| record.id == metric)
+    let is_requested = results.provenance.metrics.iter().any(|record| record.id == metric)
         || rows().any(|row| row.scores.contains_key(metric));
     let absent = results.provenance.metrics.iter().find(|record| record.id == metric);
     let absent = absent.and_then(|record| record.absent.as_deref()).unwrap_or("not among the metrics of this run");
     let counts = |row: &&TargetRow| leaked == Leaked::Included || !row.leaked;
-    let of_row = |row: &'a TargetRow| Picked {
+    let of_row = |row: &'a TargetRow| SelectedTarget {
         scene: &row.key.scene,
         entry: row.key.entry,
         target: row.target,
         distance: Some(row.signed_distance),
         overlap: row.overlap,
-        outcome: outcome(row, metric, asked, absent),
+        outcome: outcome(row, metric, is_requested, absent),
     };
-    let mut picked: Vec<Picked<'a>> = rows().filter(counts).map(of_row).collect();
+    let mut selected: Vec<SelectedTarget<'a>> = rows().filter(counts).map(of_row).collect();
     let seen: BTreeSet<(&str, u32)> = rows().map(|row| (row.key.scene.as_str(), row.key.entry)).collect();
     for trial in results.trials.iter().filter(|trial| trial.key.preset == preset && trial.key.method == method) {
-        let place = (trial.key.scene.as_str(), trial.key.entry);
-        if trial.status == TrialStatus::Failed && !seen.contains(&place) {
-            picked.extend((0..trial.targets).map(|target| Picked {
-                scene: place.0,
-                entry: place.1,
+        let id = (trial.key.scene.as_str(), trial.key.entry);
+        if trial.status == TrialStatus::Failed && !seen.contains(&id) {
+            selected.extend((0..trial.targets).map(|target| SelectedTarget {
+                scene: id.0,
+                entry: id.1,
                 target,
                 distance: None,
                 overlap: trial.overlap,
@@ -69,11 +76,11 @@ pub(crate) fn pick<'a>(results: &'a Results, question: &Question<'a>) -> Vec<Pic
             }));
         }
     }
-    picked.sort_by(|a, b| a.place().cmp(&b.place()));
-    picked
+    selected.sort_by(|a, b| a.id().cmp(&b.id()));
+    selected
 }
 
-fn outcome<'a>(row: &'a TargetRow, metric: &str, asked: bool, absent: &'a str) -> Outcome<'a> {
+fn outcome<'a>(row: &'a TargetRow, metric: &str, is_requested: bool, absent: &'a str) -> Outcome<'a> {
     let identical = row.status == TargetStatus::Identical;
     match (row.status, row.scores.get(metric), row.not_computed.get(metric)) {
         (TargetStatus::Failed, _, _) => Outcome::Failed,
@@ -84,14 +91,14 @@ fn outcome<'a>(row: &'a TargetRow, metric: &str, asked: bool, absent: &'a str) -
             Outcome::Score { value: DECIBEL_CAP, identical: true }
         }
         (_, None, Some(reason)) => Outcome::NotComputed(reason),
-        (TargetStatus::Identical, None, None) if asked && is_psnr(metric) => {
+        (TargetStatus::Identical, None, None) if is_requested && is_psnr(metric) => {
             Outcome::Score { value: DECIBEL_CAP, identical }
         }
         (_, None, None) => Outcome::NotComputed(absent),
     }
 }
 
-/// A target's finite score, identical pictures' PSNR as the cap; for rows that keep no reasons.
+/// A target's finite score, with the PSNR of identical pictures capped; for rows without [`TargetRow::not_computed`].
 pub(crate) fn score_of(status: TargetStatus, score: Option<f64>, metric: &str) -> Option<f64> {
     match (status, score) {
         (TargetStatus::Failed | TargetStatus::NonFinite, _) => None,

@@ -3,15 +3,15 @@ use serde::Serialize;
 
 use super::Question;
 use super::bootstrap::interval_of_mean;
-use super::scene_means::clusters;
-use super::selection::{Outcome, Picked, pick};
+use super::scene_means::{clusters, mean_of_clusters};
+use super::selection::{Outcome, SelectedTarget, select};
 use crate::Results;
 
-/// A protocol's number, what it is made of, and what is missing from it.
+/// A protocol's number with its counts, including what is missing from it.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Summary {
-    /// The mean as the protocol takes it, identical pictures counting as [`atsplat_metrics::DECIBEL_CAP`] dB; `None` without scores.
+    /// The protocol's mean, in which identical pictures count as [`atsplat_metrics::DECIBEL_CAP`] dB; `None` without scores.
     pub mean: Option<f64>,
     /// Its 95 % interval over scenes ([`interval_of_mean`]); `None` with fewer than two scenes.
     pub interval: Option<[f64; 2]>,
@@ -19,29 +19,27 @@ pub struct Summary {
     pub scenes: u64,
     /// Targets in the mean.
     pub targets: u64,
-    /// Those that equal the truth to the bit.
+    /// Those that are bit-identical to the ground truth.
     pub identical: u64,
-    /// Targets without a render or a truth; not in the mean.
+    /// Targets without a render or a ground truth; not in the mean.
     pub failed: u64,
     /// Targets whose render or score is not finite; not in the mean.
     pub non_finite: u64,
     /// Targets whose score was not computed; not in the mean.
     pub uncomputed: u64,
-    /// Why scores were not computed: the reason of the first.
+    /// Why the first of them was not computed.
     pub not_computed: Option<String>,
 }
 
 /// The number that a protocol with this aggregation publishes.
-pub fn summary(results: &Results, question: &Question, aggregation: Aggregation) -> Summary {
-    of_picked(&pick(results, question), aggregation)
+pub fn summary(results: &Results, query: &Question, aggregation: Aggregation) -> Summary {
+    of_selected(&select(results, query), aggregation)
 }
 
-/// As [`summary`], of targets that are picked already and in order.
-pub(crate) fn of_picked(picked: &[Picked], aggregation: Aggregation) -> Summary {
-    let clusters = clusters(picked, aggregation);
-    let parts: Vec<[f64; 2]> = clusters.iter().map(|cluster| [cluster.sum, cluster.weight]).collect();
-    let [sum, weight] = parts.iter().fold([0.0, 0.0], |[sum, weight], [s, w]| [sum + s, weight + w]);
-    let mean = Some(sum / weight).filter(|mean| mean.is_finite());
+/// As [`summary`], of targets that are already selected and ordered.
+pub(crate) fn of_selected(selected: &[SelectedTarget], aggregation: Aggregation) -> Summary {
+    let clusters = clusters(selected, aggregation);
+    let (mean, parts) = mean_of_clusters(&clusters);
     let mut summary = Summary {
         mean,
         interval: mean.and_then(|_| interval_of_mean(&parts)),
@@ -50,7 +48,7 @@ pub(crate) fn of_picked(picked: &[Picked], aggregation: Aggregation) -> Summary 
         identical: clusters.iter().map(|cluster| cluster.identical).sum(),
         ..Summary::default()
     };
-    for target in picked {
+    for target in selected {
         match target.outcome {
             Outcome::Score { .. } => {}
             Outcome::NonFinite => summary.non_finite += 1,

@@ -1,16 +1,15 @@
 use atsplat_metrics::DECIBEL_CAP;
-use atsplat_numeric::SplitMix64;
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{SplitMix64, Tolerance};
 use atsplat_protocol::{Aggregation, BinRule, OverlapBins};
 use serde::Deserialize;
 
 use super::bootstrap::interval_of_resamples;
-use super::student::{normal_tail, student_quantile};
+use super::significance::{normal_tail, student_quantile};
 use super::*;
 use crate::sample_rows::{PRESET, key, results, target, trial};
 use crate::{Results, TargetStatus, TrialStatus};
 
-/// What numpy and scipy say (`oracle/make_statistics.py`).
+/// Reference values of numpy and scipy (`oracle/make_statistics.py`).
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case")]
 struct Oracle {
@@ -31,7 +30,7 @@ fn oracle() -> Oracle {
     serde_json::from_str(include_str!("../../tests/fixtures/statistics.json")).unwrap()
 }
 
-fn question(method: &str) -> Question<'_> {
+fn query(method: &str) -> Question<'_> {
     Question { preset: PRESET, method, metric: "psnr", leaked: Leaked::Included }
 }
 
@@ -40,7 +39,7 @@ fn psnr(scenes: &[(&str, u32, Vec<f64>)]) -> Results {
 }
 
 #[test]
-fn intervals_and_tests_are_those_of_scipy() {
+fn intervals_and_tests_agree_with_scipy() {
     let Oracle { intervals, sign_tests, student_quantiles, normal_tails } = oracle();
     for Resampled { clusters, resamples, interval } in intervals {
         let found = interval_of_resamples(&clusters, resamples).unwrap();
@@ -61,7 +60,7 @@ fn intervals_and_tests_are_those_of_scipy() {
 
 /// The ATSplat paper's overlap table: bin means over NoPoSplat's scenes, and the printed average of four methods.
 #[test]
-fn published_averages_come_out_of_the_published_bins() {
+fn published_averages_follow_from_published_bins() {
     let table = [
         ("pixelSplat", [20.28, 23.73, 27.15], 23.86),
         ("MVSplat", [20.37, 23.81, 27.47], 24.01),
@@ -70,18 +69,18 @@ fn published_averages_come_out_of_the_published_bins() {
     ];
     let bins = OverlapBins::noposplat(BinRule::Published);
     for (method, means, average) in table {
-        let mut made = Results::default();
+        let mut store = Results::default();
         for ((mean, overlap), count) in means.into_iter().zip([0.2, 0.4, 0.7]).zip([1403, 2568, 1630]) {
             for scene in 0..count {
                 let scene = format!("{overlap} {scene:04}");
                 let rows = [mean - 1.5, mean, mean + 1.5].into_iter().zip(0..);
-                made.targets.extend(rows.map(|(score, at)| crate::TargetRow {
+                store.targets.extend(rows.map(|(score, at)| crate::TargetRow {
                     overlap: Some(overlap),
                     ..target(method, &scene, 0, at, "psnr", score)
                 }));
             }
         }
-        let binned = by_overlap(&made, &question(method), &bins);
+        let binned = by_overlap(&store, &query(method), &bins);
         let found = binned.average.mean.unwrap();
         Tolerance::absolute(0.005).assert([found], [average], method);
         let of_bins = binned.bins.iter().map(|(_, summary)| summary.mean.unwrap());
@@ -97,26 +96,26 @@ fn published_averages_come_out_of_the_published_bins() {
 }
 
 #[test]
-fn scenes_and_pictures_are_different_means() {
+fn scene_means_and_picture_means_differ() {
     let uneven = psnr(&[("a", 0, vec![20.0]), ("b", 0, vec![30.0, 30.0, 30.0]), ("c", 0, vec![40.0, 20.0])]);
-    let scenes = summary(&uneven, &question("m"), Aggregation::SceneMeans);
-    let pictures = summary(&uneven, &question("m"), Aggregation::AllPictures);
+    let scenes = summary(&uneven, &query("m"), Aggregation::SceneMeans);
+    let pictures = summary(&uneven, &query("m"), Aggregation::AllPictures);
     Tolerance::F64.assert(scenes.mean, [80.0 / 3.0], "scenes");
     Tolerance::F64.assert(pictures.mean, [170.0 / 6.0], "pictures");
     assert_eq!((scenes.scenes, scenes.targets, pictures.targets), (3, 6, 6));
     // latentSplat's index: each entry of a scene has a vote, and the scene is still one cluster.
     let entries = psnr(&[("a", 0, vec![10.0]), ("a", 1, vec![20.0, 40.0]), ("b", 0, vec![30.0])]);
-    Tolerance::F64.assert(summary(&entries, &question("m"), Aggregation::SceneMeans).mean, [70.0 / 3.0], "entries");
-    let of_scenes = scene_means(&entries, &question("m"));
+    Tolerance::F64.assert(summary(&entries, &query("m"), Aggregation::SceneMeans).mean, [70.0 / 3.0], "entries");
+    let of_scenes = scene_means(&entries, &query("m"));
     assert_eq!(of_scenes.iter().map(|s| (s.scene.as_str(), s.targets)).collect::<Vec<_>>(), [("a", 3), ("b", 1)]);
     Tolerance::F64.assert(of_scenes.iter().map(|s| s.mean), [20.0, 30.0], "scene means");
 }
 
 #[test]
-fn what_has_no_score_is_counted_and_never_averaged() {
-    let mut made =
+fn missing_scores_are_counted_and_never_averaged() {
+    let mut store =
         psnr(&[("a", 0, vec![20.0, f64::NAN, 22.0]), ("b", 0, vec![f64::INFINITY, 30.0]), ("c", 0, vec![0.0; 4])]);
-    for (row, status) in made.targets.iter_mut().skip(5).zip([
+    for (row, status) in store.targets.iter_mut().skip(5).zip([
         TargetStatus::Identical,
         TargetStatus::NonFinite,
         TargetStatus::Failed,
@@ -125,70 +124,70 @@ fn what_has_no_score_is_counted_and_never_averaged() {
         row.status = status;
         row.scores.clear();
     }
-    made.targets[8].not_computed.insert("psnr".to_owned(), "too small".to_owned());
+    store.targets[8].not_computed.insert("psnr".to_owned(), "too small".to_owned());
     let mut lost = trial("m", "d", 0, 7);
     lost.status = TrialStatus::Failed;
-    made.trials.push(lost);
-    let found = summary(&made, &question("m"), Aggregation::SceneMeans);
+    store.trials.push(lost);
+    let found = summary(&store, &query("m"), Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [(21.0 + 30.0 + DECIBEL_CAP) / 3.0], "mean");
     assert_eq!((found.scenes, found.targets, found.identical), (3, 4, 1));
     assert_eq!((found.non_finite, found.failed, found.uncomputed), (3, 8, 1));
     assert_eq!(found.not_computed.as_deref(), Some("too small"));
-    let nobody = summary(&made, &Question { metric: "lpips", ..question("m") }, Aggregation::SceneMeans);
-    assert_eq!((nobody.mean, nobody.interval, nobody.uncomputed), (None, None, 7), "an absent metric is no cap");
-    assert!(nobody.not_computed.unwrap().contains("not among"));
-    assert_eq!(summary(&made, &question("other"), Aggregation::SceneMeans), Summary::default());
+    let absent = summary(&store, &Question { metric: "lpips", ..query("m") }, Aggregation::SceneMeans);
+    assert_eq!((absent.mean, absent.interval, absent.uncomputed), (None, None, 7), "an absent metric is not capped");
+    assert!(absent.not_computed.unwrap().contains("not among"));
+    assert_eq!(summary(&store, &query("other"), Aggregation::SceneMeans), Summary::default());
 }
 
-/// Pictures that are the same once they are rounded: the row says why the number is not there.
+/// Pictures that are identical after rounding: the row has the reason instead of a number.
 #[test]
 fn infinite_scores_of_one_metric_count_as_the_cap() {
-    let mut made = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
-    made.targets[1].scores.clear();
-    made.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
-    let of = Question { metric: "psnr-8bit-truncated", ..question("m") };
-    let found = summary(&made, &of, Aggregation::SceneMeans);
+    let mut store = results("m", "psnr-8bit-truncated", &[("a", 0, vec![20.0, 0.0])]);
+    store.targets[1].scores.clear();
+    store.targets[1].not_computed.insert("psnr-8bit-truncated".to_owned(), "identical".to_owned());
+    let of = Question { metric: "psnr-8bit-truncated", ..query("m") };
+    let found = summary(&store, &of, Aggregation::SceneMeans);
     Tolerance::F64.assert(found.mean, [f64::midpoint(20.0, DECIBEL_CAP)], "mean");
     assert_eq!((found.identical, found.uncomputed), (1, 0));
 }
 
 #[test]
-fn leaked_targets_can_be_left_out() {
-    let mut made = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
-    made.targets[1].leaked = true;
-    made.targets[2].leaked = true;
-    let clean = Question { leaked: Leaked::Excluded, ..question("m") };
-    Tolerance::F64.assert(summary(&made, &question("m"), Aggregation::SceneMeans).mean, [72.5], "with");
-    let without = summary(&made, &clean, Aggregation::SceneMeans);
+fn leaked_targets_can_be_excluded() {
+    let mut store = psnr(&[("a", 0, vec![20.0, 90.0]), ("b", 0, vec![90.0])]);
+    store.targets[1].leaked = true;
+    store.targets[2].leaked = true;
+    let clean = Question { leaked: Leaked::Excluded, ..query("m") };
+    Tolerance::F64.assert(summary(&store, &query("m"), Aggregation::SceneMeans).mean, [72.5], "with");
+    let without = summary(&store, &clean, Aggregation::SceneMeans);
     Tolerance::F64.assert(without.mean, [20.0], "without");
     assert_eq!((without.scenes, without.targets, without.interval), (1, 1, None));
 }
 
 #[test]
-fn pairs_match_targets_and_know_the_metric_s_direction() {
-    let mut made = results(
+fn pairs_match_targets_and_respect_the_metrics_direction() {
+    let mut store = results(
         "a",
         "lpips",
         &[("x", 0, vec![0.1, 0.2]), ("y", 0, vec![0.4]), ("z", 0, vec![0.3]), ("w", 1, vec![9.0])],
     );
     let b = results("b", "lpips", &[("x", 0, vec![0.2, 0.2]), ("y", 0, vec![0.3]), ("z", 0, vec![0.3, 0.9])]);
-    made.trials.extend(b.trials.clone());
-    made.targets.extend(b.targets.clone());
-    let of = |method| Question { metric: "lpips", ..question(method) };
-    let found = paired(&made, &of("a"), &of("b")).unwrap();
+    store.trials.extend(b.trials.clone());
+    store.targets.extend(b.targets.clone());
+    let of = |method| Question { metric: "lpips", ..query(method) };
+    let found = paired(&store, &of("a"), &of("b")).unwrap();
     Tolerance::F64.assert([found.difference], [(-0.05 + 0.1 + 0.0) / 3.0], "difference");
     assert_eq!((found.wins, found.ties, found.losses, found.scenes), (1, 1, 1, 3));
     assert_eq!((found.targets, found.unpaired), (4, 2));
     Tolerance::EXACT.assert([found.sign_test], [1.0], "sign test");
-    let swapped = paired(&made, &of("b"), &of("a")).unwrap();
+    let swapped = paired(&store, &of("b"), &of("a")).unwrap();
     Tolerance::EXACT.assert([swapped.difference], [-found.difference], "swapped");
-    assert_eq!(paired_between((&made, &of("a")), (&b, &of("b"))), Some(found));
-    assert_eq!(paired(&made, &of("a"), &of("nobody")), None);
+    assert_eq!(paired_between((&store, &of("a")), (&b, &of("b"))), Some(found));
+    assert_eq!(paired(&store, &of("a"), &of("unknown")), None);
 }
 
 /// Three scenes of four with more of the metric, one with less: three wins where higher is better, one where lower is.
 #[test]
-fn wins_are_scenes_that_are_better_whichever_way_that_is() {
+fn wins_follow_the_metrics_direction() {
     for (metric, expected) in [
         ("psnr", [3, 0, 1]),
         ("ssim", [3, 0, 1]),
@@ -203,7 +202,7 @@ fn wins_are_scenes_that_are_better_whichever_way_that_is() {
         for (row, by) in a.targets.iter_mut().zip([0.1, 0.1, 0.1, -0.2]) {
             row.scores.values_mut().for_each(|score| *score += by);
         }
-        let of = |method| Question { metric, ..question(method) };
+        let of = |method| Question { metric, ..query(method) };
         let found = paired_between((&a, &of("a")), (&b, &of("b"))).unwrap();
         assert_eq!([found.wins, found.ties, found.losses], expected, "{metric}");
         Tolerance::F64.assert([found.difference], [0.025], "the difference has no direction");
@@ -216,21 +215,21 @@ fn wins_are_scenes_that_are_better_whichever_way_that_is() {
 
 #[test]
 fn distances_are_means_over_scenes() {
-    let mut made = psnr(&[("a", 0, vec![20.0, 22.0, 10.0]), ("b", 0, vec![30.0])]);
-    for (row, distance) in made.targets.iter_mut().zip([-1, -1, 2, -1]) {
+    let mut store = psnr(&[("a", 0, vec![20.0, 22.0, 10.0]), ("b", 0, vec![30.0])]);
+    for (row, distance) in store.targets.iter_mut().zip([-1, -1, 2, -1]) {
         row.signed_distance = distance;
     }
-    let found = by_distance(&made, &question("m"));
+    let found = by_distance(&store, &query("m"));
     assert_eq!(found.iter().map(|(d, s)| (*d, s.scenes, s.targets)).collect::<Vec<_>>(), [(-1, 2, 3), (2, 1, 1)]);
     Tolerance::F64.assert(found.iter().filter_map(|(_, s)| s.mean), [25.5, 10.0], "means");
 }
 
 #[test]
-fn the_worst_are_those_of_the_metric_s_direction() {
+fn worst_scenes_follow_the_metrics_direction() {
     let scenes = [("a", 0, vec![0.3]), ("b", 0, vec![0.1]), ("c", 0, vec![0.3])];
     let names = |metric: &str| {
-        let question = Question { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
-        worst(&results("m", metric, &scenes), &question, 2).into_iter().map(|s| s.scene).collect::<Vec<_>>()
+        let query = Question { preset: PRESET, method: "m", metric, leaked: Leaked::Included };
+        worst(&results("m", metric, &scenes), &query, 2).into_iter().map(|s| s.scene).collect::<Vec<_>>()
     };
     assert_eq!(names("psnr"), ["b", "a"]);
     assert_eq!(names("lpips"), ["a", "c"]);
@@ -239,22 +238,22 @@ fn the_worst_are_those_of_the_metric_s_direction() {
 
 #[test]
 fn cost_is_means_and_extremes() {
-    let mut made = psnr(&[("a", 0, vec![1.0]), ("b", 0, vec![1.0]), ("c", 0, vec![1.0]), ("d", 0, vec![1.0])]);
-    for (row, gaussians) in made.trials.iter_mut().zip([10, 20, 60, 30]) {
+    let mut store = psnr(&[("a", 0, vec![1.0]), ("b", 0, vec![1.0]), ("c", 0, vec![1.0]), ("d", 0, vec![1.0])]);
+    for (row, gaussians) in store.trials.iter_mut().zip([10, 20, 60, 30]) {
         row.gaussians = Some(gaussians);
     }
-    made.trials[3].status = TrialStatus::Partial;
+    store.trials[3].status = TrialStatus::Partial;
     let mut failed = trial("m", "e", 0, 1);
     (failed.status, failed.gaussians, failed.key) = (TrialStatus::Failed, Some(1000), key("m", "e", 0));
-    made.trials.push(failed);
-    let found = cost(&made, PRESET, "m");
+    store.trials.push(failed);
+    let found = cost(&store, PRESET, "m");
     assert_eq!((found.trials, found.failed, found.gaussians_min, found.gaussians_max), (4, 1, Some(10), Some(60)));
     Tolerance::F64.assert(found.gaussians, [30.0], "mean Gaussians");
-    assert_eq!(cost(&made, PRESET, "nobody"), Cost::default());
+    assert_eq!(cost(&store, PRESET, "unknown"), Cost::default());
 }
 
 #[test]
-fn intervals_need_two_scenes_and_numbers() {
+fn intervals_need_two_scenes_and_finite_numbers() {
     assert_eq!(interval_of_mean(&[]), None);
     assert_eq!(interval_of_mean(&[[20.0, 1.0]]), None);
     assert_eq!(interval_of_mean(&[[20.0, 1.0], [f64::NAN, 1.0]]), None);
@@ -273,9 +272,9 @@ fn intervals_do_not_depend_on_threads() {
     Tolerance::EXACT.assert(of_threads(1), of_threads(7), "threads");
 }
 
-/// How often 95 % intervals hold the truth, over samples of normal and of skewed scenes.
+/// Coverage of 95 % intervals over samples of normal and of skewed scenes.
 #[test]
-fn intervals_cover_what_they_promise() {
+fn intervals_have_their_nominal_coverage() {
     let mut random = SplitMix64::new(11);
     let normal = |random: &mut SplitMix64| (0..12).map(|_| uniform(random)).sum::<f64>() - 6.0;
     let exponential = |random: &mut SplitMix64| -(1.0 - uniform(random)).ln() - 1.0;

@@ -5,8 +5,9 @@ use polars::prelude::{
 };
 
 use super::schema::{Column, Kind};
+use crate::TrialKey;
 
-/// Rows on their way into a table, column by column.
+/// Builds a table from rows, column by column.
 pub(super) struct Columns<'a, R> {
     rows: &'a [R],
     series: Vec<Series>,
@@ -14,11 +15,16 @@ pub(super) struct Columns<'a, R> {
 }
 
 impl<'a, R> Columns<'a, R> {
-    pub(super) const fn of(rows: &'a [R]) -> Self {
+    /// Begins with the columns of the rows' keys.
+    pub(super) fn of(rows: &'a [R], key: impl Fn(&'a R) -> &'a TrialKey) -> Self {
         Self { rows, series: Vec::new(), described: Vec::new() }
+            .text("preset", |row| &key(row).preset)
+            .text("method", |row| &key(row).method)
+            .text("scene", |row| &key(row).scene)
+            .count("entry", |row| key(row).entry.into())
     }
 
-    /// What the columns hold, for the schema.
+    /// The schema of the columns.
     #[cfg(test)]
     pub(super) fn described(self) -> Vec<Column> {
         self.described
@@ -77,15 +83,15 @@ impl<'a, R> Columns<'a, R> {
     }
 
     pub(super) fn counts(self, name: &str, of: impl Fn(&'a R) -> &'a [u64]) -> Self {
-        let (rows, of_what) = (self.rows.len(), DataType::UInt64);
-        let mut lists = ListPrimitiveChunkedBuilder::<UInt64Type>::new(name.into(), rows, rows, of_what);
+        let (rows, item) = (self.rows.len(), DataType::UInt64);
+        let mut lists = ListPrimitiveChunkedBuilder::<UInt64Type>::new(name.into(), rows, rows, item);
         self.rows.iter().for_each(|row| lists.append_slice(of(row)));
         self.with(name, Kind::Counts, false, lists.finish().into_series())
     }
 
     pub(super) fn numbers(self, name: &str, of: impl Fn(&'a R) -> Vec<f64>) -> Self {
-        let (rows, of_what) = (self.rows.len(), DataType::Float64);
-        let mut lists = ListPrimitiveChunkedBuilder::<Float64Type>::new(name.into(), rows, rows, of_what);
+        let (rows, item) = (self.rows.len(), DataType::Float64);
+        let mut lists = ListPrimitiveChunkedBuilder::<Float64Type>::new(name.into(), rows, rows, item);
         self.rows.iter().for_each(|row| lists.append_slice(&of(row)));
         self.with(name, Kind::Numbers, false, lists.finish().into_series())
     }

@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use crate::EvalError;
 
-/// Writes a file so that whoever reads it, after a crash too, sees all of it or what was there before.
+/// Writes a file atomically and durably: readers, also after a crash, see the old or the new content.
 pub(crate) fn write(path: &Path, bytes: &[u8]) -> Result<(), EvalError> {
     atsplat_files::write(path, bytes).map_err(EvalError::io("writing results", path))
 }
 
-/// The same without waiting for the disk: a picture that a power failure costs is made again by who wants it.
+/// As [`write`] without waiting for the disk: for pictures, which can be recreated after a power failure.
 pub(crate) fn write_unsynced(path: &Path, bytes: &[u8]) -> Result<(), EvalError> {
     atsplat_files::write_unsynced(path, bytes).map_err(EvalError::io("writing results", path))
 }
 
-/// Files of a folder by name, sorted; none where the folder does not exist.
+/// Files of a folder, sorted by name; none if the folder does not exist.
 pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
@@ -28,7 +28,7 @@ pub(super) fn files(folder: &Path) -> Result<Vec<PathBuf>, EvalError> {
     Ok(paths)
 }
 
-/// Bytes of a file; `None` where it does not exist.
+/// Bytes of a file; `None` if it does not exist.
 pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, EvalError> {
     match fs::read(path) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => Ok(None),
@@ -36,7 +36,7 @@ pub(super) fn read(path: &Path) -> Result<Option<Vec<u8>>, EvalError> {
     }
 }
 
-/// Removes a file; one that does not exist is gone already.
+/// Removes a file if it exists.
 pub(super) fn remove(path: &Path) -> Result<(), EvalError> {
     match fs::remove_file(path) {
         Err(error) if error.kind() != io::ErrorKind::NotFound => Err(EvalError::io("removing results", path)(error)),

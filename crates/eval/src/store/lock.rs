@@ -1,4 +1,4 @@
-//! One writer for a store. The operating system holds the lock, so that a writer that was killed holds none.
+//! Allows one writer per store. The operating system holds the lock, so a killed writer leaves none behind.
 
 use std::fs::{self, File, TryLockError};
 use std::path::{Path, PathBuf};
@@ -9,19 +9,19 @@ use serde::{Deserialize, Serialize};
 use super::disk;
 use crate::EvalError;
 
-/// What is locked. It stays, empty: to remove it would let two writers lock two files of one name.
+/// The locked file. It stays behind, empty: removing it would let two writers lock two different files of that name.
 const LOCK: &str = "run.lock";
-/// Who holds the lock; beside it, since a locked file cannot be read everywhere.
+/// Describes the lock's holder; a separate file, since a locked file is not readable on every system.
 const HOLDER: &str = "run.json";
 
-/// The right to write into a store, until it is dropped.
+/// Exclusive right to write to a store, until dropped.
 #[derive(Debug)]
 pub(super) struct Lock {
     holder: PathBuf,
     _file: File,
 }
 
-/// Who writes into a store.
+/// The process that writes to a store.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 struct Holder {
     pid: u32,
@@ -31,13 +31,13 @@ struct Holder {
 }
 
 impl Lock {
-    /// Locks a store's folder, which is made where needed.
+    /// Locks a store's folder, creating it if needed.
     ///
     /// # Errors
-    /// [`EvalError::InUse`] where another writer has it, [`EvalError::Io`].
+    /// [`EvalError::InUse`] if another writer has the lock, [`EvalError::Io`].
     pub(super) fn of(folder: &Path) -> Result<Self, EvalError> {
         let path = folder.join(LOCK);
-        fs::create_dir_all(folder).map_err(EvalError::io("making a results store", folder))?;
+        fs::create_dir_all(folder).map_err(EvalError::io("creating a results store", folder))?;
         let file = File::options().create(true).truncate(false).write(true).open(&path);
         let file = file.map_err(EvalError::io("opening a results store", &path))?;
         let holder = folder.join(HOLDER);
@@ -46,8 +46,9 @@ impl Lock {
             Err(TryLockError::WouldBlock) => return Err(in_use(folder, &holder)),
             Err(TryLockError::Error(source)) => return Err(EvalError::io("locking a results store", &path)(source)),
         }
-        let json = serde_json::to_vec(&Holder::here());
-        let json = json.map_err(|error| EvalError::malformed(&holder, "file", "a process that JSON holds", error))?;
+        let json = serde_json::to_vec(&Holder::current());
+        let json =
+            json.map_err(|error| EvalError::malformed(&holder, "file", "a process that JSON can represent", error))?;
         disk::write_unsynced(&holder, &json)?;
         Ok(Self { holder, _file: file })
     }
@@ -55,19 +56,19 @@ impl Lock {
 
 impl Drop for Lock {
     fn drop(&mut self) {
-        // What stays behind is overwritten by the next writer and read by nobody before.
+        // A file that stays behind is overwritten by the next writer and not read before.
         fs::remove_file(&self.holder).ok();
     }
 }
 
 impl Holder {
-    fn here() -> Self {
+    fn current() -> Self {
         let since = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
         Self { pid: std::process::id(), host: host(), since }
     }
 }
 
-/// The writer may have locked the store a moment ago, and not have said its name.
+/// The error for a locked store. Waits briefly for the holder's description: the lock may be a moment old.
 fn in_use(folder: &Path, holder: &Path) -> EvalError {
     const PATIENCE: Duration = Duration::from_millis(20);
     let read = || serde_json::from_slice::<Holder>(&disk::read(holder).ok()??).ok();
@@ -76,7 +77,7 @@ fn in_use(folder: &Path, holder: &Path) -> EvalError {
         read()
     });
     let by = found.map_or_else(
-        || "another process, which did not leave its name".to_owned(),
+        || "an unidentified process".to_owned(),
         |Holder { pid, host, since }| {
             let (hours, minutes, seconds) = (since / 3600 % 24, since / 60 % 60, since % 60);
             let date = crate::drift::date(since);
@@ -86,10 +87,10 @@ fn in_use(folder: &Path, holder: &Path) -> EvalError {
     EvalError::InUse { folder: folder.to_owned(), by }
 }
 
-/// The machine's name, as far as it says.
+/// The machine's name, if known.
 fn host() -> String {
     let kernel = || fs::read_to_string("/proc/sys/kernel/hostname").ok();
     let variable = || std::env::var("COMPUTERNAME").or_else(|_| std::env::var("HOSTNAME")).ok();
     let name = kernel().or_else(variable).map(|name| name.trim().to_owned()).filter(|name| !name.is_empty());
-    name.unwrap_or_else(|| "a machine without a name".to_owned())
+    name.unwrap_or_else(|| "an unknown machine".to_owned())
 }

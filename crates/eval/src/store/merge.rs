@@ -4,23 +4,23 @@ use super::SCHEMA_VERSION;
 use crate::timing::{TimingRow, merged};
 use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
 
-/// Several stores as one.
+/// Several stores merged into one.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Merged {
     /// Their rows, in the order of keys.
     pub results: Results,
-    /// Shards, counted from 1, that are not among them.
+    /// Numbers of missing shards, from 1.
     pub missing_shards: Vec<u32>,
-    /// Trials that more than one of them held, each counted as often as it came again.
+    /// Number of trials that an earlier store already had.
     pub repeated: u64,
 }
 
 impl Results {
-    /// Shards of one run into one. Rows that several hold must agree; times keep the machine that they are of.
+    /// Merges shards of one run. Rows that several shards hold must agree; timings stay separate by machine.
     ///
     /// # Errors
-    /// [`EvalError::Different`] where they are not of one run, [`EvalError::Disagreement`], [`EvalError::Settings`]
-    /// for nothing to merge.
+    /// [`EvalError::Different`] if they are not of one run, [`EvalError::Disagreement`], [`EvalError::Settings`] for an empty
+    /// list.
     pub fn merge(parts: Vec<Self>) -> Result<Merged, EvalError> {
         let mut parts = parts.into_iter();
         let nothing =
@@ -33,16 +33,17 @@ impl Results {
         for part in parts {
             let shard = part.provenance.shard;
             if shard.map(|shard| shard.of) != of {
-                let told = |of: Option<u32>| of.map_or_else(|| "a whole run".to_owned(), |of| format!("{of} shards"));
+                let describe =
+                    |of: Option<u32>| of.map_or_else(|| "a whole run".to_owned(), |of| format!("{of} shards"));
                 return Err(EvalError::Different {
                     what: "numbers of shards".to_owned(),
-                    expected: told(of),
-                    found: told(shard.map(|shard| shard.of)),
+                    expected: describe(of),
+                    found: describe(shard.map(|shard| shard.of)),
                     advice: "",
                 });
             }
             shards.extend(shard.map(|shard| shard.number));
-            provenance.take_in(part.provenance)?;
+            provenance.merge_shard(part.provenance)?;
             rows.add(part.trials, part.targets, part.timings)?;
         }
         let all = of.into_iter().flat_map(|of| 1..=of);
@@ -98,7 +99,7 @@ impl Rows {
     }
 }
 
-#[expect(clippy::expect_used, reason = "rows were read from JSON and Parquet, and both can be written")]
+#[expect(clippy::expect_used, reason = "rows are representable in JSON")]
 fn agree<R: serde::Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R) -> Result<(), EvalError> {
     if first == second {
         return Ok(());
@@ -107,8 +108,8 @@ fn agree<R: serde::Serialize + PartialEq>(key: &TrialKey, first: &R, second: &R)
     let (first, second) = (fields(first), fields(second));
     let names = first.as_object().into_iter().flatten().map(|(name, _)| name);
     let differing = names.into_iter().find(|name| first.get(name) != second.get(name));
-    // A score that is NaN is no JSON number and differs from itself.
-    let field = differing.map_or("a number that is none", String::as_str).to_owned();
+    // NaN differs from itself and is null in JSON.
+    let field = differing.map_or("a non-finite number", String::as_str).to_owned();
     let value = |row: &serde_json::Value| row.get(&field).map_or_else(|| "none".to_owned(), ToString::to_string);
     Err(EvalError::Disagreement { key: key.to_string(), first: value(&first), second: value(&second), field })
 }

@@ -1,4 +1,4 @@
-//! One file for each finished trial, until they are compacted into tables.
+//! One file per finished trial, until they are compacted into tables.
 
 use std::path::{Path, PathBuf};
 
@@ -29,24 +29,24 @@ pub(super) fn folder(store: &Path) -> PathBuf {
     store.join(FOLDER)
 }
 
-/// Writes a trial, which replaces what stood there under its key.
+/// Writes a trial, replacing an earlier one of the same key.
 pub(super) fn write(store: &Path, trial: &TrialRow, targets: &[TargetRow]) -> Result<(), EvalError> {
     let path = folder(store).join(name(&trial.key));
     let bytes = serde_json::to_vec(&PartView { trial, targets });
-    let bytes = bytes.map_err(|error| EvalError::malformed(&path, "trial", "rows that JSON holds", error))?;
+    let bytes = bytes.map_err(|error| EvalError::malformed(&path, "trial", "rows that JSON can represent", error))?;
     disk::write(&path, &bytes)
 }
 
 /// Parts with their files, and the files that a crash left unfinished.
 type Parts = (Vec<(PathBuf, Part)>, Vec<PathBuf>);
 
-/// Every part.
+/// Reads every part.
 pub(super) fn read(store: &Path) -> Result<Parts, EvalError> {
     let (mut parts, mut unfinished) = (Vec::new(), Vec::new());
     for path in disk::files(&folder(store))? {
         match path.extension().and_then(|extension| extension.to_str()) {
             Some("json") => {
-                // A part that is gone since the folder was listed is in the tables.
+                // A part that was removed after the folder was listed is in the tables by now.
                 let Some(bytes) = disk::read(&path)? else { continue };
                 let part = serde_json::from_slice(&bytes)
                     .map_err(|error| EvalError::malformed(&path, "file", "the rows of a trial", error))?;

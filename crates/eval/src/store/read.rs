@@ -10,21 +10,21 @@ use super::{PROVENANCE, TARGETS, TRIALS, disk, targets, timings, trials};
 use crate::timing::TimingRow;
 use crate::{EvalError, Provenance, Results, TargetRow, TrialKey, TrialRow};
 
-/// A store as it lies on the disk.
+/// The content of a store on disk.
 #[derive(Debug)]
 pub(super) struct Content {
     pub(super) provenance: Provenance,
     pub(super) rows: BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>,
     pub(super) timings: Vec<TimingRow>,
-    /// Files whose rows are among them, and those that a crash left unfinished.
+    /// Part files whose rows are included, and unfinished files left by a crash.
     pub(super) parts: Vec<PathBuf>,
 }
 
-/// How often a store is read that is rewritten meanwhile.
+/// How often reading is retried if the store changes meanwhile.
 const ATTEMPTS: usize = 100;
 
 impl Content {
-    /// A store's rows at one moment, although another process may move parts into the tables meanwhile.
+    /// A consistent snapshot, although another process may move parts into the tables meanwhile.
     pub(super) fn read(folder: &Path) -> Result<Self, EvalError> {
         let mut attempts = 0..ATTEMPTS;
         loop {
@@ -36,12 +36,12 @@ impl Content {
         }
     }
 
-    #[expect(clippy::expect_used, reason = "tests read every committed schema")]
+    #[expect(clippy::expect_used, reason = "tests parse every committed schema")]
     fn once(folder: &Path) -> Result<Self, EvalError> {
         let provenance = provenance(folder)?;
         let version = provenance.schema_version;
-        let schema = Schema::of_version(version).expect("a version whose hash is known has a schema");
-        // The parts first: one that is removed meanwhile is in the tables.
+        let schema = Schema::of_version(version).expect("a version with a known hash has a schema");
+        // Parts before tables: a part that is removed meanwhile is in the tables.
         let (read, unfinished) = parts::read(folder)?;
         let mut rows = tables(folder, &schema)?;
         let mut files = unfinished;
@@ -63,7 +63,7 @@ impl Content {
     }
 }
 
-/// By which a file that was replaced is told.
+/// Size and modification time of the files, which change if one is replaced.
 fn stamps(folder: &Path) -> [Option<(u64, SystemTime)>; 3] {
     [PROVENANCE, TRIALS, TARGETS].map(|name| {
         let metadata = fs::metadata(folder.join(name)).ok()?;
@@ -71,13 +71,13 @@ fn stamps(folder: &Path) -> [Option<(u64, SystemTime)>; 3] {
     })
 }
 
-/// Reads what a store says of itself, and refuses one of another schema.
+/// Reads a store's provenance and checks its schema.
 pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
     let path = folder.join(PROVENANCE);
     let Some(bytes) = disk::read(&path)? else { return Err(EvalError::NoStore { folder: folder.to_owned() }) };
-    let unfit = |error: serde_json::Error| EvalError::malformed(&path, "file", "the provenance of results", error);
-    // The version first: a later one may have fields that are not known here.
-    let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(unfit)?;
+    let malformed = |error: serde_json::Error| EvalError::malformed(&path, "file", "the provenance of results", error);
+    // The version first: a newer one may have unknown fields.
+    let value: serde_json::Value = serde_json::from_slice(&bytes).map_err(malformed)?;
     let version = value.get("schema-version").and_then(serde_json::Value::as_u64);
     let version = version.and_then(|version| u32::try_from(version).ok());
     let Some(found) = version.filter(|version| *version > 0) else {
@@ -87,20 +87,20 @@ pub(super) fn provenance(folder: &Path) -> Result<Provenance, EvalError> {
     let Some(expected) = schema::hash(found) else {
         return Err(EvalError::TooNew { path, found, newest: SCHEMA_VERSION });
     };
-    let provenance: Provenance = serde_json::from_value(value).map_err(unfit)?;
+    let provenance: Provenance = serde_json::from_value(value).map_err(malformed)?;
     if provenance.schema_hash != expected {
         return Err(EvalError::SchemaHash { path, version: found, expected, found: provenance.schema_hash });
     }
     for preset in &provenance.presets {
-        let unfit = |error: EvalError| EvalError::malformed(&path, "presets", "protocols of this version", error);
-        preset.protocol().map_err(unfit)?;
+        let malformed = |error: EvalError| EvalError::malformed(&path, "presets", "protocols of this version", error);
+        preset.protocol().map_err(malformed)?;
     }
     Ok(provenance)
 }
 
 type Rows = BTreeMap<TrialKey, (TrialRow, Vec<TargetRow>)>;
 
-/// The compacted tables; nothing where there are none.
+/// The rows of the compacted tables; none if there are no tables.
 pub(super) fn tables(folder: &Path, schema: &Schema) -> Result<Rows, EvalError> {
     let mut rows = Rows::new();
     let path = folder.join(TRIALS);
@@ -115,7 +115,7 @@ pub(super) fn tables(folder: &Path, schema: &Schema) -> Result<Rows, EvalError> 
     let path = folder.join(TARGETS);
     if let Some(table) = Table::read(&path, &schema.targets)? {
         for target in targets::rows(&table)? {
-            // A run may be killed between the two tables: the parts then hold the trial as well.
+            // A run may be killed between writing the two tables; the parts then hold the trial as well.
             if let Some((_, targets)) = rows.get_mut(&target.key) {
                 targets.push(target);
             }

@@ -1,4 +1,4 @@
-//! What the tables of a store hold: a text file for each version, committed in `schema/`.
+//! Schemas of a store's tables: one text file per version, committed in `schema/`.
 //!
 //! ```text
 //! targets
@@ -6,14 +6,12 @@
 //!   overlap number?
 //! ```
 //!
-//! A table, its columns in order, each with its type; `?` marks those that may be null. Lists are never null.
+//! Each table lists its columns in order with their types; `?` marks nullable columns. Lists are never null.
 
-use atsplat_files::hexadecimal;
-
+use atsplat_files::Sha256Digest;
 use polars::prelude::DataType;
-use sha2::{Digest, Sha256};
 
-/// What a column holds.
+/// Type of a column.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Kind {
     Text,
@@ -72,18 +70,18 @@ pub(super) struct Column {
 pub(super) struct Schema {
     pub(super) targets: Vec<Column>,
     pub(super) trials: Vec<Column>,
-    /// None in version 1.
+    /// Empty in version 1.
     pub(super) timings: Vec<Column>,
 }
 
-/// Every version's text, oldest first: a released one never changes.
+/// The text of every version, oldest first. A released version never changes.
 const VERSIONS: &[&str] = &[include_str!("../../schema/v1.txt"), include_str!("../../schema/v2.txt")];
 
-/// The version that is written.
+/// The schema version that is written.
 #[expect(clippy::cast_possible_truncation, reason = "a handful of versions")]
 pub const SCHEMA_VERSION: u32 = VERSIONS.len() as u32;
 
-/// The committed text of a version; `None` for one that is not known.
+/// The committed text of a version; `None` for an unknown version.
 pub(super) fn text(version: u32) -> Option<&'static str> {
     let position = usize::try_from(version).ok()?.checked_sub(1)?;
     VERSIONS.get(position).copied()
@@ -91,20 +89,20 @@ pub(super) fn text(version: u32) -> Option<&'static str> {
 
 /// SHA-256 of a version's text in hexadecimal.
 pub(super) fn hash(version: u32) -> Option<String> {
-    Some(hexadecimal(&Sha256::digest(text(version)?)))
+    Some(Sha256Digest::of(text(version)?.as_bytes()).to_string())
 }
 
-/// Hash of the rows' schema that is written.
+/// Hash of the schema that is written.
 ///
 /// # Panics
 /// Never: every version has its text.
-#[expect(clippy::expect_used, reason = "the version is how many texts there are")]
+#[expect(clippy::expect_used, reason = "the version is the number of texts")]
 pub fn schema_hash() -> String {
     hash(SCHEMA_VERSION).expect("the newest version has a text")
 }
 
 impl Schema {
-    /// The schema of a version; `None` for one that is not known.
+    /// The schema of a version; `None` for an unknown version.
     pub(super) fn of_version(version: u32) -> Option<Self> {
         Self::parse(text(version)?)
     }

@@ -1,16 +1,15 @@
+use std::collections::HashMap;
 use std::fmt::Display;
 use std::io::Cursor;
 use std::path::Path;
 
-use polars::prelude::{
-    ChunkedArray, DataFrame, ParquetReader, ParquetWriter, PolarsError, PolarsResult, SerReader as _, Series,
-};
+use polars::prelude::{DataFrame, ParquetReader, ParquetWriter, PolarsError, PolarsResult, SerReader as _, Series};
 
 use super::disk;
 use super::schema::Column;
-use crate::EvalError;
+use crate::{EvalError, TrialKey};
 
-/// A table that was read, with the columns that its version has.
+/// A table read from disk, with the columns of its schema version.
 pub(super) struct Table<'a> {
     frame: DataFrame,
     columns: &'a [Column],
@@ -19,7 +18,7 @@ pub(super) struct Table<'a> {
 
 /// Writes a table.
 pub(super) fn write(path: &Path, frame: PolarsOutcome) -> Result<(), EvalError> {
-    let failed = |error: PolarsError| EvalError::malformed(path, "table", "rows that Parquet holds", error);
+    let failed = |error: PolarsError| EvalError::malformed(path, "table", "rows that Parquet can represent", error);
     let mut frame = frame.map_err(failed)?;
     let mut bytes = Vec::new();
     ParquetWriter::new(&mut bytes).set_parallel(false).finish(&mut frame).map_err(failed)?;
@@ -29,7 +28,7 @@ pub(super) fn write(path: &Path, frame: PolarsOutcome) -> Result<(), EvalError> 
 pub(super) type PolarsOutcome = Result<DataFrame, PolarsError>;
 
 impl<'a> Table<'a> {
-    /// Reads a table and checks its columns; `None` where there is no file.
+    /// Reads a table and checks its columns; `None` if there is no file.
     pub(super) fn read(path: &'a Path, columns: &'a [Column]) -> Result<Option<Self>, EvalError> {
         let Some(bytes) = disk::read(path)? else { return Ok(None) };
         let frame = ParquetReader::new(Cursor::new(bytes)).finish();
@@ -41,7 +40,7 @@ impl<'a> Table<'a> {
 
     fn check(&self, column: &Column) -> Result<(), EvalError> {
         let Column { name, kind, nullable } = column;
-        let expected = || format!("{}, {}", kind.name(), if *nullable { "null or not" } else { "never null" });
+        let expected = || format!("{}, {}", kind.name(), if *nullable { "nullable" } else { "not null" });
         let wrong = |found: String| EvalError::malformed(self.path, format!("column {name}"), expected(), found);
         let series = self.frame.column(name).map_err(|_absent| wrong("no such column".to_owned()))?;
         if *series.dtype() != kind.data_type() {
@@ -51,79 +50,108 @@ impl<'a> Table<'a> {
         if nulls > 0 && !nullable { Err(wrong(format!("{nulls} nulls"))) } else { Ok(()) }
     }
 
-    pub(super) fn rows(&self) -> usize {
-        self.frame.height()
-    }
-
-    /// A column that the table's version has, as the type that its schema says; `None` for one that came later.
+    /// Converts every row.
     #[expect(clippy::expect_used, reason = "every column of the version was checked when the table was read")]
-    fn column<'t, T>(&'t self, name: &str, typed: impl Fn(&'t Series) -> PolarsResult<T>) -> Option<T> {
-        self.columns.iter().find(|column| column.name == name)?;
-        let column = self.frame.column(name).expect("a column of the schema").as_materialized_series();
-        Some(typed(column).expect("a column of the schema's type"))
+    pub(super) fn rows<T>(&self, convert: impl Fn(&Row<'_>) -> Result<T, EvalError>) -> Result<Vec<T>, EvalError> {
+        let series = |name| self.frame.column(name).expect("a column of the schema").as_materialized_series();
+        let columns = self.columns.iter().map(|column| (column.name.as_str(), series(&column.name))).collect();
+        (0..self.frame.height()).map(|at| convert(&Row { columns: &columns, path: self.path, at })).collect()
+    }
+}
+
+/// A row of a table. Columns that were added in a later version are null, or empty lists.
+pub(super) struct Row<'t> {
+    columns: &'t HashMap<&'t str, &'t Series>,
+    path: &'t Path,
+    at: usize,
+}
+
+impl<'t> Row<'t> {
+    #[expect(clippy::expect_used, reason = "the types of columns were checked when the table was read")]
+    fn column<T>(&self, name: &str, typed: impl Fn(&'t Series) -> PolarsResult<&'t T>) -> Option<&'t T> {
+        self.columns.get(name).map(|series| typed(series).expect("a column of the schema's type"))
     }
 
-    pub(super) fn texts_of(&self, name: &str) -> Vec<Option<String>> {
-        let column = self.column(name, Series::str);
-        self.all(column.map(|column| column.iter().map(|text| text.map(str::to_owned))))
+    fn required<T>(&self, name: &str, value: Option<T>) -> Result<T, EvalError> {
+        value.ok_or_else(|| self.invalid(name, "a value", "none"))
     }
 
-    pub(super) fn flags_of(&self, name: &str) -> Vec<Option<bool>> {
-        self.all(self.column(name, Series::bool).map(ChunkedArray::iter))
+    pub(super) fn key(&self) -> Result<TrialKey, EvalError> {
+        Ok(TrialKey {
+            preset: self.text("preset")?,
+            method: self.text("method")?,
+            scene: self.text("scene")?,
+            entry: self.small_count("entry")?,
+        })
     }
 
-    pub(super) fn counts_of(&self, name: &str) -> Vec<Option<u64>> {
-        self.all(self.column(name, Series::u64).map(ChunkedArray::iter))
+    pub(super) fn optional_text(&self, name: &str) -> Option<String> {
+        self.column(name, Series::str)?.get(self.at).map(str::to_owned)
     }
 
-    pub(super) fn integers_of(&self, name: &str) -> Vec<Option<i64>> {
-        self.all(self.column(name, Series::i64).map(ChunkedArray::iter))
+    pub(super) fn text(&self, name: &str) -> Result<String, EvalError> {
+        self.required(name, self.optional_text(name))
     }
 
-    pub(super) fn numbers_of(&self, name: &str) -> Vec<Option<f64>> {
-        self.all(self.column(name, Series::f64).map(ChunkedArray::iter))
-    }
-
-    pub(super) fn lists_of_texts(&self, name: &str) -> Result<Vec<Vec<String>>, EvalError> {
-        self.lists(name, |series| Ok(series.str()?.iter().map(|text| text.map(str::to_owned)).collect()))
-    }
-
-    pub(super) fn lists_of_counts(&self, name: &str) -> Result<Vec<Vec<u64>>, EvalError> {
-        self.lists(name, |series| Ok(series.u64()?.iter().collect()))
-    }
-
-    pub(super) fn lists_of_numbers(&self, name: &str) -> Result<Vec<Vec<f64>>, EvalError> {
-        self.lists(name, |series| Ok(series.f64()?.iter().collect()))
-    }
-
-    /// `of` gives `None` for a list that holds a null. Lists of a column that came later are empty.
-    fn lists<T>(
+    /// A text that is the name of something.
+    pub(super) fn named<T>(
         &self,
         name: &str,
-        of: impl Fn(&Series) -> PolarsResult<Option<Vec<T>>>,
-    ) -> Result<Vec<Vec<T>>, EvalError> {
-        let Some(column) = self.column(name, Series::list) else {
-            return Ok(std::iter::repeat_with(Vec::new).take(self.rows()).collect());
-        };
-        let list = |at: usize| {
-            let series = column.get_as_series(at);
-            let list = series.map(|series| of(&series)).transpose();
-            let list = list.map_err(|error| self.wrong(name, at, "a list", error))?;
-            list.flatten().ok_or_else(|| self.wrong(name, at, "a list without nulls", "a null"))
-        };
-        (0..column.len()).map(list).collect()
+        expected: &str,
+        parse: impl Fn(&str) -> Option<T>,
+    ) -> Result<T, EvalError> {
+        let text = self.text(name)?;
+        parse(&text).ok_or_else(|| self.invalid(name, expected, &text))
     }
 
-    /// Nulls where there is no such column.
-    fn all<T>(&self, values: Option<impl Iterator<Item = Option<T>>>) -> Vec<Option<T>> {
-        match values {
-            Some(values) => values.collect(),
-            None => std::iter::repeat_with(|| None).take(self.rows()).collect(),
-        }
+    pub(super) fn flag(&self, name: &str) -> Result<bool, EvalError> {
+        self.required(name, self.column(name, Series::bool).and_then(|column| column.get(self.at)))
     }
 
-    /// A value outside what a field takes.
-    pub(super) fn wrong(&self, column: &str, row: usize, expected: &str, found: impl Display) -> EvalError {
-        EvalError::malformed(self.path, format!("column {column}, row {row}"), expected, found)
+    pub(super) fn optional_count(&self, name: &str) -> Option<u64> {
+        self.column(name, Series::u64)?.get(self.at)
+    }
+
+    pub(super) fn count(&self, name: &str) -> Result<u64, EvalError> {
+        self.required(name, self.optional_count(name))
+    }
+
+    /// A count below 2³².
+    pub(super) fn small_count(&self, name: &str) -> Result<u32, EvalError> {
+        let count = self.count(name)?;
+        u32::try_from(count).map_err(|_too_large| self.invalid(name, "a count below 2³²", count))
+    }
+
+    pub(super) fn integer(&self, name: &str) -> Result<i64, EvalError> {
+        self.required(name, self.column(name, Series::i64).and_then(|column| column.get(self.at)))
+    }
+
+    pub(super) fn optional_number(&self, name: &str) -> Option<f64> {
+        self.column(name, Series::f64)?.get(self.at)
+    }
+
+    pub(super) fn texts(&self, name: &str) -> Result<Vec<String>, EvalError> {
+        self.list(name, |series| Ok(series.str()?.iter().map(|text| text.map(str::to_owned)).collect()))
+    }
+
+    pub(super) fn counts(&self, name: &str) -> Result<Vec<u64>, EvalError> {
+        self.list(name, |series| Ok(series.u64()?.iter().collect()))
+    }
+
+    pub(super) fn numbers(&self, name: &str) -> Result<Vec<f64>, EvalError> {
+        self.list(name, |series| Ok(series.f64()?.iter().collect()))
+    }
+
+    /// `of` returns `None` for a list that holds a null.
+    fn list<T>(&self, name: &str, of: impl Fn(&Series) -> PolarsResult<Option<Vec<T>>>) -> Result<Vec<T>, EvalError> {
+        let Some(column) = self.column(name, Series::list) else { return Ok(Vec::new()) };
+        let list = column.get_as_series(self.at).map(|series| of(&series)).transpose();
+        let list = list.map_err(|error| self.invalid(name, "a list", error))?;
+        list.flatten().ok_or_else(|| self.invalid(name, "a list without nulls", "a null"))
+    }
+
+    /// The error for an invalid value.
+    pub(super) fn invalid(&self, column: &str, expected: &str, found: impl Display) -> EvalError {
+        EvalError::malformed(self.path, format!("column {column}, row {}", self.at), expected, found)
     }
 }

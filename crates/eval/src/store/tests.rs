@@ -2,80 +2,57 @@ use std::collections::BTreeMap;
 
 use super::schema::{self, Column, Kind, Schema};
 use super::*;
-use crate::timing::{Load, Machine, TimingRow};
-use crate::{Shard, TargetStatus, TrialKey, TrialStatus};
+use crate::timing::{Load, TimingRow};
+use crate::{Shard, TargetStatus, TrialKey, TrialStatus, sample_rows};
 
 fn key(scene: &str) -> TrialKey {
     TrialKey { preset: "p".to_owned(), method: "m".to_owned(), scene: scene.to_owned(), entry: 0 }
 }
 
+/// A row whose fields differ from the sample's where the columns' types do.
 fn trial(scene: &str) -> TrialRow {
     TrialRow {
         key: key(scene),
-        trial_hash: format!("hash of {scene}"),
-        pose_hash: "poses".to_owned(),
-        data_hash: Some(format!("data of {scene}")),
-        input_hash: None,
         status: TrialStatus::Partial,
         detail: Some("1 of 2 failed".to_owned()),
-        context: vec![9, 126],
-        context_hashes: vec!["nine".to_owned(), "one hundred and twenty-six".to_owned()],
-        targets: 2,
-        overlap: None,
-        width: 256,
-        height: 128,
-        initial_tokens: Some(10),
         final_tokens: None,
         gaussians: Some(1 << 40),
         gaussians_drawn: Some(0.1),
         peak_bytes: None,
         effects: vec!["background".to_owned()],
-        notes: Vec::new(),
+        height: 128,
+        ..sample_rows::trial("m", scene, 0, 2)
     }
 }
 
 fn targets(scene: &str) -> Vec<TargetRow> {
     let row = |target, status, scores: &[(&str, f64)]| TargetRow {
         key: key(scene),
-        target,
-        frame: 29 + u64::from(target),
         signed_distance: -3,
         leaked: target == 1,
         overlap: Some(0.25),
-        width: 256,
         height: 128,
-        truth_hash: Some("truth".to_owned()),
         render_hash: None,
         status,
-        detail: None,
-        non_finite: 0,
         scores: scores.iter().map(|(id, score)| ((*id).to_owned(), *score)).collect(),
         not_computed: BTreeMap::from([("lpips".to_owned(), "weights absent".to_owned())]),
+        ..sample_rows::target("m", scene, 0, target, "psnr", 0.0)
     };
     let scored = row(0, TargetStatus::Scored, &[("psnr", 0.1 + 0.2), ("ssim", 5e-324)]);
     vec![scored, row(1, TargetStatus::Failed, &[])]
 }
 
 fn timing(scene: &str, machine: u32) -> TimingRow {
+    let mut row = sample_rows::timing("m", scene, &[0.1, 1.0 / 3.0], &[5e-324, 0.2, 0.3, 0.4]);
+    row.machine.processor = format!("processor {machine}");
     TimingRow {
         key: key(scene),
-        trial_hash: format!("hash of {scene}"),
-        machine: Machine {
-            processor: format!("processor {machine}"),
-            platform: "linux".to_owned(),
-            cpus: 8,
-            threads: 4,
-        },
         started: 1_700_000_000,
-        trials_there: 3,
-        warm_up: 1,
-        encode: vec![0.1, 1.0 / 3.0],
-        render: vec![5e-324, 0.2, 0.3, 0.4],
         stages: BTreeMap::from([("coarse".to_owned(), vec![0.2, 0.3]), ("head".to_owned(), vec![0.1, 0.4])]),
         held_bytes: Some(7),
         peak_bytes: None,
         load: Load { average_before: Some(0.5), mhz_after: Some(2600.0), others: Some(0.02), ..Load::default() },
-        detail: None,
+        ..row
     }
 }
 
@@ -106,7 +83,7 @@ fn the_schema_is_the_committed_one() {
 }
 
 #[test]
-fn every_bit_comes_back_from_parts_and_from_tables() {
+fn rows_are_bit_identical_from_parts_and_tables() {
     let folder = tempfile::tempdir().unwrap();
     let store = filled(folder.path(), &["b", "a", "ü/x"]);
     let expected: Vec<TrialRow> = ["a", "b", "ü/x"].map(trial).to_vec();
@@ -121,13 +98,13 @@ fn every_bit_comes_back_from_parts_and_from_tables() {
 }
 
 #[test]
-fn a_finished_store_goes_on_and_ends_with_the_bytes_of_one_run() {
+fn resuming_a_finished_store_gives_identical_bytes() {
     let [once, twice] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     filled(once.path(), &["a", "b", "c"]).finish().unwrap();
     filled(twice.path(), &["c", "a"]).finish().unwrap();
     let store = Store::resume(twice.path(), Provenance::default()).unwrap();
-    let answered = |key: &TrialKey, data: &str| store.known().answered(key, "hash of c", data, None);
-    assert!(answered(&key("c"), "data of c") && !answered(&key("c"), "data of d") && !answered(&key("b"), "data of c"));
+    let is_known = |key: &TrialKey, data: &str| store.known().contains(key, "trial c 0", data, None);
+    assert!(is_known(&key("c"), "data c 0") && !is_known(&key("c"), "data d 0") && !is_known(&key("b"), "data c 0"));
     store.append(&trial("b"), &targets("b")).unwrap();
     fs::write(parts::folder(twice.path()).join("x.json.1-0.tmp"), b"half a tri").unwrap();
     store.finish().unwrap();
@@ -135,12 +112,12 @@ fn a_finished_store_goes_on_and_ends_with_the_bytes_of_one_run() {
         let bytes = |folder: &tempfile::TempDir| fs::read(folder.path().join(file)).unwrap();
         assert_eq!(bytes(&once), bytes(&twice), "{file}");
     }
-    assert!(!parts::folder(twice.path()).exists(), "what a crash left is cleared away");
+    assert!(!parts::folder(twice.path()).exists(), "unfinished files of a crash are removed");
 }
 
-/// Killed after the first table, or while the parts are removed.
+/// Interrupted after the first table, or while the parts are removed.
 #[test]
-fn compaction_may_be_interrupted() {
+fn compaction_can_be_interrupted() {
     let [whole, torn] = [tempfile::tempdir().unwrap(), tempfile::tempdir().unwrap()];
     let expected = filled(whole.path(), &["a", "b"]).finish().unwrap();
     filled(torn.path(), &["a"]).finish().unwrap();
@@ -154,7 +131,7 @@ fn compaction_may_be_interrupted() {
 }
 
 #[test]
-fn numbers_that_are_none_are_refused() {
+fn rejects_non_finite_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let store = filled(folder.path(), &[]);
     for value in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
@@ -178,7 +155,7 @@ fn provenance_with(folder: &Path, change: impl FnOnce(&mut serde_json::Value)) -
 }
 
 #[test]
-fn other_schemas_are_refused_with_the_reason() {
+fn rejects_other_schemas_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     assert!(matches!(Results::read(folder.path()), Err(EvalError::NoStore { .. })));
     filled(folder.path(), &["a"]).finish().unwrap();
@@ -198,9 +175,9 @@ fn other_schemas_are_refused_with_the_reason() {
     assert!(matches!(Results::read(folder.path()), Err(EvalError::Malformed { .. })));
 }
 
-/// A version that had neither `peak-bytes` nor `lpips`, and called nothing a note.
+/// A version without the columns `gaussians`, `effects` and `psnr`.
 #[test]
-fn columns_that_came_later_are_null_in_older_tables() {
+fn later_columns_are_null_in_older_tables() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), &["a"]).finish().unwrap();
     let mut older = Schema::of_version(SCHEMA_VERSION).unwrap();
@@ -209,12 +186,12 @@ fn columns_that_came_later_are_null_in_older_tables() {
     let rows = read::tables(folder.path(), &older).unwrap();
     let (trial, targets) = &rows[&key("a")];
     assert_eq!((trial.gaussians, trial.effects.len()), (None, 0));
-    assert_eq!(trial.initial_tokens, Some(10));
+    assert_eq!(trial.initial_tokens, Some(512));
     assert_eq!(targets[0].scores.keys().collect::<Vec<_>>(), ["ssim"]);
 }
 
 #[test]
-fn damaged_tables_say_where() {
+fn errors_of_damaged_tables_name_the_location() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), &["a"]).finish().unwrap();
     let schema = |change: fn(&mut Schema)| {
@@ -251,7 +228,7 @@ fn shard(number: u32, scenes: &[&str]) -> Results {
 }
 
 #[test]
-fn shards_merge_into_one_run_and_the_missing_are_named() {
+fn shards_merge_into_one_run_and_missing_ones_are_listed() {
     let folder = tempfile::tempdir().unwrap();
     let whole = filled(folder.path(), &["a", "b", "c", "d"]).finish().unwrap();
     let shards = [shard(3, &["d"]), shard(1, &["c", "a"]), shard(2, &["b", "a"])];
@@ -267,12 +244,12 @@ fn shards_merge_into_one_run_and_the_missing_are_named() {
     assert_eq!(Results::read(&written).unwrap().timings, merged.results.timings);
     let partial = Results::merge(shards[..2].to_vec()).unwrap();
     assert_eq!(partial.missing_shards, [2]);
-    assert!(partial.results.provenance.shard.is_some(), "a part stays one");
+    assert!(partial.results.provenance.shard.is_some(), "an incomplete run stays a shard");
     assert!(Results::merge(Vec::new()).is_err());
 }
 
 #[test]
-fn what_does_not_belong_together_is_not_merged() {
+fn rejects_merging_different_runs() {
     let mut other = shard(2, &["a"]);
     other.targets[0].scores.insert("psnr".to_owned(), 12.0);
     let error = Results::merge(vec![shard(1, &["a"]), other]).unwrap_err().to_string();
@@ -287,7 +264,7 @@ fn what_does_not_belong_together_is_not_merged() {
 }
 
 #[test]
-fn a_folder_that_cannot_be_written_is_told_before_work() {
+fn creating_a_store_checks_that_the_folder_is_writable() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("file"), b"").unwrap();
     let error = Store::create(&folder.path().join("file/store"), Provenance::default()).unwrap_err();
@@ -296,7 +273,7 @@ fn a_folder_that_cannot_be_written_is_told_before_work() {
     assert!(Store::create(&folder.path().join("store"), Provenance::default()).is_err());
 }
 
-/// `m` and `n` answered the same trial.
+/// The row of the same trial under another method and data.
 fn by(method: &str, data: &str) -> (TrialRow, Vec<TargetRow>) {
     let mut row = trial("a");
     row.data_hash = Some(data.to_owned());
@@ -306,7 +283,7 @@ fn by(method: &str, data: &str) -> (TrialRow, Vec<TargetRow>) {
 }
 
 #[test]
-fn rows_of_different_data_are_not_read_as_one_table() {
+fn rejects_rows_of_different_data() {
     let folder = tempfile::tempdir().unwrap();
     let store = filled(folder.path(), &[]);
     for (method, data) in [("m", "old"), ("n", "new")] {
@@ -318,22 +295,22 @@ fn rows_of_different_data_are_not_read_as_one_table() {
     let message = error.to_string();
     assert!(message.contains("m on p, scene \"a\"") && message.contains("n on p, scene \"a\""), "{message}");
     drop(store);
-    // The run that was killed on the way goes on, and replaces what is old.
+    // The interrupted run is resumed and replaces the outdated rows.
     let store = Store::open(folder.path()).unwrap();
     let (row, targets) = by("m", "new");
     store.append(&row, &targets).unwrap();
     assert_eq!(store.finish().unwrap().trials.len(), 2);
-    // Rows of earlier versions say which true pictures they were compared with.
+    // Rows of older versions only record the ground-truth pictures.
     let store = Store::open(folder.path()).unwrap();
     let (mut row, mut targets) = by("m", "new");
     row.data_hash = None;
     targets[0].truth_hash = Some("another truth".to_owned());
     store.append(&row, &targets).unwrap();
-    assert!(store.finish().unwrap_err().to_string().contains("different true pictures"));
+    assert!(store.finish().unwrap_err().to_string().contains("different ground-truth pictures"));
 }
 
 #[test]
-fn one_process_writes_and_others_are_told_which() {
+fn a_second_writer_is_rejected_with_the_first_ones_identity() {
     let folder = tempfile::tempdir().unwrap();
     let store = filled(folder.path(), &["a"]);
     let opened = [
@@ -349,19 +326,19 @@ fn one_process_writes_and_others_are_told_which() {
             assert!(message.contains(part), "{part}: {message}");
         }
     }
-    assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 1, "whoever reads needs no lock");
+    assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 1, "reading needs no lock");
     store.append(&trial("b"), &targets("b")).unwrap();
     assert_eq!(Results::read(folder.path()).unwrap().trials.len(), 2);
     assert_eq!(store.finish().unwrap().trials.len(), 2);
-    // What a killed process left behind locks nothing.
+    // Files left behind by a killed process lock nothing.
     fs::write(folder.path().join("run.json"), r#"{"pid":1,"host":"elsewhere","since":0}"#).unwrap();
     drop(Store::open(folder.path()).unwrap());
     assert!(!folder.path().join("run.json").exists());
 }
 
-/// Every trial that was finished when reading began is read, while parts move into the tables.
+/// Reads while parts move into the tables: every trial that was finished before must be included.
 #[test]
-fn reading_beside_a_writer_misses_nothing() {
+fn concurrent_readers_miss_no_finished_trial() {
     let folder = tempfile::tempdir().unwrap();
     filled(folder.path(), &["s000"]).finish().unwrap();
     let done = std::sync::atomic::AtomicUsize::new(1);
@@ -386,7 +363,7 @@ fn reading_beside_a_writer_misses_nothing() {
 }
 
 #[test]
-fn a_protocol_that_no_longer_reads_is_named_with_its_field() {
+fn an_invalid_protocol_is_reported_with_its_field() {
     let folder = tempfile::tempdir().unwrap();
     let toml = atsplat_protocol::Preset::text_of("re10k-2v-256").unwrap().to_owned();
     let preset = crate::PresetRecord { name: "walls".to_owned(), toml, ..crate::PresetRecord::default() };
@@ -404,7 +381,7 @@ fn a_protocol_that_no_longer_reads_is_named_with_its_field() {
 }
 
 #[test]
-fn timings_come_back_and_the_same_machine_is_timed_anew() {
+fn timings_are_stored_and_replaced_per_machine() {
     let folder = tempfile::tempdir().unwrap();
     let store = filled(folder.path(), &["a", "b"]);
     let refused =
@@ -414,8 +391,8 @@ fn timings_come_back_and_the_same_machine_is_timed_anew() {
     store.add_timings(vec![timing("b", 2)]).unwrap();
     store.add_timings(vec![TimingRow { started: 1_800_000_000, ..timing("a", 1) }]).unwrap();
     let kept = store.timings().unwrap();
-    let told: Vec<_> = kept.iter().map(|row| (row.key.scene.as_str(), row.started, row.is_timed())).collect();
-    assert_eq!(told, [("a", 1_800_000_000, true), ("b", 1_700_000_000, true)]);
+    let rows: Vec<_> = kept.iter().map(|row| (row.key.scene.as_str(), row.started, row.is_timed())).collect();
+    assert_eq!(rows, [("a", 1_800_000_000, true), ("b", 1_700_000_000, true)]);
     assert_eq!(store.finish().unwrap().timings, kept);
     let store = Store::open(folder.path()).unwrap();
     let error = store.add_timings(vec![TimingRow { render: vec![f64::NAN], ..timing("a", 3) }]).unwrap_err();
@@ -424,7 +401,7 @@ fn timings_come_back_and_the_same_machine_is_timed_anew() {
 }
 
 #[test]
-fn two_answers_about_one_pass_are_refused() {
+fn rejects_conflicting_times_of_one_pass() {
     let [mut first, mut second] = [shard(1, &["a"]), shard(2, &["b"])];
     second.timings = first.timings.clone();
     assert_eq!(Results::merge(vec![first.clone(), second.clone()]).unwrap().results.timings.len(), 1);

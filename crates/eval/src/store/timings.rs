@@ -1,7 +1,7 @@
-//! [`TimingRow`]s: a table of their own beside trials and targets.
+//! [`TimingRow`]s as a table of their own.
 //!
-//! It is small and written whole, as soon as a protocol has been timed. Stores of schema version 1 have none: their times were
-//! taken while other trials ran, and are not read.
+//! The table is small and rewritten whenever a protocol has been timed. Stores of schema version 1 have none: their times
+//! were measured while other trials ran and are not read.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -9,7 +9,6 @@ use std::path::Path;
 use super::columns::Columns;
 use super::schema::Schema;
 use super::table::{self, Table};
-use super::trials::{keys, needed, small, taken, value};
 use super::{SCHEMA_VERSION, Store};
 use crate::EvalError;
 use crate::timing::{Load, Machine, TimingRow, merged};
@@ -17,23 +16,27 @@ use crate::timing::{Load, Machine, TimingRow, merged};
 const TIMINGS: &str = "timings.parquet";
 
 impl Store {
-    /// The timing rows that are there.
+    /// The store's timing rows.
     ///
     /// # Errors
     /// As [`crate::Results::read`].
+    ///
+    /// # Panics
+    /// Never: the newest version has a schema.
+    #[expect(clippy::expect_used, reason = "tests parse every committed schema")]
     pub fn timings(&self) -> Result<Vec<TimingRow>, EvalError> {
-        read(&self.folder, &Schema::of_version(SCHEMA_VERSION).unwrap_or_default())
+        read(&self.folder, &Schema::of_version(SCHEMA_VERSION).expect("the newest version has a schema"))
     }
 
-    /// Adds timing rows. They take the place of those that the same methods have on the same machine.
+    /// Adds timing rows, which replace those of the same methods on the same machine.
     ///
     /// # Errors
     /// [`EvalError::NotFinite`] before anything is written, [`EvalError::Io`].
     pub fn add_timings(&self, rows: Vec<TimingRow>) -> Result<(), EvalError> {
         let subject = |row: &TimingRow| (row.key.preset.clone(), row.key.method.clone(), row.machine.clone());
-        let timed_anew: BTreeSet<_> = rows.iter().map(subject).collect();
+        let replaced: BTreeSet<_> = rows.iter().map(subject).collect();
         let mut all = self.timings()?;
-        all.retain(|row| !timed_anew.contains(&subject(row)));
+        all.retain(|row| !replaced.contains(&subject(row)));
         all.extend(rows);
         write(&self.folder, &merged(all)?)
     }
@@ -44,7 +47,7 @@ pub(super) fn write(folder: &Path, rows: &[TimingRow]) -> Result<(), EvalError> 
     table::write(&folder.join(TIMINGS), columns(rows).frame())
 }
 
-/// The rows of a store; none where its version has no such table, and where nothing was timed.
+/// The rows of a store; none if its version has no such table or nothing was timed.
 pub(super) fn read(folder: &Path, schema: &Schema) -> Result<Vec<TimingRow>, EvalError> {
     if schema.timings.is_empty() {
         return Ok(Vec::new());
@@ -53,11 +56,7 @@ pub(super) fn read(folder: &Path, schema: &Schema) -> Result<Vec<TimingRow>, Eva
 }
 
 pub(super) fn columns(rows: &[TimingRow]) -> Columns<'_, TimingRow> {
-    Columns::of(rows)
-        .text("preset", |row| &row.key.preset)
-        .text("method", |row| &row.key.method)
-        .text("scene", |row| &row.key.scene)
-        .count("entry", |row| row.key.entry.into())
+    Columns::of(rows, |row| &row.key)
         .text("trial-hash", |row| &row.trial_hash)
         .text("processor", |row| &row.machine.processor)
         .text("platform", |row| &row.machine.platform)
@@ -81,51 +80,39 @@ pub(super) fn columns(rows: &[TimingRow]) -> Columns<'_, TimingRow> {
 }
 
 fn rows(table: &Table<'_>) -> Result<Vec<TimingRow>, EvalError> {
-    let keys = keys(table)?;
-    let [hash, processor, platform, detail] =
-        ["trial-hash", "processor", "platform", "detail"].map(|name| table.texts_of(name));
-    let [cpus, threads, warm_up] = ["cpus", "threads", "warm-up"].map(|name| table.counts_of(name));
-    let [started, there] = ["started", "trials-there"].map(|name| table.counts_of(name));
-    let [held, peak] = ["held-bytes", "peak-bytes"].map(|name| table.counts_of(name));
-    let loads = ["load-before", "load-after", "mhz-before", "mhz-after", "others"].map(|name| table.numbers_of(name));
-    let [encode, render, of_stages] =
-        ["encode-samples", "render-samples", "stage-samples"].map(|name| table.lists_of_numbers(name));
-    let mut samples = [encode?, render?, of_stages?];
-    let mut stages = table.lists_of_texts("stages")?;
-    let mut rows = Vec::with_capacity(keys.len());
-    for (at, key) in keys.into_iter().enumerate() {
-        let small = |name, values: &[Option<u64>]| small(table, name, at, values);
-        let [encode, render, of_stages] = samples.each_mut().map(|lists| taken(lists, at));
-        let names = taken(&mut stages, at);
-        // Every stage has as many repetitions.
-        let each = of_stages.len().checked_div(names.len()).unwrap_or(0);
-        if each * names.len() != of_stages.len() {
-            let expected = format!("as many for each of {} stages", names.len());
-            return Err(table.wrong("stage-samples", at, &expected, of_stages.len()));
+    table.rows(|row| {
+        let (names, samples) = (row.texts("stages")?, row.numbers("stage-samples")?);
+        // Every stage has the same number of repetitions; without stages there are no samples.
+        let each = samples.len().checked_div(names.len()).unwrap_or(0);
+        if each * names.len() != samples.len() {
+            let expected = format!("the same number for each of {} stages", names.len());
+            return Err(row.invalid("stage-samples", &expected, samples.len()));
         }
-        let stages = names.into_iter().zip(of_stages.chunks(each.max(1)).map(<[f64]>::to_vec)).collect();
-        let [average_before, average_after, mhz_before, mhz_after, others] =
-            loads.each_ref().map(|values| value(values, at));
-        rows.push(TimingRow {
-            key,
-            trial_hash: needed(table, "trial-hash", at, &hash)?,
+        Ok(TimingRow {
+            key: row.key()?,
+            trial_hash: row.text("trial-hash")?,
             machine: Machine {
-                processor: needed(table, "processor", at, &processor)?,
-                platform: needed(table, "platform", at, &platform)?,
-                cpus: small("cpus", &cpus)?,
-                threads: small("threads", &threads)?,
+                processor: row.text("processor")?,
+                platform: row.text("platform")?,
+                cpus: row.small_count("cpus")?,
+                threads: row.small_count("threads")?,
             },
-            started: needed(table, "started", at, &started)?,
-            trials_there: needed(table, "trials-there", at, &there)?,
-            warm_up: small("warm-up", &warm_up)?,
-            encode,
-            render,
-            stages,
-            held_bytes: value(&held, at),
-            peak_bytes: value(&peak, at),
-            load: Load { average_before, average_after, mhz_before, mhz_after, others },
-            detail: value(&detail, at),
-        });
-    }
-    Ok(rows)
+            started: row.count("started")?,
+            trials_there: row.count("trials-there")?,
+            warm_up: row.small_count("warm-up")?,
+            encode: row.numbers("encode-samples")?,
+            render: row.numbers("render-samples")?,
+            stages: names.into_iter().zip(samples.chunks(each.max(1)).map(<[f64]>::to_vec)).collect(),
+            held_bytes: row.optional_count("held-bytes"),
+            peak_bytes: row.optional_count("peak-bytes"),
+            load: Load {
+                average_before: row.optional_number("load-before"),
+                average_after: row.optional_number("load-after"),
+                mhz_before: row.optional_number("mhz-before"),
+                mhz_after: row.optional_number("mhz-after"),
+                others: row.optional_number("others"),
+            },
+            detail: row.optional_text("detail"),
+        })
+    })
 }

@@ -2,14 +2,10 @@
 
 use super::columns::Columns;
 use super::table::Table;
-use crate::{EvalError, TrialKey, TrialRow, TrialStatus};
+use crate::{EvalError, TrialRow, TrialStatus};
 
 pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
-    Columns::of(rows)
-        .text("preset", |row| &row.key.preset)
-        .text("method", |row| &row.key.method)
-        .text("scene", |row| &row.key.scene)
-        .count("entry", |row| row.key.entry.into())
+    Columns::of(rows, |row| &row.key)
         .text("trial-hash", |row| &row.trial_hash)
         .text("pose-hash", |row| &row.pose_hash)
         .optional_text("data-hash", |row| row.data_hash.as_deref())
@@ -32,95 +28,28 @@ pub(super) fn columns(rows: &[TrialRow]) -> Columns<'_, TrialRow> {
 }
 
 pub(super) fn rows(table: &Table<'_>) -> Result<Vec<TrialRow>, EvalError> {
-    let keys = keys(table)?;
-    let texts = ["trial-hash", "pose-hash", "data-hash", "input-hash", "status", "detail"];
-    let [hash, pose, data, input, status, detail] = texts.map(|name| table.texts_of(name));
-    let mut context = table.lists_of_counts("context")?;
-    let [targets, width, height] = ["targets", "width", "height"].map(|name| table.counts_of(name));
-    let counts = ["initial-tokens", "final-tokens", "gaussians", "peak-bytes"].map(|name| table.counts_of(name));
-    let numbers = ["overlap", "gaussians-drawn"].map(|name| table.numbers_of(name));
-    let [effects, notes, context_hashes] =
-        ["effects", "notes", "context-hashes"].map(|name| table.lists_of_texts(name));
-    let mut texts = [effects?, notes?, context_hashes?];
-    let mut rows = Vec::with_capacity(keys.len());
-    for (at, key) in keys.into_iter().enumerate() {
-        let small = |name, values: &[Option<u64>]| small(table, name, at, values);
-        let [initial_tokens, final_tokens, gaussians, peak_bytes] = counts.each_ref().map(|values| value(values, at));
-        let [overlap, gaussians_drawn] = numbers.each_ref().map(|values| value(values, at));
-        let [effects, notes, context_hashes] = texts.each_mut().map(|lists| taken(lists, at));
-        let name = needed(table, "status", at, &status)?;
-        let status = TrialStatus::named(&name)
-            .ok_or_else(|| table.wrong("status", at, "the name of a trial's status", &name))?;
-        rows.push(TrialRow {
-            key,
-            trial_hash: needed(table, "trial-hash", at, &hash)?,
-            pose_hash: needed(table, "pose-hash", at, &pose)?,
-            data_hash: value(&data, at),
-            input_hash: value(&input, at),
-            status,
-            detail: value(&detail, at),
-            context: taken(&mut context, at),
-            context_hashes,
-            targets: small("targets", &targets)?,
-            overlap,
-            width: small("width", &width)?,
-            height: small("height", &height)?,
-            initial_tokens,
-            final_tokens,
-            gaussians,
-            gaussians_drawn,
-            peak_bytes,
-            effects,
-            notes,
-        });
-    }
-    Ok(rows)
-}
-
-/// The key of every row.
-pub(super) fn keys(table: &Table<'_>) -> Result<Vec<TrialKey>, EvalError> {
-    let [presets, methods, scenes] = ["preset", "method", "scene"].map(|name| table.texts_of(name));
-    let entries = table.counts_of("entry");
-    let key = |at| {
-        Ok(TrialKey {
-            preset: needed(table, "preset", at, &presets)?,
-            method: needed(table, "method", at, &methods)?,
-            scene: needed(table, "scene", at, &scenes)?,
-            entry: small(table, "entry", at, &entries)?,
+    table.rows(|row| {
+        Ok(TrialRow {
+            key: row.key()?,
+            trial_hash: row.text("trial-hash")?,
+            pose_hash: row.text("pose-hash")?,
+            data_hash: row.optional_text("data-hash"),
+            input_hash: row.optional_text("input-hash"),
+            status: row.named("status", "the name of a trial's status", TrialStatus::named)?,
+            detail: row.optional_text("detail"),
+            context: row.counts("context")?,
+            context_hashes: row.texts("context-hashes")?,
+            targets: row.small_count("targets")?,
+            overlap: row.optional_number("overlap"),
+            width: row.small_count("width")?,
+            height: row.small_count("height")?,
+            initial_tokens: row.optional_count("initial-tokens"),
+            final_tokens: row.optional_count("final-tokens"),
+            gaussians: row.optional_count("gaussians"),
+            gaussians_drawn: row.optional_number("gaussians-drawn"),
+            peak_bytes: row.optional_count("peak-bytes"),
+            effects: row.texts("effects")?,
+            notes: row.texts("notes")?,
         })
-    };
-    (0..table.rows()).map(key).collect()
-}
-
-/// A count of 32 bits.
-pub(super) fn small(table: &Table<'_>, name: &str, at: usize, values: &[Option<u64>]) -> Result<u32, EvalError> {
-    let count = needed(table, name, at, values)?;
-    u32::try_from(count).map_err(|_too_large| table.wrong(name, at, "a count below 2³²", count))
-}
-
-pub(super) fn value<T: Clone>(values: &[Option<T>], at: usize) -> Option<T> {
-    values.get(at).cloned().flatten()
-}
-
-/// A value that every version has.
-pub(super) fn needed<T: Clone>(table: &Table<'_>, name: &str, at: usize, values: &[Option<T>]) -> Result<T, EvalError> {
-    value(values, at).ok_or_else(|| table.wrong(name, at, "a value", "none"))
-}
-
-#[expect(clippy::expect_used, reason = "a list is read for each row, and taken once")]
-pub(super) fn taken<T>(lists: &mut [Vec<T>], at: usize) -> Vec<T> {
-    lists.get_mut(at).map(std::mem::take).expect("a list for each row")
-}
-
-/// Two lists of one row that belong together, element by element.
-pub(super) fn pairs<A, B>(
-    table: &Table<'_>,
-    (name, first): (&str, Vec<A>),
-    second: Vec<B>,
-    at: usize,
-) -> Result<impl Iterator<Item = (A, B)>, EvalError> {
-    if first.len() == second.len() {
-        return Ok(first.into_iter().zip(second));
-    }
-    Err(table.wrong(name, at, &format!("{} entries, as the list beside it has", second.len()), first.len()))
+    })
 }

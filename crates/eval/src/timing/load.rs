@@ -4,29 +4,29 @@ use std::time::Instant;
 use rayon::ThreadPool;
 use serde::{Deserialize, Serialize};
 
-/// What else a machine did while times were measured; what a system does not tell is `None`.
+/// The machine's load while times were measured; `None` if the system does not report it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Load {
     /// Load average of the minute before.
     pub average_before: Option<f64>,
-    /// Load average of the last minute, at the end; the pass's own threads count in it.
+    /// Load average of the last minute at the end, including the pass's own threads.
     pub average_after: Option<f64>,
     /// Mean clock of the processors before, in MHz.
     pub mhz_before: Option<f64>,
     /// Mean clock of the processors at the end, in MHz.
     pub mhz_after: Option<f64>,
-    /// Share of the machine's processors, from 0 to 1, that everything but the pass took while it ran: other processes, other
-    /// threads of this one, and other guests of the same host.
+    /// Share of the machine's processors, from 0 to 1, used by anything but the pass: other processes, other threads of this
+    /// process, and other guests of the same host.
     pub others: Option<f64>,
 }
 
 impl Load {
-    /// From this share of others on, times are marked. Below it, the work of a pool that has the machine's threads is slowed by
-    /// no more than the repetitions differ by themselves.
+    /// Times are marked from this share of others on. Below it, a pool with as many threads as the machine is slowed by no
+    /// more than the repetitions' own spread.
     pub const BUSY: f64 = 0.05;
 
-    /// Whether others took so much that times cannot be trusted; where the system does not tell, nobody knows.
+    /// Whether others used so much that times cannot be trusted; `false` if the system does not report it.
     pub fn is_busy(&self) -> bool {
         self.others.is_some_and(|others| others >= Self::BUSY)
     }
@@ -37,38 +37,38 @@ impl Load {
     }
 }
 
-/// Whose processor time is a pass's own.
+/// Which processor time counts as the pass's own.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Own {
+pub(super) enum OwnTime {
     /// That of the pool's threads.
     Pool,
-    /// That of the whole process: drivers of graphics processors have threads of their own.
+    /// That of the whole process: GPU drivers have their own threads.
     Process,
 }
 
-/// The beginning of a stretch of time over which the load is measured.
+/// Measures the load between [`LoadMonitor::start`] and [`LoadMonitor::finish`].
 #[derive(Debug)]
-pub(super) struct Watch<'a> {
+pub(super) struct LoadMonitor<'a> {
     pool: &'a ThreadPool,
-    own: Own,
+    own: OwnTime,
     start: Instant,
     average: Option<f64>,
     mhz: Option<f64>,
-    machine: Option<Machine>,
+    cpu: Option<CpuTime>,
     own_secs: Option<f64>,
 }
 
-impl<'a> Watch<'a> {
-    pub(super) fn begin(pool: &'a ThreadPool, own: Own) -> Self {
+impl<'a> LoadMonitor<'a> {
+    pub(super) fn start(pool: &'a ThreadPool, own: OwnTime) -> Self {
         let (average, mhz) = (load_average(), mean_mhz());
-        Self { pool, own, start: Instant::now(), average, mhz, machine: machine(), own_secs: own_secs(pool, own) }
+        Self { pool, own, start: Instant::now(), average, mhz, cpu: cpu_time(), own_secs: own_secs(pool, own) }
     }
 
-    pub(super) fn end(self) -> Load {
+    pub(super) fn finish(self) -> Load {
         let wall = self.start.elapsed().as_secs_f64();
-        let (busy, own) = (machine(), own_secs(self.pool, self.own));
+        let (busy, own) = (cpu_time(), own_secs(self.pool, self.own));
         let others = || {
-            let (before, after) = (self.machine?, busy?);
+            let (before, after) = (self.cpu?, busy?);
             share_of_others(after.busy_secs - before.busy_secs, own? - self.own_secs?, wall * after.cpus)
         };
         Load {
@@ -81,7 +81,7 @@ impl<'a> Watch<'a> {
     }
 }
 
-/// Of `capacity` seconds of all processors, those that were busy and not the pass's own.
+/// Share of `capacity` processor seconds that were busy but not with the pass itself.
 fn share_of_others(busy: f64, own: f64, capacity: f64) -> Option<f64> {
     let share = (busy - own) / capacity;
     share.is_finite().then(|| share.clamp(0.0, 1.0))
@@ -89,20 +89,20 @@ fn share_of_others(busy: f64, own: f64, capacity: f64) -> Option<f64> {
 
 /// Processor time of the whole machine.
 #[derive(Clone, Copy, Debug, PartialEq)]
-struct Machine {
+struct CpuTime {
     busy_secs: f64,
     cpus: f64,
 }
 
-/// Ticks a second in what Linux tells users (`USER_HZ`), on every architecture that Rust runs on.
-const TICKS: f64 = 100.0;
+/// Linux's `USER_HZ`, ticks per second, on every architecture that Rust supports.
+const TICKS_PER_SEC: f64 = 100.0;
 
-fn machine() -> Option<Machine> {
+fn cpu_time() -> Option<CpuTime> {
     of_stat(&fs::read_to_string("/proc/stat").ok()?)
 }
 
 /// `/proc/stat`: user, nice, system, idle, iowait, irq, softirq, steal; guests are in user already (`proc_stat(5)`).
-fn of_stat(stat: &str) -> Option<Machine> {
+fn of_stat(stat: &str) -> Option<CpuTime> {
     let ticks: Vec<f64> = stat
         .lines()
         .find_map(|line| line.strip_prefix("cpu "))?
@@ -114,17 +114,17 @@ fn of_stat(stat: &str) -> Option<Machine> {
     let is_cpu =
         |line: &&str| line.strip_prefix("cpu").is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit()));
     let cpus = stat.lines().filter(is_cpu).count();
-    Some(Machine { busy_secs: (user + nice + system + irq + softirq + steal) / TICKS, cpus: cpus as f64 })
+    Some(CpuTime { busy_secs: (user + nice + system + irq + softirq + steal) / TICKS_PER_SEC, cpus: cpus as f64 })
 }
 
-fn own_secs(pool: &ThreadPool, own: Own) -> Option<f64> {
+fn own_secs(pool: &ThreadPool, own: OwnTime) -> Option<f64> {
     match own {
-        Own::Pool => pool.broadcast(|_| thread_secs()).into_iter().sum(),
-        Own::Process => of_process(&fs::read_to_string("/proc/self/stat").ok()?),
+        OwnTime::Pool => pool.broadcast(|_| thread_secs()).into_iter().sum(),
+        OwnTime::Process => of_process(&fs::read_to_string("/proc/self/stat").ok()?),
     }
 }
 
-/// Seconds that the calling thread has been running.
+/// Seconds for which the calling thread has been running.
 fn thread_secs() -> Option<f64> {
     let text = fs::read_to_string("/proc/thread-self/schedstat").ok()?;
     let nanos: f64 = text.split_whitespace().next()?.parse().ok()?;
@@ -136,7 +136,7 @@ fn of_process(stat: &str) -> Option<f64> {
     let (_, fields) = stat.rsplit_once(')')?;
     let mut fields = fields.split_whitespace().skip(11);
     let mut ticks = || fields.next()?.parse::<f64>().ok();
-    Some((ticks()? + ticks()?) / TICKS)
+    Some((ticks()? + ticks()?) / TICKS_PER_SEC)
 }
 
 fn load_average() -> Option<f64> {
@@ -164,7 +164,7 @@ mod tests {
                         cpu0 200 50 25 4500 35 10 15 5 200 0\ncpu1 200 50 25 4500 35 10 15 5 200 0\nintr 12 0\nctxt 9\n";
 
     #[test]
-    fn a_machine_is_busy_with_all_but_waiting() {
+    fn busy_time_excludes_idle_and_iowait() {
         let machine = of_stat(STAT).unwrap();
         Tolerance::F64.assert([machine.busy_secs, machine.cpus], [6.1, 2.0], "user, nice, system, irq, softirq, steal");
         assert_eq!(of_stat("cpu 1 2 3\n"), None);
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn processes_and_clocks_are_read() {
+    fn reads_process_times_and_clocks() {
         let stat = "42 (a (b) c) R 1 1 1 0 -1 0 7 8 9 10 150 50 3 4 20 0 1 0 5 6 7";
         Tolerance::F64.assert(of_process(stat), [2.0], "user and system time");
         assert_eq!(of_process("42 no name"), None);
@@ -182,7 +182,7 @@ mod tests {
 
     /// Two processors for two seconds: 3.2 of 4 seconds were busy, 3 of them with the pass.
     #[test]
-    fn others_are_what_is_busy_and_not_the_pass() {
+    fn others_are_busy_time_minus_the_pass() {
         Tolerance::F64.assert(share_of_others(3.2, 3.0, 4.0), [0.05], "a twentieth");
         Tolerance::EXACT.assert(share_of_others(3.0, 3.1, 4.0), [0.0], "ticks are coarser than the pass's clock");
         assert_eq!(share_of_others(0.0, 0.0, 0.0), None);
@@ -190,11 +190,11 @@ mod tests {
         assert_eq!([None, Some(0.049), Some(0.051)].map(|others| load(others).is_busy()), [false, false, true]);
     }
 
-    /// As many threads as there are processors, beside a pool that does nothing.
+    /// As many busy threads as there are processors, and an idle pool.
     #[test]
-    fn threads_beside_the_pool_are_others() {
+    fn threads_outside_the_pool_count_as_others() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        if machine().is_none() || thread_secs().is_none() {
+        if cpu_time().is_none() || thread_secs().is_none() {
             return;
         }
         let stop = std::sync::atomic::AtomicBool::new(false);
@@ -206,9 +206,9 @@ mod tests {
                     }
                 });
             }
-            let watch = Watch::begin(&pool, Own::Pool);
+            let monitor = LoadMonitor::start(&pool, OwnTime::Pool);
             std::thread::sleep(std::time::Duration::from_millis(400));
-            let load = watch.end();
+            let load = monitor.finish();
             stop.store(true, std::sync::atomic::Ordering::Relaxed);
             load
         });

@@ -3,7 +3,7 @@ use std::fs;
 
 use serde::{Deserialize, Serialize};
 
-/// A kind of machine: times of equal ones are compared.
+/// A machine type; only times of equal machine types are compared.
 #[derive(Clone, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Machine {
@@ -13,17 +13,21 @@ pub struct Machine {
     pub platform: String,
     /// Logical processors.
     pub cpus: u32,
-    /// Threads of the pool that was timed.
+    /// Threads of the timed pool.
     pub threads: u32,
 }
 
 impl Machine {
-    /// This machine, with the threads of the pool that the caller runs in.
-    pub fn here() -> Self {
-        let count = |count: usize| u32::try_from(count).unwrap_or(u32::MAX);
+    /// The current machine, with the number of threads of the caller's pool.
+    ///
+    /// # Panics
+    /// Never: no machine has 2³² threads.
+    #[expect(clippy::expect_used, reason = "no machine has 2³² threads")]
+    pub fn current() -> Self {
+        let count = |count: usize| u32::try_from(count).expect("fewer than 2³² threads");
         Self {
             processor: processor(),
-            platform: platform(),
+            platform: format!("{} {}", std::env::consts::OS, std::env::consts::ARCH),
             cpus: std::thread::available_parallelism().map_or(1, |cpus| count(cpus.get())),
             threads: count(rayon::current_num_threads()),
         }
@@ -38,15 +42,11 @@ impl fmt::Display for Machine {
     }
 }
 
-/// Operating system and architecture.
-fn platform() -> String {
-    format!("{} {}", std::env::consts::OS, std::env::consts::ARCH)
-}
-
-/// The processor's name, as far as the system tells, and the instruction set that renders.
+/// The processor's name, if known, and the instruction set used for rendering.
 fn processor() -> String {
-    let told = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
-    let name = told.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
+    // Systems other than Linux have no such file.
+    let cpuinfo = fs::read_to_string("/proc/cpuinfo").unwrap_or_default();
+    let name = cpuinfo.lines().find_map(|line| line.strip_prefix("model name")?.split_once(':'));
     let name = name.map_or("unknown processor", |(_, name)| name.trim());
     let renderer = atsplat_splat::Renderer::name(&atsplat_splat::cpu::CpuRenderer::default());
     format!("{name}, {renderer}")

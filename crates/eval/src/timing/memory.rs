@@ -1,18 +1,18 @@
-//! What this process holds of the machine's memory.
+//! Memory use of this process.
 
 use std::fs;
 
-/// The most bytes that the process has held since [`forget_peak`], or since it began; `None` where the system does not tell.
+/// Peak resident memory in bytes since [`forget_peak`] or the start of the process; `None` if the system does not report it.
 pub fn peak_bytes() -> Option<u64> {
     of_status(&fs::read_to_string("/proc/self/status").ok()?, "VmHWM:")
 }
 
-/// Bytes that the process holds now; `None` where the system does not tell.
+/// Resident memory in bytes; `None` if the system does not report it.
 pub fn held_bytes() -> Option<u64> {
     of_status(&fs::read_to_string("/proc/self/status").ok()?, "VmRSS:")
 }
 
-/// Begins to count the peak anew from what is held now; `false` where the system does not allow it.
+/// Resets the peak to the current value; `false` if the system does not allow it.
 pub fn forget_peak() -> bool {
     // 5 resets the high-water mark of the resident set (Linux, proc_pid_clear_refs(5)).
     fs::write("/proc/self/clear_refs", "5").is_ok()
@@ -29,7 +29,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_peak_covers_what_was_held_and_is_forgotten() {
+    fn the_peak_includes_an_allocation_after_a_reset() {
         if peak_bytes().is_none() || !forget_peak() {
             return;
         }
@@ -41,7 +41,7 @@ mod tests {
     }
 
     #[test]
-    fn a_status_is_read_by_field() {
+    fn reads_fields_of_a_status_file() {
         let status = "VmPeak:\t   9 kB\nVmHWM:\t    7 kB\nVmRSS:\t    3 kB\n";
         assert_eq!((of_status(status, "VmHWM:"), of_status(status, "VmRSS:")), (Some(7168), Some(3072)));
         assert_eq!(of_status(status, "VmSwap:"), None);

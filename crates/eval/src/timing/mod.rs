@@ -1,15 +1,14 @@
-//! Times, measured in a pass of their own.
+//! Times, measured in a separate pass.
 //!
-//! Trials that are evaluated share the processor, and a thread that waits inside rayon takes up another trial's work: a clock
-//! around a method then counts what is not the method's. So no clock runs during evaluation. A [pass](TimingPlan) comes after
-//! it, with a thread pool of its own that nothing else can put work into, while no trial is evaluated anywhere in the process:
-//! some trials of each protocol, one at a time, under each method, warmed up and repeated. What the rest of the machine did
-//! meanwhile is part of the result ([`Load`]).
+//! Trials that are evaluated concurrently share the processor, and a thread that waits inside rayon steals another trial's
+//! work, so a clock around a method would include foreign work. No clock runs during evaluation. A [pass](TimingPlan) follows
+//! it, in its own thread pool and while nothing is evaluated anywhere in the process: some trials of each protocol, one at a
+//! time, under each method, with warm-up and repetitions. The load of the rest of the machine is part of the result
+//! ([`Load`]).
 
 mod load;
 mod machine;
 pub mod memory;
-mod merge;
 mod pass;
 mod quiet;
 mod row;
@@ -22,6 +21,6 @@ pub use pass::TimingPlan;
 pub use row::TimingRow;
 pub use times::{NOTHING_ENCODED, Spread, Times, machine_of, times};
 
-pub(crate) use merge::merged;
 pub(crate) use pass::pass;
 pub(crate) use quiet::evaluating;
+pub(crate) use row::merged;

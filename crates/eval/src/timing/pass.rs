@@ -6,9 +6,9 @@ use atsplat_protocol::trial::{ContextView, DecodeAhead, Prefetch, Trials};
 use atsplat_protocol::{EvaluationIndex, IndexEntry};
 use rayon::ThreadPool;
 
-use super::load::{Own, Watch};
+use super::load::{LoadMonitor, OwnTime};
 use super::quiet;
-use super::samples::{Prepared, Samples, is_long};
+use super::samples::{PreparedTrial, Samples, is_long};
 use super::{Load, Machine, TimingRow};
 use crate::method::Method;
 use crate::runner::{Dataset, Plan, groups, key_of, recipe, spread};
@@ -17,11 +17,11 @@ use crate::{EvalError, Store};
 /// How much is timed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TimingPlan {
-    /// Trials of each method and protocol, spread over the index; all where there are fewer.
+    /// Trials per method and protocol, spread over the index; all if there are fewer.
     pub trials: u32,
-    /// Repetitions of each trial before those that count.
+    /// Warm-up repetitions of each trial, which do not count.
     pub warm_up: u32,
-    /// Repetitions of each trial that count, at the least; two where each takes five seconds.
+    /// Minimum number of repetitions of each trial; two are enough if each takes five seconds.
     pub repetitions: u32,
 }
 
@@ -31,22 +31,22 @@ impl Default for TimingPlan {
     }
 }
 
-/// Trials beyond those wanted that are tried for a method, where it refuses some.
+/// Additional trials that are tried if a method rejects some.
 const SPARE: usize = 8;
 
-/// Times the methods of a plan and adds what it finds to the store, protocol by protocol. What the store has from a machine
-/// like this one, for the same trials and undisturbed, is not timed again. `step` is called after each method and protocol.
+/// Times a plan's methods and adds the rows to the store, protocol by protocol. Undisturbed times of the same trials on the
+/// same machine type are not measured again. `step` is called after each method and protocol.
 ///
 /// # Errors
-/// [`EvalError::Settings`] where the process or its threads cannot be had alone, [`EvalError::Io`].
+/// [`EvalError::Settings`] if the pass cannot have the process to itself or create its threads, [`EvalError::Io`].
 pub(crate) fn pass(
     plan: &Plan<'_>,
     timing: TimingPlan,
     store: &Store,
     step: &(dyn Fn() + Sync),
 ) -> Result<(), EvalError> {
-    let _alone = quiet::alone()?;
-    let machine = Machine::here();
+    let _exclusive = quiet::exclusive()?;
+    let machine = Machine::current();
     let threads = rayon::current_num_threads();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().map_err(|error| EvalError::Settings {
         what: "timing pass",
@@ -55,7 +55,7 @@ pub(crate) fn pass(
     })?;
     let started = SystemTime::now().duration_since(UNIX_EPOCH).map_or(0, |since| since.as_secs());
     let pass = Pass { plan, timing, store, machine, started, pool: &pool, step };
-    // On a thread that belongs to no pool: one of the caller's would take up other work while it waits.
+    // On a thread outside any pool: a pool's thread would steal other work while it waits.
     let outcome = std::thread::scope(|scope| scope.spawn(|| pass.run()).join());
     outcome.unwrap_or_else(|panic| std::panic::resume_unwind(panic))
 }
@@ -81,7 +81,7 @@ impl Pass<'_> {
         Ok(())
     }
 
-    /// Times methods that take the same trials.
+    /// Times methods that share their trials.
     fn dataset(
         &self,
         dataset: &Dataset,
@@ -91,39 +91,39 @@ impl Pass<'_> {
         let known = self.store.timings()?;
         let mut trials = Timeable::new(dataset, index, methods, self.timing.trials as usize);
         let (new, done): (Vec<_>, Vec<_>) =
-            methods.iter().partition(|method| !self.is_there(&known, dataset, method.as_ref(), trials.len()));
+            methods.iter().partition(|method| !self.is_timed(&known, dataset, method.as_ref(), trials.len()));
         for _ in &done {
             (self.step)();
         }
         let is_cpu = |method: &&Arc<dyn Method>| method.record().backend.is_none_or(|name| name.starts_with("cpu"));
-        let own = if new.iter().all(is_cpu) { Own::Pool } else { Own::Process };
+        let own = if new.iter().all(is_cpu) { OwnTime::Pool } else { OwnTime::Process };
         let mut rows = Vec::new();
-        // Pictures are decoded first: that is no part of what is timed, nor of the load.
+        // Pictures are decoded first: decoding is part of neither the times nor the load.
         trials.prepare(self.timing.trials as usize);
-        let watch = Watch::begin(self.pool, own);
+        let monitor = LoadMonitor::start(self.pool, own);
         for method in new {
             rows.extend(self.method(dataset, &mut trials, method.as_ref()));
             (self.step)();
         }
-        let load = watch.end();
+        let load = monitor.finish();
         for row in &mut rows {
             row.load = load;
         }
         if rows.is_empty() { Ok(()) } else { self.store.add_timings(rows) }
     }
 
-    /// Whether a store holds what this pass would find.
-    fn is_there(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method, there: usize) -> bool {
+    /// Whether the known rows already hold what this pass would measure.
+    fn is_timed(&self, known: &[TimingRow], dataset: &Dataset, method: &dyn Method, available: usize) -> bool {
         let name = method.record().name;
         let own = known.iter().filter(|row| row.key.preset == dataset.name && row.key.method == name);
-        let good = own.filter(|row| {
+        let valid = own.filter(|row| {
             row.machine == self.machine
                 && !row.load.is_busy()
                 && self.store.known().trial_hash(&row.key) == Some(row.trial_hash.as_str())
                 && (!row.is_timed() || self.is_enough(row))
         });
-        let (timed, refused): (Vec<_>, Vec<_>) = good.partition(|row| row.is_timed());
-        timed.len() >= (self.timing.trials as usize).min(there) || (timed.is_empty() && !refused.is_empty())
+        let (timed, rejected): (Vec<_>, Vec<_>) = valid.partition(|row| row.is_timed());
+        timed.len() >= (self.timing.trials as usize).min(available) || (timed.is_empty() && !rejected.is_empty())
     }
 
     fn is_enough(&self, row: &TimingRow) -> bool {
@@ -131,19 +131,19 @@ impl Pass<'_> {
         row.repetitions() >= self.timing.repetitions as usize || is_long(row.repetitions(), secs)
     }
 
-    /// The rows of one method: as many timed trials as are wanted, or the reason of the first that could not be timed.
+    /// The rows of one method: the requested number of timed trials, or the first that could not be timed, with the reason.
     fn method(&self, dataset: &Dataset, trials: &mut Timeable, method: &dyn Method) -> Vec<TimingRow> {
-        let (wanted, there) = (self.timing.trials as usize, trials.len());
-        let (mut rows, mut refused) = (Vec::new(), None);
+        let (requested, available) = (self.timing.trials as usize, trials.len());
+        let (mut rows, mut rejected) = (Vec::new(), None);
         let timed = method.timed();
-        for position in 0..wanted + SPARE {
+        for position in 0..requested + SPARE {
             let Some(prepared) = trials.get(position) else { break };
             let measured = if timed.encoding || timed.rendering {
                 self.pool.install(|| Samples::of(self.timing, &dataset.preset, prepared, method))
             } else {
-                Err("it brings finished pictures".to_owned())
+                Err("it imports finished pictures".to_owned())
             };
-            let mut row = self.row(dataset, prepared, method, there);
+            let mut row = self.row(dataset, prepared, method, available);
             match measured {
                 Ok(samples) => {
                     let Samples { encode, render, stages, held_bytes, peak_bytes } = samples;
@@ -151,24 +151,24 @@ impl Pass<'_> {
                 }
                 Err(detail) => {
                     row.detail = Some(detail);
-                    refused.get_or_insert(row);
+                    rejected.get_or_insert(row);
                 }
             }
-            if rows.len() == wanted || (refused.is_some() && !timed.encoding && !timed.rendering) {
+            if rows.len() == requested || (rejected.is_some() && !timed.encoding && !timed.rendering) {
                 break;
             }
         }
-        if rows.is_empty() { refused.into_iter().collect() } else { rows }
+        if rows.is_empty() { rejected.into_iter().collect() } else { rows }
     }
 
-    fn row(&self, dataset: &Dataset, prepared: &Prepared, method: &dyn Method, there: usize) -> TimingRow {
+    fn row(&self, dataset: &Dataset, prepared: &PreparedTrial, method: &dyn Method, available: usize) -> TimingRow {
         let trial = &prepared.trial;
         TimingRow {
             key: key_of(dataset, method, trial.scene(), trial.entry_number()),
             trial_hash: trial.hash().to_string(),
             machine: self.machine.clone(),
             started: self.started,
-            trials_there: there as u64,
+            trials_there: available as u64,
             warm_up: self.timing.warm_up,
             encode: Vec::new(),
             render: Vec::new(),
@@ -181,18 +181,18 @@ impl Pass<'_> {
     }
 }
 
-/// Trials of a protocol, prepared one after the other: first one of each scene of those spread over the index, then of the
-/// others, then the scenes' further entries.
+/// Trials of a protocol, prepared lazily: first one entry of each scene spread over the index, then one of each other scene,
+/// then further entries.
 struct Timeable {
     scenes: VecDeque<Trials>,
-    prepared: Vec<Prepared>,
-    there: usize,
+    prepared: Vec<PreparedTrial>,
+    available: usize,
 }
 
 impl Timeable {
-    fn new(dataset: &Dataset, index: &EvaluationIndex, methods: &[Arc<dyn Method>], wanted: usize) -> Self {
+    fn new(dataset: &Dataset, index: &EvaluationIndex, methods: &[Arc<dyn Method>], requested: usize) -> Self {
         let scenes: Vec<_> = index.scenes.iter().collect();
-        let first = spread(scenes.len(), wanted);
+        let first = spread(scenes.len(), requested);
         let order = first.iter().copied().chain((0..scenes.len()).filter(|at| !first.contains(at)));
         let ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
         let of_scene = |(key, entries): &(&String, &Vec<IndexEntry>)| {
@@ -200,12 +200,12 @@ impl Timeable {
             Trials::new(Arc::clone(&dataset.source), &index, recipe(dataset, methods), ahead)
         };
         let scenes = order.filter_map(|at| scenes.get(at)).map(of_scene).collect();
-        Self { scenes, prepared: Vec::new(), there: index.entries().count() }
+        Self { scenes, prepared: Vec::new(), available: index.entries().count() }
     }
 
-    /// How many the protocol has, whether or not they can be prepared.
+    /// Number of trials of the protocol, whether or not they can be prepared.
     const fn len(&self) -> usize {
-        self.there
+        self.available
     }
 
     fn prepare(&mut self, count: usize) {
@@ -213,14 +213,14 @@ impl Timeable {
             let Some(mut trials) = self.scenes.pop_front() else { return };
             let Some(trial) = trials.next() else { continue };
             self.scenes.push_back(trials);
-            // What cannot be prepared has its row, or its reason, from the evaluation.
+            // The evaluation has already recorded why a trial cannot be prepared.
             let Ok((trial, _)) = trial else { continue };
             let pictures: Result<Vec<_>, _> = trial.context().iter().map(ContextView::picture).collect();
-            self.prepared.extend(pictures.ok().map(|pictures| Prepared { trial, pictures }));
+            self.prepared.extend(pictures.ok().map(|pictures| PreparedTrial { trial, pictures }));
         }
     }
 
-    fn get(&mut self, position: usize) -> Option<&Prepared> {
+    fn get(&mut self, position: usize) -> Option<&PreparedTrial> {
         self.prepare(position + 1);
         self.prepared.get(position)
     }

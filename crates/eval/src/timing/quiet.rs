@@ -1,4 +1,4 @@
-//! Evaluations and timing passes of one process never run at the same time.
+//! Keeps evaluations and timing passes of one process apart.
 
 use std::sync::{Condvar, Mutex, MutexGuard, PoisonError};
 
@@ -17,30 +17,30 @@ fn running() -> MutexGuard<'static, Running> {
     RUNNING.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
-/// Trials are being evaluated until this is dropped.
+/// Guard of a running evaluation.
 #[derive(Debug)]
-pub(crate) struct Evaluating(());
+pub(crate) struct EvaluationGuard(());
 
-/// Times are being measured until this is dropped.
+/// Guard of a running timing pass.
 #[derive(Debug)]
-pub(super) struct Alone(());
+pub(super) struct TimingGuard(());
 
-/// Begins an evaluation, once no times are being measured.
-pub(crate) fn evaluating() -> Evaluating {
+/// Begins an evaluation; waits for running timing passes.
+pub(crate) fn evaluating() -> EvaluationGuard {
     let mut running = running();
-    // A pass has its own threads and waits for no evaluation once it runs, so that it always ends.
+    // A running pass has its own threads and waits for no evaluation, so it always ends.
     while running.passes > 0 {
         running = ENDED.wait(running).unwrap_or_else(PoisonError::into_inner);
     }
     running.evaluations += 1;
-    Evaluating(())
+    EvaluationGuard(())
 }
 
-/// Begins a timing pass, once nothing is evaluated and no other pass runs.
+/// Begins a timing pass; waits for running evaluations and other passes.
 ///
 /// # Errors
-/// [`EvalError::Settings`] for a thread of a rayon pool while something else runs: that may be waiting for this very thread.
-pub(super) fn alone() -> Result<Alone, EvalError> {
+/// [`EvalError::Settings`] on a thread of a rayon pool while something else runs, which may be waiting for this very thread.
+pub(super) fn exclusive() -> Result<TimingGuard, EvalError> {
     let mut running = running();
     while running.evaluations + running.passes > 0 {
         if rayon::current_thread_index().is_some() {
@@ -53,17 +53,17 @@ pub(super) fn alone() -> Result<Alone, EvalError> {
         running = ENDED.wait(running).unwrap_or_else(PoisonError::into_inner);
     }
     running.passes += 1;
-    Ok(Alone(()))
+    Ok(TimingGuard(()))
 }
 
-impl Drop for Evaluating {
+impl Drop for EvaluationGuard {
     fn drop(&mut self) {
         running().evaluations -= 1;
         ENDED.notify_all();
     }
 }
 
-impl Drop for Alone {
+impl Drop for TimingGuard {
     fn drop(&mut self) {
         running().passes -= 1;
         ENDED.notify_all();
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_pass_waits_for_evaluations_and_they_for_it() {
+    fn passes_and_evaluations_wait_for_each_other() {
         let (inside, clashes) = (AtomicUsize::new(0), AtomicUsize::new(0));
         std::thread::scope(|scope| {
             for _ in 0..3 {
@@ -89,7 +89,7 @@ mod tests {
                     inside.fetch_sub(1, Ordering::SeqCst);
                 });
                 scope.spawn(|| {
-                    let _alone = alone().unwrap();
+                    let _exclusive = exclusive().unwrap();
                     clashes.fetch_add(inside.fetch_add(100, Ordering::SeqCst), Ordering::SeqCst);
                     std::thread::sleep(Duration::from_millis(20));
                     inside.fetch_sub(100, Ordering::SeqCst);
@@ -100,11 +100,11 @@ mod tests {
     }
 
     #[test]
-    fn a_thread_of_a_pool_does_not_wait_for_itself() {
+    fn a_pool_thread_does_not_wait_for_itself() {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
         let refused = pool.install(|| {
             let _evaluating = evaluating();
-            alone().map(drop)
+            exclusive().map(drop)
         });
         assert!(refused.unwrap_err().to_string().contains("the process to itself"));
     }

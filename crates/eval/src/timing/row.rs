@@ -6,7 +6,7 @@ use super::{Load, Machine};
 use crate::rows::finite;
 use crate::{EvalError, TrialKey};
 
-/// How long one trial took under one method, on one machine.
+/// Times of one trial under one method on one machine.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct TimingRow {
     /// Which trial.
@@ -14,47 +14,73 @@ pub struct TimingRow {
     pub key: TrialKey,
     /// [`atsplat_protocol::trial::Trial::hash`] in hexadecimal.
     pub trial_hash: String,
-    /// Where it was timed.
+    /// The machine.
     pub machine: Machine,
-    /// Seconds since 1970 when the pass began.
+    /// Start of the pass in seconds since 1970.
     pub started: u64,
-    /// Trials of the protocol that could have been timed: with fewer than a pass wants, all were.
+    /// Trials of the protocol; if a pass requests more, all of them are timed.
     pub trials_there: u64,
-    /// Repetitions before those that count.
+    /// Warm-up repetitions, which do not count.
     pub warm_up: u32,
-    /// Seconds from context pictures to Gaussians, one for each repetition; empty where the method encodes nothing.
+    /// Seconds from context pictures to Gaussians, one per repetition; empty if the method encodes nothing.
     pub encode: Vec<f64>,
-    /// Seconds of one picture each, repetition by repetition; empty where the method brings finished pictures.
+    /// Seconds per rendered picture, repetition by repetition; empty if the method imports finished pictures.
     pub render: Vec<f64>,
-    /// The stages of each encoding by name, one for each repetition.
+    /// Seconds of each encoding stage by name, one per repetition.
     pub stages: BTreeMap<String, Vec<f64>>,
-    /// Bytes of memory that the process held before.
+    /// Memory of the process before, in bytes.
     pub held_bytes: Option<u64>,
-    /// The most bytes of memory that it held meanwhile.
+    /// Peak memory of the process during the repetitions, in bytes.
     pub peak_bytes: Option<u64>,
-    /// What else the machine did while the protocol was timed.
+    /// Load of the machine while the protocol was timed.
     pub load: Load,
     /// Why nothing was timed.
     pub detail: Option<String>,
 }
 
 impl TimingRow {
-    /// Whether a time was measured.
+    /// Whether times were measured.
     pub const fn is_timed(&self) -> bool {
         self.detail.is_none()
     }
 
-    /// Repetitions that count.
+    /// Number of repetitions without warm-up.
     pub fn repetitions(&self) -> usize {
         if self.encode.is_empty() { self.render.len() } else { self.encode.len() }
     }
 
     /// # Errors
-    /// [`EvalError::NotFinite`] for a time or a load that is no number.
+    /// [`EvalError::NotFinite`] for a time or load that is not finite.
     pub fn check(&self) -> Result<(), EvalError> {
         finite(&self.key, "encode-samples", self.encode.iter().copied())?;
         finite(&self.key, "render-samples", self.render.iter().copied())?;
         finite(&self.key, "stage-samples", self.stages.values().flatten().copied())?;
         finite(&self.key, "load", self.load.numbers().into_iter().flatten())
     }
+}
+
+/// Merges the rows of several stores, ordered by key, machine and pass. Times of different machines and passes differ, but
+/// rows of the same trial, machine and pass must be equal.
+///
+/// # Errors
+/// [`EvalError::Disagreement`].
+pub(crate) fn merged(rows: impl IntoIterator<Item = TimingRow>) -> Result<Vec<TimingRow>, EvalError> {
+    let mut merged: BTreeMap<_, TimingRow> = BTreeMap::new();
+    for row in rows {
+        let identity = (row.key.clone(), row.machine.clone(), row.started);
+        match merged.get(&identity) {
+            Some(known) if *known != row => {
+                let times = |row: &TimingRow| format!("{:?} and {:?} s", row.encode, row.render);
+                return Err(EvalError::Disagreement {
+                    key: row.key.to_string(),
+                    field: format!("the times of one pass on {}", row.machine),
+                    first: times(known),
+                    second: times(&row),
+                });
+            }
+            Some(_) => {}
+            None => drop(merged.insert(identity, row)),
+        }
+    }
+    Ok(merged.into_values().collect())
 }

@@ -6,36 +6,36 @@ use serde::Serialize;
 use super::{Machine, TimingRow};
 use crate::Results;
 
-/// Why a method has a time for rendering and none for encoding.
+/// Why a method has rendering times but no encoding times.
 pub const NOTHING_ENCODED: &str = "the method makes no Gaussians from pictures";
 
-/// What the timing rows of one method under one protocol say, of one kind of machine.
+/// Times of one method under one protocol on one machine type.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Times {
-    /// Where they were measured.
+    /// The machine type.
     pub machine: Machine,
     /// Trials that were timed.
     pub trials: u64,
-    /// Trials that the protocol has: with fewer than three, no more could be timed.
+    /// Trials of the protocol: with fewer than three, no more could be timed.
     pub trials_there: u64,
-    /// Fewest repetitions of a trial.
+    /// Smallest number of repetitions of a trial.
     pub repetitions: u64,
-    /// Repetitions before those that count.
+    /// Warm-up repetitions.
     pub warm_up: u32,
     /// Seconds from context pictures to Gaussians.
     pub encode: Option<Spread>,
-    /// Seconds of one picture.
+    /// Seconds per rendered picture.
     pub render: Option<Spread>,
-    /// Seconds from context pictures to the first picture: the sum of both, or whichever there is.
+    /// Seconds from context pictures to the first rendered picture: the sum of both, or the only one of them.
     pub first_picture: Option<Spread>,
-    /// The encoding's stages by name.
+    /// Seconds of the encoding's stages by name.
     pub stages: BTreeMap<String, Spread>,
-    /// The most memory of the process in bytes.
+    /// Peak memory of the process in bytes.
     pub peak_bytes: Option<u64>,
-    /// The largest share of the machine's processors that others took meanwhile.
+    /// Largest share of the machine's processors that others used.
     pub others: Option<f64>,
-    /// Whether that was so much that the times cannot be trusted ([`super::Load::is_busy`]).
+    /// Whether that makes the times unreliable ([`super::Load::is_busy`]).
     pub busy: bool,
 }
 
@@ -45,35 +45,33 @@ pub struct Times {
 pub struct Spread {
     /// The median.
     pub median: f64,
-    /// The median distance from it, unscaled.
+    /// Median absolute deviation, unscaled.
     pub mad: f64,
-    /// The first and the third quartile.
+    /// First and third quartile.
     pub quartiles: [f64; 2],
-    /// How many there are.
+    /// Number of measurements.
     pub samples: u64,
-    /// Half the width of the median's 95 % interval from repetition to repetition, trials being what they are.
+    /// Half-width of the median's 95 % interval over repetitions, for these fixed trials.
     pub error: f64,
 }
 
-/// What a store says of a method's times under a protocol, or why it says nothing.
+/// A method's times under a protocol.
 ///
 /// # Errors
-/// The reason, for people.
+/// Why there are none, as a human-readable message.
 pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, String> {
-    let of_method =
-        |row: &&TimingRow| row.key.preset == preset && row.key.method == method && is_of_this_store(results, row);
+    let of_method = |row: &&TimingRow| row.key.preset == preset && row.key.method == method && is_current(results, row);
     let all: Vec<&TimingRow> = results.timings.iter().filter(of_method).collect();
     let Some(machine) = machine_of(results, preset) else { return Err(untimed(results, &all)) };
     let rows: Vec<&TimingRow> = all.iter().copied().filter(|row| row.is_timed() && row.machine == *machine).collect();
     let Some(last) = rows.iter().map(|row| row.started).max() else {
         let elsewhere = all.iter().find(|row| row.is_timed());
-        return Err(match elsewhere {
-            Some(row) => format!("timed on another machine: {}", row.machine),
-            None => untimed(results, &all),
-        });
+        let message = |row: &&TimingRow| format!("timed on another machine: {}", row.machine);
+        return Err(elsewhere.map_or_else(|| untimed(results, &all), message));
     };
-    // Of several passes on one machine the last counts.
+    // Of several passes on one machine the last one counts.
     let rows: Vec<&TimingRow> = rows.into_iter().filter(|row| row.started == last).collect();
+    // Never empty: the last pass has at least one row.
     let names: BTreeSet<&String> = rows.iter().flat_map(|row| row.stages.keys()).collect();
     let stage = |name: &String| {
         let samples = rows.iter().map(|row| row.stages.get(name).map_or(&[][..], Vec::as_slice));
@@ -85,13 +83,13 @@ pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, Str
     Ok(Times {
         machine: machine.clone(),
         trials: rows.len() as u64,
-        trials_there: rows.iter().map(|row| row.trials_there).max().unwrap_or_default(),
-        repetitions: rows.iter().map(|row| row.repetitions() as u64).min().unwrap_or_default(),
-        warm_up: rows.iter().map(|row| row.warm_up).min().unwrap_or_default(),
+        trials_there: rows.iter().fold(0, |most, row| most.max(row.trials_there)),
+        repetitions: rows.iter().fold(u64::MAX, |least, row| least.min(row.repetitions() as u64)),
+        warm_up: rows.iter().fold(u32::MAX, |least, row| least.min(row.warm_up)),
         encode,
         render,
         first_picture: match (encode, render) {
-            (Some(encode), Some(render)) => Some(encode.and(render)),
+            (Some(encode), Some(render)) => Some(encode.plus(render)),
             (encode, render) => encode.or(render),
         },
         stages: names.into_iter().filter_map(stage).collect(),
@@ -101,8 +99,8 @@ pub fn times(results: &Results, preset: &str, method: &str) -> Result<Times, Str
     })
 }
 
-/// The machine whose times a protocol's methods are compared by: the one with most timed trials, of several the first in their
-/// order. `None` where nothing was timed.
+/// The machine on which a protocol's methods are compared: the one with the most timed trials, the first in order if tied;
+/// `None` if nothing was timed.
 pub fn machine_of<'a>(results: &'a Results, preset: &str) -> Option<&'a Machine> {
     let mut counts: BTreeMap<&Machine, usize> = BTreeMap::new();
     for row in results.timings.iter().filter(|row| row.is_timed() && row.key.preset == preset) {
@@ -112,8 +110,8 @@ pub fn machine_of<'a>(results: &'a Results, preset: &str) -> Option<&'a Machine>
     counts.into_iter().find(|(_, count)| *count == most).map(|(machine, _)| machine)
 }
 
-/// A row whose trial was evaluated again since, with other pictures, is about something else.
-fn is_of_this_store(results: &Results, row: &TimingRow) -> bool {
+/// Whether a row's trial is still the one that was evaluated; other pictures make it another trial.
+fn is_current(results: &Results, row: &TimingRow) -> bool {
     results.trials.iter().any(|trial| trial.key == row.key && trial.trial_hash == row.trial_hash)
 }
 
@@ -122,17 +120,17 @@ fn untimed(results: &Results, rows: &[&TimingRow]) -> String {
         return reason.clone();
     }
     if results.provenance.schema_version < FIRST_WITH_TIMINGS {
-        return "the store is of an older atsplat, whose times were taken while other trials ran: run again with --timing"
+        return "the store was written by an older atsplat, which measured times while other trials ran: run again with --timing"
             .to_owned();
     }
     "no timing pass was made: `atsplat run --timing` makes one".to_owned()
 }
 
-/// The schema's version from which on stores have a table of times.
+/// The first schema version with a table of times.
 const FIRST_WITH_TIMINGS: u32 = 2;
 
 impl Spread {
-    /// Of the repetitions of each trial; `None` without any.
+    /// The spread over all repetitions of all trials; `None` without any.
     fn of<'a>(trials: impl Iterator<Item = &'a [f64]> + Clone) -> Option<Self> {
         let (median, mad) = median_and_mad(trials.clone().flatten().copied())?;
         let mut all: Vec<f64> = trials.clone().flatten().copied().collect();
@@ -148,8 +146,8 @@ impl Spread {
         })
     }
 
-    /// Two times one after the other.
-    fn and(self, other: Self) -> Self {
+    /// The sum of two consecutive times.
+    fn plus(self, other: Self) -> Self {
         Self {
             median: self.median + other.median,
             mad: self.mad + other.mad,
@@ -160,10 +158,10 @@ impl Spread {
     }
 }
 
-/// 97.5 % of a standard normal distribution.
+/// The 97.5 % quantile of the standard normal distribution.
 const NORMAL_95: f64 = 1.96;
 
-/// Of a median of repetitions whose spread is told by its median absolute deviation, for a normal distribution.
+/// Variance of the median of some repetitions, estimated from their MAD for a normal distribution.
 fn variance_of_median(samples: &[f64]) -> f64 {
     // σ = 1.4826 · MAD; the variance of a median is π/2 · σ²/n.
     let deviation = 1.4826 * median_and_mad(samples.iter().copied()).map_or(0.0, |(_, mad)| mad);
@@ -187,7 +185,7 @@ mod tests {
     use crate::sample_rows::{PRESET, results, timing};
 
     #[test]
-    fn a_spread_is_of_all_repetitions() {
+    fn a_spread_covers_all_repetitions() {
         let spread = Spread::of([&[1.0, 2.0, 6.0][..], &[3.0, 100.0][..], &[][..]].into_iter()).unwrap();
         Tolerance::F64.assert([spread.median, spread.mad], [3.0, 2.0], "median and MAD");
         Tolerance::F64.assert(spread.quartiles, [2.0, 6.0], "quartiles");
@@ -200,7 +198,7 @@ mod tests {
     }
 
     #[test]
-    fn times_are_of_one_machine_and_one_pass() {
+    fn times_come_from_one_machine_and_its_last_pass() {
         let mut store = results("a", "psnr", &[("x", 0, vec![20.0]), ("y", 0, vec![20.0]), ("z", 0, vec![20.0])]);
         store.provenance.schema_version = 2;
         let on = |name: &str, scene: &str, started, secs: f64| {
@@ -223,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_not_timed_has_a_reason() {
+    fn missing_times_have_a_reason() {
         let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
         store.provenance.schema_version = 1;
         assert!(times(&store, PRESET, "a").unwrap_err().contains("while other trials ran"));
@@ -235,7 +233,7 @@ mod tests {
         elsewhere.machine.processor = "another".to_owned();
         store.timings = vec![elsewhere, timing("a", "x", &[1.0], &[])];
         store.trials.push(crate::TrialRow { key: store.timings[0].key.clone(), ..store.trials[0].clone() });
-        let told = [times(&store, PRESET, "a"), times(&store, PRESET, "b")].map(|found| found.is_ok());
-        assert_eq!(told.iter().filter(|told| **told).count(), 1, "rows of two machines are not compared");
+        let is_timed = [times(&store, PRESET, "a"), times(&store, PRESET, "b")].map(|found| found.is_ok());
+        assert_eq!(is_timed.iter().filter(|timed| **timed).count(), 1, "rows of two machines are not compared");
     }
 }

@@ -1,22 +1,21 @@
 use atsplat_metrics::Direction;
 use serde::{Deserialize, Serialize};
 
-use super::price::{Price, prices};
 use crate::statistics::Contrast;
 
-/// One way to run a method: what it scores and what it takes.
+/// One setting of a method: its quality and cost.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Sample {
-    /// Which way, as a table says it.
+    /// The setting's name in tables.
     pub label: String,
-    /// Mean score; `None` where nothing was scored.
+    /// Mean score; `None` if nothing was scored.
     pub quality: Option<f64>,
-    /// Median seconds from pictures in memory to the first picture rendered, of a timing pass.
+    /// Median seconds from pictures in memory to the first rendered picture, from a timing pass.
     pub secs: Option<f64>,
-    /// Half the width of their 95 % interval ([`crate::timing::Spread::error`]).
+    /// Half-width of their 95 % interval ([`crate::timing::Spread::error`]).
     pub secs_error: f64,
-    /// Whether the machine was busy with something else while they were measured.
+    /// Whether the machine was busy with other work while they were measured.
     pub busy: bool,
     /// Why there are no seconds.
     pub untimed: Option<String>,
@@ -24,7 +23,7 @@ pub struct Sample {
     pub gaussians: Option<f64>,
 }
 
-/// What accuracy is paid in.
+/// The cost axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Axis {
@@ -34,7 +33,7 @@ pub enum Axis {
     Gaussians,
 }
 
-/// A sample that can be compared.
+/// A sample with a finite quality and cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Point {
@@ -42,9 +41,9 @@ pub struct Point {
     pub label: String,
     /// As [`Sample::quality`]; finite.
     pub quality: f64,
-    /// What the axis says; finite and positive.
+    /// Cost on the axis; finite and positive.
     pub cost: f64,
-    /// Half the width of the cost's 95 % interval; 0 for counts.
+    /// Half-width of the cost's 95 % interval; 0 for counts.
     pub cost_error: f64,
     /// As [`Sample::secs`].
     pub secs: Option<f64>,
@@ -54,14 +53,14 @@ pub struct Point {
     pub busy: bool,
     /// As [`Sample::gaussians`].
     pub gaussians: Option<f64>,
-    /// What its interval allows to say.
+    /// Its relation to the frontier.
     pub standing: Standing,
-    /// How its quality differs from another's over the same targets: from that of the frontier's last point before it; of the
-    /// cheapest, from that of the next. `None` where it is alone, or has no target in common with it.
+    /// Difference in quality over the same targets from the previous point of the frontier; for the cheapest point, from the
+    /// next one. `None` if there is no other point or no common target.
     pub against: Option<Against>,
     /// Position among the samples.
     #[serde(skip)]
-    pub(super) sample: usize,
+    sample: usize,
 }
 
 /// A paired difference.
@@ -75,51 +74,72 @@ pub struct Against {
     pub difference: Contrast,
 }
 
-/// What can be said of a point.
+/// A point's relation to the frontier.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Standing {
-    /// Nothing cheaper is as good: it is the cheapest, or better than the frontier's last point before it by more than the
-    /// interval of their difference.
+    /// Pareto-optimal: the cheapest point, or better than the previous point of the frontier by more than the interval of
+    /// their difference.
     Frontier,
-    /// Worse, by more than the interval, than a point that costs no more.
+    /// Worse than a point that costs no more, by more than the interval of their difference.
     Worse,
-    /// The interval of the difference from a cheaper point holds 0, or there is none: more scenes may tell.
+    /// The interval of the difference from a cheaper point contains 0 or does not exist; more scenes may decide.
     NotDistinguishable,
 }
 
-/// What quality costs at the least.
+/// A Pareto frontier of quality against cost.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Frontier {
-    /// What is paid.
+    /// The cost axis.
     pub axis: Axis,
-    /// All points, the cheapest first; among equally dear ones the best first, then by label.
+    /// All points by increasing cost; at equal cost the best first, then by label.
     pub points: Vec<Point>,
     /// The price of more quality from each point of the frontier to the next.
     pub prices: Vec<Price>,
-    /// Label of the point after which quality becomes dear: of the points on the frontier between its ends, the one
-    /// farthest above the straight line between the ends, where quality and the logarithm of cost each run from 0 to 1
-    /// (the difference curve of Satopää et al., "Finding a 'Kneedle' in a Haystack", 2011, without its smoothing). `None`
-    /// where no point lies above the line by more than the 95 % interval of that height.
+    /// Label of the knee: of the points between the frontier's ends, the one farthest above the straight line between the
+    /// ends, with quality and the logarithm of cost each scaled to [0, 1] (the difference curve of Satopää et al., "Finding a
+    /// 'Kneedle' in a Haystack", 2011, without its smoothing). `None` if no point is above the line by more than the 95 %
+    /// interval of that height.
     pub knee: Option<String>,
-    /// Labels of samples that cannot be compared, and why.
+    /// Labels of samples that cannot be compared, with the reason.
     pub left_out: Vec<(String, String)>,
 }
 
-/// The mean of samples' scores, given by position, times weights, with its interval over scenes; `None` where they have no
-/// targets in common.
+/// Cost of a step of quality between two neighbours on a frontier, at the rate between them.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Price {
+    /// Label of the cheaper point.
+    pub from: String,
+    /// Label of the more expensive point.
+    pub to: String,
+    /// Difference in quality over the same targets; positive whatever the metric's direction.
+    pub gain: f64,
+    /// The gain's 95 % interval, which does not contain 0.
+    pub gain_interval: [f64; 2],
+    /// The step that is priced, in the metric's unit.
+    pub step: f64,
+    /// Seconds for the step; negative if the better point is faster. `None` if one of them is untimed, or if they differ by
+    /// less than the measurement error.
+    pub secs: Option<f64>,
+    /// Gaussians for the step, likewise.
+    pub gaussians: Option<f64>,
+}
+
+/// A weighted sum of the mean scores of samples, given by position, with its interval over scenes; `None` if they have no
+/// common targets.
 pub type Contrasts<'a> = dyn Fn(&[(usize, f64)]) -> Option<Contrast> + 'a;
 
 impl Point {
-    /// Whether nothing cheaper is known to be as good.
+    /// Whether it is on the frontier.
     pub fn on_frontier(&self) -> bool {
         self.standing == Standing::Frontier
     }
 }
 
-/// The frontier of samples along an axis, for a metric of this direction. `step` is the amount of quality that is priced, as
-/// 0.1 for decibels.
+/// The frontier of samples along an axis, for a metric of this direction. `step` is the step of quality that is priced, such
+/// as 0.1 dB.
 pub fn frontier(
     samples: &[Sample],
     contrasts: &Contrasts<'_>,
@@ -141,10 +161,10 @@ pub fn frontier(
     points.sort_by(|a, b| {
         a.cost.total_cmp(&b.cost).then(better(a.quality, b.quality)).then_with(|| a.label.cmp(&b.label))
     });
-    let judge = Judge { contrasts, direction };
-    let ascent = judge.stand(&mut points);
-    let ascent: Vec<&Point> = ascent.into_iter().filter_map(|at| points.get(at)).collect();
-    let (prices, knee) = (prices(&ascent, step), judge.knee(&ascent));
+    let ranking = Ranking { contrasts, direction };
+    let on_frontier = ranking.rank(&mut points);
+    let on_frontier: Vec<&Point> = on_frontier.into_iter().filter_map(|at| points.get(at)).collect();
+    let (prices, knee) = (prices(&on_frontier, step), ranking.knee(&on_frontier));
     Frontier { axis, points, prices, knee, left_out }
 }
 
@@ -163,44 +183,44 @@ fn point(at: usize, sample: &Sample, axis: Axis) -> Result<Point, String> {
     Ok(Point { label, quality, cost, cost_error, secs, secs_error, busy, gaussians, standing, against, sample: at })
 }
 
-/// Says what intervals allow to say.
-struct Judge<'a> {
+/// Compares points by the intervals of their differences.
+struct Ranking<'a> {
     contrasts: &'a Contrasts<'a>,
     direction: Direction,
 }
 
-impl Judge<'_> {
-    /// Gives every point, the cheapest first, its standing; positions of those on the frontier.
-    fn stand(&self, points: &mut [Point]) -> Vec<usize> {
-        let mut ascent: Vec<usize> = Vec::new();
+impl Ranking<'_> {
+    /// Sets the standing of every point, cheapest first; returns the positions of those on the frontier.
+    fn rank(&self, points: &mut [Point]) -> Vec<usize> {
+        let mut frontier: Vec<usize> = Vec::new();
         for at in 0..points.len() {
-            let difference = ascent.last().and_then(|last| self.difference(&points[at], &points[*last]));
-            let standing = match (ascent.is_empty(), difference) {
+            let difference = frontier.last().and_then(|last| self.difference(&points[at], &points[*last]));
+            let standing = match (frontier.is_empty(), difference) {
                 (true, _) => Standing::Frontier,
                 (false, Some(difference)) if self.is_better(&difference) => Standing::Frontier,
                 (false, Some(difference)) if self.is_better(&difference.negated()) => Standing::Worse,
                 (false, _) => Standing::NotDistinguishable,
             };
             if standing == Standing::Frontier {
-                self.give_way(points, &mut ascent, at);
+                self.drop_dominated(points, &mut frontier, at);
             }
-            let against = ascent.last().and_then(|last| self.compared(&points[at], &points[*last]));
+            let against = frontier.last().and_then(|last| self.compared(&points[at], &points[*last]));
             points[at].against = against;
             points[at].standing = standing;
-            ascent.extend((standing == Standing::Frontier).then_some(at));
+            frontier.extend((standing == Standing::Frontier).then_some(at));
         }
-        // The cheapest has nothing before it: it is compared with what follows.
-        if let Some(cheapest) = ascent.first().copied() {
-            let next = ascent.get(1).copied().or_else(|| (0..points.len()).find(|at| *at != cheapest));
+        // The cheapest point has no predecessor and is compared with its successor.
+        if let Some(cheapest) = frontier.first().copied() {
+            let next = frontier.get(1).copied().or_else(|| (0..points.len()).find(|at| *at != cheapest));
             points[cheapest].against = next.and_then(|next| self.compared(&points[cheapest], &points[next]));
         }
-        ascent
+        frontier
     }
 
-    /// Costs that differ by less than repetitions do are the same: what is worse there leaves the frontier to a better point,
-    /// if that is still better than what comes before.
-    fn give_way(&self, points: &mut [Point], ascent: &mut Vec<usize>, better: usize) {
-        while let Some((&last, before)) = ascent.split_last() {
+    /// Costs that differ by less than their measurement error are equal: a worse point of that cost is dropped in favour of the
+    /// better one, provided that the better one is also better than the point before.
+    fn drop_dominated(&self, points: &mut [Point], frontier: &mut Vec<usize>, better: usize) {
+        while let Some((&last, before)) = frontier.split_last() {
             let stays = |before: &usize| {
                 let difference = self.difference(&points[better], &points[*before]);
                 difference.is_some_and(|difference| self.is_better(&difference))
@@ -210,7 +230,7 @@ impl Judge<'_> {
             }
             points[last].standing = Standing::Worse;
             points[last].against = self.compared(&points[last], &points[better]);
-            ascent.pop();
+            frontier.pop();
         }
     }
 
@@ -229,15 +249,15 @@ impl Judge<'_> {
         }
     }
 
-    /// `ascent` is the frontier from its cheapest point.
-    fn knee(&self, ascent: &[&Point]) -> Option<String> {
-        let [first, between @ .., last] = ascent else { return None };
+    /// `frontier` is ordered by cost.
+    fn knee(&self, frontier: &[&Point]) -> Option<String> {
+        let [first, between @ .., last] = frontier else { return None };
         let mut highest: Option<(f64, &Point)> = None;
         for point in between {
             let along = (point.cost / first.cost).ln() / (last.cost / first.cost).ln();
             let terms = [(point.sample, 1.0), (first.sample, along - 1.0), (last.sample, -along)];
             let Some(height) = (self.contrasts)(&terms).filter(|height| self.is_better(height)) else { continue };
-            // Of equally high points the first, which is the cheapest.
+            // Of equally high points the first one, which is the cheapest.
             if highest.is_none_or(|(known, _)| height.value.abs() > known) {
                 highest = Some((height.value.abs(), point));
             }
@@ -246,7 +266,29 @@ impl Judge<'_> {
     }
 }
 
-/// Whether two costs differ by no more than the 95 % interval of their difference.
-pub(super) fn same_cost(a: &Point, b: &Point) -> bool {
+/// Whether the 95 % interval of the difference of two costs contains 0.
+fn same_cost(a: &Point, b: &Point) -> bool {
     (a.cost - b.cost).abs() <= a.cost_error.hypot(b.cost_error)
+}
+
+/// Prices from each point of a frontier to the next.
+fn prices(frontier: &[&Point], step: f64) -> Vec<Price> {
+    frontier.windows(2).filter_map(|pair| price(pair[0], pair[1], step)).collect()
+}
+
+fn price(from: &Point, to: &Point, step: f64) -> Option<Price> {
+    let difference = to.against.as_ref().filter(|against| against.label == from.label)?.difference;
+    let [low, high] = difference.interval?.map(f64::abs);
+    let gain = difference.value.abs();
+    let rate = |a: Option<f64>, b: Option<f64>| Some((b? - a?) / gain * step).filter(|price| price.is_finite());
+    let apart = from.secs.zip(to.secs).is_some_and(|(a, b)| (a - b).abs() > from.secs_error.hypot(to.secs_error));
+    Some(Price {
+        from: from.label.clone(),
+        to: to.label.clone(),
+        gain,
+        gain_interval: if low <= high { [low, high] } else { [high, low] },
+        step,
+        secs: rate(from.secs, to.secs).filter(|_| apart),
+        gaussians: rate(from.gaussians, to.gaussians),
+    })
 }

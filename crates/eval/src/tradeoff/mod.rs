@@ -1,20 +1,18 @@
-//! Accuracy against time: knobs swept, frontiers, what the next step of quality costs, and where it becomes dear.
+//! Accuracy against time: parameter sweeps, Pareto frontiers, the cost of the next step of quality, and the knee.
 //!
-//! A [`Sweep`] is a TOML list of settings ([`Knobs`]) to run one method at. What comes back is read as [`Sample`]s, of which
-//! [`frontier()`] says which are worth choosing, as far as scenes and repetitions allow to tell them apart.
+//! A [`Sweep`] is a TOML list of settings ([`Knobs`]) at which one method is run. The results are [`Sample`]s, of which
+//! [`frontier()`] finds the Pareto-optimal ones, as far as scenes and repetitions can distinguish them.
 
 mod frontier;
 mod knobs;
 mod parts;
-mod price;
 mod sample;
 mod sweep;
 #[cfg(test)]
 mod tests;
 
-pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Sample, Standing, frontier};
+pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Price, Sample, Standing, frontier};
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, Swept, parts};
-pub use price::Price;
 pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

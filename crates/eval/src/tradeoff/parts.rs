@@ -1,6 +1,6 @@
-use atsplat_files::Sha256Digest;
 use std::sync::Arc;
 
+use atsplat_files::Sha256Digest;
 use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensor, StoredTensors, TensorFile, generated};
@@ -13,50 +13,49 @@ use crate::EvalError;
 use crate::method::{AtSplat, ChangedConstants, ConstantsChoice, Method, Splatting, WeightsOf};
 use crate::runner::{Dataset, PlannedIndex};
 
-/// The network that is swept, as it is where no knob is turned.
+/// The base setting of a sweep, before any knob is applied.
 #[derive(Clone, Debug)]
 pub struct Swept {
-    /// Its configuration.
+    /// The network's configuration.
     pub config: ModelConfig,
-    /// Its weights.
+    /// The network's weights.
     pub tensors: StoredTensors,
     /// Where they came from.
     pub weights: WeightsOf,
-    /// What size of pictures they were trained at, and the network therefore sees; `None` shows it pictures as they are.
+    /// Picture size that the weights were trained at and that the network therefore sees; `None` uses pictures as they are.
     pub trained_at: Option<ImageSize>,
-    /// What random selection of tokens draws with.
+    /// Seed of random token selection.
     pub call_seed: u64,
-    /// Rules of the rasterizer.
+    /// Renderer constants.
     pub constants: ConstantsChoice,
-    /// RGB behind everything; `None` takes the protocol's.
+    /// Background RGB; `None` uses the protocol's.
     pub background: Option<[f64; 3]>,
 }
 
-/// Settings that run on the same pictures and views: one plan of the runner.
+/// Settings with the same pictures and views, which form one plan of the runner.
 #[derive(Debug)]
 pub struct Part {
     /// Protocols, with the part's resolution and number of views.
     pub datasets: Vec<Dataset>,
-    /// One method for each setting, under its label.
+    /// One method per setting, named by its label.
     pub methods: Vec<Arc<dyn Method>>,
 }
 
-/// A sweep as plans of the runner that fill one store, in the order of the sweep.
+/// Expands a sweep into plans of the runner that fill one store, in the order of the sweep.
 ///
 /// # Errors
-/// [`EvalError::Settings`] for a knob that does not fit, before anything runs; [`EvalError::Model`] for weights that do not
-/// fit the network.
+/// [`EvalError::Settings`] for an invalid knob; [`EvalError::Model`] for weights that do not match the network.
 pub fn parts(sweep: &Sweep, swept: &Swept, datasets: &[Dataset]) -> Result<Vec<Part>, EvalError> {
     let mut parts: Vec<(&Knobs, Part)> = Vec::new();
     for setting in &sweep.settings {
         let method = swept.method(setting)?;
-        let asks_the_same =
+        let same_trials =
             |knobs: &Knobs| (knobs.views, knobs.resolution) == (setting.knobs.views, setting.knobs.resolution);
-        if let Some((_, part)) = parts.iter_mut().find(|(knobs, _)| asks_the_same(knobs)) {
+        if let Some((_, part)) = parts.iter_mut().find(|(knobs, _)| same_trials(knobs)) {
             part.methods.push(method);
         } else {
-            let changed = |dataset| changed(dataset, &setting.knobs);
-            let datasets = datasets.iter().map(changed).collect::<Result<_, _>>()?;
+            let modified = |dataset| modified(dataset, &setting.knobs);
+            let datasets = datasets.iter().map(modified).collect::<Result<_, _>>()?;
             parts.push((&setting.knobs, Part { datasets, methods: vec![method] }));
         }
     }
@@ -64,7 +63,7 @@ pub fn parts(sweep: &Sweep, swept: &Swept, datasets: &[Dataset]) -> Result<Vec<P
 }
 
 impl Swept {
-    /// The network at a setting.
+    /// The method at a setting.
     fn method(&self, setting: &Setting) -> Result<Arc<dyn Method>, EvalError> {
         let knobs = &setting.knobs;
         let (config, tensors, weights, trained_at) = match &knobs.weights {
@@ -77,9 +76,9 @@ impl Swept {
                 (knobs.model(&read.config)?, read.tensors, WeightsOf::File { sha256: file.sha256 }, trained_at)
             }
         };
-        let tensors = fitting(&config, tensors, &weights)?;
+        let tensors = adapted(&config, tensors, &weights)?;
         let network = Network::new(&config, &Device::flex())?.with_weights(&tensors)?;
-        // Where a sweep asks for a resolution, the network is meant to see it.
+        // A swept resolution is seen by the network unchanged.
         let network = match trained_at.filter(|_| knobs.resolution.is_none()) {
             Some(size) => network.trained_at(size),
             None => network,
@@ -95,14 +94,13 @@ impl Swept {
     }
 }
 
-/// Weights for another K. Random ones are as good for any: those that fit stay, the others are drawn again. Of trained ones the
-/// first K Gaussians of each token stay, as many rows of the head's last layer; they cannot be made more.
-fn fitting(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsOf) -> Result<StoredTensors, EvalError> {
+/// Adapts weights to another K. Random tensors of another shape are drawn again. Trained weights keep the first K Gaussians of
+/// each token, which are rows of the head's last layer; there cannot be more than they have.
+fn adapted(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsOf) -> Result<StoredTensors, EvalError> {
     let WeightsOf::Random { seed, .. } = weights else { return first_gaussians(config, tensors) };
     let mut drawn = generated(&parameters(config), *seed);
     for (name, tensor) in tensors.tensors {
-        let fits = drawn.tensors.get(&name).is_none_or(|drawn| drawn.shape() == tensor.shape());
-        if fits {
+        if drawn.tensors.get(&name).is_none_or(|drawn| drawn.shape() == tensor.shape()) {
             drawn.tensors.insert(name, tensor);
         }
     }
@@ -112,38 +110,37 @@ fn fitting(config: &ModelConfig, tensors: StoredTensors, weights: &WeightsOf) ->
 fn first_gaussians(config: &ModelConfig, mut tensors: StoredTensors) -> Result<StoredTensors, EvalError> {
     for parameter in parameters(config).iter().filter(|parameter| parameter.name.starts_with("head.")) {
         let Some(tensor) = tensors.tensors.get_mut(&parameter.name) else { continue };
-        let ([wanted, columns @ ..], [there, others @ ..]) = (&parameter.shape[..], tensor.shape()) else { continue };
-        if columns != others || wanted == there {
+        let ([expected, columns @ ..], [found, others @ ..]) = (&parameter.shape[..], tensor.shape()) else { continue };
+        if columns != others || expected == found {
             continue;
         }
-        if wanted > there {
-            let (wanted, there) = (config.head.gaussians_per_token, format!("{there} rows of {}", parameter.name));
+        if expected > found {
+            let count = config.head.gaussians_per_token;
             return Err(EvalError::Settings {
                 what: "gaussians-per-token",
-                expected: format!("at most as many as the weights have, or `weights` of their own for {wanted}"),
-                found: there,
+                expected: format!("at most as many as the weights have, or separate `weights` for {count}"),
+                found: format!("{found} rows of {}", parameter.name),
             });
         }
         let values = tensor.to_f32()?;
-        let kept = values.get(..parameter.elements()).unwrap_or(&values);
-        *tensor = StoredTensor::from_f32(parameter.shape.clone(), kept)?;
+        // Fewer rows of the same columns: always a prefix of the values.
+        *tensor = StoredTensor::from_f32(parameter.shape.clone(), &values[..parameter.elements()])?;
     }
     Ok(tensors)
 }
 
-/// The dataset as the knobs want its pictures and views.
-fn changed(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
+/// The dataset with the knobs' resolution and views.
+fn modified(dataset: &Dataset, knobs: &Knobs) -> Result<Dataset, EvalError> {
     let Dataset { name, preset, source, told, index } = dataset;
-    let asked = knobs.index(&index.index)?;
-    let index = if knobs.views.is_none() {
-        index.clone()
-    } else {
-        PlannedIndex {
-            sha256: Sha256Digest::of(asked.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
+    let reduced = knobs.index(&index.index)?;
+    let index = match knobs.views {
+        None => index.clone(),
+        Some(_) => PlannedIndex {
+            sha256: Sha256Digest::of(reduced.to_json(&IndexLayout::PIXELSPLAT).as_bytes()),
             told: format!("{}, fewer context views", index.told),
-            index: asked,
+            index: reduced,
             name: index.name.clone(),
-        }
+        },
     };
     let views = knobs.views.map(|views| format!("-{views}-views"));
     let resolution = knobs.resolution.map(|[height, width]| format!("-{height}x{width}"));

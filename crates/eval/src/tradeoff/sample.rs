@@ -5,7 +5,7 @@ use atsplat_protocol::Aggregation;
 use serde::Serialize;
 
 use super::{Axis, Frontier, Sample, frontier};
-use crate::statistics::{Leaked, Picked, Question, contrast, cost, direction, pick, summary_of};
+use crate::statistics::{Leaked, Question, SelectedTarget, contrast, cost, direction, select, summary_of};
 use crate::timing::{Machine, machine_of, times};
 use crate::{EvalError, PresetRecord, Results};
 
@@ -23,11 +23,11 @@ pub struct Tradeoff {
     pub unit: String,
     /// Against seconds, and against Gaussians.
     pub frontiers: Vec<Frontier>,
-    /// The machines that seconds are of, each once.
+    /// The machine types that were timed.
     pub machines: Vec<Machine>,
 }
 
-/// Every method of a store as a point, for each protocol and metric.
+/// The frontiers of a store's methods, for each protocol and metric.
 ///
 /// # Errors
 /// [`EvalError::Preset`].
@@ -42,8 +42,8 @@ pub fn tradeoffs(results: &Results, metrics: &[&str], leaked: Leaked) -> Result<
     presets.flat_map(|preset| metrics.iter().map(move |metric| (preset, *metric))).map(tradeoff).collect()
 }
 
-/// The methods of all protocols of a store in one: numbers that answer different questions side by side, as where views or
-/// resolution are swept. Labels say the protocol; differences are between the same scene's targets.
+/// The frontiers over the methods of all protocols together, for sweeps of views or resolution. Labels include the protocol;
+/// differences are between targets of the same scene.
 ///
 /// # Errors
 /// [`EvalError::Preset`].
@@ -52,8 +52,8 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
     let mut all = Vec::new();
     for preset in presets {
         let own = scored(results, &preset.name, metric, leaked, preset.protocol()?.aggregation).into_iter();
-        all.extend(own.map(|(sample, picked)| {
-            (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, picked)
+        all.extend(own.map(|(sample, selected)| {
+            (Sample { label: format!("{}, {}", sample.label, preset.name), ..sample }, selected)
         }));
     }
     let hashes: Vec<&str> = presets.iter().map(|preset| preset.hash.as_str()).collect();
@@ -65,7 +65,7 @@ pub fn across(results: &Results, metric: &str, leaked: Leaked) -> Result<Tradeof
 fn of_scored(
     (preset, protocol): (&str, &str),
     metric: &str,
-    scored: &[(Sample, Vec<Picked<'_>>)],
+    scored: &[(Sample, Vec<SelectedTarget<'_>>)],
     aggregation: Aggregation,
     machines: Vec<Machine>,
 ) -> Tradeoff {
@@ -86,28 +86,28 @@ fn of_scored(
     }
 }
 
-/// The methods of a store under a preset, in the order of the provenance record, each as a sample.
+/// The methods of a store under a preset as samples, in the order of the provenance record.
 ///
-/// Seconds are those of the timing pass, the median of encoding plus the median of rendering one view: what a user waits for the
-/// first picture. A method that has only one of both has only that.
+/// Seconds come from the timing pass: the median of encoding plus the median of rendering one view, which is the time to the
+/// first picture. If a method has only one of the two, that one counts.
 pub fn samples(results: &Results, preset: &str, metric: &str, leaked: Leaked, aggregation: Aggregation) -> Vec<Sample> {
     scored(results, preset, metric, leaked, aggregation).into_iter().map(|(sample, _)| sample).collect()
 }
 
-/// Samples with the targets that they were scored on.
+/// Samples with their scored targets.
 fn scored<'a>(
     results: &'a Results,
     preset: &'a str,
     metric: &'a str,
     leaked: Leaked,
     aggregation: Aggregation,
-) -> Vec<(Sample, Vec<Picked<'a>>)> {
+) -> Vec<(Sample, Vec<SelectedTarget<'a>>)> {
     let sample = |method: &'a str| {
         let cost = cost(results, preset, method);
-        let picked = pick(results, &Question { preset, method, metric, leaked });
+        let selected = select(results, &Question { preset, method, metric, leaked });
         let mut sample = Sample {
             label: method.to_owned(),
-            quality: summary_of(&picked, aggregation).mean,
+            quality: summary_of(&selected, aggregation).mean,
             gaussians: cost.gaussians,
             ..Sample::default()
         };
@@ -119,7 +119,7 @@ fn scored<'a>(
             }
             Err(reason) => sample.untimed = Some(reason),
         }
-        (cost.trials > 0).then_some((sample, picked))
+        (cost.trials > 0).then_some((sample, selected))
     };
     results.provenance.methods.iter().filter_map(|record| sample(&record.name)).collect()
 }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 use super::Knobs;
 use crate::EvalError;
 
-/// Settings to run one method at.
+/// A list of settings of one method.
 ///
 /// ```toml
 /// title = "Thresholds and cut-offs"
@@ -21,9 +21,9 @@ use crate::EvalError;
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Sweep {
-    /// One line for people.
+    /// One-line description.
     pub title: String,
-    /// In the order of the file; labels differ.
+    /// In the order of the file; labels are unique.
     pub settings: Vec<Setting>,
 }
 
@@ -33,29 +33,29 @@ pub struct Sweep {
 pub struct Setting {
     /// Name in tables, and of the method in the rows.
     pub label: String,
-    /// What is changed.
+    /// The overrides.
     #[serde(default)]
     pub knobs: Knobs,
 }
 
 impl Sweep {
-    /// A sweep from TOML text.
+    /// Parses a sweep from TOML.
     ///
     /// # Errors
-    /// [`EvalError::Settings`] for text that is no sweep, with the place; for no setting, and for a label that stands twice.
+    /// [`EvalError::Settings`] for invalid text, with line and column; for an empty list, and for duplicate labels.
     pub fn from_toml(text: &str) -> Result<Self, EvalError> {
-        let unfit = |expected: &str, found: String| EvalError::Settings {
+        let invalid = |expected: &str, found: String| EvalError::Settings {
             what: "settings",
             expected: expected.to_owned(),
             found,
         };
-        let sweep: Self = toml::from_str(text).map_err(|error| unfit("a sweep in TOML", error.to_string()))?;
+        let sweep: Self = toml::from_str(text).map_err(|error| invalid("a sweep in TOML", error.to_string()))?;
         if sweep.settings.is_empty() {
-            return Err(unfit("at least one setting", "none".to_owned()));
+            return Err(invalid("at least one setting", "none".to_owned()));
         }
         let mut labels = BTreeSet::new();
         match sweep.settings.iter().find(|setting| !labels.insert(&setting.label)) {
-            Some(setting) => Err(unfit("labels that differ", format!("{:?} twice", setting.label))),
+            Some(setting) => Err(invalid("unique labels", format!("{:?} twice", setting.label))),
             None => Ok(sweep),
         }
     }

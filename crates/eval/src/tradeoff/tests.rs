@@ -17,8 +17,8 @@ fn sample(label: &str, quality: f64, secs: f64) -> Sample {
     Sample { label: label.to_owned(), quality, secs: Some(secs), gaussians, ..Sample::default() }
 }
 
-/// The frontier where every difference is known to ± `half`, as intervals of many scenes are.
-fn known_to(half: f64, samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
+/// The frontier if every difference has the interval ± `half`.
+fn frontier_with_intervals(half: f64, samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
     let contrasts = |terms: &[(usize, f64)]| {
         let value = terms.iter().map(|(at, weight)| weight * samples[*at].quality.unwrap()).sum::<f64>();
         Some(Contrast { value, interval: Some([value - half, value + half]), scenes: 9 })
@@ -27,7 +27,7 @@ fn known_to(half: f64, samples: &[Sample], direction: Direction, axis: Axis, ste
 }
 
 fn frontier(samples: &[Sample], direction: Direction, axis: Axis, step: f64) -> Frontier {
-    known_to(0.0, samples, direction, axis, step)
+    frontier_with_intervals(0.0, samples, direction, axis, step)
 }
 
 fn labels(frontier: &Frontier) -> Vec<&str> {
@@ -39,7 +39,7 @@ fn standings(frontier: &Frontier) -> Vec<(&str, Standing)> {
 }
 
 #[test]
-fn what_is_dominated_is_not_on_the_frontier() {
+fn dominated_points_are_not_on_the_frontier() {
     let samples = [
         sample("dear", 28.0, 4.0),
         sample("cheap", 20.0, 1.0),
@@ -51,22 +51,22 @@ fn what_is_dominated_is_not_on_the_frontier() {
     ];
     let found = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
     assert_eq!(labels(&found), ["cheap", "middle", "dear"]);
-    let told: Vec<Standing> = standings(&found).into_iter().map(|(_, standing)| standing).collect();
-    assert_eq!(told, [On, Worse, On, Unclear, Worse, Unclear, On], "{:?}", standings(&found));
+    let found_standings: Vec<Standing> = standings(&found).into_iter().map(|(_, standing)| standing).collect();
+    assert_eq!(found_standings, [On, Worse, On, Unclear, Worse, Unclear, On], "{:?}", standings(&found));
     assert_eq!(found.knee.as_deref(), Some("middle"));
     let steps: Vec<_> = found.prices.iter().map(|price| (price.from.as_str(), price.to.as_str())).collect();
     assert_eq!(steps, [("cheap", "middle"), ("middle", "dear")]);
     Tolerance::F64.assert(found.prices.iter().filter_map(|price| price.secs), [0.1 / 7.0, 0.2], "seconds a tenth");
     Tolerance::F64.assert(found.prices.iter().filter_map(|price| price.gaussians), [100.0 / 7.0, 200.0], "Gaussians");
-    // The same turned upside down, as for LPIPS.
+    // The same with the opposite direction, as for LPIPS.
     let lower: Vec<Sample> = samples.iter().map(|s| Sample { quality: s.quality.map(|q| -q), ..s.clone() }).collect();
-    let turned = frontier(&lower, Direction::Lower, Axis::Seconds, 0.1);
-    assert_eq!((labels(&turned), &turned.knee, &turned.prices), (labels(&found), &found.knee, &found.prices));
+    let rotated = frontier(&lower, Direction::Lower, Axis::Seconds, 0.1);
+    assert_eq!((labels(&rotated), &rotated.knee, &rotated.prices), (labels(&found), &found.knee, &found.prices));
 }
 
-/// Scenes say that better is better only where their interval leaves out 0.
+/// A point is better only if the interval of the difference excludes 0.
 #[test]
-fn what_intervals_do_not_tell_apart_is_not_ranked() {
+fn points_with_overlapping_intervals_are_not_ranked() {
     let samples = [
         sample("cheap", 20.0, 1.0),
         sample("as good", 20.9, 2.0),
@@ -78,10 +78,10 @@ fn what_intervals_do_not_tell_apart_is_not_ranked() {
     ];
     for direction in [Direction::Higher, Direction::Lower] {
         let sign = if direction == Direction::Higher { 1.0 } else { -1.0 };
-        let turned = samples.clone().map(|s| Sample { quality: s.quality.map(|quality| sign * quality), ..s });
-        let found = known_to(1.0, &turned, direction, Axis::Seconds, 0.1);
-        let told: Vec<Standing> = standings(&found).into_iter().map(|(_, standing)| standing).collect();
-        assert_eq!(told, [On, Unclear, On, Unclear, Worse, Unclear, On], "{direction:?}");
+        let rotated = samples.clone().map(|s| Sample { quality: s.quality.map(|quality| sign * quality), ..s });
+        let found = frontier_with_intervals(1.0, &rotated, direction, Axis::Seconds, 0.1);
+        let found_standings: Vec<Standing> = standings(&found).into_iter().map(|(_, standing)| standing).collect();
+        assert_eq!(found_standings, [On, Unclear, On, Unclear, Worse, Unclear, On], "{direction:?}");
         let against: Vec<&str> =
             found.points.iter().map(|point| point.against.as_ref().unwrap().label.as_str()).collect();
         assert_eq!(against, ["better", "cheap", "cheap", "better", "better", "better", "better"]);
@@ -94,22 +94,26 @@ fn what_intervals_do_not_tell_apart_is_not_ranked() {
         let steps: Vec<_> = found.prices.iter().map(|price| (price.from.as_str(), price.to.as_str())).collect();
         assert_eq!(steps, [("cheap", "better"), ("better", "best")]);
         Tolerance::F64.assert(found.prices[0].gain_interval, [0.1, 2.1], "the gain's interval");
-        assert_eq!(found.knee, None, "21.1 is no dB above the line between 20 and 24 at half of the way");
+        assert_eq!(found.knee, None, "21.1 is less than 1 dB above the line from 20 to 24");
     }
-    assert_eq!(labels(&known_to(9.0, &samples, Direction::Higher, Axis::Seconds, 0.1)), ["cheap"]);
+    assert_eq!(labels(&frontier_with_intervals(9.0, &samples, Direction::Higher, Axis::Seconds, 0.1)), ["cheap"]);
     let one_scene = |_: &[(usize, f64)]| Some(Contrast { value: 5.0, interval: None, scenes: 1 });
     let found = super::frontier(&samples, &one_scene, Direction::Higher, Axis::Seconds, 0.1);
-    assert_eq!((labels(&found), found.prices.len(), &found.knee), (vec!["cheap"], 0, &None), "one scene tells nothing");
+    assert_eq!(
+        (labels(&found), found.prices.len(), &found.knee),
+        (vec!["cheap"], 0, &None),
+        "one scene has no interval"
+    );
 }
 
 #[test]
-fn times_that_repetitions_do_not_tell_apart_are_the_same() {
+fn times_within_the_measurement_error_are_equal() {
     let timed = |label, quality, secs, secs_error| Sample { secs_error, ..sample(label, quality, secs) };
     let samples = |error| [timed("a", 20.0, 1.0, error), timed("b", 22.0, 1.1, error), timed("c", 24.0, 2.0, error)];
     let found = frontier(&samples(0.01), Direction::Higher, Axis::Seconds, 0.1);
     assert_eq!(labels(&found), ["a", "b", "c"]);
     let found = frontier(&samples(0.08), Direction::Higher, Axis::Seconds, 0.1);
-    assert_eq!(labels(&found), ["b", "c"], "0.1 s are within √2 · 0.08 s: what is better at the same price wins");
+    assert_eq!(labels(&found), ["b", "c"], "0.1 s is within √2 · 0.08 s: at equal cost the better point wins");
     assert_eq!(found.points[0].standing, Worse);
     assert_eq!(found.points[0].against.as_ref().unwrap().label, "b");
     let counts = frontier(&samples(0.08), Direction::Higher, Axis::Gaussians, 0.1);
@@ -118,7 +122,7 @@ fn times_that_repetitions_do_not_tell_apart_are_the_same() {
 }
 
 #[test]
-fn few_points_and_broken_ones() {
+fn frontiers_of_few_or_invalid_points() {
     let none = frontier(&[], Direction::Higher, Axis::Seconds, 0.1);
     assert_eq!((none.points.len(), none.prices.len(), none.knee), (0, 0, None));
     let one = frontier(&[sample("one", 20.0, 1.0)], Direction::Higher, Axis::Gaussians, 0.1);
@@ -155,11 +159,11 @@ fn a_straight_or_sagging_frontier_has_no_knee() {
 }
 
 proptest! {
-    /// The frontier by its definition, for every order of the samples.
+    /// The definition of a Pareto frontier, for every order of the samples.
     #[test]
-    fn the_frontier_is_what_nothing_dominates(
+    fn frontier_points_are_not_dominated(
         places in prop::collection::vec((0u8..8, 1u8..8), 0..12),
-        turn in 0usize..12,
+        rotation in 0usize..12,
     ) {
         let mut samples: Vec<Sample> = places
             .iter()
@@ -172,19 +176,19 @@ proptest! {
             let dominates = |other: &&Point| {
                 other.quality >= quality && other.cost <= secs && (other.quality > quality || other.cost < secs)
             };
-            // Of twins the first stands for all.
+            // Of equal points only the first is on the frontier.
             let twin = found.points[..position].iter().any(|other| (other.quality, other.cost) == (quality, secs));
             prop_assert_eq!(point.on_frontier(), !twin && !found.points.iter().any(|other| dominates(&other)));
         }
-        let by = turn.checked_rem(samples.len()).unwrap_or(0);
+        let by = rotation.checked_rem(samples.len()).unwrap_or(0);
         samples.rotate_left(by);
-        let turned = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
-        prop_assert_eq!(standings(&turned), standings(&found));
+        let rotated = frontier(&samples, Direction::Higher, Axis::Seconds, 0.1);
+        prop_assert_eq!(standings(&rotated), standings(&found));
     }
 }
 
 #[test]
-fn samples_are_what_a_store_says() {
+fn samples_summarise_a_store() {
     let mut store = results("a", "psnr", &[("x", 0, vec![20.0, 22.0]), ("y", 0, vec![30.0])]);
     for name in ["a", "never ran"] {
         store.provenance.methods.push(MethodRecord { name: name.to_owned(), ..MethodRecord::default() });
@@ -199,7 +203,7 @@ fn samples_are_what_a_store_says() {
 }
 
 #[test]
-fn protocols_share_a_frontier_only_where_forced() {
+fn protocols_share_a_frontier_only_on_request() {
     let mut store = results("a", "psnr", &[("x", 0, vec![20.0])]);
     store.timings.push(timing("a", "x", &[0.5], &[]));
     let other = store.targets[0].clone();
@@ -215,9 +219,10 @@ fn protocols_share_a_frontier_only_where_forced() {
     let apart = tradeoffs(&store, &["psnr"], Leaked::Included).unwrap();
     assert_eq!(apart.iter().map(|found| found.frontiers[0].points.len()).collect::<Vec<_>>(), [1, 1]);
     let found = across(&store, "psnr", Leaked::Included).unwrap();
-    let told: Vec<_> = found.frontiers[0].points.iter().map(|point| (point.label.as_str(), point.standing)).collect();
-    assert_eq!(told, [("a, other", On), ("a, sampled", Unclear)], "one scene tells no interval");
-    // A protocol that no longer reads must not change how its scores are averaged.
+    let standings: Vec<_> =
+        found.frontiers[0].points.iter().map(|point| (point.label.as_str(), point.standing)).collect();
+    assert_eq!(standings, [("a, other", On), ("a, sampled", Unclear)], "one scene has no interval");
+    // A protocol that cannot be parsed must not silently change how its scores are averaged.
     store.provenance.presets[1].toml = store.provenance.presets[1].toml.replace("aggregation", "agregation");
     let message =
         [tradeoffs(&store, &["psnr"], Leaked::Included).map(drop), across(&store, "psnr", Leaked::Included).map(drop)];
@@ -227,7 +232,7 @@ fn protocols_share_a_frontier_only_where_forced() {
 }
 
 #[test]
-fn knobs_change_budgets_and_nothing_else() {
+fn knobs_change_token_budgets() {
     let nano = ModelConfig::named("nano").unwrap();
     let most = |knobs: &Knobs| budget(&knobs.model(&nano).unwrap(), 2, nano.resolution).unwrap().most.gaussians;
     assert_eq!(Knobs::default().model(&nano).unwrap(), nano);
@@ -247,7 +252,7 @@ fn knobs_change_budgets_and_nothing_else() {
 }
 
 #[test]
-fn renderer_knobs_say_so_in_the_name() {
+fn renderer_knobs_are_listed_in_the_name() {
     let exact = RendererConstants::default();
     let knobs = RendererKnobs { min_alpha: Some(0.0625), ..RendererKnobs::default() };
     let changed = knobs.applied(&exact).unwrap();
@@ -260,7 +265,7 @@ fn renderer_knobs_say_so_in_the_name() {
 }
 
 #[test]
-fn views_are_spread_over_those_of_the_index() {
+fn views_are_spread_evenly() {
     let entry = IndexEntry { context: vec![0, 10, 20, 30, 40, 49], target: vec![5], overlap: None };
     let index = EvaluationIndex { scenes: [("a".to_owned(), vec![entry])].into_iter().collect() };
     let context = |views| {
@@ -275,7 +280,7 @@ fn views_are_spread_over_those_of_the_index() {
 }
 
 #[test]
-fn the_resolution_is_that_of_the_last_step_that_scales() {
+fn resolution_replaces_the_last_scaling_step() {
     let preset = Preset::named("re10k-2v-256").unwrap();
     let smaller = Knobs { resolution: Some([128, 192]), ..Knobs::default() }.preset(&preset).unwrap();
     assert!(smaller.preprocessing.to_string().contains("rescale-and-crop 192×128"), "{}", smaller.preprocessing);
@@ -287,7 +292,7 @@ fn the_resolution_is_that_of_the_last_step_that_scales() {
 }
 
 #[test]
-fn sweeps_are_checked() {
+fn rejects_invalid_sweeps() {
     let text = "title = 't'\n[[settings]]\nlabel = 'a'\n[[settings]]\nlabel = 'b'\nknobs = { views = 2 }";
     let sweep = Sweep::from_toml(text).unwrap();
     assert_eq!((sweep.settings.len(), sweep.settings[1].knobs.views), (2, Some(2)));

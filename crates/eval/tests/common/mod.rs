@@ -1,35 +1,42 @@
-//! Scenes of a painted wall, whose pictures are known in closed form.
+//! Scenes of a painted wall, whose pictures are known in closed form, and runs on them.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![allow(dead_code, reason = "each test takes what it needs")]
+#![allow(dead_code, reason = "each test file uses a part")]
 
-use atsplat_files::Sha256Digest;
+use std::path::Path;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 use atsplat_camera::{Camera, CameraFromWorld, ImageSize, NormalizedIntrinsics};
-use atsplat_eval::runner::{Dataset, PlannedIndex};
-use atsplat_pixels::{ImageU8, encode_png};
+use atsplat_eval::method::{Method, NearestView, Rendered, Warp};
+use atsplat_eval::runner::{Dataset, KeepPictures, Plan, PlannedIndex, Selection, Summary, here, named_metrics, run};
+use atsplat_eval::timing::TimingPlan;
+use atsplat_eval::{EvalError, MethodRecord, Results, Store, TargetRow, TrialRow};
+use atsplat_files::Sha256Digest;
+use atsplat_metrics::{Networks, Suite};
+use atsplat_pixels::{Image, ImageU8, encode_png};
+use atsplat_protocol::trial::Prefetch;
 use atsplat_protocol::{EvaluationIndex, IndexEntry, Preset};
 use atsplat_scene::{Frame, Picture, Scene, SceneError, SceneSource, SharedBytes, WarningKind, Warnings};
 use glam::{DMat3, DVec3};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width: 64, height: 64 };
-/// Distance of the wall from every camera.
+/// Depth of the wall in every camera.
 pub(crate) const WALL: f64 = 4.0;
 
-/// Cameras that look along +z, side by side, at a wall with waves of colour.
+/// Cameras side by side that look along +z at a wall with waves of colour.
 pub(crate) struct Walls {
     pub(crate) keys: Vec<String>,
     pub(crate) frames: usize,
-    /// Scenes whose picture of this frame is no picture.
+    /// Scene and frame whose picture file is truncated.
     pub(crate) damaged: Option<(usize, usize)>,
-    /// A scene's frame whose picture is another one than the camera sees: by so much brighter, or darker.
+    /// Scene and frame whose picture is changed in brightness, and by how much.
     pub(crate) brighter: Option<(usize, usize, i16)>,
-    /// Whether each seventh frame's picture is listed and not there.
+    /// Whether every seventh frame's picture is missing.
     pub(crate) gaps: bool,
-    /// Pictures, by scene and frame, that show another scene.
+    /// Scenes and frames whose picture shows another scene.
     pub(crate) replaced: Vec<(usize, usize)>,
-    /// Whether loading a scene warns of something.
+    /// Whether loading a scene emits a warning.
     pub(crate) warns: bool,
 }
 
@@ -110,7 +117,7 @@ pub(crate) fn entry(context: &[usize], target: &[usize]) -> IndexEntry {
     IndexEntry { context: context.to_vec(), target: target.to_vec(), overlap: Some(0.5.into()) }
 }
 
-/// A published protocol on pictures as they are.
+/// A published protocol without preprocessing.
 pub(crate) fn preset() -> Preset {
     let mut preset = Preset::named("re10k-2v-256").unwrap();
     preset.preprocessing.expected_size = None;
@@ -118,7 +125,7 @@ pub(crate) fn preset() -> Preset {
     preset
 }
 
-/// Every scene is asked the same.
+/// A dataset with the same index entries for every scene.
 pub(crate) fn dataset(walls: Walls, entries: &[IndexEntry]) -> Dataset {
     let scenes = walls.keys.iter().map(|key| (key.clone(), entries.to_vec())).collect();
     let index = PlannedIndex {
@@ -129,4 +136,67 @@ pub(crate) fn dataset(walls: Walls, entries: &[IndexEntry]) -> Dataset {
     };
     let source: Arc<dyn SceneSource> = Arc::new(walls);
     Dataset { name: "walls".to_owned(), preset: preset(), source, told: "walls".to_owned(), index }
+}
+
+/// A uniformly grey picture of the walls' size.
+pub(crate) fn grey() -> Rendered {
+    let samples = vec![0.5; (SIZE.width * SIZE.height * 3) as usize];
+    Rendered { image: Image::new(SIZE.width, SIZE.height, samples).unwrap(), drawn: None, effects: Vec::new() }
+}
+
+pub(crate) fn record(name: &str) -> MethodRecord {
+    MethodRecord { name: name.to_owned(), kind: "test".to_owned(), ..MethodRecord::default() }
+}
+
+/// The lower baselines: the nearest view and the plane warp.
+pub(crate) fn baselines() -> Vec<Arc<dyn Method>> {
+    vec![Arc::new(NearestView), Arc::new(Warp)]
+}
+
+/// The rows without the provenance.
+pub(crate) fn rows(results: &Results) -> (&[TrialRow], &[TargetRow]) {
+    (&results.trials, &results.targets)
+}
+
+/// Settings of a run; by default without timing pass and pictures, on PSNR.
+pub(crate) struct Run {
+    pub(crate) datasets: Vec<Dataset>,
+    pub(crate) methods: Vec<Arc<dyn Method>>,
+    pub(crate) suite: Suite,
+    pub(crate) selection: Selection,
+    pub(crate) timing: Option<TimingPlan>,
+    pub(crate) pictures: KeepPictures,
+}
+
+impl Run {
+    pub(crate) fn new(datasets: Vec<Dataset>, methods: Vec<Arc<dyn Method>>) -> Self {
+        Self {
+            datasets,
+            methods,
+            suite: suite(&["psnr"]),
+            selection: Selection::default(),
+            timing: None,
+            pictures: KeepPictures::Nothing,
+        }
+    }
+
+    pub(crate) fn plan(&self) -> Plan<'_> {
+        let Self { datasets, methods, suite, selection, timing, pictures } = self;
+        let (selection, timing, pictures) = (*selection, *timing, *pictures);
+        Plan { datasets, methods, suite, selection, timing, pictures, prefetch: Prefetch::default() }
+    }
+
+    /// Runs into a new or existing store, and checks the number of steps.
+    pub(crate) fn run(&self, folder: &Path) -> Result<(Results, Summary), EvalError> {
+        let plan = self.plan();
+        let store = Store::resume(folder, plan.provenance(here("0", None, Vec::new()))?)?;
+        let steps = AtomicU64::new(0);
+        let outcome = run(&plan, store, &|| _ = steps.fetch_add(1, Ordering::Relaxed))?;
+        assert_eq!(steps.into_inner(), plan.steps(), "every result and every timed method is a step");
+        Ok(outcome)
+    }
+}
+
+pub(crate) fn suite(ids: &[&str]) -> Suite {
+    Suite::new(named_metrics(ids.iter().copied()).unwrap(), Networks::default(), 0)
 }

@@ -7,9 +7,9 @@ use super::pooling;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Network {
-    /// LPIPS v0.1 on VGG16: `lpips.LPIPS(net="vgg")`, what papers on novel views report.
+    /// LPIPS v0.1 on VGG16: `lpips.LPIPS(net="vgg")`, what papers on novel view synthesis report.
     LpipsVgg,
-    /// LPIPS v0.1 on `AlexNet`: `lpips.LPIPS(net="alex")`, what its authors advise for comparing pictures.
+    /// LPIPS v0.1 on `AlexNet`: `lpips.LPIPS(net="alex")`, what its authors recommend for comparing pictures.
     LpipsAlex,
     /// ST-LPIPS `vST0.0` on `AlexNet`: `stlpips_pytorch.LPIPS(net="alex", variant="shift_tolerant")`.
     StLpipsAlex,
@@ -17,38 +17,38 @@ pub enum Network {
     StLpipsVgg,
 }
 
-/// One step of a network, for whoever computes it elsewhere: `train` differentiates it.
+/// One step of a network; public because `atsplat-train` implements it with gradients.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Step {
-    /// A square convolution, black around the picture.
+    /// A square convolution with zero padding.
     Convolution {
-        /// Its tensors' name, less `.weight` and `.bias`.
+        /// Prefix of its tensors `.weight` and `.bias`.
         name: String,
-        /// Before it.
+        /// Input channels.
         channels_in: usize,
-        /// After it.
+        /// Output channels.
         channels_out: usize,
-        /// Side of the square.
+        /// Side of the kernel.
         kernel: usize,
-        /// Pixels from one square to the next.
+        /// Stride in pixels.
         stride: usize,
-        /// Pixels around the picture.
+        /// Padding in pixels.
         padding: usize,
-        /// Whether negative numbers become zero.
+        /// Whether a `ReLU` follows.
         relu: bool,
     },
-    /// Negative numbers become zero.
+    /// Rectified linear unit.
     Relu,
-    /// The largest of a square, wholly inside.
+    /// Max pooling without padding.
     Largest {
         /// Side of the square.
         kernel: usize,
-        /// Pixels from one square to the next.
+        /// Stride in pixels.
         stride: usize,
     },
-    /// Anti-aliased halving: (1 2 1)⊗(1 2 1) / 16 at every second pixel, two reflected pixels around.
+    /// Anti-aliased halving: (1 2 1)⊗(1 2 1) / 16 at every second pixel, with two reflected pixels as padding.
     Blurred,
-    /// Features are taken here.
+    /// Outputs the activations as features.
     Tap,
 }
 
@@ -66,7 +66,7 @@ impl Network {
         }
     }
 
-    /// Channels of the five features.
+    /// Number of channels of the five feature maps.
     pub const fn channels(self) -> [usize; 5] {
         match self {
             Self::LpipsVgg | Self::StLpipsVgg => [64, 128, 256, 512, 512],
@@ -79,17 +79,21 @@ impl Network {
         std::array::from_fn(|tap| format!("lin{tap}.model.1.weight"))
     }
 
-    /// Smallest width and height of pictures that every step has room for.
+    /// Smallest width and height of pictures on which every step is defined.
+    ///
+    /// # Panics
+    /// Never: every network fits far below 512 pixels.
+    #[expect(clippy::expect_used, reason = "every network fits far below 512 pixels")]
     pub fn smallest_side(self) -> u32 {
         let steps = self.steps();
-        (1..=512u32).find(|side| fits(&steps, *side as usize)).unwrap_or(u32::MAX)
+        (1..=512u32).find(|side| fits(&steps, *side as usize)).expect("a side of at most 512 pixels")
     }
 
-    /// From the scaled picture to the last tap.
+    /// All steps, from the scaled picture to the last features.
     pub fn steps(self) -> Vec<Step> {
         match self {
             Self::LpipsVgg => vgg(
-                |convolution| format!("features.{}", VGG_PLACES[convolution]),
+                |convolution| format!("features.{}", VGG_POSITIONS[convolution]),
                 &[Step::Largest { kernel: 2, stride: 2 }],
             ),
             Self::StLpipsVgg => vgg(st_vgg_name, &[Step::Largest { kernel: 2, stride: 1 }, Step::Blurred]),
@@ -111,17 +115,17 @@ fn fits(steps: &[Step], side: usize) -> bool {
 
 /// Convolutions in each of VGG16's five blocks.
 const VGG_BLOCKS: [usize; 5] = [2, 2, 3, 3, 3];
-/// Places of the convolutions in torchvision's `vgg16().features`.
-const VGG_PLACES: [usize; 13] = [0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28];
+/// Positions of the convolutions in torchvision's `vgg16().features`.
+const VGG_POSITIONS: [usize; 13] = [0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28];
 
-/// In ST-LPIPS a blur stands before each block but the first, and names carry the block.
+/// In ST-LPIPS a blur precedes each block but the first, and names contain the block.
 fn st_vgg_name(convolution: usize) -> String {
     let (mut block, mut first) = (0, 0);
     while convolution >= first + VGG_BLOCKS[block] {
         first += VGG_BLOCKS[block];
         block += 1;
     }
-    format!("net.slice{}.{}", block + 1, VGG_PLACES[convolution] + block)
+    format!("net.slice{}.{}", block + 1, VGG_POSITIONS[convolution] + block)
 }
 
 fn vgg(name: impl Fn(usize) -> String, between: &[Step]) -> Vec<Step> {

@@ -7,66 +7,67 @@ use sha2::{Digest, Sha256};
 use super::{Features, Perceptual};
 use crate::MetricError;
 
-/// Features of ground truths, so that each is computed once for all methods that are compared on it.
+/// Cache of ground-truth features, which are shared by all methods that are compared on a picture.
 ///
-/// Pictures are told apart by a hash of their samples, networks by that of their file. The oldest go first when the bytes run out; VGG's features of a
-/// 256² picture take 32 MB, so a cache serves the methods of one trial rather than a whole dataset.
+/// The key is a hash of the picture's samples and the network's file. The oldest entries are evicted first; VGG's features of a
+/// 256² picture take 32 MB, so the cache serves the methods of one trial rather than a whole dataset.
 #[derive(Debug)]
 pub struct FeatureCache {
-    most_bytes: usize,
-    kept: Mutex<Kept>,
+    max_bytes: usize,
+    entries: Mutex<Entries>,
 }
 
 type Key = [u8; 32];
 
 #[derive(Debug, Default)]
-struct Kept {
+struct Entries {
     bytes: usize,
-    entries: VecDeque<(Key, Arc<Features>)>,
+    queue: VecDeque<(Key, Arc<Features>)>,
 }
 
 impl FeatureCache {
-    /// Keeps at most this many bytes of features.
-    pub fn new(most_bytes: usize) -> Self {
-        Self { most_bytes, kept: Mutex::default() }
+    /// A cache of at most this many bytes of features.
+    pub fn new(max_bytes: usize) -> Self {
+        Self { max_bytes, entries: Mutex::default() }
     }
 
-    /// The picture's features, computed unless they are kept.
+    /// The picture's features, computed unless they are cached.
     ///
     /// # Errors
     /// As [`Perceptual::features`].
     pub fn features(&self, perceptual: &Perceptual, picture: &Image) -> Result<Arc<Features>, MetricError> {
         let key = hash(perceptual, picture);
-        let find = |kept: &Kept| kept.entries.iter().find(|(k, _)| *k == key).map(|(_, found)| Arc::clone(found));
+        let find =
+            |entries: &Entries| entries.queue.iter().find(|(k, _)| *k == key).map(|(_, found)| Arc::clone(found));
         if let Some(found) = find(&self.lock()) {
             return Ok(found);
         }
-        // Computed without the lock: at worst two threads compute the same.
+        // Computed without holding the lock: at worst two threads compute the same features.
         let features = Arc::new(perceptual.features(picture)?);
-        let mut kept = self.lock();
-        if features.bytes() <= self.most_bytes && find(&kept).is_none() {
-            kept.bytes += features.bytes();
-            kept.entries.push_back((key, Arc::clone(&features)));
-            while kept.bytes > self.most_bytes {
-                let Some((_, oldest)) = kept.entries.pop_front() else { break };
-                kept.bytes -= oldest.bytes();
+        let mut entries = self.lock();
+        if features.bytes() <= self.max_bytes && find(&entries).is_none() {
+            entries.bytes += features.bytes();
+            entries.queue.push_back((key, Arc::clone(&features)));
+            while entries.bytes > self.max_bytes {
+                let Some((_, oldest)) = entries.queue.pop_front() else { break };
+                entries.bytes -= oldest.bytes();
             }
         }
         Ok(features)
     }
 
-    /// Pictures whose features are kept.
+    /// Number of cached pictures.
     pub fn len(&self) -> usize {
-        self.lock().entries.len()
+        self.lock().queue.len()
     }
 
-    /// Whether none are.
+    /// Whether the cache is empty.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
     }
 
-    fn lock(&self) -> std::sync::MutexGuard<'_, Kept> {
-        self.kept.lock().unwrap_or_else(PoisonError::into_inner)
+    fn lock(&self) -> std::sync::MutexGuard<'_, Entries> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 

@@ -1,12 +1,11 @@
 use rayon::prelude::*;
 
-use super::matrix::{Rows, multiply_add};
-use super::tensor::Activations;
+use super::matrix::{Activations, Rows, multiply_add};
 
-/// Outputs that one task computes, about; its number of rows depends on the picture's width alone.
+/// Approximate number of outputs per task; its number of rows depends on the picture's width only.
 const BAND_PIXELS: usize = 2048;
 
-/// A convolution's kernel, regrouped for [`Activations`].
+/// A convolution with its kernel rearranged for [`Activations`].
 #[derive(Clone, Debug)]
 pub(super) struct Convolution {
     kernel: usize,
@@ -14,13 +13,13 @@ pub(super) struct Convolution {
     padding: usize,
     channels_in: usize,
     channels_out: usize,
-    /// Kernel row by kernel row, a matrix from (kernel column, channel in) to channel out.
+    /// For each kernel row, a matrix from (kernel column, input channel) to output channel.
     kernel_rows: Vec<Vec<f32>>,
     bias: Vec<f32>,
 }
 
 impl Convolution {
-    /// From PyTorch's order: channel out, channel in, kernel row, kernel column. Lengths must fit.
+    /// From PyTorch's layout: output channel, input channel, kernel row, kernel column. Lengths must match.
     pub(super) fn new(
         [channels_out, channels_in, kernel]: [usize; 3],
         stride: usize,
@@ -29,8 +28,8 @@ impl Convolution {
         bias: Vec<f32>,
     ) -> Self {
         let kernel_row = |y: usize| {
-            let places = (0..kernel).flat_map(|x| (0..channels_in).map(move |channel| (x, channel)));
-            places
+            let positions = (0..kernel).flat_map(|x| (0..channels_in).map(move |channel| (x, channel)));
+            positions
                 .flat_map(|(x, channel)| {
                     (0..channels_out).map(move |out| weight[((out * channels_in + channel) * kernel + y) * kernel + x])
                 })
@@ -40,19 +39,20 @@ impl Convolution {
         Self { kernel, stride, padding, channels_in, channels_out, kernel_rows, bias }
     }
 
-    /// Side of the output for a side of the input; `None` where the kernel does not fit.
+    /// Output side for an input side; `None` if the kernel does not fit.
     pub(super) fn side(kernel: usize, stride: usize, padding: usize, side: usize) -> Option<usize> {
         (side + 2 * padding).checked_sub(kernel).map(|room| room / stride + 1)
     }
 
-    /// The convolution, with its bias, and negative numbers set to zero where `relu`.
+    /// The convolution with bias, optionally followed by `ReLU`. The input must be large enough for the kernel.
     ///
-    /// No patches are copied: a kernel row reads neighbouring pixels that lie side by side, and the rows of the left
-    /// matrix overlap. With a stride of one a band of whole rows is one product per kernel row, in which the places
-    /// beside the picture are computed and dropped.
+    /// No patches are copied: a kernel row reads contiguous pixels, and the rows of the left matrix overlap. With stride 1, a
+    /// band of complete rows is one product per kernel row; the columns beyond the picture are computed and dropped.
+    #[expect(clippy::expect_used, reason = "pictures are at least as large as the network's smallest side")]
     pub(super) fn apply(&self, input: &Activations, relu: bool) -> Activations {
         let padded = input.padded(self.padding);
-        let side = |side| Self::side(self.kernel, self.stride, self.padding, side).unwrap_or(0);
+        let side =
+            |side| Self::side(self.kernel, self.stride, self.padding, side).expect("an input as large as the kernel");
         let mut output = Activations::zeros(side(input.height), side(input.width), self.channels_out);
         let rows_per_band = BAND_PIXELS.div_ceil(padded.width.max(1));
         let band = (rows_per_band * output.row()).max(1);
@@ -65,23 +65,24 @@ impl Convolution {
     fn band(&self, padded: &Activations, first: usize, out: &mut [f32], relu: bool) {
         let columns = (padded.width - self.kernel) / self.stride + 1;
         let rows = out.len() / (columns * self.channels_out);
-        let (calls, places) = if self.stride == 1 { (1, (rows - 1) * padded.width + columns) } else { (rows, columns) };
-        let mut sums = vec![0.0; places * self.channels_out];
+        let (calls, positions) =
+            if self.stride == 1 { (1, (rows - 1) * padded.width + columns) } else { (rows, columns) };
+        let mut sums = vec![0.0; positions * self.channels_out];
         for call in 0..calls {
-            for (place, sum) in sums.chunks_exact_mut(self.channels_out).enumerate() {
-                debug_assert!(place < places);
+            for (position, sum) in sums.chunks_exact_mut(self.channels_out).enumerate() {
+                debug_assert!(position < positions);
                 sum.copy_from_slice(&self.bias);
             }
             for (kernel_row, right) in self.kernel_rows.iter().enumerate() {
                 let start = (first + call) * self.stride + kernel_row;
                 let data = &padded.values[start * padded.row()..];
-                let left = Rows { data, count: places, stride: self.stride * self.channels_in };
+                let left = Rows { data, count: positions, stride: self.stride * self.channels_in };
                 multiply_add(&mut sums, left, right, self.kernel * self.channels_in, self.channels_out);
             }
             let row = columns * self.channels_out;
-            let made = sums.chunks(padded.width * self.channels_out);
-            for (slot, made) in out[call * row..].chunks_exact_mut(row).zip(made) {
-                slot.copy_from_slice(&made[..row]);
+            let computed = sums.chunks(padded.width * self.channels_out);
+            for (slot, computed) in out[call * row..].chunks_exact_mut(row).zip(computed) {
+                slot.copy_from_slice(&computed[..row]);
             }
         }
         if relu {
@@ -98,7 +99,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
     use proptest::prelude::*;
 
-    /// The definition, in f64.
+    /// The definition in f64.
     fn direct(convolution: [usize; 5], weight: &[f32], bias: &[f32], input: &Activations) -> Vec<f64> {
         let [channels_out, channels_in, kernel, stride, padding] = convolution;
         let side = |side| Convolution::side(kernel, stride, padding, side).unwrap();
@@ -126,7 +127,7 @@ mod tests {
     }
 
     fn numbers(count: usize, seed: u64) -> Vec<f32> {
-        super::super::tests::uniform(seed, count, 1.0)
+        crate::learned::uniform(seed, count, 1.0)
     }
 
     proptest! {

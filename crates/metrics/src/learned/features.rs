@@ -1,8 +1,8 @@
 use rayon::prelude::*;
 
-use super::tensor::Activations;
+use super::matrix::Activations;
 
-/// What a network sees in a picture: five maps, normalised over the channels of each pixel.
+/// Features of a picture: five maps, normalised over the channels of each pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Features {
     /// Width and height of the picture.
@@ -11,7 +11,7 @@ pub struct Features {
 }
 
 impl Features {
-    /// Bytes of all maps.
+    /// Size of all maps in bytes.
     pub fn bytes(&self) -> usize {
         self.maps.iter().map(|map| map.values.len() * size_of::<f32>()).sum()
     }

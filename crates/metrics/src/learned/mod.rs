@@ -1,28 +1,33 @@
-//! Learned metrics: LPIPS (Zhang et al. 2018) and ST-LPIPS (Ghildyal and Liu 2022), on the processor.
+//! Learned metrics: LPIPS (Zhang et al. 2018) and ST-LPIPS (Ghildyal and Liu 2022), on the CPU.
 //!
-//! A picture goes through a network; features at five depths are normalised per pixel, and their squared differences
-//! are weighted per channel and averaged. LPIPS's weighting of channels ("heads") is carried here; the networks below
-//! them come from the user's own files, found by [`WeightsFolders`].
+//! Features of five layers of a network are normalised per pixel; their squared differences are weighted per channel and
+//! averaged. LPIPS's channel weights ("heads") are embedded in the crate; the networks' weights are read from the user's files,
+//! which [`WeightsFolders`] finds.
 
 mod architecture;
 mod cache;
 mod convolution;
 mod features;
-mod heads;
 mod matrix;
 mod perceptual;
 mod pooling;
-mod tensor;
 mod weights;
 
 pub use architecture::{Network, Step};
 pub use cache::FeatureCache;
 pub use features::Features;
-pub use heads::carried as carried_heads;
 pub use perceptual::{Perceptual, SCALING, WeightsHashes};
-pub use weights::{LoadError, WeightsAbsent, WeightsFolders};
+pub use weights::{LoadError, WeightsAbsent, WeightsFolders, carried_heads};
 
+/// Uniform numbers in (−bound, bound) from a seed and their position, as `oracle/seeded.py`.
 #[cfg(test)]
-mod tests;
-#[cfg(test)]
-pub(crate) use tests::uniform;
+pub(crate) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
+    use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
+
+    #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
+    let number = |position: u64| {
+        let bits = split_mix(seed.wrapping_add(position + 1).wrapping_mul(SPLIT_MIX_STEP));
+        ((2.0 * ((bits >> 11) as f64 / (1u64 << 53) as f64) - 1.0) * bound) as f32
+    };
+    (0..count as u64).map(number).collect()
+}

@@ -7,29 +7,29 @@ use serde::Serialize;
 use super::architecture::Step;
 use super::convolution::Convolution;
 use super::features::{Features, distances, normalised};
-use super::tensor::Activations;
-use super::{LoadError, Network, WeightsAbsent, WeightsFolders, heads, pooling};
+use super::matrix::Activations;
+use super::{LoadError, Network, WeightsAbsent, WeightsFolders, carried_heads, pooling};
 use crate::{Map, Mask, MetricError, NonFinite, Pair, Values};
 
-/// A learned metric with its weights, ready to compare pictures.
+/// A learned metric with its weights.
 #[derive(Clone, Debug)]
 pub struct Perceptual {
     network: Network,
     layers: Vec<Layer>,
-    /// One weight per channel of each tap.
+    /// Channel weights of each layer.
     heads: [Vec<f32>; 5],
     hashes: WeightsHashes,
 }
 
-/// Which weights a number was made with.
+/// Hashes of the weights of a learned metric.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct WeightsHashes {
-    /// sha256 of the network's file, in hexadecimal.
+    /// SHA-256 of the network's file, in hexadecimal.
     pub network: String,
-    /// sha256 of the heads' file; that of the tensors where the heads are those that the crate carries.
+    /// SHA-256 of the heads' file, or of their tensors for embedded heads.
     pub heads: String,
-    /// Whether the network's file is the published one, by its sha256; `None` where no hash is published.
+    /// Whether the network's file is the published one by its SHA-256; `None` if no hash is published.
     pub is_published: Option<bool>,
 }
 
@@ -40,7 +40,7 @@ enum Layer {
 }
 
 impl Perceptual {
-    /// Finds the network's file by its published name, and takes the heads that the crate carries.
+    /// Loads the network's file, found by its published name, and the embedded heads.
     ///
     /// # Errors
     /// [`LoadError::Absent`], and as [`Perceptual::from_files`].
@@ -49,11 +49,11 @@ impl Perceptual {
         Self::from_files(network, &path, None)
     }
 
-    /// Reads a network's weights, of `torch.save` or safetensors: torchvision's state dict for LPIPS, the package's
-    /// file for ST-LPIPS. Heads are read from a file of the lpips package where one is named.
+    /// Reads a network's weights from a `torch.save` or safetensors file: torchvision's state dict for LPIPS, the package's
+    /// file for ST-LPIPS. `heads` optionally names a file of heads of the lpips package.
     ///
     /// # Errors
-    /// [`LoadError::Absent`] where a file is not there; [`LoadError::File`], [`LoadError::Unfit`].
+    /// [`LoadError::Absent`] if a file does not exist; [`LoadError::File`], [`LoadError::Mismatch`].
     pub fn from_files(network: Network, weights: &Path, heads: Option<&Path>) -> Result<Self, LoadError> {
         for path in [Some(weights), heads].into_iter().flatten() {
             if !path.is_file() {
@@ -66,11 +66,11 @@ impl Perceptual {
                 let heads = TensorFile::open(path)?;
                 (heads.stored, heads.sha256)
             }
-            None => match heads::carried(network) {
-                Some(carried) => {
-                    let carried = carried?;
-                    let digest = carried.digest();
-                    (carried, digest)
+            None => match carried_heads(network) {
+                Some(embedded) => {
+                    let embedded = embedded?;
+                    let digest = embedded.digest();
+                    (embedded, digest)
                 }
                 None => (file.stored.clone(), file.sha256.clone()),
             },
@@ -80,10 +80,10 @@ impl Perceptual {
         Self::from_tensors(network, &file.stored, &head_tensors, hashes)
     }
 
-    /// From tensors that were read already.
+    /// Builds the metric from tensors.
     ///
     /// # Errors
-    /// [`LoadError::Unfit`] for a tensor that is missing, of another shape, or not finite.
+    /// [`LoadError::Mismatch`] for a tensor that is missing, of another shape, or not finite.
     pub fn from_tensors(
         network: Network,
         weights: &StoredTensors,
@@ -108,18 +108,18 @@ impl Perceptual {
         Ok(Self { network, layers, heads: head_weights, hashes })
     }
 
-    /// Which network.
+    /// The network.
     pub const fn network(&self) -> Network {
         self.network
     }
 
-    /// Which weights.
+    /// Hashes of the weights.
     pub const fn hashes(&self) -> &WeightsHashes {
         &self.hashes
     }
 
-    /// What the network sees in a picture of values in [0, 1]; values outside are taken as they are. Features of a
-    /// ground truth serve every render of it.
+    /// Features of a picture with values in [0, 1]; values outside are not clipped. Features of a ground truth can be reused
+    /// for all renders of it.
     ///
     /// # Errors
     /// [`MetricError::TooSmall`], [`MetricError::NonFinite`].
@@ -138,7 +138,7 @@ impl Perceptual {
         for layer in &self.layers {
             at = match layer {
                 Layer::Convolution(convolution, relu) => convolution.apply(&at, *relu),
-                Layer::Other(Step::Largest { kernel, stride }) => pooling::largest(&at, *kernel, *stride),
+                Layer::Other(Step::Largest { kernel, stride }) => pooling::max_pool(&at, *kernel, *stride),
                 Layer::Other(Step::Blurred) => pooling::blurred(&at),
                 Layer::Other(Step::Tap) => {
                     maps.push(normalised(at.clone()));
@@ -153,7 +153,7 @@ impl Perceptual {
         Ok(Features { picture: size, maps })
     }
 
-    /// The distance of two pictures by their features: 0 for the same, larger for less alike.
+    /// Distance of two pictures by their features: 0 for identical pictures, larger for less similar ones.
     ///
     /// # Errors
     /// [`MetricError::SizeMismatch`].
@@ -162,28 +162,28 @@ impl Perceptual {
         Ok(maps.iter().map(|map| map.iter().sum::<f64>() / map.len() as f64).sum())
     }
 
-    /// The distance within a mask: each map's mean is weighted by the share of each feature's cell that the mask
-    /// covers. A full mask gives [`Perceptual::distance`]; features near the mask's edge have seen beyond it, so a
-    /// rectangle does not give the number of its crop.
+    /// Distance within a mask: each map's mean is weighted by the fraction of each feature's cell that the mask covers. A full
+    /// mask equals [`Perceptual::distance`]; the receptive fields of features near the mask's edge extend beyond it, so a
+    /// rectangle does not equal a crop.
     ///
     /// # Errors
-    /// [`MetricError::SizeMismatch`], [`MetricError::NothingInMask`].
+    /// [`MetricError::SizeMismatch`], [`MetricError::EmptyMask`].
     pub fn masked_distance(&self, render: &Features, truth: &Features, mask: &Mask) -> Result<f64, MetricError> {
         if mask.size() != render.picture {
             return Err(MetricError::SizeMismatch { what: "mask", expected: render.picture, found: mask.size() });
         }
         if mask.count() == 0 {
-            return Err(MetricError::NothingInMask { expected: "at least one pixel" });
+            return Err(MetricError::EmptyMask { expected: "at least one pixel" });
         }
         let maps = self.distance_maps(render, truth)?;
         let weighted = maps.iter().zip(&render.maps).map(|(map, grid)| {
-            let shares = shares(mask, grid.width, grid.height);
+            let shares = coverage(mask, grid.width, grid.height);
             map.iter().zip(&shares).map(|(distance, share)| distance * share).sum::<f64>() / shares.iter().sum::<f64>()
         });
         Ok(weighted.sum())
     }
 
-    /// The distance of a pair.
+    /// Distance of a pair.
     ///
     /// # Errors
     /// As [`Perceptual::features`], [`Perceptual::distance`] and [`Perceptual::masked_distance`]; with a mask, the
@@ -193,10 +193,10 @@ impl Perceptual {
         self.compare_features(&render, &truth, pair.mask())
     }
 
-    /// [`Perceptual::distance`], or [`Perceptual::masked_distance`] where there is a mask.
+    /// [`Perceptual::distance`], or [`Perceptual::masked_distance`] with a mask.
     ///
     /// # Errors
-    /// As those.
+    /// As for these.
     pub fn compare_features(
         &self,
         render: &Features,
@@ -209,7 +209,7 @@ impl Perceptual {
         }
     }
 
-    /// Where a pair is unlike: the sum of the five distance maps, each cell at all pixels that it covers.
+    /// Map of the distance: the sum of the five distance maps, each upsampled by nearest neighbour.
     ///
     /// # Errors
     /// As [`Perceptual::compare`].
@@ -246,8 +246,7 @@ impl Perceptual {
     }
 }
 
-/// What is taken off `2 v − 1` of each channel, and what the rest is divided by (lpips `ScalingLayer`,
-/// `normalize=True`).
+/// Shift and scale per channel, applied to `2 v − 1` (lpips `ScalingLayer`, `normalize=True`).
 pub const SCALING: [[f32; 3]; 2] = [[-0.030, -0.088, -0.188], [0.458, 0.448, 0.450]];
 
 fn scaled(picture: &Image) -> Activations {
@@ -260,10 +259,10 @@ fn scaled(picture: &Image) -> Activations {
     Activations { height, width, channels: 3, values: values.collect() }
 }
 
-/// Share of each cell of a grid over the mask's picture that the mask covers, row-major.
-fn shares(mask: &Mask, columns: usize, rows: usize) -> Vec<f64> {
+/// Fraction of each cell of a grid over the picture that the mask covers, row-major.
+fn coverage(mask: &Mask, columns: usize, rows: usize) -> Vec<f64> {
     let [width, height] = mask.size().map(|side| side as usize);
-    // How much of a pixel's side lies in a cell; both are counted in (side · cells)ths of the picture.
+    // Overlap of a pixel and a cell along one side, in units of 1 / (side · cells) of the picture.
     let overlap = |pixel: usize, side: usize, cell: usize, cells: usize| {
         let (start, end) = ((pixel * cells).max(cell * side), ((pixel + 1) * cells).min((cell + 1) * side));
         end.saturating_sub(start)
@@ -283,16 +282,16 @@ fn shares(mask: &Mask, columns: usize, rows: usize) -> Vec<f64> {
 }
 
 fn numbers(network: Network, weights: &StoredTensors, name: &str, shape: &[usize]) -> Result<Vec<f32>, LoadError> {
-    let unfit =
-        |expected: String, found: String| LoadError::Unfit { network, tensor: name.to_owned(), expected, found };
-    let wanted = || format!("shape {shape:?}");
-    let tensor = weights.tensors.get(name).ok_or_else(|| unfit(wanted(), "none of this name".to_owned()))?;
+    let mismatch =
+        |expected: String, found: String| LoadError::Mismatch { network, tensor: name.to_owned(), expected, found };
+    let expected = || format!("shape {shape:?}");
+    let tensor = weights.tensors.get(name).ok_or_else(|| mismatch(expected(), "no such tensor".to_owned()))?;
     if tensor.shape() != shape {
-        return Err(unfit(wanted(), format!("shape {:?}", tensor.shape())));
+        return Err(mismatch(expected(), format!("shape {:?}", tensor.shape())));
     }
     let values = tensor.to_f32()?;
     match values.iter().filter(|value| !value.is_finite()).count() {
         0 => Ok(values),
-        count => Err(unfit("finite numbers".to_owned(), format!("{count} that are NaN or infinite"))),
+        count => Err(mismatch("finite numbers".to_owned(), format!("{count} that are NaN or infinite"))),
     }
 }

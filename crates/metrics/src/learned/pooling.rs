@@ -1,9 +1,9 @@
 use rayon::prelude::*;
 
-use super::tensor::Activations;
+use super::matrix::Activations;
 
-/// The largest of each square of `kernel` pixels, channel by channel; squares lie wholly inside.
-pub(super) fn largest(input: &Activations, kernel: usize, stride: usize) -> Activations {
+/// Max pooling without padding.
+pub(super) fn max_pool(input: &Activations, kernel: usize, stride: usize) -> Activations {
     let side = |side: usize| side.checked_sub(kernel).map_or(0, |room| room / stride + 1);
     let mut output = Activations::zeros(side(input.height), side(input.width), input.channels);
     let channels = input.channels;
@@ -21,18 +21,19 @@ pub(super) fn largest(input: &Activations, kernel: usize, stride: usize) -> Acti
     output
 }
 
-/// Reflected pixels around the picture before it is blurred.
+/// Reflection padding before the blur.
 const REFLECTED: usize = 2;
 
-/// Side of a blurred picture; `None` where there is not enough to reflect.
+/// Output side of the blur; `None` if the side is too small to reflect.
 pub(super) fn blurred_side(side: usize) -> Option<usize> {
     (side > REFLECTED).then(|| (side + 2 * REFLECTED - 3) / 2 + 1)
 }
 
-/// Weighted by (1 2 1)⊗(1 2 1) / 16, every second pixel kept, two reflected pixels around: the anti-aliased
-/// downsampling of Zhang 2019 in the form that ST-LPIPS trained with.
+/// Anti-aliased downsampling of Zhang 2019 as used to train ST-LPIPS: (1 2 1)⊗(1 2 1) / 16 at every second pixel, with two
+/// reflected pixels as padding. The input must be large enough to reflect.
+#[expect(clippy::expect_used, reason = "pictures are at least as large as the network's smallest side")]
 pub(super) fn blurred(input: &Activations) -> Activations {
-    let side = |side: usize| blurred_side(side).unwrap_or(0);
+    let side = |side: usize| blurred_side(side).expect("a side that can be reflected");
     let mut output = Activations::zeros(side(input.height), side(input.width), input.channels);
     let channels = input.channels;
     output.values.par_chunks_mut(output.width.max(1) * channels).enumerate().for_each(|(y, row)| {
@@ -49,9 +50,9 @@ pub(super) fn blurred(input: &Activations) -> Activations {
     output
 }
 
-/// The pixel at a place of the padded picture, without repeating the edge.
-fn reflected(place: usize, side: usize) -> usize {
-    let from_edge = place.abs_diff(REFLECTED);
+/// The pixel at a position of the padded picture, reflected without repeating the edge.
+fn reflected(position: usize, side: usize) -> usize {
+    let from_edge = position.abs_diff(REFLECTED);
     if from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
 }
 
@@ -70,25 +71,25 @@ mod tests {
     }
 
     #[test]
-    fn the_largest_of_squares_that_fit() {
-        assert_values(&largest(&ramp(5, 5), 2, 2), &[6.0, 8.0, 16.0, 18.0]);
-        assert_values(&largest(&ramp(3, 4), 3, 1), &[10.0, 11.0]);
-        assert!(largest(&ramp(2, 2), 3, 1).values.is_empty());
+    fn max_pooling_uses_complete_squares() {
+        assert_values(&max_pool(&ramp(5, 5), 2, 2), &[6.0, 8.0, 16.0, 18.0]);
+        assert_values(&max_pool(&ramp(3, 4), 3, 1), &[10.0, 11.0]);
+        assert!(max_pool(&ramp(2, 2), 3, 1).values.is_empty());
     }
 
     #[test]
     fn reflections_do_not_repeat_the_edge() {
-        let places: Vec<usize> = (0..8).map(|place| reflected(place, 4)).collect();
-        assert_eq!(places, [2, 1, 0, 1, 2, 3, 2, 1]);
+        let positions: Vec<usize> = (0..8).map(|position| reflected(position, 4)).collect();
+        assert_eq!(positions, [2, 1, 0, 1, 2, 3, 2, 1]);
     }
 
     #[test]
-    fn blurring_keeps_constants_and_mirrors_edges() {
+    fn blurring_keeps_constants_and_reflects_edges() {
         let flat = Activations { height: 4, width: 3, channels: 2, values: vec![0.75; 24] };
         let halved = blurred(&flat);
         assert_eq!([halved.height, halved.width], [3, 3]);
         assert_values(&halved, &[0.75; 18]);
-        // Columns of 0 to 7 in a row: each place's mean is its own column, mirrored outside.
+        // A ramp of 0 to 7: the blur of each column is its own value, except at the reflected edges.
         let columns = Activations { values: [0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0].repeat(3), ..ramp(3, 8) };
         let mirrored = [1.0, 1.0, 3.0, 5.0, 6.5];
         assert_values(&blurred(&columns), &mirrored.repeat(3));

@@ -1,47 +1,49 @@
 use std::path::{Path, PathBuf};
 
 use atsplat_model::ModelError;
+use atsplat_model::weights::StoredTensors;
+use atsplat_pickle::SharedBytes;
 use serde::Serialize;
 use thiserror::Error;
 
 use super::Network;
 
-/// Why a learned metric cannot be computed.
+/// Why a learned metric cannot be loaded.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum LoadError {
-    /// Its weights are nowhere.
+    /// Its weights were not found.
     #[error("{0}")]
     Absent(WeightsAbsent),
-    /// A file is not one of weights.
+    /// A file is not a valid weights file.
     #[error(transparent)]
     File(#[from] ModelError),
-    /// A file holds other weights.
+    /// A file does not match the network.
     #[error("weights of {}: tensor {tensor}: expected {expected}, found {found}", network.name())]
-    Unfit {
-        /// For which network.
+    Mismatch {
+        /// The expected network.
         network: Network,
-        /// Name in the file.
+        /// Name of the tensor.
         tensor: String,
         /// Shape, or finite numbers.
         expected: String,
-        /// What is there.
+        /// What was found.
         found: String,
     },
 }
 
-/// A learned metric's weights were not found: what is missing, where it was looked for, how to get it.
+/// Missing weights of a learned metric: which file, how to get it, where it was searched.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Error)]
 #[error("weights absent: {} needs {file}; {advice}; looked in {}", network.name(), list(looked_in))]
 #[serde(rename_all = "kebab-case")]
 pub struct WeightsAbsent {
     /// Which network.
     pub network: Network,
-    /// Name of the file that is missing.
+    /// Name of the missing file.
     pub file: String,
     /// How to get it, in one sentence.
     pub advice: String,
-    /// Folders and files that were tried.
+    /// Folders and files that were searched.
     pub looked_in: Vec<PathBuf>,
 }
 
@@ -56,11 +58,11 @@ fn list(paths: &[PathBuf]) -> String {
         return "no folder".to_owned();
     }
     let home = std::env::var_os("HOME").map(PathBuf::from);
-    paths.iter().map(|path| shown(path, home.as_deref())).collect::<Vec<_>>().join(", ")
+    paths.iter().map(|path| with_tilde(path, home.as_deref())).collect::<Vec<_>>().join(", ")
 }
 
-/// Results are published: whose home it was need not be in them.
-fn shown(path: &Path, home: Option<&Path>) -> String {
+/// Abbreviates the home folder: results are published and should not contain user names.
+fn with_tilde(path: &Path, home: Option<&Path>) -> String {
     match home.filter(|home| !home.as_os_str().is_empty()).and_then(|home| path.strip_prefix(home).ok()) {
         Some(below) => Path::new("~").join(below).display().to_string(),
         None => path.display().to_string(),
@@ -68,7 +70,7 @@ fn shown(path: &Path, home: Option<&Path>) -> String {
 }
 
 impl Network {
-    /// Name of the file that holds the network's weights, as its publisher names it.
+    /// Published file name of the network's weights.
     pub const fn file(self) -> &'static str {
         match self {
             Self::LpipsVgg => "vgg16-397923af.pth",
@@ -78,7 +80,7 @@ impl Network {
         }
     }
 
-    /// What the file's sha256 begins with, where its publisher's name says so.
+    /// Prefix of the file's SHA-256, if the published name contains it.
     pub const fn sha256_prefix(self) -> Option<&'static str> {
         match self {
             Self::LpipsVgg => Some("397923af"),
@@ -105,7 +107,7 @@ impl Network {
     }
 }
 
-/// Folders in which weights are looked for, in order.
+/// Folders that are searched for weights, in order.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub struct WeightsFolders(Vec<PathBuf>);
 
@@ -115,7 +117,7 @@ impl WeightsFolders {
         Self(folders)
     }
 
-    /// Where PyTorch keeps what it downloads: `$TORCH_HOME/hub/checkpoints`, else
+    /// PyTorch's download folder: `$TORCH_HOME/hub/checkpoints`, else
     /// `$XDG_CACHE_HOME/torch/hub/checkpoints`, else `~/.cache/torch/hub/checkpoints` (`torch.hub.get_dir`).
     pub fn torch_hub() -> Self {
         Self::torch_hub_of(|name| std::env::var_os(name).map(PathBuf::from))
@@ -128,14 +130,14 @@ impl WeightsFolders {
         Self(home.map(|home| home.join("hub/checkpoints")).into_iter().collect())
     }
 
-    /// These folders, then the others.
+    /// Appends other folders.
     #[must_use]
     pub fn then(mut self, others: Self) -> Self {
         self.0.extend(others.0);
         self
     }
 
-    /// The network's file, under its publisher's name.
+    /// Finds the network's file by its published name.
     ///
     /// # Errors
     /// [`WeightsAbsent`].
@@ -145,12 +147,30 @@ impl WeightsFolders {
     }
 }
 
+/// LPIPS's heads v0.1 (BSD-2, `weights/LICENSE.lpips`), converted from the files of the lpips package 0.1.4 by
+/// `oracle/make_heads.py`.
+const VGG_HEADS: &[u8] = include_bytes!("../../weights/lpips-v0.1-vgg.safetensors");
+const ALEX_HEADS: &[u8] = include_bytes!("../../weights/lpips-v0.1-alex.safetensors");
+
+/// The embedded heads; `None` for ST-LPIPS, whose file contains network and heads.
+///
+/// # Errors
+/// Never in practice: the embedded bytes are covered by tests.
+pub fn carried_heads(network: Network) -> Option<Result<StoredTensors, LoadError>> {
+    let bytes = match network {
+        Network::LpipsVgg => VGG_HEADS,
+        Network::LpipsAlex => ALEX_HEADS,
+        Network::StLpipsAlex | Network::StLpipsVgg => return None,
+    };
+    Some(StoredTensors::parse(SharedBytes::new(bytes)).map_err(LoadError::from))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn folders_are_those_of_torch_hub() {
+    fn folders_follow_torch_hub() {
         let of = |set: &[(&str, &str)]| {
             let variables: Vec<(String, PathBuf)> = set.iter().map(|(k, v)| ((*k).to_owned(), v.into())).collect();
             WeightsFolders::torch_hub_of(|name| variables.iter().find(|(k, _)| k == name).map(|(_, v)| v.clone())).0
@@ -164,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_absent_is_said_with_the_way_to_get_it() {
+    fn absent_weights_are_reported_with_instructions() {
         let folder = tempfile::tempdir().unwrap();
         let folders = WeightsFolders::new(vec![folder.path().to_owned()]);
         let error = folders.find(Network::LpipsVgg).unwrap_err().to_string();
@@ -176,11 +196,11 @@ mod tests {
     }
 
     #[test]
-    fn homes_are_not_told() {
-        let home = Some(Path::new("/home/somebody"));
-        assert_eq!(shown(Path::new("/home/somebody/.cache/torch"), home), "~/.cache/torch");
-        assert_eq!(shown(Path::new("/data/weights"), home), "/data/weights");
-        assert_eq!(shown(Path::new("/data"), None), "/data");
-        assert_eq!(shown(Path::new("/data"), Some(Path::new(""))), "/data");
+    fn home_folders_are_abbreviated() {
+        let home = Some(Path::new("/home/user"));
+        assert_eq!(with_tilde(Path::new("/home/user/.cache/torch"), home), "~/.cache/torch");
+        assert_eq!(with_tilde(Path::new("/data/weights"), home), "/data/weights");
+        assert_eq!(with_tilde(Path::new("/data"), None), "/data");
+        assert_eq!(with_tilde(Path::new("/data"), Some(Path::new(""))), "/data");
     }
 }

@@ -1,14 +1,14 @@
-//! The three loops that SSIM is made of, on vectors. None of them fuses a multiplication with an addition, so that every
-//! instruction set gives the same bits.
+//! The three SIMD loops of SSIM. None of them fuses multiplication and addition, so every instruction set gives bit-identical
+//! results.
 
 #![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
 
 use pulp::Simd;
 
-/// Sums that a pixel's similarity needs: of x, of y, of x² + y², of x y.
+/// Number of windowed sums per pixel: of x, of y, of x² + y², of x y.
 pub(super) const MOMENTS: usize = 4;
 
-/// A row's terms of the four sums.
+/// Computes a row's terms of the four sums.
 #[inline(always)]
 pub(super) fn moments<S: Simd>(_simd: S, x: &[f32], y: &[f32], mut out: [&mut [f64]; MOMENTS]) {
     let [xs, ys, squares, products] = &mut out;
@@ -19,9 +19,14 @@ pub(super) fn moments<S: Simd>(_simd: S, x: &[f32], y: &[f32], mut out: [&mut [f
     }
 }
 
-/// `Σ taps[k] · rows[k]`, for taps that are the same from both ends, in the order centre, outermost pair, inwards.
+/// `Σ taps[k] · rows[k]` for symmetric taps, summed in the order centre, outermost pair, inwards.
 #[inline(always)]
-pub(super) fn weigh<S: Simd, const TAPS: usize>(simd: S, taps: &[f64; TAPS], rows: [&[f64]; TAPS], out: &mut [f64]) {
+pub(super) fn weighted_sum<S: Simd, const TAPS: usize>(
+    simd: S,
+    taps: &[f64; TAPS],
+    rows: [&[f64]; TAPS],
+    out: &mut [f64],
+) {
     let length = out.len();
     let mut vectors: [&[S::f64s]; TAPS] = [&[]; TAPS];
     let mut rests: [&[f64]; TAPS] = [&[]; TAPS];
@@ -54,14 +59,14 @@ pub(super) fn weigh<S: Simd, const TAPS: usize>(simd: S, taps: &[f64; TAPS], row
     }
 }
 
-/// What a similarity is made of beside the sums.
+/// Constants of the similarity.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Constants {
     /// (0.01 · range)².
     pub(super) c1: f64,
     /// (0.03 · range)².
     pub(super) c2: f64,
-    /// What the population's covariance is multiplied by.
+    /// Factor on the population covariance.
     pub(super) covariance: f64,
 }
 

@@ -1,9 +1,8 @@
-//! Structural similarity (Wang et al. 2004) as the field's programs compute it: they differ in the window, in what
-//! happens at the border, and in which covariance is taken.
+//! Structural similarity (Wang et al. 2004) as common implementations compute it: they differ in window, border handling and
+//! covariance.
 
 mod filter;
 mod similarity;
-mod window;
 
 use std::borrow::Cow;
 
@@ -11,33 +10,58 @@ use atsplat_numeric::Extremes;
 use serde::{Deserialize, Serialize};
 
 use crate::{Map, MetricError, Pair, Values, sums};
-pub use window::Window;
 
-/// A convention of SSIM. Constants are those of all programs for a data range of 1: C1 = 0.01², C2 = 0.03².
+/// A convention of SSIM. All use the constants for a data range of 1: C1 = 0.01², C2 = 0.03².
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Ssim {
     /// Weights of a neighbourhood.
     pub window: Window,
-    /// Which windows there are.
+    /// Border handling.
     pub border: Border,
-    /// What variances and covariances are divided by.
+    /// Normalisation of variances and covariances.
     pub covariance: Covariance,
 }
 
-/// What happens where a window reaches outside the picture.
+/// Separable window: the weights are the products of one row and one column of taps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Window {
+    /// 11×11, a Gaussian of standard deviation 1.5 pixels, normalised.
+    Gaussian11,
+    /// 7×7, uniform.
+    Uniform7,
+}
+
+impl Window {
+    /// Pixels from the centre to the edge.
+    pub const fn radius(self) -> u32 {
+        match self {
+            Self::Gaussian11 => 5,
+            Self::Uniform7 => 3,
+        }
+    }
+
+    /// Pixels in the window.
+    pub const fn pixels(self) -> u32 {
+        let side = 2 * self.radius() + 1;
+        side * side
+    }
+}
+
+/// Treatment of windows that extend beyond the picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Border {
-    /// Only windows that lie wholly inside count.
+    /// Only windows completely inside the picture count.
     Inside,
-    /// Every pixel has a window, and the picture is black outside.
+    /// Every pixel has a window; the picture is black outside.
     Zeros,
-    /// Every pixel has a window, and the picture is mirrored at its outermost pixels, which are not repeated.
+    /// Every pixel has a window; the picture is mirrored at its outermost pixels, which are not repeated.
     Reflected,
 }
 
-/// What variances and covariances are divided by.
+/// Normalisation of variances and covariances.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Covariance {
@@ -62,11 +86,11 @@ impl Ssim {
     /// act only on rounding errors.
     pub const VALID: Self =
         Self { window: Window::Gaussian11, border: Border::Inside, covariance: Covariance::Population };
-    /// `torchmetrics.StructuralSimilarityIndexMeasure(data_range=1)` as of 1.9, which counts the mirrored border.
+    /// `torchmetrics.StructuralSimilarityIndexMeasure(data_range=1)` as of 1.9, which includes the mirrored border.
     pub const TORCHMETRICS: Self =
         Self { window: Window::Gaussian11, border: Border::Reflected, covariance: Covariance::Population };
 
-    /// Smallest width and height that has a value.
+    /// Smallest supported width and height.
     pub const fn smallest_side(self) -> u32 {
         match self.border {
             Border::Inside => 2 * self.window.radius() + 1,
@@ -75,7 +99,7 @@ impl Ssim {
         }
     }
 
-    /// Pixels at each edge that no window is centred on.
+    /// Width of the border without window centres.
     const fn margin(self) -> u32 {
         match self.border {
             Border::Inside => self.window.radius(),
@@ -84,15 +108,15 @@ impl Ssim {
     }
 }
 
-/// Mean structural similarity over windows and the three channels, in [−1, 1]; 1 where the pictures are the same.
+/// Mean structural similarity over windows and channels, in [−1, 1]; 1 for identical pictures.
 ///
-/// With a mask: [`Border::Inside`] averages the windows that lie wholly in the mask, [`Border::Zeros`] those whose
-/// centre does, of pictures that are black outside it. Either way a rectangle gives the number of its crop.
-/// [`Border::Reflected`] averages the windows whose centre lies in the mask and sees the pictures beyond it.
+/// With a mask, [`Border::Inside`] averages the windows completely inside the mask, and [`Border::Zeros`] those whose centre is
+/// inside, of pictures that are black outside it. For both, a rectangular mask equals a crop. [`Border::Reflected`] averages
+/// the windows whose centre is in the mask and uses pixels outside it.
 ///
 /// # Errors
-/// [`MetricError::TooSmall`], [`MetricError::NothingInMask`] where no window fits, and for [`Border::Reflected`]
-/// [`MetricError::NonFinite`] where the pictures are not finite outside the mask.
+/// [`MetricError::TooSmall`], [`MetricError::EmptyMask`] if no window fits, and for [`Border::Reflected`]
+/// [`MetricError::NonFinite`] if the pictures are not finite outside the mask.
 pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, MetricError> {
     if convention.border == Border::Reflected {
         Pair::new(pair.render(), pair.truth())?;
@@ -104,13 +128,13 @@ pub fn ssim(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<f64, Me
     Ok(rows.iter().sum::<f64>() / (3.0 * windows.count as f64))
 }
 
-/// Structural similarity at every window's centre, mean of the three channels; NaN-free, in [−1, 1].
+/// Structural similarity at every window's centre, averaged over channels; finite, in [−1, 1].
 ///
-/// The map covers the centres that the convention has: smaller than the pictures for [`Border::Inside`]. A mask only
-/// decides what is black outside it under [`Border::Zeros`]; centres outside it are in the map too.
+/// The map covers all window centres and is smaller than the pictures for [`Border::Inside`]. A mask has an effect only under
+/// [`Border::Zeros`], where the pictures are black outside it; centres outside the mask are part of the map.
 ///
 /// # Errors
-/// [`MetricError::TooSmall`]; [`MetricError::NonFinite`] where a masked pair is not finite outside its mask.
+/// [`MetricError::TooSmall`]; [`MetricError::NonFinite`] if a masked pair is not finite outside its mask.
 pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Map, MetricError> {
     let whole = Pair::new(pair.render(), pair.truth())?;
     let pair = if convention.border == Border::Zeros { pair } else { &whole };
@@ -123,12 +147,27 @@ pub fn ssim_map(pair: &Pair<'_>, values: Values, convention: Ssim) -> Result<Map
     Ok(Map { picture: pair.size(), left: margin, top: margin, width: windows.columns, values })
 }
 
+/// Taps of [`Window::Gaussian11`].
+fn gaussian() -> [f64; 11] {
+    let mut taps = [0.0; 11];
+    for (tap, offset) in taps.iter_mut().zip(-5i8..=5) {
+        *tap = (-0.5 * (f64::from(offset) / 1.5).powi(2)).exp();
+    }
+    let sum: f64 = taps.iter().sum();
+    taps.map(|tap| tap / sum)
+}
+
+/// Taps of [`Window::Uniform7`].
+const fn uniform() -> [f64; 7] {
+    [1.0 / 7.0; 7]
+}
+
 /// Which windows are averaged.
 struct Windows {
     columns: usize,
     count: usize,
     border: Border,
-    /// By row of centres; `None` for all.
+    /// Whether each centre is included, row-major; `None` for all.
     included: Option<Vec<bool>>,
 }
 
@@ -143,12 +182,12 @@ impl Windows {
         let included = pair.mask().map(|mask| mask.windows_inside(convention.margin() as usize));
         let count = included.as_ref().map_or(columns * rows, |inside| inside.iter().filter(|inside| **inside).count());
         if count == 0 {
-            return Err(MetricError::NothingInMask { expected: "at least one whole window" });
+            return Err(MetricError::EmptyMask { expected: "at least one whole window" });
         }
         Ok(Self { columns, count, border: convention.border, included })
     }
 
-    /// Samples as the windows see them.
+    /// Samples of both pictures, black outside the mask if the border is [`Border::Zeros`].
     fn pictures<'a>(&self, pair: &Pair<'a>, values: Values) -> [Cow<'a, [f32]>; 2] {
         let mut pictures = pair.rows(values);
         if let (Border::Zeros, Some(mask)) = (self.border, pair.mask()) {

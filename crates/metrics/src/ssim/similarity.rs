@@ -1,4 +1,4 @@
-//! Similarities row by row. Pictures stay interleaved: a neighbour to the right is three samples on.
+//! Similarities row by row. Pictures stay interleaved: the neighbour to the right is three samples further.
 
 #![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
 
@@ -8,13 +8,13 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::filter::{self, Constants, MOMENTS};
-use super::{Border, Covariance, Ssim, Window, window};
+use super::{Border, Covariance, Ssim, Window, gaussian, uniform};
 
-/// Rows of windows that one task makes; their number changes no bit.
+/// Rows of windows per task; does not affect results.
 const BAND: usize = 32;
 const CHANNELS: usize = 3;
 
-/// What `finish` makes of every row of windows: it gets the row's number and three similarities per window.
+/// Calls `finish` for every row of windows, with the row's number and three similarities per window.
 pub(super) fn rows<T: Send>(
     pictures: &[Cow<'_, [f32]>; 2],
     size: [u32; 2],
@@ -24,7 +24,7 @@ pub(super) fn rows<T: Send>(
     rows_at(Arch::new(), pictures, size, convention, finish)
 }
 
-/// [`rows`] on chosen instructions.
+/// [`rows`] with a given instruction set.
 pub(super) fn rows_at<T: Send>(
     arch: Arch,
     pictures: &[Cow<'_, [f32]>; 2],
@@ -46,18 +46,18 @@ pub(super) fn rows_at<T: Send>(
     let [x, y] = [&*pictures[0], &*pictures[1]];
     let shape = Shape { width, height, padding, radius, border: convention.border };
     let bands: Vec<usize> = (0..shape.rows()).step_by(BAND).collect();
-    let made = bands.into_par_iter().map(|first| {
+    let results = bands.into_par_iter().map(|first| {
         let last = shape.rows().min(first + BAND);
         match convention.window {
             Window::Gaussian11 => {
-                arch.dispatch(Band { x, y, shape, taps: &window::gaussian(), constants, first, last, finish: &finish })
+                arch.dispatch(Band { x, y, shape, taps: &gaussian(), constants, first, last, finish: &finish })
             }
             Window::Uniform7 => {
-                arch.dispatch(Band { x, y, shape, taps: &window::uniform(), constants, first, last, finish: &finish })
+                arch.dispatch(Band { x, y, shape, taps: &uniform(), constants, first, last, finish: &finish })
             }
         }
     });
-    made.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
+    results.collect::<Vec<Vec<T>>>().into_iter().flatten().collect()
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -100,12 +100,12 @@ impl<T, F: Fn(usize, &[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, T
         let Self { shape, taps, .. } = self;
         let padded = shape.padded();
         let windows = padded - 2 * shape.radius * CHANNELS;
-        // The last rows' terms of each sum: row `r` of the padded picture stands at `r` modulo the number of taps.
+        // Ring buffer of the last rows' terms of each sum: row `r` of the padded picture is at `r` modulo the number of taps.
         let mut terms = vec![0.0; MOMENTS * TAPS * padded];
         let mut columns = vec![0.0; padded];
         let mut sums = vec![0.0; MOMENTS * windows];
         let mut similarities = vec![0.0; windows];
-        let mut made = Vec::with_capacity(self.last - self.first);
+        let mut results = Vec::with_capacity(self.last - self.first);
         for row in self.first..self.first + TAPS - 1 {
             self.read(simd, row, &mut terms);
         }
@@ -116,29 +116,32 @@ impl<T, F: Fn(usize, &[f64]) -> T, const TAPS: usize> WithSimd for Band<'_, F, T
                 for (tap, slot) in rows.iter_mut().enumerate() {
                     *slot = &terms[(row + tap) % TAPS * padded..][..padded];
                 }
-                filter::weigh(simd, taps, rows, &mut columns);
+                filter::weighted_sum(simd, taps, rows, &mut columns);
                 for (tap, slot) in rows.iter_mut().enumerate() {
                     *slot = &columns[tap * CHANNELS..][..windows];
                 }
-                filter::weigh(simd, taps, rows, sums);
+                filter::weighted_sum(simd, taps, rows, sums);
             }
-            let mut parts = sums.chunks_exact(windows);
-            let parts = [(); MOMENTS].map(|()| parts.next().unwrap_or_default());
+            let parts = std::array::from_fn(|moment| &sums[moment * windows..][..windows]);
             filter::similarity(simd, parts, self.constants, &mut similarities);
-            made.push((self.finish)(row, &similarities));
+            results.push((self.finish)(row, &similarities));
         }
-        made
+        results
     }
 }
 
 impl<F, const TAPS: usize> Band<'_, F, TAPS> {
-    /// A row of the padded picture into its place.
+    /// Computes the terms of a row of the padded picture.
     #[inline(always)]
+    #[expect(clippy::expect_used, reason = "the buffer has a ring for each moment")]
     fn read<S: Simd>(&self, simd: S, row: usize, terms: &mut [f64]) {
         let Shape { width, height, padding, .. } = self.shape;
         let padded = self.shape.padded();
-        let mut places = terms.chunks_exact_mut(TAPS * padded).map(|ring| &mut ring[row % TAPS * padded..][..padded]);
-        let mut slots = [(); MOMENTS].map(|()| places.next().unwrap_or_default());
+        let mut rings = terms.chunks_exact_mut(TAPS * padded);
+        let mut slots = [(); MOMENTS].map(|()| {
+            let ring = rings.next().expect("a ring for each moment");
+            &mut ring[row % TAPS * padded..][..padded]
+        });
         let inside = row >= padding && row < padding + height;
         if self.shape.border == Border::Zeros && !inside {
             for slot in slots {
@@ -162,8 +165,8 @@ impl<F, const TAPS: usize> Band<'_, F, TAPS> {
     }
 }
 
-/// The pixel at a place of a padded side, mirrored at the outermost pixels.
-const fn mirrored(place: usize, padding: usize, side: usize) -> usize {
-    let from_edge = place.abs_diff(padding);
-    if place < padding || from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
+/// The pixel at a position of a padded side, mirrored at the outermost pixels.
+const fn mirrored(position: usize, padding: usize, side: usize) -> usize {
+    let from_edge = position.abs_diff(padding);
+    if position < padding || from_edge < side { from_edge } else { 2 * (side - 1) - from_edge }
 }

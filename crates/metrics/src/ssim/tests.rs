@@ -13,7 +13,7 @@ fn pictures() -> [Image; 2] {
 }
 
 #[test]
-fn portable_instructions_give_the_same_bits() {
+fn scalar_and_simd_results_are_bit_identical() {
     let [a, b] = pictures();
     let pair = Pair::new(&a, &b).unwrap();
     for convention in [Ssim::SKIMAGE_GAUSSIAN, Ssim::SKIMAGE_UNIFORM, Ssim::INRIA, Ssim::TORCHMETRICS] {
@@ -25,7 +25,7 @@ fn portable_instructions_give_the_same_bits() {
 }
 
 #[test]
-fn the_definition_at_one_window() {
+fn a_single_window_agrees_with_the_definition() {
     let samples = |values: fn(usize) -> f32| Image::new(7, 7, (0..147).map(|i| values(i / 3)).collect()).unwrap();
     let (a, b) = (samples(|i| if i % 2 == 0 { 0.2 } else { 0.6 }), samples(|i| if i < 24 { 0.1 } else { 0.9 }));
     let [x, y] = [&a, &b].map(|p| p.samples().iter().step_by(3).map(|v| f64::from(*v)).collect::<Vec<_>>());

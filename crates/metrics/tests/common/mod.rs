@@ -1,10 +1,11 @@
-//! Pictures and numbers that `oracle/seeded.py` makes alike.
+//! Seeded pictures and numbers, equal to those of `oracle/seeded.py`.
 
-#![allow(dead_code, reason = "every test file uses a part")]
+#![allow(dead_code, reason = "each test file uses a part")]
 #![expect(clippy::unwrap_used, reason = "a fixture that does not parse fails the test")]
 
 use std::path::Path;
 
+use atsplat_numeric::{SPLIT_MIX_STEP, split_mix};
 use atsplat_pixels::{DecodeLimits, Image, decode};
 
 pub(crate) fn fixture(name: &str) -> serde_json::Value {
@@ -12,7 +13,7 @@ pub(crate) fn fixture(name: &str) -> serde_json::Value {
     serde_json::from_str(&std::fs::read_to_string(path).unwrap()).unwrap()
 }
 
-/// A case's picture, cut to its box of left, top, width, height.
+/// A case's picture, cropped to its box of left, top, width, height.
 pub(crate) fn truth(case: &serde_json::Value) -> Image {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../pixels/tests/fixtures/pictures");
     let bytes = std::fs::read(folder.join(case["picture"].as_str().unwrap())).unwrap();
@@ -20,14 +21,14 @@ pub(crate) fn truth(case: &serde_json::Value) -> Image {
     match case["box"].as_array() {
         Some(sides) => {
             let sides: Vec<u32> = sides.iter().map(|side| u32::try_from(side.as_u64().unwrap()).unwrap()).collect();
-            cut(&picture, [sides[0], sides[1], sides[2], sides[3]])
+            crop(&picture, [sides[0], sides[1], sides[2], sides[3]])
         }
         None => picture,
     }
 }
 
-/// A rectangle of left, top, width, height.
-pub(crate) fn cut(picture: &Image, [left, top, width, height]: [u32; 4]) -> Image {
+/// Crops a rectangle of left, top, width, height.
+pub(crate) fn crop(picture: &Image, [left, top, width, height]: [u32; 4]) -> Image {
     let rows = (top..top + height).flat_map(|y| (left..left + width).map(move |x| (x, y)));
     Image::new(width, height, rows.flat_map(|(x, y)| picture.pixel(x, y).unwrap()).collect()).unwrap()
 }
@@ -36,23 +37,20 @@ pub(crate) fn cut(picture: &Image, [left, top, width, height]: [u32; 4]) -> Imag
 pub(crate) fn render(truth: &Image, seed: u64) -> Image {
     let (width, samples) = (truth.width() as usize, truth.samples());
     let noise = uniform(seed, samples.len(), 0.08);
-    let made = (0..samples.len()).map(|sample| {
+    let rendered = (0..samples.len()).map(|sample| {
         let (pixel, channel) = (sample / 3, sample % 3);
         let left = if pixel % width == 0 { pixel + width - 1 } else { pixel - 1 };
         0.75 * samples[sample] + 0.3 * samples[left * 3 + channel] + noise[sample]
     });
-    Image::new(truth.width(), truth.height(), made.collect()).unwrap()
+    Image::new(truth.width(), truth.height(), rendered.collect()).unwrap()
 }
 
 /// `seeded.uniform`.
 pub(crate) fn uniform(seed: u64, count: usize, bound: f64) -> Vec<f32> {
     #[expect(clippy::cast_possible_truncation, reason = "samples are f32")]
-    let number = |place: u64| {
-        let mut z = seed.wrapping_add(place + 1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        let unit = ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64;
-        ((2.0 * unit - 1.0) * bound) as f32
+    let number = |position: u64| {
+        let bits = split_mix(seed.wrapping_add(position + 1).wrapping_mul(SPLIT_MIX_STEP));
+        ((2.0 * ((bits >> 11) as f64 / (1u64 << 53) as f64) - 1.0) * bound) as f32
     };
     (0..count as u64).map(number).collect()
 }
@@ -63,7 +61,7 @@ pub(crate) fn seeded(width: u32, height: u32, seed: u64) -> Image {
     Image::new(width, height, samples).unwrap()
 }
 
-/// What `work` gives on these many threads.
+/// Runs `work` on this many threads.
 pub(crate) fn on_threads<T: Send>(threads: usize, work: impl FnOnce() -> T + Send) -> T {
     rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap().install(work)
 }

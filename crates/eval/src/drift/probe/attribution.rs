@@ -12,47 +12,47 @@ use super::sheet::sheet_view;
 use super::{Outputs, Stage, Stages, View};
 use crate::drift::DriftError;
 
-/// Which stages changed since a baseline, and what each did to the numbers.
+/// Which stages changed since the baseline, and their effects on the numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Attribution {
-    /// Every stage of [`Stage::PROBED`], in the order of the data.
+    /// Every stage of [`Stage::PROBED`], in pipeline order.
     pub stages: Vec<StageChange>,
     /// Every metric of the probe.
     pub metrics: Vec<MetricEffect>,
 }
 
-/// What a stage makes today of the baseline's own input to it, against what it made then.
+/// A stage's current output for the baseline's input, compared with the baseline's output.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct StageChange {
     /// Which stage.
     pub stage: Stage,
-    /// Whether more than what machines may differ by is different.
+    /// Whether it differs by more than machines may differ.
     pub verdict: StageVerdict,
     /// Values that differ at all.
     pub differing: u64,
-    /// Values then.
+    /// Number of values in the baseline.
     pub values: u64,
-    /// Values today.
+    /// Number of values now.
     pub values_now: u64,
-    /// Largest difference of a value; NaN where one is.
+    /// Largest difference of a value; NaN if any value is NaN.
     pub largest: f64,
 }
 
-/// Whether a stage does what it did.
+/// Whether a stage's output changed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum StageVerdict {
-    /// Values were compared, and they are the same.
+    /// Values were compared and are the same.
     Same,
-    /// There was no value to compare.
+    /// There were no values to compare.
     Empty,
-    /// Something else comes out.
+    /// The output changed.
     Changed,
 }
 
-/// A metric's way from the baseline's number to today's, stage by stage.
+/// The change of a metric from the baseline to now, split by stage.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MetricEffect {
@@ -60,29 +60,28 @@ pub struct MetricEffect {
     pub metric: String,
     /// The baseline's mean over the probe's targets.
     pub baseline: f64,
-    /// Today's.
+    /// The current mean.
     pub now: f64,
-    /// What each stage adds, in the order of [`Attribution::stages`]; they sum to `now − baseline`.
+    /// The effect of each stage, in the order of [`Attribution::stages`]; they sum to `now − baseline`.
     pub effects: Vec<f64>,
 }
 
 impl Attribution {
-    /// The first stage that changed: where to look.
+    /// The first stage that changed.
     pub fn first(&self) -> Option<Stage> {
         self.stages.iter().find(|stage| stage.verdict == StageVerdict::Changed).map(|stage| stage.stage)
     }
 }
 
-/// Swaps stages one at a time. Each stage runs on what the baseline fed it, which tells whether it changed whatever the
-/// others do. And the probe is run from each stage's baseline input to the end: exchanging yesterday's output of one more
-/// stage for today's moves each metric by that stage's effect.
+/// Attributes changes by replacing stages one at a time. Each stage runs on the baseline's input, which shows whether it
+/// changed independently of the others. The probe is also run from each stage's baseline input to the end: replacing the
+/// baseline's output of one more stage by the current one changes each metric by that stage's effect.
 ///
-/// On the machine type that made the baseline every bit counts; on another one, `same_machine` unset, networks may differ by
-/// a thousandth of their largest value, renders by 1e-4, metrics by 1e-9 of themselves. Decoding and resizing are whole
-/// numbers and exact anywhere.
+/// With `same_machine`, outputs must be bit-identical. Otherwise networks may differ by a thousandth of their largest value,
+/// renders by 1e-4 and metrics by a relative 1e-9; decoding and resizing are integer operations and exact everywhere.
 ///
 /// # Errors
-/// [`DriftError::Stage`] naming a stage that fails today.
+/// [`DriftError::Stage`] naming the stage that fails.
 pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) -> Result<Attribution, DriftError> {
     let Outputs { inputs, views, .. } = baseline;
     let decoded = inputs.files.iter().map(|file| stages.decode(file)).collect::<Result<Vec<_>, _>>()?;
@@ -105,7 +104,7 @@ pub fn attribute(stages: &dyn Stages, baseline: &Outputs, same_machine: bool) ->
         Ok::<_, DriftError>(mean_scores(&scored(stages, &rendered(stages, gaussians, targets)?, targets)?))
     };
     let from_views = |views: &[View]| from_gaussians(&stages.model(context(inputs, views))?, views);
-    // Today's numbers when today's stages take over at each stage, and yesterday's at the end.
+    // Numbers with the current implementation from each stage on; the baseline's numbers last.
     let numbers = [
         from_views(&resized(stages, inputs, &decoded)?)?,
         from_views(&resized_alone)?,

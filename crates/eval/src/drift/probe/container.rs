@@ -35,12 +35,12 @@ pub(super) fn write(outputs: &Outputs) -> Result<Vec<u8>, DriftError> {
             file.doubles(&format!("metric.{at}.{id}"), &[*score])?;
         }
     }
-    file.0.to_safetensors().map_err(|error| DriftError::unfit(WHAT, "tensors", error))
+    file.0.to_safetensors().map_err(|error| DriftError::invalid(WHAT, "tensors", error))
 }
 
 pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
     let stored = StoredTensors::parse(SharedBytes::new(bytes.to_vec()));
-    let file = Reader(stored.map_err(|error| DriftError::unfit(WHAT, "safetensors", error))?);
+    let file = Reader(stored.map_err(|error| DriftError::invalid(WHAT, "safetensors", error))?);
     let views = file.count("file");
     let mut inputs = Inputs {
         files: Vec::new(),
@@ -72,7 +72,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Outputs, DriftError> {
     Ok(Outputs { inputs, decoded, views: resized, gaussians, renders, sheet, scores })
 }
 
-/// Pose in rows, then intrinsics.
+/// The rows of the pose, then the intrinsics.
 fn numbers(camera: &Camera) -> [f64; 16] {
     let mut numbers = [0.0; 16];
     let k = camera.intrinsics;
@@ -87,7 +87,7 @@ struct Writer(StoredTensors);
 impl Writer {
     fn put(&mut self, name: &str, dtype: DType, shape: Vec<usize>, bytes: Vec<u8>) -> Result<(), DriftError> {
         let tensor = StoredTensor::new(dtype, shape, SharedBytes::new(bytes));
-        let tensor = tensor.map_err(|error| DriftError::unfit(WHAT, "a tensor", error))?;
+        let tensor = tensor.map_err(|error| DriftError::invalid(WHAT, "a tensor", error))?;
         self.0.tensors.insert(name.to_owned(), tensor);
         Ok(())
     }
@@ -128,19 +128,19 @@ impl Writer {
 struct Reader(StoredTensors);
 
 impl Reader {
-    /// How many tensors are called `prefix.0`, `prefix.1` and so on.
+    /// Number of tensors named `prefix.0`, `prefix.1` and so on.
     fn count(&self, prefix: &str) -> usize {
-        let is_there = |at: &usize| self.0.tensors.contains_key(&format!("{prefix}.{at}"));
-        (0..self.0.tensors.len()).take_while(is_there).count()
+        let exists = |at: &usize| self.0.tensors.contains_key(&format!("{prefix}.{at}"));
+        (0..self.0.tensors.len()).take_while(exists).count()
     }
 
     fn get(&self, name: &str, dtype: DType) -> Result<&StoredTensor, DriftError> {
         let tensor = self.0.tensors.get(name);
-        let tensor = tensor.ok_or_else(|| DriftError::unfit(WHAT, format!("a tensor {name:?}"), "none"))?;
+        let tensor = tensor.ok_or_else(|| DriftError::invalid(WHAT, format!("a tensor {name:?}"), "none"))?;
         if tensor.dtype() == dtype {
             return Ok(tensor);
         }
-        Err(DriftError::unfit(WHAT, format!("{dtype} in {name:?}"), tensor.dtype()))
+        Err(DriftError::invalid(WHAT, format!("{dtype} in {name:?}"), tensor.dtype()))
     }
 
     fn floats(&self, name: &str) -> Result<Vec<f32>, DriftError> {
@@ -152,14 +152,14 @@ impl Reader {
         let bytes = self.get(name, DType::F64)?.bytes();
         let values: Vec<f64> = bytes.as_chunks().0.iter().map(|bytes| f64::from_le_bytes(*bytes)).collect();
         let count = values.len();
-        values.try_into().ok().ok_or_else(|| DriftError::unfit(WHAT, format!("{COUNT} numbers in {name:?}"), count))
+        values.try_into().ok().ok_or_else(|| DriftError::invalid(WHAT, format!("{COUNT} numbers in {name:?}"), count))
     }
 
     fn camera(&self, name: &str) -> Result<Camera, DriftError> {
         let [rows @ .., fx, fy, cx, cy] = self.doubles::<16>(name)?;
-        let unfit = |error: &dyn std::fmt::Display| DriftError::unfit(WHAT, format!("a camera in {name:?}"), error);
-        let pose = CameraFromWorld::from_rows(&rows).map_err(|error| unfit(&error))?;
-        let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(|error| unfit(&error))?;
+        let invalid = |error: &dyn std::fmt::Display| DriftError::invalid(WHAT, format!("a camera in {name:?}"), error);
+        let pose = CameraFromWorld::from_rows(&rows).map_err(|error| invalid(&error))?;
+        let intrinsics = NormalizedIntrinsics::new(fx, fy, cx, cy).map_err(|error| invalid(&error))?;
         Ok(Camera::pinhole(pose, intrinsics))
     }
 
@@ -170,7 +170,7 @@ impl Reader {
             _ => None,
         };
         let sides =
-            sides.ok_or_else(|| DriftError::unfit(WHAT, format!("a picture in {name:?}"), format!("{shape:?}")))?;
+            sides.ok_or_else(|| DriftError::invalid(WHAT, format!("a picture in {name:?}"), format!("{shape:?}")))?;
         Ok(sides.into())
     }
 
@@ -178,6 +178,7 @@ impl Reader {
         let floats = |field: &str| self.floats(&format!("{stage}.{field}"));
         let triples = |field: &str| Ok::<_, DriftError>(floats(field)?.as_chunks().0.to_vec());
         let (means, sh) = (triples("means")?, triples("sh")?);
+        // Without Gaussians the degree is 0.
         let coefficients = sh.len().checked_div(means.len()).unwrap_or(1);
         let degrees = 0..=atsplat_splat::MAX_SH_DEGREE;
         let degree = degrees.into_iter().find(|degree| atsplat_splat::sh_coefficients(*degree) == coefficients);
@@ -186,24 +187,24 @@ impl Reader {
             log_scales: triples("log-scales")?,
             opacity_logits: floats("opacity-logits")?,
             sh_degree: degree
-                .ok_or_else(|| DriftError::unfit(WHAT, "a square number of coefficients", coefficients))?,
+                .ok_or_else(|| DriftError::invalid(WHAT, "a square number of coefficients", coefficients))?,
             scalars: None,
             filter_3d: None,
             means,
             sh,
         };
-        Gaussians::new(parts).map_err(|error| DriftError::unfit(WHAT, format!("Gaussians of {stage:?}"), error))
+        Gaussians::new(parts).map_err(|error| DriftError::invalid(WHAT, format!("Gaussians of {stage:?}"), error))
     }
 
     fn render(&self, name: &str) -> Result<Image, DriftError> {
         let [height, width] = self.size(name, DType::F32)?;
         let render = Image::new(width, height, self.floats(name)?);
-        render.map_err(|error| DriftError::unfit(WHAT, format!("a picture in {name:?}"), error))
+        render.map_err(|error| DriftError::invalid(WHAT, format!("a picture in {name:?}"), error))
     }
 
     fn picture(&self, name: &str) -> Result<ImageU8, DriftError> {
         let [height, width] = self.size(name, DType::U8)?;
         let picture = ImageU8::new(width, height, self.get(name, DType::U8)?.bytes().to_vec());
-        picture.map_err(|error| DriftError::unfit(WHAT, format!("a picture in {name:?}"), error))
+        picture.map_err(|error| DriftError::invalid(WHAT, format!("a picture in {name:?}"), error))
     }
 }

@@ -7,48 +7,47 @@ use super::Stage;
 use super::sheet::sheet;
 use crate::drift::DriftError;
 
-/// What the first stage starts from.
+/// Input of the first stage.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Inputs {
     /// Picture files, context views first.
     pub files: Vec<Vec<u8>>,
-    /// Their cameras, in the network's frame.
+    /// Their cameras in the network's world frame.
     pub cameras: Vec<Camera>,
     /// How many of them are context.
     pub context: usize,
-    /// Gaussians that the splatter renders beside the model's, to notice what those are not touched by.
+    /// Synthetic Gaussians that are rendered in addition to the model's, to cover renderer constants that those do not reach.
     pub sheet: Gaussians,
 }
 
 /// A picture and its camera.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
-    /// What the camera saw.
+    /// The picture.
     pub picture: ImageU8,
-    /// Where it stood, with intrinsics of the picture.
+    /// Pose and the picture's intrinsics.
     pub camera: Camera,
 }
 
 impl View {
-    /// In pixels.
+    /// Size in pixels.
     pub fn size(&self) -> ImageSize {
         ImageSize { width: self.picture.width(), height: self.picture.height() }
     }
 }
 
 impl Inputs {
-    /// A pattern that no file is needed for: two context views, a JPEG and a PNG of 112×96 pixels, and a target between
-    /// them, of a plane with edges, fine stripes and slow colours at distance 7. And Gaussians that every one of these
-    /// constants decides something of.
+    /// Synthetic inputs: two context views, a JPEG and a PNG of 112×96 pixels, and a target between them, of a plane with edges,
+    /// fine stripes and smooth colours at distance 7; and Gaussians that are sensitive to every renderer constant.
     ///
     /// # Errors
-    /// [`DriftError::Stage`] where pictures cannot be written.
+    /// [`DriftError::Stage`] if pictures cannot be encoded.
     pub fn pattern(constants: &RendererConstants) -> Result<Self, DriftError> {
         let failed = |error: &dyn std::fmt::Display| Stage::Decode.failed()(error);
         let places = [-1.0, 1.0, 0.25];
         let mut inputs = Self { files: Vec::new(), cameras: Vec::new(), context: 2, sheet: sheet(constants)? };
         for (at, x) in places.into_iter().enumerate() {
-            let picture = shot(x).map_err(|error| failed(&error))?;
+            let picture = plane_picture(x).map_err(|error| failed(&error))?;
             let file = if at == 0 { encode_jpeg(&picture, 92) } else { encode_png(&picture) };
             inputs.files.push(file.map_err(|error| failed(&error))?);
             let pose = CameraFromWorld::new(DMat3::IDENTITY, DVec3::new(-x, 0.0, 0.0));
@@ -68,8 +67,8 @@ const HEIGHT: u32 = 96;
 const FOCAL: f64 = 0.9;
 const DISTANCE: f64 = 7.0;
 
-/// What a camera at `x` sees of the plane; whole numbers decide every sample, so that all machines draw the same.
-fn shot(x: f64) -> Result<ImageU8, atsplat_pixels::PixelError> {
+/// The plane as seen by a camera at `x`, computed in integers so that it is equal on all machines.
+fn plane_picture(x: f64) -> Result<ImageU8, atsplat_pixels::PixelError> {
     let shift = x * FOCAL * f64::from(WIDTH) / DISTANCE;
     #[expect(clippy::cast_possible_truncation, reason = "a few dozen pixels")]
     let shift = (shift * 4.0).round() as i64;

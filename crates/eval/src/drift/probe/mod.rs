@@ -1,8 +1,8 @@
-//! A probe: one tiny trial whose every stage a baseline remembers, so that a moved number can be traced to its stage.
+//! A probe: one tiny trial with the outputs of all stages stored in a baseline, to trace a changed number to its stage.
 //!
-//! Five stages turn [`Inputs`] into scores: decode, resize, model, splatter, metric. A baseline holds what each gave
-//! ([`Outputs`]); [`attribute`] runs today's stages on yesterday's outputs. The inputs are the baseline's own, so the stage
-//! before them, the data, is not the probe's: [`super::DataComparison`] has it from the rows of the runs themselves.
+//! Five stages turn [`Inputs`] into scores: decode, resize, model, splatter, metric. A baseline holds each stage's output
+//! ([`Outputs`]); [`attribute`] runs the current stages on the baseline's outputs. The inputs are stored in the baseline, so
+//! the probe does not cover the data; [`super::DataComparison`] compares it by the rows of the runs.
 
 mod attribution;
 mod container;
@@ -14,6 +14,10 @@ mod sheet;
 #[cfg(test)]
 mod tests;
 
+use std::collections::BTreeMap;
+
+use atsplat_pixels::{Image, ImageU8};
+use atsplat_splat::Gaussians;
 use serde::{Deserialize, Serialize};
 
 pub use attribution::{Attribution, MetricEffect, StageChange, StageVerdict, attribute};
@@ -24,26 +28,26 @@ pub use recipe::{ProbeWeights, Recipe};
 
 use super::DriftError;
 
-/// A part of the way from files to a number.
+/// A stage of the pipeline from files to a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Stage {
-    /// The files themselves; not on the probe, which brings its own.
+    /// The input files; not part of the probe, whose inputs are embedded.
     Data,
-    /// Bytes of files into pictures.
+    /// Decodes files to pictures.
     Decode,
-    /// Pictures and intrinsics into those of the protocol.
+    /// Resizes pictures and intrinsics as the protocol says.
     Resize,
-    /// Context views into Gaussians.
+    /// Reconstructs Gaussians from context views.
     Model,
-    /// Gaussians and a camera into a picture.
+    /// Renders Gaussians.
     Splatter,
-    /// A picture and the truth into scores.
+    /// Scores a render against the ground truth.
     Metric,
 }
 
 impl Stage {
-    /// Those that a probe runs, in the order of the data.
+    /// The stages of a probe, in pipeline order.
     pub const PROBED: [Self; 5] = [Self::Decode, Self::Resize, Self::Model, Self::Splatter, Self::Metric];
 
     /// The name in files.
@@ -63,35 +67,17 @@ impl Stage {
     }
 }
 
-/// What the stages are; [`Pipeline`] is what this atsplat does.
+/// An implementation of the stages; [`Pipeline`] is the current one.
+#[expect(clippy::missing_errors_doc, reason = "every stage fails with DriftError::Stage")]
 pub trait Stages {
     /// [`Stage::Decode`].
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`], here and below.
-    fn decode(&self, bytes: &[u8]) -> Result<atsplat_pixels::ImageU8, DriftError>;
+    fn decode(&self, bytes: &[u8]) -> Result<ImageU8, DriftError>;
     /// [`Stage::Resize`].
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
     fn resize(&self, view: &View) -> Result<View, DriftError>;
     /// [`Stage::Model`].
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
-    fn model(&self, context: &[View]) -> Result<atsplat_splat::Gaussians, DriftError>;
-    /// [`Stage::Splatter`]: what `target` would show; its picture is not looked at.
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
-    fn splat(&self, gaussians: &atsplat_splat::Gaussians, target: &View) -> Result<atsplat_pixels::Image, DriftError>;
+    fn model(&self, context: &[View]) -> Result<Gaussians, DriftError>;
+    /// [`Stage::Splatter`]: renders the view of `target`, whose picture is ignored.
+    fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError>;
     /// [`Stage::Metric`]: finite scores by id.
-    ///
-    /// # Errors
-    /// [`DriftError::Stage`].
-    fn score(
-        &self,
-        render: &atsplat_pixels::Image,
-        truth: &atsplat_pixels::ImageU8,
-    ) -> Result<std::collections::BTreeMap<String, f64>, DriftError>;
+    fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError>;
 }

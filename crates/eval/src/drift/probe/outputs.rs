@@ -1,5 +1,7 @@
 use std::collections::BTreeMap;
 
+use atsplat_files::Sha256Digest;
+use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{Image, ImageU8};
 use atsplat_splat::Gaussians;
 use serde::{Deserialize, Serialize};
@@ -8,28 +10,27 @@ use sha2::{Digest, Sha256};
 use super::sheet::sheet_view;
 use super::{Inputs, Stage, Stages, View, container};
 use crate::drift::DriftError;
-use atsplat_files::hexadecimal;
 
-/// What every stage gave, and what the first began with.
+/// The outputs of all stages with the inputs of the first.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Outputs {
-    /// Where it all begins.
+    /// Inputs of the first stage.
     pub inputs: Inputs,
-    /// Of [`Stage::Decode`].
+    /// Output of [`Stage::Decode`].
     pub decoded: Vec<ImageU8>,
-    /// Of [`Stage::Resize`].
+    /// Output of [`Stage::Resize`].
     pub views: Vec<View>,
-    /// Of [`Stage::Model`].
+    /// Output of [`Stage::Model`].
     pub gaussians: Gaussians,
-    /// Of [`Stage::Splatter`], target by target.
+    /// Output of [`Stage::Splatter`] for each target.
     pub renders: Vec<Image>,
-    /// Of [`Stage::Splatter`] too: the inputs' sheet, which is not scored.
+    /// Output of [`Stage::Splatter`] for [`Inputs::sheet`], which is not scored.
     pub sheet: Image,
-    /// Of [`Stage::Metric`], target by target.
+    /// Output of [`Stage::Metric`] for each target.
     pub scores: Vec<BTreeMap<String, f64>>,
 }
 
-/// A stage's output in a few numbers, for people to compare.
+/// A human-readable summary of a stage's output.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Fingerprint {
@@ -37,20 +38,20 @@ pub struct Fingerprint {
     pub stage: Stage,
     /// SHA-256 of its values as little-endian f64.
     pub sha256: String,
-    /// How many values there are.
+    /// Number of values.
     pub values: u64,
-    /// Smallest of them.
+    /// Smallest value.
     pub least: f64,
-    /// Their mean.
+    /// Mean value.
     pub mean: f64,
-    /// Largest of them.
+    /// Largest value.
     pub most: f64,
 }
 
 /// Runs all stages.
 ///
 /// # Errors
-/// The first stage's that fails.
+/// [`DriftError::Stage`] of the first stage that fails.
 pub fn run(stages: &dyn Stages, inputs: &Inputs) -> Result<Outputs, DriftError> {
     let decoded = inputs.files.iter().map(|file| stages.decode(file)).collect::<Result<Vec<_>, _>>()?;
     let views = resized(stages, inputs, &decoded)?;
@@ -78,42 +79,44 @@ pub(super) fn scored(
     renders.iter().zip(targets).map(|(render, target)| stages.score(render, &target.picture)).collect()
 }
 
+/// The context views; none if the inputs have fewer views than they claim.
 pub(super) fn context<'a>(inputs: &Inputs, views: &'a [View]) -> &'a [View] {
     views.get(..inputs.context).unwrap_or_default()
 }
 
+/// The target views.
 pub(super) fn targets<'a>(inputs: &Inputs, views: &'a [View]) -> &'a [View] {
     views.get(inputs.context..).unwrap_or_default()
 }
 
 impl Outputs {
-    /// Reads what [`Self::to_bytes`] wrote.
+    /// Parses the bytes of [`Self::to_bytes`].
     ///
     /// # Errors
-    /// [`DriftError::Unfit`] naming the tensor that is missing or does not fit.
+    /// [`DriftError::Invalid`] naming the missing or invalid tensor.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, DriftError> {
         container::read(bytes)
     }
 
-    /// As safetensors: every stage's values under its name, in their own type.
+    /// Serialises to safetensors: every stage's values under its name in their own type.
     ///
     /// # Errors
-    /// [`DriftError::Unfit`] where the format refuses.
+    /// [`DriftError::Invalid`] if the format cannot represent the values.
     pub fn to_bytes(&self) -> Result<Vec<u8>, DriftError> {
         container::write(self)
     }
 
-    /// Every stage's fingerprint.
+    /// The fingerprint of every stage.
     pub fn fingerprints(&self) -> Vec<Fingerprint> {
         Stage::PROBED.map(|stage| fingerprint(stage, &self.values(stage))).to_vec()
     }
 
-    /// The mean over targets of each score.
+    /// The mean of each score over targets.
     pub fn mean_scores(&self) -> BTreeMap<String, f64> {
         mean_scores(&self.scores)
     }
 
-    /// A stage's output as a list of numbers.
+    /// A stage's output as numbers.
     pub(super) fn values(&self, stage: Stage) -> Vec<f64> {
         match stage {
             Stage::Data => self.inputs.files.iter().flatten().map(|&byte| f64::from(byte)).collect(),
@@ -138,7 +141,7 @@ pub(super) fn of_pictures(pictures: &[ImageU8]) -> Vec<f64> {
     pictures.iter().flat_map(ImageU8::samples).map(|&sample| f64::from(sample)).collect()
 }
 
-/// Samples, then intrinsics: the stage changes both.
+/// Samples, then intrinsics; the stage changes both.
 pub(super) fn of_views(views: &[View]) -> Vec<f64> {
     let k = |view: &View| {
         let k = view.camera.intrinsics;
@@ -164,13 +167,12 @@ pub(super) fn of_scores(scores: &[BTreeMap<String, f64>]) -> Vec<f64> {
 }
 
 fn fingerprint(stage: Stage, values: &[f64]) -> Fingerprint {
-    use atsplat_numeric::Extremes as _;
     let mut hash = Sha256::new();
     let (mut least, mut most, mut sum) = (f64::INFINITY, f64::NEG_INFINITY, 0.0);
     for value in values {
         hash.update(value.to_le_bytes());
         (least, most, sum) = (least.minimum_of(*value), most.maximum_of(*value), sum + value);
     }
-    let sha256 = hexadecimal(&hash.finalize());
+    let sha256 = Sha256Digest::finish(hash).to_string();
     Fingerprint { stage, sha256, values: values.len() as u64, least, mean: sum / values.len() as f64, most }
 }

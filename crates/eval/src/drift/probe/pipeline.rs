@@ -14,42 +14,43 @@ use super::{ProbeWeights, Recipe, Stage, Stages, View};
 use crate::drift::DriftError;
 use crate::network_views;
 
-/// The stages as this atsplat does them, on the processor.
+/// The current implementation of the stages, on the CPU.
 #[derive(Debug)]
 pub struct Pipeline {
-    /// How pictures and intrinsics are changed.
+    /// Preprocessing of pictures and intrinsics.
     pub preprocessing: Preprocessing,
-    /// What makes Gaussians.
+    /// Reconstructs Gaussians.
     pub network: Network,
-    /// What renders them.
+    /// Rendering options.
     pub options: RenderOptions,
-    /// What scores.
+    /// The metrics.
     pub suite: Suite,
 }
 
 impl Pipeline {
-    /// The stages that a recipe asks for.
+    /// The stages of a recipe.
     ///
     /// # Errors
-    /// [`DriftError::Unfit`] for a name that is not known, [`DriftError::Stage`] where weights do not fit the network.
+    /// [`DriftError::Invalid`] for an unknown name, [`DriftError::Stage`] for weights that do not match the network.
     pub fn of(recipe: &Recipe) -> Result<Self, DriftError> {
         let config = ModelConfig::resolve(&recipe.model).map_err(|error| Stage::Model.failed()(&error))?;
         let tensors = weights(&config, &recipe.weights)?;
         Self::with_weights(recipe, &config, &tensors)
     }
 
-    /// The stages that a recipe asks for, with other weights than it names.
+    /// The stages of a recipe with these weights instead of the recipe's.
     ///
     /// # Errors
     /// As [`Self::of`].
     pub fn with_weights(recipe: &Recipe, config: &ModelConfig, tensors: &StoredTensors) -> Result<Self, DriftError> {
         let network = Network::new(config, &Device::flex()).and_then(|network| network.with_weights(tensors));
-        let constants = RendererConstants::named(&recipe.constants)
-            .ok_or_else(|| DriftError::unfit("constants", RendererConstants::PRESETS.join(", "), &recipe.constants))?;
+        let constants = RendererConstants::named(&recipe.constants).ok_or_else(|| {
+            DriftError::invalid("constants", RendererConstants::PRESETS.join(", "), &recipe.constants)
+        })?;
         let definitions: Result<Vec<_>, _> = recipe
             .metrics
             .iter()
-            .map(|id| definition(id).ok_or_else(|| DriftError::unfit("metrics", "the id of a metric", id)))
+            .map(|id| definition(id).ok_or_else(|| DriftError::invalid("metrics", "the id of a metric", id)))
             .collect();
         let definitions = definitions?;
         let networks = Networks::for_definitions(&definitions, &WeightsFolders::default());
@@ -62,7 +63,7 @@ impl Pipeline {
     }
 }
 
-/// The weights that a recipe names.
+/// Loads or generates a recipe's weights.
 pub(super) fn weights(config: &ModelConfig, weights: &ProbeWeights) -> Result<StoredTensors, DriftError> {
     match weights {
         ProbeWeights::Seed(seed) => Ok(generated(&parameters(config), *seed)),
@@ -87,12 +88,12 @@ impl Stages for Pipeline {
     }
 
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
-        let made = || {
+        let reconstruct = || {
             let cameras = context.iter().map(|view| view.camera).collect();
             let views = network_views(context.iter().map(|view| &view.picture), cameras)?;
             self.network.reconstruct(&views, 0)
         };
-        made().map(|made| made.gaussians).map_err(|error| Stage::Model.failed()(&error))
+        reconstruct().map(|reconstruction| reconstruction.gaussians).map_err(|error| Stage::Model.failed()(&error))
     }
 
     fn splat(&self, gaussians: &Gaussians, target: &View) -> Result<Image, DriftError> {
@@ -107,8 +108,9 @@ impl Stages for Pipeline {
     fn score(&self, render: &Image, truth: &ImageU8) -> Result<BTreeMap<String, f64>, DriftError> {
         let scored = self.suite.score(render, &Image::from_u8(truth), None);
         let value = |(id, score): (&str, Score)| match score {
+            Score::Value(value) => Ok((id.to_owned(), value)),
+            Score::Identical => Ok((id.to_owned(), atsplat_metrics::DECIBEL_CAP)),
             Score::NotComputed(reason) => Err(Stage::Metric.failed()(&format!("{id}: {reason}"))),
-            score => Ok((id.to_owned(), score.capped(atsplat_metrics::DECIBEL_CAP).unwrap_or_default())),
         };
         scored.scores.into_iter().map(value).collect()
     }

@@ -5,7 +5,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::drift::DriftError;
 
-/// Which stages a probe runs, by the names that a user would give; what is behind the names is what may drift.
+/// Settings of a probe's stages, by the names that a user would give; what the names refer to may drift.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Recipe {
@@ -13,13 +13,13 @@ pub struct Recipe {
     pub model: String,
     /// Its weights.
     pub weights: ProbeWeights,
-    /// What happens to pictures of 112×96 pixels; the network's patches must divide what comes out.
+    /// Preprocessing of the 112×96 pictures; the network's patches must divide the resulting size.
     pub preprocessing: Preprocessing,
     /// Name of a preset of [`atsplat_splat::RendererConstants`].
     pub constants: String,
-    /// RGB behind everything, in [0, 1].
+    /// Background RGB in [0, 1].
     pub background: [f64; 3],
-    /// Ids of metrics, none of them with weights of its own.
+    /// Ids of metrics without learned weights.
     pub metrics: Vec<String>,
 }
 
@@ -27,14 +27,14 @@ pub struct Recipe {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ProbeWeights {
-    /// Generated from a seed, on every machine alike.
+    /// Generated from a seed, equal on every machine.
     Seed(u64),
     /// A weights file of this toolkit.
     File(PathBuf),
 }
 
 impl Default for Recipe {
-    /// The smallest network with generated weights on 64×64 pixels: no file is needed.
+    /// The smallest network with generated weights on 64×64 pixels, which needs no files.
     fn default() -> Self {
         Self {
             model: "nano".to_owned(),
@@ -48,11 +48,11 @@ impl Default for Recipe {
 }
 
 impl Recipe {
-    /// A recipe from TOML text; what it leaves out is the default.
+    /// Parses a recipe from TOML; omitted fields have their defaults.
     ///
     /// # Errors
-    /// [`DriftError::Unfit`] with the place.
+    /// [`DriftError::Invalid`] with line and column.
     pub fn from_toml(text: &str) -> Result<Self, DriftError> {
-        toml::from_str(text).map_err(|error| DriftError::unfit("probe", "a recipe in TOML", error))
+        toml::from_str(text).map_err(|error| DriftError::invalid("probe", "a recipe in TOML", error))
     }
 }

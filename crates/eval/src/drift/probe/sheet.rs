@@ -6,36 +6,37 @@ use atsplat_splat::{GaussianParts, Gaussians, RendererConstants};
 use super::{Stage, View};
 use crate::drift::DriftError;
 
-/// Side of the sheet's picture in pixels; the focal length is one picture.
+/// Side of the sheet's picture in pixels; the focal length equals the side.
 const SIDE: u32 = 64;
 
-/// Gaussians of which some lie wherever a constant of the renderer decides: a network's own may keep clear of all of them, as
-/// an untrained one's never reach the largest alpha. A thousandth more or less of any of these constants changes a pixel.
+/// A sheet of synthetic Gaussians, some of which are at the limit set by each renderer constant. A network's own Gaussians may
+/// reach none of them: an untrained one's never reach the largest alpha. Changing any of these constants by a thousandth
+/// changes a pixel.
 pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftError> {
     let mut random = SplitMix64::new(0x7368_6565_7421);
     let mut between =
         |low: f64, high: f64| low + (high - low) * ((random.next_u64() >> 11) as f64 / (1u64 << 53) as f64);
     let mut sheet = Sheet::default();
-    // Faint layers behind each other on the left: transmittance falls in small steps to where pixels are finished.
+    // Faint layers behind each other on the left: transmittance decreases in small steps to the termination threshold.
     for layer in 0..400 {
-        let place = [between(-0.4, -0.1), between(-0.4, 0.4)];
-        sheet.add(place, 5.0 + 0.01 * f64::from(layer), 8.0, -2.2);
+        let direction = [between(-0.4, -0.1), between(-0.4, 0.4)];
+        sheet.add(direction, 5.0 + 0.01 * f64::from(layer), 8.0, -2.2);
     }
-    // Discs with long rims, along which opacity falls through the smallest alpha.
+    // Discs with wide rims, along which alpha crosses the smallest alpha.
     for _ in 0..600 {
-        let place = [between(-0.1, 0.5), between(-0.5, 0.5)];
-        sheet.add(place, between(2.0, 4.0), 3.0, between(-3.5, -2.0));
+        let direction = [between(-0.1, 0.5), between(-0.5, 0.5)];
+        sheet.add(direction, between(2.0, 4.0), 3.0, between(-3.5, -2.0));
     }
-    // Dots before everything that want to be opaque, for the largest alpha: at pixels' centres, where they come nearest to it.
+    // Nearly opaque dots in front of everything, at pixel centres, for the largest alpha.
     for dot in 0..12 {
         let centre = |pixel: i32| (f64::from(pixel) + 0.5) / f64::from(SIDE) - 0.5;
         sheet.add([centre(36 + 4 * (dot % 6)), centre(10 + 6 * (dot / 6))], 1.5, 1.5, 12.0);
     }
-    // Centres beyond the border and beyond the margin, whose skirts reach the picture.
+    // Centres outside the border and the margin, whose tails reach the picture.
     for _ in 0..20 {
         sheet.add([between(0.68, 0.75), between(-0.4, 0.4)], 3.0, 9.0, -2.0);
     }
-    // Either side of the planes.
+    // Both sides of the near and far planes.
     for plane in [constants.near, constants.far] {
         for (depth, at) in [0.9995, 1.0005].into_iter().zip(0u8..) {
             if plane > 0.0 && plane.is_finite() {
@@ -47,7 +48,7 @@ pub(super) fn sheet(constants: &RendererConstants) -> Result<Gaussians, DriftErr
     Gaussians::new(sheet.0).map_err(failed)
 }
 
-/// Where the sheet is seen from.
+/// The view of the sheet.
 pub(super) fn sheet_view() -> Result<View, DriftError> {
     let picture = ImageU8::new(SIDE, SIDE, vec![0; (SIDE * SIDE * 3) as usize]);
     let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5);
@@ -64,7 +65,7 @@ pub(super) fn sheet_view() -> Result<View, DriftError> {
 struct Sheet(GaussianParts);
 
 impl Sheet {
-    /// A ball at a direction `x/z, y/z` and a depth, of so many pixels' standard deviation.
+    /// Adds an isotropic Gaussian at a direction `(x/z, y/z)` and a depth, with a standard deviation in pixels.
     #[expect(clippy::cast_possible_truncation, reason = "renderers take f32")]
     fn add(&mut self, [x, y]: [f64; 2], depth: f64, pixels: f64, opacity_logit: f64) {
         let count = self.0.means.len();

@@ -1,13 +1,11 @@
-use std::collections::BTreeMap;
 use std::sync::OnceLock;
 
 use atsplat_model::ModelConfig;
 use atsplat_model::weights::{DType, StoredTensor};
 use atsplat_numeric::Tolerance;
-use atsplat_pixels::{Image, ImageU8};
 use atsplat_scene::SharedBytes;
 use atsplat_scene::preprocess::{Preprocessing, Resampling, RescaleAndCrop};
-use atsplat_splat::{Gaussians, RendererConstants};
+use atsplat_splat::RendererConstants;
 
 use super::pipeline::weights;
 use super::*;
@@ -29,8 +27,8 @@ fn changed(found: &Attribution) -> Vec<Stage> {
     found.stages.iter().filter(|stage| stage.verdict == StageVerdict::Changed).map(|stage| stage.stage).collect()
 }
 
-/// The effects sum up, and those of all stages but one are nothing.
-fn assert_alone(found: &Attribution, stage: Stage) {
+/// Asserts that only this stage changed and has an effect, and that effects sum up.
+fn assert_only(found: &Attribution, stage: Stage) {
     assert_eq!((changed(found), found.first()), (vec![stage], Some(stage)), "{found:?}");
     for metric in &found.metrics {
         let sum: f64 = metric.effects.iter().sum();
@@ -42,7 +40,7 @@ fn assert_alone(found: &Attribution, stage: Stage) {
 }
 
 #[test]
-fn ten_runs_raise_no_alarm() {
+fn ten_runs_report_no_change() {
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
     for _ in 0..10 {
         let found = attribution(&pipeline);
@@ -53,22 +51,22 @@ fn ten_runs_raise_no_alarm() {
 }
 
 #[test]
-fn the_probe_shows_something() {
+fn the_probe_has_nontrivial_outputs() {
     let [.., gaussians, render, scores] = &baseline().fingerprints()[..] else { panic!("five stages") };
     assert!(gaussians.values > 10_000 && render.most > 0.05 && render.mean > 0.001, "{render:?}");
     assert!(scores.least.is_finite() && scores.most > 3.0, "{scores:?}");
 }
 
 #[test]
-fn a_thousandth_of_a_renderer_constant_is_the_splatter_s() {
+fn a_thousandth_of_a_renderer_constant_is_attributed_to_the_splatter() {
     let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
     pipeline.options.constants.blur *= 1.001;
-    assert_alone(&attribution(&pipeline), Stage::Splatter);
+    assert_only(&attribution(&pipeline), Stage::Splatter);
 }
 
-/// Whatever the network's Gaussians happen to touch.
+/// Independently of the network's Gaussians.
 #[test]
-fn a_thousandth_of_any_constant_of_any_rasterizer_is_noticed() {
+fn a_thousandth_of_any_renderer_constant_changes_the_sheet() {
     type Constant = fn(&mut RendererConstants) -> &mut f64;
     let constants: [(&str, Constant); 7] = [
         ("near", |constants| &mut constants.near),
@@ -101,15 +99,15 @@ fn a_thousandth_of_any_constant_of_any_rasterizer_is_noticed() {
 }
 
 #[test]
-fn another_filter_is_the_resizing_s() {
+fn another_filter_is_attributed_to_resizing() {
     let mut pipeline = Pipeline::of(&Recipe::default()).unwrap();
     let bilinear = RescaleAndCrop { filter: Resampling::Bilinear, ..RescaleAndCrop::new(64, 64) };
     pipeline.preprocessing = Preprocessing::of([bilinear.into()]);
-    assert_alone(&attribution(&pipeline), Stage::Resize);
+    assert_only(&attribution(&pipeline), Stage::Resize);
 }
 
 #[test]
-fn one_flipped_sign_is_the_model_s() {
+fn one_flipped_sign_is_attributed_to_the_model() {
     let recipe = Recipe::default();
     let config = ModelConfig::named("nano").unwrap();
     let mut tensors = weights(&config, &recipe.weights).unwrap();
@@ -119,10 +117,10 @@ fn one_flipped_sign_is_the_model_s() {
     values[largest] = -values[largest];
     *tensor = StoredTensor::from_f32(tensor.shape().to_vec(), &values).unwrap();
     let pipeline = Pipeline::with_weights(&recipe, &config, &tensors).unwrap();
-    assert_alone(&attribution(&pipeline), Stage::Model);
+    assert_only(&attribution(&pipeline), Stage::Model);
 }
 
-/// Stages of which one does something else.
+/// Stages of which some are changed.
 struct Changed {
     pipeline: Pipeline,
     stages: Vec<Stage>,
@@ -165,10 +163,10 @@ impl Stages for Changed {
 }
 
 #[test]
-fn decoding_and_metrics_are_told_apart_from_the_rest() {
+fn changes_of_decoding_and_metrics_are_attributed() {
     for stage in [Stage::Decode, Stage::Metric] {
         let stages = Changed { pipeline: Pipeline::of(&Recipe::default()).unwrap(), stages: vec![stage] };
-        assert_alone(&attribution(&stages), stage);
+        assert_only(&attribution(&stages), stage);
     }
 }
 
@@ -187,20 +185,20 @@ fn several_changes_are_all_found_and_their_effects_sum_up() {
 }
 
 #[test]
-fn another_machine_may_round_otherwise() {
+fn another_machine_may_round_differently() {
     let mut outputs = baseline().clone();
     let render = &outputs.renders[0];
     let samples = render.samples().iter().map(|sample| sample + 1e-6).collect();
     outputs.renders[0] = Image::new(render.width(), render.height(), samples).unwrap();
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
-    // Yesterday's scores belong to yesterday's render: the metric sees another one.
+    // The scores must belong to the modified render.
     outputs.scores = vec![pipeline.score(&outputs.renders[0], &outputs.views[2].picture).unwrap()];
     assert_eq!(attribute(&pipeline, &outputs, true).unwrap().first(), Some(Stage::Splatter));
     assert_eq!(attribute(&pipeline, &outputs, false).unwrap().first(), None);
 }
 
 #[test]
-fn the_file_holds_every_bit_and_is_small() {
+fn the_file_is_exact_and_small() {
     let bytes = baseline().to_bytes().unwrap();
     assert!(bytes.len() < 600_000, "{} bytes", bytes.len());
     assert_eq!(&Outputs::from_bytes(&bytes).unwrap(), baseline());
@@ -229,7 +227,7 @@ fn broken_files_are_errors() {
 }
 
 #[test]
-fn recipes_are_checked() {
+fn rejects_invalid_recipes() {
     assert_eq!(Recipe::from_toml("").unwrap(), Recipe::default());
     let text = toml::to_string(&Recipe::default()).unwrap();
     assert_eq!(Recipe::from_toml(&text).unwrap(), Recipe::default());

@@ -1,4 +1,4 @@
-//! Other pictures are a change of their own, told by scene and frame.
+//! Changed pictures are reported by scene and frame.
 
 use super::*;
 use crate::drift::probe::{Attribution, StageChange, StageVerdict};
@@ -9,11 +9,11 @@ fn roles(picture: &ChangedPicture) -> Vec<&'static str> {
 
 #[test]
 fn a_changed_context_picture_is_named_by_scene_and_frame() {
-    let made = store(true, 6, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 is both.
-    assert_eq!(compare(&made, &baseline).data, DataComparison { compared: 6 * 4, changed: vec![], unknown: 0 });
-    let mut now = made.clone();
+    let base = store(true, 6, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    // Per scene: context frames 0 and 9, targets 0, 1 and 2; frame 0 has both roles.
+    assert_eq!(compare(&base, &baseline).data, DataComparison { compared: 6 * 4, changed: vec![], unknown: 0 });
+    let mut now = base.clone();
     now.trials[3].context_hashes[1] = "blurred".to_owned();
     now.targets[3 * 3 + 2].truth_hash = Some("sharpened".to_owned());
     let report = compare(&now, &baseline);
@@ -23,7 +23,7 @@ fn a_changed_context_picture_is_named_by_scene_and_frame() {
     assert_eq!((report.verdict, report.first_stage()), (Verdict::Drifted, Some(Stage::Data)), "{report}");
     let text = report.to_string();
     for part in [
-        "pictures are others: 2, as scene scene 003, frame 2 (target)",
+        "pictures have changed: 2, such as scene scene 003, frame 2 (target)",
         "sampled: scene scene 003, frame 9 (context)",
         "The first stage that changed is the data.",
     ] {
@@ -33,15 +33,15 @@ fn a_changed_context_picture_is_named_by_scene_and_frame() {
 
 #[test]
 fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
-    let mut made = store(true, 2, 0.0, 1);
-    let mut other = made.clone();
+    let mut base = store(true, 2, 0.0, 1);
+    let mut other = base.clone();
     other.trials.iter_mut().for_each(|row| row.key.method = "n".to_owned());
     other.targets.iter_mut().for_each(|row| row.key.method = "n".to_owned());
-    made.trials.extend(other.trials);
-    made.targets.extend(other.targets);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
+    base.trials.extend(other.trials);
+    base.targets.extend(other.targets);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
     assert_eq!(baseline.pictures.len(), 2 * 4);
-    let mut now = made.clone();
+    let mut now = base.clone();
     for row in now.trials.iter_mut().filter(|row| row.key.scene == "scene 001") {
         row.context_hashes[0] = "other".to_owned();
     }
@@ -50,14 +50,14 @@ fn a_picture_of_two_roles_and_several_methods_is_one_picture() {
     }
     let [picture] = &compare(&now, &baseline).data.changed[..] else { panic!("one picture") };
     assert_eq!((picture.frame, roles(picture)), (0, vec!["context", "target"]));
-    // Methods that were run before and after the change: mixed in one store, and a change all the same.
-    let mut mixed = made.clone();
+    // Methods run before and after the change in one store still count as a change.
+    let mut mixed = base.clone();
     mixed.trials[1].context_hashes[1] = "other".to_owned();
     assert_eq!(compare(&mixed, &baseline).data.changed.len(), 1);
 }
 
 #[test]
-fn scenes_that_one_side_lacks_are_no_change_of_data() {
+fn scenes_missing_on_one_side_are_not_changed_data() {
     let all = store(true, 6, 0.0, 1);
     let mut fewer = all.clone();
     fewer.trials.truncate(4);
@@ -68,37 +68,37 @@ fn scenes_that_one_side_lacks_are_no_change_of_data() {
     }
 }
 
-/// Rows from before context pictures had digests, on either side.
+/// Rows without digests of context pictures, on either side.
 #[test]
-fn pictures_that_one_side_does_not_know_are_counted_and_not_called_the_same() {
-    let made = store(true, 3, 0.0, 1);
-    let mut old = made.clone();
+fn pictures_without_a_digest_are_counted_as_unknown() {
+    let base = store(true, 3, 0.0, 1);
+    let mut old = base.clone();
     old.trials.iter_mut().for_each(|row| row.context_hashes.clear());
-    for (then, now) in [(&made, &old), (&old, &made)] {
+    for (then, now) in [(&base, &old), (&old, &base)] {
         let report = compare(now, &Baseline::new(then, &[], acceptance("first")));
         assert_eq!(report.data, DataComparison { compared: 3 * 3, changed: vec![], unknown: 3 }, "frame 9 of each");
-        assert!(report.to_string().contains("3 pictures are known to one side alone"), "{report}");
+        assert!(report.to_string().contains("3 pictures have a digest on one side only"), "{report}");
     }
-    let mut blind = old.clone();
-    blind.targets.iter_mut().for_each(|row| row.truth_hash = None);
-    let report = compare(&blind, &Baseline::new(&blind, &[], acceptance("first")));
+    let mut unknown = old.clone();
+    unknown.targets.iter_mut().for_each(|row| row.truth_hash = None);
+    let report = compare(&unknown, &Baseline::new(&unknown, &[], acceptance("first")));
     assert_eq!((report.data.verdict(), report.first_stage()), (StageVerdict::Empty, None));
     assert!(report.to_string().contains("No picture could be compared; stages were not probed."), "{report}");
 }
 
 #[test]
-fn a_file_from_before_pictures_were_listed_knows_those_of_its_targets() {
+fn an_older_format_without_pictures_has_those_of_its_targets() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("old.json");
-    let made = store(true, 3, 0.0, 1);
-    Baseline::new(&made, &[], acceptance("first")).write(&path).unwrap();
+    let base = store(true, 3, 0.0, 1);
+    Baseline::new(&base, &[], acceptance("first")).write(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap().replace("\"format\": 3", "\"format\": 2");
     let (head, rest) = text.split_once("  \"pictures\": [").unwrap();
     let (_, tail) = rest.split_once("],\n").unwrap();
     std::fs::write(&path, format!("{head}{tail}")).unwrap();
     let old = Baseline::read(&path).unwrap();
     assert_eq!(old.pictures.len(), 3 * 3);
-    let mut now = made.clone();
+    let mut now = base.clone();
     now.targets[4].truth_hash = Some("other".to_owned());
     let data = compare(&now, &old).data;
     assert_eq!((data.compared, data.changed.len(), data.unknown), (9, 1, 3));
@@ -117,13 +117,13 @@ fn probed(changed: &[Stage]) -> Attribution {
     Attribution { stages: stages.collect(), metrics: Vec::new() }
 }
 
-/// Pictures are compared after decoding and resizing: where those changed, they and not the files may be the reason. Later
-/// stages make no pictures.
+/// Pictures are compared after decoding and resizing, so a change of those stages may explain changed pictures; later stages
+/// cannot.
 #[test]
-fn the_data_comes_first_unless_decoding_or_resizing_explains_it() {
-    let made = store(true, 3, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut now = made.clone();
+fn changed_pictures_are_attributed_to_data_unless_decoding_or_resizing_changed() {
+    let base = store(true, 3, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut now = base.clone();
     now.trials[0].context_hashes[1] = "other".to_owned();
     let first = |now: &Results, changed: &[Stage]| {
         let report = compare(now, &baseline).with_attribution(Ok(probed(changed)));
@@ -139,16 +139,16 @@ fn the_data_comes_first_unless_decoding_or_resizing_explains_it() {
     ] {
         assert_eq!(first(&now, changed), Some(expected), "{changed:?}");
     }
-    assert_eq!((first(&made, &[]), first(&made, &[Stage::Metric])), (None, Some(Stage::Metric)));
+    assert_eq!((first(&base, &[]), first(&base, &[Stage::Metric])), (None, Some(Stage::Metric)));
 }
 
 #[test]
-fn a_stage_without_values_is_not_called_the_same() {
-    let made = store(true, 3, 0.0, 1);
+fn a_stage_without_values_is_not_the_same() {
+    let base = store(true, 3, 0.0, 1);
     let mut attribution = probed(&[]);
     attribution.stages[4].verdict = StageVerdict::Empty;
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let report = compare(&made, &baseline).with_attribution(Ok(attribution));
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let report = compare(&base, &baseline).with_attribution(Ok(attribution));
     assert_eq!((report.verdict, report.first_stage()), (Verdict::Nothing, None));
-    assert!(report.to_string().contains("on the probe there was nothing to compare of: metric."), "{report}");
+    assert!(report.to_string().contains("on the probe there was nothing to compare for: metric."), "{report}");
 }

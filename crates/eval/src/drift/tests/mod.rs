@@ -1,5 +1,4 @@
-use atsplat_numeric::SplitMix64;
-use atsplat_numeric::Tolerance;
+use atsplat_numeric::{SplitMix64, Tolerance};
 
 use super::probe::{Inputs, Pipeline, Recipe, Stage, attribute, run};
 use super::*;
@@ -7,36 +6,41 @@ use crate::sample_rows::{PRESET, results};
 use crate::{MethodRecord, PresetRecord, Results, TargetStatus};
 
 mod data;
+mod directions;
 mod planted;
-mod senses;
 
 fn acceptance(reason: &str) -> Acceptance {
     Acceptance { date: date(0), reason: reason.to_owned(), atsplat: "0.1.0".to_owned(), commit: None }
 }
 
-/// Three targets in each of so many scenes, the same each time.
+/// Adds the record of the method `m`.
+fn add_method(results: &mut Results, deterministic: bool) {
+    results.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
+}
+
+/// Three targets per scene with fixed scores plus seeded noise.
 fn store(deterministic: bool, scenes: u64, noise: f64, seed: u64) -> Results {
     let mut random = SplitMix64::new(seed);
     let mut unit = || (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64 - 0.5;
     let names: Vec<String> = (0..scenes).map(|scene| format!("scene {scene:03}")).collect();
     let scores = |scene: u64| (0..3).map(|at| 20.0 + ((scene * 7 + at * 3) % 11) as f64).collect::<Vec<_>>();
     let rows = names.iter().zip(0..).map(|(name, scene)| (name.as_str(), 0, scores(scene)));
-    let mut made = results("m", "psnr", &rows.collect::<Vec<_>>());
-    for row in &mut made.targets {
+    let mut base = results("m", "psnr", &rows.collect::<Vec<_>>());
+    for row in &mut base.targets {
         row.scores.values_mut().for_each(|score| *score += noise * unit());
         row.render_hash = row.scores.values().next().map(ToString::to_string);
     }
-    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
+    add_method(&mut base, deterministic);
     let preset = PresetRecord { name: PRESET.to_owned(), hash: "a".to_owned(), ..PresetRecord::default() };
-    made.provenance.presets.push(preset);
-    made.provenance.processor = "this one".to_owned();
-    made
+    base.provenance.presets.push(preset);
+    base.provenance.processor = "this one".to_owned();
+    base
 }
 
 fn moved(by: f64) -> Results {
-    let mut made = store(true, 12, 0.0, 1);
-    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
-    made
+    let mut base = store(true, 12, 0.0, 1);
+    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score += by));
+    base
 }
 
 fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
@@ -44,10 +48,10 @@ fn kinds(report: &DriftReport) -> Vec<(FindingKind, Verdict, u64)> {
 }
 
 #[test]
-fn equal_rows_are_the_same_whatever_their_order_and_times() {
-    let made = store(true, 12, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut again = made.clone();
+fn equal_rows_are_the_same_in_any_order() {
+    let base = store(true, 12, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut again = base.clone();
     again.targets.reverse();
     again.trials.reverse();
     (again.provenance.threads, again.provenance.started) = (7, 1_800_000_000);
@@ -59,10 +63,10 @@ fn equal_rows_are_the_same_whatever_their_order_and_times() {
 }
 
 #[test]
-fn one_last_bit_is_drift_where_bits_are_promised() {
-    let made = store(true, 12, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut now = made.clone();
+fn a_single_bit_is_drift_for_deterministic_methods() {
+    let base = store(true, 12, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut now = base.clone();
     let score = now.targets[7].scores.get_mut("psnr").unwrap();
     *score = score.next_up();
     let report = compare(&now, &baseline);
@@ -71,18 +75,18 @@ fn one_last_bit_is_drift_where_bits_are_promised() {
         (report.comparisons[0].changed, report.comparisons[0].largest_at.as_deref()),
         (1, Some("scene 002 0 frame 1"))
     );
-    let mut bits = made.clone();
+    let mut bits = base.clone();
     bits.targets[3].render_hash = Some("other".to_owned());
     assert_eq!(kinds(&compare(&bits, &baseline)), [(FindingKind::Render, Verdict::Drifted, 1)]);
 }
 
 #[test]
-fn another_machine_has_a_bound_and_then_the_limits() {
+fn another_machine_is_compared_by_bound_and_limit() {
     let baseline = Baseline::new(&store(true, 12, 0.0, 1), &[], acceptance("first"));
     let report = |by: f64| {
-        let mut made = moved(by);
-        made.provenance.processor = "another".to_owned();
-        compare(&made, &baseline)
+        let mut base = moved(by);
+        base.provenance.processor = "another".to_owned();
+        compare(&base, &baseline)
     };
     for (by, expected) in
         [(0.0, Verdict::Same), (5e-4, Verdict::Within), (5e-3, Verdict::Within), (0.02, Verdict::Drifted)]
@@ -94,10 +98,10 @@ fn another_machine_has_a_bound_and_then_the_limits() {
 }
 
 #[test]
-fn what_changes_beside_scores_is_found() {
-    let made = store(true, 4, 0.0, 1);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    let mut now = made.clone();
+fn changes_other_than_scores_are_found() {
+    let base = store(true, 4, 0.0, 1);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    let mut now = base.clone();
     now.targets[0].truth_hash = Some("other".to_owned());
     now.targets[4].scores.insert("ssim".to_owned(), 0.5);
     now.targets[1].status = TargetStatus::Failed;
@@ -127,7 +131,7 @@ fn what_changes_beside_scores_is_found() {
 }
 
 #[test]
-fn nothing_compared_is_not_the_same() {
+fn comparing_nothing_is_not_the_same() {
     let empty = Baseline::new(&Results::default(), &[], acceptance("nothing"));
     let report = compare(&Results::default(), &empty);
     assert_eq!((report.verdict, report.drifted()), (Verdict::Nothing, false), "{report}");
@@ -135,7 +139,7 @@ fn nothing_compared_is_not_the_same() {
     let report = compare(&store(true, 4, 0.0, 1), &empty);
     assert_eq!(kinds(&report), [(FindingKind::New, Verdict::Within, 12)]);
     assert_eq!(report.verdict, Verdict::Nothing, "what is new was compared with nothing");
-    // Everything failed then, and again.
+    // Everything failed in both runs.
     let mut failed = store(true, 4, 0.0, 1);
     for row in &mut failed.targets {
         row.status = TargetStatus::Failed;
@@ -146,18 +150,18 @@ fn nothing_compared_is_not_the_same() {
 }
 
 #[test]
-fn numbers_print_as_a_person_writes_them() {
-    let mut made = store(true, 12, 0.0, 1);
-    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score = 21.969_999_999));
+fn reports_have_human_readable_numbers() {
+    let mut base = store(true, 12, 0.0, 1);
+    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score = 21.969_999_999));
     let parameters = |threshold: f32| {
         let json = serde_json::json!({ "thresholds": { "first": f64::from(threshold) }, "name": "small" });
         [("configuration".to_owned(), json)].into_iter().collect()
     };
-    made.provenance.methods[0].parameters = parameters(0.05);
-    let baseline = Baseline::new(&made, &[], acceptance("first"));
-    made.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 0.125));
-    made.provenance.methods[0].parameters = parameters(0.1);
-    let report = compare(&made, &baseline).to_string();
+    base.provenance.methods[0].parameters = parameters(0.05);
+    let baseline = Baseline::new(&base, &[], acceptance("first"));
+    base.targets.iter_mut().for_each(|row| row.scores.values_mut().for_each(|score| *score -= 0.125));
+    base.provenance.methods[0].parameters = parameters(0.1);
+    let report = compare(&base, &baseline).to_string();
     let limit = Limit {
         preset: "p".to_owned(),
         method: "m".to_owned(),
@@ -170,13 +174,13 @@ fn numbers_print_as_a_person_writes_them() {
     {
         assert!(report.contains(part), "{part}: {report}");
     }
-    assert!(report.contains("method m, configuration.thresholds.first: 0.05 was, 0.1 is"), "{report}");
+    assert!(report.contains("method m, configuration.thresholds.first: was 0.05, is now 0.1"), "{report}");
     assert!(!report.contains("name"), "what is the same is not listed: {report}");
 }
 
-/// Runs that scatter as those behind the limits did raise no alarm; a shift well beyond does.
+/// Runs with the same noise as those behind the limits are not drift; a much larger shift is.
 #[test]
-fn ten_noisy_runs_raise_no_alarm_and_a_shift_does() {
+fn noise_is_not_drift_and_a_shift_is() {
     let run = |seed| store(false, 20, 0.5, seed);
     let repeats: Vec<Results> = (2..5).map(run).collect();
     let baseline = Baseline::new(&run(1), &repeats, acceptance("first"));
@@ -195,13 +199,13 @@ fn ten_noisy_runs_raise_no_alarm_and_a_shift_does() {
 }
 
 #[test]
-fn files_keep_every_bit_and_the_history() {
+fn baseline_files_are_exact_and_keep_the_history() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
-    let mut made = store(true, 4, 0.3, 1);
-    made.targets[5].status = TargetStatus::NonFinite;
-    made.targets[5].scores.clear();
-    let first = Baseline::new(&made, &[], acceptance("first"));
+    let mut base = store(true, 4, 0.3, 1);
+    base.targets[5].status = TargetStatus::NonFinite;
+    base.targets[5].scores.clear();
+    let first = Baseline::new(&base, &[], acceptance("first"));
     let second = first.accept(&store(true, 4, 0.3, 2), &[], acceptance("a better filter"));
     second.write(&path).unwrap();
     assert_eq!(Baseline::read(&path).unwrap(), second);
@@ -223,7 +227,7 @@ fn files_keep_every_bit_and_the_history() {
 }
 
 #[test]
-fn every_acceptance_leaves_its_numbers() {
+fn every_acceptance_records_its_numbers() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("quick.json");
     let first = Baseline::new(&moved(0.0), &[], acceptance("first"));
@@ -251,7 +255,7 @@ fn every_acceptance_leaves_its_numbers() {
     assert_eq!(limits, [None, Some([mean; 2]), Some([mean + 0.5; 2]), Some([mean + 0.5; 2])], "every bit counts");
     assert_eq!((found.unknown, found.verdict, found.runs[3].label.as_str()), (0, Verdict::Drifted, "now"));
 
-    // A file from before numbers were kept knows its last acceptance by its rows, and goes on from there.
+    // A file of a format without numbers has those of its last acceptance in its rows, and later ones are added.
     third.write(&path).unwrap();
     let text = std::fs::read_to_string(&path).unwrap();
     let (head, rest) = text.split_once("  \"numbers\": [").unwrap();
@@ -266,7 +270,7 @@ fn every_acceptance_leaves_its_numbers() {
 }
 
 #[test]
-fn limits_of_a_history_are_those_of_the_baseline_before() {
+fn history_limits_are_those_of_the_previous_baseline() {
     let runs: Vec<Results> = (0..3).map(|seed| store(false, 12, 0.3, seed)).collect();
     let baseline = Baseline::new(&runs[0], &runs[1..], acceptance("first"));
     let limit = baseline.limits[0].limit;
@@ -277,36 +281,32 @@ fn limits_of_a_history_are_those_of_the_baseline_before() {
     assert_eq!(found.runs[1].verdict, Some(Verdict::Within));
     let nothing = Results { targets: Vec::new(), ..runs[1].clone() };
     let found = histories(&baseline, &nothing, &compare(&nothing, &baseline)).remove(0);
-    assert_eq!(found.runs.len(), 1, "a number that is gone has no present");
+    assert_eq!(found.runs.len(), 1, "a missing number has no current run");
 }
 
-/// A store whose rows the probe's own stages made, its baseline on disk, and a constant that is a thousandth larger: the
-/// number is found to have moved, and the stage is named.
+/// Rows from the probe's own stages, their baseline on disk, and a renderer constant increased by a thousandth: the number has
+/// drifted, and the stage is named.
 #[test]
-fn a_moved_number_is_traced_to_its_stage() {
+fn a_changed_number_is_traced_to_its_stage() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("probe.json");
     let (recipe, inputs) = (Recipe::default(), Inputs::pattern(&atsplat_splat::RendererConstants::default()).unwrap());
     let pipeline = Pipeline::of(&recipe).unwrap();
     let rows = |pipeline: &Pipeline| {
         let outputs = run(pipeline, &inputs).unwrap();
-        let mut made = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
-        made.provenance.methods.push(MethodRecord {
-            name: "m".to_owned(),
-            deterministic: true,
-            ..MethodRecord::default()
-        });
-        (made, outputs)
+        let mut base = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
+        add_method(&mut base, true);
+        (base, outputs)
     };
-    let (made, outputs) = rows(&pipeline);
+    let (base, outputs) = rows(&pipeline);
     Baseline::write_probe(&path, &outputs).unwrap();
-    Baseline::new(&made, &[], acceptance("first")).with_probe(recipe, &outputs).write(&path).unwrap();
+    Baseline::new(&base, &[], acceptance("first")).with_probe(recipe, &outputs).write(&path).unwrap();
 
     let baseline = Baseline::read(&path).unwrap();
     let (recipe, probe) = baseline.read_probe(&path).unwrap().unwrap();
     let mut pipeline = Pipeline::of(&recipe).unwrap();
-    let calm = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
-    assert_eq!(calm.verdict, Verdict::Same, "{calm}");
+    let unchanged = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));
+    assert_eq!(unchanged.verdict, Verdict::Same, "{unchanged}");
 
     pipeline.options.constants.blur *= 1.001;
     let report = compare(&rows(&pipeline).0, &baseline).with_attribution(attribute(&pipeline, &probe, true));

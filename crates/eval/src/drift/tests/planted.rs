@@ -1,16 +1,15 @@
-//! A loss and a gain planted at every stage, the data among them: each is found, and its stage named.
+//! A loss and a gain planted at every stage, including the data: each is found and attributed to its stage.
 
 use std::collections::{BTreeMap, BTreeSet};
 
+use atsplat_files::Sha256Digest;
 use atsplat_pixels::{Image, ImageU8, encode_png};
 use atsplat_splat::{Gaussians, RendererConstants};
-use sha2::{Digest as _, Sha256};
 
 use super::*;
 use crate::drift::probe::{Outputs, Stages, View};
-use atsplat_files::hexadecimal;
 
-/// The stages, of which one adds something to what it gives.
+/// The stages, one of which adds an amount to its output.
 struct Planted<'a> {
     pipeline: &'a Pipeline,
     stage: Option<Stage>,
@@ -41,11 +40,11 @@ impl Stages for Planted<'_> {
     }
 
     fn model(&self, context: &[View]) -> Result<Gaussians, DriftError> {
-        let made = self.pipeline.model(context)?;
+        let base = self.pipeline.model(context)?;
         if self.stage != Some(Stage::Model) {
-            return Ok(made);
+            return Ok(base);
         }
-        let mut parts = made.parts().clone();
+        let mut parts = base.parts().clone();
         parts.sh.as_flattened_mut().iter_mut().for_each(|coefficient| *coefficient += self.amount);
         Ok(Gaussians::new(parts).unwrap())
     }
@@ -68,23 +67,23 @@ impl Stages for Planted<'_> {
     }
 }
 
-/// The rows that a run on these inputs would leave.
+/// The rows of a run with these outputs.
 fn rows(outputs: &Outputs) -> Results {
-    let mut made = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
-    let digest = |view: &View| hexadecimal(&Sha256::digest(view.picture.samples()));
+    let mut base = results("m", "psnr", &[("pattern", 0, vec![outputs.scores[0]["psnr"]])]);
+    let digest = |view: &View| Sha256Digest::of(view.picture.samples()).to_string();
     let digests: Vec<String> = outputs.views.iter().map(digest).collect();
     let [first, second, target] = &digests[..] else { panic!("two context views and a target") };
-    (made.trials[0].context, made.trials[0].context_hashes) = (vec![4, 9], vec![first.clone(), second.clone()]);
-    (made.targets[0].frame, made.targets[0].truth_hash) = (6, Some(target.clone()));
-    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic: true, ..MethodRecord::default() });
-    made
+    (base.trials[0].context, base.trials[0].context_hashes) = (vec![4, 9], vec![first.clone(), second.clone()]);
+    (base.targets[0].frame, base.targets[0].truth_hash) = (6, Some(target.clone()));
+    add_method(&mut base, true);
+    base
 }
 
 fn inputs() -> Inputs {
     Inputs::pattern(&RendererConstants::default()).unwrap()
 }
 
-/// Picture files of other brightness, of the views that are named.
+/// Inputs in which the files of some views have another brightness.
 fn other_files(pipeline: &Pipeline, views: &[usize], by: f32) -> Inputs {
     let mut inputs = inputs();
     for view in views {
@@ -109,7 +108,7 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
         compare(&rows, &baseline).with_attribution(attribute(&planted, &then, true))
     };
     for stage in std::iter::once(Stage::Data).chain(Stage::PROBED) {
-        let mut senses = BTreeSet::new();
+        let mut directions = BTreeSet::new();
         for amount in [-0.03, 0.03] {
             let report = report(Some(stage), amount);
             assert_eq!((report.verdict, report.first_stage()), (Verdict::Drifted, Some(stage)), "{amount}: {report}");
@@ -117,19 +116,20 @@ fn losses_and_gains_at_every_stage_are_found_and_named() {
             assert!(report.to_string().contains(&conclusion), "{stage:?} {amount}: {report}");
             let comparison = &report.comparisons[0];
             assert_eq!(comparison.verdict, Verdict::Drifted, "{stage:?} {amount}: {report}");
-            senses.insert(comparison.sense().unwrap());
+            directions.insert(comparison.improved().unwrap());
         }
-        assert_eq!(senses.len(), 2, "{stage:?}: one is a loss and one a gain");
+        assert_eq!(directions.len(), 2, "{stage:?}: one is a loss and one a gain");
     }
     for _ in 0..10 {
-        let calm = report(None, 0.0);
-        assert_eq!((calm.verdict, calm.first_stage(), calm.findings.len()), (Verdict::Same, None, 0), "{calm}");
+        let unchanged = report(None, 0.0);
+        let found = (unchanged.verdict, unchanged.first_stage(), unchanged.findings.len());
+        assert_eq!(found, (Verdict::Same, None, 0), "{unchanged}");
     }
 }
 
-/// One context picture, then the other, then all: each told by its frame, with no stage of the probe changed.
+/// Single pictures, then all of them: each is reported by its frame, and no stage of the probe has changed.
 #[test]
-fn changed_files_are_told_by_frame_and_no_stage_is_blamed() {
+fn changed_files_are_reported_by_frame_and_not_attributed_to_a_stage() {
     let pipeline = Pipeline::of(&Recipe::default()).unwrap();
     let then = run(&pipeline, &inputs()).unwrap();
     let baseline = Baseline::new(&rows(&then), &[], acceptance("first"));

@@ -1,27 +1,26 @@
-//! Losses and gains, where higher is better and where lower is, on every basis; rows that are gone and rows that are new.
+//! Losses and gains for both directions of metrics on every basis; missing and new rows.
 
 use super::*;
 
-/// Per metric: a score to start from, and the limit of a mean without repeated runs (0.01 dB, half of the last digit that
-/// papers print of the others).
+/// Per metric: a base score, and the limit of a mean without repeated runs (0.01 dB, and half the last digit that papers print
+/// for the others).
 const METRICS: [(&str, f64, f64); 4] =
     [("psnr", 22.0, 0.01), ("ssim", 0.8, 0.0005), ("lpips", 0.2, 0.0005), ("l1", 0.05, 0.0005)];
 const BASES: [Basis; 3] = [Basis::Exact, Basis::Bound, Basis::Interval];
 
-/// Eight scenes of three targets, all with one score.
-fn level(metric: &str, score: f64, basis: Basis) -> Results {
+/// Eight scenes of three targets with equal scores.
+fn constant(metric: &str, score: f64, basis: Basis) -> Results {
     let names: Vec<String> = (0..8).map(|scene| format!("scene {scene}")).collect();
     let rows: Vec<_> = names.iter().map(|name| (name.as_str(), 0, vec![score; 3])).collect();
-    let mut made = results("m", metric, &rows);
-    made.targets.iter_mut().for_each(|row| row.render_hash = None);
-    let deterministic = basis != Basis::Interval;
-    made.provenance.methods.push(MethodRecord { name: "m".to_owned(), deterministic, ..MethodRecord::default() });
-    made
+    let mut base = results("m", metric, &rows);
+    base.targets.iter_mut().for_each(|row| row.render_hash = None);
+    add_method(&mut base, basis != Basis::Interval);
+    base
 }
 
-/// A run whose scenes moved by what is said of each, against a baseline in which all are level.
+/// A run whose scenes changed by `by`, against a baseline with constant scores.
 fn report(metric: &str, score: f64, basis: Basis, by: impl Fn(usize) -> f64) -> DriftReport {
-    let then = level(metric, score, basis);
+    let then = constant(metric, score, basis);
     let mut now = then.clone();
     for (at, row) in now.targets.iter_mut().enumerate() {
         row.scores.values_mut().for_each(|score| *score += by(at / 3));
@@ -34,7 +33,7 @@ fn report(metric: &str, score: f64, basis: Basis, by: impl Fn(usize) -> f64) -> 
     report
 }
 
-/// Without spread the interval is the difference itself: what lies beyond the limit is drift, on either side.
+/// Without spread the interval is the difference itself: beyond the limit on either side it is drift.
 #[test]
 fn losses_and_gains_beyond_the_limit_are_drift_on_every_basis() {
     for (metric, score, limit) in METRICS {
@@ -46,7 +45,7 @@ fn losses_and_gains_beyond_the_limit_are_drift_on_every_basis() {
                 assert_eq!(report.verdict, Verdict::Drifted, "{metric} by {by} on {basis:?}: {report}");
                 let higher_is_better = matches!(metric, "psnr" | "ssim");
                 let better = (by > 0.0) == higher_is_better;
-                assert_eq!(comparison.sense(), Some(better), "{metric} by {by}");
+                assert_eq!(comparison.improved(), Some(better), "{metric} by {by}");
                 let paired = comparison.paired.as_ref().unwrap();
                 let expected = if better { [8, 0, 0] } else { [0, 0, 8] };
                 assert_eq!([paired.wins, paired.ties, paired.losses], expected, "{metric} by {by}");
@@ -58,9 +57,9 @@ fn losses_and_gains_beyond_the_limit_are_drift_on_every_basis() {
     }
 }
 
-/// Half of the limit: drift where bits are promised, within where they are not.
+/// Half the limit: drift on the exact basis only.
 #[test]
-fn losses_and_gains_within_the_limit_count_where_bits_are_promised() {
+fn losses_and_gains_within_the_limit_are_drift_only_on_the_exact_basis() {
     for (metric, score, limit) in METRICS {
         for (basis, expected) in
             [(Basis::Exact, Verdict::Drifted), (Basis::Bound, Verdict::Within), (Basis::Interval, Verdict::Within)]
@@ -73,10 +72,10 @@ fn losses_and_gains_within_the_limit_count_where_bits_are_promised() {
     }
 }
 
-/// Two of eight scenes move so far that the mean lies beyond the limit, and the interval does not: no certainty, no drift.
-/// With all eight moving, by amounts that differ a little, there is.
+/// Two of eight scenes change so much that the mean, but not the whole interval, is beyond the limit: not significant, so no
+/// drift. With all eight changing by slightly different amounts it is drift.
 #[test]
-fn an_interval_that_reaches_into_the_limit_is_no_drift_on_either_side() {
+fn an_interval_that_overlaps_the_limit_is_not_drift() {
     for (metric, score, limit) in METRICS {
         for side in [-1.0, 1.0] {
             let few = report(metric, score, Basis::Interval, |scene| if scene < 2 { 8.0 * side * limit } else { 0.0 });
@@ -89,12 +88,12 @@ fn an_interval_that_reaches_into_the_limit_is_no_drift_on_either_side() {
     }
 }
 
-/// One scene has no interval: the difference decides.
+/// A single scene has no interval, so the difference decides.
 #[test]
 fn a_single_scene_is_judged_by_its_difference() {
     for side in [-1.0, 1.0] {
         for (share, expected) in [(0.5, Verdict::Within), (1.5, Verdict::Drifted)] {
-            let mut then = level("psnr", 22.0, Basis::Interval);
+            let mut then = constant("psnr", 22.0, Basis::Interval);
             then.targets.truncate(3);
             then.trials.truncate(1);
             let mut now = then.clone();
@@ -106,9 +105,9 @@ fn a_single_scene_is_judged_by_its_difference() {
     }
 }
 
-/// A loss that is larger than every gain is the one that is named, and the other way round.
+/// The largest loss or gain, whichever is larger.
 #[test]
-fn the_largest_change_is_named_whichever_way_it_goes() {
+fn the_largest_change_in_either_direction_is_named() {
     for (loss, gain, scene) in [(-0.5, 0.2, "scene 3"), (-0.2, 0.5, "scene 5")] {
         let by = |at| match at {
             3 => loss,
@@ -122,12 +121,12 @@ fn the_largest_change_is_named_whichever_way_it_goes() {
     }
 }
 
-/// The worst or the best scene disappears, on each basis: the rest is compared as before, and the gap is drift.
+/// A row of the worst or the best score is missing, on each basis: the other rows are compared as before.
 #[test]
-fn missing_rows_are_drift_and_change_no_other_number() {
+fn missing_rows_are_drift_and_do_not_affect_other_numbers() {
     for basis in BASES {
         for (metric, odd) in [("psnr", 5.0), ("psnr", 50.0), ("lpips", 0.01), ("lpips", 0.9)] {
-            let mut then = level(metric, if metric == "psnr" { 22.0 } else { 0.2 }, basis);
+            let mut then = constant(metric, if metric == "psnr" { 22.0 } else { 0.2 }, basis);
             then.targets[0].scores.values_mut().for_each(|score| *score = odd);
             let baseline = Baseline::new(&then, &[], acceptance("first"));
             let mut now = then.clone();
@@ -140,8 +139,8 @@ fn missing_rows_are_drift_and_change_no_other_number() {
             let [comparison] = &report.comparisons[..] else { panic!("{report}") };
             assert_eq!((report.verdict, comparison.verdict), (Verdict::Drifted, Verdict::Same), "{report}");
             assert_eq!(comparison.baseline, comparison.now, "the missing target is in neither mean");
-            assert!(report.to_string().contains("targets are missing: 1, as scene 0 0 frame 0"), "{report}");
-            // A row that is there and has failed is no number either.
+            assert!(report.to_string().contains("targets are missing: 1, such as scene 0 0 frame 0"), "{report}");
+            // A failed row has no number either.
             let mut failed = then.clone();
             failed.targets[0].status = TargetStatus::Failed;
             failed.targets[0].scores.clear();
@@ -153,12 +152,12 @@ fn missing_rows_are_drift_and_change_no_other_number() {
     }
 }
 
-/// New scenes, however good or bad, are told and compared with nothing.
+/// New scenes are reported but not compared.
 #[test]
-fn new_rows_are_told_and_change_no_number() {
+fn new_rows_are_reported_and_do_not_affect_numbers() {
     for basis in BASES {
         for odd in [5.0, 50.0] {
-            let then = level("psnr", 22.0, basis);
+            let then = constant("psnr", 22.0, basis);
             let mut now = then.clone();
             let more = results("m", "psnr", &[("scene 9", 0, vec![odd; 2])]);
             now.trials.extend(more.trials);

@@ -1,0 +1,55 @@
+//! Numbers by overlap of the context views and by distance from them.
+
+use std::collections::BTreeMap;
+
+use atsplat_protocol::{Aggregation, OverlapBins};
+use serde::Serialize;
+
+use super::selection::{SelectedTarget, select};
+use super::summary::of_selected;
+use super::{Question, Summary};
+use crate::Results;
+
+/// A metric by overlap of the context views.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Binned {
+    /// Each bin's name and number, in the bins' order.
+    pub bins: Vec<(String, Summary)>,
+    /// The "Average" column: over all scenes that are in a bin, each with one vote; not the mean of the bins
+    /// (NoPoSplat `src/evaluation/metric_computer.py:116-158`).
+    pub average: Summary,
+    /// Targets without an overlap or outside all bins; they count nowhere.
+    pub ignored: u64,
+}
+
+/// Per-scene means by bin of overlap, as the protocol of `bins` defines them.
+pub fn by_overlap(results: &Results, query: &Question, bins: &OverlapBins) -> Binned {
+    let selected = select(results, query);
+    let bin_of = |target: &SelectedTarget| target.overlap.and_then(|overlap| bins.name_of(overlap));
+    let summary = |is_included: &dyn Fn(Option<&str>) -> bool| {
+        let chosen: Vec<SelectedTarget> =
+            selected.iter().filter(|target| is_included(bin_of(target))).copied().collect();
+        of_selected(&chosen, Aggregation::SceneMeans)
+    };
+    Binned {
+        bins: bins.names().iter().map(|name| (name.clone(), summary(&|bin| bin == Some(name)))).collect(),
+        average: summary(&|bin| bin.is_some()),
+        ignored: selected.iter().filter(|target| bin_of(target).is_none()).count() as u64,
+    }
+}
+
+/// The metric at each signed distance from the window of context frames (negative before it, 0 inside, positive after),
+/// in increasing order: the mean over scenes of the mean over the scene's targets at that distance.
+pub fn by_distance(results: &Results, query: &Question) -> Vec<(i64, Summary)> {
+    let mut distances: BTreeMap<i64, Vec<SelectedTarget>> = BTreeMap::new();
+    for target in select(results, query) {
+        if let Some(distance) = target.distance {
+            distances.entry(distance).or_default().push(target);
+        }
+    }
+    distances
+        .into_iter()
+        .map(|(distance, selected)| (distance, of_selected(&selected, Aggregation::SceneMeans)))
+        .collect()
+}
