@@ -1,5 +1,5 @@
-//! Scenes into trials: evaluation indices, overlap bins, extrapolation splits, presets and lint.
-//! A *trial* is all that a method may see of a scene, and the frames it is asked to render.
+//! Evaluation protocols: evaluation indices, overlap bins, extrapolation splits, presets, lint, and trials.
+//! A *trial* is everything a method may see of a scene, plus the cameras it has to render.
 
 pub mod extrapolation;
 pub mod overlap;

@@ -9,30 +9,30 @@ use serde::{Deserialize, Serialize};
 use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Overlap, Spacing};
 use crate::ProtocolError;
 
-/// What NoPoSplat takes the word `"large"` for (`src/dataset/view_sampler/view_sampler_evaluation.py:65`).
+/// The value NoPoSplat uses for the overlap `"large"` (`src/dataset/view_sampler/view_sampler_evaluation.py:65`).
 pub const OVERLAP_OF_LARGE: f64 = 0.75;
-/// What NoPoSplat takes every other overlap word for (same line): `"medium"` too, so that it counts as
+/// The value NoPoSplat uses for every other overlap word (same line), including `"medium"`, which thus counts as
 /// small.
 pub const OVERLAP_OF_OTHER_WORDS: f64 = 0.25;
 
 /// The words that NoPoSplat's tagger writes (`src/misc/utils.py:38-48`).
 const OVERLAP_WORDS: [&str; 4] = ["small", "medium", "large", "ignore"];
 
-/// What is odd about an index file but does not stop it from being used.
+/// Irregularities of an index file that do not prevent its use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct IndexNotices {
     /// Scene keys that occur more than once, in the order of their repetitions. As in Python, the last
-    /// value counts and the first place is kept.
+    /// value wins and the first position is kept.
     pub duplicate_keys: Vec<String>,
-    /// Fields of entries that the format does not have, with how often they occur. They are dropped.
+    /// Fields of entries that the format does not define, with their number of occurrences. They are dropped.
     pub unknown_fields: BTreeMap<String, u64>,
-    /// Entries whose overlap is a word and not a number, read as [`OVERLAP_OF_LARGE`] or
+    /// Entries whose overlap is a word instead of a number, read as [`OVERLAP_OF_LARGE`] or
     /// [`OVERLAP_OF_OTHER_WORDS`].
     pub overlap_words: u64,
 }
 
-/// Everything that the text of an index says.
+/// The content of an index text, its layout and its irregularities.
 pub(super) struct Parsed {
     pub(super) index: EvaluationIndex,
     pub(super) layout: IndexLayout,
@@ -56,16 +56,16 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, ProtocolError> {
     Ok(Parsed { index: EvaluationIndex { scenes }, layout, notices: reading.notices.into_inner() })
 }
 
-/// What is gathered beside the value while it is read.
+/// What is collected while the value is deserialized.
 #[derive(Default)]
 struct Reading {
     notices: RefCell<IndexNotices>,
     forms: RefCell<Forms>,
-    /// Innermost step first; filled only while an error travels outwards.
+    /// The path to an error, innermost step first; filled while the error propagates.
     trail: RefCell<Vec<Step>>,
 }
 
-/// The first form of each kind decides the layout; files that mix them are written back uniform.
+/// The first form of each kind determines the layout; files that mix forms are written back uniformly.
 #[derive(Default)]
 struct Forms {
     lone_entry: Option<LoneEntryForm>,
@@ -91,7 +91,7 @@ impl fmt::Display for Step {
 }
 
 impl Reading {
-    /// Notes that an error passed `step` on its way out.
+    /// Adds `step` to the path of an error.
     fn within<T, E>(&self, result: Result<T, E>, step: impl FnOnce() -> Step) -> Result<T, E> {
         if result.is_err() {
             self.trail.borrow_mut().push(step());
@@ -100,13 +100,8 @@ impl Reading {
     }
 
     fn malformed(&self, error: &serde_json::Error) -> ProtocolError {
-        let mut location = String::new();
-        for step in self.trail.borrow().iter().rev() {
-            location.push_str(&step.to_string());
-            location.push_str(", ");
-        }
-        let place = format!("line {} column {}", error.line(), error.column());
-        location.push_str(&place);
+        let mut steps: Vec<String> = self.trail.borrow().iter().rev().map(Step::to_string).collect();
+        steps.push(format!("line {} column {}", error.line(), error.column()));
         let message = error.to_string();
         let message = message.rsplit_once(" at line ").map_or(message.as_str(), |(message, _)| message);
         let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "JSON"));
@@ -114,7 +109,7 @@ impl Reading {
             ["invalid type: ", "invalid value: "].iter().find_map(|prefix| found.strip_prefix(prefix)).unwrap_or(found);
         ProtocolError::Malformed {
             what: "evaluation index",
-            location,
+            location: steps.join(", "),
             expected: expected.to_owned(),
             found: shortened(found),
         }
@@ -123,10 +118,12 @@ impl Reading {
 
 /// At most 80 characters of `text`.
 fn shortened(text: &str) -> String {
-    match text.char_indices().nth(80) {
-        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),
-        None => text.to_owned(),
+    let mut chars = text.chars();
+    let mut short: String = chars.by_ref().take(80).collect();
+    if chars.next().is_some() {
+        short.push('…');
     }
+    short
 }
 
 struct ScenesSeed<'a>(&'a Reading);
@@ -257,7 +254,7 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
                 }
             }
         }
-        let overlap = reading.within(measured(overlap.flatten(), estimator.flatten()), || Step::Field(ESTIMATOR))?;
+        let overlap = reading.within(overlap_of(overlap.flatten(), estimator.flatten()), || Step::Field(ESTIMATOR))?;
         Ok(IndexEntry {
             context: context.ok_or_else(|| absent("context"))?,
             target: target.ok_or_else(|| absent("target"))?,
@@ -266,10 +263,10 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
     }
 }
 
-/// An estimator alone says nothing.
-fn measured<E: Error>(value: Option<f64>, estimator: Option<String>) -> Result<Option<Overlap>, E> {
+/// An estimator without a value is an error.
+fn overlap_of<E: Error>(value: Option<f64>, estimator: Option<String>) -> Result<Option<Overlap>, E> {
     match (value, estimator) {
-        (None, Some(name)) => Err(E::custom(format!("{name:?} without one, expected an overlap beside it"))),
+        (None, Some(name)) => Err(E::custom(format!("{name:?} without an overlap, expected the field overlap too"))),
         (value, estimator) => Ok(value.map(|value| Overlap { value, estimator })),
     }
 }
@@ -285,7 +282,7 @@ fn once<T, E: Error>(field: &str, place: &mut Option<T>, value: T) -> Result<(),
     }
 }
 
-/// Who measured an entry's overlap: a field of ours, which the loaders of the field pass over.
+/// Which estimator measured an entry's overlap: a field of this toolkit, which published loaders ignore.
 const ESTIMATOR: &str = "overlap_estimator";
 
 enum FieldName {
