@@ -1,6 +1,6 @@
 use std::fmt;
 
-use super::{DatasetFacts, LintReport, OverlapFacts, Places, Spread};
+use super::{DatasetFacts, LintReport, OverlapFacts, Spread, TargetCount};
 
 impl fmt::Display for LintReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -39,7 +39,7 @@ impl fmt::Display for LintReport {
 }
 
 impl LintReport {
-    fn share(&self, places: Places, what: &str) -> String {
+    fn share(&self, places: TargetCount, what: &str) -> String {
         if places.targets == 0 {
             return "none".to_owned();
         }
@@ -47,7 +47,7 @@ impl LintReport {
         format!("{} {what} ({percent:.1} %), in {} scenes", places.targets, places.scenes)
     }
 
-    /// Lines that are there only where something is odd.
+    /// Lines for irregularities; none if there are none.
     fn oddities(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let repeats = self.repeats;
         let mut odd = vec![
