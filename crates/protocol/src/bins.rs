@@ -171,17 +171,17 @@ impl OverlapBins {
 
     /// Where `overlap` falls.
     pub fn place(&self, overlap: f64) -> BinPlace {
-        let (Some(first), Some(second)) = (self.edges.first(), self.edges.get(1)) else { return BinPlace::Above };
-        if (*first..=*second).contains(&overlap) {
+        let (first, second) = (self.edges[0], self.edges[1]);
+        if (first..=second).contains(&overlap) {
             return BinPlace::Bin(0);
         }
-        if self.rule == BinRule::Strict && overlap < *first {
+        if self.rule == BinRule::Strict && overlap < first {
             return BinPlace::Below;
         }
         match self.edges.iter().skip(2).position(|upper| overlap <= *upper) {
             Some(later) => BinPlace::Bin(later + 1),
             // With a single bin, the published rule has no second bin for values below the range.
-            None if overlap < *first => BinPlace::Below,
+            None if overlap < first => BinPlace::Below,
             None => BinPlace::Above,
         }
     }
@@ -189,7 +189,7 @@ impl OverlapBins {
     /// The name of the bin that `overlap` falls in.
     pub fn name_of(&self, overlap: f64) -> Option<&str> {
         match self.place(overlap) {
-            BinPlace::Bin(at) => self.names.get(at).map(String::as_str),
+            BinPlace::Bin(at) => Some(&self.names[at]),
             BinPlace::Below | BinPlace::Above => None,
         }
     }
@@ -204,15 +204,12 @@ impl OverlapBins {
             without_overlap: 0,
         };
         for (_, _, entry) in index.entries() {
-            let count = match entry.overlap.as_ref().map(|overlap| self.place(overlap.value)) {
-                None => Some(&mut counts.without_overlap),
-                Some(BinPlace::Below) => Some(&mut counts.below),
-                Some(BinPlace::Above) => Some(&mut counts.above),
-                Some(BinPlace::Bin(at)) => counts.bins.get_mut(at).map(|bin| &mut bin.count),
-            };
-            if let Some(count) = count {
-                *count += 1;
-            }
+            *match entry.overlap.as_ref().map(|overlap| self.place(overlap.value)) {
+                None => &mut counts.without_overlap,
+                Some(BinPlace::Below) => &mut counts.below,
+                Some(BinPlace::Above) => &mut counts.above,
+                Some(BinPlace::Bin(at)) => &mut counts.bins[at].count,
+            } += 1;
         }
         counts
     }
@@ -227,7 +224,7 @@ impl OverlapBins {
                 ignored += 1;
                 continue;
             };
-            for (count, sum) in sums.get_mut(at).into_iter().chain([&mut all]) {
+            for (count, sum) in [&mut sums[at], &mut all] {
                 *count += 1;
                 *sum += score;
             }

@@ -1,13 +1,13 @@
 use crate::table::{Mark, Row, Table};
 
-/// A heading, a table of GitHub's Markdown, and the notes as a list. Groups stand in the heads: `PSNR ↑, 2 views`.
+/// A heading, a table in GitHub's Markdown, and the notes as a list. Column headings include the group: `PSNR ↑, 2 views`.
 pub(super) fn write(table: &Table) -> String {
     let measured = table.is_measured();
     let mut heads: Vec<String> = table.labels.iter().map(|label| escaped(label)).collect();
     heads.extend(measured.then(|| "from".to_owned()));
     let names = heads.len();
     for ((group, _), column) in table.columns() {
-        let title = table.groups.get(group).map_or("", |group| group.title.as_str());
+        let title = &table.groups[group].title;
         let head = if title.is_empty() { column.head() } else { format!("{}, {title}", column.head()) };
         heads.push(escaped(&head));
     }
@@ -42,7 +42,7 @@ fn numbers(table: &Table, row: &Row) -> Vec<String> {
     table.columns().map(of).collect()
 }
 
-/// Nothing in a text is taken for Markdown or HTML, and no cell ends early.
+/// Escapes Markdown, HTML and cell separators.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {

@@ -3,13 +3,13 @@ use unicode_width::UnicodeWidthStr as _;
 use crate::plot::Origin;
 use crate::table::{Mark, Row, Table};
 
-/// Boxes for a terminal of a width.
+/// Draws tables with box characters for a terminal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Terminal {
-    /// Columns of the terminal. A table that is wider is cut into parts between its groups of columns, or its columns.
+    /// Width of the terminal in characters. A wider table is split between groups of columns, or else between columns.
     pub width: usize,
-    /// Whether the best is bold, the second underlined and the published faint, by ANSI sequences; else `*` and `_` follow
-    /// the numbers.
+    /// Whether the best value is bold, the second underlined and published rows faint, by ANSI escape sequences; otherwise
+    /// `*` and `_` follow the numbers.
     pub styled: bool,
 }
 
@@ -25,7 +25,7 @@ struct Text {
     mark: Mark,
 }
 
-/// Columns that are shown together: heads, and a text per row.
+/// Columns that are shown together: headings, and a text per row.
 struct Part {
     groups: Vec<(String, usize)>,
     heads: Vec<String>,
@@ -57,7 +57,7 @@ impl Terminal {
         if self.styled { format!("{style}{text}{PLAIN}") } else { text.to_owned() }
     }
 
-    /// All columns where they fit, else as many as fit at a time.
+    /// Splits the columns into parts that fit the width.
     fn parts(&self, table: &Table) -> Vec<Part> {
         let columns: Vec<(usize, usize)> = table.columns().map(|(place, _)| place).collect();
         let lead = widths(&lead(table)).iter().map(|width| width + 3).sum::<usize>() + 1;
@@ -135,7 +135,7 @@ impl Terminal {
                 *width = (*width).max(text.text.width());
             }
         }
-        // A group's head may need more room than its columns.
+        // A group's heading may be wider than its columns.
         let mut at = 0;
         for (title, count) in &part.groups {
             let own = at..at + count;
@@ -194,7 +194,7 @@ impl Terminal {
     }
 }
 
-/// Names of rows and where they come from; heads first.
+/// Labels and origin of each row, after their headings.
 fn lead(table: &Table) -> Vec<Vec<String>> {
     const LONGEST: usize = 36;
     let measured = table.is_measured();
@@ -213,7 +213,7 @@ fn widths(rows: &[Vec<String>]) -> Vec<usize> {
     (0..columns).map(width).collect()
 }
 
-/// What a terminal would obey is not printed.
+/// Replaces control characters, which a terminal would interpret.
 fn clean(text: &str) -> String {
     text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
 }
@@ -242,7 +242,7 @@ fn centred(text: &str, width: usize) -> String {
     format!("{}{text}{}", " ".repeat(space / 2), " ".repeat(space - space / 2))
 }
 
-/// Lines of at most `width` columns, broken between words where there are any.
+/// Wraps text between words into lines of at most `width` columns; longer words are not broken.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {

@@ -9,7 +9,7 @@ use crate::plot::{
 };
 use crate::table::{BUSY, Group, Row, Source, Table, Value};
 
-/// The plots of a measured table by name.
+/// The plots of a measured table, by name.
 pub fn of_table(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Vec<(String, Drawing)> {
     let Some(kind) = definition.plot.filter(|_| table.is_measured()) else { return Vec::new() };
     match kind {
@@ -51,7 +51,7 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
     let mut plots = Vec::new();
     for (at, group) in table.groups.iter().enumerate() {
         let Some((quality_at, metric)) = metric_of(group) else { continue };
-        for (cost, quantity, word) in
+        for (cost, quantity, cost_name) in
             [(CostAxis::Gaussians, Quantity::Gaussians, "gaussians"), (CostAxis::Seconds, Quantity::Seconds, "seconds")]
         {
             let Some(cost_at) = place_of(group, quantity) else { continue };
@@ -73,7 +73,7 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
                 continue;
             }
             let what =
-                if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are of other machines" };
+                if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are from other machines" };
             let machine = machine(table, at, cost_at);
             let frontier = Frontier {
                 title: format!("{} against {what}", metric.name),
@@ -83,13 +83,13 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
                 points,
             };
             let suffix = if table.groups.len() > 1 { format!("-{}", at + 1) } else { String::new() };
-            plots.push((format!("{}-{word}{suffix}", table.name), frontier.draw()));
+            plots.push((format!("{}-{cost_name}{suffix}", table.name), frontier.draw()));
         }
     }
     plots
 }
 
-/// The machine of a column of times, and what its mark means.
+/// The machine of a column of times, and the meaning of the mark for a busy machine.
 fn machine(table: &Table, group: usize, column: usize) -> String {
     let cells = table.rows.iter().filter_map(|row| row.cells.get(group)?.get(column)?.timing.as_ref());
     let busy = if cells.clone().any(|timing| timing.busy) { format!("; {BUSY} it was busy") } else { String::new() };
@@ -102,11 +102,11 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
     let reference_labels = definition.reference.as_ref()?;
     let published: Vec<&Row> = table.rows.iter().filter(|row| row.origin == Origin::Published).collect();
     let reference = *published.iter().find(|row| row.labels == *reference_labels)?;
-    let answer = |row: &Row| shown(table).find(|own| own.origin == Origin::Measured && own.answers == row.answers);
-    let own_reference = answer(reference);
+    let reproduced = |row: &Row| shown(table).find(|own| own.origin == Origin::Measured && own.answers == row.answers);
+    let own_reference = reproduced(reference);
     let row = |row: &Row| {
         let cell = |row: &Row| row.cells.first().and_then(|cells| cells.get(at)).cloned();
-        let own = answer(row);
+        let own = reproduced(row);
         Some(AblationRow {
             label: row.labels.join(", "),
             published: match cell(row)?.value {
@@ -121,7 +121,7 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
     let rows: Vec<AblationRow> =
         published.iter().filter(|other| other.labels != reference.labels).filter_map(|other| row(other)).collect();
     let reference: Option<AblationRow> = row(reference);
-    // Differences are what is drawn: without one there is nothing to see.
+    // The plot shows differences: without any there is nothing to draw.
     rows.iter().any(|row| row.gap.is_some()).then_some(())?;
     let ablation = Ablation {
         title: table.title.clone(),

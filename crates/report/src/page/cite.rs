@@ -3,7 +3,7 @@ use crate::definition::Quantity;
 use crate::plot::Origin;
 use crate::table::{Row, Table, short};
 
-/// One line that says everything a number depends on; `None` for published and absent ones.
+/// One line with everything that a number depends on; `None` for published and absent numbers.
 pub(super) fn citation(table: &Table, row: &Row, place: (usize, usize), stores: &[PageStore<'_>]) -> Option<String> {
     let cell = row.cells.get(place.0)?.get(place.1).filter(|_| row.origin == Origin::Measured)?;
     cell.value.number()?;
@@ -41,8 +41,7 @@ pub(super) fn citation(table: &Table, row: &Row, place: (usize, usize), stores: 
         }
     }
     for preset in &provenance.presets {
-        let asked = group.preset.is_none() || group.preset.as_deref() == Some(preset.published());
-        if asked {
+        if group.preset.is_none() || group.preset.as_deref() == Some(preset.published()) {
             let index = preset.index_name.as_deref().unwrap_or("unpublished");
             let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
             text.push_str(&format!(

@@ -1,6 +1,5 @@
-use super::PageStore;
 use super::cite::citation;
-use super::html::escaped;
+use super::{PageStore, escaped};
 use crate::plot::Origin;
 use crate::table::{Mark, NoteKind, Row, Table, verdict};
 
@@ -94,11 +93,11 @@ fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
             let [low, high] = timing.spread.quartiles.map(print);
             format!(" title=\"quartiles {} to {}\"", escaped(&low), escaped(&high))
         });
-        let told = cell.interval.map_or_else(String::new, |[low, high]| {
+        let interval = cell.interval.map_or_else(String::new, |[low, high]| {
             let print = |value| column.quantity.print(value, column.exact);
             format!(" title=\"95 % interval {} to {}\"", escaped(&print(low)), escaped(&print(high)))
         });
-        text.push_str(&format!("<td class=\"number{mark}\"{}>{inside}</td>", spread.unwrap_or(told)));
+        text.push_str(&format!("<td class=\"number{mark}\"{}>{inside}</td>", spread.unwrap_or(interval)));
     }
     text
 }

@@ -6,7 +6,7 @@ use super::scale::{Scale, seconds_label};
 use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
 use super::theme::{GRID, MUTED, ON_LIGHT, SURFACE, colour};
 
-/// Where the time goes: a bar per method, cut into stages.
+/// Where the time goes: a bar per method, divided into stages.
 #[derive(Clone, Debug)]
 pub struct StageTime {
     /// Title.
@@ -24,8 +24,10 @@ pub struct StageTimeRow {
     pub label: String,
     /// Stage and seconds, in the order in which they run.
     pub stages: Vec<(String, f64)>,
-    /// From which to which all of them took, as quartiles do.
+    /// Quartiles of the total.
     pub spread: Option<[f64; 2]>,
+    /// Why there are no times; shown in place of the bar.
+    pub untimed: Option<String>,
 }
 
 impl StageTime {
@@ -58,9 +60,17 @@ impl StageTime {
             drawing.words(
                 Words::new(shortened(&row.label, 13.0, false, room), [inside.left - 12.0, middle]).side(Side::Right),
             );
+            if let Some(reason) = &row.untimed {
+                let at = [inside.left + 8.0, middle];
+                let room = f64::from(drawing.size().0) - at[0] - 16.0;
+                let reason = shortened(&format!("not timed: {reason}"), 12.0, false, room);
+                drawing.words(Words::new(reason, at).size(12.0).muted());
+                continue;
+            }
             let mut from = 0.0;
             for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {
-                let stage = names.iter().position(|known| known == name).unwrap_or(0);
+                #[expect(clippy::expect_used, reason = "the names were collected from the same rows")]
+                let stage = names.iter().position(|known| known == name).expect("the name of a stage");
                 let part = Extent::new(axes.x_of(from), middle - 16.0, axes.x_of(from + secs), middle + 16.0);
                 drawing.rectangle(part, Fill::solid(colour(stage)));
                 drawing.line([[part.right, part.top], [part.right, part.bottom]], Stroke::new(SURFACE, 1.0));

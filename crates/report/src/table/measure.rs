@@ -5,11 +5,11 @@ use super::edition::Part;
 use super::{Cell, CellTiming, Counts, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
 
-/// What one method under one preset has to say to a group of columns.
+/// The cells of a method under a preset for a group of columns.
 pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, (leaked, forced): (Leaked, bool)) -> Vec<Cell> {
     let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.bin.is_some());
     if let Some(why) = bins.and_then(|bins| part.foreign_overlaps(bins)).filter(|_| !forced) {
-        let cell = Cell { not_computed: Some(format!("{why}; --force files them all the same")), ..Cell::default() };
+        let cell = Cell { not_computed: Some(format!("{why}; --force bins them nevertheless")), ..Cell::default() };
         return vec![cell; group.columns.len()];
     }
     let cost = cost(part.source.results, &part.preset.name, method);
@@ -72,7 +72,7 @@ fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
     Cell { value: value.map_or(Value::Absent, Value::Number), ..Cell::default() }
 }
 
-/// Seconds from context pictures to Gaussians, as the timing pass measured them, or why there are none.
+/// Seconds from context pictures to Gaussians, measured by the timing pass, or why there are none.
 fn of_times(times: Result<Times, String>) -> Cell {
     let found = times.and_then(|times| Ok((times.encode.ok_or(NOTHING_ENCODED)?, times)));
     match found {
@@ -84,7 +84,7 @@ fn of_times(times: Result<Times, String>) -> Cell {
     }
 }
 
-/// Whether any target of a method was given to it.
+/// Whether any target of a method is also a context frame.
 pub(super) fn has_leaked(part: &Part<'_>, method: &str) -> bool {
     let targets = part.source.results.targets.iter();
     targets.filter(|row| row.leaked).any(|row| row.key.preset == part.preset.name && row.key.method == method)

@@ -6,10 +6,11 @@ use super::{Mark, Row, Table};
 use crate::definition::Marks;
 use crate::plot::Origin;
 
-/// Marks the best and the second of each column by what is printed, so that equal figures share a mark.
+/// Marks the best and the second of each column by the printed values, so that equal values share a mark.
 ///
-/// Where measured numbers are of the published setting all rows are ranked together, else each origin alone. Untrained
-/// rows and those without leaked targets are not ranked. A second place that more than two rows share is none.
+/// If measured numbers are of the published setting, all rows are ranked together, otherwise published and measured rows
+/// separately. Untrained rows and rows without leaked targets are not ranked. A second place shared by more than two rows
+/// is not marked.
 pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) {
     if marks == Marks::None {
         return;
@@ -22,8 +23,8 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) {
         } else {
             &[&|row| row.origin == Origin::Published, &|row| row.origin == Origin::Measured]
         };
-        for takes_part in rankings {
-            rank_column(table, place, direction, marks, takes_part);
+        for included in rankings {
+            rank_column(table, place, direction, marks, included);
         }
     }
 }
@@ -37,16 +38,16 @@ fn rank_column(
     place: (usize, usize),
     direction: Direction,
     marks: Marks,
-    takes_part: &dyn Fn(&Row) -> bool,
+    included: &dyn Fn(&Row) -> bool,
 ) {
-    let ranked = |row: &Row| takes_part(row) && !row.untrained && !row.without_leaked;
+    let ranked = |row: &Row| included(row) && !row.untrained && !row.without_leaked;
     let mut printed: Vec<(usize, f64)> = Vec::new();
     for (at, row) in table.rows.iter().enumerate().filter(|(_, row)| ranked(row)) {
         if let Some(value) = printed_value(table, row, place) {
             printed.push((at, value));
         }
     }
-    // Alone there is nothing to be better than.
+    // A single value is not ranked.
     if printed.len() < 2 {
         return;
     }
@@ -57,8 +58,8 @@ fn rank_column(
     let mut distinct: Vec<f64> = printed.iter().map(|(_, value)| *value).collect();
     distinct.dedup_by(|a, b| a.total_cmp(b) == Ordering::Equal);
     let holders = |rank: usize| -> Vec<usize> {
-        let Some(wanted) = distinct.get(rank) else { return Vec::new() };
-        printed.iter().filter(|(_, value)| value.total_cmp(wanted) == Ordering::Equal).map(|(at, _)| *at).collect()
+        let Some(at_rank) = distinct.get(rank) else { return Vec::new() };
+        printed.iter().filter(|(_, value)| value.total_cmp(at_rank) == Ordering::Equal).map(|(at, _)| *at).collect()
     };
     let (best, second) = (holders(0), holders(1));
     if best.len() == printed.len() {
@@ -68,22 +69,15 @@ fn rank_column(
         if marks == Marks::BestAndSecond && second.len() <= 2 && printed.len() > 2 { second } else { Vec::new() };
     for (rows, mark) in [(best, Mark::Best), (seconds, Mark::Second)] {
         for at in rows {
-            let cell = table
-                .rows
-                .get_mut(at)
-                .and_then(|row| row.cells.get_mut(place.0))
-                .and_then(|cells| cells.get_mut(place.1));
-            if let Some(cell) = cell {
-                cell.mark = mark;
-            }
+            table.rows[at].cells[place.0][place.1].mark = mark;
         }
     }
 }
 
-/// The number that a reader sees, in thousands for counts that are cut.
+/// The number as printed; counts truncated to thousands are compared as such.
 fn printed_value(table: &Table, row: &Row, (group, column): (usize, usize)) -> Option<f64> {
     let cell = row.cells.get(group)?.get(column)?;
-    // A time of a busy machine is no better or worse than another.
+    // A time measured on a busy machine is not ranked.
     cell.value.number().filter(|_| !cell.is_busy())?;
     let text = cell.print(table.groups.get(group)?.columns.get(column)?);
     match text.strip_suffix('K') {
