@@ -2,7 +2,7 @@
 //! result.
 
 use atsplat_metrics::definition;
-use atsplat_numeric::split_mix;
+use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 
 use crate::plot::{
@@ -95,7 +95,7 @@ fn figure(id: &str) -> Figure {
 
 /// A pseudo-random number in [0, 1), the same on every platform.
 fn noise(seed: usize) -> f64 {
-    (split_mix(seed as u64) >> 40) as f64 / (1u64 << 24) as f64
+    (SplitMix64::new(seed as u64).next_u64() >> 40) as f64 / (1u64 << 24) as f64
 }
 
 fn around(value: f64, half: f64) -> Estimate {

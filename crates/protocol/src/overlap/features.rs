@@ -171,7 +171,7 @@ fn unusable(reason: &str) -> ProtocolError {
 mod tests {
     use super::*;
     use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
-    use atsplat_numeric::Tolerance;
+    use atsplat_numeric::{SPLIT_MIX_STEP, Tolerance, split_mix};
     use glam::{DMat3, DVec3};
 
     const SIZE: u32 = 256;
@@ -205,12 +205,10 @@ mod tests {
         mix(mix(at(0.0, 0.0), at(1.0, 0.0), ease.x), mix(at(0.0, 1.0), at(1.0, 1.0), ease.x), ease.y)
     }
 
-    /// `SplitMix64`'s finaliser over both coordinates.
+    /// A pseudo-random number in [0, 1) for a lattice point.
     fn lattice(x: f64, y: f64) -> f64 {
-        let mut z = x.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        let state = x.to_bits().wrapping_mul(SPLIT_MIX_STEP) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (split_mix(state) >> 11) as f64 / (1u64 << 53) as f64
     }
 
     fn overlap(a: &(Camera, ImageU8), b: &(Camera, ImageU8)) -> f64 {

@@ -3,10 +3,10 @@ use super::font::shortened;
 use super::labels::spread;
 use super::scale::Scale;
 use super::series::{Estimate, Figure, Origin, plain};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{GREY, GRID, colour};
 
-/// Quality against the distance outside the window of context frames.
+/// Quality against the distance from the window of context frames.
 #[derive(Clone, Debug)]
 pub struct ExtrapolationDecay {
     /// Title.
@@ -24,9 +24,9 @@ pub struct ExtrapolationDecay {
 pub struct ExtrapolationSeries {
     /// Its name.
     pub label: String,
-    /// Frames outside the window, negative before it and 0 inside, with the mean over scenes; by increasing distance.
+    /// Distance from the window in frames, negative before it and 0 inside, with the mean over scenes; ascending.
     pub points: Vec<(i64, Estimate)>,
-    /// Grey where published.
+    /// Published series are grey.
     pub origin: Origin,
 }
 
@@ -84,10 +84,10 @@ impl ExtrapolationDecay {
                 let end = axes.place(*x as f64, end.value);
                 drawing.line([end, [right + 12.0, *height]], Stroke::new(colour, 1.0));
                 let room = f64::from(drawing.size().0) - right - 24.0;
-                drawing.words(Words::new(shortened(&series.label, 13.0, false, room), [right + 16.0, *height]));
+                drawing.text(TextLine::new(shortened(&series.label, 13.0, false, room), [right + 16.0, *height]));
             }
         }
-        drawing.words(Words::new("window", [axes.x_of(0.0), top - 14.0]).size(12.0).muted().side(Side::Middle));
+        drawing.text(TextLine::new("window", [axes.x_of(0.0), top - 14.0]).size(12.0).muted().side(Side::Middle));
         drawing
     }
 }

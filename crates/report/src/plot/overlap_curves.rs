@@ -3,7 +3,7 @@ use super::font::shortened;
 use super::labels::spread;
 use super::scale::Scale;
 use super::series::{Estimate, Figure, Origin, plain};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{GREY, GRID, colour};
 
 /// Quality against the overlap of the context views.
@@ -21,14 +21,14 @@ pub struct OverlapCurves {
     pub series: Vec<OverlapSeries>,
 }
 
-/// A bin of overlap.
+/// An overlap bin.
 #[derive(Clone, Debug)]
 pub struct OverlapBin {
     /// Its name.
     pub name: String,
-    /// From and to, in [0, 1].
+    /// Lower and upper edge, in [0, 1].
     pub edges: [f64; 2],
-    /// Scenes in it.
+    /// Number of scenes in it.
     pub scenes: u64,
 }
 
@@ -37,9 +37,9 @@ pub struct OverlapBin {
 pub struct OverlapSeries {
     /// Its name.
     pub label: String,
-    /// Overlap in [0, 1] and the mean of the scenes around it, by increasing overlap.
+    /// Overlap in [0, 1] and the mean of the scenes around it, ascending.
     pub points: Vec<(f64, Estimate)>,
-    /// Grey where published.
+    /// Published series are grey.
     pub origin: Origin,
 }
 
@@ -63,8 +63,8 @@ impl OverlapCurves {
                 drawing.rectangle(Extent::new(from, axes.inside.top, to, axes.inside.bottom), Fill::faint(GRID, 0.45));
             }
             let name = shortened(&format!("{} · {}", bin.name, bin.scenes), 12.0, false, to - from - 6.0);
-            drawing.words(
-                Words::new(name, [f64::midpoint(from, to), axes.inside.top + 12.0])
+            drawing.text(
+                TextLine::new(name, [f64::midpoint(from, to), axes.inside.top + 12.0])
                     .size(12.0)
                     .muted()
                     .side(Side::Middle),
@@ -97,7 +97,7 @@ impl OverlapCurves {
                 drawing.line([*end, [axes.inside.right + 12.0, *height]], Stroke::new(colour, 1.0));
                 let room = f64::from(drawing.size().0) - axes.inside.right - 24.0;
                 let name = shortened(&series.label, 13.0, false, room);
-                drawing.words(Words::new(name, [axes.inside.right + 16.0, *height]));
+                drawing.text(TextLine::new(name, [axes.inside.right + 16.0, *height]));
             }
         }
         drawing

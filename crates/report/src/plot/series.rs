@@ -2,20 +2,20 @@ use atsplat_metrics::{Definition, Direction};
 use serde::{Deserialize, Serialize};
 
 use super::axes::AxisText;
-use super::shape::{Drawing, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Fill, Side, Stroke, TextLine};
 use super::theme::{GREY, INK};
 
-/// Where a number comes from.
+/// The origin of a number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Origin {
-    /// A paper printed it.
+    /// Printed in a paper.
     Published,
-    /// This toolkit measured it.
+    /// Measured by this toolkit.
     Measured,
 }
 
-/// A mean, with what is known of its uncertainty.
+/// A mean with its uncertainty, if known.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimate {
     /// The mean.
@@ -24,24 +24,24 @@ pub struct Estimate {
     pub interval: Option<[f64; 2]>,
 }
 
-/// What an axis of quality shows.
+/// The metric of a quality axis.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Figure {
     /// Name in tables: `PSNR`.
     pub name: &'static str,
     /// Unit; empty for plain numbers.
     pub unit: &'static str,
-    /// Which way is better.
+    /// Which direction is better.
     pub direction: Direction,
 }
 
 impl Estimate {
-    /// A number alone.
+    /// A number without uncertainty.
     pub const fn exact(value: f64) -> Self {
         Self { value, interval: None }
     }
 
-    /// Every number that an axis has to show.
+    /// The value and the ends of the interval.
     pub(super) fn extent(self) -> impl Iterator<Item = f64> {
         [self.value].into_iter().chain(self.interval.into_iter().flatten())
     }
@@ -54,12 +54,12 @@ impl From<&Definition> for Figure {
 }
 
 impl Figure {
-    /// `PSNR in dB, more is better`.
+    /// `PSNR in dB, higher is better`.
     pub(super) fn title(self) -> String {
         let unit = if self.unit.is_empty() { String::new() } else { format!(" in {}", self.unit) };
         let better = match self.direction {
-            Direction::Higher => "more is better",
-            Direction::Lower => "less is better",
+            Direction::Higher => "higher is better",
+            Direction::Lower => "lower is better",
         };
         format!("{}{unit}, {better}", self.name)
     }
@@ -72,7 +72,7 @@ impl Figure {
         }
     }
 
-    /// As papers print it: decibels with two decimals, shares with three.
+    /// Formats a value as papers do: decibels with two decimals, other metrics with three.
     pub(super) fn print(self, value: f64) -> String {
         if self.unit == "dB" { format!("{value:.2}") } else { format!("{value:.3}") }
     }
@@ -83,7 +83,7 @@ pub(super) fn plain(title: &str) -> AxisText<'_> {
     AxisText { title, label: &super::scale::label }
 }
 
-/// A vertical whisker with ends.
+/// Draws a vertical error bar.
 pub(super) fn whisker(drawing: &mut Drawing, x: f64, [low, high]: [f64; 2], stroke: Stroke) {
     drawing.line([[x, low], [x, high]], stroke);
     for y in [low, high] {
@@ -91,14 +91,14 @@ pub(super) fn whisker(drawing: &mut Drawing, x: f64, [low, high]: [f64; 2], stro
     }
 }
 
-/// What full and hollow marks mean, on the right of the subtitle's line.
+/// Draws the legend of filled and hollow marks, at the upper right.
 pub(super) fn origin_key(drawing: &mut Drawing) {
     let (right, y) = (f64::from(drawing.width) - 24.0, 70.0);
-    let paper = Words::new("published", [right, y]).size(12.0).side(Side::Right);
+    let paper = TextLine::new("published", [right, y]).size(12.0).side(Side::Right);
     let left = paper.extent().left;
     drawing.ring([left - 10.0, y], 4.5, Stroke::new(GREY, 2.0));
-    let own = Words::new("measured", [left - 32.0, y]).size(12.0).side(Side::Right);
+    let own = TextLine::new("measured", [left - 32.0, y]).size(12.0).side(Side::Right);
     drawing.disc([own.extent().left - 10.0, y], 5.0, Fill::solid(INK));
-    drawing.words(paper);
-    drawing.words(own);
+    drawing.text(paper);
+    drawing.text(own);
 }
