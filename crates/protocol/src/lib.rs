@@ -31,8 +31,8 @@ pub use lint::{
     RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
 };
 pub use preset::{
-    AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, Filters, IndexMatch, IndexRule, LpipsConvention,
-    MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues, PoseNormalisation, Preset,
-    PsnrConvention, RendererConvention, RendererPrincipalPoint, SettingOf, SsimConvention,
+    AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, EffectiveSetting, Filters, IndexMatch, IndexRule,
+    LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues,
+    PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererPrincipalPoint, SsimConvention,
 };
 pub use samplers::NoEntry;

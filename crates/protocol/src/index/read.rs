@@ -99,6 +99,14 @@ impl Reading {
         result
     }
 
+    /// Stores the value of a field, which must occur once.
+    fn field<T, E: Error>(&self, name: &'static str, place: &mut Option<T>, value: Result<T, E>) -> Result<(), E> {
+        match place.replace(self.within(value, || Step::Field(name))?) {
+            None => Ok(()),
+            Some(_) => Err(E::custom(format!("it twice, expected the field {name} once"))),
+        }
+    }
+
     fn malformed(&self, error: &serde_json::Error) -> ProtocolError {
         let mut steps: Vec<String> = self.trail.borrow().iter().rev().map(Step::to_string).collect();
         steps.push(format!("line {} column {}", error.line(), error.column()));
@@ -126,14 +134,27 @@ fn shortened(text: &str) -> String {
     short
 }
 
-struct ScenesSeed<'a>(&'a Reading);
+/// Seeds that share a [`Reading`] and deserialize by themselves as visitors.
+macro_rules! seeds {
+    ($($name:ident: $value:ty, $deserialize:ident;)*) => {$(
+        struct $name<'a>(&'a Reading);
 
-impl<'de> DeserializeSeed<'de> for ScenesSeed<'_> {
-    type Value = IndexMap<String, Vec<IndexEntry>>;
+        impl<'de> DeserializeSeed<'de> for $name<'_> {
+            type Value = $value;
 
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_map(self)
-    }
+            fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+                deserializer.$deserialize(self)
+            }
+        }
+    )*};
+}
+
+seeds! {
+    ScenesSeed: IndexMap<String, Vec<IndexEntry>>, deserialize_map;
+    SceneSeed: Vec<IndexEntry>, deserialize_any;
+    EntrySeed: IndexEntry, deserialize_map;
+    FramesSeed: Vec<usize>, deserialize_seq;
+    OverlapSeed: Option<f64>, deserialize_any;
 }
 
 impl<'de> Visitor<'de> for ScenesSeed<'_> {
@@ -159,16 +180,6 @@ impl<'de> Visitor<'de> for ScenesSeed<'_> {
             }
         }
         Ok(scenes)
-    }
-}
-
-struct SceneSeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for SceneSeed<'_> {
-    type Value = Vec<IndexEntry>;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_any(self)
     }
 }
 
@@ -210,16 +221,6 @@ impl<'de> Visitor<'de> for SceneSeed<'_> {
     }
 }
 
-struct EntrySeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for EntrySeed<'_> {
-    type Value = IndexEntry;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_map(self)
-    }
-}
-
 impl<'de> Visitor<'de> for EntrySeed<'_> {
     type Value = IndexEntry;
 
@@ -230,25 +231,13 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
         let Self(reading) = self;
         let (mut context, mut target, mut overlap, mut estimator) = (None, None, None, None);
-        while let Some(name) = map.next_key::<FieldName>()? {
-            match name {
-                FieldName::Context => {
-                    let frames = map.next_value_seed(FramesSeed(reading));
-                    once("context", &mut context, reading.within(frames, || Step::Field("context"))?)?;
-                }
-                FieldName::Target => {
-                    let frames = map.next_value_seed(FramesSeed(reading));
-                    once("target", &mut target, reading.within(frames, || Step::Field("target"))?)?;
-                }
-                FieldName::Overlap => {
-                    let value = map.next_value_seed(OverlapSeed(reading));
-                    once("overlap", &mut overlap, reading.within(value, || Step::Field("overlap"))?)?;
-                }
-                FieldName::Estimator => {
-                    let name = reading.within(map.next_value::<Option<String>>(), || Step::Field(ESTIMATOR))?;
-                    once(ESTIMATOR, &mut estimator, name)?;
-                }
-                FieldName::Other(name) => {
+        while let Some(name) = map.next_key::<String>()? {
+            match name.as_str() {
+                "context" => reading.field("context", &mut context, map.next_value_seed(FramesSeed(reading)))?,
+                "target" => reading.field("target", &mut target, map.next_value_seed(FramesSeed(reading)))?,
+                "overlap" => reading.field("overlap", &mut overlap, map.next_value_seed(OverlapSeed(reading)))?,
+                ESTIMATOR => reading.field(ESTIMATOR, &mut estimator, map.next_value::<Option<String>>())?,
+                _ => {
                     map.next_value::<IgnoredAny>()?;
                     *reading.notices.borrow_mut().unknown_fields.entry(name).or_default() += 1;
                 }
@@ -275,57 +264,8 @@ fn absent<E: Error>(field: &str) -> E {
     E::custom(format!("an entry without it, expected the field {field}"))
 }
 
-fn once<T, E: Error>(field: &str, place: &mut Option<T>, value: T) -> Result<(), E> {
-    match place.replace(value) {
-        None => Ok(()),
-        Some(_) => Err(E::custom(format!("it twice, expected the field {field} once"))),
-    }
-}
-
 /// Which estimator measured an entry's overlap: a field of this toolkit, which published loaders ignore.
 const ESTIMATOR: &str = "overlap_estimator";
-
-enum FieldName {
-    Context,
-    Target,
-    Overlap,
-    Estimator,
-    Other(String),
-}
-
-impl<'de> Deserialize<'de> for FieldName {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NameVisitor;
-        impl Visitor<'_> for NameVisitor {
-            type Value = FieldName;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a field name")
-            }
-
-            fn visit_str<E: Error>(self, name: &str) -> Result<FieldName, E> {
-                Ok(match name {
-                    "context" => FieldName::Context,
-                    "target" => FieldName::Target,
-                    "overlap" => FieldName::Overlap,
-                    ESTIMATOR => FieldName::Estimator,
-                    other => FieldName::Other(other.to_owned()),
-                })
-            }
-        }
-        deserializer.deserialize_identifier(NameVisitor)
-    }
-}
-
-struct FramesSeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for FramesSeed<'_> {
-    type Value = Vec<usize>;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_seq(self)
-    }
-}
 
 impl<'de> Visitor<'de> for FramesSeed<'_> {
     type Value = Vec<usize>;
@@ -364,16 +304,6 @@ impl<'de> Deserialize<'de> for Frame {
             }
         }
         deserializer.deserialize_u64(FrameVisitor)
-    }
-}
-
-struct OverlapSeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for OverlapSeed<'_> {
-    type Value = Option<f64>;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_any(self)
     }
 }
 

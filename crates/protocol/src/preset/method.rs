@@ -26,9 +26,9 @@ pub struct MethodSetting {
     pub source: String,
 }
 
-/// The pose normalisation and planes that one method uses.
+/// The settings that a method uses: its published ones, or the preset's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SettingOf<'a> {
+pub struct EffectiveSetting<'a> {
     /// Pose normalisation.
     pub pose_normalisation: &'a PoseNormalisation,
     /// Near and far plane.
@@ -37,13 +37,13 @@ pub struct SettingOf<'a> {
 
 impl Preset {
     /// The settings of `method`: the ones it published, or else the preset's. Names are case-insensitive.
-    pub fn setting_of(&self, method: &str) -> SettingOf<'_> {
+    pub fn setting_of(&self, method: &str) -> EffectiveSetting<'_> {
         let published = self.methods.iter().find(|setting| setting.method.eq_ignore_ascii_case(method));
         match published {
             Some(MethodSetting { pose_normalisation, near_far, .. }) => {
-                SettingOf { pose_normalisation, near_far: *near_far }
+                EffectiveSetting { pose_normalisation, near_far: *near_far }
             }
-            None => SettingOf { pose_normalisation: &self.pose_normalisation, near_far: self.near_far },
+            None => EffectiveSetting { pose_normalisation: &self.pose_normalisation, near_far: self.near_far },
         }
     }
 }

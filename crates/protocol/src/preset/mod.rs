@@ -21,7 +21,7 @@ use serde::{Deserialize, Serialize};
 pub use atsplat_camera::{MeanCameraScale, PoseNormalisation};
 pub use filters::{DropReason, Dropped, Filters};
 pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
-pub use method::{MethodSetting, NearFar, SettingOf};
+pub use method::{EffectiveSetting, MethodSetting, NearFar};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
 
@@ -187,6 +187,8 @@ fn malformed_toml(text: &str, error: &toml::de::Error) -> ProtocolError {
 
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     fn all() -> Vec<Preset> {
@@ -202,32 +204,12 @@ mod tests {
     }
 
     #[test]
-    fn lists_all_built_in_presets() {
-        let expected = [
-            "re10k-2v-256",
-            "re10k-overlap",
-            "acid-2v-256",
-            "dl3dv-2v-256x448",
-            "dl3dv-4v-256x448",
-            "dl3dv-6v-256x448",
-            "dl3dv-12v-512x960",
-            "dl3dv-6v-224",
-            "re10k-to-dl3dv-256",
-            "dl3dv-6v-extrapolation",
-            "re10k-extrapolation",
-            "photos-3v-256",
-            "rooms-2v-128",
-            "rooms-overlap-128",
-            "rooms-extrapolation-128",
-            "yards-2v-128x224",
-            "yards-4v-128x224",
-            "yards-6v-128x224",
-            "yards-12v-256x480",
-            "yards-6v-112",
-            "rooms-to-yards-128",
-            "yards-6v-extrapolation",
-        ];
-        assert_eq!(Preset::names().collect::<Vec<_>>(), expected);
+    fn every_preset_file_is_built_in() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/presets");
+        let files = fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+        let presets = files.filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
+        let names: BTreeSet<String> = presets.map(|path| path.file_stem().unwrap().display().to_string()).collect();
+        assert_eq!(names, Preset::names().map(str::to_owned).collect());
     }
 
     #[test]
@@ -254,7 +236,7 @@ mod tests {
 
     #[test]
     fn hashes_distinguish_presets_and_ignore_prose() {
-        let hashes: std::collections::BTreeSet<_> = all().iter().map(|preset| preset.hash().unwrap()).collect();
+        let hashes: BTreeSet<_> = all().iter().map(|preset| preset.hash().unwrap()).collect();
         assert_eq!(hashes.len(), Preset::names().count(), "every preset is a different protocol");
         let preset = Preset::named("re10k-2v-256").unwrap();
         let mut reworded = preset.clone();

@@ -70,8 +70,8 @@ fn cells(table: &Table, row: &Row, measured: bool) -> Vec<String> {
         }
     };
     cells.extend(measured.then_some(origin));
-    cells.extend(table.columns().map(|((group, at), column)| {
-        let Some(cell) = row.cells.get(group).and_then(|cells| cells.get(at)) else { return String::new() };
+    cells.extend(table.columns().map(|(place, column)| {
+        let cell = row.cell(place);
         let text = escaped(&cell.print(column)).replace('–', "--");
         match cell.mark {
             Mark::Best => format!("\\textbf{{{text}}}"),

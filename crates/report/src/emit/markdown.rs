@@ -1,4 +1,4 @@
-use crate::table::{Mark, Row, Table};
+use crate::table::{Cell, Column, Mark, Table};
 
 /// A heading, a table in GitHub's Markdown, and the notes as a list. Column headings include the group: `PSNR ↑, 2 views`.
 pub(super) fn write(table: &Table) -> String {
@@ -19,7 +19,7 @@ pub(super) fn write(table: &Table) -> String {
     for row in &table.rows {
         let mut cells: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
         cells.extend(measured.then(|| row.origin_text().to_owned()));
-        cells.extend(numbers(table, row));
+        cells.extend(table.columns().map(|(place, column)| number(row.cell(place), column)));
         text.push_str(&line(&cells));
     }
     text.push('\n');
@@ -29,17 +29,13 @@ pub(super) fn write(table: &Table) -> String {
     text
 }
 
-fn numbers(table: &Table, row: &Row) -> Vec<String> {
-    let of = |((group, at), column): ((usize, usize), _)| {
-        let Some(cell) = row.cells.get(group).and_then(|cells| cells.get(at)) else { return String::new() };
-        let text = escaped(&cell.print(column));
-        match cell.mark {
-            Mark::Best => format!("**{text}**"),
-            Mark::Second => format!("<u>{text}</u>"),
-            Mark::Plain => text,
-        }
-    };
-    table.columns().map(of).collect()
+fn number(cell: &Cell, column: &Column) -> String {
+    let text = escaped(&cell.print(column));
+    match cell.mark {
+        Mark::Best => format!("**{text}**"),
+        Mark::Second => format!("<u>{text}</u>"),
+        Mark::Plain => text,
+    }
 }
 
 /// Escapes Markdown, HTML and cell separators.

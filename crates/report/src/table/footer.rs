@@ -125,11 +125,9 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
             notes.add(NoteKind::Convention, format!("{}: {}{weights}", metric.name, metric.convention));
         }
     }
-    for ((group, at), column) in table.columns() {
-        for cell in table.rows.iter().filter_map(|row| row.cells.get(group)?.get(at)) {
-            if let Some(reason) = &cell.not_computed {
-                notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
-            }
+    for (place, column) in table.columns() {
+        for reason in table.rows.iter().filter_map(|row| row.cell(place).not_computed.as_ref()) {
+            notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
         }
     }
 }
@@ -179,7 +177,7 @@ fn times(notes: &mut Notes, table: &Table) {
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
-        let Some(text) = counts_of(&own.columns, row.cells.get(group).map_or(&[], Vec::as_slice)) else { continue };
+        let Some(text) = counts_of(&own.columns, &row.cells[group]) else { continue };
         match by_text.iter_mut().find(|(_, known)| *known == text) {
             Some((groups, _)) => groups.push(&own.title),
             None => by_text.push((vec![&own.title], text)),
@@ -219,12 +217,12 @@ fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
 fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
     let mut groups: Vec<String> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
-        let cells = own.columns.iter().zip(row.cells.get(group).into_iter().flatten());
+        let cells = own.columns.iter().zip(&row.cells[group]);
         let intervals: Vec<String> = cells
             .filter_map(|(column, cell)| {
                 let (Value::Number(_), Some([low, high])) = (&cell.value, cell.interval) else { return None };
-                let print = |value| column.quantity.print(value, column.exact);
-                Some(format!("{} {} [{}, {}]", column.title, cell.print(column), print(low), print(high)))
+                let (low, high) = (column.format(low), column.format(high));
+                Some(format!("{} {} [{low}, {high}]", column.title, cell.print(column)))
             })
             .collect();
         if !intervals.is_empty() {
@@ -239,9 +237,8 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
 }
 
 fn name(row: &Row) -> String {
-    let labels: Vec<&str> = row.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
     let leaked = if row.without_leaked { " ‡" } else { "" };
-    format!("{}{leaked}", labels.join(", "))
+    format!("{}{leaked}", row.names().join(", "))
 }
 
 /// The first 12 characters of a hash.

@@ -242,6 +242,9 @@ impl Value {
     }
 }
 
+/// The position of a column: group, and column in the group.
+pub(crate) type Place = (usize, usize);
+
 /// Marks times measured on a busy machine.
 pub(crate) const BUSY: &str = "§";
 
@@ -254,10 +257,8 @@ impl Cell {
     /// The printed text.
     pub fn print(&self, column: &Column) -> String {
         match (&self.value, &self.not_computed) {
-            (Value::Number(number), _) if self.is_busy() => {
-                format!("{} {BUSY}", column.quantity.print(*number, column.exact))
-            }
-            (Value::Number(number), _) => column.quantity.print(*number, column.exact),
+            (Value::Number(number), _) if self.is_busy() => format!("{} {BUSY}", column.format(*number)),
+            (Value::Number(number), _) => column.format(*number),
             (Value::Text(text), _) => text.clone(),
             (Value::Absent, Some(_)) => "n/c".to_owned(),
             (Value::Absent, None) => "–".to_owned(),
@@ -266,6 +267,11 @@ impl Cell {
 }
 
 impl Column {
+    /// Formats a number of the column as papers do.
+    pub(crate) fn format(&self, value: f64) -> String {
+        self.quantity.print(value, self.exact)
+    }
+
     /// The heading, with an arrow in the better direction.
     pub fn head(&self) -> String {
         match self.direction {
@@ -277,6 +283,16 @@ impl Column {
 }
 
 impl Row {
+    /// The cell of a column; rows have a cell for every column of their table.
+    pub(crate) fn cell(&self, (group, column): Place) -> &Cell {
+        &self.cells[group][column]
+    }
+
+    /// The labels that are not empty.
+    pub(crate) fn names(&self) -> Vec<&str> {
+        self.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect()
+    }
+
     /// `paper`, or `measured` with the marks of the row.
     pub fn origin_text(&self) -> &'static str {
         match (self.origin, self.untrained, self.without_leaked) {
@@ -295,9 +311,13 @@ impl Table {
         self.rows.iter().any(|row| row.origin == Origin::Measured)
     }
 
-    /// Every column with its position: group, column.
-    pub fn columns(&self) -> impl Iterator<Item = ((usize, usize), &Column)> {
+    /// Every column with its position: group, and column in the group.
+    pub fn columns(&self) -> impl Iterator<Item = (Place, &Column)> {
         let groups = self.groups.iter().enumerate();
         groups.flat_map(|(group, own)| own.columns.iter().enumerate().map(move |(at, column)| ((group, at), column)))
+    }
+
+    pub(crate) fn column(&self, (group, column): Place) -> &Column {
+        &self.groups[group].columns[column]
     }
 }

@@ -2,7 +2,7 @@ use std::cmp::Ordering;
 
 use atsplat_metrics::Direction;
 
-use super::{Mark, Row, Table};
+use super::{Mark, Place, Row, Table};
 use crate::definition::Marks;
 use crate::plot::Origin;
 
@@ -15,9 +15,9 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) {
     if marks == Marks::None {
         return;
     }
-    let places: Vec<(usize, usize)> = table.columns().map(|(place, _)| place).collect();
-    for place in places {
-        let Some(direction) = direction(table, place) else { continue };
+    let directed: Vec<(Place, Direction)> =
+        table.columns().filter_map(|(place, column)| Some((place, column.direction?))).collect();
+    for (place, direction) in directed {
         let rankings: &[&dyn Fn(&Row) -> bool] = if one_ranking {
             &[&|_| true]
         } else {
@@ -29,17 +29,7 @@ pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) {
     }
 }
 
-fn direction(table: &Table, (group, column): (usize, usize)) -> Option<Direction> {
-    table.groups.get(group)?.columns.get(column)?.direction
-}
-
-fn rank_column(
-    table: &mut Table,
-    place: (usize, usize),
-    direction: Direction,
-    marks: Marks,
-    included: &dyn Fn(&Row) -> bool,
-) {
+fn rank_column(table: &mut Table, place: Place, direction: Direction, marks: Marks, included: &dyn Fn(&Row) -> bool) {
     let ranked = |row: &Row| included(row) && !row.untrained && !row.without_leaked;
     let mut printed: Vec<(usize, f64)> = Vec::new();
     for (at, row) in table.rows.iter().enumerate().filter(|(_, row)| ranked(row)) {
@@ -75,11 +65,11 @@ fn rank_column(
 }
 
 /// The number as printed; counts truncated to thousands are compared as such.
-fn printed_value(table: &Table, row: &Row, (group, column): (usize, usize)) -> Option<f64> {
-    let cell = row.cells.get(group)?.get(column)?;
+fn printed_value(table: &Table, row: &Row, place: Place) -> Option<f64> {
+    let cell = row.cell(place);
     // A time measured on a busy machine is not ranked.
     cell.value.number().filter(|_| !cell.is_busy())?;
-    let text = cell.print(table.groups.get(group)?.columns.get(column)?);
+    let text = cell.print(table.column(place));
     match text.strip_suffix('K') {
         Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),
         None => text.parse().ok(),

@@ -2,7 +2,7 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 
-use super::{Column, NoteKind, Row, Table};
+use super::{Column, NoteKind, Place, Row, Table};
 use crate::definition::Quantity;
 use crate::plot::Origin;
 
@@ -73,17 +73,16 @@ pub fn verdict(table: &Table) -> Verdict {
         if column.quantity == Quantity::Seconds {
             continue;
         }
-        let of = |row: &Row| row.cells.get(place.0)?.get(place.1)?.value.number();
-        let figures: Vec<(f64, f64)> = pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, of(own)?))).collect();
-        verdict.compared += figures.len() as u64;
-        for (paper, own) in
-            pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, own.cells.get(place.0)?.get(place.1)?)))
-        {
-            let printed = own.value.number().map(|value| column.quantity.print(value, column.exact));
-            let alike = printed.is_some_and(|text| text == column.quantity.print(paper, column.exact));
-            let inside = own.interval.is_some_and(|[low, high]| (low..=high).contains(&paper));
+        let of = |row: &Row| row.cell(place).value.number();
+        let mut figures: Vec<(f64, f64)> = Vec::new();
+        for (paper, own) in &pairs {
+            let (Some(published), Some(measured)) = (of(paper), of(own)) else { continue };
+            figures.push((published, measured));
+            let alike = column.format(measured) == column.format(published);
+            let inside = own.cell(place).interval.is_some_and(|[low, high]| (low..=high).contains(&published));
             verdict.agreeing += u64::from(alike || inside);
         }
+        verdict.compared += figures.len() as u64;
         if column.direction.is_none() {
             continue;
         }
@@ -102,18 +101,16 @@ pub fn verdict(table: &Table) -> Verdict {
 
 /// The first metric that both have, or the first column.
 fn headline(table: &Table, paper: &Row, own: &Row) -> Option<Headline> {
-    let figures = |(group, at): (usize, usize), column: &Column| {
-        let of = |row: &Row| row.cells.get(group)?.get(at)?.value.number();
-        let print = |value| column.quantity.print(value, column.exact);
-        Some((column.quantity, print(of(own)?), print(of(paper)?)))
+    let figures = |place: Place, column: &Column| {
+        let print = |row: &Row| row.cell(place).value.number().map(|value| column.format(value));
+        Some((column.quantity, print(own)?, print(paper)?))
     };
     let both: Vec<_> = table.columns().filter_map(|(place, column)| figures(place, column)).collect();
     let is_metric = |quantity: Quantity| matches!(quantity, Quantity::Metric(_));
     let (first, ..) = both.iter().find(|(quantity, ..)| is_metric(*quantity)).or(both.first())?;
     let own = both.iter().filter(|(quantity, ..)| quantity == first);
     let (measured, published) = own.map(|(_, own, paper)| (own.clone(), paper.clone())).unzip();
-    let labels: Vec<&str> = paper.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
-    Some(Headline { row: labels.join(" "), quantity: first.title(), measured, published })
+    Some(Headline { row: paper.names().join(" "), quantity: first.title(), measured, published })
 }
 
 impl std::fmt::Display for Verdict {
