@@ -11,7 +11,7 @@ use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin, OverlapBin, OverlapCurves, OverlapSeries,
     ScatterPoint, SceneScatter, StageTime, StageTimeRow,
 };
-use crate::table::{BUSY, Source};
+use crate::table::{BUSY, Source, has_trials};
 
 /// The plots of each protocol in a store, by name: overlap, extrapolation and scatter plots of the first computed metric,
 /// and time.
@@ -45,35 +45,20 @@ impl<'a> View<'a> {
     }
 
     fn methods(&self) -> impl Iterator<Item = &'a MethodRecord> {
-        let ran = |method: &&MethodRecord| {
-            self.results
-                .trials
-                .iter()
-                .any(|trial| trial.key.preset == self.preset.name && trial.key.method == method.name)
-        };
+        let ran = |method: &&MethodRecord| has_trials(self.results, &self.preset.name, &method.name);
         self.results.provenance.methods.iter().filter(ran)
     }
 
     fn metric(&self) -> Option<&'static Definition> {
-        let scored = |metric: &&Definition| {
-            self.results
-                .targets
-                .iter()
-                .any(|row| row.key.preset == self.preset.name && row.scores.contains_key(metric.id))
-        };
-        definitions().iter().find(scored)
+        let targets = || self.results.targets.iter().filter(|row| row.key.preset == self.preset.name);
+        definitions().iter().find(|metric| targets().any(|row| row.scores.contains_key(metric.id)))
     }
 
     fn overlap(&self, metric: &'static Definition) -> Result<Option<Drawing>, ReportError> {
         const STEPS: usize = 10;
         let Some(bins) = self.preset.protocol()?.overlap_bins else { return Ok(None) };
-        let overlaps: Vec<f64> = self
-            .results
-            .trials
-            .iter()
-            .filter(|trial| trial.key.preset == self.preset.name)
-            .filter_map(|trial| trial.overlap)
-            .collect();
+        let trials = || self.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name);
+        let overlaps: Vec<f64> = trials().filter_map(|trial| trial.overlap).collect();
         let estimators = &self.preset.overlap_estimators;
         let own = bins.foreign(estimators).map(|_| OverlapBins::thirds(&overlaps, &estimators.join(" and ")));
         let by = own.as_ref().and_then(OverlapBins::estimator);
@@ -91,14 +76,11 @@ impl<'a> View<'a> {
             OverlapSeries { label: method.title.clone(), points: points.collect(), origin: Origin::Measured }
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
+        let first_method = self.methods().next().map(|method| method.name.as_str());
         let scenes = |name: &str| {
-            let distinct = self.methods().next().map(|method| method.name.as_str());
-            let trials =
-                self.results.trials.iter().filter(|trial| {
-                    trial.key.preset == self.preset.name && Some(trial.key.method.as_str()) == distinct
-                });
-            trials.filter(|trial| trial.overlap.is_some_and(|overlap| bins.name_of(overlap) == Some(name))).count()
-                as u64
+            let of_method = trials().filter(|trial| Some(trial.key.method.as_str()) == first_method);
+            let overlaps = of_method.filter_map(|trial| trial.overlap);
+            overlaps.filter(|overlap| bins.name_of(*overlap) == Some(name)).count() as u64
         };
         let shown = bins.names().iter().zip(bins.edges().windows(2)).map(|(name, edges)| OverlapBin {
             name: name.clone(),

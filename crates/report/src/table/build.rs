@@ -5,7 +5,7 @@ use super::edition::{Edition, Part, editions};
 use super::footer::footer;
 use super::measure::{cells, has_leaked};
 use super::rank::rank;
-use super::{Cell, Column, Group, Row, Source, Table, Value};
+use super::{Cell, Column, Group, Row, Source, Table, Value, has_trials};
 use crate::ReportError;
 use crate::definition::{
     ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, is_ablation,
@@ -133,10 +133,9 @@ fn all_methods<'a>(edition: &Edition<'a>) -> Vec<Candidate<'a>> {
     let mut methods: Vec<Candidate<'a>> = Vec::new();
     for part in &edition.parts {
         for record in &part.source.results.provenance.methods {
-            let known =
-                methods.iter().any(|other| other.store == part.source.label && other.record.name == record.name);
-            if !known {
-                methods.push(Candidate { store: part.source.label, record });
+            let store = part.source.label;
+            if !methods.iter().any(|other| other.store == store && other.record.name == record.name) {
+                methods.push(Candidate { store, record });
             }
         }
     }
@@ -145,8 +144,7 @@ fn all_methods<'a>(edition: &Edition<'a>) -> Vec<Candidate<'a>> {
 
 /// The methods that reproduce a row; a single `None` if each group has its own method.
 fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDefinition) -> Vec<Option<Candidate<'a>>> {
-    let several = definition.groups.iter().filter(|group| group.method.is_some()).count() > 1;
-    if several {
+    if definition.groups.iter().filter(|group| group.method.is_some()).count() > 1 {
         return vec![None];
     }
     let rule = row.method.as_ref().or_else(|| definition.groups.iter().find_map(|group| group.method.as_ref()));
@@ -179,13 +177,7 @@ fn measured(
                         records.iter().find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record)))
                     }
                 };
-                let ran = |record: &&MethodRecord| {
-                    part.source
-                        .results
-                        .trials
-                        .iter()
-                        .any(|trial| trial.key.preset == part.preset.name && trial.key.method == record.name)
-                };
+                let ran = |record: &&MethodRecord| has_trials(part.source.results, &part.preset.name, &record.name);
                 Some((part, record.filter(ran)?))
             })
         })
@@ -193,35 +185,26 @@ fn measured(
     if chosen.iter().all(Option::is_none) {
         return Vec::new();
     }
-    let empty = |group: &ColumnGroup| vec![Cell::default(); group.columns.len()];
     let cells_of = |leaked| -> Vec<Vec<Cell>> {
-        let pairs = definition.groups.iter().zip(&chosen);
-        pairs
-            .map(|(group, chosen)| {
-                chosen.map_or_else(
-                    || empty(group),
-                    |(part, record)| cells(part, &record.name, group, (leaked, edition.forced)),
-                )
-            })
-            .collect()
+        let groups = definition.groups.iter().zip(&chosen).map(|(group, chosen)| match chosen {
+            Some((part, record)) => cells(part, &record.name, group, leaked, edition.forced),
+            None => vec![Cell::default(); group.columns.len()],
+        });
+        groups.collect()
     };
-    let untrained = chosen.iter().flatten().any(|(_, record)| record.untrained);
     let row = |leaked: Leaked| Row {
         labels: labels(definition, edition, reproduced.map(|(_, row, _)| row), method),
         origin: Origin::Measured,
         answers: reproduced.map(|(at, _, _)| at),
         method: method.map(|method| method.record.name.clone()),
         store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
-        untrained,
+        untrained: chosen.iter().flatten().any(|(_, record)| record.untrained),
         without_leaked: leaked == Leaked::Excluded,
         rule_above: false,
         cells: cells_of(leaked),
     };
-    let has_metrics = definition
-        .groups
-        .iter()
-        .flat_map(|group| &group.columns)
-        .any(|column| matches!(column.quantity, Quantity::Metric(_)));
+    let mut columns = definition.groups.iter().flat_map(|group| &group.columns);
+    let has_metrics = columns.any(|column| matches!(column.quantity, Quantity::Metric(_)));
     let leaked = has_metrics && chosen.iter().flatten().any(|(part, record)| has_leaked(part, &record.name));
     let mut rows = vec![row(Leaked::Included)];
     if leaked {

@@ -95,7 +95,7 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
         .parts
         .iter()
         .flat_map(|part| &part.source.results.provenance.methods)
-        .filter_map(|method| Some((method.constants.as_deref()?, method.backend.as_deref().unwrap_or("cpu"))))
+        .filter_map(|method| Some((method.constants.as_deref()?, method.backend.as_deref().unwrap_or("not recorded"))))
         .collect();
     for (constants, backend) in constants {
         notes.add(NoteKind::Convention, format!("renderer: constants {constants}, backend {backend}"));

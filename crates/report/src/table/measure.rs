@@ -6,44 +6,35 @@ use super::{Cell, CellTiming, Counts, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
 
 /// The cells of a method under a preset for a group of columns.
-pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, (leaked, forced): (Leaked, bool)) -> Vec<Cell> {
+pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked, forced: bool) -> Vec<Cell> {
     let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.bin.is_some());
     if let Some(why) = bins.and_then(|bins| part.foreign_overlaps(bins)).filter(|_| !forced) {
         let cell = Cell { not_computed: Some(format!("{why}; --force bins them nevertheless")), ..Cell::default() };
         return vec![cell; group.columns.len()];
     }
-    let cost = cost(part.source.results, &part.preset.name, method);
+    let (results, preset) = (part.source.results, part.preset.name.as_str());
+    let cost = cost(results, preset, method);
     let cell = |column: &ColumnDefinition| match column.quantity {
-        Quantity::Seconds => of_times(times(part.source.results, &part.preset.name, method)),
-        _ => cell(part, method, group, column, leaked, &cost),
+        Quantity::Metric(metric) => {
+            metric_cell(part, &Question { preset, method, metric: metric.id, leaked }, group.bin.as_ref())
+        }
+        Quantity::Seconds => of_times(times(results, preset, method)),
+        quantity => of_cost(quantity, &cost),
     };
     group.columns.iter().map(cell).collect()
 }
 
-fn cell(
-    part: &Part<'_>,
-    method: &str,
-    group: &ColumnGroup,
-    column: &ColumnDefinition,
-    leaked: Leaked,
-    cost: &Cost,
-) -> Cell {
-    let Quantity::Metric(metric) = column.quantity else { return of_cost(column.quantity, cost) };
-    let question = Question { preset: &part.preset.name, method, metric: metric.id, leaked };
+fn metric_cell(part: &Part<'_>, question: &Question<'_>, bin: Option<&String>) -> Cell {
     let results = part.source.results;
-    let found = match (&group.bin, &part.protocol.overlap_bins) {
-        (None, _) => summary(results, &question, part.protocol.aggregation),
+    let found = match (bin, &part.protocol.overlap_bins) {
+        (None, _) => summary(results, question, part.protocol.aggregation),
         (Some(bin), Some(bins)) => {
-            let binned = by_overlap(results, &question, bins);
+            let binned = by_overlap(results, question, bins);
             let own = binned.bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
             own.or_else(|| (bin == "average").then_some(binned.average)).unwrap_or_default()
         }
         (Some(_), None) => Summary::default(),
     };
-    of_summary(found)
-}
-
-fn of_summary(found: Summary) -> Cell {
     let counts = Counts {
         scenes: found.scenes,
         targets: found.targets,

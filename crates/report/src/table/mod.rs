@@ -245,6 +245,11 @@ impl Value {
 /// The position of a column: group, and column in the group.
 pub(crate) type Place = (usize, usize);
 
+/// Whether a method has trials under a preset.
+pub(crate) fn has_trials(results: &Results, preset: &str, method: &str) -> bool {
+    results.trials.iter().any(|trial| trial.key.preset == preset && trial.key.method == method)
+}
+
 /// Marks times measured on a busy machine.
 pub(crate) const BUSY: &str = "§";
 
