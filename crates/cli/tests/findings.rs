@@ -131,7 +131,7 @@ fn an_estimate_in_the_place_of_a_shipped_overlap_is_named_and_has_bins_of_its_ow
     let estimated = report("estimated", &[]);
     assert!(estimated.contains("measured by epipolar-ray") && estimated.contains("n/c"), "{estimated}");
     let forced = report("estimated", &["--force"]);
-    assert!(forced.contains("because that was asked for") && !forced.contains("n/c PSNR"), "{forced}");
+    assert!(forced.contains("because of --force") && !forced.contains("n/c PSNR"), "{forced}");
 }
 
 #[test]

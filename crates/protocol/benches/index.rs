@@ -1,7 +1,6 @@
 //! Reading, hashing, linting and writing an index of the size of pixelSplat's RE10K file: 7194 keys, a tenth of
 //! them null, 3 targets each.
 
-use std::fmt::Write;
 use std::hint::black_box;
 
 use atsplat_protocol::{IndexFile, LintOptions, lint_file};
@@ -12,9 +11,7 @@ const KEYS: u64 = 7194;
 
 /// Scene keys and frame numbers as long as the real ones; about 456 KB.
 fn index_text() -> String {
-    let mut text = String::from("{");
-    for at in 0..KEYS {
-        let separator = if at == 0 { "" } else { ", " };
+    let scene = |at: u64| {
         let key = at.wrapping_mul(0x9e37_79b9_7f4a_7c15);
         let first = key % 180;
         let entry = if at % 10 == 9 {
@@ -28,9 +25,9 @@ fn index_text() -> String {
                 first + 51
             )
         };
-        write!(text, "{separator}\"{key:016x}\": {entry}").unwrap_or_default();
-    }
-    text + "}"
+        format!("\"{key:016x}\": {entry}")
+    };
+    format!("{{{}}}", (0..KEYS).map(scene).collect::<Vec<_>>().join(", "))
 }
 
 fn index(c: &mut Criterion) {

@@ -1,10 +1,10 @@
 //! Epipolar-ray overlap of ten thousand camera pairs at the published grid, 320×180 rays each way.
-//! Pairs walk and turn as RE10K's do, so that overlaps spread over [0, 1].
+//! Pairs translate and rotate as RE10K's do, so that overlaps are spread over [0, 1].
 
-use atsplat_numeric::SplitMix64;
 use std::hint::black_box;
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
+use atsplat_numeric::SplitMix64;
 use atsplat_protocol::overlap::EpipolarRays;
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use glam::{DMat3, DVec3};

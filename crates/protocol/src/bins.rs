@@ -5,11 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::{EvaluationIndex, ProtocolError};
 
-/// Named intervals of overlap, and how a value at or beyond their edges is filed.
+/// Named intervals of overlap, with a rule for values at and beyond their edges.
 ///
-/// `n` bins have `n + 1` edges; bin `i` is `edges[i] < overlap ≤ edges[i + 1]`, the first bin closed below.
+/// `n` bins have `n + 1` edges; bin `i` is `edges[i] < overlap ≤ edges[i + 1]`, and the first bin includes its lower
+/// edge.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", try_from = "Written")]
+#[serde(rename_all = "kebab-case", try_from = "UncheckedBins")]
 pub struct OverlapBins {
     rule: BinRule,
     names: Vec<String>,
@@ -22,7 +23,7 @@ pub struct OverlapBins {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BinRule {
-    /// As NoPoSplat's tagger does it (`src/misc/utils.py:38-48`): `if e₀ ≤ o ≤ e₁ … elif o ≤ e₂ …`, so that a
+    /// As NoPoSplat's tagger (`src/misc/utils.py:38-48`): `if e₀ ≤ o ≤ e₁ … elif o ≤ e₂ …`, so that a
     /// value below the first edge falls into the *second* bin. With the published edges, 3 of 5601 RE10K
     /// scenes and 4 of 1341 ACID scenes of small overlap count as medium.
     Published,
@@ -30,7 +31,7 @@ pub enum BinRule {
     Strict,
 }
 
-/// Where one overlap value belongs.
+/// Where an overlap value falls.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum BinPlace {
     /// In the bin at this position of [`OverlapBins::names`].
@@ -41,15 +42,15 @@ pub enum BinPlace {
     Above,
 }
 
-/// How many of an index's scenes fall where; an entry counts, where a scene has several.
+/// The number of an index's entries in each bin and outside the bins.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BinCounts {
-    /// The rule that was applied.
+    /// The rule applied.
     pub rule: BinRule,
     /// Each bin's count, in the bins' order.
     pub bins: Vec<BinCount>,
-    /// Entries below the first edge that the rule puts into no bin.
+    /// Entries below the first edge that the rule puts in no bin.
     pub below: u64,
     /// Entries above the last edge.
     pub above: u64,
@@ -57,7 +58,7 @@ pub struct BinCounts {
     pub without_overlap: u64,
 }
 
-/// How many entries one bin holds.
+/// The number of entries in one bin.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BinCount {
@@ -67,42 +68,44 @@ pub struct BinCount {
     pub count: u64,
 }
 
-/// The mean of a score in each bin, and over all scenes that are in a bin.
+/// The mean of a score in each bin, and over all scenes that fall in a bin.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct BinnedMean {
     /// Number of values and their mean for each bin, in the bins' order; no mean without values.
     pub bins: Vec<(u64, Option<f64>)>,
-    /// The "Average" column: the mean over *scenes*, so a bin weighs as much as it has scenes; not the mean
+    /// The "Average" column: the mean over *scenes*, so that bins are weighted by their number of scenes; not the mean
     /// of the bins' means (NoPoSplat `src/evaluation/metric_computer.py:116-158`). `None` without values.
     pub average: Option<f64>,
-    /// Values in no bin, which count nowhere.
+    /// Values in no bin, which are ignored.
     pub ignored: u64,
 }
 
 impl OverlapBins {
-    /// Bins by name between strictly increasing edges.
+    /// Named bins between strictly increasing edges.
     ///
     /// # Errors
-    /// [`ProtocolError::Bins`] unless there is at least one bin, one more edge than names, edges that are
-    /// finite and increase, and no name twice or empty.
+    /// [`ProtocolError::Bins`] unless there are at least one bin, one more edge than names, finite and strictly
+    /// increasing edges, and distinct names that are not empty.
     pub fn new(rule: BinRule, names: Vec<String>, edges: Vec<f64>) -> Result<Self, ProtocolError> {
-        let refuse = |expected, found: String| Err(ProtocolError::Bins { expected, found });
+        let invalid = |expected, found: String| Err(ProtocolError::Bins { expected, found });
         if names.is_empty() || edges.len() != names.len() + 1 {
-            return refuse("at least one name and one more edge", format!("{} and {}", names.len(), edges.len()));
+            let found = format!("{} names and {} edges", names.len(), edges.len());
+            return invalid("at least one name, and one more edge than names", found);
         }
         let increasing = edges.windows(2).all(|pair| matches!(pair, [low, high] if low < high));
         if !increasing || !edges.iter().all(|edge| edge.is_finite()) {
-            return refuse("finite edges that increase", format!("{edges:?}"));
+            return invalid("finite edges that increase", format!("{edges:?}"));
         }
         let repeated = names.iter().enumerate().find(|(at, name)| name.is_empty() || names[..*at].contains(name));
         match repeated {
-            Some((_, name)) => refuse("names that differ", format!("{name:?} again or empty")),
+            Some((_, name)) if name.is_empty() => invalid("names that are not empty", "an empty name".to_owned()),
+            Some((_, name)) => invalid("distinct names", format!("{name:?} twice")),
             None => Ok(Self { rule, names, edges, estimator: None }),
         }
     }
 
-    /// NoPoSplat's bins: small 0.05–0.3, medium –0.55, large –0.8, of overlaps by dense matching with `RoMa`.
+    /// NoPoSplat's bins, for overlaps by dense matching with `RoMa`: small 0.05–0.3, medium –0.55, large –0.8.
     pub fn noposplat(rule: BinRule) -> Self {
         Self {
             rule,
@@ -112,8 +115,8 @@ impl OverlapBins {
         }
     }
 
-    /// Bins for values of an estimator that nobody published edges for: `low`, `middle` and `high`, a third of the
-    /// values in each; fewer where too many values are equal. Without values, thirds of the range.
+    /// Bins for an estimator without published edges: `low`, `middle` and `high`, with a third of the values in each;
+    /// fewer bins if too many values are equal. Without values, thirds of [0, 1].
     pub fn thirds(values: &[f64], estimator: &str) -> Self {
         let mut sorted = values.to_vec();
         sorted.sort_unstable_by(f64::total_cmp);
@@ -135,23 +138,23 @@ impl OverlapBins {
         Self { rule, ..self.clone() }
     }
 
-    /// What measured the overlaps that the edges were published for; `None` where nobody says.
+    /// The estimator of the overlaps that the edges were published for; `None` if unknown.
     pub fn estimator(&self) -> Option<&str> {
         self.estimator.as_deref()
     }
 
-    /// The same bins for overlaps of any origin.
+    /// The same bins for overlaps of any estimator.
     pub(crate) fn without_estimator(self) -> Self {
         Self { estimator: None, ..self }
     }
 
-    /// The first of an index's recorded estimators that these bins were not published for.
+    /// The first of an index's recorded estimators for which these bins were not published.
     pub fn foreign<'a>(&self, estimators: &'a [String]) -> Option<&'a str> {
         let own = self.estimator.as_deref().or(estimators.first().map(String::as_str));
         estimators.iter().map(String::as_str).find(|name| Some(*name) != own)
     }
 
-    /// What happens below the first edge.
+    /// The rule for values below the first edge.
     pub const fn rule(&self) -> BinRule {
         self.rule
     }
@@ -161,37 +164,37 @@ impl OverlapBins {
         &self.names
     }
 
-    /// The edges: one more than there are bins, increasing.
+    /// The edges, increasing; one more than bins.
     pub fn edges(&self) -> &[f64] {
         &self.edges
     }
 
-    /// Where `overlap` belongs.
+    /// Where `overlap` falls.
     pub fn place(&self, overlap: f64) -> BinPlace {
-        let (Some(first), Some(second)) = (self.edges.first(), self.edges.get(1)) else { return BinPlace::Above };
-        if (*first..=*second).contains(&overlap) {
+        let (first, second) = (self.edges[0], self.edges[1]);
+        if (first..=second).contains(&overlap) {
             return BinPlace::Bin(0);
         }
-        if self.rule == BinRule::Strict && overlap < *first {
+        if self.rule == BinRule::Strict && overlap < first {
             return BinPlace::Below;
         }
         match self.edges.iter().skip(2).position(|upper| overlap <= *upper) {
             Some(later) => BinPlace::Bin(later + 1),
-            // A single published bin has no second one for the quirk to fall into.
-            None if overlap < *first => BinPlace::Below,
+            // With a single bin, the published rule has no second bin for values below the range.
+            None if overlap < first => BinPlace::Below,
             None => BinPlace::Above,
         }
     }
 
-    /// The name of the bin that `overlap` belongs to.
+    /// The name of the bin that `overlap` falls in.
     pub fn name_of(&self, overlap: f64) -> Option<&str> {
         match self.place(overlap) {
-            BinPlace::Bin(at) => self.names.get(at).map(String::as_str),
+            BinPlace::Bin(at) => Some(&self.names[at]),
             BinPlace::Below | BinPlace::Above => None,
         }
     }
 
-    /// How many entries of an index fall into each bin.
+    /// Counts the entries of an index in each bin.
     pub fn count(&self, index: &EvaluationIndex) -> BinCounts {
         let mut counts = BinCounts {
             rule: self.rule,
@@ -201,21 +204,18 @@ impl OverlapBins {
             without_overlap: 0,
         };
         for (_, _, entry) in index.entries() {
-            let count = match entry.overlap.as_ref().map(|overlap| self.place(overlap.value)) {
-                None => Some(&mut counts.without_overlap),
-                Some(BinPlace::Below) => Some(&mut counts.below),
-                Some(BinPlace::Above) => Some(&mut counts.above),
-                Some(BinPlace::Bin(at)) => counts.bins.get_mut(at).map(|bin| &mut bin.count),
-            };
-            if let Some(count) = count {
-                *count += 1;
-            }
+            *match entry.overlap.as_ref().map(|overlap| self.place(overlap.value)) {
+                None => &mut counts.without_overlap,
+                Some(BinPlace::Below) => &mut counts.below,
+                Some(BinPlace::Above) => &mut counts.above,
+                Some(BinPlace::Bin(at)) => &mut counts.bins[at].count,
+            } += 1;
         }
         counts
     }
 
-    /// Means of per-scene scores, given as `(overlap, score)` in a fixed order. A NaN score makes its bin's
-    /// mean and the average NaN: it is not skipped.
+    /// Means of per-scene scores, given as `(overlap, score)` in a fixed order. NaN scores are not skipped: they make
+    /// their bin's mean and the average NaN.
     pub fn mean(&self, scores: impl IntoIterator<Item = (f64, f64)>) -> BinnedMean {
         let mut sums = vec![(0u64, 0.0f64); self.names.len()];
         let (mut all, mut ignored) = ((0u64, 0.0f64), 0);
@@ -224,7 +224,7 @@ impl OverlapBins {
                 ignored += 1;
                 continue;
             };
-            for (count, sum) in sums.get_mut(at).into_iter().chain([&mut all]) {
+            for (count, sum) in [&mut sums[at], &mut all] {
                 *count += 1;
                 *sum += score;
             }
@@ -234,10 +234,10 @@ impl OverlapBins {
     }
 }
 
-/// [`OverlapBins`] before it is checked.
+/// [`OverlapBins`] before validation.
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct Written {
+struct UncheckedBins {
     rule: BinRule,
     names: Vec<String>,
     edges: Vec<f64>,
@@ -245,17 +245,16 @@ struct Written {
     estimator: Option<String>,
 }
 
-impl TryFrom<Written> for OverlapBins {
+impl TryFrom<UncheckedBins> for OverlapBins {
     type Error = ProtocolError;
 
-    fn try_from(written: Written) -> Result<Self, ProtocolError> {
-        let estimator = written.estimator;
-        Ok(Self { estimator, ..Self::new(written.rule, written.names, written.edges)? })
+    fn try_from(UncheckedBins { rule, names, edges, estimator }: UncheckedBins) -> Result<Self, ProtocolError> {
+        Ok(Self { estimator, ..Self::new(rule, names, edges)? })
     }
 }
 
 impl fmt::Display for BinCounts {
-    /// `small 1403, medium 2565, large 1630, below range 3`; zero counts outside the bins are left out.
+    /// `small 1403, medium 2565, large 1630, below range 3`; zero counts outside the bins are omitted.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let outside = [("below range", self.below), ("above range", self.above), ("without", self.without_overlap)];
         let bins = self.bins.iter().map(|bin| (bin.name.as_str(), bin.count));
@@ -275,7 +274,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn edges_and_the_published_quirk() {
+    fn bins_values_at_the_edges_by_both_rules() {
         let (published, strict) = (OverlapBins::noposplat(BinRule::Published), OverlapBins::noposplat(BinRule::Strict));
         for (overlap, in_published, in_strict) in [
             (0.0, Some("medium"), None),
@@ -296,19 +295,19 @@ mod tests {
     }
 
     #[test]
-    fn values_of_another_estimator_are_foreign() {
+    fn finds_estimators_the_bins_were_not_published_for() {
         let published = OverlapBins::noposplat(BinRule::Published);
         let recorded = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
-        assert_eq!(published.foreign(&recorded(&[])), None, "as the index ships them");
+        assert_eq!(published.foreign(&recorded(&[])), None, "an index that records no estimator");
         assert_eq!(published.foreign(&recorded(&["roma"])), None);
         assert_eq!(published.foreign(&recorded(&["epipolar-ray", "roma"])), Some("epipolar-ray"));
-        let unsaid = OverlapBins::new(BinRule::Strict, recorded(&["a"]), vec![0.0, 1.0]).unwrap();
-        assert_eq!(unsaid.foreign(&recorded(&["epipolar-ray"])), None);
-        assert_eq!(unsaid.foreign(&recorded(&["a", "b"])), Some("b"), "two estimators share no bins");
+        let any = OverlapBins::new(BinRule::Strict, recorded(&["a"]), vec![0.0, 1.0]).unwrap();
+        assert_eq!(any.foreign(&recorded(&["epipolar-ray"])), None);
+        assert_eq!(any.foreign(&recorded(&["a", "b"])), Some("b"), "two estimators share no bins");
     }
 
     #[test]
-    fn thirds_hold_a_third_each_and_ties_merge() {
+    fn thirds_hold_a_third_each_and_merge_ties() {
         let values: Vec<f64> = (0..9).map(|n| 0.1 * f64::from(n) + 0.05).collect();
         let bins = OverlapBins::thirds(&values, "epipolar-ray");
         let named = |value: &f64| bins.name_of(*value);
@@ -323,7 +322,7 @@ mod tests {
     }
 
     #[test]
-    fn bins_that_are_none_are_refused() {
+    fn rejects_invalid_names_and_edges() {
         let names = |names: &[&str]| names.iter().map(|name| (*name).to_owned()).collect::<Vec<_>>();
         for (names, edges) in [
             (names(&[]), vec![0.0]),
@@ -340,7 +339,7 @@ mod tests {
     }
 
     #[test]
-    fn one_published_bin_ignores_what_is_below() {
+    fn a_single_published_bin_ignores_values_below_it() {
         let bins = OverlapBins::new(BinRule::Published, vec!["only".to_owned()], vec![0.2, 0.4]).unwrap();
         assert_eq!([0.1, 0.3, 0.5].map(|o| bins.place(o)), [BinPlace::Below, BinPlace::Bin(0), BinPlace::Above]);
     }
@@ -361,7 +360,7 @@ mod tests {
             let scores = scene(0.1, small, 1403).chain(scene(0.4, medium, 2568)).chain(scene(0.7, large, 1630));
             let mean = bins.mean(scores);
             assert!(hundredth.accepts(mean.average.unwrap(), average), "{mean:?} against {average}");
-            assert!(!hundredth.accepts((small + medium + large) / 3.0, average), "the mean of bins is another number");
+            assert!(!hundredth.accepts((small + medium + large) / 3.0, average), "the plain mean of the bins differs");
         }
     }
 
@@ -375,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn toml_is_checked() {
+    fn validates_toml() {
         let good = "rule = \"strict\"\nnames = [\"low\", \"high\"]\nedges = [0.0, 0.5, 1.0]";
         let bins: OverlapBins = toml::from_str(good).unwrap();
         assert_eq!(bins.name_of(0.75), Some("high"));
@@ -384,9 +383,8 @@ mod tests {
     }
 
     proptest! {
-        /// Both rules agree everywhere but below the first edge.
         #[test]
-        fn rules_differ_only_below(overlap in -1.0f64..2.0) {
+        fn the_rules_differ_only_below_the_first_edge(overlap in -1.0f64..2.0) {
             let published = OverlapBins::noposplat(BinRule::Published);
             let same = published.place(overlap) == published.with_rule(BinRule::Strict).place(overlap);
             prop_assert_eq!(same, overlap >= 0.05);

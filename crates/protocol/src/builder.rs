@@ -9,59 +9,57 @@ use crate::overlap::{OverlapEstimator, context_overlap};
 use crate::samplers::{NoEntry, Sampler, SceneViews};
 use crate::{EvaluationIndex, IndexEntry, Overlap};
 
-/// Makes an evaluation index for a dataset that has none.
+/// Builds an evaluation index for a dataset that has none.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct IndexBuilder {
-    /// Chooses frames.
+    /// Chooses context and target frames.
     pub sampler: Sampler,
-    /// Measures the context's overlap and, with bounds, refuses entries outside them.
+    /// Measures the overlap of the context views and rejects entries outside its bounds.
     #[serde(default)]
     pub overlap: Option<OverlapRule>,
 }
 
-/// An overlap that is written into the index, and how large it must be.
+/// Which overlap is written into the index, and its allowed range.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct OverlapRule {
-    /// What is measured between neighbouring context frames (see [`crate::overlap::chain_overlap`]).
+    /// Estimator for neighbouring context frames (see [`crate::overlap::chain_overlap`]).
     pub estimator: OverlapEstimator,
     /// Smallest overlap kept.
     #[serde(default)]
     pub minimum: f64,
     /// Largest overlap kept.
-    #[serde(default = "whole")]
+    #[serde(default = "full_overlap")]
     pub maximum: f64,
 }
 
-const fn whole() -> f64 {
+const fn full_overlap() -> f64 {
     1.0
 }
 
-/// A built index and why scenes are `null` in it.
+/// A built index, with the reasons for its `null` scenes.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct BuiltIndex {
-    /// Every key of the dataset in its order; `null` (no entries) where none could be made.
+    /// Every key of the dataset, in its order; `null` (no entries) if no entry could be built.
     pub index: EvaluationIndex,
     /// Scenes with at least one entry.
     pub scenes: usize,
-    /// Entries in all.
+    /// Total number of entries.
     pub entries: usize,
-    /// Scenes without an entry, by [`NoEntry::name`].
+    /// Number of scenes without an entry, by [`NoEntry::name`].
     pub nulls: BTreeMap<&'static str, usize>,
-    /// Entries that a sampler chose and the overlap rule refused. A scene is counted in `nulls` as well where
-    /// it lost all of them.
+    /// Sampled entries that the overlap rule rejected. A scene that lost all of them is counted in `nulls` too.
     pub refused_entries: usize,
-    /// Frames that were not to be chosen, since their pictures are listed and not there.
+    /// Frames excluded from sampling because their picture files are missing.
     pub missing_pictures: usize,
 }
 
 impl IndexBuilder {
-    /// Runs over all scenes of `source`, in parallel; the same index for any number of threads. Frames whose pictures
-    /// are listed and not there are not chosen: a capture that lists more than it holds is sampled as if it listed
-    /// what it holds. Frames are numbered as it lists them.
+    /// Samples all scenes of `source` in parallel; the index does not depend on the number of threads. Frames with a
+    /// missing picture file are excluded from sampling, but frame numbers still count them.
     ///
-    /// `progress` is called once a scene, from any thread. Unreadable scenes become `null` and a
+    /// `progress` is called once per scene, from any thread. Unreadable scenes become `null` and add a
     /// [`atsplat_scene::WarningKind::UnreadableScene`].
     pub fn build(&self, source: &dyn SceneSource, progress: &(dyn Fn() + Sync), warnings: &mut Warnings) -> BuiltIndex {
         let outcomes = in_parallel(source.keys(), warnings, |key, warnings| {
@@ -95,7 +93,7 @@ impl IndexBuilder {
             Err(dropped) => return Outcome { entries: Err(dropped.into()), refused: 0, missing: 0 },
         };
         let all = scene.frames.len();
-        let listed = keep_there(&mut scene);
+        let frame_numbers = remove_missing_pictures(&mut scene);
         let cameras: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
         let mut refused = 0;
         let entries = self.sampler.sample(&SceneViews { key, cameras: &cameras }).and_then(|sampled| {
@@ -103,44 +101,46 @@ impl IndexBuilder {
             let sampled_count = sampled.len();
             let (kept, last_reason) = rule.keep(&scene, sampled);
             refused = sampled_count - kept.len();
-            // Without a reason nothing was sampled, which a sampler says itself.
+            // No reason means that nothing was sampled, which samplers report as an error of their own.
             if kept.is_empty() { Err(last_reason.unwrap_or(NoEntry::NoPair)) } else { Ok(kept) }
         });
-        let entries = entries.map(|entries| entries.into_iter().map(|entry| as_listed(entry, &listed)).collect());
-        Outcome { entries, refused, missing: all - listed.len() }
+        let entries =
+            entries.map(|entries| entries.into_iter().map(|entry| renumbered(entry, &frame_numbers)).collect());
+        Outcome { entries, refused, missing: all - frame_numbers.len() }
     }
 }
 
-/// What became of one scene.
+/// The result of sampling one scene.
 struct Outcome {
-    /// Its entries or why there are none.
+    /// Its entries, or why it has none.
     entries: Result<Vec<IndexEntry>, NoEntry>,
-    /// Entries that were refused for their overlap.
+    /// Entries rejected for their overlap.
     refused: usize,
     /// Frames whose pictures are missing.
     missing: usize,
 }
 
-/// Leaves out frames whose pictures are missing; where the others are listed.
-fn keep_there(scene: &mut Scene) -> Vec<usize> {
+/// Removes frames with a missing picture file; returns the original numbers of the others.
+fn remove_missing_pictures(scene: &mut Scene) -> Vec<usize> {
     let frames = std::mem::take(&mut scene.frames).into_iter().enumerate();
-    let (listed, there) = frames.filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_))).unzip();
-    scene.frames = there;
-    listed
+    let (numbers, present) = frames.filter(|(_, frame)| !matches!(frame.picture, Picture::Missing(_))).unzip();
+    scene.frames = present;
+    numbers
 }
 
-/// The entry with frames counted as the scene lists them.
-fn as_listed(entry: IndexEntry, listed: &[usize]) -> IndexEntry {
+/// The entry with the original frame numbers of the scene.
+fn renumbered(entry: IndexEntry, frame_numbers: &[usize]) -> IndexEntry {
     #[expect(clippy::expect_used, reason = "samplers choose among the frames that they are given")]
-    let count = |frame: usize| *listed.get(frame).expect("a frame that the sampler was given");
+    let original = |frame: usize| *frame_numbers.get(frame).expect("a frame that the sampler was given");
     IndexEntry {
-        context: entry.context.into_iter().map(count).collect(),
-        target: entry.target.into_iter().map(count).collect(),
+        context: entry.context.into_iter().map(original).collect(),
+        target: entry.target.into_iter().map(original).collect(),
         overlap: entry.overlap,
     }
 }
 
 impl OverlapRule {
+    /// The entries within the bounds, with their overlap, and why the last of the others was rejected.
     fn keep(&self, scene: &Scene, sampled: Vec<IndexEntry>) -> (Vec<IndexEntry>, Option<NoEntry>) {
         let mut kept = Vec::new();
         let mut last_reason = None;
@@ -186,7 +186,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_keep_the_datasets_order_and_nulls_their_reasons() {
+    fn keeps_the_order_of_keys_and_the_reasons_for_nulls() {
         let mut warnings = Warnings::new();
         let calls = AtomicUsize::new(0);
         let progress = || {
@@ -201,20 +201,20 @@ mod tests {
     }
 
     #[test]
-    fn the_same_index_for_any_number_of_threads() {
+    fn the_index_does_not_depend_on_the_number_of_threads() {
         let build = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| builder(FARTHEST).build(&source(), &|| (), &mut Warnings::new()))
         };
         let one = build(1);
-        assert!(one.index.scenes["e"][0].target != one.index.scenes["a"][0].target, "scenes have streams of their own");
+        assert!(one.index.scenes["e"][0].target != one.index.scenes["a"][0].target, "each scene has its own stream");
         for threads in [2, 3, 8] {
             assert_eq!(build(threads), one, "{threads} threads");
         }
     }
 
     #[test]
-    fn entries_outside_the_overlap_bounds_are_refused() {
+    fn rejects_entries_outside_the_overlap_bounds() {
         let rule = |minimum: f64, maximum: f64| {
             format!(
                 "{FARTHEST}[overlap]\nestimator = {{ estimator = 'epipolar-ray' }}\nminimum = {minimum}\nmaximum = {maximum}\n"
@@ -231,25 +231,25 @@ mod tests {
         assert_eq!(at_the_bound.index.scenes["e"], all.index.scenes["e"], "bounds are inclusive");
     }
 
-    /// Frames 1, 4 and 11 are listed without pictures: the tenth frame that is there is listed as the thirteenth.
+    /// Frames 1, 4 and 11 have no picture: the tenth frame with a picture is frame 12.
     #[test]
-    fn frames_without_their_pictures_are_never_named() {
-        let gone = [1, 4, 11];
-        let mut holey = scene("s", 14, 0);
-        for at in gone {
-            holey.frames[at].picture = Picture::Missing(format!("{at}.png").into());
+    fn never_samples_frames_with_missing_pictures() {
+        let missing = [1, 4, 11];
+        let mut incomplete = scene("s", 14, 0);
+        for at in missing {
+            incomplete.frames[at].picture = Picture::Missing(format!("{at}.png").into());
         }
-        let source = MemorySource::new([holey, scene("whole", 14, 0)]);
+        let source = MemorySource::new([incomplete, scene("whole", 14, 0)]);
         let built = builder(FARTHEST).build(&source, &|| (), &mut Warnings::new());
         assert_eq!((built.scenes, built.missing_pictures), (2, 3));
         let entry = |key: &str| built.index.scenes[key][0].clone();
         assert_eq!((entry("s").context, entry("whole").context), (vec![0, 12], vec![0, 9]));
         let targets = entry("s").target;
-        assert!(targets.iter().all(|frame| !gone.contains(frame) && (0..=12).contains(frame)), "{targets:?}");
+        assert!(targets.iter().all(|frame| !missing.contains(frame) && (0..=12).contains(frame)), "{targets:?}");
     }
 
     #[test]
-    fn unreadable_scenes_are_null_and_a_warning() {
+    fn unreadable_scenes_become_null_with_a_warning() {
         let source = MemorySource::new([scene("kept", 12, 0)]).with_key("lost");
         let mut warnings = Warnings::new();
         let built = builder(FARTHEST).build(&source, &|| (), &mut warnings);

@@ -1,26 +1,25 @@
 use atsplat_files::Sha256Digest;
 use serde::Serialize;
 
-/// An evaluation index that a repository of the field ships.
+/// An official evaluation index: a file shipped by a published repository.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct KnownIndex {
-    /// Our name for it, unique and stable: `<repository>-<dataset>[-<variant>]`.
+    /// Name in this toolkit, unique and stable: `<repository>-<dataset>[-<variant>]`.
     pub name: &'static str,
     /// Where it was first published, as `owner/repository`.
     pub repository: &'static str,
     /// Path inside that repository.
     pub path: &'static str,
-    /// Dataset whose scene keys it holds: `re10k`, `acid` or `dl3dv`.
+    /// Dataset of its scene keys: `re10k`, `acid` or `dl3dv`.
     pub dataset: &'static str,
     /// Hash of the published file's bytes.
     pub sha256: Sha256Digest,
-    /// [`crate::EvaluationIndex::content_hash`] of what it says, so that a copy with other white space is
-    /// recognised too.
+    /// [`crate::EvaluationIndex::content_hash`], so that a reformatted copy is recognised too.
     pub content: Sha256Digest,
-    /// [`crate::EvaluationIndex::context_gaps_hash`] of it, by which a split that shifted its windows is recognised.
+    /// [`crate::EvaluationIndex::context_gaps_hash`], which identifies a split that shifted this index's windows.
     pub gaps: Sha256Digest,
-    /// What to know before numbers on it are compared.
+    /// What to know before comparing numbers on it.
     pub notes: &'static str,
 }
 
@@ -30,18 +29,18 @@ impl KnownIndex {
         KNOWN_INDICES.iter().find(|known| known.sha256 == *sha256)
     }
 
-    /// The official file that asks for the same trials.
+    /// The official file that defines the same trials.
     pub fn by_content(content: &Sha256Digest) -> Option<&'static Self> {
         KNOWN_INDICES.iter().find(|known| known.content == *content)
     }
 
-    /// The official file of this [`Self::name`].
+    /// The official file with this [`Self::name`].
     pub fn by_name(name: &str) -> Option<&'static Self> {
         KNOWN_INDICES.iter().find(|known| known.name == name)
     }
 }
 
-/// Every official index file that is recognised.
+/// All official index files that this toolkit recognises.
 pub const KNOWN_INDICES: &[KnownIndex] = &[
     KnownIndex {
         name: "pixelsplat-re10k",
@@ -175,7 +174,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_and_hashes_are_unique_and_lead_back() {
+    fn names_and_hashes_are_unique_and_look_up_their_entry() {
         let names: BTreeSet<_> = KNOWN_INDICES.iter().map(|known| known.name).collect();
         let hashes: BTreeSet<_> = KNOWN_INDICES.iter().flat_map(|known| [known.sha256, known.content]).collect();
         assert_eq!((names.len(), hashes.len()), (KNOWN_INDICES.len(), 2 * KNOWN_INDICES.len()));

@@ -1,5 +1,5 @@
-//! Scenes into trials: evaluation indices, overlap bins, extrapolation splits, presets and lint.
-//! A *trial* is all that a method may see of a scene, and the frames it is asked to render.
+//! Evaluation protocols: evaluation indices, overlap bins, extrapolation splits, presets, lint, and trials.
+//! A *trial* is everything a method may see of a scene, plus the cameras it has to render.
 
 pub mod extrapolation;
 pub mod overlap;
@@ -27,12 +27,12 @@ pub use index::{
 };
 pub use known::{KNOWN_INDICES, KnownIndex};
 pub use lint::{
-    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, LintOptions, LintReport, OverlapFacts, Places,
-    RecognisedIndex, Repeats, Spread, Verdict, compare, lint, lint_file,
+    Comparability, DatasetCheck, DatasetFacts, DropExample, FileFacts, LintOptions, LintReport, OverlapFacts,
+    RecognisedIndex, Repeats, Spread, TargetCount, Verdict, compare, lint, lint_file,
 };
 pub use preset::{
-    AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, Filters, IndexMatch, IndexRule, LpipsConvention,
-    MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues, PoseNormalisation, Preset,
-    PsnrConvention, RendererConvention, RendererPrincipalPoint, SettingOf, SsimConvention,
+    AcceptedIndex, Aggregation, Derivation, DropReason, Dropped, EffectiveSetting, Filters, IndexMatch, IndexRule,
+    LpipsConvention, MeanCameraScale, MethodSetting, MetricConvention, NearCull, NearFar, PixelValues,
+    PoseNormalisation, Preset, PsnrConvention, RendererConvention, RendererPrincipalPoint, SsimConvention,
 };
 pub use samplers::NoEntry;

@@ -3,8 +3,8 @@ use rayon::prelude::*;
 
 use crate::preset::{DropReason, Dropped};
 
-/// Does `work` on each item on rayon's threads. Results come in the items' order, and so do the warnings of
-/// each: both are the same for any number of threads.
+/// Runs `work` on each item on rayon's threads. Results and warnings come in the order of the items, whatever the
+/// number of threads.
 pub(crate) fn in_parallel<I: Sync, R: Send>(
     items: &[I],
     warnings: &mut Warnings,
@@ -22,8 +22,8 @@ pub(crate) fn in_parallel<I: Sync, R: Send>(
     merged.collect()
 }
 
-/// Loads a scene. Where that fails, `warnings` says so too: as a scene that the dataset does not hold, or as
-/// one that cannot be read.
+/// Loads a scene. A failure is also pushed to `warnings`, as [`WarningKind::SceneNotFound`] or
+/// [`WarningKind::UnreadableScene`].
 pub(crate) fn load(source: &dyn SceneSource, key: &str, warnings: &mut Warnings) -> Result<Scene, Dropped> {
     source.load(key, warnings).map_err(|error| {
         let (kind, reason) = match error {

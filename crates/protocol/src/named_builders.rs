@@ -9,7 +9,7 @@ macro_rules! built_in {
     };
 }
 
-/// The rules in `eval/samplers/`: how the field's own indices were made.
+/// The rules in `eval/samplers/`, which reproduce how published indices were made.
 const BUILT_IN: &[(&str, &str)] = built_in![
     "re10k-2v",
     "re10k-extrapolation",
@@ -33,10 +33,10 @@ impl IndexBuilder {
         BUILT_IN.iter().map(|(name, _)| *name)
     }
 
-    /// A built-in rule by name, or the one in a TOML file by path: whatever ends in `.toml` is a path.
+    /// A built-in rule by name, or the one in a TOML file if the argument ends in `.toml`.
     ///
     /// # Errors
-    /// [`ProtocolError::Malformed`] for a name that nobody gave or text that is no rule, with line and field;
+    /// [`ProtocolError::Malformed`] for an unknown name, or with line and field for text that is not a valid rule;
     /// [`ProtocolError::Io`].
     pub fn resolve(name_or_path: &str) -> Result<Self, ProtocolError> {
         let path = Path::new(name_or_path);
@@ -52,7 +52,10 @@ impl IndexBuilder {
             BUILT_IN.iter().find(|(name, _)| *name == name_or_path).ok_or_else(|| ProtocolError::Malformed {
                 what: "sampling rule",
                 location: "name".to_owned(),
-                expected: format!("one of {}, or a path that ends in .toml", names_in_words()),
+                expected: format!(
+                    "one of {}, or a path that ends in .toml",
+                    Self::names().collect::<Vec<_>>().join(", ")
+                ),
                 found: format!("{name_or_path:?}"),
             })?;
         Self::from_toml(text, name)
@@ -66,12 +69,12 @@ impl IndexBuilder {
             found,
         };
         let rule: Self = toml::from_str(text).map_err(|error| {
-            let expected = "a [sampler] table and, if wanted, an [overlap] table";
+            let expected = "a [sampler] table and, optionally, an [overlap] table";
             malformed(expected, error.to_string().trim_end().to_owned())
         })?;
         match rule.overlap.map(|overlap| overlap.estimator).filter(OverlapEstimator::needs_depth) {
             Some(estimator) => Err(malformed(
-                "an overlap that needs no depth maps: an index is built without",
+                "an overlap estimator that needs no depth maps, because an index is built without them",
                 estimator.name().to_owned(),
             )),
             None => Ok(rule),
@@ -79,16 +82,12 @@ impl IndexBuilder {
     }
 }
 
-fn names_in_words() -> String {
-    IndexBuilder::names().collect::<Vec<_>>().join(", ")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn every_built_in_rule_is_one() {
+    fn every_built_in_rule_is_valid() {
         for name in IndexBuilder::names() {
             let rule = IndexBuilder::resolve(name);
             assert!(rule.is_ok(), "{name}: {}", rule.unwrap_err());
@@ -96,7 +95,7 @@ mod tests {
     }
 
     #[test]
-    fn a_rule_of_ones_own_and_what_is_none() {
+    fn reads_a_user_rule_and_rejects_invalid_ones() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("mine.toml");
         std::fs::write(&path, "[sampler]\nsampler = \"all-frames\"\n").unwrap();

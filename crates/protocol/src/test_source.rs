@@ -9,7 +9,7 @@ use glam::{DMat3, DVec3};
 
 pub(crate) const SIZE: ImageSize = ImageSize { width: 64, height: 48 };
 
-/// A dataset in memory that counts how often scenes are loaded.
+/// An in-memory dataset that counts scene loads.
 pub(crate) struct MemorySource {
     keys: Vec<String>,
     scenes: BTreeMap<String, Scene>,
@@ -24,7 +24,7 @@ impl MemorySource {
         Self { keys, scenes, loads: AtomicUsize::new(0) }
     }
 
-    /// Lists a scene that cannot be loaded.
+    /// Adds the key of a scene that cannot be loaded.
     pub(crate) fn with_key(mut self, key: &str) -> Self {
         self.keys.push(key.to_owned());
         self

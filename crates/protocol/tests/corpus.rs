@@ -1,4 +1,4 @@
-//! Replays the fuzz targets' corpora, which hold every input that once broke a parser, without a fuzzer.
+//! Replays the corpora of the fuzz targets, which contain every input that once broke a parser, without a fuzzer.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -36,7 +36,7 @@ fn preset_toml() {
 }
 
 #[test]
-fn the_example_index_has_one_of_everything() {
+fn the_example_index_contains_every_case() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/indices/example.json");
     let file = IndexFile::read(&path).unwrap();
     let report = lint_file(&file, &LintOptions::default(), &mut Warnings::new());

@@ -1,17 +1,18 @@
-//! Comma-separated values as RFC 4180 has them: what `eval/published` holds and tables are written as.
+//! Comma-separated values by RFC 4180: the format of `eval/published` and of tables written as CSV.
 
-/// Records of fields; the first is the header. A quoted field may hold commas, line ends and doubled quotes.
+/// Parses records of fields; the first is the header. A quoted field may contain commas, line ends and doubled quotes.
 ///
 /// # Errors
-/// The line, counted from 1, of a quote that does not end or that something follows, and of a record with another number of
-/// fields than the header.
+/// The line, counted from 1, of an unterminated quote, of text after a closing quote, and of a record with a different
+/// number of fields than the header.
 pub(crate) fn parse(text: &str) -> Result<Vec<Vec<String>>, String> {
     let mut records: Vec<Vec<String>> = Vec::new();
     let (mut record, mut line) = (Vec::new(), 1);
     let mut rest = text;
     while !rest.is_empty() {
         let (field, after) = if let Some(quoted) = rest.strip_prefix('"') {
-            let (field, after) = quoted_field(quoted).ok_or_else(|| format!("line {line}: a quote does not end"))?;
+            let (field, after) = quoted_field(quoted)
+                .ok_or_else(|| format!("line {line}: expected a closing quote, found the end of the file"))?;
             line += field.matches('\n').count();
             (field, after)
         } else {
@@ -23,7 +24,7 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Vec<String>>, String> {
         let after = after.strip_prefix("\r\n").map_or(after, |_| &after[1..]);
         if let Some(next) = after.strip_prefix(',') {
             rest = next;
-            // A comma at the very end begins an empty field.
+            // A comma at the very end starts an empty field.
             if next.is_empty() {
                 record.push(String::new());
             }
@@ -48,7 +49,7 @@ pub(crate) fn parse(text: &str) -> Result<Vec<Vec<String>>, String> {
     Ok(records)
 }
 
-/// One record with its line end; fields are quoted where they have to be.
+/// A record with its line end; fields are quoted if necessary.
 pub(crate) fn line(fields: &[String]) -> String {
     let written: Vec<String> = fields.iter().map(|field| quoted(field)).collect();
     format!("{}\n", written.join(","))
@@ -59,7 +60,7 @@ fn quoted(field: &str) -> String {
     if special { format!("\"{}\"", field.replace('"', "\"\"")) } else { field.to_owned() }
 }
 
-/// What stands before the closing quote, and what follows it.
+/// The text before the closing quote, and the rest after it.
 fn quoted_field(text: &str) -> Option<(String, &str)> {
     let mut field = String::new();
     let mut rest = text;
@@ -94,14 +95,14 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read() {
+    fn reads_back_what_it_wrote() {
         let record = fields(&["plain", "a, b", "say \"so\"", "two\nlines", "", " edge ", "\r", "é"]);
         let text = [line(&record), line(&record)].concat();
         assert_eq!(parse(&text).unwrap(), [record.clone(), record]);
     }
 
     #[test]
-    fn line_ends_and_empty_fields() {
+    fn reads_both_line_ends_and_empty_fields() {
         assert_eq!(parse("a,b\r\n1,\r\n").unwrap(), [fields(&["a", "b"]), fields(&["1", ""])]);
         assert_eq!(parse("a,b\n\"x\"\"y\",2").unwrap(), [fields(&["a", "b"]), fields(&["x\"y", "2"])]);
         assert_eq!(parse("a,b\n1,").unwrap(), [fields(&["a", "b"]), fields(&["1", ""])]);
@@ -109,15 +110,15 @@ mod tests {
     }
 
     #[test]
-    fn broken_files_say_where() {
-        for (text, told) in [
+    fn errors_name_the_line() {
+        for (text, line) in [
             ("a,b\n1\n", "line 2"),
             ("a\n\"1", "line 2"),
             ("a\n\"1\"2\n", "line 2"),
             ("a,b\n\"x\ny\",1\n2\n", "line 4"),
         ] {
             let error = parse(text).unwrap_err();
-            assert!(error.contains(told), "{text:?}: {error}");
+            assert!(error.contains(line), "{text:?}: {error}");
         }
     }
 }

@@ -4,41 +4,41 @@ use atsplat_eval::EvalError;
 use atsplat_pixels::PixelError;
 use atsplat_protocol::ProtocolError;
 
-/// What can go wrong in a report.
+/// An error while making a report.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// No table of this name travels in the binary.
-    #[error("expected a table of {expected}, found {found:?}")]
+    /// There is no built-in table of this name.
+    #[error("expected one of the tables {expected}, found {found:?}")]
     UnknownTable {
-        /// Names that there are.
+        /// Names of the built-in tables.
         expected: String,
-        /// What was asked for.
+        /// The requested name.
         found: String,
     },
-    /// A table's definition does not hold together.
+    /// A table's definition is inconsistent.
     #[error("table {table}: expected {expected}, found {found}")]
     Definition {
         /// Name of the table.
         table: String,
-        /// What a definition needs.
+        /// What the definition requires.
         expected: String,
-        /// What it has.
+        /// What was found instead.
         found: String,
     },
-    /// A definition is no TOML of the right shape.
+    /// A table's definition is not valid TOML, or has wrong fields.
     #[error("table {table}: {source}")]
     Toml {
         /// Name of the table.
         table: String,
-        /// What the parser says.
+        /// The parser's error.
         source: toml::de::Error,
     },
-    /// A CSV file of published numbers is broken.
+    /// A CSV file of published numbers is malformed.
     #[error("eval/published/{file}: {problem}")]
     Csv {
         /// Its name.
         file: String,
-        /// Line, what was expected and found.
+        /// Line, what was expected and what was found.
         problem: String,
     },
     /// The bundled font cannot be read.
@@ -50,21 +50,21 @@ pub enum ReportError {
     /// A picture cannot be read or written.
     #[error(transparent)]
     Picture(#[from] PixelError),
-    /// A protocol in the store is broken.
+    /// A protocol in the store is invalid.
     #[error(transparent)]
     Protocol(#[from] ProtocolError),
-    /// A store does not hold what it should.
+    /// A store is invalid.
     #[error(transparent)]
     Store(#[from] EvalError),
-    /// A value cannot become JSON.
+    /// A value cannot be represented in JSON.
     #[error("writing JSON: {0}")]
     Json(#[from] serde_json::Error),
     /// A file cannot be read or written.
-    #[error("{doing}: {source}: {}", path.display())]
+    #[error("{action}: {source}: {}", path.display())]
     File {
-        /// Reading or writing.
-        doing: &'static str,
-        /// The system's error.
+        /// What was being done.
+        action: &'static str,
+        /// The operating system's error.
         source: std::io::Error,
         /// The file.
         path: PathBuf,

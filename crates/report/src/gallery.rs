@@ -1,6 +1,8 @@
-//! Every plot from made-up data: what `examples/gallery.rs` draws and what tests ask. No number here is a result.
+//! Every plot from synthetic data, for tests and for `examples/gallery.rs`, which includes this file. No number here is a
+//! result.
 
-use atsplat_metrics::{Definition, definition};
+use atsplat_metrics::definition;
+use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 
 use crate::plot::{
@@ -11,11 +13,11 @@ use crate::plot::{
     StageTimeRow, StripPicture, TokenExpansion, UncertaintyRow, UncertaintyTriplets,
 };
 
-const MADE_UP: &str = "made-up data";
+const SYNTHETIC: &str = "synthetic data";
 
 /// Every plot by name.
-pub fn gallery() -> Vec<(&'static str, Drawing)> {
-    let mut plots = vec![
+pub(crate) fn gallery() -> Vec<(&'static str, Drawing)> {
+    vec![
         ("frontier-gaussians", frontier(CostAxis::Gaussians).draw()),
         ("frontier-seconds", frontier(CostAxis::Seconds).draw()),
         ("overlap-curves", overlap_curves().draw()),
@@ -28,16 +30,15 @@ pub fn gallery() -> Vec<(&'static str, Drawing)> {
         ("drift-history", drift_history().draw()),
         ("stage-time", stage_time().draw()),
         ("token-expansion", token_expansion().draw()),
-    ];
-    plots.push(("expansion-strips", strips().draw()));
-    plots.push(("uncertainty", uncertainty().draw()));
-    plots.push(("estimators", estimators().draw()));
-    plots.push(("histograms", histograms().draw()));
-    plots
+        ("expansion-strips", strips().draw()),
+        ("uncertainty", uncertainty().draw()),
+        ("estimators", estimators().draw()),
+        ("histograms", histograms().draw()),
+    ]
 }
 
-/// The same plots of nothing, of one point, of equal values and of names that are too long.
-pub fn odd_gallery() -> Vec<(&'static str, Drawing)> {
+/// The same plots without data, with one point, with equal values and with overlong names.
+pub(crate) fn odd_gallery() -> Vec<(&'static str, Drawing)> {
     let long = "a name that is much longer than any column, axis or margin that a plot could reserve for it ".repeat(3);
     let mut one_point = frontier(CostAxis::Gaussians);
     one_point.points.truncate(1);
@@ -89,17 +90,12 @@ pub fn odd_gallery() -> Vec<(&'static str, Drawing)> {
 }
 
 fn figure(id: &str) -> Figure {
-    definition(id)
-        .map_or(Figure { name: "PSNR", unit: "dB", direction: atsplat_metrics::Direction::Higher }, |d: &Definition| {
-            d.into()
-        })
+    definition(id).unwrap().into()
 }
 
-/// A number in [0, 1) that looks random and is the same everywhere.
+/// A pseudo-random number in [0, 1), the same on every platform.
 fn noise(seed: usize) -> f64 {
-    let mixed = (seed as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
-    let mixed = (mixed ^ (mixed >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    ((mixed ^ (mixed >> 29)) >> 40) as f64 / (1u64 << 24) as f64
+    (SplitMix64::new(seed as u64).next_u64() >> 40) as f64 / (1u64 << 24) as f64
 }
 
 fn around(value: f64, half: f64) -> Estimate {
@@ -145,7 +141,7 @@ fn frontier(cost: CostAxis) -> Frontier {
     let what = if cost == CostAxis::Gaussians { "Gaussians" } else { "time" };
     Frontier {
         title: format!("Accuracy against {what}"),
-        subtitle: format!("RealEstate10K, 2 views, 256×256; {MADE_UP}"),
+        subtitle: format!("RealEstate10K, 2 views, 256×256; {SYNTHETIC}"),
         cost,
         quality: figure("psnr"),
         points: published.into_iter().chain(measured).collect(),
@@ -166,7 +162,7 @@ fn overlap_curves() -> OverlapCurves {
     };
     OverlapCurves {
         title: "PSNR against overlap".to_owned(),
-        subtitle: format!("RealEstate10K by overlap, 5601 scenes; {MADE_UP}"),
+        subtitle: format!("RealEstate10K by overlap, 5601 scenes; {SYNTHETIC}"),
         quality: figure("psnr"),
         bins: vec![
             OverlapBin { name: "small".to_owned(), edges: [0.05, 0.3], scenes: 1403 },
@@ -192,7 +188,7 @@ fn overlap_bins() -> OverlapBinMeans {
     };
     OverlapBinMeans {
         title: "PSNR by overlap".to_owned(),
-        subtitle: format!("RealEstate10K by overlap; {MADE_UP}"),
+        subtitle: format!("RealEstate10K by overlap; {SYNTHETIC}"),
         quality: figure("psnr"),
         bins: ["small", "medium", "large", "average"].map(str::to_owned).to_vec(),
         series: vec![
@@ -219,7 +215,7 @@ fn extrapolation() -> ExtrapolationDecay {
     };
     ExtrapolationDecay {
         title: "PSNR outside the window".to_owned(),
-        subtitle: format!("DL3DV, 6 views, 10 frames either side; {MADE_UP}"),
+        subtitle: format!("DL3DV, 6 views, 10 frames either side; {SYNTHETIC}"),
         quality: figure("psnr"),
         series: vec![series("ATSplat", 27.2, 2.1), series("warp", 21.0, 2.4), series("nearest view", 18.0, 1.5)],
     }
@@ -234,7 +230,7 @@ fn ablation() -> Ablation {
     };
     Ablation {
         title: "Anchor designs".to_owned(),
-        subtitle: format!("DL3DV, 6 views; {MADE_UP}"),
+        subtitle: format!("DL3DV, 6 views; {SYNTHETIC}"),
         quality: figure("psnr"),
         reference: row("Patch depth, anchor + offset", Ok(27.28), 21.9, 0.0),
         rows: vec![
@@ -257,7 +253,7 @@ fn budget_histogram() -> BudgetHistogram {
     };
     BudgetHistogram {
         title: "Gaussians per scene under thresholds".to_owned(),
-        subtitle: format!("RealEstate10K, 600 scenes; {MADE_UP}"),
+        subtitle: format!("RealEstate10K, 600 scenes; {SYNTHETIC}"),
         series: vec![
             series("0.1 / 0.1 / 0.4", 13e3, 5e3, 1),
             series("0.05 / 0.05 / 0.2", 19e3, 9e3, 5000),
@@ -285,7 +281,7 @@ fn k_scaling() -> KScaling {
     });
     KScaling {
         title: "PSNR against K".to_owned(),
-        subtitle: format!("RealEstate10K, 2 views; {MADE_UP}"),
+        subtitle: format!("RealEstate10K, 2 views; {SYNTHETIC}"),
         quality: figure("psnr"),
         points: published.into_iter().chain(own).collect(),
     }
@@ -298,7 +294,7 @@ fn scatter() -> SceneScatter {
     };
     SceneScatter {
         title: "PSNR scene by scene".to_owned(),
-        subtitle: format!("ATSplat − warp: +0.63 dB [0.48, 0.79] over 140 scenes; {MADE_UP}"),
+        subtitle: format!("ATSplat − warp: +0.63 dB [0.48, 0.79] over 140 scenes; {SYNTHETIC}"),
         quality: figure("psnr"),
         x: "warp".to_owned(),
         y: "ATSplat".to_owned(),
@@ -321,7 +317,7 @@ fn estimators() -> EstimatorScatter {
     };
     EstimatorScatter {
         title: "Estimated overlap against the truth".to_owned(),
-        subtitle: format!("240 pairs of views; {MADE_UP}"),
+        subtitle: format!("240 pairs of views; {SYNTHETIC}"),
         kinds: vec!["rooms".to_owned(), "yards".to_owned()],
         bins: ["small", "medium", "large"].map(str::to_owned).to_vec(),
         edges: vec![0.05, 0.3, 0.55, 0.8],
@@ -340,7 +336,7 @@ fn histograms() -> Histograms {
     };
     Histograms {
         title: "How cameras move".to_owned(),
-        subtitle: format!("heights: share of the clips; {MADE_UP}"),
+        subtitle: format!("heights: share of the clips; {SYNTHETIC}"),
         groups: vec!["simulated".to_owned(), "real".to_owned()],
         panels: vec![
             panel("speed, units/s", 0.4, 1),
@@ -364,7 +360,7 @@ fn drift_history() -> DriftHistory {
     };
     DriftHistory {
         title: "PSNR over commits".to_owned(),
-        subtitle: format!("RealEstate10K, quick suite; baseline accepted again at run 16; {MADE_UP}"),
+        subtitle: format!("RealEstate10K, quick suite; baseline accepted again at run 16; {SYNTHETIC}"),
         quality: figure("psnr"),
         runs: (0..20).map(run).collect(),
     }
@@ -379,19 +375,27 @@ fn stage_time() -> StageTime {
             .map(|(name, secs)| (name.to_owned(), secs))
             .collect(),
         spread: Some([0.97, 1.08].map(|share| share * secs.iter().sum::<f64>())),
+        untimed: None,
+    };
+    let untimed = StageTimeRow {
+        label: "imported: DepthSplat".to_owned(),
+        stages: Vec::new(),
+        spread: None,
+        untimed: Some("no timing pass was made: `atsplat run --timing` makes one".to_owned()),
     };
     StageTime {
         title: "Where the time goes until the first picture".to_owned(),
-        subtitle: format!("2 threads; {MADE_UP}"),
+        subtitle: format!("2 threads; {SYNTHETIC}"),
         rows: vec![
             row("ATSplat", [0.031, 0.36, 0.12, 0.055, 0.21]),
             row("warp", [0.031, 0.004, 0.0, 0.022, 0.21]),
             row("nearest view", [0.03, 0.0001, 0.0, 0.001, 0.2]),
+            untimed,
         ],
     }
 }
 
-/// A scene of stripes and a disc; `detail` in [0, 1] says how much of the stripes is left.
+/// A scene of stripes and a disc; `detail` in [0, 1] is the contrast of the stripes.
 fn picture(detail: f64) -> ImageU8 {
     painted(|x, y| {
         let stripes = if (x * 24.0 + y * 5.0).sin() > 0.0 { 0.25 * detail } else { -0.25 * detail };
@@ -401,7 +405,6 @@ fn picture(detail: f64) -> ImageU8 {
     })
 }
 
-#[expect(clippy::expect_used, reason = "as many samples as pixels, made on the spot")]
 fn painted(colour: impl Fn(f64, f64) -> [f64; 3]) -> ImageU8 {
     const WIDTH: u32 = 160;
     const HEIGHT: u32 = 90;
@@ -411,7 +414,7 @@ fn painted(colour: impl Fn(f64, f64) -> [f64; 3]) -> ImageU8 {
         colour(f64::from(column) / f64::from(WIDTH), f64::from(row) / f64::from(HEIGHT))
             .map(|value| (value * 255.0).clamp(0.0, 255.0) as u8)
     });
-    ImageU8::new(WIDTH, HEIGHT, samples.collect()).expect("three samples a pixel")
+    ImageU8::new(WIDTH, HEIGHT, samples.collect()).unwrap()
 }
 
 fn strips() -> ExpansionStrips {
@@ -429,7 +432,7 @@ fn strips() -> ExpansionStrips {
     };
     ExpansionStrips {
         title: "Expansion, block by block".to_owned(),
-        subtitle: format!("the same weights with expansion enabled in ever more blocks; {MADE_UP}"),
+        subtitle: format!("the same weights with expansion enabled in ever more blocks; {SYNTHETIC}"),
         columns: ["none", "block 1", "blocks 1–2", "blocks 1–3", "truth"].map(str::to_owned).to_vec(),
         strips: vec![strip("scene-0007, frame 12"), strip("scene-0031, frame 40")],
     }
@@ -447,7 +450,7 @@ fn uncertainty() -> UncertaintyTriplets {
     };
     UncertaintyTriplets {
         title: "Error, prediction, selection".to_owned(),
-        subtitle: format!("last block; dark is low, yellow is high; {MADE_UP}"),
+        subtitle: format!("last block; dark is low, yellow is high; {SYNTHETIC}"),
         rows: vec![row("scene-0007, frame 12"), row("scene-0031, frame 40")],
     }
 }
@@ -462,7 +465,7 @@ fn token_expansion() -> TokenExpansion {
     };
     TokenExpansion {
         title: "Children around their parents".to_owned(),
-        subtitle: format!("scene-0007 from its first context view; places are mean centres of Gaussians; {MADE_UP}"),
+        subtitle: format!("scene-0007 from its first context view; places are mean centres of Gaussians; {SYNTHETIC}"),
         picture: Some(picture(1.0)),
         size: [160.0, 90.0],
         expansions: (0..110).map(expansion).collect(),

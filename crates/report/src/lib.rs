@@ -1,13 +1,13 @@
-//! A results store into tables, plots and one HTML page. How a number was made is not known here.
+//! Reports: tables, plots and one HTML page from results stores. This crate only presents numbers; it computes none.
 //!
-//! A [`definition::TableDefinition`] says what a table of the paper shows; [`table::tables`] fills it from stores, published
-//! rows first and what was measured below each; [`emit::TableFormat`] writes it. [`plot`] turns plain data into drawings, and
-//! [`Report`] puts everything into a folder with one page that needs no other file.
+//! A [`definition::TableDefinition`] describes a table of the paper; [`table::tables`] fills it from stores, with measured
+//! rows below the published rows they reproduce; [`emit::TableFormat`] writes it. [`plot`] turns plain data into drawings,
+//! and [`Report`] writes everything into a folder with one self-contained page.
 
 #![expect(
     clippy::format_push_string,
     clippy::format_collect,
-    reason = "tables and pages are text that grows piece by piece; their size is that of what they show"
+    reason = "tables and pages are built as text piece by piece, in proportion to their content"
 )]
 
 mod csv_text;
@@ -15,7 +15,8 @@ pub mod definition;
 pub mod emit;
 mod error;
 pub mod figures;
-pub mod gallery;
+#[cfg(test)]
+mod gallery;
 pub mod page;
 pub mod plot;
 mod report;

@@ -8,41 +8,41 @@ use crate::plot::{Drawing, PlotFormat};
 use crate::table::{Mixing, Source, Table, tables};
 use crate::{ReportError, page};
 
-/// What a report is made of.
+/// What a report contains.
 #[derive(Clone, Debug)]
 pub struct Request {
     /// Title of the page.
     pub title: String,
-    /// Names of tables; those that nothing was measured for are left out.
+    /// Names of tables; tables without measured rows are omitted.
     pub tables: Vec<String>,
-    /// What tables are written as.
+    /// File formats of tables.
     pub formats: Vec<TableFormat>,
-    /// Whether protocols may be mixed.
+    /// Whether a table may mix protocols.
     pub mixing: Mixing,
-    /// How many bytes of pictures the page may hold.
+    /// Limit on the bytes of pictures in the page.
     pub budget: PictureBudget,
-    /// Plots of more than stores hold.
+    /// Plots from sources other than stores.
     pub sections: Vec<PlotSection>,
 }
 
 /// A report, ready to be written.
 #[derive(Debug)]
 pub struct Report {
-    /// Measured tables in order.
+    /// Tables with measured rows, in order.
     pub tables: Vec<Table>,
-    /// Tables that were asked for and that nothing was measured for.
+    /// Names of the requested tables without measured rows.
     pub unmeasured: Vec<String>,
-    /// Plots by name, those of sections last.
+    /// Plots by name, with those of sections last.
     pub plots: Vec<(String, Drawing)>,
     html: String,
     formats: Vec<TableFormat>,
 }
 
 impl Report {
-    /// Makes tables, plots and the page of stores.
+    /// Makes tables, plots and the page from stores.
     ///
     /// # Errors
-    /// [`ReportError::UnknownTable`], and what tables, plots and pages say.
+    /// [`ReportError::UnknownTable`], and the errors of tables, plots and pages.
     pub fn new(request: &Request, stores: &[PageStore<'_>]) -> Result<Self, ReportError> {
         let sources: Vec<Source<'_>> = stores.iter().map(|store| store.source).collect();
         let (mut measured, mut unmeasured, mut plots) = (Vec::new(), Vec::new(), Vec::new());
@@ -67,38 +67,34 @@ impl Report {
         Ok(Self { tables: measured, unmeasured, plots, html, formats: request.formats.clone() })
     }
 
-    /// Writes `tables/`, `plots/` and `index.html` into a folder, which is made where needed; tells every file.
+    /// Writes `tables/`, `plots/` and `index.html` into a folder, creating it if necessary; returns the paths of all files.
     ///
     /// # Errors
-    /// [`ReportError::File`], and what tables and plots say.
+    /// [`ReportError::File`], and the errors of tables and plots.
     pub fn write(&self, folder: &Path) -> Result<Vec<PathBuf>, ReportError> {
         let mut files = Vec::new();
         for table in &self.tables {
             for format in &self.formats {
                 let path = folder.join("tables").join(format!("{}.{}", table.name, format.extension()));
-                files.push(put(path, format.write(table)?.as_bytes())?);
+                files.push(write_file(path, format.write(table)?.as_bytes())?);
             }
         }
         for (name, drawing) in &self.plots {
             for format in [PlotFormat::Svg, PlotFormat::Png] {
                 let path = folder.join("plots").join(format!("{name}.{}", format.extension()));
-                files.push(put(path, &drawing.encode(format)?)?);
+                files.push(write_file(path, &drawing.encode(format)?)?);
             }
         }
-        files.push(put(folder.join(page::FILE), self.html.as_bytes())?);
+        files.push(write_file(folder.join(page::FILE), self.html.as_bytes())?);
         Ok(files)
     }
 }
 
-fn put(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
-    let folder = path.parent().unwrap_or(&path).to_owned();
-    std::fs::create_dir_all(&folder).map_err(|source| ReportError::File {
-        doing: "making a folder",
-        source,
-        path: folder,
-    })?;
-    match atsplat_files::write_unsynced(&path, bytes) {
+/// Writes a file, creating its folder if necessary.
+fn write_file(path: PathBuf, bytes: &[u8]) -> Result<PathBuf, ReportError> {
+    let created = path.parent().map_or(Ok(()), std::fs::create_dir_all);
+    match created.and_then(|()| atsplat_files::write_unsynced(&path, bytes)) {
         Ok(()) => Ok(path),
-        Err(source) => Err(ReportError::File { doing: "writing", source, path }),
+        Err(source) => Err(ReportError::File { action: "writing", source, path }),
     }
 }

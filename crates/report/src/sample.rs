@@ -1,5 +1,5 @@
-//! A made-up store for tests: two protocols, three methods, a hostile scene, a failed trial, a leaked target, LPIPS without
-//! weights.
+//! A synthetic store for tests: two protocols, three methods, a hostile scene name, a failed trial, a leaked target, LPIPS
+//! without weights.
 
 use atsplat_eval::timing::{Load, Machine, TimingRow};
 use atsplat_eval::{
@@ -9,7 +9,7 @@ use atsplat_eval::{
 use atsplat_model::ModelConfig;
 use atsplat_protocol::Preset;
 
-/// A name that would be a script wherever it is not escaped.
+/// A name that injects a script if it is not escaped.
 pub(crate) const HOSTILE: &str = "</script><script>window.injected=1</script>\"'&|*_\\\u{1b}[31m";
 const OVERLAPS: [f64; 4] = [0.1, 0.3, 0.5, 0.7];
 pub(crate) const SCENES: [&str; 4] = ["aa11", "bb22", "cc33", HOSTILE];
@@ -59,7 +59,7 @@ pub(crate) fn floor() -> MethodRecord {
     }
 }
 
-/// Rows of every method on every scene; quality falls with the scene's place and the method's.
+/// Rows of every method on every scene; quality falls with the positions of scene and method.
 pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) -> Results {
     let mut results = Results {
         provenance: Provenance {
@@ -92,12 +92,8 @@ pub(crate) fn results(presets: Vec<PresetRecord>, methods: Vec<MethodRecord>) ->
     for preset in results.provenance.presets.clone() {
         for (place, method) in results.provenance.methods.clone().iter().enumerate() {
             for (at, scene) in SCENES.iter().enumerate() {
-                let key = TrialKey {
-                    preset: preset.name.clone(),
-                    method: method.name.clone(),
-                    scene: (*scene).to_owned(),
-                    entry: 0,
-                };
+                let (preset, method_name) = (preset.name.clone(), method.name.clone());
+                let key = TrialKey { preset, method: method_name, scene: (*scene).to_owned(), entry: 0 };
                 let failed = place == 1 && at == 2;
                 results.trials.push(trial(&key, failed, method.kind == "atsplat", at));
                 if at < 3 && !failed {
@@ -191,7 +187,7 @@ fn view(key: &TrialKey, target: u32, place: usize, at: usize, failed: bool) -> T
     }
 }
 
-/// The store that most tests look at.
+/// The store of most tests.
 pub(crate) fn store() -> Results {
     results(vec![preset("re10k-2v-256"), preset("re10k-overlap")], vec![atsplat("atsplat", |_| ()), random(), floor()])
 }

@@ -5,35 +5,32 @@ use serde::{Deserialize, Serialize};
 
 use crate::IndexEntry;
 
-/// What a target frame is to the context frames of its entry.
+/// The position of a target frame relative to the context frames of its entry.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct FrameLabel {
-    /// The method was given this very frame.
+    /// Whether the frame is also a context frame.
     pub leaked: bool,
-    /// Frames outside the window of context frames: negative before it, positive after it, 0 inside it and
-    /// where there is no context.
+    /// Distance from the window of context frames: negative before it, positive after it, 0 inside it or
+    /// without context.
     pub signed_distance: i64,
 }
 
 impl FrameLabel {
     /// Labels a frame against an entry's context.
     pub fn of(entry: &IndexEntry, frame: usize) -> Self {
-        Self {
-            leaked: entry.is_context(frame),
-            signed_distance: entry.frames_outside_window(frame).unwrap_or_default(),
-        }
+        Self { leaked: entry.is_context(frame), signed_distance: entry.frames_outside_window(frame).unwrap_or(0) }
     }
 }
 
-/// How many targets lie at which [`FrameLabel::signed_distance`]: scores fall with it, so a mean over an
-/// extrapolation index means little without it. Its text says it by side.
+/// The number of targets at each [`FrameLabel::signed_distance`]. Scores fall with the distance, so a mean over an
+/// extrapolation index means little without it. `Display` summarises it by side.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct TargetDistances(pub BTreeMap<i64, u64>);
 
 impl TargetDistances {
-    /// Of some entries' targets; those of entries without context lie nowhere.
+    /// Counts the targets of some entries; entries without context are skipped.
     pub fn of<'a>(entries: impl IntoIterator<Item = &'a IndexEntry>) -> Self {
         let mut counts = BTreeMap::new();
         for entry in entries {
@@ -46,7 +43,7 @@ impl TargetDistances {
 }
 
 impl fmt::Display for TargetDistances {
-    /// `-10 to -1: 140 each, 0: 7, 1 to 10: 140 each`, or the counts' range where they differ:
+    /// `-10 to -1: 140 each, 0: 7, 1 to 10: 140 each`, or the range of the counts if they differ:
     /// `-45 to -1: 96 to 240 each`.
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let sides: [fn(i64) -> bool; 3] = [|d| d < 0, |d| d == 0, |d| d > 0];
@@ -78,7 +75,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn before_inside_and_after() {
+    fn labels_frames_before_inside_and_after_the_window() {
         let entry = IndexEntry { context: vec![20, 10, 15], target: Vec::new(), overlap: None };
         let labels = [0, 9, 10, 12, 20, 21, 30].map(|frame| FrameLabel::of(&entry, frame));
         assert_eq!(labels.map(|label| label.signed_distance), [-10, -1, 0, 0, 0, 1, 10]);
@@ -86,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn counted_by_distance_and_said_by_side() {
+    fn counts_by_distance_and_displays_by_side() {
         let entry = |context: &[usize], target: &[usize]| IndexEntry {
             context: context.to_vec(),
             target: target.to_vec(),

@@ -4,21 +4,21 @@ use std::str::FromStr;
 use serde::{Deserialize, Serialize};
 use thiserror::Error;
 
-/// How many frames before and after a window become targets: 1 to [`Margin::MAX`].
+/// The number of frames before and after a window that become targets: 1 to [`Margin::MAX`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(try_from = "usize", into = "usize")]
 pub struct Margin(usize);
 
-/// A margin that no split is made with.
+/// A margin outside 1 to [`Margin::MAX`].
 #[derive(Clone, Debug, PartialEq, Eq, Error)]
 #[error("margin: expected 1 to {} frames, found {found}", Margin::MAX)]
-pub struct NotAMargin {
+pub struct InvalidMargin {
     /// What was given.
     pub found: String,
 }
 
 impl Margin {
-    /// The most frames on either side: half a minute of video, far beyond what any paper asks for.
+    /// The largest margin: half a minute of video, far beyond what any paper uses.
     pub const MAX: usize = 1000;
 
     /// "10 frames before and after the input window" (ATSplat).
@@ -37,11 +37,11 @@ impl Default for Margin {
 }
 
 impl TryFrom<usize> for Margin {
-    type Error = NotAMargin;
+    type Error = InvalidMargin;
 
-    fn try_from(frames: usize) -> Result<Self, NotAMargin> {
+    fn try_from(frames: usize) -> Result<Self, InvalidMargin> {
         let allowed = (1..=Self::MAX).contains(&frames);
-        if allowed { Ok(Self(frames)) } else { Err(NotAMargin { found: frames.to_string() }) }
+        if allowed { Ok(Self(frames)) } else { Err(InvalidMargin { found: frames.to_string() }) }
     }
 }
 
@@ -52,11 +52,11 @@ impl From<Margin> for usize {
 }
 
 impl FromStr for Margin {
-    type Err = NotAMargin;
+    type Err = InvalidMargin;
 
-    fn from_str(text: &str) -> Result<Self, NotAMargin> {
+    fn from_str(text: &str) -> Result<Self, InvalidMargin> {
         let frames = text.parse::<usize>().ok();
-        frames.and_then(|frames| Self::try_from(frames).ok()).ok_or_else(|| NotAMargin { found: text.to_owned() })
+        frames.and_then(|frames| Self::try_from(frames).ok()).ok_or_else(|| InvalidMargin { found: text.to_owned() })
     }
 }
 
@@ -71,7 +71,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_to_a_thousand() {
+    fn accepts_one_to_a_thousand_frames() {
         for (text, expected) in [("1", Some(1)), ("1000", Some(1000)), ("0", None), ("1001", None), ("-1", None)] {
             assert_eq!(text.parse::<Margin>().ok().map(Margin::get), expected, "{text}");
         }

@@ -1,32 +1,33 @@
-//! The extrapolation split: what a method makes of views outside the window of frames that it was given.
+//! The extrapolation split: targets outside the window of context frames.
 
 mod distance;
-mod lengths;
 mod margin;
 mod report;
 
-pub use distance::{FrameLabel, TargetDistances};
+use atsplat_scene::{SceneSource, Warnings};
 use indexmap::IndexMap;
-pub use lengths::scene_lengths;
-pub use margin::{Margin, NotAMargin};
-pub use report::ExtrapolationReport;
 use serde::{Deserialize, Serialize};
 
+pub use distance::{FrameLabel, TargetDistances};
+pub use margin::{InvalidMargin, Margin};
+pub use report::ExtrapolationReport;
+
+use crate::loading::{in_parallel, load};
 use crate::{Derivation, EvaluationIndex, IndexEntry};
 
-/// How the split is made. "10 frames before and after the input window" (ATSplat) says how far targets
-/// reach, but not what happens where the window starts at frame 0, as it does in 109 of the 140 scenes of
-/// DepthSplat's 6-view index: both readings are here, the first is the default.
+/// The settings of the split. "10 frames before and after the input window" (ATSplat) states how far targets
+/// extend, but not what happens if the window starts at frame 0, as it does in 109 of the 140 scenes of
+/// DepthSplat's 6-view index: both readings are available, the first is the default.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Extrapolation {
-    /// Frames before and after the window that become targets.
+    /// Number of frames before and after the window that become targets.
     #[serde(default)]
     pub margin: Margin,
-    /// Where the window goes.
+    /// Where the window is placed.
     #[serde(default)]
     pub placement: Placement,
-    /// What happens to an entry that has fewer than `2 · margin` targets after placement.
+    /// What happens to an entry with fewer than `2 · margin` targets after placement.
     #[serde(default)]
     pub incomplete: Incomplete,
 }
@@ -39,34 +40,34 @@ impl From<Derivation> for Extrapolation {
     }
 }
 
-/// Where the window of context frames goes.
+/// Where the window of context frames is placed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Placement {
-    /// All context frames move together by the smallest number of frames that leaves `margin` frames
-    /// before and after them; windows with room stay.
+    /// All context frames are shifted together by the smallest number of frames that leaves `margin` frames
+    /// before and after them.
     #[default]
     Shift,
-    /// The index's own frames.
+    /// The index's own context frames.
     Keep,
 }
 
-/// What happens to an entry with fewer targets than asked for.
+/// What happens to an entry with fewer targets than requested.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Incomplete {
-    /// It is left out and reported.
+    /// It is dropped and reported.
     #[default]
     Drop,
-    /// It keeps the targets that exist; reported too. An entry without any is left out.
+    /// It keeps the targets that exist, and is reported. An entry without any is dropped.
     Clip,
 }
 
 impl Extrapolation {
-    /// Makes the split from an index and the number of frames of each scene.
+    /// Derives the split from an index and the number of frames of each scene.
     ///
-    /// A scene missing from `lengths` is taken as long enough and counted in
-    /// [`ExtrapolationReport::length_unknown`]. Scenes that lose all entries stay in the index as `null`.
+    /// A scene missing from `lengths` counts as long enough and is reported in
+    /// [`ExtrapolationReport::length_unknown`]. Scenes that lose all entries remain in the index as `null`.
     pub fn split(&self, index: &EvaluationIndex, lengths: &IndexMap<String, usize>) -> ExtrapolationReport {
         let mut report = ExtrapolationReport::default();
         for (key, entries) in &index.scenes {
@@ -125,19 +126,37 @@ impl Extrapolation {
     }
 }
 
-/// Frames that an index may name in a scene: all of them up to the last that a file may hold.
+/// The number of frames of a scene that an index can refer to.
 fn frames_of(length: Option<usize>) -> usize {
     let nameable = IndexEntry::MAX_FRAME + 1;
     length.map_or(nameable, |length| length.min(nameable))
 }
 
-/// The start nearest to `start` with `margin` frames before it and after `start + span`; `start` itself where
-/// the scene has no room for both.
+/// The start nearest to `start` with `margin` frames before the window and after its end; `start` itself if the scene
+/// has no room for both.
 fn place(start: usize, span: usize, margin: usize, frames: usize) -> usize {
     match frames.checked_sub(span + margin + 1) {
         Some(latest) if latest >= margin => start.clamp(margin, latest),
         _ => start,
     }
+}
+
+/// The number of frames of each scene of `index` in `source`, read in parallel; `null` scenes are skipped. A scene that
+/// cannot be loaded is omitted with a warning. `progress` is called once per scene, from any thread.
+pub fn scene_lengths(
+    index: &EvaluationIndex,
+    source: &dyn SceneSource,
+    progress: &(dyn Fn() + Sync),
+    warnings: &mut Warnings,
+) -> IndexMap<String, usize> {
+    let with_entries = index.scenes.iter().filter(|(_, entries)| !entries.is_empty());
+    let keys: Vec<&String> = with_entries.map(|(key, _)| key).collect();
+    let lengths = in_parallel(&keys, warnings, |key, warnings| {
+        let length = load(source, key, warnings).ok().map(|scene| scene.frames.len());
+        progress();
+        length
+    });
+    keys.into_iter().cloned().zip(lengths).filter_map(|(key, length)| Some((key, length?))).collect()
 }
 
 #[cfg(test)]
@@ -158,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_move_as_little_as_needed() {
+    fn windows_shift_no_farther_than_necessary() {
         let index = index_of(&[("start", &[0, 20, 49]), ("near", &[3, 49]), ("room", &[12, 30]), ("end", &[40, 55])]);
         let report = Extrapolation::default()
             .split(&index, &lengths(&[("start", 300), ("near", 300), ("room", 41), ("end", 60)]));
@@ -180,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn one_frame_too_short() {
+    fn a_scene_one_frame_too_short_is_dropped_or_clipped() {
         let index = index_of(&[("exact", &[0, 9]), ("short", &[0, 9])]);
         let frames = lengths(&[("exact", 30), ("short", 29)]);
         let dropped = Extrapolation::default().split(&index, &frames);
@@ -193,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn keeping_the_frames_clips_at_the_start() {
+    fn unshifted_windows_are_clipped_at_the_start() {
         let keep =
             Extrapolation { placement: Placement::Keep, incomplete: Incomplete::Clip, ..Extrapolation::default() };
         let report = keep.split(&index_of(&[("a", &[4, 9])]), &lengths(&[("a", 100)]));
@@ -202,19 +221,19 @@ mod tests {
     }
 
     #[test]
-    fn unknown_lengths_and_impossible_entries_are_said() {
+    fn reports_unknown_lengths_and_invalid_entries() {
         let mut index =
             index_of(&[("unknown", &[0, 9]), ("outside", &[0, 90]), ("none", &[]), ("huge", &[usize::MAX])]);
         index.scenes.insert("null".to_owned(), Vec::new());
         let report = Extrapolation::default().split(&index, &lengths(&[("outside", 90), ("none", 50)]));
-        assert_eq!(report.invalid, ["outside", "none", "huge"], "no file names frame 2^64 - 1");
+        assert_eq!(report.invalid, ["outside", "none", "huge"], "no file can name frame 2^64 - 1");
         assert_eq!((report.length_unknown, report.null_scenes), (1, 1));
         assert_eq!(report.index.scenes["unknown"][0].target.len(), 20);
     }
 
-    /// What is written can be read: no frame lies above the last that a file may hold.
+    /// The split can be written and read back: no frame exceeds [`IndexEntry::MAX_FRAME`].
     #[test]
-    fn the_last_frame_that_a_file_may_hold() {
+    fn no_target_exceeds_the_largest_frame_number_of_a_file() {
         let last = IndexEntry::MAX_FRAME;
         let index = index_of(&[("fits", &[last - 20, last - 10]), ("moves", &[last - 9, last - 5])]);
         for placement in [Placement::Shift, Placement::Keep] {
@@ -228,33 +247,33 @@ mod tests {
     }
 
     #[test]
-    fn each_cause_has_its_name() {
+    fn dropped_entries_are_reported_by_reason() {
         let keep = Extrapolation { placement: Placement::Keep, ..Extrapolation::default() };
         let index = index_of(&[("start", &[9, 30]), ("end", &[12, 30]), ("short", &[5, 30]), ("unknown", &[9, 30])]);
         let report = keep.split(&index, &lengths(&[("start", 300), ("end", 40), ("short", 45)]));
-        assert_eq!(report.no_room_before, ["start", "unknown"], "a length that nobody gave is no reason");
+        assert_eq!(report.no_room_before, ["start", "unknown"], "an unknown length is not a reason");
         assert_eq!((report.no_room_after, report.too_short), (vec!["end".to_owned()], vec!["short".to_owned()]));
     }
 
     proptest! {
         #[test]
-        fn every_complete_entry_has_its_margins(
+        fn every_complete_entry_has_both_margins(
             start in 0usize..50, span in 0usize..60, length in 1usize..160, margin in 1usize..15,
         ) {
             let index = index_of(&[("a", &[start, start + span])]);
             let split = Extrapolation { margin: Margin::try_from(margin).unwrap(), ..Extrapolation::default() };
             let report = split.split(&index, &lengths(&[("a", length)]));
             let possible = start + span < length && span + 1 + 2 * margin <= length;
-            prop_assert_eq!(report.complete == 1, possible, "complete exactly where the scene has room");
+            prop_assert_eq!(report.complete == 1, possible, "complete iff the scene has room");
             for entry in &report.index.scenes["a"] {
                 let (a, b) = (entry.context[0], entry.context[1]);
                 prop_assert_eq!(b - a, span);
                 prop_assert_eq!(&entry.target, &(a - margin..a).chain(b + 1..=b + margin).collect::<Vec<_>>());
                 prop_assert!(b + margin < length);
                 let had_room = start >= margin && start + span + margin < length;
-                prop_assert!(!had_room || a == start, "moved without need");
+                prop_assert!(!had_room || a == start, "shifted unnecessarily");
                 let again = split.split(&report.index, &lengths(&[("a", length)]));
-                prop_assert_eq!(again.index, report.index.clone(), "a second time changes nothing");
+                prop_assert_eq!(again.index, report.index.clone(), "splitting again changes nothing");
             }
         }
     }

@@ -3,43 +3,43 @@ use serde::Serialize;
 use super::TargetDistances;
 use crate::EvaluationIndex;
 
-/// An extrapolation index and how it came about. Counts are entries (one a scene in every published DL3DV
-/// index), but for `null_scenes`.
+/// An extrapolation index and how it was derived. Counts are of entries (one per scene in every published DL3DV
+/// index), except for `null_scenes`.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ExtrapolationReport {
-    /// The new index: contexts moved, targets outside the window, ascending.
+    /// The new index: shifted context frames, and ascending targets outside the window.
     #[serde(skip)]
     pub index: EvaluationIndex,
-    /// Scenes that had no entry in the first place.
+    /// Scenes without an entry in the original index.
     pub null_scenes: usize,
-    /// Windows of the given index that start at frame 0.
+    /// Windows of the original index that start at frame 0.
     pub started_at_zero: usize,
-    /// Windows moved towards the end.
+    /// Windows shifted towards the end.
     pub shifted_later: usize,
-    /// Windows moved towards the start.
+    /// Windows shifted towards the start.
     pub shifted_earlier: usize,
     /// Entries with all `2 · margin` targets.
     pub complete: usize,
     /// Entries that keep fewer targets ([`super::Incomplete::Clip`]).
     pub clipped: Vec<String>,
-    /// Entries left out because the scene is known to be shorter than window and margins, by scene key.
+    /// Entries dropped because the scene is known to be shorter than window and margins, by scene key.
     pub too_short: Vec<String>,
-    /// Entries left out because a window that stays where it is has too few frames before it.
+    /// Entries dropped because there are too few frames before an unshifted window.
     pub no_room_before: Vec<String>,
-    /// Entries left out because too few frames come after a window that stays where it is, or after one of a
-    /// scene of unknown length before [`crate::IndexEntry::MAX_FRAME`].
+    /// Entries dropped because there are too few frames after an unshifted window or, in a scene of unknown length,
+    /// before [`crate::IndexEntry::MAX_FRAME`].
     pub no_room_after: Vec<String>,
-    /// Entries left out because a context frame lies outside the scene, or there is none.
+    /// Entries dropped because a context frame lies outside the scene, or there is no context frame.
     pub invalid: Vec<String>,
-    /// Entries of scenes whose length nobody gave; they count as long enough.
+    /// Entries of scenes of unknown length, which count as long enough.
     pub length_unknown: usize,
-    /// Targets of the new index by signed distance outside their window.
+    /// Targets of the new index by signed distance from their window.
     pub targets_by_distance: TargetDistances,
 }
 
 impl ExtrapolationReport {
-    /// How many entries were left out, for any cause.
+    /// Number of dropped entries, for any reason.
     pub fn left_out(&self) -> usize {
         [&self.too_short, &self.no_room_before, &self.no_room_after, &self.invalid].into_iter().map(Vec::len).sum()
     }

@@ -1,14 +1,15 @@
-//! The bytes that [`EvaluationIndex::content_hash`] hashes, all integers as 64-bit little-endian:
+//! The bytes that [`EvaluationIndex::content_hash`] hashes, with all integers as 64-bit little-endian:
 //!
 //! `"atsplat evaluation index 1\n"`, then for every scene that has entries, sorted by the key's bytes: key
 //! length, key, number of entries, and for each entry in order: number of context frames, those frames in
-//! order (the first is the reference of relative poses), number of targets, those frames sorted (a repeated
-//! target weighs twice and stays), and a byte 0, or a byte 1 and the overlap's IEEE 754 bits; where the index records
-//! who measured it, a byte 2, those bits, the length of the estimator's name and the name.
+//! order (the first is the reference of relative poses), number of targets, those frames sorted (repeated
+//! targets are kept, because they weigh twice), and a byte 0 without an overlap, or a byte 1 and the overlap's
+//! IEEE 754 bits; if the index records its estimator, a byte 2, those bits, the length of the estimator's name and the
+//! name.
 //!
-//! [`EvaluationIndex::context_gaps_hash`] takes `"atsplat context gaps 1\n"`, then for the same scenes in the same
-//! order: key length, key, number of entries, and for each the number of context frames and those frames in
-//! order, counted from the first of the window.
+//! [`EvaluationIndex::context_gaps_hash`] hashes `"atsplat context gaps 1\n"`, then for the same scenes in the same
+//! order: key length, key, number of entries, and for each entry the number of context frames and those frames in
+//! order, counted from the first frame of the window.
 
 use atsplat_files::Sha256Digest;
 use sha2::{Digest, Sha256};
@@ -16,7 +17,7 @@ use sha2::{Digest, Sha256};
 use super::{EvaluationIndex, IndexEntry, Overlap};
 
 pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
-    of_scenes(b"atsplat evaluation index 1\n", index, |hasher, entry| {
+    hash_scenes(b"atsplat evaluation index 1\n", index, |hasher, entry| {
         frames(hasher, &entry.context);
         let mut target = entry.target.clone();
         target.sort_unstable();
@@ -25,7 +26,7 @@ pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
             None => hasher.update([0]),
             Some(Overlap { value, estimator }) => {
                 hasher.update([if estimator.is_some() { 2 } else { 1 }]);
-                // `+ 0.0` turns the negative zero into the positive one.
+                // `+ 0.0` turns negative zero into positive zero.
                 hasher.update((value + 0.0).to_le_bytes());
                 if let Some(name) = estimator {
                     length(hasher, name.len());
@@ -37,14 +38,14 @@ pub(super) fn hash(index: &EvaluationIndex) -> Sha256Digest {
 }
 
 pub(super) fn gaps_hash(index: &EvaluationIndex) -> Sha256Digest {
-    of_scenes(b"atsplat context gaps 1\n", index, |hasher, entry| {
-        let (start, _) = entry.window().unwrap_or_default();
+    hash_scenes(b"atsplat context gaps 1\n", index, |hasher, entry| {
+        let start = entry.window().map_or(0, |(first, _)| first);
         let from_start: Vec<usize> = entry.context.iter().map(|frame| frame - start).collect();
         frames(hasher, &from_start);
     })
 }
 
-fn of_scenes(magic: &[u8], index: &EvaluationIndex, entry: impl Fn(&mut Sha256, &IndexEntry)) -> Sha256Digest {
+fn hash_scenes(magic: &[u8], index: &EvaluationIndex, entry: impl Fn(&mut Sha256, &IndexEntry)) -> Sha256Digest {
     let mut scenes: Vec<_> = index.scenes.iter().filter(|(_, entries)| !entries.is_empty()).collect();
     scenes.sort_unstable_by_key(|(key, _)| *key);
     let mut hasher = Sha256::new_with_prefix(magic);
@@ -82,14 +83,14 @@ mod tests {
 
     /// Computed by `tests/fixtures/content_hash.py`, which builds the same bytes with `struct.pack`.
     #[test]
-    fn equals_the_independent_computation() {
+    fn agrees_with_the_independent_python_computation() {
         let expected = include_str!("../../tests/fixtures/content_hash.txt");
         let expected = expected.lines().next().and_then(|line| line.split(' ').next_back()).unwrap();
         assert_eq!(hash(BASE), expected);
     }
 
     #[test]
-    fn what_the_file_looks_like_does_not_matter() {
+    fn ignores_the_layout_of_the_file() {
         for same in [
             r#"{"c":[{"target":[],"context":[0]}],"b":{"overlap":2.5e-1,"target":[2,3],"context":[1,9]}}"#,
             r#"{"b": [{"context": [1, 9], "target": [2, 3], "overlap": 0.25}], "c": {"context": [0], "target": []}, "z": []}"#,
@@ -99,7 +100,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_asked_does_matter() {
+    fn depends_on_every_part_of_the_content() {
         let changes = [
             ("[1, 9]", "[9, 1]"),
             ("[1, 9]", "[1, 10]"),
@@ -119,7 +120,7 @@ mod tests {
     }
 
     #[test]
-    fn gaps_outlive_a_shift_and_nothing_else() {
+    fn the_gaps_hash_ignores_shifts_but_not_other_changes_of_context() {
         let gaps = |json: &str| EvaluationIndex::from_json(json.as_bytes()).unwrap().context_gaps_hash().to_string();
         let (_, expected) = include_str!("../../tests/fixtures/content_hash.txt").split_once("gaps ").unwrap();
         assert_eq!(gaps(BASE), expected.trim_end());

@@ -6,28 +6,28 @@ use super::read::{self, IndexNotices, Parsed};
 use super::{EvaluationIndex, IndexLayout};
 use crate::{KnownIndex, ProtocolError};
 
-/// An index file: what it says, and all that identifies it.
+/// An index file: its content, and what identifies it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IndexFile {
-    /// What the file says.
+    /// The file's content.
     pub index: EvaluationIndex,
-    /// How it is laid out.
+    /// How the file is formatted.
     pub layout: IndexLayout,
-    /// Hash of the file's bytes: official files are recognised by it.
+    /// Hash of the file's bytes, which identifies official files.
     pub sha256: Sha256Digest,
     /// Size of the file in bytes.
     pub size: u64,
-    /// What is odd about it.
+    /// Irregularities that do not prevent its use.
     pub notices: IndexNotices,
 }
 
 impl IndexFile {
-    /// Reads the bytes of an index file.
+    /// Parses the bytes of an index file.
     ///
     /// # Errors
-    /// [`ProtocolError::Malformed`] with scene key, field, element, line and column: text that is not JSON,
+    /// [`ProtocolError::Malformed`] with scene key, field, element, line and column for text that is not JSON,
     /// a frame number that is negative, fractional or above [`super::IndexEntry::MAX_FRAME`], an overlap
-    /// outside [0, 1], a missing or repeated field.
+    /// outside [0, 1], and a missing or repeated field.
     pub fn parse(bytes: &[u8]) -> Result<Self, ProtocolError> {
         let Parsed { index, layout, notices } = read::parse(bytes)?;
         Ok(Self { index, layout, sha256: Sha256Digest::of(bytes), size: bytes.len() as u64, notices })
@@ -42,12 +42,12 @@ impl IndexFile {
         Self::parse(&bytes).map_err(|error| error.in_file(path))
     }
 
-    /// The official file with these bytes, or else the one with the same content.
+    /// The official file with the same bytes, or else the one with the same content.
     pub fn recognised(&self) -> Option<&'static KnownIndex> {
         KnownIndex::by_sha256(&self.sha256).or_else(|| KnownIndex::by_content(&self.index.content_hash()))
     }
 
-    /// The index, unless the file says two things about one scene.
+    /// The index, unless the file lists a scene twice.
     ///
     /// # Errors
     /// [`ProtocolError::Malformed`] for a scene key that occurs twice.
@@ -65,10 +65,10 @@ impl IndexFile {
 }
 
 impl EvaluationIndex {
-    /// Writes the index to `path` as [`Self::to_json`] lays it out.
+    /// Writes the index to `path` as [`Self::to_json`] formats it; returns the hash of the file.
     ///
     /// # Errors
-    /// [`ProtocolError::Io`] with the file that could not be written.
+    /// [`ProtocolError::Io`].
     pub fn write(&self, path: &Path, layout: &IndexLayout) -> Result<Sha256Digest, ProtocolError> {
         let text = self.to_json(layout);
         atsplat_files::write(path, text.as_bytes()).map_err(io("writing an evaluation index", path))?;
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn written_and_read_again() {
+    fn reads_back_what_it_wrote() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("index.json");
         let index = EvaluationIndex::from_json(br#"{"a": {"context": [1, 2], "target": [1]}, "b": null}"#).unwrap();
@@ -94,11 +94,11 @@ mod tests {
         let file = IndexFile::read(&path).unwrap();
         assert_eq!((file.sha256, file.layout), (digest, IndexLayout::NOPOSPLAT));
         assert_eq!(file.into_unambiguous().unwrap(), index);
-        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "nothing is left beside the file");
+        assert_eq!(fs::read_dir(folder.path()).unwrap().count(), 1, "no temporary file remains");
     }
 
     #[test]
-    fn errors_end_in_the_path() {
+    fn errors_end_with_the_path() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("index.json");
         let absent = IndexFile::read(&path).unwrap_err().to_string();

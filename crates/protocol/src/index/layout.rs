@@ -1,4 +1,4 @@
-/// How an index file is laid out; enough to write official files back byte for byte.
+/// The formatting of an index file, sufficient to reproduce official files byte for byte.
 ///
 /// The default is pixelSplat's: Python's `json.dumps(index)` without options.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -23,7 +23,7 @@ impl IndexLayout {
     };
     /// NoPoSplat: `json.dump(index, indent=4)`, objects and `null`.
     pub const NOPOSPLAT: Self = Self { spacing: Spacing::Indent(4), ..Self::PIXELSPLAT };
-    /// latentSplat: one line, a list for every scene, the empty list where the protocol leaves one out.
+    /// latentSplat: one line, a list for every scene, the empty list for scenes that the protocol leaves out.
     pub const LATENTSPLAT: Self =
         Self { lone_entry: LoneEntryForm::List, absent: AbsentForm::EmptyList, ..Self::PIXELSPLAT };
 }
@@ -36,7 +36,7 @@ pub enum Spacing {
     OneLine,
     /// No white space at all.
     Tight,
-    /// One element a line, indented by this many blanks a level (`json.dumps(…, indent=n)`).
+    /// One element per line, indented by this many spaces per level (`json.dumps(…, indent=n)`).
     Indent(u8),
 }
 
@@ -61,16 +61,15 @@ pub enum AbsentForm {
 }
 
 impl Spacing {
-    /// Reads the spacing off the first bytes of a JSON object.
+    /// Detects the spacing from the first bytes of a JSON object.
     pub(super) fn of_json(bytes: &[u8]) -> Self {
         let Some(open) = bytes.iter().position(|byte| *byte == b'{') else { return Self::default() };
-        let after = bytes.get(open + 1..).unwrap_or_default();
-        let blanks = after.iter().take_while(|byte| byte.is_ascii_whitespace()).count();
-        let (white, rest) = after.split_at(blanks);
+        let (_, after) = bytes.split_at(open + 1);
+        let (white, rest) = after.split_at(after.iter().take_while(|byte| byte.is_ascii_whitespace()).count());
         if let Some(line) = white.iter().rposition(|byte| *byte == b'\n') {
             return u8::try_from(white.len() - line - 1).map_or_else(|_| Self::default(), Self::Indent);
         }
-        // The first character after the first key's colon; keys with escaped quotes are not worth more code.
+        // The first character after the colon of the first key; a key with an escaped quote may mislead this.
         let colon = rest.iter().skip(1).position(|byte| *byte == b'"').map(|end| end + 2);
         match colon.and_then(|colon| rest.get(colon..)) {
             Some([b':', next, ..]) if !next.is_ascii_whitespace() => Self::Tight,
@@ -84,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spacing_is_read_off_the_first_key() {
+    fn detects_the_spacing_from_the_first_key() {
         for (text, spacing) in [
             (r#"{"a": null, "b": null}"#, Spacing::OneLine),
             (r#"{"a":null,"b":null}"#, Spacing::Tight),

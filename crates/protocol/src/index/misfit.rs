@@ -5,25 +5,25 @@ use serde::Serialize;
 
 use crate::{EvaluationIndex, IndexEntry, KnownIndex, Preset};
 
-/// A way in which an index does not fit the preset that it is run under. Its trials are run all the same: the numbers
-/// are of another protocol than the preset's name says.
+/// A way in which an index does not fit the preset that it is run under. Its trials still run, but their numbers belong
+/// to a different protocol than the preset's name suggests.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Misfit {
-    /// What is wrong, for counting.
+    /// What is wrong, without details.
     pub kind: String,
-    /// Entries that it is wrong with.
+    /// Number of affected entries.
     pub count: u64,
-    /// The first of them, with scene, field and what was found.
+    /// The first of them: scene, entry, field, expected and found.
     pub example: String,
 }
 
-/// A kind of misfit, and what is wrong with an entry.
+/// A kind of misfit, and a check that describes what is wrong with an entry.
 type Rule<'a> = (&'a str, &'a dyn Fn(&IndexEntry) -> Option<String>);
 
 impl Preset {
-    /// How `index` does not fit this preset: entries with another number of context views, without targets, with frames
-    /// named twice; and a published file that belongs to another dataset or another protocol. `sha256` is the file's.
+    /// How `index` does not fit this preset: entries with a wrong number of context views, without targets or with
+    /// repeated frames, and a published file that belongs to another dataset or protocol. `sha256` is the file's.
     pub fn misfits(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Vec<Misfit> {
         let views = self.index.context_views;
         let context_kind = format!("entries without the preset's {views} context views");
@@ -48,7 +48,7 @@ impl Preset {
         self.of_another_protocol(index, sha256).into_iter().chain(own).collect()
     }
 
-    /// A published file is known wherever it lies and whatever it is called.
+    /// Published files are recognised by hash, whatever their path.
     fn of_another_protocol(&self, index: &EvaluationIndex, sha256: &Sha256Digest) -> Option<Misfit> {
         let known = KnownIndex::by_sha256(sha256).or_else(|| KnownIndex::by_content(&index.content_hash()))?;
         if self.index.accepted.iter().any(|accepted| accepted.sha256 == known.sha256) {
@@ -83,7 +83,7 @@ mod tests {
     }
 
     #[test]
-    fn what_does_not_fit_is_counted_with_scene_and_field() {
+    fn counts_entries_that_do_not_fit_with_scene_and_field() {
         let json = r#"{"ok": {"context": [0, 9], "target": [3, 3]},
                        "three": {"context": [0, 5, 9], "target": [3]},
                        "none": {"context": [0, 9], "target": []},
@@ -108,9 +108,9 @@ mod tests {
         assert_eq!(misfits("re10k-2v-256", r#"{"ok": {"context": [0, 9], "target": [3]}}"#), []);
     }
 
-    /// The published files are told by their hash alone.
+    /// Published files are recognised by their hash alone.
     #[test]
-    fn published_files_of_others_are_known() {
+    fn recognises_published_files_of_other_protocols() {
         let index = EvaluationIndex::from_json(br#"{"ok": {"context": [0, 9], "target": [3]}}"#).unwrap();
         let preset = Preset::named("re10k-2v-256").unwrap();
         let of = |name: &str| preset.misfits(&index, &KnownIndex::by_name(name).unwrap().sha256);

@@ -1,18 +1,19 @@
-//! Evaluation indices: which frames of which scene are given and which are asked for.
+//! Evaluation indices: the context and target frames of every scene.
 //!
 //! One file format serves pixelSplat, MVSplat, DepthSplat, NoPoSplat, YoNoSplat and latentSplat
 //! (`assets/evaluation_index_*.json`): an object from scene keys to `null`, an entry, or a list of entries.
-//! [`EvaluationIndex`] is what such a file says; [`IndexFile`] is the file itself, with its bytes' hash,
-//! its layout and what was odd about it.
+//! [`EvaluationIndex`] is the content of such a file; [`IndexFile`] is the file itself, with the hash of its bytes,
+//! its formatting and its irregularities.
 
-mod carried;
 mod content;
+mod embedded;
 mod file;
 mod layout;
 mod misfit;
-mod overlap;
 mod read;
 mod write;
+
+use std::collections::BTreeSet;
 
 use atsplat_files::Sha256Digest;
 use indexmap::IndexMap;
@@ -20,26 +21,42 @@ use indexmap::IndexMap;
 pub use file::IndexFile;
 pub use layout::{AbsentForm, IndexLayout, LoneEntryForm, Spacing};
 pub use misfit::Misfit;
-pub use overlap::Overlap;
 pub use read::{IndexNotices, OVERLAP_OF_LARGE, OVERLAP_OF_OTHER_WORDS};
 
 use crate::ProtocolError;
 
-/// Which frames of one scene are given and which are asked for.
+/// Context and target frames of one scene.
 ///
 /// Frame numbers are positions in [`atsplat_scene::Scene::frames`], not timestamps or file numbers.
 #[derive(Clone, Debug, PartialEq)]
 pub struct IndexEntry {
     /// Frames that a method sees, in the index's order.
     pub context: Vec<usize>,
-    /// Frames that it is scored on, in the index's order; may repeat a context frame ("leaked").
+    /// Frames that it is scored on, in the index's order; may include context frames ("leaked").
     pub target: Vec<usize>,
-    /// Overlap of the context views, where the index has one (NoPoSplat).
+    /// Overlap of the context views, if the index states it (NoPoSplat).
     pub overlap: Option<Overlap>,
 }
 
+/// How much of the scene an entry's context views share, and which estimator measured it.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Overlap {
+    /// From 0 to 1.
+    pub value: f64,
+    /// The estimator's [`crate::overlap::OverlapEstimator::name`]; `None` if the index does not record it, as no
+    /// published index does.
+    pub estimator: Option<String>,
+}
+
+impl From<f64> for Overlap {
+    /// An overlap without a recorded estimator.
+    fn from(value: f64) -> Self {
+        Self { value, estimator: None }
+    }
+}
+
 impl IndexEntry {
-    /// Largest frame number that a file may hold: 92 hours at 30 frames a second. It keeps arithmetic on
+    /// Largest frame number that a file may contain: 92 hours at 30 frames per second. It keeps arithmetic on
     /// frame numbers, and lists of all frames of a window, far from overflow.
     pub const MAX_FRAME: usize = 9_999_999;
 
@@ -48,17 +65,17 @@ impl IndexEntry {
         Some((*self.context.iter().min()?, *self.context.iter().max()?))
     }
 
-    /// Whether `frame` is one that the method was given.
+    /// Whether `frame` is a context frame.
     pub fn is_context(&self, frame: usize) -> bool {
         self.context.contains(&frame)
     }
 
-    /// The targets that are also context frames, in the index's order, repeats included.
+    /// The targets that are also context frames, in the index's order, with repetitions.
     pub fn leaked(&self) -> impl Iterator<Item = usize> {
         self.target.iter().copied().filter(|frame| self.is_context(*frame))
     }
 
-    /// How many frames `frame` lies outside the window: negative before it, positive after it, 0 inside.
+    /// Signed distance of `frame` from the window in frames: negative before it, positive after it, 0 inside.
     /// `None` without context frames.
     pub fn frames_outside_window(&self, frame: usize) -> Option<i64> {
         let (first, last) = self.window()?;
@@ -71,13 +88,12 @@ impl IndexEntry {
 /// (latentSplat). The format of pixelSplat, NoPoSplat, DepthSplat and latentSplat.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct EvaluationIndex {
-    /// Scene key → entries. An empty list is the file's `null`: a scene that the protocol leaves out.
+    /// Scene key → entries. An empty list is the file's `null`: a scene that the protocol omits.
     pub scenes: IndexMap<String, Vec<IndexEntry>>,
 }
 
 impl EvaluationIndex {
-    /// Reads an index from JSON text, refusing what [`IndexFile::parse`] bears with a notice: a scene key
-    /// that occurs twice.
+    /// Reads an index from JSON text. Unlike [`IndexFile::parse`], it rejects a scene key that occurs twice.
     ///
     /// # Errors
     /// [`ProtocolError::Malformed`] with scene key, field, line and column.
@@ -85,15 +101,13 @@ impl EvaluationIndex {
         IndexFile::parse(bytes)?.into_unambiguous()
     }
 
-    /// Writes the index as JSON. With the layout of the file that it was read from, official files come
-    /// out byte for byte.
+    /// The index as JSON text. With the layout that was read, official files are reproduced byte for byte.
     pub fn to_json(&self, layout: &IndexLayout) -> String {
         write::to_json(self, *layout)
     }
 
-    /// Hash of what the index asks for, whatever the file looks like: white space, the order of scenes and
-    /// of fields, `null` against absent, an entry against a list of one, and the order of targets do not
-    /// change it. See `index/content.rs` for the bytes that go in.
+    /// Hash of the index's content, independent of the file's formatting: of white space, the order of scenes, fields
+    /// and targets, `null` or absent scenes, and an entry or a list of one. See `index/content.rs` for the hashed bytes.
     ///
     /// Two indices with equal content hashes define the same trials. Means over scenes are summed in index
     /// order, so two orders of the same content may differ in the last bit of a mean, and in nothing else.
@@ -101,8 +115,8 @@ impl EvaluationIndex {
         content::hash(self)
     }
 
-    /// Hash of the scenes and of their context frames, counted from the first of each window: what a split that
-    /// shifts windows keeps of the index that it is made from.
+    /// Hash of the scenes and their context frames relative to the start of each window, which a split that shifts
+    /// windows preserves.
     pub fn context_gaps_hash(&self) -> Sha256Digest {
         content::gaps_hash(self)
     }
@@ -114,14 +128,25 @@ impl EvaluationIndex {
             .flat_map(|(key, entries)| entries.iter().enumerate().map(move |(n, entry)| (key.as_str(), n, entry)))
     }
 
-    /// How many scenes have at least one entry; the other keys are the file's `null`s.
+    /// Number of scenes with at least one entry; the other keys are the file's `null`s.
     pub fn scene_count(&self) -> usize {
         self.scenes.values().filter(|entries| !entries.is_empty()).count()
     }
 
-    /// How many frames are asked for, over all entries.
+    /// Number of target frames over all entries.
     pub fn target_count(&self) -> usize {
         self.entries().map(|(_, _, entry)| entry.target.len()).sum()
+    }
+
+    /// Every overlap, in index order.
+    pub fn overlaps(&self) -> impl Iterator<Item = &Overlap> {
+        self.entries().filter_map(|(_, _, entry)| entry.overlap.as_ref())
+    }
+
+    /// Names of the estimators that the index records, sorted and distinct.
+    pub fn overlap_estimators(&self) -> Vec<String> {
+        let recorded = self.overlaps().filter_map(|overlap| overlap.estimator.clone());
+        recorded.collect::<BTreeSet<_>>().into_iter().collect()
     }
 }
 
@@ -142,13 +167,13 @@ mod tests {
     }
 
     #[test]
-    fn without_context_there_is_no_window() {
+    fn an_entry_without_context_has_no_window() {
         assert_eq!(entry(&[], &[1]).window(), None);
         assert_eq!(entry(&[], &[1]).frames_outside_window(1), None);
     }
 
     #[test]
-    fn leaked_targets_keep_order_and_repeats() {
+    fn leaked_targets_keep_order_and_repetitions() {
         assert_eq!(entry(&[3, 9], &[9, 4, 3, 9]).leaked().collect::<Vec<_>>(), [9, 3, 9]);
     }
 }

@@ -9,30 +9,30 @@ use serde::{Deserialize, Serialize};
 use super::{AbsentForm, EvaluationIndex, IndexEntry, IndexLayout, LoneEntryForm, Overlap, Spacing};
 use crate::ProtocolError;
 
-/// What NoPoSplat takes the word `"large"` for (`src/dataset/view_sampler/view_sampler_evaluation.py:65`).
+/// The value NoPoSplat uses for the overlap `"large"` (`src/dataset/view_sampler/view_sampler_evaluation.py:65`).
 pub const OVERLAP_OF_LARGE: f64 = 0.75;
-/// What NoPoSplat takes every other overlap word for (same line): `"medium"` too, so that it counts as
+/// The value NoPoSplat uses for every other overlap word (same line), including `"medium"`, which thus counts as
 /// small.
 pub const OVERLAP_OF_OTHER_WORDS: f64 = 0.25;
 
 /// The words that NoPoSplat's tagger writes (`src/misc/utils.py:38-48`).
 const OVERLAP_WORDS: [&str; 4] = ["small", "medium", "large", "ignore"];
 
-/// What is odd about an index file but does not stop it from being used.
+/// Irregularities of an index file that do not prevent its use.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct IndexNotices {
     /// Scene keys that occur more than once, in the order of their repetitions. As in Python, the last
-    /// value counts and the first place is kept.
+    /// value wins and the first position is kept.
     pub duplicate_keys: Vec<String>,
-    /// Fields of entries that the format does not have, with how often they occur. They are dropped.
+    /// Fields of entries that the format does not define, with their number of occurrences. They are dropped.
     pub unknown_fields: BTreeMap<String, u64>,
-    /// Entries whose overlap is a word and not a number, read as [`OVERLAP_OF_LARGE`] or
+    /// Entries whose overlap is a word instead of a number, read as [`OVERLAP_OF_LARGE`] or
     /// [`OVERLAP_OF_OTHER_WORDS`].
     pub overlap_words: u64,
 }
 
-/// Everything that the text of an index says.
+/// The content of an index text, its layout and its irregularities.
 pub(super) struct Parsed {
     pub(super) index: EvaluationIndex,
     pub(super) layout: IndexLayout,
@@ -56,16 +56,16 @@ pub(super) fn parse(bytes: &[u8]) -> Result<Parsed, ProtocolError> {
     Ok(Parsed { index: EvaluationIndex { scenes }, layout, notices: reading.notices.into_inner() })
 }
 
-/// What is gathered beside the value while it is read.
+/// What is collected while the value is deserialized.
 #[derive(Default)]
 struct Reading {
     notices: RefCell<IndexNotices>,
     forms: RefCell<Forms>,
-    /// Innermost step first; filled only while an error travels outwards.
+    /// The path to an error, innermost step first; filled while the error propagates.
     trail: RefCell<Vec<Step>>,
 }
 
-/// The first form of each kind decides the layout; files that mix them are written back uniform.
+/// The first form of each kind determines the layout; files that mix forms are written back uniformly.
 #[derive(Default)]
 struct Forms {
     lone_entry: Option<LoneEntryForm>,
@@ -91,7 +91,7 @@ impl fmt::Display for Step {
 }
 
 impl Reading {
-    /// Notes that an error passed `step` on its way out.
+    /// Adds `step` to the path of an error.
     fn within<T, E>(&self, result: Result<T, E>, step: impl FnOnce() -> Step) -> Result<T, E> {
         if result.is_err() {
             self.trail.borrow_mut().push(step());
@@ -99,14 +99,17 @@ impl Reading {
         result
     }
 
-    fn malformed(&self, error: &serde_json::Error) -> ProtocolError {
-        let mut location = String::new();
-        for step in self.trail.borrow().iter().rev() {
-            location.push_str(&step.to_string());
-            location.push_str(", ");
+    /// Stores the value of a field, which must occur once.
+    fn field<T, E: Error>(&self, name: &'static str, place: &mut Option<T>, value: Result<T, E>) -> Result<(), E> {
+        match place.replace(self.within(value, || Step::Field(name))?) {
+            None => Ok(()),
+            Some(_) => Err(E::custom(format!("it twice, expected the field {name} once"))),
         }
-        let place = format!("line {} column {}", error.line(), error.column());
-        location.push_str(&place);
+    }
+
+    fn malformed(&self, error: &serde_json::Error) -> ProtocolError {
+        let mut steps: Vec<String> = self.trail.borrow().iter().rev().map(Step::to_string).collect();
+        steps.push(format!("line {} column {}", error.line(), error.column()));
         let message = error.to_string();
         let message = message.rsplit_once(" at line ").map_or(message.as_str(), |(message, _)| message);
         let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "JSON"));
@@ -114,7 +117,7 @@ impl Reading {
             ["invalid type: ", "invalid value: "].iter().find_map(|prefix| found.strip_prefix(prefix)).unwrap_or(found);
         ProtocolError::Malformed {
             what: "evaluation index",
-            location,
+            location: steps.join(", "),
             expected: expected.to_owned(),
             found: shortened(found),
         }
@@ -123,20 +126,35 @@ impl Reading {
 
 /// At most 80 characters of `text`.
 fn shortened(text: &str) -> String {
-    match text.char_indices().nth(80) {
-        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),
-        None => text.to_owned(),
+    let mut chars = text.chars();
+    let mut short: String = chars.by_ref().take(80).collect();
+    if chars.next().is_some() {
+        short.push('…');
     }
+    short
 }
 
-struct ScenesSeed<'a>(&'a Reading);
+/// Seeds that share a [`Reading`] and deserialize by themselves as visitors.
+macro_rules! seeds {
+    ($($name:ident: $value:ty, $deserialize:ident;)*) => {$(
+        struct $name<'a>(&'a Reading);
 
-impl<'de> DeserializeSeed<'de> for ScenesSeed<'_> {
-    type Value = IndexMap<String, Vec<IndexEntry>>;
+        impl<'de> DeserializeSeed<'de> for $name<'_> {
+            type Value = $value;
 
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_map(self)
-    }
+            fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
+                deserializer.$deserialize(self)
+            }
+        }
+    )*};
+}
+
+seeds! {
+    ScenesSeed: IndexMap<String, Vec<IndexEntry>>, deserialize_map;
+    SceneSeed: Vec<IndexEntry>, deserialize_any;
+    EntrySeed: IndexEntry, deserialize_map;
+    FramesSeed: Vec<usize>, deserialize_seq;
+    OverlapSeed: Option<f64>, deserialize_any;
 }
 
 impl<'de> Visitor<'de> for ScenesSeed<'_> {
@@ -162,16 +180,6 @@ impl<'de> Visitor<'de> for ScenesSeed<'_> {
             }
         }
         Ok(scenes)
-    }
-}
-
-struct SceneSeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for SceneSeed<'_> {
-    type Value = Vec<IndexEntry>;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_any(self)
     }
 }
 
@@ -213,16 +221,6 @@ impl<'de> Visitor<'de> for SceneSeed<'_> {
     }
 }
 
-struct EntrySeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for EntrySeed<'_> {
-    type Value = IndexEntry;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_map(self)
-    }
-}
-
 impl<'de> Visitor<'de> for EntrySeed<'_> {
     type Value = IndexEntry;
 
@@ -233,31 +231,19 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
     fn visit_map<A: MapAccess<'de>>(self, mut map: A) -> Result<Self::Value, A::Error> {
         let Self(reading) = self;
         let (mut context, mut target, mut overlap, mut estimator) = (None, None, None, None);
-        while let Some(name) = map.next_key::<FieldName>()? {
-            match name {
-                FieldName::Context => {
-                    let frames = map.next_value_seed(FramesSeed(reading));
-                    once("context", &mut context, reading.within(frames, || Step::Field("context"))?)?;
-                }
-                FieldName::Target => {
-                    let frames = map.next_value_seed(FramesSeed(reading));
-                    once("target", &mut target, reading.within(frames, || Step::Field("target"))?)?;
-                }
-                FieldName::Overlap => {
-                    let value = map.next_value_seed(OverlapSeed(reading));
-                    once("overlap", &mut overlap, reading.within(value, || Step::Field("overlap"))?)?;
-                }
-                FieldName::Estimator => {
-                    let name = reading.within(map.next_value::<Option<String>>(), || Step::Field(ESTIMATOR))?;
-                    once(ESTIMATOR, &mut estimator, name)?;
-                }
-                FieldName::Other(name) => {
+        while let Some(name) = map.next_key::<String>()? {
+            match name.as_str() {
+                "context" => reading.field("context", &mut context, map.next_value_seed(FramesSeed(reading)))?,
+                "target" => reading.field("target", &mut target, map.next_value_seed(FramesSeed(reading)))?,
+                "overlap" => reading.field("overlap", &mut overlap, map.next_value_seed(OverlapSeed(reading)))?,
+                ESTIMATOR => reading.field(ESTIMATOR, &mut estimator, map.next_value::<Option<String>>())?,
+                _ => {
                     map.next_value::<IgnoredAny>()?;
                     *reading.notices.borrow_mut().unknown_fields.entry(name).or_default() += 1;
                 }
             }
         }
-        let overlap = reading.within(measured(overlap.flatten(), estimator.flatten()), || Step::Field(ESTIMATOR))?;
+        let overlap = reading.within(overlap_of(overlap.flatten(), estimator.flatten()), || Step::Field(ESTIMATOR))?;
         Ok(IndexEntry {
             context: context.ok_or_else(|| absent("context"))?,
             target: target.ok_or_else(|| absent("target"))?,
@@ -266,10 +252,10 @@ impl<'de> Visitor<'de> for EntrySeed<'_> {
     }
 }
 
-/// An estimator alone says nothing.
-fn measured<E: Error>(value: Option<f64>, estimator: Option<String>) -> Result<Option<Overlap>, E> {
+/// An estimator without a value is an error.
+fn overlap_of<E: Error>(value: Option<f64>, estimator: Option<String>) -> Result<Option<Overlap>, E> {
     match (value, estimator) {
-        (None, Some(name)) => Err(E::custom(format!("{name:?} without one, expected an overlap beside it"))),
+        (None, Some(name)) => Err(E::custom(format!("{name:?} without an overlap, expected the field overlap too"))),
         (value, estimator) => Ok(value.map(|value| Overlap { value, estimator })),
     }
 }
@@ -278,57 +264,8 @@ fn absent<E: Error>(field: &str) -> E {
     E::custom(format!("an entry without it, expected the field {field}"))
 }
 
-fn once<T, E: Error>(field: &str, place: &mut Option<T>, value: T) -> Result<(), E> {
-    match place.replace(value) {
-        None => Ok(()),
-        Some(_) => Err(E::custom(format!("it twice, expected the field {field} once"))),
-    }
-}
-
-/// Who measured an entry's overlap: a field of ours, which the loaders of the field pass over.
+/// Which estimator measured an entry's overlap: a field of this toolkit, which published loaders ignore.
 const ESTIMATOR: &str = "overlap_estimator";
-
-enum FieldName {
-    Context,
-    Target,
-    Overlap,
-    Estimator,
-    Other(String),
-}
-
-impl<'de> Deserialize<'de> for FieldName {
-    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
-        struct NameVisitor;
-        impl Visitor<'_> for NameVisitor {
-            type Value = FieldName;
-
-            fn expecting(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-                f.write_str("a field name")
-            }
-
-            fn visit_str<E: Error>(self, name: &str) -> Result<FieldName, E> {
-                Ok(match name {
-                    "context" => FieldName::Context,
-                    "target" => FieldName::Target,
-                    "overlap" => FieldName::Overlap,
-                    ESTIMATOR => FieldName::Estimator,
-                    other => FieldName::Other(other.to_owned()),
-                })
-            }
-        }
-        deserializer.deserialize_identifier(NameVisitor)
-    }
-}
-
-struct FramesSeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for FramesSeed<'_> {
-    type Value = Vec<usize>;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_seq(self)
-    }
-}
 
 impl<'de> Visitor<'de> for FramesSeed<'_> {
     type Value = Vec<usize>;
@@ -367,16 +304,6 @@ impl<'de> Deserialize<'de> for Frame {
             }
         }
         deserializer.deserialize_u64(FrameVisitor)
-    }
-}
-
-struct OverlapSeed<'a>(&'a Reading);
-
-impl<'de> DeserializeSeed<'de> for OverlapSeed<'_> {
-    type Value = Option<f64>;
-
-    fn deserialize<D: Deserializer<'de>>(self, deserializer: D) -> Result<Self::Value, D::Error> {
-        deserializer.deserialize_any(self)
     }
 }
 

@@ -20,7 +20,7 @@ pub(super) fn to_json(index: &EvaluationIndex, layout: IndexLayout) -> String {
 enum Field<'a> {
     Frames(&'static str, &'a [usize]),
     Number(&'static str, f64),
-    Word(&'static str, &'a str),
+    Text(&'static str, &'a str),
 }
 
 struct Json {
@@ -33,7 +33,7 @@ impl Json {
     fn entry(&mut self, entry: &IndexEntry) {
         let fields = [Field::Frames("context", &entry.context), Field::Frames("target", &entry.target)];
         let overlap = entry.overlap.iter().flat_map(|Overlap { value, estimator }| {
-            let estimator = estimator.as_deref().map(|name| Field::Word("overlap_estimator", name));
+            let estimator = estimator.as_deref().map(|name| Field::Text("overlap_estimator", name));
             [Field::Number("overlap", *value)].into_iter().chain(estimator)
         });
         self.list('{', '}', fields.into_iter().chain(overlap), |json, field| match field {
@@ -45,9 +45,9 @@ impl Json {
                 json.key(name);
                 json.text.push_str(&python_float(value));
             }
-            Field::Word(name, word) => {
+            Field::Text(name, text) => {
                 json.key(name);
-                json.word(word);
+                json.string(text);
             }
         });
     }
@@ -88,21 +88,19 @@ impl Json {
     }
 
     fn key(&mut self, key: &str) {
-        self.word(key);
+        self.string(key);
         self.text.push_str(if self.spacing == Spacing::Tight { ":" } else { ": " });
     }
 
-    fn word(&mut self, word: &str) {
+    fn string(&mut self, text: &str) {
         self.text.push('"');
-        for unit in word.chars() {
-            self.escaped(unit);
-        }
+        text.chars().for_each(|character| self.escaped(character));
         self.text.push('"');
     }
 
-    /// `json.dumps` keeps printable ASCII and writes all else as `\uXXXX` (`ensure_ascii`).
-    fn escaped(&mut self, unit: char) {
-        match unit {
+    /// As `json.dumps` with `ensure_ascii`: printable ASCII as it is, everything else as `\uXXXX`.
+    fn escaped(&mut self, character: char) {
+        match character {
             '"' => self.text.push_str("\\\""),
             '\\' => self.text.push_str("\\\\"),
             '\n' => self.text.push_str("\\n"),
@@ -110,21 +108,19 @@ impl Json {
             '\t' => self.text.push_str("\\t"),
             '\u{8}' => self.text.push_str("\\b"),
             '\u{c}' => self.text.push_str("\\f"),
-            ' '..='~' => self.text.push(unit),
+            ' '..='~' => self.text.push(character),
             _ => {
-                for half in unit.encode_utf16(&mut [0; 2]) {
-                    let digits = format!("{half:04x}");
-                    self.text.push_str("\\u");
-                    self.text.push_str(&digits);
-                }
+                let mut buffer = [0; 2];
+                let units = character.encode_utf16(&mut buffer).iter();
+                self.text.extend(units.map(|unit| format!("\\u{unit:04x}")));
             }
         }
     }
 }
 
 /// Python's `repr` of a float: the shortest digits that read back the same, in scientific notation below
-/// 1e-4 and from 1e16, with at least two digits in the exponent. A value that JSON has no number for, which
-/// no parser of ours yields, becomes `null`.
+/// 1e-4 and from 1e16, with at least two digits in the exponent. A non-finite value, which the parser never
+/// yields, becomes `null`.
 fn python_float(value: f64) -> String {
     if !value.is_finite() {
         return "null".to_owned();
@@ -152,7 +148,7 @@ mod tests {
 
     /// The right-hand sides are what `CPython` 3.11 prints.
     #[test]
-    fn floats_print_as_in_python() {
+    fn formats_floats_as_python_does() {
         for (value, text) in [
             (0.4, "0.4"),
             (0.79976, "0.79976"),
@@ -172,13 +168,13 @@ mod tests {
 
     /// `json.dumps({"é\x7f😀\"\\\n": None})` in `CPython` 3.11.
     #[test]
-    fn keys_are_escaped_as_in_python() {
+    fn escapes_keys_as_python_does() {
         let index = EvaluationIndex { scenes: [("é\u{7f}😀\"\\\n".to_owned(), vec![])].into_iter().collect() };
         assert_eq!(index.to_json(&IndexLayout::default()), r#"{"\u00e9\u007f\ud83d\ude00\"\\\n": null}"#);
     }
 
     #[test]
-    fn every_layout_of_the_field() {
+    fn writes_every_published_layout() {
         let entry = IndexEntry { context: vec![1, 5], target: vec![], overlap: Some(0.5.into()) };
         let index =
             EvaluationIndex { scenes: [("a".to_owned(), vec![entry]), ("b".to_owned(), vec![])].into_iter().collect() };
@@ -230,8 +226,8 @@ mod tests {
         }
 
         #[test]
-        fn a_layout_that_was_read_writes_the_same_bytes(index in any_index(), layout in any_layout()) {
-            // A key with an escaped quote may hide the spacing; every other file is written back as it was.
+        fn writing_with_the_layout_that_was_read_gives_identical_bytes(index in any_index(), layout in any_layout()) {
+            // A first key with an escaped quote may hide the spacing; every other file is reproduced exactly.
             prop_assume!(index.scenes.keys().next().is_none_or(|key| !key.contains('"')));
             let text = index.to_json(&layout);
             let file = IndexFile::parse(text.as_bytes()).unwrap();

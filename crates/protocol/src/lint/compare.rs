@@ -5,13 +5,13 @@ use serde::Serialize;
 
 use crate::{EvaluationIndex, IndexEntry};
 
-/// How two indices relate.
+/// A comparison of two indices.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Comparability {
-    /// Keys that both have.
+    /// Keys in both indices.
     pub common_keys: u64,
-    /// Keys with entries in the first and in the second.
+    /// Keys with entries in the first and in the second index.
     pub scenes: (u64, u64),
     /// Keys with entries in both.
     pub common_scenes: u64,
@@ -25,7 +25,7 @@ pub struct Comparability {
     pub other_overlap: u64,
     /// Whether results may share a table.
     pub verdict: Verdict,
-    /// Why, in words.
+    /// The reasons for the verdict, as text.
     pub reasons: Vec<String>,
 }
 
@@ -33,17 +33,17 @@ pub struct Comparability {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Verdict {
-    /// They ask for the same.
+    /// They define the same trials.
     Same,
-    /// Means over all scenes may share a table; bins of overlap may not.
+    /// Means over all scenes may share a table; overlap bins may not.
     SameButBins,
     /// Only means over the common scenes, recomputed, may share a table.
     OnCommonScenes,
-    /// They ask different questions.
+    /// They define different trials.
     Different,
 }
 
-/// Whether results on `a` and `b` may share a table, and why.
+/// Compares two indices: whether results on `a` and `b` may share a table, and why.
 pub fn compare(a: &EvaluationIndex, b: &EvaluationIndex) -> Comparability {
     let scenes_of = |index: &EvaluationIndex| index.scene_count() as u64;
     let common_keys = a.scenes.keys().filter(|key| b.scenes.contains_key(*key)).count() as u64;
@@ -63,7 +63,7 @@ pub fn compare(a: &EvaluationIndex, b: &EvaluationIndex) -> Comparability {
         if ours.is_empty() || theirs.is_empty() {
             continue;
         }
-        let identical = ours.len() == theirs.len() && ours.iter().zip(theirs).all(|(a, b)| same_question(a, b));
+        let identical = ours.len() == theirs.len() && ours.iter().zip(theirs).all(|(a, b)| same_trial(a, b));
         let other_overlap = identical && ours.iter().zip(theirs).any(|(a, b)| a.overlap != b.overlap);
         result.common_scenes += 1;
         result.identical_scenes += u64::from(identical);
@@ -75,8 +75,8 @@ pub fn compare(a: &EvaluationIndex, b: &EvaluationIndex) -> Comparability {
     result
 }
 
-/// The order of context frames counts: the first is the reference of relative poses.
-fn same_question(a: &IndexEntry, b: &IndexEntry) -> bool {
+/// The order of context frames matters: the first is the reference of relative poses.
+fn same_trial(a: &IndexEntry, b: &IndexEntry) -> bool {
     let sorted = |frames: &[usize]| {
         let mut frames = frames.to_vec();
         frames.sort_unstable();
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn verdicts() {
+    fn every_change_has_its_verdict_and_reason() {
         for (from, to, verdict, reason) in [
             ("[3, 4]", "[4, 3]", Verdict::Same, ""),
             (", \"c\": null", "", Verdict::Same, ""),
@@ -182,7 +182,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_in_common_and_nothing_at_all() {
+    fn compares_empty_and_partly_disjoint_indices() {
         let empty = EvaluationIndex::default();
         assert_eq!(compare(&empty, &empty).verdict, Verdict::Different);
         let found = against_base("\"a\"", "\"z\"");
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn comparing_is_symmetric() {
+    fn comparison_is_symmetric() {
         for (from, to) in [("[0, 9]", "[0, 8]"), ("\"a\"", "\"z\""), ("0.5", "0.4")] {
             let read = |json: &str| EvaluationIndex::from_json(json.as_bytes()).unwrap();
             let (a, b) = (read(BASE), read(&BASE.replace(from, to)));

@@ -9,17 +9,17 @@ use crate::loading::{in_parallel, load};
 use crate::trial::{self, Refusal, SkipReason, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry, Preset};
 
-/// A dataset, and the recipe by which the index's entries become trials.
+/// A dataset, and the recipe that turns the index's entries into trials.
 #[derive(Clone)]
 pub struct DatasetCheck<'a> {
     /// The scenes.
     pub source: &'a dyn SceneSource,
-    /// What is asked of them: filters, preprocessing, pose normalisation.
+    /// Filters, preprocessing and pose normalisation.
     pub recipe: TrialRecipe,
 }
 
 impl<'a> DatasetCheck<'a> {
-    /// What `preset` asks of `source`, for a method that the preset does not list.
+    /// Checks `source` under `preset`, for a method that the preset does not list.
     pub fn of(source: &'a dyn SceneSource, preset: &Preset) -> Self {
         Self { source, recipe: TrialRecipe::of(preset, "") }
     }
@@ -34,13 +34,13 @@ impl fmt::Debug for DatasetCheck<'_> {
     }
 }
 
-/// What a dataset makes of an index.
+/// Which entries of an index give trials on a dataset.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DatasetFacts {
-    /// Scenes of the dataset that the index does not name, or names with `null`.
+    /// Scenes of the dataset that the index does not contain, or contains as `null`.
     pub not_asked_for: u64,
-    /// Entries that make a trial: as many as [`crate::trial::Trials`] yields.
+    /// Entries that give a trial: as many as [`crate::trial::Trials`] yields.
     pub usable: u64,
     /// Entries that do not, by reason.
     pub dropped: BTreeMap<SkipReason, u64>,
@@ -48,7 +48,7 @@ pub struct DatasetFacts {
     pub examples: Vec<DropExample>,
 }
 
-/// One entry that makes no trial.
+/// An entry that gives no trial.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct DropExample {
@@ -65,12 +65,13 @@ pub struct DropExample {
 const EXAMPLES_PER_REASON: u64 = 3;
 
 pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warnings: &mut Warnings) -> DatasetFacts {
-    let asked: Vec<_> = index.scenes.iter().filter(|(_, entries)| !entries.is_empty()).collect();
-    let outcomes = in_parallel(&asked, warnings, |(key, entries), warnings| scene(key, entries, dataset, warnings));
+    let scenes: Vec<_> = index.scenes.iter().filter(|(_, entries)| !entries.is_empty()).collect();
+    let outcomes =
+        in_parallel(&scenes, warnings, |(key, entries), warnings| check_scene(key, entries, dataset, warnings));
     let keys = dataset.source.keys();
     let not_asked_for = keys.iter().filter(|key| index.scenes.get(*key).is_none_or(Vec::is_empty)).count();
     let mut facts = DatasetFacts { not_asked_for: not_asked_for as u64, ..DatasetFacts::default() };
-    for ((key, _), outcome) in asked.into_iter().zip(outcomes) {
+    for ((key, _), outcome) in scenes.into_iter().zip(outcomes) {
         for (entry, checked) in outcome.into_iter().enumerate() {
             let Err(Refusal { reason, detail }) = checked else {
                 facts.usable += 1;
@@ -86,8 +87,8 @@ pub(super) fn check(index: &EvaluationIndex, dataset: &DatasetCheck<'_>, warning
     facts
 }
 
-/// For each entry of one scene, whether it makes a trial.
-fn scene(
+/// For each entry of a scene, whether it gives a trial.
+fn check_scene(
     key: &str,
     entries: &[IndexEntry],
     dataset: &DatasetCheck<'_>,

@@ -1,6 +1,6 @@
 use std::fmt;
 
-use super::{DatasetFacts, LintReport, OverlapFacts, Places, Spread};
+use super::{DatasetFacts, LintReport, OverlapFacts, Spread, TargetCount};
 
 impl fmt::Display for LintReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
@@ -24,7 +24,7 @@ impl fmt::Display for LintReport {
         spread(f, "context views", self.context_per_entry)?;
         spread(f, "context gap", self.context_gap)?;
         row(f, "targets", &self.targets.to_string())?;
-        spread(f, "targets a scene", self.targets_per_scene)?;
+        spread(f, "targets per scene", self.targets_per_scene)?;
         row(f, "leaked", &self.share(self.leaked, "targets are context frames"))?;
         row(f, "outside window", &self.share(self.outside_window, "targets"))?;
         row(f, "targets by distance", &self.targets_by_distance.to_string())?;
@@ -39,7 +39,7 @@ impl fmt::Display for LintReport {
 }
 
 impl LintReport {
-    fn share(&self, places: Places, what: &str) -> String {
+    fn share(&self, places: TargetCount, what: &str) -> String {
         if places.targets == 0 {
             return "none".to_owned();
         }
@@ -47,7 +47,7 @@ impl LintReport {
         format!("{} {what} ({percent:.1} %), in {} scenes", places.targets, places.scenes)
     }
 
-    /// Lines that are there only where something is odd.
+    /// Lines for irregularities; none if there are none.
     fn oddities(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let repeats = self.repeats;
         let mut odd = vec![
@@ -58,9 +58,9 @@ impl LintReport {
             (self.without_targets, "entries without targets"),
         ];
         if let Some(file) = &self.file {
-            odd.push((file.notices.duplicate_keys.len() as u64, "scene keys that occur again; the last value counts"));
-            odd.push((file.notices.unknown_fields.values().sum(), "fields that the format does not have"));
-            odd.push((file.notices.overlap_words, "overlaps in words, read as NoPoSplat reads them"));
+            odd.push((file.notices.duplicate_keys.len() as u64, "repeated scene keys; the last value counts"));
+            odd.push((file.notices.unknown_fields.values().sum(), "fields that the format does not define"));
+            odd.push((file.notices.overlap_words, "overlaps given as words, read as NoPoSplat does"));
         }
         let found = odd.into_iter().filter(|(count, _)| *count > 0);
         for (at, (count, what)) in found.enumerate() {
@@ -81,7 +81,7 @@ impl fmt::Display for OverlapFacts {
 impl fmt::Display for DatasetFacts {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let dropped: u64 = self.dropped.values().sum();
-        row(f, "dataset", &format!("{} entries make a trial, {dropped} do not", self.usable))?;
+        row(f, "dataset", &format!("{} entries give a trial, {dropped} do not", self.usable))?;
         for (reason, count) in &self.dropped {
             row(f, "", &format!("{count} dropped: {}", reason.name()))?;
             for example in self.examples.iter().filter(|example| example.reason == *reason) {
@@ -89,7 +89,7 @@ impl fmt::Display for DatasetFacts {
             }
         }
         if self.not_asked_for > 0 {
-            row(f, "", &format!("{} scenes of the dataset are not asked for", self.not_asked_for))?;
+            row(f, "", &format!("{} scenes of the dataset are not used by the index", self.not_asked_for))?;
         }
         Ok(())
     }

@@ -1,4 +1,4 @@
-//! What is in an evaluation index that a reader of its numbers should know: the figures nobody prints.
+//! Lint of evaluation indices: what readers of their numbers should know, and papers do not report.
 
 mod compare;
 mod dataset;
@@ -7,18 +7,18 @@ mod report;
 
 pub use compare::{Comparability, Verdict, compare};
 pub use dataset::{DatasetCheck, DatasetFacts, DropExample};
-pub use report::{FileFacts, LintReport, OverlapFacts, Places, RecognisedIndex, Repeats, Spread};
+pub use report::{FileFacts, LintReport, OverlapFacts, RecognisedIndex, Repeats, Spread, TargetCount};
 
 use atsplat_scene::Warnings;
 
 use crate::{BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
 
-/// What a lint looks at beyond the index itself.
+/// What a lint examines besides the index itself.
 #[derive(Clone, Debug)]
 pub struct LintOptions<'a> {
     /// Names and edges of the overlap bins; both rules are counted.
     pub bins: OverlapBins,
-    /// A dataset in which the index's scenes are looked up.
+    /// The dataset in which the index's scenes are looked up.
     pub dataset: Option<DatasetCheck<'a>>,
 }
 
@@ -29,21 +29,21 @@ impl Default for LintOptions<'_> {
     }
 }
 
-/// Counts what is in an index. With a dataset, every scene's cameras and the headers of the pictures that the index
-/// asks for are read, in parallel, and what is wrong with them goes to `warnings`.
+/// Lints an index. With a dataset, the cameras of every scene and the headers of the pictures that the index uses are
+/// read in parallel, and their irregularities are pushed to `warnings`.
 pub fn lint(index: &EvaluationIndex, options: &LintOptions<'_>, warnings: &mut Warnings) -> LintReport {
     let mut report = report::of(index, &options.bins);
     report.dataset = options.dataset.as_ref().map(|dataset| dataset::check(index, dataset, warnings));
     report
 }
 
-/// [`lint`] for an index that was read from a file: the file's hash, name and oddities are reported too.
+/// [`lint`] for an index file: also reports the file's hash, name and irregularities.
 pub fn lint_file(file: &IndexFile, options: &LintOptions<'_>, warnings: &mut Warnings) -> LintReport {
     let mut report = lint(&file.index, options, warnings);
     if let Some(known) = KnownIndex::by_sha256(&file.sha256) {
         report.recognised = Some(RecognisedIndex { by_bytes: true, known });
     }
-    report.file = Some(report::file_facts(file));
+    report.file = Some(FileFacts { sha256: file.sha256, size: file.size, notices: file.notices.clone() });
     report
 }
 

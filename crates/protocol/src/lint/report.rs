@@ -1,55 +1,56 @@
-use atsplat_files::Sha256Digest;
 use std::collections::BTreeSet;
 
+use atsplat_files::Sha256Digest;
+use atsplat_numeric::median;
 use serde::Serialize;
 
 use super::DatasetFacts;
 use crate::extrapolation::TargetDistances;
-use crate::{BinCounts, BinRule, EvaluationIndex, IndexEntry, IndexFile, IndexNotices, KnownIndex, OverlapBins};
+use crate::{BinCounts, BinRule, EvaluationIndex, IndexEntry, IndexNotices, KnownIndex, OverlapBins};
 
-/// What a lint found. Serialises to JSON with the same figures that its text shows.
+/// The result of a lint. Its JSON and its text contain the same numbers.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct LintReport {
-    /// The file's hash and oddities, where there is a file.
+    /// The file's hash and irregularities, if the index was read from a file.
     pub file: Option<FileFacts>,
-    /// Hash of what the index asks for, whatever the file looks like.
+    /// [`EvaluationIndex::content_hash`].
     pub content_sha256: Sha256Digest,
-    /// The official index that this is, if it is one.
+    /// The official index that this is, if any.
     pub recognised: Option<RecognisedIndex>,
     /// Scene keys.
     pub keys: u64,
-    /// Keys without an entry (`null`): scenes that the protocol leaves out.
+    /// Keys without an entry (`null`): scenes that the protocol omits.
     pub null: u64,
     /// Keys with at least one entry.
     pub scenes: u64,
-    /// Entries; more than scenes where a scene has several.
+    /// Entries; more than scenes if a scene has several.
     pub entries: u64,
-    /// Frames asked for.
+    /// Target frames.
     pub targets: u64,
-    /// Context frames of an entry.
+    /// Number of context frames of an entry.
     pub context_per_entry: Option<Spread>,
-    /// Targets of a scene, over all its entries.
+    /// Number of targets of a scene, over all its entries.
     pub targets_per_scene: Option<Spread>,
     /// Last minus first context frame of an entry.
     pub context_gap: Option<Spread>,
     /// Targets that are context frames of the same entry.
-    pub leaked: Places,
+    pub leaked: TargetCount,
     /// Targets before the first or after the last context frame.
-    pub outside_window: Places,
-    /// Targets by signed distance outside their window.
+    pub outside_window: TargetCount,
+    /// Targets by signed distance from their window.
     pub targets_by_distance: TargetDistances,
-    /// Entries whose first context frame is frame 0: nothing lies before their window.
+    /// Entries whose first context frame is frame 0, with no frames before their window.
     pub windows_at_zero: u64,
-    /// What occurs twice.
+    /// Repetitions.
     pub repeats: Repeats,
     /// Entries without context frames.
     pub without_context: u64,
     /// Entries without targets.
     pub without_targets: u64,
-    /// The overlap values, where the index has any.
+    /// The overlap values, if the index has any.
     pub overlap: Option<OverlapFacts>,
-    /// What the dataset makes of the index, where one was given.
+    /// Which entries give trials on the dataset, if one was given.
     pub dataset: Option<DatasetFacts>,
 }
 
@@ -61,51 +62,51 @@ pub struct FileFacts {
     pub sha256: Sha256Digest,
     /// Its size in bytes.
     pub size: u64,
-    /// What is odd about it.
+    /// Its irregularities.
     #[serde(flatten)]
     pub notices: IndexNotices,
 }
 
-/// An official index, recognised.
+/// The official index that an index was recognised as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct RecognisedIndex {
-    /// Whether the bytes are the published ones; otherwise only the content is.
+    /// Whether the bytes are equal to the published file's; otherwise only the content is.
     pub by_bytes: bool,
-    /// Which.
+    /// The official index.
     #[serde(flatten)]
     pub known: &'static KnownIndex,
 }
 
-/// A count of targets, and of the scenes they are in.
+/// A number of targets, and the number of scenes that contain them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Places {
-    /// How many targets.
+pub struct TargetCount {
+    /// Number of targets.
     pub targets: u64,
-    /// In how many scenes.
+    /// Number of scenes.
     pub scenes: u64,
 }
 
-/// What occurs more than once. Each repetition counts, the first occurrence does not.
+/// Counts of repetitions, without the first occurrence.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Repeats {
-    /// Targets that their entry has already.
+    /// Targets that occur earlier in their entry.
     pub targets: u64,
-    /// Context frames that their entry has already.
+    /// Context frames that occur earlier in their entry.
     pub context: u64,
     /// Entries with the context and targets of an earlier entry of the same scene.
     pub entries: u64,
 }
 
-/// Smallest, middle and largest of some counts.
+/// The distribution of some counts.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Spread {
     /// Smallest.
     pub min: u64,
-    /// Middle; the mean of the middle two of an even number.
+    /// Median; the mean of the middle two of an even number.
     pub median: f64,
     /// Arithmetic mean.
     pub mean: f64,
@@ -117,16 +118,16 @@ pub struct Spread {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct OverlapFacts {
-    /// What the values are, as far as the index is known.
+    /// How the values were computed, as far as known.
     pub definition: String,
     /// Smallest value.
     pub min: f64,
     /// Largest value.
     pub max: f64,
-    /// Names of the estimators that the index records; none where it says nothing of them.
+    /// Names of the estimators that the index records, if any.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub estimators: Vec<String>,
-    /// Edges of the bins below.
+    /// Edges of the bins.
     pub edges: Vec<f64>,
     /// Counts under the published rule.
     pub published: BinCounts,
@@ -135,25 +136,16 @@ pub struct OverlapFacts {
 }
 
 impl Spread {
-    /// Of some counts; `None` of none.
+    /// The distribution of some counts; `None` if there are none.
     pub fn of(counts: impl IntoIterator<Item = u64>) -> Option<Self> {
-        let mut counts: Vec<u64> = counts.into_iter().collect();
-        counts.sort_unstable();
-        let (min, max) = (*counts.first()?, *counts.last()?);
-        let middle = |at: usize| counts.get(at).copied().unwrap_or_default() as f64;
-        let half = counts.len() / 2;
-        let median =
-            if counts.len().is_multiple_of(2) { f64::midpoint(middle(half - 1), middle(half)) } else { middle(half) };
-        let mean = counts.iter().map(|count| *count as f64).sum::<f64>() / counts.len() as f64;
-        Some(Self { min, median, mean, max })
+        let counts: Vec<u64> = counts.into_iter().collect();
+        let values = || counts.iter().map(|count| *count as f64);
+        let mean = values().sum::<f64>() / counts.len() as f64;
+        Some(Self { min: *counts.iter().min()?, median: median(values())?, mean, max: *counts.iter().max()? })
     }
 }
 
-pub(super) fn file_facts(file: &IndexFile) -> FileFacts {
-    FileFacts { sha256: file.sha256, size: file.size, notices: file.notices.clone() }
-}
-
-/// Everything that the index alone tells.
+/// The lint of the index alone, without file and dataset.
 pub(super) fn of(index: &EvaluationIndex, bins: &OverlapBins) -> LintReport {
     let content_sha256 = index.content_hash();
     let entries = || index.entries().map(|(_, _, entry)| entry);
@@ -195,8 +187,8 @@ pub(super) fn of(index: &EvaluationIndex, bins: &OverlapBins) -> LintReport {
     }
 }
 
-fn places(index: &EvaluationIndex, count: impl Fn(&IndexEntry) -> usize) -> Places {
-    let mut places = Places::default();
+fn places(index: &EvaluationIndex, count: impl Fn(&IndexEntry) -> usize) -> TargetCount {
+    let mut places = TargetCount::default();
     for entries in index.scenes.values() {
         let targets: usize = entries.iter().map(&count).sum();
         places.targets += targets as u64;
@@ -221,13 +213,13 @@ fn overlap(index: &EvaluationIndex, bins: &OverlapBins, content: &Sha256Digest) 
     let shipped = KnownIndex::by_content(content).is_some_and(|known| known.repository == "cvg/NoPoSplat");
     let estimators = index.overlap_estimators();
     let definition = if shipped {
-        "as NoPoSplat ships it: dense matching with RoMa, by code that was never released".to_owned()
+        "as published by NoPoSplat: dense matching with RoMa, whose code was never released".to_owned()
     } else if estimators.is_empty() {
         "as written in the index, which does not say how it was computed".to_owned()
     } else {
         format!("by {}, as the index records", estimators.join(" and "))
     };
-    // Values of another estimator say nothing by bins that were not made for it.
+    // Bins are meaningless for values of an estimator that they were not made for.
     let own = bins.foreign(&estimators).map(|_| OverlapBins::thirds(&values, &estimators.join("+")));
     let bins = own.as_ref().unwrap_or(bins);
     Some(OverlapFacts {

@@ -1,4 +1,4 @@
-//! The lint of one small index with everything odd in it, and of a dataset with everything wrong in it.
+//! The lint of a small index with every irregularity, and of a dataset with every defect.
 
 use std::sync::Arc;
 
@@ -28,7 +28,7 @@ fn report(json: &str) -> LintReport {
 }
 
 #[test]
-fn everything_odd_is_counted() {
+fn counts_every_irregularity() {
     let report = report(ODD);
     assert_eq!((report.keys, report.null, report.scenes, report.entries, report.targets), (6, 1, 5, 6, 11));
     assert_eq!((report.leaked.targets, report.leaked.scenes), (5, 3));
@@ -63,7 +63,7 @@ fn medians_of_odd_and_even_counts() {
     assert_eq!(spread(&[]), None);
 }
 
-/// Scenes of ten frames; some keys are broken in a way that their name says.
+/// Scenes of ten frames; the key of a defective scene names its defect.
 struct Dataset {
     keys: Vec<String>,
 }
@@ -134,18 +134,18 @@ fn scenes_are_dropped_by_reason() {
     assert_eq!((facts.usable, facts.not_asked_for), (2, 2));
     assert_eq!(warnings.count(WarningKind::SceneNotFound), 1);
     assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
-    assert_eq!(warnings.count(WarningKind::DuplicateTimestamp), 3, "the loader's own warnings arrive");
+    assert_eq!(warnings.count(WarningKind::DuplicateTimestamp), 3, "the loader's own warnings are reported");
     insta::assert_snapshot!(facts.to_string());
 }
 
 #[test]
-fn the_number_of_threads_changes_nothing() {
+fn the_report_does_not_depend_on_the_number_of_threads() {
     let (one, four) = (dataset_report(1), dataset_report(4));
     assert_eq!(one.0, four.0);
     assert_eq!(one.1.kept(), four.1.kept());
 }
 
-/// Pictures missing, absent, unreadable, too small: lint counts as trials the ones that [`Trials`] yields.
+/// With missing, absent, unreadable and too small pictures, the lint counts the trials that [`Trials`] yields.
 #[test]
 fn lint_and_trials_agree() {
     let broken = |key: &str, picture: Picture| {
@@ -182,9 +182,9 @@ fn lint_and_trials_agree() {
     }
 }
 
-/// 0.04, 0.2 and 0.75 of an estimator that the published edges were not made for: one in each third.
+/// 0.04, 0.2 and 0.75 by an estimator that the published edges were not made for: one in each third.
 #[test]
-fn overlaps_of_another_estimator_have_bins_of_their_own() {
+fn overlaps_of_another_estimator_get_their_own_bins() {
     let entry = |overlap: f64| {
         let overlap = crate::Overlap { value: overlap, estimator: Some("epipolar-ray".to_owned()) };
         vec![IndexEntry { context: vec![0, 2], target: vec![1], overlap: Some(overlap) }]

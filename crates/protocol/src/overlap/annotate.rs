@@ -8,22 +8,22 @@ use super::{DepthFolder, LoadedDepth, OverlapEstimator, OverlapView};
 use crate::loading::{in_parallel, load};
 use crate::{EvaluationIndex, IndexEntry, NoEntry, Overlap, ProtocolError};
 
-/// An index with overlaps written into it, and what stayed without one.
+/// An index with measured overlaps, and the entries whose overlap could not be measured.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OverlapReport {
-    /// The index, scenes and entries as they were, [`IndexEntry::overlap`] replaced.
+    /// The index with [`IndexEntry::overlap`] replaced; scenes and entries are unchanged.
     pub index: EvaluationIndex,
-    /// Entries that have an overlap now.
+    /// Number of entries with a measured overlap.
     pub measured: usize,
-    /// Entries that had another one before: as their index shipped it, or by another estimator.
+    /// Number of entries that had an overlap before, published or by another estimator.
     pub replaced: usize,
-    /// Entries whose overlap is unknown, by [`NoEntry::name`].
+    /// Number of entries whose overlap could not be measured, by [`NoEntry::name`].
     pub unmeasured: BTreeMap<&'static str, usize>,
     /// The first few of each reason, in index order.
     pub examples: Vec<UnmeasuredExample>,
 }
 
-/// One entry whose overlap is unknown.
+/// An entry whose overlap could not be measured.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct UnmeasuredExample {
@@ -40,8 +40,8 @@ pub struct UnmeasuredExample {
 const EXAMPLES_PER_REASON: usize = 3;
 
 /// Measures the context overlap of every entry of an index on a dataset, in parallel over scenes; the result
-/// does not depend on the number of threads. An overlap that the index shipped is replaced, by nothing where
-/// it cannot be measured. `depth` is for an estimator that needs depth maps.
+/// does not depend on the number of threads. Overlaps stated by the index are replaced, or removed if they cannot be
+/// measured. `depth` is required by estimators that need depth maps.
 pub fn annotate_overlaps(
     index: &EvaluationIndex,
     source: &dyn SceneSource,
@@ -82,7 +82,7 @@ pub fn annotate_overlaps(
     report
 }
 
-/// Overlap of an entry's context frames in a loaded scene.
+/// The overlap of an entry's context frames in a loaded scene.
 pub(crate) fn context_overlap(
     scene: &Scene,
     entry: &IndexEntry,
@@ -119,8 +119,8 @@ pub(crate) fn context_overlap(
     views.and_then(|views| chain_overlap(estimator, &views)).map_err(|error| NoEntry::Geometry(error.to_string()))
 }
 
-/// Overlap of several views in frame order: the smallest overlap of two neighbours. For two views it is
-/// what the papers publish; for more, no paper defines one, and this tells how well the chain holds.
+/// The overlap of several views in frame order: the smallest overlap of two neighbours. For two views this is
+/// what the papers publish; for more, no paper defines an overlap, and this is the weakest link of the chain.
 ///
 /// # Errors
 /// [`ProtocolError::Overlap`] with fewer than two views, or as [`OverlapEstimator::estimate`].
@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn overlaps_are_replaced_and_gaps_counted() {
+    fn replaces_overlaps_and_counts_unmeasured_entries() {
         let source = MemorySource::new([scene("a", 9, 0), scene("b", 9, 0)]).with_key("broken");
         let scenes = [
             ("a", vec![entry(&[0, 3]), entry(&[3, 0]), entry(&[0, 99])]),
@@ -169,25 +169,25 @@ mod tests {
             |key: &str| report.index.scenes[key].iter().map(|entry| entry.overlap.clone()).collect::<Vec<_>>();
         let a = overlaps("a");
         assert!(a[0].as_ref().is_some_and(|overlap| overlap.value > 0.5 && overlap.value < 1.0), "{a:?}");
-        assert_eq!((&a[0], &a[2]), (&a[1], &None), "the order of context plays no part");
+        assert_eq!((&a[0], &a[2]), (&a[1], &None), "the order of context frames does not matter");
         assert_eq!(a[0].as_ref().and_then(|overlap| overlap.estimator.as_deref()), Some("epipolar-ray"));
         assert_eq!(report.replaced, 6, "every entry had one");
-        assert_eq!((overlaps("b"), overlaps("gone")), (vec![None], vec![None]), "no stale number stays");
+        assert_eq!((overlaps("b"), overlaps("gone")), (vec![None], vec![None]), "no old overlap remains");
         assert_eq!(report.measured, 2);
         let unmeasured: Vec<_> = report.unmeasured.into_iter().collect();
         assert_eq!(unmeasured, [("geometry", 1), ("scene-missing", 1), ("too-few-frames", 1), ("unreadable", 1)]);
-        let said: Vec<_> = report.examples.iter().map(|e| (e.scene.as_str(), e.entry, e.reason)).collect();
+        let examples: Vec<_> = report.examples.iter().map(|e| (e.scene.as_str(), e.entry, e.reason)).collect();
         let expected = [("a", 2, "too-few-frames"), ("b", 0, "geometry"), ("gone", 0, "scene-missing")];
-        assert_eq!((&said[..3], said[3]), (&expected[..], ("broken", 0, "unreadable")));
+        assert_eq!((&examples[..3], examples[3]), (&expected[..], ("broken", 0, "unreadable")));
         assert!(report.examples[1].detail.contains("needs two views, found 1"), "{:?}", report.examples);
         assert_eq!(warnings.count(WarningKind::SceneNotFound), 1);
         assert_eq!(warnings.count(WarningKind::UnreadableScene), 1);
-        assert_eq!(warnings.total(), 4, "and those of the two scenes that exist");
+        assert_eq!(warnings.total(), 4, "and one for each of the two loaded scenes");
     }
 
-    /// Three views in a row: the number is that of the worse neighbours, not of the ends.
+    /// Three views in a row: the overlap is that of the worse pair of neighbours, not of the ends.
     #[test]
-    fn a_chain_is_as_good_as_its_weakest_link() {
+    fn the_overlap_of_a_chain_is_that_of_its_weakest_link() {
         let cameras = [0.0, 2.0, 9.0].map(crate::test_source::camera);
         let views = cameras.each_ref().map(|camera| OverlapView { camera, picture: None, depth: None });
         let estimator = OverlapEstimator::EpipolarRay(EpipolarRays::default());

@@ -4,8 +4,8 @@ use serde::{Deserialize, Serialize};
 
 use crate::ProtocolError;
 
-/// Depth along a camera's z axis, one number a pixel, in scene units. Zero, negative and non-finite numbers
-/// mean that nothing is known there.
+/// Depth along a camera's z axis, one value per pixel, in scene units. Zero, negative and non-finite values
+/// mean unknown depth.
 #[derive(Clone, Copy, Debug)]
 pub struct DepthMap<'a> {
     size: ImageSize,
@@ -13,10 +13,10 @@ pub struct DepthMap<'a> {
 }
 
 impl<'a> DepthMap<'a> {
-    /// From row-major depths, height × width.
+    /// A depth map of row-major depths, height × width.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] where there are not `width · height` depths.
+    /// [`ProtocolError::Overlap`] unless there are `width · height` depths.
     pub fn new(size: ImageSize, depths: &'a [f32]) -> Result<Self, ProtocolError> {
         let expected = u64::from(size.width) * u64::from(size.height);
         if depths.len() as u64 != expected {
@@ -31,17 +31,17 @@ impl<'a> DepthMap<'a> {
     }
 }
 
-/// Overlap by depth: of one view's pixels with known depth, the fraction whose surface point lands inside the
-/// other view's picture on a pixel that knows the same depth; the smaller of both directions.
+/// Overlap by depth: of one view's pixels with known depth, the fraction whose surface point projects into the
+/// other view's picture onto a pixel of the same depth; the smaller of both directions.
 ///
-/// The other view is read at the pixel that the point falls into, not interpolated: across an edge of a
-/// surface an interpolated depth belongs to nothing. A point that lands where the other view knows no depth
-/// is not seen. Lens distortion plays no part.
+/// The other view's depth is read at the pixel that the point falls into, not interpolated: across the edge of a
+/// surface, interpolated depths belong to no surface. A point that falls onto a pixel of unknown depth counts as
+/// not seen. Lens distortion is ignored.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct DepthCovisibility {
-    /// Two depths `z` and `z'` agree where `|z − z'| ≤ tolerance · z'`. One per cent by default: on a
-    /// surface seen at a grazing angle, depth changes by more within a pixel.
+    /// Two depths `z` and `z'` agree if `|z − z'| ≤ tolerance · z'`. The default is 1 %; on a surface seen at a
+    /// grazing angle, depth changes by more than that within a pixel.
     #[serde(default = "one_per_cent")]
     pub relative_tolerance: f64,
 }
@@ -60,13 +60,13 @@ impl DepthCovisibility {
     /// Two-way overlap in [0, 1], symmetric in its arguments.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] where a view knows no depth at all.
+    /// [`ProtocolError::Overlap`] if a view has no pixel of known depth.
     pub fn overlap(&self, a: (&Camera, &DepthMap<'_>), b: (&Camera, &DepthMap<'_>)) -> Result<f64, ProtocolError> {
         let (of_a, of_b) = (self.fraction(a, b)?, self.fraction(b, a)?);
         Ok(if of_b < of_a { of_b } else { of_a })
     }
 
-    /// Fraction of `from`'s pixels with known depth that `into` sees too, in [0, 1].
+    /// Fraction of `from`'s pixels with known depth that `into` also sees, in [0, 1].
     ///
     /// # Errors
     /// As [`DepthCovisibility::overlap`].
@@ -92,7 +92,7 @@ impl DepthCovisibility {
             }
         }
         if known == 0 {
-            return Err(unusable("a depth map knows no depth".to_owned()));
+            return Err(unusable("a depth map has no pixel of known depth".to_owned()));
         }
         Ok(seen as f64 / known as f64)
     }
@@ -120,8 +120,8 @@ mod tests {
 
     const SIZE: ImageSize = ImageSize { width: 80, height: 60 };
 
-    /// What a ray hits in the test scene: a wall at z = 4 and, before it, a square of side 1 at z = 2 around
-    /// the axis. Returns depth along the ray in units of its direction.
+    /// Casts a ray into the test scene: a wall at z = 4 and, in front of it, a square of side 1 at z = 2 around
+    /// the axis. Returns the depth along the ray in units of its direction.
     fn cast(origin: DVec3, direction: DVec3) -> Option<f64> {
         let plane = |z: f64| (z - origin.z) / direction.z;
         let square = plane(2.0);
@@ -146,8 +146,8 @@ mod tests {
         pixel_rays(camera).map(|(o, d)| cast(o, d).map_or(0.0, |t| t as f32)).collect()
     }
 
-    /// The exact answer, without depth maps: the surface point is inside the other picture, and nothing
-    /// stands between it and the other camera.
+    /// The exact fraction, without depth maps: the surface point is inside the other picture, and nothing
+    /// occludes it from the other camera.
     fn exact_fraction(from: &Camera, into: &Camera) -> f64 {
         let eye = into.camera_from_world.inverse().centre();
         let k = into.intrinsics.pixel_from_normalized(SIZE);
@@ -165,7 +165,7 @@ mod tests {
 
     /// A wall at z = 4 seen by cameras a fifth of a picture apart: 80 px · 0.8 / 4 = 16 columns are lost.
     #[test]
-    fn a_wall_by_hand() {
+    fn agrees_with_a_hand_computed_wall() {
         let (a, b) = (looking(DMat3::IDENTITY, DVec3::ZERO), looking(DMat3::IDENTITY, DVec3::new(0.8, 0.0, 0.0)));
         let wall = vec![4.0f32; 80 * 60];
         let map = DepthMap::new(SIZE, &wall).unwrap();
@@ -174,13 +174,13 @@ mod tests {
     }
 
     #[test]
-    fn occlusion_agrees_with_ray_casting() {
+    fn agrees_with_ray_casting_under_occlusion() {
         let cameras = [
             looking(DMat3::IDENTITY, DVec3::ZERO),
             looking(DMat3::IDENTITY, DVec3::new(0.7, 0.1, 0.0)),
             looking(DMat3::from_rotation_y(-0.2), DVec3::new(-0.5, 0.0, 0.4)),
         ];
-        // Pixels on the outline of the square or of the picture are read on one side or the other.
+        // Pixels on the outline of the square or of the picture may fall on either side.
         let outline = Tolerance::absolute(0.02);
         for (a, b) in [(0, 1), (1, 0), (0, 2), (2, 1)] {
             let (a, b) = (&cameras[a], &cameras[b]);
@@ -188,13 +188,13 @@ mod tests {
             let maps = (DepthMap::new(SIZE, &depth_a).unwrap(), DepthMap::new(SIZE, &depth_b).unwrap());
             let found = DepthCovisibility::default().fraction((a, &maps.0), (b, &maps.1)).unwrap();
             let exact = exact_fraction(a, b);
-            assert!((0.2..0.97).contains(&exact), "the case is trivial: {exact}");
+            assert!((0.2..0.97).contains(&exact), "a trivial case: {exact}");
             outline.assert([found], [exact], "co-visible pixels");
         }
     }
 
     #[test]
-    fn turned_away_and_unknown_depth() {
+    fn views_turned_away_share_nothing_and_unknown_depth_is_an_error() {
         let (a, b) =
             (looking(DMat3::IDENTITY, DVec3::ZERO), looking(DMat3::from_rotation_y(std::f64::consts::PI), DVec3::ZERO));
         let depths = vec![3.0f32; 80 * 60];
@@ -207,9 +207,9 @@ mod tests {
         assert!(DepthMap::new(SIZE, &depths[1..]).is_err(), "one depth short");
     }
 
-    /// Half of the depths unknown: the other half is judged alone, and landing in a hole is not being seen.
+    /// With half of the depths unknown, only the other half counts; a point that falls into a hole is not seen.
     #[test]
-    fn holes_are_left_out_on_one_side_and_count_as_unseen_on_the_other() {
+    fn holes_are_skipped_in_one_view_and_count_as_unseen_in_the_other() {
         let a = looking(DMat3::IDENTITY, DVec3::ZERO);
         let full = vec![3.0f32; 80 * 60];
         let mut half = full.clone();

@@ -6,14 +6,14 @@ use atsplat_pixels::{DecodeLimits, exr};
 use super::DepthMap;
 use crate::ProtocolError;
 
-/// Depth maps on disk: `<scene key>/<frame name>.exr`, the channel `Z` or the only channel there is, in scene
-/// units along the camera's z axis.
+/// A folder of depth maps, `<scene key>/<frame name>.exr`: the channel `Z`, or the only channel, in scene units along
+/// the camera's z axis.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct DepthFolder {
     root: PathBuf,
 }
 
-/// One depth map of a [`DepthFolder`].
+/// A depth map read from a [`DepthFolder`].
 #[derive(Clone, Debug, PartialEq)]
 pub struct LoadedDepth {
     size: ImageSize,
@@ -21,10 +21,10 @@ pub struct LoadedDepth {
 }
 
 impl DepthFolder {
-    /// The folder at `root`.
+    /// Opens the folder at `root`.
     ///
     /// # Errors
-    /// [`ProtocolError::Io`] where there is no folder.
+    /// [`ProtocolError::Io`] if it cannot be read.
     pub fn open(root: &Path) -> Result<Self, ProtocolError> {
         match std::fs::read_dir(root) {
             Ok(_) => Ok(Self { root: root.to_owned() }),
@@ -32,11 +32,11 @@ impl DepthFolder {
         }
     }
 
-    /// The depth map of one frame.
+    /// Reads the depth map of one frame.
     ///
     /// # Errors
-    /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around [`ProtocolError::Overlap`] for a name that
-    /// leads out of the folder and for a file that holds no depth.
+    /// [`ProtocolError::Io`], or [`ProtocolError::InFile`] around [`ProtocolError::Overlap`] for a path outside
+    /// the folder and for a file without depth.
     pub fn load(&self, scene: &str, frame: &str) -> Result<LoadedDepth, ProtocolError> {
         let relative = Path::new(scene).join(format!("{frame}.exr"));
         let path = self.root.join(&relative);
@@ -59,10 +59,10 @@ impl DepthFolder {
 }
 
 impl LoadedDepth {
-    /// The map that [`super::OverlapView`] takes.
+    /// The depth map for an [`super::OverlapView`].
     ///
     /// # Errors
-    /// As [`DepthMap::new`]; never for what [`DepthFolder::load`] returned.
+    /// As [`DepthMap::new`]; never for a map from [`DepthFolder::load`].
     pub fn map(&self) -> Result<DepthMap<'_>, ProtocolError> {
         DepthMap::new(self.size, &self.depths)
     }
@@ -86,7 +86,7 @@ mod tests {
     }
 
     #[test]
-    fn the_channel_z_or_the_only_one() {
+    fn reads_the_channel_z_or_the_only_channel() {
         let folder = tempfile::tempdir().unwrap();
         let depths = DepthFolder::open(folder.path()).unwrap();
         write(&folder.path().join("s/0.exr"), &["R", "Z"]);
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn names_stay_inside_the_folder() {
+    fn rejects_paths_outside_the_folder() {
         let folder = tempfile::tempdir().unwrap();
         write(&folder.path().join("0.exr"), &["Z"]);
         std::fs::create_dir(folder.path().join("depth")).unwrap();

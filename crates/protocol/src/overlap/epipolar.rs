@@ -4,27 +4,27 @@ use serde::{Deserialize, Serialize};
 
 use crate::ProtocolError;
 
-/// Two centres closer than this, in scene units, count as one (pixelSplat's `mask_at_camera` in
+/// Camera centres closer than this, in scene units, count as equal (pixelSplat's `mask_at_camera` in
 /// `src/geometry/epipolar_lines.py`).
 const NO_BASELINE: f64 = 1e-6;
 
-/// A centre within this angle, in radians, of a side of the other view's frustum counts as lying on it:
-/// half of the digits of an f64, so that neither the decision nor what follows from it is rounding noise.
+/// A centre within this angle, in radians, of a side of the other view's frustum counts as lying on it: half of the
+/// digits of an f64, so that rounding affects neither the decision nor its consequences.
 const GRAZING: f64 = 1e-8;
 
 /// pixelSplat's overlap of two views (`src/evaluation/evaluation_index_generator.py`,
 /// `src/geometry/epipolar_lines.py`): of the rays through the pixel centres of one view, from its centre to
 /// infinity, the fraction whose projection touches the other view's picture; the smaller of both
-/// directions. Pure geometry: lens distortion and occlusion play no part.
+/// directions. Pure geometry: lens distortion and occlusion are ignored.
 ///
-/// Nothing is sampled along a ray, and no ray is visited. Directions that meet the other view's frustum form
-/// a convex cone (see [`EpipolarRays::fraction`]), so each row of the grid holds one interval of them,
-/// and counting pixel centres inside it gives the same number as testing every ray of the grid.
+/// No ray is sampled or visited one by one. The directions that intersect the other view's frustum form a convex cone
+/// (see [`EpipolarRays::fraction`]), so each row of the grid contains one interval of them, and counting the pixel
+/// centres inside it gives the same number as testing every ray of the grid.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct EpipolarRays {
-    /// Columns and rows of rays, spread over the whole picture. The published generator casts one ray for
-    /// each pixel of its 320×180 pictures (`config/dataset/re10k.yaml`), which is the default.
+    /// Columns and rows of rays, spread over the whole picture. The default is the published generator's: one ray per
+    /// pixel of its 320×180 pictures (`config/dataset/re10k.yaml`).
     #[serde(default = "published_grid")]
     pub grid: ImageSize,
 }
@@ -43,7 +43,7 @@ impl EpipolarRays {
     /// Two-way overlap in [0, 1], symmetric in its arguments.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] for an empty grid or cameras whose numbers overflow f64.
+    /// [`ProtocolError::Overlap`] for an empty grid, or for cameras whose values overflow f64.
     pub fn overlap(&self, a: &Camera, b: &Camera) -> Result<f64, ProtocolError> {
         let (of_a, of_b) = (self.fraction(a, b)?, self.fraction(b, a)?);
         Ok(if of_b < of_a { of_b } else { of_a })
@@ -51,11 +51,11 @@ impl EpipolarRays {
 
     /// Fraction of `from`'s rays that project into `into`'s picture, in [0, 1].
     ///
-    /// In camera `into`, its frustum is the cone over the four corner rays `e₀ … e₃`. A ray of `from` with
-    /// direction `d` starts at `o`; it meets the frustum, at infinity included, iff `o + t·d = Σ λₖ eₖ` for
-    /// some `t > 0` and `λ ≥ 0`, that is iff `d` lies in the cone over `e₀ … e₃` and `−o`. Without a baseline
-    /// `o = 0` and the cone is the frustum itself. A centre behind the other camera, rays that cross its
-    /// plane, parallel rays and points at infinity need no case of their own.
+    /// In camera coordinates of `into`, its frustum is the cone over the four corner rays `e₀ … e₃`. A ray of `from`
+    /// with direction `d` starts at `o`; it intersects the frustum, possibly at infinity, iff `o + t·d = Σ λₖ eₖ` for
+    /// some `t > 0` and `λ ≥ 0`, that is, iff `d` lies in the cone over `e₀ … e₃` and `−o`. Without a baseline,
+    /// `o = 0` and the cone is the frustum itself. Centres behind the other camera, rays that cross its
+    /// plane, parallel rays and points at infinity need no special case.
     ///
     /// # Errors
     /// As [`EpipolarRays::overlap`].
@@ -90,16 +90,16 @@ fn unusable(reason: String) -> ProtocolError {
     ProtocolError::Overlap { estimator: "epipolar-ray", reason }
 }
 
-/// A convex cone of directions, in the axes of the camera that is looked into.
+/// A convex cone of directions, in coordinates of the other camera.
 enum Cone {
     Everything,
-    /// Inward normals: a direction belongs to the cone iff no product with them is negative.
+    /// Inward normals: a direction lies in the cone iff its dot product with none of them is negative.
     Sides(Vec<DVec3>),
 }
 
 /// The cone over the corner rays of the picture and `−origin`.
 ///
-/// The sides of the frustum that face away from `−origin` stay; those that see it give way to two new ones,
+/// The sides of the frustum that have `−origin` on their inner side are kept. The others are replaced by two new sides,
 /// through `−origin` and the two edges where both kinds meet.
 fn cone_of_hits(intrinsics: &NormalizedIntrinsics, origin: DVec3) -> Cone {
     let corner = |u: f64, v: f64| {
@@ -181,9 +181,9 @@ mod tests {
 
     const GRID: EpipolarRays = EpipolarRays { grid: ImageSize { width: 64, height: 48 } };
 
-    /// The definition taken literally, ray by ray: the interval of `t ≥ 0` in which `o + t·d` lies on the
-    /// inner side of all four sides, infinity included.
-    fn by_visiting_every_ray(grid: ImageSize, from: &Camera, into: &Camera) -> f64 {
+    /// The literal definition, ray by ray: the interval of `t ≥ 0` in which `o + t·d` lies on the inner side of all
+    /// four sides, including infinity.
+    fn by_testing_every_ray(grid: ImageSize, from: &Camera, into: &Camera) -> f64 {
         let into_from =
             |v: DVec3| into.camera_from_world.transform_vector(from.camera_from_world.inverse().transform_vector(v));
         let origin = into.camera_from_world.transform_point(from.camera_from_world.inverse().centre());
@@ -224,24 +224,22 @@ mod tests {
     }
 
     #[test]
-    fn the_same_view_overlaps_wholly() {
+    fn a_view_overlaps_itself_completely() {
         let a = looking(DMat3::IDENTITY, DVec3::new(1.0, 2.0, 3.0));
         Tolerance::EXACT.assert([GRID.overlap(&a, &a).unwrap()], [1.0], "itself");
     }
 
-    /// By hand: at 53° and 90° between the axes, frustums share no direction, and a baseline along the first
-    /// axis puts each camera outside the other's view.
+    /// By hand: frustums of 53° whose axes are 90° apart share no direction.
     #[test]
-    fn turning_away_without_a_baseline_shares_nothing() {
+    fn views_turned_away_without_a_baseline_share_nothing() {
         let a = looking(DMat3::IDENTITY, DVec3::ZERO);
         let b = looking(DMat3::from_rotation_y(std::f64::consts::FRAC_PI_2), DVec3::ZERO);
         Tolerance::EXACT.assert([GRID.overlap(&a, &b).unwrap()], [0.0], "a quarter turn");
     }
 
-    /// A camera that stands inside the other's view sees it from the first point of every ray; seen from
-    /// behind, only the rays towards the view count.
+    /// Every ray of a camera inside the other's view starts inside it; back to back, none enters it.
     #[test]
-    fn a_camera_inside_the_other_view() {
+    fn all_rays_of_a_camera_inside_the_other_view_hit() {
         let a = looking(DMat3::IDENTITY, DVec3::ZERO);
         let ahead = looking(DMat3::from_rotation_y(2.0), DVec3::new(0.1, 0.0, 5.0));
         Tolerance::EXACT.assert([GRID.fraction(&ahead, &a).unwrap()], [1.0], "all rays start inside");
@@ -249,11 +247,10 @@ mod tests {
         Tolerance::EXACT.assert([GRID.fraction(&backwards, &a).unwrap()], [0.0], "back to back");
     }
 
-    /// By hand: moving sideways by any distance along the image's x axis, rays of the right-hand camera meet
-    /// the left-hand picture unless they lead away at a slope that its edge never reaches: none do, for the
-    /// edges' slopes are equal.
+    /// By hand: after a translation along the image's x axis, rays of the right camera intersect the left picture unless
+    /// their slope exceeds that of its edge; none does, because both cameras have the same edges.
     #[test]
-    fn sideways_motion_keeps_every_epipolar_line_in_view() {
+    fn sideways_motion_keeps_every_epipolar_line_visible() {
         let a = looking(DMat3::IDENTITY, DVec3::ZERO);
         for distance in [1e-3, 1.0, 1e6] {
             let b = looking(DMat3::IDENTITY, DVec3::new(distance, 0.0, 0.0));
@@ -288,8 +285,8 @@ mod tests {
         }
     }
 
-    /// By hand: two cameras in one place that look the same way share the directions of the narrower one. All of its rays are
-    /// in the wider picture, and of the wider one's as many as fit into the narrower: the overlap is the smaller share.
+    /// By hand: two cameras of equal pose share the directions of the narrower one. All of its rays are in the wider
+    /// picture; of the wider one's, as many as fit into the narrower one. The overlap is the smaller fraction.
     #[test]
     fn the_overlap_is_the_smaller_direction() {
         let wide = looking(DMat3::IDENTITY, DVec3::ZERO);
@@ -303,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn hostile_cameras_give_an_error_and_not_a_number() {
+    fn extreme_cameras_give_an_error_or_a_valid_overlap() {
         let far = looking(DMat3::IDENTITY, DVec3::new(1e308, 1e308, 1e308));
         let other = looking(DMat3::from_rotation_y(0.3), DVec3::new(-1e308, -1e308, -1e308));
         assert!(matches!(GRID.overlap(&far, &other), Err(ProtocolError::Overlap { .. })));
@@ -322,8 +319,8 @@ mod tests {
 
     proptest! {
         #[test]
-        fn counting_intervals_equals_visiting_rays(a in any_camera(), b in any_camera()) {
-            Tolerance::EXACT.assert([GRID.fraction(&a, &b).unwrap()], [by_visiting_every_ray(GRID.grid, &a, &b)], "fraction");
+        fn counting_intervals_equals_testing_every_ray(a in any_camera(), b in any_camera()) {
+            Tolerance::EXACT.assert([GRID.fraction(&a, &b).unwrap()], [by_testing_every_ray(GRID.grid, &a, &b)], "fraction");
         }
 
         #[test]
@@ -331,9 +328,9 @@ mod tests {
             Tolerance::EXACT.assert([GRID.overlap(&a, &b).unwrap()], [GRID.overlap(&b, &a).unwrap()], "overlap");
         }
 
-        /// A rigid motion and a change of unit keep the picture: at most a ray or two on an edge may flip.
+        /// A similarity of the world keeps the pictures: at most one or two rays on an edge may flip.
         #[test]
-        fn the_world_may_move_and_grow(a in any_camera(), b in any_camera(), yaw in -3.0..3.0f64, scale in 0.1..10.0f64) {
+        fn is_invariant_under_similarities_of_the_world(a in any_camera(), b in any_camera(), yaw in -3.0..3.0f64, scale in 0.1..10.0f64) {
             let motion = WorldFromCamera::new(DMat3::from_rotation_y(yaw), DVec3::new(1.0, -2.0, 0.5)).unwrap();
             let moved = |camera: &Camera| {
                 let pose = camera.camera_from_world.inverse().scaled_by(scale).moved_by(&motion);

@@ -9,36 +9,36 @@ use serde::{Deserialize, Serialize};
 
 use crate::ProtocolError;
 
-/// Overlap by matched features: both pictures are divided into a grid; of one view's cells that hold any
-/// SIFT feature, the fraction that holds one matched into the other view; the smaller of both directions.
+/// Overlap by matched features: both pictures are divided into a grid; of one view's cells with SIFT features, the
+/// fraction that contains a feature matched to the other view; the smaller of both directions.
 ///
-/// A match counts where it is mutual, passes the ratio test, and agrees with the declared cameras: within
-/// `limit` of its epipolar line and in front of both cameras, or, for cameras that share their centre,
-/// within `limit` of where the rotation takes it. Cells without any feature (blank walls, sky) have no say.
+/// A match counts if it is mutual, passes the ratio test, and agrees with the given cameras: within
+/// `limit` of its epipolar line and in front of both cameras or, for cameras with the same centre,
+/// within `limit` of where the rotation maps it. Cells without features (blank walls, sky) are ignored.
 ///
 /// This is a lower bound that falls with the baseline and with blur, as sparse matching does. It is not the
-/// quantity that NoPoSplat ships with its index (dense `RoMa` matches, code never released), and the two do
-/// not belong into one set of bins.
+/// quantity that NoPoSplat publishes in its index (dense `RoMa` matches, code never released); do not mix the two in
+/// one set of bins.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct FeatureCoverage {
     /// Cells along each side of the picture; at least 1.
     pub cells: u32,
-    /// How far from its epipolar line a match may be, as a fraction of the picture's diagonal.
+    /// Largest distance of a match from its epipolar line, as a fraction of the picture's diagonal.
     pub limit: f64,
     /// How features are found and matched.
     pub matching: MatchOptions,
 }
 
 impl Default for FeatureCoverage {
-    /// 8×8 cells: a 256×256 picture has some hundred features, a few in every cell. Half a per cent of the
-    /// diagonal is 1.8 pixels there.
+    /// 8×8 cells: a 256×256 picture has some hundred features, a few in every cell. 0.5 % of its diagonal is
+    /// 1.8 pixels.
     fn default() -> Self {
         Self { cells: 8, limit: 0.005, matching: MatchOptions::default() }
     }
 }
 
-/// What [`FeatureCoverage`] measured between two views.
+/// The coverage of two views by matched features.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub struct Coverage {
     /// Fraction of the first view's cells with features that are matched into the second, in [0, 1].
@@ -47,7 +47,7 @@ pub struct Coverage {
     pub second_in_first: f64,
     /// Mutual matches that passed the ratio test.
     pub tentative: usize,
-    /// Those of them that agree with the cameras.
+    /// The tentative matches that agree with the cameras.
     pub verified: usize,
 }
 
@@ -67,21 +67,21 @@ impl FeatureCoverage {
         Ok(self.coverage(a, b)?.overlap())
     }
 
-    /// Both directions apart. Pictures may have any size that was reached without cropping what the
+    /// The coverage in both directions. Pictures may be scaled to any size, but not cropped, relative to what the
     /// intrinsics describe.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] where a picture has no features at all or the grid has no cells,
-    /// [`ProtocolError::Scene`] where OpenCV refuses.
+    /// [`ProtocolError::Overlap`] if a picture has no features or the grid has no cells,
+    /// [`ProtocolError::Scene`] if OpenCV fails.
     pub fn coverage(&self, a: (&Camera, &ImageU8), b: (&Camera, &ImageU8)) -> Result<Coverage, ProtocolError> {
         if self.cells == 0 {
-            return Err(unusable("a grid of no cells"));
+            return Err(unusable("the grid has no cells"));
         }
-        let (first, second) = (Seen::new(a, self)?, Seen::new(b, self)?);
+        let (first, second) = (ViewFeatures::new(a, self)?, ViewFeatures::new(b, self)?);
         let matches = match_mutual(&first.features, &second.features, self.matching.ratio)?;
         let agreement = Agreement::new(&first.view, &second.view, self.limit);
         let verified: Vec<&PointMatch> = matches.iter().filter(|points| agreement.holds(points)).collect();
-        let fraction = |seen: &Seen, at: fn(&PointMatch) -> DVec2| {
+        let fraction = |seen: &ViewFeatures, at: fn(&PointMatch) -> DVec2| {
             let matched: BTreeSet<_> =
                 verified.iter().filter_map(|points| self.cell(seen.view.size, at(points))).collect();
             matched.len() as f64 / seen.cells.len() as f64
@@ -111,14 +111,14 @@ fn whole(cell: f64) -> u32 {
     cell as u32
 }
 
-/// One view with its features and the cells that they occupy.
-struct Seen {
+/// A view with its features and the cells that they occupy.
+struct ViewFeatures {
     view: View,
     features: Features,
     cells: BTreeSet<(u32, u32)>,
 }
 
-impl Seen {
+impl ViewFeatures {
     fn new((camera, picture): (&Camera, &ImageU8), grid: &FeatureCoverage) -> Result<Self, ProtocolError> {
         let size = ImageSize { width: picture.width(), height: picture.height() };
         let features = detect(picture, &grid.matching)?;
@@ -171,7 +171,7 @@ fn unusable(reason: &str) -> ProtocolError {
 mod tests {
     use super::*;
     use atsplat_camera::{CameraFromWorld, NormalizedIntrinsics};
-    use atsplat_numeric::Tolerance;
+    use atsplat_numeric::{SPLIT_MIX_STEP, Tolerance, split_mix};
     use glam::{DMat3, DVec3};
 
     const SIZE: u32 = 256;
@@ -205,12 +205,10 @@ mod tests {
         mix(mix(at(0.0, 0.0), at(1.0, 0.0), ease.x), mix(at(0.0, 1.0), at(1.0, 1.0), ease.x), ease.y)
     }
 
-    /// `SplitMix64`'s finaliser over both coordinates.
+    /// A pseudo-random number in [0, 1) for a lattice point.
     fn lattice(x: f64, y: f64) -> f64 {
-        let mut z = x.to_bits().wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        let state = x.to_bits().wrapping_mul(SPLIT_MIX_STEP) ^ y.to_bits().wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        (split_mix(state) >> 11) as f64 / (1u64 << 53) as f64
     }
 
     fn overlap(a: &(Camera, ImageU8), b: &(Camera, ImageU8)) -> f64 {
@@ -218,15 +216,15 @@ mod tests {
     }
 
     #[test]
-    fn a_picture_covers_itself() {
+    fn a_picture_covers_itself_completely() {
         let here = view(0.0, 0.0);
         let coverage = FeatureCoverage::default().coverage((&here.0, &here.1), (&here.0, &here.1)).unwrap();
         Tolerance::EXACT.assert([coverage.first_in_second, coverage.second_in_first], [1.0, 1.0], "itself");
-        assert_eq!(coverage.tentative, coverage.verified, "every match stays in place");
+        assert_eq!(coverage.tentative, coverage.verified, "every match is verified");
     }
 
     #[test]
-    fn coverage_falls_with_the_shift_and_stays_below_the_true_overlap() {
+    fn coverage_decreases_with_the_shift_and_stays_below_the_true_overlap() {
         let here = view(0.0, 0.0);
         let mut before = 1.0;
         for eighths in [1.0, 2.0, 4.0, 6.0] {
@@ -240,7 +238,7 @@ mod tests {
     }
 
     #[test]
-    fn exchanging_the_views_exchanges_the_directions() {
+    fn swapping_the_views_swaps_the_directions() {
         let (here, there) = (view(0.0, 0.0), view(0.25, 0.125));
         let coverage = |a: &(Camera, ImageU8), b: &(Camera, ImageU8)| {
             FeatureCoverage::default().coverage((&a.0, &a.1), (&b.0, &b.1)).unwrap()
@@ -257,10 +255,10 @@ mod tests {
     fn cameras_that_contradict_the_pictures_verify_nothing() {
         let (here, mut there) = (view(0.0, 0.0), view(0.25, 0.0));
         assert!(overlap(&here, &there) > 0.5);
-        // The pictures moved sideways; these cameras say upwards.
+        // The pictures moved sideways, the cameras upwards.
         there.0 = view(0.0, 0.25).0;
         assert!(overlap(&here, &there) < 0.1, "{}", overlap(&here, &there));
-        // And these moved the other way: right lines, wrong side.
+        // The cameras moved the opposite way: correct epipolar lines, wrong side.
         there.0 = view(-0.25, 0.0).0;
         assert!(overlap(&here, &there) < 0.1, "{}", overlap(&here, &there));
     }

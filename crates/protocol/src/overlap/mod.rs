@@ -1,10 +1,11 @@
-//! How much two views see of each other: three named estimators, each a number in [0, 1] that is the
-//! smaller of its two directions. They measure different things; numbers of different estimators, and the
-//! numbers that NoPoSplat ships (`RoMa` matches, code never released), do not belong into one set of bins.
+//! How much two views overlap: three named estimators, each a number in [0, 1] that is the smaller of its two
+//! directions. They measure different things: do not mix numbers of different estimators, or the numbers that NoPoSplat
+//! publishes (`RoMa` matches, code never released), in one set of bins.
 //!
 //! Against the true co-visibility of simulated scenes (`atsplat protocol estimators`: 192 pairs of rooms, 192 of yards)
 //! Spearman's rank correlation is 0.49 in rooms and −0.26 in yards for rays along epipolar lines, and 1.00 and 0.94 for
-//! depth. Epipolar lines know no walls: around a thing in the middle nearly every ray of one view crosses the other.
+//! depth. Epipolar lines ignore occlusion: around an object in the middle, nearly every ray of one view crosses the
+//! other view.
 
 mod annotate;
 mod covisibility;
@@ -27,20 +28,19 @@ use serde::{Deserialize, Serialize};
 
 use crate::ProtocolError;
 
-/// A named definition of overlap, with its settings; written in TOML and JSON as
-/// `estimator = "epipolar-ray"` and its settings.
+/// A named definition of overlap with its settings; in TOML and JSON, `estimator = "epipolar-ray"` and its settings.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "estimator", rename_all = "kebab-case")]
 pub enum OverlapEstimator {
-    /// Rays of one view whose epipolar line crosses the other view (pixelSplat). Cameras alone.
+    /// Rays of one view whose epipolar line crosses the other view (pixelSplat). Needs cameras only.
     EpipolarRay(EpipolarRays),
-    /// Part of a view that holds features matched into the other. Needs pictures and the feature `opencv`.
+    /// Part of a view with features matched to the other view. Needs pictures and the cargo feature `opencv`.
     FeatureCoverage,
-    /// Pixels whose surface the other view sees too. Needs depth maps.
+    /// Pixels whose surface point the other view also sees. Needs depth maps.
     DepthCovisibility(DepthCovisibility),
 }
 
-/// What an estimator may need of a view.
+/// The data of a view that an estimator may need.
 #[derive(Clone, Copy, Debug)]
 pub struct OverlapView<'a> {
     /// The view's camera.
@@ -52,7 +52,7 @@ pub struct OverlapView<'a> {
 }
 
 impl OverlapEstimator {
-    /// The name that files and reports use.
+    /// The name used in files and reports.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::EpipolarRay(_) => "epipolar-ray",
@@ -61,7 +61,7 @@ impl OverlapEstimator {
         }
     }
 
-    /// What the number means, in one sentence, for reports.
+    /// The definition in one sentence, for reports.
     pub const fn definition(&self) -> &'static str {
         match self {
             Self::EpipolarRay(_) => {
@@ -89,8 +89,7 @@ impl OverlapEstimator {
     /// Overlap of two views in [0, 1], the smaller of the two directions; symmetric in its arguments.
     ///
     /// # Errors
-    /// [`ProtocolError::Overlap`] where a view lacks what the estimator needs, or the geometry cannot be
-    /// computed.
+    /// [`ProtocolError::Overlap`] if a view lacks what the estimator needs, or the geometry cannot be computed.
     pub fn estimate(&self, a: &OverlapView<'_>, b: &OverlapView<'_>) -> Result<f64, ProtocolError> {
         let missing = |what: &str| ProtocolError::Overlap { estimator: self.name(), reason: what.to_owned() };
         match self {
@@ -107,7 +106,7 @@ impl OverlapEstimator {
                 _ => Err(missing("a view has no picture")),
             },
             #[cfg(not(feature = "opencv"))]
-            Self::FeatureCoverage => Err(missing("this build lacks the cargo feature `opencv`")),
+            Self::FeatureCoverage => Err(missing("this build was compiled without the cargo feature `opencv`")),
         }
     }
 }

@@ -4,7 +4,7 @@ macro_rules! texts {
     };
 }
 
-/// The presets that travel inside the binary.
+/// The presets embedded in the binary: name and TOML text.
 pub(super) const TEXTS: &[(&str, &str)] = texts![
     "re10k-2v-256",
     "re10k-overlap",

@@ -5,12 +5,12 @@ use serde::{Deserialize, Serialize};
 
 use crate::IndexEntry;
 
-/// Which scenes the published loaders leave out without a word. The exact picture size that they ask for is
+/// Which scenes the published loaders silently drop. The exact picture size that they require is
 /// [`atsplat_scene::preprocess::Preprocessing::expected_size`].
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Filters {
-    /// A scene is dropped if *any* of its frames opens wider than this, in x or y, by `get_fov` (pixelSplat
+    /// A scene is dropped if the field of view of *any* of its frames, by `get_fov`, exceeds this in x or y (pixelSplat
     /// `src/dataset/dataset_re10k.py`; 100 everywhere).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_fov_degrees: Option<f64>,
@@ -26,27 +26,27 @@ pub struct Filters {
     /// (`baseline_epsilon` in pixelSplat, `baseline_min` in NoPoSplat).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub min_baseline: Option<f64>,
-    /// An entry is dropped if they are further apart than this (NoPoSplat's `baseline_max`).
+    /// An entry is dropped if these centres are farther apart than this (NoPoSplat's `baseline_max`).
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub max_baseline: Option<f64>,
 }
 
-/// Why a scene of an index makes no trial.
+/// Why the published loaders drop a scene or an entry of an index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize)]
 #[serde(rename_all = "kebab-case")]
 #[non_exhaustive]
 pub enum DropReason {
-    /// The dataset does not hold the scene.
+    /// The dataset does not contain the scene.
     SceneMissing,
     /// The scene's files cannot be read.
     Unreadable,
-    /// The entry asks for a frame that the scene does not have.
+    /// The entry names a frame that the scene does not have.
     FrameOutOfRange,
     /// A frame's field of view exceeds the limit.
     FieldOfView,
-    /// A picture that the entry needs is listed but not there.
+    /// The file of a picture that the entry needs is missing.
     PictureMissing,
-    /// A picture's size is not the one that the protocol asks for.
+    /// A picture does not have the size that the protocol requires.
     PictureSize,
     /// A rotation's determinant is not 1.
     Determinant,
@@ -56,10 +56,10 @@ pub enum DropReason {
     Baseline,
 }
 
-/// A reason with what was found.
+/// A [`DropReason`] with what was found.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Dropped {
-    /// Why.
+    /// Why it was dropped.
     pub reason: DropReason,
     /// Frame, limit and value.
     pub detail: String,
@@ -83,11 +83,11 @@ impl DropReason {
 }
 
 impl Filters {
-    /// Why the published loaders would leave `entry` of `scene` out, in the order of their tests; `None`
-    /// where they would use it.
+    /// Why the published loaders would drop `entry` of `scene`, with their checks in their order; `None` if they would
+    /// use it.
     ///
-    /// `picture_size` tells a frame's size, from its file or its metadata; a frame that it knows nothing of
-    /// passes. A scene without any pictures, a bare trajectory, is judged by its cameras.
+    /// `picture_size` returns the size of a frame's picture, from its file or its metadata; a frame of unknown size
+    /// passes. For a scene without any pictures (a bare trajectory), only the cameras are checked.
     pub fn drop_reason(
         &self,
         scene: &Scene,
@@ -106,7 +106,7 @@ impl Filters {
             }
         }
         if let Some(limit) = self.max_fov_degrees
-            && let Some((at, degrees)) = widest_beyond(scene, limit)
+            && let Some((at, degrees)) = first_wider_than(scene, limit)
         {
             return drop(DropReason::FieldOfView, format!("frame {at} opens {degrees:.1}°, limit {limit}°"));
         }
@@ -142,8 +142,8 @@ impl Filters {
     }
 }
 
-/// The first frame that opens wider than `limit` degrees, and how wide.
-fn widest_beyond(scene: &Scene, limit: f64) -> Option<(usize, f64)> {
+/// The first frame with a field of view above `limit` degrees, and that field of view.
+fn first_wider_than(scene: &Scene, limit: f64) -> Option<(usize, f64)> {
     scene.frames.iter().enumerate().find_map(|(at, frame)| {
         let fov = frame.camera.intrinsics.field_of_view();
         let beyond = [fov.x, fov.y].map(f64::to_degrees).into_iter().find(|degrees| *degrees > limit)?;
@@ -189,12 +189,12 @@ mod tests {
     }
 
     #[test]
-    fn an_ordinary_scene_stays() {
+    fn an_ordinary_scene_is_kept() {
         assert_eq!(reason(&scene(), 1), None);
     }
 
     #[test]
-    fn each_published_test_drops_its_scene() {
+    fn each_published_check_drops_its_scene() {
         assert_eq!(reason(&scene(), 3), Some(DropReason::FrameOutOfRange));
         let mut wide = scene();
         wide.frames[1].camera.intrinsics = NormalizedIntrinsics::new(0.3, 0.9, 0.5, 0.5).unwrap();
@@ -202,7 +202,7 @@ mod tests {
         let mut absent = scene();
         absent.frames[1].picture = Picture::Missing("1.png".into());
         assert_eq!(reason(&absent, 1), Some(DropReason::PictureMissing));
-        assert_eq!(reason(&absent, 0), None, "a missing picture that the entry does not use is none");
+        assert_eq!(reason(&absent, 0), None, "the entry does not use the missing picture");
         let mut small = scene();
         small.frames[2].stated_size = Some(ImageSize { width: 320, height: 180 });
         assert_eq!(reason(&small, 1), Some(DropReason::PictureSize));
@@ -214,14 +214,14 @@ mod tests {
         far.frames[1] = frame(1000.5);
         assert_eq!(reason(&far, 1), Some(DropReason::Translation));
         far.frames[1] = frame(-1e6);
-        assert_eq!(reason(&far, 1), None, "the published test is signed");
+        assert_eq!(reason(&far, 1), None, "the published check is signed");
         let mut still = scene();
         still.frames[2] = frame(0.0005);
         assert_eq!(reason(&still, 1), Some(DropReason::Baseline));
     }
 
     #[test]
-    fn without_filters_only_what_cannot_be_used_is_dropped() {
+    fn without_filters_only_unusable_entries_are_dropped() {
         let mut scene = scene();
         scene.frames[1] = frame(1e9);
         let entry = IndexEntry { context: vec![0, 0], target: vec![1], overlap: None };

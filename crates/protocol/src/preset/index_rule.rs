@@ -4,23 +4,23 @@ use serde::{Deserialize, Serialize};
 use crate::extrapolation::Margin;
 use crate::{EvaluationIndex, IndexEntry, IndexFile};
 
-/// Which evaluation index a protocol is about.
+/// Which evaluation indices a protocol runs on.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct IndexRule {
     /// Scenes with at least one entry in the default index.
     pub scenes: u64,
-    /// Context views of every entry.
+    /// Number of context views of every entry.
     pub context_views: usize,
-    /// Fewest and most targets of an entry in the default index, or in what is derived from it.
+    /// Fewest and most targets of an entry in the default index, or in the index derived from it.
     pub targets: (usize, usize),
     /// Published files that the protocol runs on; the first is the default.
     pub accepted: Vec<AcceptedIndex>,
-    /// What is made of the published file, where the protocol has no file of its own.
+    /// How the index is derived from the published file, if the protocol has no file of its own.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub derivation: Option<Derivation>,
-    /// The rule of `eval/samplers/` that chooses frames as this protocol does, for scenes that no published file names.
-    /// Its numbers compare with no published ones.
+    /// The rule of `eval/samplers/` that chooses frames as this protocol does, for scenes that no published file covers.
+    /// Such numbers are not comparable with published ones.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub sampler: Option<String>,
 }
@@ -33,12 +33,12 @@ pub struct AcceptedIndex {
     pub name: String,
     /// Hash of its bytes.
     pub sha256: Sha256Digest,
-    /// Why it is an alternative, and what to report with it.
+    /// Why it is accepted, and what to report with it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub note: Option<String>,
 }
 
-/// How an index is made from a published one.
+/// How an index is derived from a published one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "rule", rename_all = "kebab-case", deny_unknown_fields)]
 pub enum Derivation {
@@ -50,7 +50,7 @@ pub enum Derivation {
     },
 }
 
-/// How an index file relates to those that a protocol accepts.
+/// How an index file relates to the files that a protocol accepts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(tag = "match", rename_all = "kebab-case")]
 pub enum IndexMatch<'a> {
@@ -59,36 +59,36 @@ pub enum IndexMatch<'a> {
         /// Name of the file.
         name: &'a str,
     },
-    /// A file that some use under this protocol; its name belongs beside the number.
+    /// Another accepted file, which some papers use under this protocol; report its name with the number.
     Alternative {
         /// Name of the file.
         name: &'a str,
         /// What the preset says about it.
         note: Option<&'a str>,
     },
-    /// What the preset's rule makes of the default file, all scenes included.
+    /// The preset's derivation of the default file, with all scenes.
     Derived {
-        /// Name of the file that it was made from.
+        /// Name of the file that it was derived from.
         name: &'a str,
     },
-    /// What the preset's rule makes of other scenes or other context frames than the default file's, or of only
+    /// The preset's derivation applied to other scenes or other context frames than the default file's, or to only
     /// some of them.
     DerivedFromOther {
-        /// Name of the file that the protocol's own split is made from.
+        /// Name of the file that the protocol's own split is derived from.
         name: &'a str,
     },
-    /// The file from which the protocol's own split is yet to be made.
+    /// The published file itself, from which the protocol's split still has to be derived.
     Underived {
         /// Name of the file.
         name: &'a str,
     },
-    /// No published file: numbers compare only with numbers on the same index.
+    /// Not a published file: numbers are only comparable with numbers on the same index.
     Unpublished,
 }
 
 impl IndexRule {
-    /// Whether `file` is one of the accepted ones, by its bytes or else by its content; or what the derivation makes
-    /// of one, by the gaps between its context frames and the targets around them.
+    /// Whether `file` is one of the accepted files, by its bytes or else by its content; or a derivation of one, by the
+    /// gaps between its context frames and the targets around them.
     pub fn recognise(&self, file: &IndexFile) -> IndexMatch<'_> {
         self.recognise_hashes(&file.sha256, &file.index)
     }
@@ -111,19 +111,19 @@ impl IndexRule {
     fn recognise_derived(&self, index: &EvaluationIndex) -> Option<IndexMatch<'_>> {
         let (derivation, base) = (self.derivation?, self.accepted.first()?);
         let entries = || index.entries().map(|(_, _, entry)| entry);
-        let of_rule = |entry: &IndexEntry| entry.context.len() == self.context_views && derivation.made(entry);
-        if entries().next().is_none() || !entries().all(of_rule) {
+        let derived = |entry: &IndexEntry| entry.context.len() == self.context_views && derivation.made(entry);
+        if entries().next().is_none() || !entries().all(derived) {
             return None;
         }
         let name = &base.name;
         let known = crate::KnownIndex::by_name(name).filter(|known| known.sha256 == base.sha256);
-        let whole = known.is_some_and(|known| known.gaps == index.context_gaps_hash());
-        Some(if whole { IndexMatch::Derived { name } } else { IndexMatch::DerivedFromOther { name } })
+        let complete = known.is_some_and(|known| known.gaps == index.context_gaps_hash());
+        Some(if complete { IndexMatch::Derived { name } } else { IndexMatch::DerivedFromOther { name } })
     }
 }
 
 impl Derivation {
-    /// Whether the targets of `entry` are those that this rule gives to its context.
+    /// Whether the targets of `entry` are the ones that this rule derives from its context.
     pub fn made(&self, entry: &IndexEntry) -> bool {
         let Self::ShiftedWindow { margin } = self;
         let Some((first, last)) = entry.window() else { return false };
@@ -140,7 +140,7 @@ mod tests {
     use crate::Preset;
 
     #[test]
-    fn default_alternative_and_unpublished_files() {
+    fn recognises_default_alternative_and_unpublished_files() {
         let preset = Preset::named("dl3dv-12v-512x960").unwrap();
         let accepted = &preset.index.accepted;
         let index = EvaluationIndex::default();
@@ -151,7 +151,7 @@ mod tests {
     }
 
     #[test]
-    fn what_the_rule_makes_is_recognised() {
+    fn recognises_derived_indices() {
         let preset = Preset::named("dl3dv-6v-extrapolation").unwrap();
         let recognised =
             |json: &str| preset.index.recognise_derived(&EvaluationIndex::from_json(json.as_bytes()).unwrap());

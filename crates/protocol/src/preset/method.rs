@@ -2,7 +2,7 @@ use serde::{Deserialize, Serialize};
 
 use super::{PoseNormalisation, Preset};
 
-/// Near and far plane, in the units of the normalised scene unless the normalisation scales them along.
+/// Near and far plane, in the units of the normalised scene unless the normalisation scales them too.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct NearFar {
@@ -12,7 +12,7 @@ pub struct NearFar {
     pub far: f64,
 }
 
-/// What one method published under a protocol, where it differs from the preset.
+/// The settings one method published under a protocol, if they differ from the preset's.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct MethodSetting {
@@ -22,13 +22,13 @@ pub struct MethodSetting {
     pub pose_normalisation: PoseNormalisation,
     /// Its near and far plane.
     pub near_far: NearFar,
-    /// Repository file that says so.
+    /// Repository file that states these settings.
     pub source: String,
 }
 
-/// The pose normalisation and planes that one method uses.
+/// The settings that a method uses: its published ones, or the preset's.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SettingOf<'a> {
+pub struct EffectiveSetting<'a> {
     /// Pose normalisation.
     pub pose_normalisation: &'a PoseNormalisation,
     /// Near and far plane.
@@ -36,14 +36,14 @@ pub struct SettingOf<'a> {
 }
 
 impl Preset {
-    /// What `method` uses: its published setting, or the preset's own. Names are compared without case.
-    pub fn setting_of(&self, method: &str) -> SettingOf<'_> {
+    /// The settings of `method`: the ones it published, or else the preset's. Names are case-insensitive.
+    pub fn setting_of(&self, method: &str) -> EffectiveSetting<'_> {
         let published = self.methods.iter().find(|setting| setting.method.eq_ignore_ascii_case(method));
         match published {
             Some(MethodSetting { pose_normalisation, near_far, .. }) => {
-                SettingOf { pose_normalisation, near_far: *near_far }
+                EffectiveSetting { pose_normalisation, near_far: *near_far }
             }
-            None => SettingOf { pose_normalisation: &self.pose_normalisation, near_far: self.near_far },
+            None => EffectiveSetting { pose_normalisation: &self.pose_normalisation, near_far: self.near_far },
         }
     }
 }

@@ -1,18 +1,18 @@
 use serde::{Deserialize, Serialize};
 
-/// How scores of single pictures become the protocol's number.
+/// How the scores of single pictures are aggregated into the protocol's number.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Aggregation {
     /// The mean over a scene's targets, then the mean over scenes (MVSplat, DepthSplat, iLRM
     /// `src/model/model_wrapper.py`, `test_step` and `on_test_end`).
     SceneMeans,
-    /// The mean over all pictures of all scenes (`MVSplat360` on DL3DV). The same number only where every scene
-    /// has as many targets.
+    /// The mean over all pictures of all scenes (`MVSplat360` on DL3DV). Equals the former only if all scenes have the
+    /// same number of targets.
     AllPictures,
 }
 
-/// What a protocol means by the names of its metrics.
+/// Which definitions of PSNR, SSIM and LPIPS a protocol uses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct MetricConvention {
@@ -22,7 +22,7 @@ pub struct MetricConvention {
     pub ssim: SsimConvention,
     /// Which LPIPS.
     pub lpips: LpipsConvention,
-    /// In which form renders reach the metrics.
+    /// How the pixel values of renders reach the metrics.
     pub pixels: PixelValues,
     /// Whether renders are clipped to [0, 1] before SSIM and LPIPS; PSNR has its own rule.
     pub clip_before_ssim_and_lpips: bool,
@@ -32,7 +32,7 @@ pub struct MetricConvention {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PsnrConvention {
-    /// Both pictures clipped to [0, 1], one mean squared error over all channels and pixels of a picture
+    /// Both pictures clipped to [0, 1], one mean squared error over all channels and pixels
     /// (pixelSplat `src/evaluation/metrics.py:11-19`).
     Clipped,
 }
@@ -41,8 +41,8 @@ pub enum PsnrConvention {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SsimConvention {
-    /// scikit-image with an 11×11 Gaussian of σ 1.5, sample covariance, data range 1, the mean over the
-    /// picture without 5 pixels on every side, then over channels (pixelSplat `src/evaluation/metrics.py`).
+    /// scikit-image with an 11×11 Gaussian of σ 1.5, sample covariance, data range 1; the mean over the
+    /// picture without a border of 5 pixels, then over channels (pixelSplat `src/evaluation/metrics.py`).
     SkimageGaussian,
     /// scikit-image's uniform 7×7 window on clamped renders (Long-LRM `model/loss.py:66-82`); not comparable.
     SkimageUniform,
@@ -58,13 +58,13 @@ pub enum LpipsConvention {
     AlexV01,
 }
 
-/// In which form renders reach the metrics.
+/// How the pixel values of renders reach the metrics.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PixelValues {
-    /// Float renders as they leave the renderer (MVSplat, DepthSplat, iLRM, TokenGS, NoPoSplat online).
+    /// Float values straight from the renderer (MVSplat, DepthSplat, iLRM, TokenGS, NoPoSplat online).
     Float,
-    /// Clipped, multiplied by 255 and truncated to bytes, by way of PNG (pixelSplat's published path,
+    /// Clipped, multiplied by 255 and truncated to bytes, through PNG files (pixelSplat's published path,
     /// `src/misc/image_io.py`).
     TruncatedToBytes,
 }

@@ -1,7 +1,7 @@
 //! Presets: a published protocol as one TOML file in `eval/presets/`.
 //!
-//! A preset says which index, which pictures and which conventions make up a number that may stand beside a
-//! published one, where each fact was read, and what had to be inferred because nobody wrote it down.
+//! A preset states which index, picture preprocessing and conventions make a number comparable with a published one,
+//! where each fact was read, and what had to be inferred because no source states it.
 
 mod builtin;
 mod filters;
@@ -9,7 +9,6 @@ mod index_rule;
 mod method;
 mod metrics;
 mod renderer;
-mod text;
 mod validate;
 
 use atsplat_files::Sha256Digest;
@@ -22,55 +21,54 @@ use serde::{Deserialize, Serialize};
 pub use atsplat_camera::{MeanCameraScale, PoseNormalisation};
 pub use filters::{DropReason, Dropped, Filters};
 pub use index_rule::{AcceptedIndex, Derivation, IndexMatch, IndexRule};
-pub use method::{MethodSetting, NearFar, SettingOf};
+pub use method::{EffectiveSetting, MethodSetting, NearFar};
 pub use metrics::{Aggregation, LpipsConvention, MetricConvention, PixelValues, PsnrConvention, SsimConvention};
 pub use renderer::{NearCull, RendererConvention, RendererPrincipalPoint};
 
 use crate::{OverlapBins, ProtocolError};
 
-/// A protocol: everything but the method and the data.
+/// A protocol: everything that defines a benchmark number except the method and the data.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Preset {
     /// Name on the command line and in results: lower-case letters, digits and hyphens.
     pub name: String,
-    /// One line for people.
+    /// One-line description for humans.
     pub title: String,
     /// Id of the dataset manifest in `datasets/`.
     pub dataset: String,
-    /// The published preset that this one is made after, at another scale or on other scenes: its numbers may stand in
-    /// that protocol's tables where these say so, to compare the order and the gaps of rows.
+    /// The published preset that this one imitates at another scale or on other scenes. Its numbers may appear in that
+    /// protocol's tables, marked as such, to compare the order and the gaps of rows.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub stands_for: Option<String>,
-    /// What a reader of the numbers must know.
+    /// What readers of the numbers must know.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// What no source states and this preset therefore infers, with the reason. Printed with every result.
+    /// What this preset infers because no source states it, with the reason. Printed with every result.
     #[serde(default)]
     pub inferred: Vec<String>,
     /// Repository files and paper sections that the preset was read from.
     pub sources: Vec<String>,
     /// Which evaluation index.
     pub index: IndexRule,
-    /// What happens to pictures and intrinsics.
+    /// How pictures and intrinsics are preprocessed.
     pub preprocessing: Preprocessing,
-    /// Pose normalisation, near and far plane for methods that are not listed in `methods`: those of ATSplat,
-    /// which follows iLRM.
+    /// Pose normalisation for methods that are not listed in `methods`: that of ATSplat, which follows iLRM.
     pub pose_normalisation: PoseNormalisation,
-    /// Near and far plane that go with [`Self::pose_normalisation`].
+    /// Near and far plane for these methods.
     pub near_far: NearFar,
-    /// What other methods published under this protocol.
+    /// Settings that other methods published under this protocol.
     #[serde(default)]
     pub methods: Vec<MethodSetting>,
-    /// Which scenes the published loaders leave out in silence.
+    /// Which scenes the published loaders silently drop.
     #[serde(default)]
     pub filters: Filters,
     /// How overlaps are binned, for protocols that report bins.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub overlap_bins: Option<OverlapBins>,
-    /// How scores of pictures become one number.
+    /// How scores of pictures are aggregated into one number.
     pub aggregation: Aggregation,
-    /// What "PSNR", "SSIM" and "LPIPS" mean here.
+    /// Which definitions of PSNR, SSIM and LPIPS are used.
     pub metrics: MetricConvention,
     /// The renderer constants behind the published numbers.
     pub renderer: RendererConvention,
@@ -99,7 +97,7 @@ impl Preset {
         Self::from_toml(Self::text_of(name)?)
     }
 
-    /// A built-in preset by name, or the one in a TOML file by path: whatever ends in `.toml` is a path.
+    /// A built-in preset by name, or the one in a TOML file if the argument ends in `.toml`.
     ///
     /// # Errors
     /// [`ProtocolError::UnknownPreset`], or the errors of [`Self::read`].
@@ -125,13 +123,13 @@ impl Preset {
         Self::from_toml(&text).map_err(|error| error.in_file(path))
     }
 
-    /// Reads a preset from TOML text and checks that its parts fit together.
+    /// Reads a preset from TOML text and checks that its fields are consistent.
     ///
     /// # Errors
-    /// [`ProtocolError::Malformed`] with line and column for text that is no preset, with the field for
-    /// values that contradict each other.
+    /// [`ProtocolError::Malformed`]: with line and column for text that is not a preset, with the field for
+    /// contradictory values.
     pub fn from_toml(text: &str) -> Result<Self, ProtocolError> {
-        let preset: Self = toml::from_str(text).map_err(|error| text::malformed(text, &error))?;
+        let preset: Self = toml::from_str(text).map_err(|error| malformed_toml(text, &error))?;
         validate::check(&preset)?;
         Ok(preset)
     }
@@ -139,16 +137,16 @@ impl Preset {
     /// The preset as TOML text that [`Self::from_toml`] reads back.
     ///
     /// # Errors
-    /// [`ProtocolError::Malformed`] for a value that TOML cannot hold; none that was read from TOML is one.
+    /// [`ProtocolError::Malformed`] for a value that TOML cannot represent; impossible if it was read from TOML.
     pub fn to_toml(&self) -> Result<String, ProtocolError> {
         toml::to_string(self).map_err(|error| validate::malformed("TOML", "a value that TOML can hold", &error))
     }
 
-    /// Hash of all that can change a number: the preset's fields as compact JSON in declaration order, without
-    /// name, title, notes, inferences and sources. Results whose protocol hashes differ do not share a table.
+    /// Hash of everything that can change a number: the preset's fields as compact JSON in declaration order, without
+    /// name, title, notes, inferences and sources. Results with different protocol hashes do not share a table.
     ///
     /// # Errors
-    /// [`ProtocolError::Malformed`] for a value that JSON cannot hold; none that was read from TOML is one.
+    /// [`ProtocolError::Malformed`] for a value that JSON cannot represent; impossible if it was read from TOML.
     pub fn hash(&self) -> Result<Sha256Digest, ProtocolError> {
         let mut bare = self.clone();
         for text in [&mut bare.name, &mut bare.title] {
@@ -158,9 +156,9 @@ impl Preset {
             texts.clear();
         }
         bare.stands_for = None;
-        // Which overlaps the edges were published for decides how results are filed, and no number.
+        // The estimator that the edges were published for affects how results are binned, not the numbers.
         bare.overlap_bins = bare.overlap_bins.map(OverlapBins::without_estimator);
-        // What was sampled is told by the hash of the index.
+        // The hash of the index identifies what was sampled.
         bare.index.sampler = None;
         bare.index.accepted.iter_mut().for_each(|accepted| accepted.note = None);
         bare.methods.iter_mut().for_each(|method| method.source.clear());
@@ -170,8 +168,27 @@ impl Preset {
     }
 }
 
+/// A TOML error with its line and column, counted from 1.
+fn malformed_toml(text: &str, error: &toml::de::Error) -> ProtocolError {
+    let start = error.span().map_or(0, |span| span.start);
+    let before = text.bytes().take(start);
+    let line = before.clone().filter(|byte| *byte == b'\n').count() + 1;
+    let is_char_start = |byte: &u8| byte & 0b1100_0000 != 0b1000_0000;
+    let column = before.rev().take_while(|byte| *byte != b'\n').filter(is_char_start).count() + 1;
+    let message = error.message();
+    let (found, expected) = message.rsplit_once(", expected ").unwrap_or((message, "a preset"));
+    ProtocolError::Malformed {
+        what: "preset",
+        location: format!("line {line} column {column}"),
+        expected: expected.to_owned(),
+        found: found.chars().take(120).collect(),
+    }
+}
+
 #[cfg(test)]
 mod tests {
+    use std::collections::BTreeSet;
+
     use super::*;
 
     fn all() -> Vec<Preset> {
@@ -179,7 +196,7 @@ mod tests {
     }
 
     #[test]
-    fn every_built_in_preset_is_named_as_its_file_and_says_where_it_comes_from() {
+    fn every_built_in_preset_has_the_name_of_its_file_and_sources() {
         for (name, preset) in Preset::names().zip(all()) {
             assert_eq!(preset.name, name);
             assert!(!preset.sources.is_empty() && !preset.title.is_empty(), "{name}");
@@ -187,39 +204,19 @@ mod tests {
     }
 
     #[test]
-    fn the_presets_of_the_field_are_there() {
-        let expected = [
-            "re10k-2v-256",
-            "re10k-overlap",
-            "acid-2v-256",
-            "dl3dv-2v-256x448",
-            "dl3dv-4v-256x448",
-            "dl3dv-6v-256x448",
-            "dl3dv-12v-512x960",
-            "dl3dv-6v-224",
-            "re10k-to-dl3dv-256",
-            "dl3dv-6v-extrapolation",
-            "re10k-extrapolation",
-            "photos-3v-256",
-            "rooms-2v-128",
-            "rooms-overlap-128",
-            "rooms-extrapolation-128",
-            "yards-2v-128x224",
-            "yards-4v-128x224",
-            "yards-6v-128x224",
-            "yards-12v-256x480",
-            "yards-6v-112",
-            "rooms-to-yards-128",
-            "yards-6v-extrapolation",
-        ];
-        assert_eq!(Preset::names().collect::<Vec<_>>(), expected);
+    fn every_preset_file_is_built_in() {
+        let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval/presets");
+        let files = fs::read_dir(folder).unwrap().map(|file| file.unwrap().path());
+        let presets = files.filter(|path| path.extension().is_some_and(|extension| extension == "toml"));
+        let names: BTreeSet<String> = presets.map(|path| path.file_stem().unwrap().display().to_string()).collect();
+        assert_eq!(names, Preset::names().map(str::to_owned).collect());
     }
 
     #[test]
-    fn what_stands_for_another_stands_for_a_published_one() {
+    fn a_preset_stands_for_a_published_one_if_its_index_is_embedded() {
         for preset in all() {
-            let carried = preset.index.accepted.iter().any(|file| crate::IndexFile::carried(&file.name).is_some());
-            assert_eq!(preset.stands_for.is_some(), carried, "{}", preset.name);
+            let embedded = preset.index.accepted.iter().any(|file| crate::IndexFile::carried(&file.name).is_some());
+            assert_eq!(preset.stands_for.is_some(), embedded, "{}", preset.name);
             let Some(published) = preset.stands_for.as_deref().map(|name| Preset::named(name).unwrap()) else {
                 continue;
             };
@@ -229,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn toml_round_trip_keeps_value_and_hash() {
+    fn a_toml_round_trip_preserves_value_and_hash() {
         for preset in all() {
             let again = Preset::from_toml(&preset.to_toml().unwrap()).unwrap();
             assert_eq!(again, preset);
@@ -238,9 +235,9 @@ mod tests {
     }
 
     #[test]
-    fn hashes_tell_presets_apart_and_ignore_prose() {
-        let hashes: std::collections::BTreeSet<_> = all().iter().map(|preset| preset.hash().unwrap()).collect();
-        assert_eq!(hashes.len(), Preset::names().count(), "every preset is another protocol");
+    fn hashes_distinguish_presets_and_ignore_prose() {
+        let hashes: BTreeSet<_> = all().iter().map(|preset| preset.hash().unwrap()).collect();
+        assert_eq!(hashes.len(), Preset::names().count(), "every preset is a different protocol");
         let preset = Preset::named("re10k-2v-256").unwrap();
         let mut reworded = preset.clone();
         reworded.name.push('x');
@@ -253,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn names_and_paths_are_told_apart() {
+    fn distinguishes_names_from_paths() {
         let error = Preset::resolve("re10k").unwrap_err().to_string();
         assert!(error.contains("re10k-2v-256") && error.contains("\"re10k\""), "{error}");
         let error = Preset::resolve("no/such.toml").unwrap_err().to_string();

@@ -2,33 +2,33 @@ use serde::{Deserialize, Serialize};
 
 /// The constants of the renderer behind a protocol's published numbers.
 ///
-/// A render with other constants is another number; they are recorded with every result.
+/// Other constants give other numbers, so they are recorded with every result.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RendererConvention {
     /// Name and version of the rasteriser.
     pub rasteriser: String,
-    /// Gaussians nearer than this are left out.
+    /// Gaussians nearer than this are culled.
     pub near_cull: f64,
-    /// What [`Self::near_cull`] is measured in.
+    /// The unit of [`Self::near_cull`].
     pub near_cull_unit: NearCull,
     /// Added to both diagonal entries of the projected covariance, in square pixels.
     pub dilation: f64,
     /// Largest opacity of one Gaussian at one pixel.
     pub alpha_max: f64,
-    /// Gaussians fainter than one part in this many at a pixel are skipped there.
+    /// Inverse of the alpha below which a Gaussian is skipped at a pixel.
     pub alpha_min_inverse: f64,
     /// Blending stops before the transmittance falls below this.
     pub transmittance_stop: f64,
-    /// How far a Gaussian reaches, in standard deviations.
+    /// Extent of a Gaussian, in standard deviations.
     pub extent_sigmas: f64,
-    /// Colour behind everything, sRGB-encoded, in [0, 1].
+    /// Background colour, sRGB-encoded, in [0, 1].
     pub background: [f64; 3],
-    /// What becomes of the principal point.
+    /// How the principal point is treated.
     pub principal_point: RendererPrincipalPoint,
 }
 
-/// What a near cull is measured in.
+/// The unit of a near-culling distance.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NearCull {
@@ -39,7 +39,7 @@ pub enum NearCull {
     NearPlanes,
 }
 
-/// What a renderer does with the principal point.
+/// How a renderer treats the principal point.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RendererPrincipalPoint {

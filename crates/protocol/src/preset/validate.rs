@@ -3,7 +3,7 @@ use std::fmt::Display;
 use super::{NearFar, PoseNormalisation, Preset, RendererConvention};
 use crate::{IndexBuilder, IndexEntry, KnownIndex, ProtocolError};
 
-/// Whether the parts of a preset make sense by themselves and together.
+/// Checks each field of a preset, and that the fields are consistent.
 pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
     name("name", &preset.name)?;
     name("dataset", &preset.dataset)?;
@@ -33,8 +33,8 @@ pub(super) fn check(preset: &Preset) -> Result<(), ProtocolError> {
 
 fn index(preset: &Preset) -> Result<(), ProtocolError> {
     let rule = &preset.index;
-    let is_told = !rule.accepted.is_empty() || rule.sampler.is_some();
-    ensure(is_told, "index.accepted", "at least one index, or a sampler", &"none")?;
+    let has_source = !rule.accepted.is_empty() || rule.sampler.is_some();
+    ensure(has_source, "index.accepted", "at least one index, or a sampler", &"none")?;
     if let Some(sampler) = &rule.sampler {
         let path = std::path::Path::new(sampler);
         let known = IndexBuilder::names().any(|name| name == sampler) || path.extension().is_some();
@@ -46,7 +46,7 @@ fn index(preset: &Preset) -> Result<(), ProtocolError> {
     ensure(in_order, "index.targets", "fewest and most, from 1", &format!("{fewest} and {most}"))?;
     for accepted in &rule.accepted {
         let field = format!("index.accepted, {}", accepted.name);
-        // A file that we know must carry its own hash; a user's preset may name files that we do not know.
+        // A known file must have its own hash; a user's preset may name unknown files.
         let known = KnownIndex::by_name(&accepted.name);
         ensure(
             known.is_none_or(|known| known.sha256 == accepted.sha256),
@@ -69,12 +69,14 @@ fn poses(field: &str, rule: &PoseNormalisation, depth: usize) -> Result<(), Prot
         PoseNormalisation::None | PoseNormalisation::FirstViewRelative => Ok(()),
         PoseNormalisation::BaselineOne { minimum, maximum } | PoseNormalisation::MaxPairwise { minimum, maximum } => {
             ensure(*minimum >= 0.0 && minimum.is_finite(), field, "a minimum from 0", minimum)?;
-            let above = maximum.is_none_or(|maximum| maximum > *minimum);
-            ensure(above, field, "a maximum above the minimum", &maximum.unwrap_or_default())
+            match maximum {
+                Some(maximum) => ensure(maximum > minimum, field, "a maximum above the minimum", maximum),
+                None => Ok(()),
+            }
         }
         PoseNormalisation::MeanCamera { scene_scale, .. } => positive(field, *scene_scale),
         PoseNormalisation::Sequence { steps } => {
-            ensure(depth == 0 && !steps.is_empty(), field, "steps that are no sequences themselves", &steps.len())?;
+            ensure(depth == 0 && !steps.is_empty(), field, "at least one step, none of them a sequence", &steps.len())?;
             steps.iter().try_for_each(|step| poses(field, step, depth + 1))
         }
     }
@@ -132,12 +134,12 @@ mod tests {
     /// `re10k-overlap` with one piece of text replaced.
     fn changed(from: &str, to: &str) -> Result<Preset, ProtocolError> {
         let text = Preset::text_of("re10k-overlap").unwrap();
-        assert!(text.contains(from), "{from:?} is there to be changed");
+        assert!(text.contains(from), "the preset has no {from:?}");
         Preset::from_toml(&text.replacen(from, to, 1))
     }
 
     #[test]
-    fn contradictions_name_their_field() {
+    fn errors_name_the_invalid_field() {
         for (from, to, expected) in [
             ("name = \"re10k-overlap\"", "name = \"RE10K overlap\"", "field name: expected lower-case"),
             ("4940dbd5", "fbcff9b4", "field index.accepted, noposplat-re10k: expected the sha256 of that file"),
@@ -156,7 +158,7 @@ mod tests {
     }
 
     #[test]
-    fn text_that_is_no_preset_names_line_and_column() {
+    fn toml_errors_name_line_and_column() {
         for (from, to, expected) in [
             ("near = 0.01", "near = \"small\"", "expected f64"),
             ("near = 0.01", "nearly = 0.01", "unknown field `nearly`"),
@@ -172,7 +174,7 @@ mod tests {
         ] {
             let error = changed(from, to).unwrap_err().to_string();
             assert!(error.starts_with("preset: line ") && error.contains(expected), "{error}");
-            assert!(!error.contains("line 1 column 1:"), "the place is found: {error}");
+            assert!(!error.contains("line 1 column 1:"), "{error}");
         }
     }
 }

@@ -1,6 +1,6 @@
-use atsplat_numeric::SplitMix64;
 use std::num::NonZeroUsize;
 
+use atsplat_numeric::SplitMix64;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -8,21 +8,21 @@ use super::{NoEntry, SceneViews, entry, farthest_points};
 use crate::IndexEntry;
 
 /// A random window whose width lies between two bounds that grow during training: pixelSplat's
-/// `src/dataset/view_sampler/view_sampler_bounded.py`, and DepthSplat's `view_sampler_bounded_v2.py` where
-/// targets may leave the window, extra context is spread out or targets are drawn without repetition.
+/// `src/dataset/view_sampler/view_sampler_bounded.py`, and DepthSplat's `view_sampler_bounded_v2.py` if
+/// targets may lie outside the window, extra context is spread out or targets are drawn without repetition.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Bounded {
-    /// How many context frames: the two ends of the window and extra ones between them; ≥ 2.
+    /// Number of context frames: the two ends of the window and extra ones between them; ≥ 2.
     pub context_views: NonZeroUsize,
-    /// How many targets.
+    /// Number of targets.
     pub target_views: NonZeroUsize,
-    /// Frames from the first to the last context frame, as it changes over training.
+    /// Bounds of the distance from the first to the last context frame over training.
     pub gaps: GapSchedule,
-    /// Targets keep this many frames away from the ends, inside the window (pixelSplat).
+    /// Targets lie at least this many frames inside the ends of the window (pixelSplat).
     #[serde(default)]
     pub min_distance_to_context: usize,
-    /// Targets may lie this many frames outside the window (DepthSplat).
+    /// Targets lie at most this many frames outside the window (DepthSplat).
     #[serde(default)]
     pub max_distance_outside: usize,
     /// How the context frames between the ends are chosen.
@@ -31,7 +31,7 @@ pub struct Bounded {
     /// Whether a target may be drawn twice: pixelSplat, MVSplat, DepthSplat on RE10K.
     #[serde(default)]
     pub repeat_targets: bool,
-    /// Seed for [`Bounded::sample`]; training hands its own generator to [`Bounded::draw`].
+    /// Seed for [`Bounded::sample`]; training passes its own generator to [`Bounded::draw`].
     pub seed: u64,
 }
 
@@ -39,10 +39,10 @@ pub struct Bounded {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum ExtraContext {
-    /// Different frames strictly between the ends, uniformly.
+    /// Distinct frames strictly between the ends, uniformly.
     #[default]
     Random,
-    /// All context frames, ends included, by farthest-point sampling inside the window (DepthSplat on DL3DV).
+    /// All context frames, including the ends, by farthest-point sampling inside the window (DepthSplat on DL3DV).
     FarthestPoint,
 }
 
@@ -50,17 +50,17 @@ pub enum ExtraContext {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct GapSchedule {
-    /// Smallest gap at the end.
+    /// Smallest gap after the warm-up.
     pub min: usize,
-    /// Largest gap at the end.
+    /// Largest gap after the warm-up.
     pub max: usize,
-    /// Smallest gap at step 0; without a warm-up, unused.
+    /// Smallest gap at step 0; unused without a warm-up.
     #[serde(default)]
     pub initial_min: usize,
-    /// Largest gap at step 0; without a warm-up, unused.
+    /// Largest gap at step 0; unused without a warm-up.
     #[serde(default)]
     pub initial_max: usize,
-    /// Steps until the final bounds; 0 starts with them.
+    /// Steps until the final bounds; 0 for no warm-up.
     #[serde(default)]
     pub warm_up_steps: u64,
 }
@@ -89,7 +89,7 @@ impl GapSchedule {
         (interpolate(self.initial_min, self.min, fraction), interpolate(self.initial_max, self.max, fraction))
     }
 
-    /// Bounds for fewer views than the most that training uses: divided by `⌊most / views⌋`
+    /// Bounds for fewer views than the maximum in training: divided by `⌊most / views⌋`
     /// (depthsplat `view_sampler_bounded_v2.py:93-127`).
     #[must_use]
     pub fn divided_for(&self, views: NonZeroUsize, most: usize) -> Self {
@@ -125,8 +125,8 @@ impl Bounded {
     /// One draw at a training step. Context frames are ascending; targets come in the order drawn.
     ///
     /// # Errors
-    /// [`NoEntry::TooFewFrames`] where no window of an allowed width fits or holds the context frames,
-    /// [`NoEntry::TooFewTargets`] where targets may not repeat and too few frames are there.
+    /// [`NoEntry::TooFewFrames`] if no window of an allowed width fits the scene or contains enough context frames,
+    /// [`NoEntry::TooFewTargets`] if targets must be distinct and there are too few frames.
     pub fn draw(&self, scene: &SceneViews<'_>, step: u64, random: &mut SplitMix64) -> Result<IndexEntry, NoEntry> {
         let frames = scene.cameras.len();
         let (min_gap, max_gap) = self.gaps.at(step);
@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn schedules_are_linear_and_stop() {
+    fn schedules_are_linear_until_the_end_of_the_warm_up() {
         let gaps = GapSchedule::DEPTHSPLAT_RE10K;
         assert_eq!(
             [0, 7_499, 7_500, 15_000, 30_000, 90_000].map(|step| gaps.at(step)),
@@ -217,7 +217,7 @@ mod tests {
     }
 
     #[test]
-    fn a_scene_one_frame_too_short() {
+    fn rejects_a_scene_one_frame_too_short() {
         let cameras = along((0..45).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
         let scene = SceneViews { key: "short", cameras: &cameras };
         assert_eq!(bounded().sample(&scene), Err(NoEntry::TooFewFrames { needed: 46, found: 45 }));
@@ -225,7 +225,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn draws_keep_their_bounds(
+        fn draws_respect_all_bounds(
             seed: u64,
             frames in 60u32..200,
             views in 2usize..8,

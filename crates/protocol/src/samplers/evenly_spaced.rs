@@ -6,31 +6,30 @@ use serde::{Deserialize, Serialize};
 use super::{NoEntry, SceneViews, entry, farthest_points};
 use crate::IndexEntry;
 
-/// Context frames by farthest-point sampling over the whole scene, targets spread evenly over the frames
-/// that remain, inside and outside the window of context frames: `MVSplat360`'s DL3DV protocol
+/// Context frames by farthest-point sampling over the whole scene, and targets spread evenly over the remaining
+/// frames, inside and outside the window of context frames: `MVSplat360`'s DL3DV protocol
 /// (`src/scripts/generate_evaluation_index_dl3dv.py:28-96`; published with 5 context and 56 target views).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct EvenlySpaced {
-    /// How many context frames.
+    /// Number of context frames.
     pub context_views: NonZeroUsize,
-    /// How many targets.
+    /// Number of targets.
     pub target_views: NonZeroUsize,
-    /// Only the first part of the scene is used: `int(frames · ratio)` frames (0.5 is the published
-    /// `_n150`).
-    #[serde(default = "whole")]
+    /// Only the first `int(frames · ratio)` frames of the scene are used (0.5 is the published `_n150`).
+    #[serde(default = "whole_scene")]
     pub ratio: f64,
 }
 
-const fn whole() -> f64 {
+const fn whole_scene() -> f64 {
     1.0
 }
 
 impl EvenlySpaced {
     /// One entry, context and targets ascending; no target is a context frame.
     ///
-    /// With `r` remaining frames and `n` targets, target `i` is remaining frame `i · ⌊r / n⌋`: the last
-    /// frames are never reached where `n` does not divide `r`, as published.
+    /// With `r` remaining frames and `n` targets, target `i` is remaining frame `i · ⌊r / n⌋`: as published, the last
+    /// frames are never reached if `n` does not divide `r`.
     ///
     /// # Errors
     /// [`NoEntry::TooFewFrames`] and [`NoEntry::TooFewTargets`] for short scenes.
@@ -51,7 +50,7 @@ impl EvenlySpaced {
     }
 }
 
-/// `int(frames · ratio)`, kept within the scene whatever the ratio; NaN uses nothing.
+/// `int(frames · ratio)`, at most `frames`; 0 for NaN.
 fn used_frames(frames: usize, ratio: f64) -> usize {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "Python's int() truncates too")]
     let used = (frames as f64 * ratio) as usize;
@@ -80,7 +79,7 @@ mod tests {
     }
 
     #[test]
-    fn short_scenes_and_odd_ratios() {
+    fn handles_short_scenes_and_invalid_ratios() {
         let cameras = along((0..6).map(|n| DVec3::new(f64::from(n), 0.0, 0.0)));
         let scene = SceneViews { key: "line", cameras: &cameras };
         assert_eq!(sampler(2, 5, 1.0).sample(&scene), Err(NoEntry::TooFewTargets { needed: 5, found: 4 }));

@@ -1,6 +1,6 @@
-use atsplat_numeric::SplitMix64;
 use std::num::NonZeroUsize;
 
+use atsplat_numeric::SplitMix64;
 use glam::DVec3;
 use serde::{Deserialize, Serialize};
 
@@ -16,11 +16,11 @@ pub struct FarthestPoint {
     /// First frame of the window.
     #[serde(default)]
     pub start: usize,
-    /// Frames in the window; a shorter scene ends it early, as in DepthSplat.
+    /// Frames in the window; it ends with the scene if that is shorter, as in DepthSplat.
     pub window: NonZeroUsize,
-    /// How many context frames.
+    /// Number of context frames.
     pub context_views: NonZeroUsize,
-    /// Which frames are asked for.
+    /// Which frames become targets.
     pub targets: TargetRule,
 }
 
@@ -28,15 +28,15 @@ pub struct FarthestPoint {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "rule", rename_all = "kebab-case", rename_all_fields = "kebab-case", deny_unknown_fields)]
 pub enum TargetRule {
-    /// Every frame of the window, context frames included: DepthSplat's 2, 4 and 6 views.
+    /// Every frame of the window, including context frames: DepthSplat's 2, 4 and 6 views.
     Window,
     /// Every frame from the first to the last context frame, both included: DepthSplat's 12 views.
     BetweenContext,
-    /// Different random frames from the first to the last context frame: YoNoSplat's eight targets.
+    /// Distinct random frames from the first to the last context frame: YoNoSplat's eight targets.
     Sampled {
-        /// How many.
+        /// Number of targets.
         count: NonZeroUsize,
-        /// Seed of the draw; each scene has its own stream of it.
+        /// Seed; each scene derives its own stream from it.
         seed: u64,
         /// Whether a context frame may be drawn (YoNoSplat: yes with 12 views, no with 6).
         allow_context: bool,
@@ -47,8 +47,8 @@ impl FarthestPoint {
     /// One entry for the scene, context frames ascending.
     ///
     /// # Errors
-    /// [`NoEntry::TooFewFrames`] where the window holds fewer frames than context views,
-    /// [`NoEntry::TooFewTargets`] where fewer frames can be drawn than asked for.
+    /// [`NoEntry::TooFewFrames`] if the window has fewer frames than context views,
+    /// [`NoEntry::TooFewTargets`] if there are fewer candidates than targets.
     pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
         let end = self.start.saturating_add(self.window.get()).min(scene.cameras.len());
         let centres: Vec<DVec3> = scene.centres().take(end).skip(self.start).collect();
@@ -83,13 +83,12 @@ impl TargetRule {
     }
 }
 
-/// Positions of `count` points in the order farthest-point sampling takes them: first the point farthest
-/// from the barycentre, then always the one farthest from all taken so far. The result for a smaller
-/// `count` is a prefix of it, so fewer views are a subset of more views. `None` where `count` exceeds the
-/// number of points.
+/// Farthest-point sampling: positions of `count` points, first the one farthest from the barycentre, then repeatedly the
+/// one farthest from all points taken so far. The result for a smaller `count` is a prefix, so fewer views are a subset
+/// of more views. `None` if `count` exceeds the number of points.
 ///
-/// Ties go to the lower position. Where all remaining points coincide with taken ones, DepthSplat's code
-/// takes position 0 again; here the lowest position not yet taken follows.
+/// Ties go to the lower position. If all remaining points coincide with taken ones, DepthSplat's code takes position 0
+/// again; here the lowest remaining position follows.
 pub fn farthest_points(points: &[DVec3], count: usize) -> Option<Vec<usize>> {
     if count > points.len() {
         return None;
@@ -139,7 +138,7 @@ mod tests {
 
     /// A straight dolly: both ends are equally far from the middle, so the first frame wins the tie.
     #[test]
-    fn a_straight_line_by_hand() {
+    fn samples_a_straight_line_as_computed_by_hand() {
         let points: Vec<DVec3> = (0..9).map(|x| DVec3::new(f64::from(x), 0.0, 0.0)).collect();
         assert_eq!(farthest_points(&points, 5).unwrap(), [0, 8, 4, 2, 6]);
     }
@@ -165,7 +164,7 @@ mod tests {
     }
 
     #[test]
-    fn windows_and_target_rules() {
+    fn chooses_targets_by_rule_within_the_window() {
         let cameras = along((0..60).map(|n| DVec3::new(f64::from(n) * 0.1, 0.0, 0.0)));
         let scene = SceneViews { key: "scene", cameras: &cameras };
         let sampler = |targets| FarthestPoint { start: 5, window: number(11), context_views: number(3), targets };
@@ -173,7 +172,7 @@ mod tests {
         assert_eq!((entries[0].context.clone(), entries[0].target.clone()), (vec![5, 10, 15], (5..16).collect()));
         let sampled = |seed, allow_context| TargetRule::Sampled { count: number(8), seed, allow_context };
         let target = sampler(sampled(1, false)).sample(&scene).unwrap()[0].target.clone();
-        assert_eq!(target, [6, 7, 8, 9, 11, 12, 13, 14], "all that is left between the context frames");
+        assert_eq!(target, [6, 7, 8, 9, 11, 12, 13, 14], "all frames between the context frames");
         assert_eq!(
             sampler(TargetRule::Sampled { count: number(9), seed: 1, allow_context: false }).sample(&scene),
             Err(NoEntry::TooFewTargets { needed: 9, found: 8 })
@@ -185,7 +184,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn fewer_views_are_a_prefix_of_more(points in prop::collection::vec(prop::array::uniform3(-10.0..10.0f64), 1..60)) {
+        fn fewer_views_are_a_prefix_of_more_views(points in prop::collection::vec(prop::array::uniform3(-10.0..10.0f64), 1..60)) {
             let points: Vec<DVec3> = points.into_iter().map(DVec3::from_array).collect();
             let all = farthest_points(&points, points.len()).unwrap();
             for count in 0..points.len() {
@@ -194,11 +193,11 @@ mod tests {
         }
 
         #[test]
-        fn moving_the_world_changes_nothing(
+        fn is_invariant_under_translation(
             points in prop::collection::vec(prop::array::uniform3(-10i32..10), 32),
             shift in prop::array::uniform3(-100i32..100),
         ) {
-            // Thirty-two whole-numbered points: barycentre, distances and ties are exact before and after.
+            // Thirty-two integer points: barycentre, distances and ties are exact before and after.
             let points: Vec<DVec3> = points.iter().map(|p| DVec3::from_array(p.map(f64::from))).collect();
             let shift = DVec3::from_array(shift.map(f64::from));
             let moved: Vec<DVec3> = points.iter().map(|p| *p + shift).collect();

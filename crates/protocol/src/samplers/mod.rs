@@ -1,4 +1,4 @@
-//! Which frames of a scene are given and which are asked for, when nobody has written an index yet.
+//! Samplers: rules that choose the context and target frames of scenes without a published index.
 
 mod bounded;
 mod evenly_spaced;
@@ -25,7 +25,7 @@ use crate::preset::{DropReason, Dropped};
 pub struct SceneViews<'a> {
     /// The scene's key, from which its random stream derives.
     pub key: &'a str,
-    /// One camera per frame. Intrinsics as the dataset states them, unless a sampler says otherwise.
+    /// One camera per frame, with the dataset's intrinsics unless a sampler documents otherwise.
     pub cameras: &'a [Camera],
 }
 
@@ -36,19 +36,18 @@ impl SceneViews<'_> {
     }
 }
 
-/// A rule that chooses context and target frames; written in TOML and JSON as
-/// `sampler = "farthest-point"` and its settings.
+/// A rule that chooses context and target frames; in TOML and JSON, `sampler = "farthest-point"` and its settings.
 ///
-/// Every sampler is a function of the scene's key, its cameras and the settings alone: the same on every
-/// platform, in every order of scenes, with any number of threads.
+/// The result depends only on the scene's key, its cameras and the settings: it is the same on every platform, for every
+/// order of scenes and any number of threads.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(tag = "sampler", rename_all = "kebab-case")]
 pub enum Sampler {
     /// Farthest-point context inside a window (DepthSplat's DL3DV indices).
     FarthestPoint(FarthestPoint),
-    /// Farthest-point context over the scene, targets evenly spread over the rest (`MVSplat360`).
+    /// Farthest-point context over the scene, targets evenly spaced over the rest (`MVSplat360`).
     EvenlySpaced(EvenlySpaced),
-    /// Two context frames of enough overlap (pixelSplat's RE10K index, latentSplat's extrapolation).
+    /// Two context frames of sufficient overlap (pixelSplat's RE10K index, latentSplat's extrapolation).
     OverlapPairs(OverlapPairs),
     /// A random window of bounded width (the papers' training sampler, at the end of its schedule).
     Bounded(Bounded),
@@ -57,7 +56,7 @@ pub enum Sampler {
 }
 
 impl Sampler {
-    /// The name that files use.
+    /// The name used in files.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::FarthestPoint(_) => "farthest-point",
@@ -68,10 +67,10 @@ impl Sampler {
         }
     }
 
-    /// Entries for one scene, at least one.
+    /// Samples a scene; at least one entry.
     ///
     /// # Errors
-    /// [`NoEntry`] where the scene does not allow the settings: an index writes `null` for it.
+    /// [`NoEntry`] if the settings cannot be met in this scene, which becomes `null` in an index.
     pub fn sample(&self, scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
         match self {
             Self::FarthestPoint(sampler) => sampler.sample(scene),
@@ -90,36 +89,36 @@ pub enum NoEntry {
     /// The scene, or the window inside it, is too short.
     #[error("needs {needed} frames, has {found}")]
     TooFewFrames {
-        /// Frames that the settings ask for.
+        /// Frames required by the settings.
         needed: usize,
-        /// Frames there are.
+        /// Frames available.
         found: usize,
     },
-    /// Fewer frames may be targets than are asked for.
+    /// Fewer frames may be targets than required.
     #[error("needs {needed} target frames, has {found} candidates")]
     TooFewTargets {
-        /// Targets asked for.
+        /// Targets required.
         needed: usize,
         /// Frames that may be targets.
         found: usize,
     },
     /// No two frames are far enough apart and overlap enough.
-    #[error("no pair of frames at the asked distance has the asked overlap")]
+    #[error("no pair of frames at the required distance has the required overlap")]
     NoPair,
-    /// The chosen context frames overlap less or more than asked.
+    /// The overlap of the chosen context frames is out of bounds.
     #[error("overlap {overlap} is outside [{minimum}, {maximum}]")]
     OverlapOutside {
-        /// What was measured, printed with five decimals.
+        /// The measured overlap, with five decimals.
         overlap: String,
-        /// Smallest overlap asked for.
+        /// Smallest allowed overlap.
         minimum: String,
-        /// Largest overlap asked for.
+        /// Largest allowed overlap.
         maximum: String,
     },
-    /// The cameras' geometry cannot be computed: numbers near the end of the f64 range.
+    /// The geometry of the cameras cannot be computed, because numbers exceed the range of f64.
     #[error("camera geometry: {0}")]
     Geometry(String),
-    /// The dataset does not hold the scene.
+    /// The dataset does not contain the scene.
     #[error("{0}")]
     SceneMissing(String),
     /// The scene, or a picture or depth map of it, cannot be read.
@@ -128,7 +127,7 @@ pub enum NoEntry {
 }
 
 impl NoEntry {
-    /// A stable name to count by.
+    /// The reason's stable name.
     pub const fn name(&self) -> &'static str {
         match self {
             Self::TooFewFrames { .. } => "too-few-frames",
@@ -163,7 +162,7 @@ pub(crate) mod test_scene {
         centres.into_iter().map(|centre| looking(DMat3::IDENTITY, centre)).collect()
     }
 
-    /// A camera of 53° × 53° with the given orientation and centre.
+    /// A camera with a field of view of 53° × 53°, and the given orientation and centre.
     pub(crate) fn looking(world_from_camera: DMat3, centre: DVec3) -> Camera {
         let pose = WorldFromCamera::new(world_from_camera, centre).unwrap();
         Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap())
@@ -176,7 +175,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_sampler_reads_from_toml_and_refuses_unknown_fields() {
+    fn reads_samplers_from_toml_and_rejects_unknown_fields() {
         let text = "sampler = \"farthest-point\"\nwindow = 50\ncontext-views = 6\ntargets = { rule = \"window\" }\n";
         let sampler: Sampler = toml::from_str(text).unwrap();
         assert_eq!(sampler.name(), "farthest-point");
@@ -185,7 +184,6 @@ mod tests {
         assert!(toml::from_str::<Sampler>(&text.replace("50", "0")).is_err(), "an empty window");
     }
 
-    /// The dual of the errors above: every sampler survives the shortest scenes without a panic.
     #[test]
     fn no_sampler_panics_on_short_scenes() {
         let samplers = [

@@ -1,6 +1,6 @@
-use atsplat_numeric::SplitMix64;
 use std::num::NonZeroUsize;
 
+use atsplat_numeric::SplitMix64;
 use serde::{Deserialize, Serialize};
 
 use super::{NoEntry, SceneViews, entry};
@@ -9,16 +9,16 @@ use crate::overlap::EpipolarRays;
 
 /// Two context frames at a bounded distance whose views overlap: the generator behind pixelSplat's RE10K
 /// and ACID indices (`src/evaluation/evaluation_index_generator.py`) and latentSplat's extrapolation index
-/// (the file of the same name there). Pure camera geometry.
+/// (its file of the same name). Pure camera geometry.
 ///
-/// Context frames are tried in random order. From each, partners are walked away from in both directions,
-/// first forwards, starting at `min_distance`, until the overlap falls below `min_overlap`; the partner one
-/// frame *beyond* `max_distance` is still admitted, as published (pixelSplat's gaps run from 45 to 136). One
-/// of the admitted partners is drawn. Defaults are pixelSplat's `config/generate_evaluation_index.yaml`.
+/// First frames are tried in random order. Candidate partners are visited in both directions, first forwards, starting
+/// at `min_distance`, until the overlap falls below `min_overlap`; as published, the partner one frame *beyond*
+/// `max_distance` is still accepted (pixelSplat's gaps range from 45 to 136). One of the accepted partners is drawn.
+/// Defaults are pixelSplat's `config/generate_evaluation_index.yaml`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct OverlapPairs {
-    /// Smallest distance of the two context frames.
+    /// Smallest distance of the two context frames, in frames.
     #[serde(default = "published::min_distance")]
     pub min_distance: NonZeroUsize,
     /// Distance beyond which no further partner is tried.
@@ -33,12 +33,12 @@ pub struct OverlapPairs {
     /// How overlap is measured.
     #[serde(default)]
     pub overlap: EpipolarRays,
-    /// Which frames are asked for.
+    /// Which frames become targets.
     pub targets: PairTargets,
-    /// Entries per scene, each from another first frame (latentSplat's `num_context_pairs_per_scene`).
+    /// Entries per scene, each with a different first frame (latentSplat's `num_context_pairs_per_scene`).
     #[serde(default = "published::pairs")]
     pub pairs_per_scene: NonZeroUsize,
-    /// Seed; each scene has its own stream of it.
+    /// Seed; each scene derives its own stream from it.
     pub seed: u64,
 }
 
@@ -64,20 +64,20 @@ mod published {
     }
 }
 
-/// On which side of the window of two context frames `[a, b]` targets are drawn, all different.
+/// On which side of the window of context frames `[a, b]` the distinct targets are drawn.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(tag = "side", rename_all = "kebab-case", rename_all_fields = "kebab-case", deny_unknown_fields)]
 pub enum PairTargets {
-    /// From `a..=b`, context frames included: pixelSplat, three targets.
+    /// From `a..=b`, including context frames: pixelSplat, three targets.
     Inside {
-        /// How many.
+        /// Number of targets.
         count: NonZeroUsize,
     },
     /// From `a − reach .. a` and `b + 1 ..= b + reach`: latentSplat, three targets within 45 frames.
     Outside {
-        /// How many.
+        /// Number of targets.
         count: NonZeroUsize,
-        /// Farthest distance from the window, in frames.
+        /// Largest distance from the window, in frames.
         reach: usize,
     },
 }
@@ -85,8 +85,7 @@ pub enum PairTargets {
 impl OverlapPairs {
     /// Up to `pairs_per_scene` entries, context and targets ascending.
     ///
-    /// A pair with too few frames for its targets is passed over, as in latentSplat; pixelSplat's loop would
-    /// not end.
+    /// A pair with too few frames for its targets is skipped, as in latentSplat; pixelSplat's loop would not terminate.
     ///
     /// # Errors
     /// [`NoEntry::NoPair`], [`NoEntry::TooFewFrames`] or [`NoEntry::Geometry`].
@@ -112,7 +111,7 @@ impl OverlapPairs {
         if entries.is_empty() { Err(NoEntry::NoPair) } else { Ok(entries) }
     }
 
-    /// Frames that may go with `first`, in the order they are met.
+    /// The accepted partners of `first`, in the order visited.
     fn partners(&self, scene: &SceneViews<'_>, first: usize) -> Result<Vec<usize>, NoEntry> {
         let frames = scene.cameras.len();
         let min = self.min_distance.get();
@@ -181,7 +180,7 @@ mod tests {
 
     const THREE: NonZeroUsize = NonZeroUsize::MIN.saturating_add(2);
 
-    /// A slow pan to the right while drifting sideways.
+    /// A slow pan to the right with sideways motion.
     fn pan(frames: u32, radians_per_frame: f64) -> Vec<atsplat_camera::Camera> {
         (0..frames)
             .map(|n| {
@@ -192,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fast_pan_has_no_pair() {
+    fn a_fast_pan_gives_no_pair() {
         let cameras: Vec<_> =
             (0..200).map(|n| looking(DMat3::from_rotation_y(f64::from(n) * 0.02), DVec3::ZERO)).collect();
         let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
@@ -200,16 +199,16 @@ mod tests {
     }
 
     #[test]
-    fn short_scenes_say_so() {
+    fn rejects_short_scenes() {
         let cameras = pan(45, 0.0);
         let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
         let outcome = sampler.sample(&SceneViews { key: "short", cameras: &cameras });
         assert_eq!(outcome, Err(NoEntry::TooFewFrames { needed: 46, found: 45 }));
     }
 
-    /// Standing still, everything overlaps: the walk ends one frame beyond the largest distance.
+    /// Cameras at rest always overlap, so that the search ends one frame beyond the largest distance.
     #[test]
-    fn the_widest_gap_is_one_more_than_asked() {
+    fn the_widest_gap_is_one_frame_beyond_the_largest_distance() {
         let cameras = pan(300, 0.0);
         let sampler = pairs(PairTargets::Inside { count: THREE }, 1);
         let partners = sampler.partners(&SceneViews { key: "still", cameras: &cameras }, 140).unwrap();
@@ -219,7 +218,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn entries_keep_the_published_shape(seed: u64, outside: bool, step in 0.0..0.004f64) {
+        fn entries_respect_all_bounds(seed: u64, outside: bool, step in 0.0..0.004f64) {
             let cameras = pan(220, step);
             let targets = if outside {
                 PairTargets::Outside { count: THREE, reach: 45 }

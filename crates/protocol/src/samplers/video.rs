@@ -1,8 +1,8 @@
 use super::{NoEntry, SceneViews, entry};
 use crate::{EvaluationIndex, IndexEntry};
 
-/// Every frame is given and every frame is asked for (pixelSplat
-/// `src/dataset/view_sampler/view_sampler_all.py`): to look at a scene, not to score a method.
+/// Every frame is both context and target (pixelSplat `src/dataset/view_sampler/view_sampler_all.py`): to look at a
+/// scene, not to score a method.
 ///
 /// # Errors
 /// [`NoEntry::TooFewFrames`] for an empty scene.
@@ -14,9 +14,9 @@ pub fn all_frames(scene: &SceneViews<'_>) -> Result<Vec<IndexEntry>, NoEntry> {
     Ok(vec![entry(frames.clone(), frames)])
 }
 
-/// The same context frames with every frame from the first to the last of them as target: pixelSplat's
-/// `assets/evaluation_index_re10k_video.json` beside `evaluation_index_re10k.json`, and DepthSplat's
-/// `…_12v_video.json`. Scenes without an entry stay without one; overlaps are kept.
+/// The index with every frame from the first to the last context frame as targets, as pixelSplat's
+/// `assets/evaluation_index_re10k_video.json` relates to `evaluation_index_re10k.json`, and as in DepthSplat's
+/// `…_12v_video.json`. Scenes without entries and overlaps are kept as they are.
 #[must_use]
 pub fn video_index(index: &EvaluationIndex) -> EvaluationIndex {
     let mut video = index.clone();
@@ -33,7 +33,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_video_fills_the_window_whatever_the_order_of_context() {
+    fn a_video_fills_the_window_for_any_order_of_context() {
         let mut index = EvaluationIndex::default();
         index.scenes.insert("dropped".to_owned(), Vec::new());
         index.scenes.insert("kept".to_owned(), vec![entry(vec![9, 5, 7], vec![20])]);

@@ -1,61 +1,61 @@
-//! SHA-256 of pictures' bytes. Those of files are remembered by path, size and time of modification.
+//! SHA-256 digests of picture bytes, cached for files by path, size and modification time.
 //!
-//! The file that remembers has a line for each picture: SHA-256 of the absolute path, bytes, nanoseconds since 1970, SHA-256
-//! of the content. Lines are appended, and of two that differ in the last alone the later counts; a line that a crash tore is passed over, and its
-//! picture read again. A wrong line can only make equal data look changed.
+//! The cache file has one line per picture: SHA-256 of the absolute path, size in bytes, nanoseconds since 1970, SHA-256
+//! of the content. Lines are only appended; of two lines that differ only in the last field, the later one counts. A line
+//! truncated by a crash is ignored and its picture read again. A wrong line can only make equal data look changed.
 
-use atsplat_files::Sha256Digest;
 use std::collections::HashMap;
-use std::fmt::Write as _;
 use std::fs::{self, OpenOptions};
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use atsplat_files::Sha256Digest;
 use atsplat_scene::{Picture, Scene};
 
 use crate::ProtocolError;
 
-/// A file that is younger than this may be written again without its time of modification telling: some file systems
-/// count in steps of two seconds.
+/// A file modified more recently than this may be rewritten without a change of its modification time: some file systems
+/// have a resolution of two seconds.
 const SETTLED: Duration = Duration::from_secs(3);
 
-/// What is known of pictures' bytes.
+/// A cache of the digests of pictures.
 #[derive(Debug, Default)]
 pub struct PictureDigests {
-    memory: Mutex<Memory>,
+    cache: Mutex<Cache>,
     file: Option<PathBuf>,
 }
 
 #[derive(Debug, Default)]
-struct Memory {
-    known: HashMap<Stamp, Sha256Digest>,
-    /// Lines that the file lacks.
-    fresh: String,
+struct Cache {
+    known: HashMap<FileVersion, Sha256Digest>,
+    /// Lines that are not in the cache file yet.
+    unsaved: String,
 }
 
-/// A file as it was when its bytes were read.
+/// Identifies the state of a file at the time its bytes were read.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Stamp {
+struct FileVersion {
     path: Sha256Digest,
     bytes: u64,
     modified: u64,
 }
 
-/// Bytes that were read. What the file looked like is noted before the first of them, so that one that changes meanwhile
-/// is never taken for one that is known.
+/// The digest of bytes that were read. The file's version is taken before its first byte is read, so that a file that
+/// changes meanwhile is never mistaken for a known one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Reading {
-    stamp: Option<Stamp>,
+pub(super) struct ReadDigest {
+    version: Option<FileVersion>,
     digest: Sha256Digest,
 }
 
-/// A reading that has not come to the bytes.
-pub(super) struct Begun(Option<Stamp>);
+/// The version of a file that is about to be read.
+pub(super) struct PendingDigest(Option<FileVersion>);
 
 impl PictureDigests {
-    /// What a file remembers; nothing where there is none. With `reread` no line counts, and every picture is read again.
+    /// Loads a cache file; the cache is empty if there is none. With `reread`, its lines are ignored and every picture is
+    /// read again.
     ///
     /// # Errors
     /// [`ProtocolError::Io`].
@@ -65,80 +65,79 @@ impl PictureDigests {
             Err(error) if error.kind() == io::ErrorKind::NotFound => String::new(),
             Err(source) => return Err(io_error("reading hashes of pictures", file, source)),
         };
-        let lines = text.lines().filter(|_| !reread).filter_map(parsed);
-        let memory = Memory { known: lines.collect(), fresh: String::new() };
-        Ok(Self { memory: Mutex::new(memory), file: Some(file.to_owned()) })
+        let known = text.lines().filter(|_| !reread).filter_map(parse_line).collect();
+        Ok(Self { cache: Mutex::new(Cache { known, unsaved: String::new() }), file: Some(file.to_owned()) })
     }
 
-    /// Appends what was learnt since to the file.
+    /// Appends new digests to the cache file.
     ///
     /// # Errors
     /// [`ProtocolError::Io`].
     pub fn keep(&self) -> Result<(), ProtocolError> {
-        let mut memory = self.memory();
-        let Some(file) = self.file.as_ref().filter(|_| !memory.fresh.is_empty()) else { return Ok(()) };
-        let appended = OpenOptions::new().create(true).append(true).open(file);
-        let written = appended.and_then(|mut file| file.write_all(memory.fresh.as_bytes()));
-        written.map_err(|source| io_error("keeping hashes of pictures", file, source))?;
-        memory.fresh.clear();
+        let mut cache = self.cache();
+        let Some(file) = self.file.as_ref().filter(|_| !cache.unsaved.is_empty()) else { return Ok(()) };
+        let opened = OpenOptions::new().create(true).append(true).open(file);
+        let written = opened.and_then(|mut file| file.write_all(cache.unsaved.as_bytes()));
+        written.map_err(|source| io_error("writing hashes of pictures", file, source))?;
+        cache.unsaved.clear();
         Ok(())
     }
 
-    /// Of any file; `None` where it cannot be read.
+    /// The digest of any file; `None` if it cannot be read.
     pub fn of_file(&self, path: &Path) -> Option<Sha256Digest> {
-        let begun = Begun(Stamp::of(path));
-        self.known(&begun).or_else(|| Some(self.learn(begun.end(&fs::read(path).ok()?))))
+        let pending = PendingDigest(FileVersion::of(path));
+        self.known(&pending).or_else(|| Some(self.learn(pending.finish(&fs::read(path).ok()?))))
     }
 
-    /// Of the picture of a frame; `None` where it cannot be read. A picture that is made is not: what it is made from
-    /// stands for it.
+    /// The digest of a frame's picture; `None` if it cannot be read. A generated picture is not read: its digest is that
+    /// of its fingerprint.
     pub(super) fn of(&self, scene: &Scene, position: usize) -> Option<Sha256Digest> {
         let frame = scene.frames.get(position)?;
         if let Picture::Made(made) = &frame.picture {
             return Some(Sha256Digest::of(made.fingerprint().as_bytes()));
         }
-        let begun = Reading::begin(&frame.picture);
-        self.known(&begun).or_else(|| Some(self.learn(begun.end(&frame.bytes(&scene.key, position).ok()?))))
+        let pending = PendingDigest::of(&frame.picture);
+        self.known(&pending).or_else(|| Some(self.learn(pending.finish(&frame.bytes(&scene.key, position).ok()?))))
     }
 
-    fn known(&self, begun: &Begun) -> Option<Sha256Digest> {
-        begun.0.and_then(|stamp| self.memory().known.get(&stamp).copied())
+    fn known(&self, pending: &PendingDigest) -> Option<Sha256Digest> {
+        pending.0.and_then(|version| self.cache().known.get(&version).copied())
     }
 
-    /// Remembers what was read.
-    pub(super) fn learn(&self, Reading { stamp, digest }: Reading) -> Sha256Digest {
-        if let Some(stamp) = stamp {
-            let mut memory = self.memory();
-            if memory.known.insert(stamp, digest) != Some(digest) {
-                let Stamp { path, bytes, modified } = stamp;
-                writeln!(memory.fresh, "{path} {bytes} {modified} {digest}").ok();
+    /// Adds a digest to the cache.
+    pub(super) fn learn(&self, ReadDigest { version, digest }: ReadDigest) -> Sha256Digest {
+        if let Some(version) = version {
+            let mut cache = self.cache();
+            if cache.known.insert(version, digest) != Some(digest) {
+                let FileVersion { path, bytes, modified } = version;
+                let line = format!("{path} {bytes} {modified} {digest}\n");
+                cache.unsaved.push_str(&line);
             }
         }
         digest
     }
 
-    fn memory(&self) -> MutexGuard<'_, Memory> {
-        self.memory.lock().unwrap_or_else(PoisonError::into_inner)
+    fn cache(&self) -> MutexGuard<'_, Cache> {
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
 
-impl Reading {
-    pub(super) fn begin(picture: &Picture) -> Begun {
+impl PendingDigest {
+    /// To be called before the picture is read.
+    pub(super) fn of(picture: &Picture) -> Self {
         match picture {
-            Picture::File(path) => Begun(Stamp::of(path)),
-            _ => Begun(None),
+            Picture::File(path) => Self(FileVersion::of(path)),
+            _ => Self(None),
         }
     }
-}
 
-impl Begun {
-    pub(super) fn end(self, bytes: &[u8]) -> Reading {
-        Reading { stamp: self.0, digest: Sha256Digest::of(bytes) }
+    pub(super) fn finish(self, bytes: &[u8]) -> ReadDigest {
+        ReadDigest { version: self.0, digest: Sha256Digest::of(bytes) }
     }
 }
 
-impl Stamp {
-    /// `None` for a file that cannot be looked at, or that was written a moment ago.
+impl FileVersion {
+    /// `None` if the metadata of the file cannot be read, or if it was modified within [`SETTLED`].
     fn of(path: &Path) -> Option<Self> {
         let metadata = fs::metadata(path).ok()?;
         let modified = metadata.modified().ok()?;
@@ -149,11 +148,12 @@ impl Stamp {
     }
 }
 
-fn parsed(line: &str) -> Option<(Stamp, Sha256Digest)> {
+fn parse_line(line: &str) -> Option<(FileVersion, Sha256Digest)> {
     let mut parts = line.split(' ');
     let (path, bytes, modified, digest) = (parts.next()?, parts.next()?, parts.next()?, parts.next()?);
-    let stamp = Stamp { path: path.parse().ok()?, bytes: bytes.parse().ok()?, modified: modified.parse().ok()? };
-    parts.next().is_none().then_some((stamp, digest.parse().ok()?))
+    let version =
+        FileVersion { path: path.parse().ok()?, bytes: bytes.parse().ok()?, modified: modified.parse().ok()? };
+    parts.next().is_none().then_some((version, digest.parse().ok()?))
 }
 
 fn io_error(action: &'static str, path: &Path, source: io::Error) -> ProtocolError {
@@ -176,11 +176,11 @@ mod tests {
     use crate::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, TrialRecipe, Trials};
     use crate::{EvaluationIndex, IndexEntry};
 
-    /// A picture of which the text alone is known.
+    /// A generated picture with only a fingerprint.
     #[derive(Debug)]
-    struct Painted(&'static str);
+    struct FingerprintOnly(&'static str);
 
-    impl MadePicture for Painted {
+    impl MadePicture for FingerprintOnly {
         fn size(&self) -> ImageSize {
             SIZE
         }
@@ -190,7 +190,7 @@ mod tests {
         }
 
         fn make(&self) -> Result<ImageU8, SceneError> {
-            panic!("nobody needs to paint it")
+            panic!("hashing must not generate the picture")
         }
     }
 
@@ -217,20 +217,16 @@ mod tests {
         trial.data_hash(&targets, digests)
     }
 
-    /// Written a minute ago, as far as the file system knows.
+    /// Writes a file with an old modification time.
     fn write(path: &Path, bytes: &[u8]) {
         fs::write(path, bytes).unwrap();
-        settle(path);
-    }
-
-    fn settle(path: &Path) {
         let then = SystemTime::UNIX_EPOCH + Duration::from_secs(1_700_000_000);
         File::options().write(true).open(path).unwrap().set_modified(then).unwrap();
     }
 
     /// Computed independently by `tests/fixtures/make_trial_hash.py`.
     #[test]
-    fn the_hash_is_that_of_the_documented_layout() {
+    fn the_data_hash_follows_the_documented_layout() {
         let mut one = scene("scène", 3, 5);
         for (number, frame) in one.frames.iter_mut().enumerate() {
             let place = glam::DVec3::new(-(number as f64) * 0.1, -0.0, 0.25);
@@ -239,8 +235,8 @@ mod tests {
                 NormalizedIntrinsics::new(0.8, 1.0, 0.5, 0.5).unwrap(),
             );
         }
-        one.frames[0].picture = Picture::Made(Arc::new(Painted("left")));
-        one.frames[2].picture = Picture::Made(Arc::new(Painted("right")));
+        one.frames[0].picture = Picture::Made(Arc::new(FingerprintOnly("left")));
+        one.frames[2].picture = Picture::Made(Arc::new(FingerprintOnly("right")));
         one.frames[1].picture = Picture::Absent;
         one.frames[1].camera.distortion = Distortion::OpenCv { k1: 0.01, k2: -0.02, k3: 0.03, p1: 0.001, p2: -0.002 };
         one.frames[2].camera.distortion = Distortion::Fisheye { k: [0.1, 0.2, -0.3, 0.4] };
@@ -251,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn every_picture_and_camera_that_is_read_counts_and_nothing_else() {
+    fn the_data_hash_depends_on_exactly_the_pictures_and_cameras_of_the_trial() {
         let base = || scene("s", 4, 5);
         let none = PictureDigests::default();
         let reference = data_hash(base(), &none);
@@ -273,7 +269,7 @@ mod tests {
         let mut swapped = base();
         let [left, right] = [0, 2].map(|frame: usize| swapped.frames[frame].picture.clone());
         (swapped.frames[0].picture, swapped.frames[2].picture) = (right, left);
-        assert_ne!(data_hash(swapped, &none), reference, "the order counts");
+        assert_ne!(data_hash(swapped, &none), reference, "the order matters");
         let mut renamed = base();
         renamed.key.push('2');
         let normalised = TrialRecipe { pose_normalisation: PoseNormalisation::pixelsplat(), ..recipe() };
@@ -284,46 +280,45 @@ mod tests {
     }
 
     #[test]
-    fn files_are_known_by_size_and_time_unless_they_are_read_again() {
+    fn files_are_identified_by_size_and_time_unless_reread() {
         let folder = tempfile::tempdir().unwrap();
-        let [picture, memory] = ["0.png", "digests.txt"].map(|name| folder.path().join(name));
+        let [picture, cache] = ["0.png", "digests.txt"].map(|name| folder.path().join(name));
         let dataset = || {
-            let mut filed = scene("s", 3, 5);
-            filed.frames[1].picture = Picture::File(picture.clone());
-            filed
+            let mut on_disk = scene("s", 3, 5);
+            on_disk.frames[1].picture = Picture::File(picture.clone());
+            on_disk
         };
         let hash = |reread: bool| {
-            let digests = PictureDigests::open(&memory, reread).unwrap();
+            let digests = PictureDigests::open(&cache, reread).unwrap();
             let found = data_hash(dataset(), &digests);
             digests.keep().unwrap();
             found
         };
         write(&picture, &png([1, 2, 3]));
         let first = hash(false);
-        assert_eq!(fs::read_to_string(&memory).unwrap().lines().count(), 1);
+        assert_eq!(fs::read_to_string(&cache).unwrap().lines().count(), 1);
         assert_eq!(hash(false), first);
-        assert_eq!(fs::read_to_string(&memory).unwrap().lines().count(), 1, "nothing new was learnt");
-        // Of another size: noticed.
+        assert_eq!(fs::read_to_string(&cache).unwrap().lines().count(), 1, "no new digest");
+        // A different size is noticed.
         write(&picture, &[png([1, 2, 3]), b"tail".to_vec()].concat());
         assert_ne!(hash(false), first);
-        // Of the same size and time: noticed by those who read again, and by all after them.
+        // The same size and time: noticed when rereading, and by every later run.
         write(&picture, &png([1, 2, 4]));
         assert_eq!(png([1, 2, 3]).len(), png([1, 2, 4]).len());
-        assert_eq!(hash(false), first, "taken for the same");
+        assert_eq!(hash(false), first, "mistaken for the same file");
         let reread = hash(true);
         assert_ne!(reread, first);
         assert_eq!(hash(false), reread, "the last line counts");
-        // Lines that a crash tore cost no more than reading again.
-        let text = fs::read_to_string(&memory).unwrap();
-        fs::write(&memory, &text[..text.len() - 9]).unwrap();
+        // A truncated line only costs reading the picture again.
+        let text = fs::read_to_string(&cache).unwrap();
+        fs::write(&cache, &text[..text.len() - 9]).unwrap();
         assert_eq!(hash(true), reread);
         fs::remove_file(&picture).unwrap();
-        let gone = PictureDigests::open(&memory, false).unwrap();
-        assert_eq!(gone.of(&dataset(), 1), None);
+        assert_eq!(PictureDigests::open(&cache, false).unwrap().of(&dataset(), 1), None);
     }
 
     #[test]
-    fn a_file_that_was_written_a_moment_ago_is_not_remembered() {
+    fn a_recently_modified_file_is_not_cached() {
         let folder = tempfile::tempdir().unwrap();
         let picture = folder.path().join("0.png");
         fs::write(&picture, png([1, 2, 3])).unwrap();
@@ -333,22 +328,22 @@ mod tests {
         assert_ne!(digests.of_file(&picture).unwrap(), first);
     }
 
-    /// What was decoded counts, even where the file has changed since.
+    /// The decoded bytes count, even if the file has changed since.
     #[test]
-    fn a_decoded_picture_counts_as_the_bytes_that_were_decoded() {
+    fn a_decoded_picture_is_hashed_as_the_bytes_that_were_decoded() {
         let folder = tempfile::tempdir().unwrap();
         let picture = folder.path().join("0.png");
         write(&picture, &png([1, 2, 3]));
-        let mut filed = scene("s", 3, 5);
-        filed.frames[1].picture = Picture::File(picture.clone());
+        let mut on_disk = scene("s", 3, 5);
+        on_disk.frames[1].picture = Picture::File(picture.clone());
         let digests = PictureDigests::default();
-        let (trial, targets) = trial(filed.clone(), &[0, 2], &[1], recipe());
+        let (trial, targets) = trial(on_disk.clone(), &[0, 2], &[1], recipe());
         let colour = targets.get(0).unwrap().unwrap().pixel(0, 0);
         write(&picture, &[png([9, 9, 9]), b"tail".to_vec()].concat());
         let decoded = trial.data_hash(&targets, &digests);
         assert_eq!(colour, Some([1, 2, 3]));
-        assert_ne!(decoded, data_hash(filed.clone(), &digests), "the file as it is now");
+        assert_ne!(decoded, data_hash(on_disk.clone(), &digests), "the file as it is now");
         write(&picture, &png([1, 2, 3]));
-        assert_eq!(decoded, data_hash(filed, &PictureDigests::default()), "the file as it was");
+        assert_eq!(decoded, data_hash(on_disk, &PictureDigests::default()), "the file as it was");
     }
 }

@@ -1,4 +1,4 @@
-//! Byte layout of the hashes, each SHA-256 over a concatenation. The trial's and the poses':
+//! Byte layout of the hashes of a trial, each a SHA-256 over a concatenation. The hashes of trial and poses:
 //!
 //! | part | bytes | in `pose_hash` |
 //! |---|---|---|
@@ -14,19 +14,19 @@
 //! | normalisation | the rule as compact JSON, text | no |
 //! | near, far | before normalisation, f64 little-endian | no |
 //!
-//! The data's:
+//! The hash of the data:
 //!
 //! | part | bytes |
 //! |---|---|
 //! | domain | `atsplat data 1`, as text |
 //! | counts | of context, of target, u64 little-endian |
 //! | cameras and lenses *of the source* | as above, all of them |
-//! | pictures | context, then target in index order, each as the byte 1 and the SHA-256 of its encoded bytes, or of the text that a picture is made from; the byte 0 for one that cannot be read |
+//! | pictures | context, then target in index order, each as the byte 1 and the SHA-256 of its encoded bytes, or of the fingerprint of a generated picture; the byte 0 if it cannot be read |
 //!
-//! Text is its length in bytes as u64 little-endian, then UTF-8. Cameras are f32 because a `.torch` chunk
-//! holds no more: a trajectory file and a chunk of the same scene hash alike. Intrinsics follow the pictures, so
-//! copies of a scene that were cropped differently share their poses alone. Negative zero is written as zero.
-//! The first version of a trial's hash, `atsplat trial 1`, left the lenses out.
+//! Text is hashed as its length in bytes (u64 little-endian), then UTF-8. Cameras are f32 because `.torch` chunks
+//! store no more: a trajectory file and a chunk of the same scene have equal hashes. Intrinsics depend on the crop of the
+//! pictures, so differently cropped copies of a scene share only the hash of their poses. Negative zero is hashed as
+//! zero. The first version of the trial's hash, `atsplat trial 1`, did not include the lenses.
 
 use atsplat_camera::{Camera, Distortion};
 use atsplat_files::Sha256Digest;
@@ -35,7 +35,7 @@ use sha2::{Digest, Sha256};
 use super::TrialRecipe;
 use crate::{IndexEntry, ProtocolError};
 
-/// Hash of the whole trial. `cameras` are the source's, context then target.
+/// Hash of the whole trial. `cameras` are those of the source, context then target.
 pub(super) fn of_trial(
     scene: &str,
     entry: &IndexEntry,
@@ -45,7 +45,7 @@ pub(super) fn of_trial(
     let rule = serde_json::to_string(&recipe.pose_normalisation).map_err(|error| ProtocolError::Malformed {
         what: "pose normalisation",
         location: "its parameters".to_owned(),
-        expected: "numbers that JSON can hold".to_owned(),
+        expected: "numbers that JSON can represent".to_owned(),
         found: error.to_string(),
     })?;
     let mut hasher = Sha256::new();
@@ -73,7 +73,8 @@ pub(super) fn of_poses(entry: &IndexEntry, cameras: &[Camera]) -> Sha256Digest {
     Sha256Digest::finish(hasher)
 }
 
-/// Begins the hash of a trial's data, which pictures end. `cameras` are the source's, context then target.
+/// The hasher of a trial's data after its cameras; the pictures follow. `cameras` are those of the source, context then
+/// target.
 pub(super) fn of_data(entry: &IndexEntry, cameras: &[Camera]) -> Sha256 {
     let mut hasher = Sha256::new();
     text(&mut hasher, "atsplat data 1");

@@ -1,17 +1,17 @@
-//! Trials: all that a method may see of a scene, and the frames it is asked to render.
+//! Trials: everything a method may see of a scene, and the views it has to render.
 //!
-//! [`Trials`] walks an index over a dataset. Each step gives two things that go to two places: a [`Trial`]
-//! to the method, with context pictures and target *cameras*; and [`TargetPictures`] to whoever scores. There
-//! is no way from the one to the other.
+//! [`Trials`] iterates over an index on a dataset. Each item has two parts: a [`Trial`] for the method, with context
+//! pictures and target *cameras*, and [`TargetPictures`] for scoring. The target pictures cannot be reached from the
+//! trial.
 
 mod digests;
 mod hash;
+mod lazy;
 mod pictures;
 mod prefetch;
 mod prepare;
 mod recipe;
 mod skip;
-mod unwaited;
 mod walk;
 
 use atsplat_camera::{Camera, Fallback, ImageSize, PoseNormalisation, Similarity};
@@ -31,7 +31,7 @@ use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
 use crate::preset::NearFar;
 
-/// What a method gets: context views with pictures, target cameras without.
+/// The input of a method: context views with pictures, target views without.
 #[derive(Clone, Debug)]
 pub struct Trial {
     scene: String,
@@ -44,33 +44,33 @@ pub struct Trial {
     near_far: NearFar,
     hash: Sha256Digest,
     pose_hash: Sha256Digest,
-    /// The hash of the data as far as cameras go.
+    /// The hasher of the data after the cameras; the pictures follow.
     data: Sha256,
 }
 
-/// A view to render: its camera, and what it is to the context.
+/// A view to render: its camera, and its position relative to the context.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TargetView {
     /// Position of the frame in the scene.
     pub frame: usize,
-    /// Camera in the normalised world, intrinsics of the preprocessed picture.
+    /// Camera in the normalised world, with the intrinsics of the preprocessed picture.
     pub camera: Camera,
-    /// Size of the preprocessed picture: what to render.
+    /// Size of the preprocessed picture, which is the size to render.
     pub size: ImageSize,
-    /// Whether the method was given this frame, and how far outside the window it lies.
+    /// Whether it is also a context frame, and its distance from the window.
     pub label: FrameLabel,
 }
 
-/// The pose normalisation that a trial's cameras went through.
+/// The pose normalisation applied to a trial's cameras.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AppliedNormalisation {
     /// The rule.
     pub rule: PoseNormalisation,
     /// From the dataset's world to the trial's world.
     pub new_from_old: Similarity,
-    /// What the dataset's near and far planes were multiplied with.
+    /// Factor applied to the near and far planes.
     pub near_far_multiplier: f64,
-    /// Where the rule had no stable answer and something else was done.
+    /// Fallbacks used where the rule had no stable solution.
     pub fallbacks: Vec<Fallback>,
 }
 
@@ -80,32 +80,32 @@ impl Trial {
         &self.scene
     }
 
-    /// Position of the index entry among those of the scene; 0 but for latentSplat's lists.
+    /// Position of the index entry in the scene's list; 0 except in latentSplat's indices.
     pub const fn entry_number(&self) -> usize {
         self.entry_number
     }
 
-    /// The index entry: frame positions as the index has them.
+    /// The index entry.
     pub const fn entry(&self) -> &IndexEntry {
         &self.entry
     }
 
-    /// Views that the method is given, in the index's order.
+    /// Context views, in the index's order.
     pub fn context(&self) -> &[ContextView] {
         &self.context
     }
 
-    /// Views that the method is asked for, in the index's order.
+    /// Target views, in the index's order.
     pub fn targets(&self) -> &[TargetView] {
         &self.targets
     }
 
-    /// What happened to pictures and intrinsics.
+    /// How pictures and intrinsics were preprocessed.
     pub const fn preprocessing(&self) -> &Preprocessing {
         &self.preprocessing
     }
 
-    /// What happened to poses.
+    /// How poses were normalised.
     pub const fn normalisation(&self) -> &AppliedNormalisation {
         &self.normalisation
     }
@@ -116,21 +116,21 @@ impl Trial {
     }
 
     /// Identity of the trial: scene key, frames, source cameras with their lenses, preprocessing, normalisation,
-    /// near and far. The byte layout is documented in `trial/hash.rs`; two trials of equal hash ask a method the
-    /// same question, as far as pictures under one scene key are the same: [`Self::data_hash`] says whether they are.
+    /// near and far. The byte layout is documented in `trial/hash.rs`. Trials of equal hash give a method the same
+    /// input, provided that the pictures under one scene key are the same, which [`Self::data_hash`] verifies.
     pub const fn hash(&self) -> Sha256Digest {
         self.hash
     }
 
-    /// Identity of the source poses alone, context then target, whatever the scene is called, however its
-    /// pictures were cropped and whatever is done to it.
+    /// Identity of the source poses alone, context then target, independent of the scene's key, the crop of its pictures,
+    /// preprocessing and normalisation.
     pub const fn pose_hash(&self) -> Sha256Digest {
         self.pose_hash
     }
 
-    /// Identity of what the trial reads of its dataset: the bytes of every picture, context and target, and the source
-    /// cameras with their lenses; the same for every method, whatever is done to poses. Pictures that were decoded count
-    /// as the bytes that were decoded, others as `digests` knows or reads them. The byte layout is documented in
+    /// Identity of the data that the trial reads: the bytes of every context and target picture, and the source cameras
+    /// with their lenses. It is the same for every method and normalisation. Decoded pictures count as the bytes that
+    /// were decoded, others as the digests cached or computed by `digests`. The byte layout is documented in
     /// `trial/hash.rs`.
     pub fn data_hash(&self, targets: &TargetPictures, digests: &PictureDigests) -> Sha256Digest {
         let mut hasher = self.data.clone();

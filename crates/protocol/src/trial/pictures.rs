@@ -1,23 +1,23 @@
-use atsplat_files::Sha256Digest;
 use std::fmt;
 use std::sync::Arc;
 
 use atsplat_camera::{Camera, ImageSize};
+use atsplat_files::Sha256Digest;
 use atsplat_pixels::{DecodeLimits, ImageU8};
 use atsplat_scene::preprocess::Plan;
 use atsplat_scene::{Frame, Picture, Scene, SceneError};
 
-use super::digests::{PictureDigests, Reading};
+use super::digests::{PendingDigest, PictureDigests, ReadDigest};
+use super::lazy::LazyValue;
 use super::prefetch::Reservation;
-use super::unwaited::Unwaited;
 use crate::ProtocolError;
 
-/// A view that a method is given.
+/// A context view.
 #[derive(Clone)]
 pub struct ContextView {
     /// Position of the frame in the scene.
     pub frame: usize,
-    /// Camera in the normalised world, intrinsics of the preprocessed picture.
+    /// Camera in the normalised world, with the intrinsics of the preprocessed picture.
     pub camera: Camera,
     /// Size of the preprocessed picture.
     pub size: ImageSize,
@@ -26,16 +26,16 @@ pub struct ContextView {
 }
 
 impl ContextView {
-    /// The preprocessed picture, decoded when first asked for (or ahead, by [`super::Prefetch`]).
+    /// The preprocessed picture, decoded on first use (or ahead, by [`super::Prefetch`]).
     ///
     /// # Errors
-    /// [`ProtocolError::Picture`] where the file cannot be read, decoded or preprocessed; the same each time.
+    /// [`ProtocolError::Picture`] if the file cannot be read, decoded or preprocessed; the same error on every call.
     pub fn picture(&self) -> Result<Arc<ImageU8>, ProtocolError> {
         self.picture.get()
     }
 }
 
-/// The target pictures of one trial: for scoring, never for a method.
+/// The target pictures of a trial, for scoring only.
 #[derive(Clone)]
 pub struct TargetPictures {
     pub(super) trial: Sha256Digest,
@@ -44,17 +44,17 @@ pub struct TargetPictures {
 }
 
 impl TargetPictures {
-    /// Hash of the trial that these belong to.
+    /// Hash of the trial that these pictures belong to.
     pub const fn trial(&self) -> Sha256Digest {
         self.trial
     }
 
-    /// How many there are: as many as [`super::Trial::targets`].
+    /// Number of pictures, equal to that of [`super::Trial::targets`].
     pub fn len(&self) -> usize {
         self.pictures.len()
     }
 
-    /// Whether there are none.
+    /// Whether there are no target pictures.
     pub fn is_empty(&self) -> bool {
         self.pictures.is_empty()
     }
@@ -68,41 +68,41 @@ impl TargetPictures {
     }
 }
 
-/// A picture that is decoded and preprocessed once. A frame that is context and target is one of these.
+/// A picture that is decoded and preprocessed once. A frame that is both context and target shares one.
 pub(super) struct LazyPicture {
     scene: Arc<Scene>,
     frame: usize,
     plan: Arc<Plan>,
     limits: DecodeLimits,
-    decoded: Unwaited<Decoded>,
+    decoded: LazyValue<Decoded>,
 }
 
 /// A preprocessed picture, and the bytes that it was decoded from.
 #[derive(Clone)]
 struct Decoded {
     picture: Result<Arc<ImageU8>, Arc<ProtocolError>>,
-    /// `None` where there were none to read, or none need to be.
-    bytes: Option<Reading>,
+    /// `None` if there are no encoded bytes, or they cannot be read.
+    bytes: Option<ReadDigest>,
 }
 
 impl LazyPicture {
     pub(super) const fn new(scene: Arc<Scene>, frame: usize, plan: Arc<Plan>, limits: DecodeLimits) -> Self {
-        Self { scene, frame, plan, limits, decoded: Unwaited::new() }
+        Self { scene, frame, plan, limits, decoded: LazyValue::new() }
     }
 
     pub(super) fn get(&self) -> Result<Arc<ImageU8>, ProtocolError> {
         self.decoded.get(|| self.decode()).picture.map_err(ProtocolError::Picture)
     }
 
-    /// SHA-256 of the bytes that were decoded, or would be; `None` where they cannot be read.
+    /// SHA-256 of the bytes that were or would be decoded; `None` if they cannot be read.
     pub(super) fn digest(&self, digests: &PictureDigests) -> Option<Sha256Digest> {
-        if let Some(Decoded { bytes: Some(reading), .. }) = self.decoded.made() {
-            return Some(digests.learn(reading));
+        if let Some(Decoded { bytes: Some(digest), .. }) = self.decoded.get_if_computed() {
+            return Some(digests.learn(digest));
         }
         digests.of(&self.scene, self.frame)
     }
 
-    /// Bytes that the preprocessed picture takes: three a pixel.
+    /// Size of the preprocessed picture in bytes: three per pixel.
     pub(super) fn bytes(&self) -> u64 {
         let size = self.plan.output();
         u64::from(size.width) * u64::from(size.height) * 3
@@ -120,16 +120,16 @@ impl LazyPicture {
         Decoded { picture: picture.map(Arc::new).map_err(Arc::new), bytes }
     }
 
-    /// The picture as the dataset has it. Bytes are read once: what is hashed is what is decoded.
-    fn read(&self) -> (Result<ImageU8, SceneError>, Option<Reading>) {
+    /// The decoded picture before preprocessing. Bytes are read once, so that exactly the decoded bytes are hashed.
+    fn read(&self) -> (Result<ImageU8, SceneError>, Option<ReadDigest>) {
         let (scene, position) = (&self.scene.key, self.frame);
         match self.scene.frames.get(position) {
             Some(frame) if matches!(frame.picture, Picture::File(_) | Picture::Encoded(_)) => {
-                let begun = Reading::begin(&frame.picture);
+                let pending = PendingDigest::of(&frame.picture);
                 match frame.bytes(scene, position) {
                     Ok(bytes) => {
                         let picture = Frame::decode_bytes(&bytes, scene, position, &self.limits);
-                        (picture, Some(begun.end(&bytes)))
+                        (picture, Some(pending.finish(&bytes)))
                     }
                     Err(error) => (Err(error), None),
                 }
@@ -146,7 +146,7 @@ impl fmt::Debug for ContextView {
             .field("frame", frame)
             .field("camera", camera)
             .field("size", size)
-            .field("decoded", &picture.decoded.made().is_some())
+            .field("decoded", &picture.decoded.get_if_computed().is_some())
             .finish()
     }
 }

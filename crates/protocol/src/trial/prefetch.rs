@@ -3,16 +3,16 @@ use std::panic::{AssertUnwindSafe, catch_unwind, resume_unwind};
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
 use std::thread;
 
-/// How far [`super::Trials`] works ahead of whoever takes trials from it.
+/// How far [`super::Trials`] works ahead of its consumer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Prefetch {
-    /// Most trials in preparation or ready, on rayon's threads. 0 prepares each trial when it is asked for.
+    /// Maximum number of trials in preparation or ready, on rayon's threads. 0 prepares each trial on demand.
     pub trials: usize,
     /// Which pictures are decoded ahead.
     pub decode: DecodeAhead,
-    /// Most bytes of preprocessed pictures that were decoded ahead and are still held, by the iterator *or* by
-    /// trials that were taken from it and live on. A trial that does not fit is handed out undecoded and
-    /// decodes when asked. While a picture is being decoded, its source comes on top, once a thread.
+    /// Maximum bytes of preprocessed pictures that were decoded ahead and are still alive, in the iterator *or* in
+    /// trials taken from it. A trial that does not fit is returned undecoded and decodes on demand. Source pictures
+    /// being decoded, one per thread, are not counted.
     pub max_bytes: u64,
 }
 
@@ -21,9 +21,9 @@ pub struct Prefetch {
 pub enum DecodeAhead {
     /// None: cameras only.
     Nothing,
-    /// The context's.
+    /// Context pictures.
     Context,
-    /// The context's and the targets'.
+    /// Context and target pictures.
     #[default]
     All,
 }
@@ -35,7 +35,7 @@ impl Default for Prefetch {
     }
 }
 
-/// Bytes that may be held ahead, and those that are.
+/// A limit on bytes decoded ahead, and the bytes in use.
 #[derive(Debug)]
 pub(super) struct Budget {
     limit: u64,
@@ -48,7 +48,7 @@ struct Held {
     peak: u64,
 }
 
-/// A part of a budget, given back when dropped.
+/// A part of a budget, released on drop.
 #[derive(Debug)]
 pub(super) struct Reservation {
     budget: Arc<Budget>,
@@ -60,8 +60,8 @@ impl Budget {
         Arc::new(Self { limit, state: Mutex::default() })
     }
 
-    /// `bytes` of the budget, or nothing where they are not free. Never waits: a trial late in the queue
-    /// may hold what an earlier one wants.
+    /// Reserves `bytes` of the budget, or returns `None` if they are not free. Never waits, because a later trial in the
+    /// queue may hold what an earlier one needs.
     pub(super) fn reserve(self: &Arc<Self>, bytes: u64) -> Option<Arc<Reservation>> {
         let mut held = locked(&self.state);
         let now = held.now.checked_add(bytes).filter(|now| *now <= self.limit)?;
@@ -80,10 +80,10 @@ impl Drop for Reservation {
     }
 }
 
-/// Jobs that run on rayon's threads and whose results are taken in the order they were pushed.
+/// Jobs that run on rayon's threads and whose results are returned in the order they were pushed.
 ///
-/// Whoever takes a result that no thread has begun runs the job itself: nothing waits for a free thread, so
-/// that one thread, or a caller that is itself one of rayon's, cannot deadlock. Jobs must not use rayon inside.
+/// If no thread has started a job when its result is needed, the caller runs it: nothing waits for a free thread, so
+/// neither a single thread nor a caller on a rayon thread can deadlock. Jobs must not use rayon themselves.
 pub(super) struct Ordered<T> {
     slots: VecDeque<Arc<Slot<T>>>,
 }
@@ -111,7 +111,7 @@ impl<T: Send + 'static> Ordered<T> {
         self.slots.len()
     }
 
-    /// Adds a job; `ahead` offers it to rayon's threads.
+    /// Adds a job; with `ahead`, rayon's threads may start it before its result is needed.
     pub(super) fn push(&mut self, job: Job<T>, ahead: bool) {
         let slot = Arc::new(Slot { state: Mutex::new(State::Waiting(job)), done: Condvar::new() });
         if ahead {
@@ -121,7 +121,7 @@ impl<T: Send + 'static> Ordered<T> {
         self.slots.push_back(slot);
     }
 
-    /// The result of the job pushed first; a panic inside it goes on here.
+    /// The result of the job that was pushed first; a panic in the job resumes here.
     pub(super) fn pop(&mut self) -> Option<T> {
         let slot = self.slots.pop_front()?;
         slot.run();
@@ -141,14 +141,14 @@ impl<T: Send + 'static> Ordered<T> {
 }
 
 impl<T> Slot<T> {
-    /// Runs the job unless somebody has taken it.
+    /// Runs the job unless it has been started or cancelled.
     fn run(&self) {
         let mut state = locked(&self.state);
         match std::mem::replace(&mut *state, State::Running) {
             State::Waiting(job) => {
                 drop(state);
                 let result = catch_unwind(AssertUnwindSafe(job));
-                // Where nobody waits any more, the result is dropped without the lock.
+                // The previous state is dropped without holding the lock.
                 let previous = std::mem::replace(&mut *locked(&self.state), State::Done(result));
                 drop(previous);
                 self.done.notify_all();
@@ -159,7 +159,7 @@ impl<T> Slot<T> {
 }
 
 impl<T> Drop for Ordered<T> {
-    /// Jobs that nobody has begun are forgotten.
+    /// Cancels jobs that have not started.
     fn drop(&mut self) {
         for slot in &self.slots {
             let mut state = locked(&slot.state);
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn results_come_in_order_for_any_number_of_threads() {
+    fn results_are_in_order_for_any_number_of_threads() {
         for threads in [1, 2, 7] {
             let taken = in_pool(threads, || {
                 let mut ordered = Ordered::new();
@@ -203,7 +203,7 @@ mod tests {
     }
 
     #[test]
-    fn a_panic_reaches_whoever_takes_the_result() {
+    fn a_panic_in_a_job_resumes_when_its_result_is_taken() {
         let caught = catch_unwind(|| {
             let mut ordered: Ordered<()> = Ordered::new();
             ordered.push(Box::new(|| panic!("inside the job")), true);
@@ -213,21 +213,21 @@ mod tests {
     }
 
     #[test]
-    fn dropping_forgets_what_nobody_began() {
-        let begun = Arc::new(AtomicUsize::new(0));
+    fn dropping_cancels_jobs_that_have_not_started() {
+        let started = Arc::new(AtomicUsize::new(0));
         in_pool(1, || {
             let mut ordered = Ordered::new();
             for _ in 0..10 {
-                let begun = Arc::clone(&begun);
-                ordered.push(Box::new(move || begun.fetch_add(1, Ordering::SeqCst)), true);
+                let started = Arc::clone(&started);
+                ordered.push(Box::new(move || started.fetch_add(1, Ordering::SeqCst)), true);
             }
-            assert_eq!(ordered.pop(), Some(0), "the only thread is ours: it runs the job itself");
+            assert_eq!(ordered.pop(), Some(0), "the only thread runs the job itself");
         });
-        assert_eq!(begun.load(Ordering::SeqCst), 1);
+        assert_eq!(started.load(Ordering::SeqCst), 1);
     }
 
     #[test]
-    fn a_budget_is_kept_and_given_back() {
+    fn a_budget_is_enforced_and_released() {
         let budget = Budget::new(100);
         let first = budget.reserve(60).unwrap();
         assert!(budget.reserve(41).is_none(), "one byte too many");

@@ -13,16 +13,15 @@ use crate::IndexEntry;
 use crate::extrapolation::FrameLabel;
 use crate::preset::{DropReason, Dropped, NearFar};
 
-/// Whether an entry of a scene makes a trial, told without decoding a picture: what
-/// [`super::Trials`] would say of it.
+/// Checks whether an entry of a scene gives a trial, without decoding a picture; [`super::Trials`] agrees.
 ///
 /// # Errors
-/// [`Refusal`], why it does not.
+/// [`Refusal`] with the reason why it does not.
 pub fn check(scene: &Arc<Scene>, entry: &IndexEntry, recipe: &TrialRecipe) -> Result<(), Refusal> {
     prepare(scene, 0, entry, recipe, &mut Warnings::new()).map(drop)
 }
 
-/// A trial of one index entry; no picture is decoded.
+/// Prepares the trial of one index entry; no picture is decoded.
 pub(super) fn prepare(
     scene: &Arc<Scene>,
     entry_number: usize,
@@ -89,7 +88,7 @@ fn normalisation_reason(error: &CameraError) -> SkipReason {
     }
 }
 
-/// One frame with its picture's plan and its camera after preprocessing, before normalisation.
+/// A frame with the preprocessing plan of its picture, and its camera after preprocessing, before normalisation.
 struct View<'a> {
     position: usize,
     frame: &'a Frame,
@@ -125,7 +124,7 @@ impl<'a> Views<'a> {
                 Dropped { reason: DropReason::FrameOutOfRange, detail }
             })?;
             if matches!(frame.picture, Picture::Absent) && !recipe.allow_absent_pictures {
-                let detail = format!("frame {position}: the trajectory came without pictures");
+                let detail = format!("frame {position}: the trajectory has no pictures");
                 return Err(Dropped { reason: DropReason::PictureMissing, detail }.into());
             }
             let size = size.clone().map_err(|detail| Refusal { reason: SkipReason::PictureUnreadable, detail })?;
@@ -147,11 +146,11 @@ impl<'a> Views<'a> {
     }
 }
 
-/// Each frame that the entry needs and the scene has, with its picture's size or why that is unknown.
+/// The frames of the entry that the scene has, with the size of their picture or why it is unknown.
 type PictureSizes<'a> = BTreeMap<usize, (&'a Frame, Result<ImageSize, String>)>;
 
-/// Sizes come from the files' headers; for a bare trajectory, from what is stated about it or expected of it. What
-/// else is odd about a header is counted.
+/// Reads picture sizes from the files' headers; those of absent pictures are as stated by the frame or expected by the
+/// protocol. Other irregularities of a header are counted as warnings.
 fn picture_sizes<'a>(
     scene: &'a Scene,
     entry: &IndexEntry,
@@ -166,7 +165,7 @@ fn picture_sizes<'a>(
                 Picture::Absent => frame
                     .stated_size
                     .or(expected)
-                    .ok_or_else(|| format!("frame {position}: nothing states the size of its absent picture")),
+                    .ok_or_else(|| format!("frame {position}: the size of its absent picture is not stated")),
                 _ => match frame.header(&scene.key, *position) {
                     Ok(header) => {
                         frame.report(&scene.key, *position, &header, warnings);
@@ -181,7 +180,7 @@ fn picture_sizes<'a>(
     sizes
 }
 
-/// Pictures of one size share a plan; nearly always there is one.
+/// The plan for pictures of this size; pictures of equal size share one.
 fn plan_for(
     plans: &mut BTreeMap<ImageSize, Arc<Plan>>,
     preprocessing: &Preprocessing,

@@ -4,27 +4,27 @@ use atsplat_scene::preprocess::Preprocessing;
 
 use crate::preset::{Filters, NearFar, Preset};
 
-/// What makes trials out of index entries: the parts of a preset that touch cameras and pictures.
+/// How index entries become trials: the parts of a preset that affect cameras and pictures.
 #[derive(Clone, Debug)]
 pub struct TrialRecipe {
-    /// What happens to pictures and intrinsics.
+    /// How pictures and intrinsics are preprocessed.
     pub preprocessing: Preprocessing,
-    /// What happens to poses.
+    /// How poses are normalised.
     pub pose_normalisation: PoseNormalisation,
     /// Near and far plane, before [`atsplat_camera::Normalised::near_far_multiplier`].
     pub near_far: NearFar,
-    /// Which scenes the published loaders leave out.
+    /// Which scenes the published loaders drop.
     pub filters: Filters,
-    /// Bounds on what a picture file may decode to.
+    /// Limits for decoding picture files.
     pub decode_limits: DecodeLimits,
-    /// Whether an entry without pictures (a bare trajectory) makes a trial: its cameras are right, its
-    /// pictures are errors. Off unless asked for.
+    /// Whether an entry without pictures (a bare trajectory) gives a trial: its cameras are valid, its pictures are
+    /// errors. Off by default.
     pub allow_absent_pictures: bool,
 }
 
 impl TrialRecipe {
-    /// The recipe of a preset for one method: that method's published pose normalisation, near and far
-    /// where the preset lists them, else the preset's own.
+    /// The recipe of a preset for a method: with the method's published pose normalisation, near and far if the preset
+    /// lists them, or else the preset's own.
     pub fn of(preset: &Preset, method: &str) -> Self {
         let setting = preset.setting_of(method);
         Self {

@@ -5,17 +5,17 @@ use serde::{Serialize, Serializer};
 
 use crate::preset::{DropReason, Dropped};
 
-/// Why an index entry makes no trial.
+/// Why an index entry gives no trial.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 #[non_exhaustive]
 pub enum SkipReason {
     /// The index has `null` for the scene.
     NullEntry,
-    /// A reason that the published loaders know too.
+    /// A reason for which the published loaders drop it too.
     Dropped(DropReason),
     /// A picture's header cannot be read.
     PictureUnreadable,
-    /// A picture is not the one that its camera's intrinsics belong to.
+    /// A picture does not match its camera's intrinsics.
     PictureMisfit,
     /// A preprocessing step does not fit the picture.
     Preprocessing,
@@ -24,7 +24,7 @@ pub enum SkipReason {
 }
 
 impl SkipReason {
-    /// A stable name to count by.
+    /// The reason's stable name.
     pub const fn name(self) -> &'static str {
         match self {
             Self::NullEntry => "null-entry",
@@ -43,10 +43,10 @@ impl Serialize for SkipReason {
     }
 }
 
-/// Why an entry makes no trial, without its place in an index.
+/// Why an entry gives no trial, without its position in an index.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Refusal {
-    /// Why.
+    /// The reason.
     pub reason: SkipReason,
     /// Frame, limit and value, or the error's text.
     pub detail: String,
@@ -58,15 +58,15 @@ impl From<Dropped> for Refusal {
     }
 }
 
-/// An index entry that makes no trial.
+/// An index entry that gives no trial.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Skipped {
     /// Key of the scene.
     pub scene: String,
-    /// Position of the entry among those of the scene; 0 for a `null`.
+    /// Position of the entry in the scene's list; 0 for a `null`.
     pub entry_number: usize,
-    /// Why.
+    /// The reason.
     pub reason: SkipReason,
     /// Frame, limit and value, or the error's text.
     pub detail: String,
@@ -79,18 +79,18 @@ impl fmt::Display for Skipped {
     }
 }
 
-/// What became of an index's entries so far.
+/// The outcome of an index's entries so far.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct SkipReport {
-    /// Entries that made a trial.
+    /// Number of entries that gave a trial.
     pub trials: usize,
     /// Entries that did not, in index order; `null` scenes first.
     pub skipped: Vec<Skipped>,
 }
 
 impl SkipReport {
-    /// How many entries were skipped, by reason.
+    /// Number of skipped entries by reason.
     pub fn counts(&self) -> BTreeMap<SkipReason, usize> {
         let mut counts = BTreeMap::new();
         for skipped in &self.skipped {

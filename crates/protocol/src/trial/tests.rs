@@ -63,9 +63,9 @@ fn near_and_far_follow_the_baseline() {
     Tolerance::F64.assert([near_far.near, near_far.far], [0.25, 50.0], "a baseline of two units");
 }
 
-/// Every cause of a skip on its own, and the scene beside them unharmed.
+/// One scene for every reason, and a valid scene that is not affected by them.
 #[test]
-fn each_reason_is_named_and_stops_nobody_else() {
+fn entries_are_skipped_by_reason_without_affecting_others() {
     let with = |key: &str, change: &dyn Fn(&mut Scene)| {
         let mut changed = scene(key, 9, 1);
         change(&mut changed);
@@ -123,7 +123,7 @@ fn each_reason_is_named_and_stops_nobody_else() {
 }
 
 #[test]
-fn sizes_and_steps_that_do_not_fit() {
+fn mismatched_sizes_steps_and_cameras_are_skipped() {
     let other = ImageSize { width: 640, height: 360 };
     let expecting = Preprocessing { expected_size: Some(other), ..recipe().preprocessing };
     let reason = |preprocessing| {
@@ -139,10 +139,9 @@ fn sizes_and_steps_that_do_not_fit() {
     assert_eq!(skipped.reason, SkipReason::PoseNormalisation);
 }
 
-/// The test's cameras are for pictures of 64×48; squares cut out of them are refused whatever their size, by name of
-/// scene and frame and with both sizes.
+/// The test's cameras are for pictures of 64×48; crops of another shape are rejected with scene, frame and both sizes.
 #[test]
-fn pictures_that_do_not_fit_their_intrinsics_make_no_trial() {
+fn rejects_pictures_that_do_not_fit_their_intrinsics() {
     let any_size = TrialRecipe { preprocessing: Preprocessing::default(), ..recipe() };
     let with = |width: u32, height: u32, stated: Option<ImageSize>| {
         let mut changed = scene("s", 9, 5);
@@ -174,26 +173,29 @@ fn pictures_that_do_not_fit_their_intrinsics_make_no_trial() {
 }
 
 #[test]
-fn a_picture_that_asks_to_be_turned_is_counted() {
+fn warns_about_pictures_with_an_exif_rotation() {
     let exif = b"Exif\0\0MM\0\x2a\0\0\0\x08\0\x01\x01\x12\0\x03\0\0\0\x01\0\x06\0\0\0\0\0\0";
     let picture = atsplat_pixels::ImageU8::new(64, 48, vec![7; 64 * 48 * 3]).unwrap();
     let mut jpeg = atsplat_pixels::encode_jpeg(&picture, 90).unwrap();
     let length = u16::try_from(exif.len() + 2).unwrap().to_be_bytes();
     jpeg.splice(2..2, [&[0xff, 0xe1], &length[..], exif].concat());
-    let mut turned = scene("s", 9, 5);
-    turned.frames[6].picture = Picture::Encoded(SharedBytes::new(jpeg));
+    let mut rotated = scene("s", 9, 5);
+    rotated.frames[6].picture = Picture::Encoded(SharedBytes::new(jpeg));
     let index = index(&[("s", vec![entry(&[2, 6], &[4])])]);
-    let mut trials = Trials::new(Arc::new(MemorySource::new([turned])), &index, recipe(), Prefetch::default());
+    let mut trials = Trials::new(Arc::new(MemorySource::new([rotated])), &index, recipe(), Prefetch::default());
     let (trial, _) = trials.next().unwrap().unwrap();
     assert_eq!(trial.context()[1].picture().unwrap().width(), 32, "as stored");
     assert_eq!(trials.warnings().count(WarningKind::TurnedPicture), 1);
-    let told = trials.warnings().kept().iter().find(|warning| warning.kind == WarningKind::TurnedPicture).unwrap();
-    assert!(told.to_string().contains("s: frame 6: EXIF says that it is to be turned by 90° clockwise"), "{told}");
+    let warning = trials.warnings().kept().iter().find(|warning| warning.kind == WarningKind::TurnedPicture).unwrap();
+    assert!(
+        warning.to_string().contains("s: frame 6: EXIF says that it is to be turned by 90° clockwise"),
+        "{warning}"
+    );
 }
 
-/// A picture that breaks off after its header: the trial stands, the picture is the same error each time.
+/// A picture truncated after its header: the trial is valid, and requesting the picture gives the same error every time.
 #[test]
-fn a_damaged_picture_is_an_error_where_it_is_asked_for() {
+fn a_damaged_picture_is_an_error_when_requested() {
     let mut damaged = scene("s", 9, 5);
     let mut bytes = png([1, 2, 3]);
     bytes.truncate(50);
@@ -212,7 +214,7 @@ fn a_damaged_picture_is_an_error_where_it_is_asked_for() {
 }
 
 #[test]
-fn a_bare_trajectory_makes_trials_only_when_asked() {
+fn a_bare_trajectory_gives_trials_only_if_allowed() {
     let mut bare = scene("s", 9, 5);
     bare.frames.iter_mut().for_each(|frame| frame.picture = Picture::Absent);
     let allowing = TrialRecipe {
@@ -226,9 +228,8 @@ fn a_bare_trajectory_makes_trials_only_when_asked() {
     assert_eq!(trial.hash(), with_pictures.hash());
 }
 
-/// Hashes depend on what they should, and on nothing else.
 #[test]
-fn hashes_tell_trials_apart() {
+fn hashes_distinguish_trials_and_ignore_pictures_and_overlap() {
     let base = || (scene("s", 9, 5), entry(&[2, 6], &[4]), recipe());
     let hashes = |(scene, entry, recipe): (Scene, IndexEntry, TrialRecipe)| {
         let (trial, _) = only_trial(scene, entry, recipe).unwrap();
@@ -239,10 +240,10 @@ fn hashes_tell_trials_apart() {
     same.0.frames[4].picture = Picture::Encoded(SharedBytes::new(png([9, 9, 9])));
     same.0.frames[0].camera = camera(77.0);
     same.1.overlap = Some(0.5.into());
-    assert_eq!(hashes(same), reference, "pixels, other frames and overlap play no part");
+    assert_eq!(hashes(same), reference, "pixels, other frames and overlap are ignored");
     let mut rounded = base();
     rounded.0.frames[2].camera.intrinsics.cx += 1e-12;
-    assert_eq!(hashes(rounded), reference, "cameras count as f32");
+    assert_eq!(hashes(rounded), reference, "cameras are hashed as f32");
 
     let mut renamed = base();
     renamed.0.key.push('2');
@@ -259,7 +260,7 @@ fn hashes_tell_trials_apart() {
     for (what, changed) in changes {
         let changed = hashes(changed);
         assert_ne!(changed.0, reference.0, "{what}");
-        assert_eq!(changed.1, reference.1, "{what} is no pose");
+        assert_eq!(changed.1, reference.1, "{what} is not part of the poses");
     }
     let mut swapped = base();
     swapped.1 = entry(&[6, 2], &[4]);
@@ -276,9 +277,9 @@ fn hashes_tell_trials_apart() {
 
 type Change<'a> = &'a dyn Fn(&mut NormalizedIntrinsics);
 
-/// Each intrinsic by itself, of a context camera and of a target's.
+/// Each intrinsic on its own, of a context and of a target camera.
 #[test]
-fn every_intrinsic_is_part_of_the_hash_and_of_no_pose() {
+fn intrinsics_change_the_trial_hash_but_not_the_pose_hash() {
     let hashes = |frame: usize, change: &dyn Fn(&mut NormalizedIntrinsics)| {
         let mut changed = scene("s", 9, 5);
         change(&mut changed.frames[frame].camera.intrinsics);
@@ -288,21 +289,21 @@ fn every_intrinsic_is_part_of_the_hash_and_of_no_pose() {
     let reference = hashes(2, &|_| ());
     let changes: [(&str, Change<'_>); 4] =
         [("fx", &|k| k.fx += 1e-4), ("fy", &|k| k.fy += 1e-4), ("cx", &|k| k.cx += 1e-4), ("cy", &|k| k.cy += 1e-4)];
-    let mut met = vec![reference.0];
+    let mut seen = vec![reference.0];
     for frame in [2, 4] {
         for (name, change) in changes {
             let (hash, pose_hash) = hashes(frame, change);
-            assert!(!met.contains(&hash), "{name} of frame {frame}");
-            assert_eq!(pose_hash, reference.1, "{name} of frame {frame} is no pose");
-            met.push(hash);
+            assert!(!seen.contains(&hash), "{name} of frame {frame}");
+            assert_eq!(pose_hash, reference.1, "{name} of frame {frame} is not part of the poses");
+            seen.push(hash);
         }
     }
 }
 
-/// The hash is part of stored results: a change of it is a change of format. Computed independently, from the
-/// documented layout, by `tests/fixtures/make_trial_hash.py`.
+/// Stored results contain the hash, so changing it changes their format. The expected values are computed independently,
+/// from the documented layout, by `tests/fixtures/make_trial_hash.py`.
 #[test]
-fn hashes_are_those_of_the_documented_layout() {
+fn hashes_follow_the_documented_layout() {
     let mut one = scene("scène", 3, 5);
     for (number, frame) in one.frames.iter_mut().enumerate() {
         frame.camera = Camera::pinhole(
@@ -337,7 +338,7 @@ fn many_scenes() -> (Vec<Scene>, EvaluationIndex) {
     (scenes, EvaluationIndex { scenes: index })
 }
 
-/// All that a consumer can observe, in order.
+/// Everything a consumer can observe, in order.
 fn observed(threads: usize, prefetch: Prefetch) -> (Vec<String>, SkipReport, u64) {
     let (scenes, index) = many_scenes();
     let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -359,10 +360,10 @@ fn observed(threads: usize, prefetch: Prefetch) -> (Vec<String>, SkipReport, u64
 }
 
 #[test]
-fn order_and_content_are_the_same_for_any_threads_and_bounds() {
+fn order_and_content_do_not_depend_on_threads_and_bounds() {
     let (reference, report, peak) = observed(1, Prefetch { trials: 0, ..Prefetch::default() });
     assert_eq!((reference.len(), report.trials, report.skipped.len()), (24, 20, 8));
-    assert!(peak > 0, "a trial prepared on demand still decodes in one go");
+    assert!(peak > 0, "a trial prepared on demand decodes all its pictures at once");
     for threads in [1, 2, 5] {
         for trials in [1, 3, 64] {
             for decode in [DecodeAhead::Nothing, DecodeAhead::Context, DecodeAhead::All] {
@@ -378,9 +379,9 @@ fn order_and_content_are_the_same_for_any_threads_and_bounds() {
     }
 }
 
-/// A slow consumer: the iterator runs ahead by its bound and then stops.
+/// With a slow consumer, the iterator runs ahead up to its bound and then stops.
 #[test]
-fn no_more_scenes_are_loaded_ahead_than_asked() {
+fn loads_no_more_scenes_ahead_than_the_bound() {
     let (scenes, _) = many_scenes();
     let each_once = EvaluationIndex {
         scenes: scenes.iter().map(|scene| (scene.key.clone(), vec![entry(&[0, 6], &[3])])).collect(),
@@ -404,7 +405,7 @@ fn no_more_scenes_are_loaded_ahead_than_asked() {
     assert_eq!((taken, source.loads.load(Ordering::SeqCst)), (24, 24));
 }
 
-/// Trials that are kept hold their bytes: the budget is never exceeded, whoever holds the pictures.
+/// The budget is never exceeded, whether the iterator or its consumer holds the pictures.
 #[test]
 fn kept_trials_count_against_the_budget() {
     let (scenes, index) = many_scenes();
@@ -417,14 +418,13 @@ fn kept_trials_count_against_the_budget() {
     assert!(peak <= one_picture * 9 && peak >= one_picture * 3, "{peak}");
 }
 
-/// Views of one scene share its tables: it is loaded once for all its entries.
 #[test]
-fn entries_of_a_scene_share_its_loading() {
+fn a_scene_is_loaded_once_for_all_its_entries() {
     let source = Arc::new(MemorySource::new([scene("s", 12, 1)]));
     let index = index(&[("s", vec![entry(&[0, 4], &[2]), entry(&[1, 5], &[2]), entry(&[2, 6], &[3])])]);
     let mut trials =
         Trials::new(Arc::clone(&source) as Arc<dyn atsplat_scene::SceneSource>, &index, recipe(), Prefetch::default());
     assert_eq!(trials.by_ref().flatten().count(), 3);
     assert_eq!(source.loads.load(Ordering::SeqCst), 1);
-    assert_eq!(trials.warnings().count(WarningKind::LensDistortion), 1, "its warnings come once");
+    assert_eq!(trials.warnings().count(WarningKind::LensDistortion), 1, "its warnings are reported once");
 }

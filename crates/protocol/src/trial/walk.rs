@@ -3,42 +3,42 @@ use std::sync::Arc;
 
 use atsplat_scene::{Scene, SceneSource, Warnings};
 
+use super::lazy::LazyValue;
 use super::pictures::LazyPicture;
 use super::prefetch::{Budget, DecodeAhead, Ordered, Prefetch};
 use super::prepare::prepare;
-use super::unwaited::Unwaited;
 use super::{Refusal, SkipReason, SkipReport, Skipped, TargetPictures, Trial, TrialRecipe};
 use crate::{EvaluationIndex, IndexEntry};
 
-/// Walks an evaluation index over a dataset: a trial and its target pictures for each entry, in index order,
-/// or why there is none.
+/// Iterates over an evaluation index on a dataset: for each entry, in index order, a trial and its target pictures, or
+/// why there is none.
 ///
 /// Scenes are loaded, and pictures decoded, ahead of the caller on rayon's threads within the bounds of
-/// [`Prefetch`]; what comes out is the same for any bounds and any number of threads. `null` scenes are
-/// counted in the report and yield nothing. A picture that turns out to be damaged does not stop its trial:
-/// asking for it is an error, each time the same.
+/// [`Prefetch`]; the items are the same for any bounds and any number of threads. `null` scenes are counted in the
+/// report and yield nothing. A damaged picture does not prevent its trial: only requesting that picture is an error, the
+/// same every time.
 pub struct Trials {
     source: Arc<dyn SceneSource>,
     recipe: Arc<TrialRecipe>,
     prefetch: Prefetch,
     budget: Arc<Budget>,
-    waiting: VecDeque<Place>,
+    pending: VecDeque<PendingEntry>,
     ahead: Ordered<Outcome>,
     report: SkipReport,
     warnings: Warnings,
 }
 
-/// One entry's place in the index.
-struct Place {
+/// An index entry that is not in preparation yet.
+struct PendingEntry {
     scene: Arc<SharedScene>,
     entry_number: usize,
     entry: IndexEntry,
 }
 
-/// A scene that several entries may need; loaded by whichever comes first.
+/// A scene shared by its entries and loaded by the first of them.
 struct SharedScene {
     key: String,
-    loaded: Unwaited<(Result<Arc<Scene>, Refusal>, Warnings)>,
+    loaded: LazyValue<(Result<Arc<Scene>, Refusal>, Warnings)>,
 }
 
 struct Outcome {
@@ -47,9 +47,9 @@ struct Outcome {
 }
 
 impl Trials {
-    /// Over all entries of `index`. Nothing is read before the first trial is asked for.
+    /// Iterates over all entries of `index`. Nothing is read before the first call of `next`.
     pub fn new(source: Arc<dyn SceneSource>, index: &EvaluationIndex, recipe: TrialRecipe, prefetch: Prefetch) -> Self {
-        let mut waiting = VecDeque::new();
+        let mut pending = VecDeque::new();
         let mut report = SkipReport::default();
         for (key, entries) in &index.scenes {
             if entries.is_empty() {
@@ -57,8 +57,8 @@ impl Trials {
                 let reason = SkipReason::NullEntry;
                 report.skipped.push(Skipped { scene: key.clone(), entry_number: 0, reason, detail });
             }
-            let scene = Arc::new(SharedScene { key: key.clone(), loaded: Unwaited::new() });
-            waiting.extend(entries.iter().cloned().enumerate().map(|(entry_number, entry)| Place {
+            let scene = Arc::new(SharedScene { key: key.clone(), loaded: LazyValue::new() });
+            pending.extend(entries.iter().cloned().enumerate().map(|(entry_number, entry)| PendingEntry {
                 scene: Arc::clone(&scene),
                 entry_number,
                 entry,
@@ -69,30 +69,29 @@ impl Trials {
             recipe: Arc::new(recipe),
             prefetch,
             budget: Budget::new(prefetch.max_bytes),
-            waiting,
+            pending,
             ahead: Ordered::new(),
             report,
             warnings: Warnings::new(),
         }
     }
 
-    /// What has become of the entries so far; complete once the iterator has ended.
+    /// The outcome of the entries so far; complete once the iterator has ended.
     pub const fn report(&self) -> &SkipReport {
         &self.report
     }
 
-    /// What was wrong with the scenes so far without stopping them.
+    /// Warnings of the scenes so far.
     pub const fn warnings(&self) -> &Warnings {
         &self.warnings
     }
 
-    /// As [`Self::warnings`], of the scenes since they were last taken.
+    /// Takes the warnings collected since the last call.
     pub fn take_warnings(&mut self) -> Warnings {
         std::mem::take(&mut self.warnings)
     }
 
-    /// The most bytes of pictures that were held at once having been decoded ahead; never above
-    /// [`Prefetch::max_bytes`].
+    /// The largest number of bytes of pictures decoded ahead that were alive at once; at most [`Prefetch::max_bytes`].
     pub fn peak_bytes(&self) -> u64 {
         self.budget.peak()
     }
@@ -100,10 +99,10 @@ impl Trials {
     /// Brings the number of entries in preparation up to the bound.
     fn prepare_ahead(&mut self, most: usize) {
         while self.ahead.len() < most {
-            let Some(place) = self.waiting.pop_front() else { break };
+            let Some(pending) = self.pending.pop_front() else { break };
             let (source, recipe) = (Arc::clone(&self.source), Arc::clone(&self.recipe));
             let (decode, budget) = (self.prefetch.decode, Arc::clone(&self.budget));
-            let job = move || place.outcome(source.as_ref(), &recipe, decode, &budget);
+            let job = move || pending.prepare(source.as_ref(), &recipe, decode, &budget);
             self.ahead.push(Box::new(job), self.prefetch.trials > 0);
         }
     }
@@ -125,7 +124,7 @@ impl Iterator for Trials {
     }
 
     fn size_hint(&self) -> (usize, Option<usize>) {
-        let left = self.waiting.len() + self.ahead.len();
+        let left = self.pending.len() + self.ahead.len();
         (left, Some(left))
     }
 }
@@ -138,8 +137,8 @@ impl std::fmt::Debug for Trials {
     }
 }
 
-impl Place {
-    fn outcome(
+impl PendingEntry {
+    fn prepare(
         self,
         source: &dyn SceneSource,
         recipe: &TrialRecipe,
@@ -148,7 +147,7 @@ impl Place {
     ) -> Outcome {
         let Self { scene: shared, entry_number, entry } = self;
         let (scene, scene_warnings) = shared.loaded.get(|| load(&shared.key, source));
-        // The first entry of a scene reports what is wrong with it, whichever entry loaded it.
+        // The first entry of a scene reports its warnings, whichever entry loaded it.
         let mut warnings = if entry_number == 0 { scene_warnings } else { Warnings::new() };
         let prepared = match scene {
             Ok(scene) => prepare(&scene, entry_number, &entry, recipe, &mut warnings),
@@ -168,7 +167,7 @@ fn load(key: &str, source: &dyn SceneSource) -> (Result<Arc<Scene>, Refusal>, Wa
     (scene, warnings)
 }
 
-/// Decodes what is asked for, if the budget has room for it.
+/// Decodes the requested pictures if they fit into the budget.
 fn decode_ahead(
     mut trial: Trial,
     mut targets: TargetPictures,
@@ -189,7 +188,7 @@ fn decode_ahead(
         return (trial, targets);
     };
     for picture in wanted {
-        // An error is kept for whoever asks for the picture.
+        // Errors are stored and returned when the picture is requested.
         picture.get().ok();
     }
     for view in &mut trial.context {

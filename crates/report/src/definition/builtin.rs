@@ -4,7 +4,7 @@ macro_rules! texts {
     };
 }
 
-/// The tables that travel inside the binary, in the order of a report.
+/// The tables embedded in the binary, in the order of a report: name and TOML text.
 pub(super) const TABLES: &[(&str, &str)] = texts![
     "tables",
     ".toml",
@@ -25,7 +25,7 @@ pub(super) const TABLES: &[(&str, &str)] = texts![
     "budget",
 ];
 
-/// The published numbers.
+/// The embedded files of published numbers: name and CSV text.
 pub(super) const PUBLISHED: &[(&str, &str)] = texts![
     "published",
     "",

@@ -3,41 +3,40 @@ use atsplat_model::ModelConfig;
 use atsplat_model::config::{AnchorDesign, BlockExpansion, Selection};
 use serde::{Deserialize, Serialize};
 
-/// Which methods answer a row; all that is said must hold.
+/// Which methods reproduce a row; all given conditions must hold.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct MethodRule {
     /// As [`MethodRecord::kind`].
     #[serde(default)]
     pub kind: Option<String>,
-    /// Which ablation, by the name that `variant` gives a configuration.
+    /// The ablation, by the name that `variant` gives a configuration.
     #[serde(default)]
     pub variant: Option<String>,
-    /// Uncertainty thresholds of the blocks that expand; `variant` is `thresholds` then.
+    /// Uncertainty thresholds of the blocks that expand; implies the variant `thresholds`.
     #[serde(default)]
     pub thresholds: Option<Vec<f64>>,
-    /// Gaussians per token; without it, the paper's 16.
+    /// Gaussians per token; the paper's 16 by default.
     #[serde(default)]
     pub gaussians_per_token: Option<usize>,
 }
 
 /// The paper's K.
 const GAUSSIANS_PER_TOKEN: usize = 16;
-/// The paper's shares, and those at its highest resolution.
+/// The paper's expansion ratios, and those at its highest resolution.
 const RATIOS: [[f64; 3]; 2] = [[0.5, 0.5, 0.25], [0.8, 0.5, 0.25]];
 
 impl MethodRule {
-    /// Whether a method answers.
+    /// Whether a method satisfies the rule.
     pub fn accepts(&self, record: &MethodRecord) -> bool {
         if self.kind.as_ref().is_some_and(|kind| *kind != record.kind) {
             return false;
         }
         let config = configuration(record);
-        let design = self.variant.is_none() && self.thresholds.is_none() && self.gaussians_per_token.is_none();
-        if design {
+        if self.variant.is_none() && self.thresholds.is_none() && self.gaussians_per_token.is_none() {
             return true;
         }
-        let wanted = match (&self.variant, &self.thresholds) {
+        let expected = match (&self.variant, &self.thresholds) {
             (Some(variant), _) => variant.as_str(),
             (None, Some(_)) => "thresholds",
             (None, None) => "full",
@@ -45,16 +44,16 @@ impl MethodRule {
         let per_token = self.gaussians_per_token.unwrap_or(GAUSSIANS_PER_TOKEN);
         let same_k = config.as_ref().is_none_or(|config| config.head.gaussians_per_token == per_token);
         let same_thresholds =
-            self.thresholds.as_ref().is_none_or(|wanted| config.as_ref().map(thresholds).as_ref() == Some(wanted));
-        variant(record).as_deref() == Some(wanted) && same_k && same_thresholds
+            self.thresholds.as_ref().is_none_or(|own| config.as_ref().map(thresholds).as_ref() == Some(own));
+        variant(record).as_deref() == Some(expected) && same_k && same_thresholds
     }
 }
 
-/// What a method changes of ATSplat: `full` for nothing, else the name of the ablation. A method may say so itself, by a
-/// parameter `variant`; else its configuration tells. `None` where neither is known, or where it is no row of the paper's.
+/// How a method differs from ATSplat: `full` for the full method, or the name of the ablation, from its parameter `variant`
+/// or else from its configuration. `None` if neither is known.
 pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
-    if let Some(told) = record.parameters.get("variant").and_then(serde_json::Value::as_str) {
-        return Some(told.to_owned());
+    if let Some(variant) = record.parameters.get("variant").and_then(serde_json::Value::as_str) {
+        return Some(variant.to_owned());
     }
     let config = configuration(record)?;
     let design = match config.anchors.design {
@@ -96,7 +95,7 @@ pub(crate) fn variant(record: &MethodRecord) -> Option<String> {
     }
 }
 
-/// Whether a method is a row of an ablation's table: those of benchmarks leave it out.
+/// Whether a method is an ablation, which benchmark tables omit.
 pub(crate) fn is_ablation(record: &MethodRecord) -> bool {
     variant(record).is_some_and(|variant| variant != "full" && variant != "other-ratios")
 }
@@ -110,10 +109,11 @@ fn thresholds(config: &ModelConfig) -> Vec<f64> {
     active.filter_map(threshold).collect()
 }
 
-/// The configuration: as the record tells it whole, or a built-in one whose hash is the record's.
+/// The configuration stored in the record, or the built-in one with the recorded name and hash. `None` if there is neither,
+/// or if this version cannot read the stored one.
 fn configuration(record: &MethodRecord) -> Option<ModelConfig> {
-    if let Some(told) = record.parameters.get("configuration") {
-        return serde_json::from_value(told.clone()).ok();
+    if let Some(stored) = record.parameters.get("configuration") {
+        return serde_json::from_value(stored.clone()).ok();
     }
     let name = record.parameters.get("model")?.as_str()?;
     let config = ModelConfig::named(name).ok()?;
@@ -135,28 +135,30 @@ mod tests {
     }
 
     #[test]
-    fn configurations_are_told_apart() {
+    fn recognises_the_variant_of_a_configuration() {
         let nano = ModelConfig::named("nano").unwrap();
         let mut random = nano.clone();
         random.expansion.selection = Selection::Random { seed: 1 };
         let mut rays = nano.clone();
         rays.anchors.design = AnchorDesign::RayDepth {};
         let thresholds = nano.clone().with_thresholds(&[0.1, 0.1, 0.4]).unwrap();
-        let told = |config: &ModelConfig| variant(&record(config)).unwrap();
-        assert_eq!(told(&nano), "full");
-        assert_eq!(told(&random), "random");
-        assert_eq!(told(&rays), "ray-depth");
-        assert_eq!(told(&thresholds), "thresholds");
-        assert_eq!(told(&nano.clone().with_expansion_in_first(0)), "no-expansion");
-        assert_eq!(told(&nano.clone().with_expansion_in_first(1)), "partial-expansion");
-        let rule = MethodRule { thresholds: Some(vec![0.1, 0.1, 0.4]), ..full() };
-        let rule = MethodRule { variant: None, ..rule };
+        for (config, expected) in [
+            (&nano, "full"),
+            (&random, "random"),
+            (&rays, "ray-depth"),
+            (&thresholds, "thresholds"),
+            (&nano.clone().with_expansion_in_first(0), "no-expansion"),
+            (&nano.clone().with_expansion_in_first(1), "partial-expansion"),
+        ] {
+            assert_eq!(variant(&record(config)).as_deref(), Some(expected));
+        }
+        let rule = MethodRule { variant: None, thresholds: Some(vec![0.1, 0.1, 0.4]), ..full() };
         assert!(rule.accepts(&record(&thresholds)) && !rule.accepts(&record(&nano)));
         assert!(full().accepts(&record(&nano)) && !full().accepts(&record(&random)));
     }
 
     #[test]
-    fn another_k_is_another_row() {
+    fn a_different_k_is_a_different_row() {
         let mut config = ModelConfig::named("nano").unwrap();
         config.head.gaussians_per_token = 32;
         let k =
@@ -166,7 +168,7 @@ mod tests {
     }
 
     #[test]
-    fn a_built_in_name_counts_only_with_its_hash() {
+    fn a_built_in_configuration_counts_only_with_its_hash() {
         let nano = ModelConfig::named("nano").unwrap();
         let record = |hash: String| MethodRecord {
             kind: "atsplat".to_owned(),
@@ -174,18 +176,18 @@ mod tests {
             ..MethodRecord::default()
         };
         assert!(full().accepts(&record(nano.hash().unwrap())));
-        assert!(!full().accepts(&record("another".to_owned())), "a changed configuration is no full method");
+        assert!(!full().accepts(&record("another".to_owned())), "a changed configuration is not the full method");
     }
 
     #[test]
-    fn a_method_may_say_what_it_is() {
-        let told = MethodRecord {
+    fn a_method_may_state_its_variant() {
+        let record = MethodRecord {
             kind: "atsplat".to_owned(),
             parameters: [("variant".to_owned(), "unified".into())].into(),
             ..MethodRecord::default()
         };
-        assert_eq!(variant(&told).as_deref(), Some("unified"));
-        assert!(!full().accepts(&told));
-        assert!(!full().accepts(&MethodRecord { kind: "renders".to_owned(), ..told }));
+        assert_eq!(variant(&record).as_deref(), Some("unified"));
+        assert!(!full().accepts(&record));
+        assert!(!full().accepts(&MethodRecord { kind: "renders".to_owned(), ..record }));
     }
 }

@@ -1,5 +1,5 @@
-//! What a table shows, as data: one TOML file per table of the paper under `eval/tables`, the published numbers beside it
-//! under `eval/published`.
+//! Definitions of tables: one TOML file per table of the paper in `eval/tables`, with the published numbers in
+//! `eval/published`.
 
 mod builtin;
 mod method_rule;
@@ -17,7 +17,7 @@ pub use quantity::Quantity;
 
 use crate::ReportError;
 
-/// A table before anything is measured.
+/// The definition of a table, without measurements.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct TableDefinition {
@@ -25,61 +25,61 @@ pub struct TableDefinition {
     pub name: String,
     /// Short title.
     pub title: String,
-    /// What the table shows, as a caption.
+    /// The caption.
     pub caption: String,
     /// Where the published numbers were printed.
     pub source: String,
-    /// Name of their file under `eval/published`.
+    /// Name of their file in `eval/published`.
     pub published: String,
-    /// What names a row.
+    /// The columns that label rows.
     pub labels: Vec<LabelColumn>,
-    /// What measured rows are called.
+    /// How measured rows are labelled.
     #[serde(default)]
     pub measured_label: MeasuredLabel,
-    /// What is set bold and underlined.
+    /// Which values are bold and underlined.
     #[serde(default)]
     pub marks: Marks,
-    /// What is drawn of it.
+    /// The plot of the table.
     #[serde(default)]
     pub plot: Option<PlotKind>,
     /// Labels of the row that the others are compared with.
     #[serde(default)]
     pub reference: Option<Vec<String>>,
-    /// Whether methods that no row asks for get rows of their own; those of ablations do not.
+    /// Whether methods that match no row get rows of their own, except for ablations.
     #[serde(default)]
     pub others: bool,
-    /// What a reader must know.
+    /// What readers must know.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// Columns, in groups with a common head.
+    /// Columns, in groups with a common heading.
     pub groups: Vec<ColumnGroup>,
-    /// What is known of rows beyond their published numbers. The order of rows is that of the published file.
+    /// Properties of rows beyond their published numbers. The order of rows is that of the published file.
     #[serde(default)]
     pub rows: Vec<RowDefinition>,
 }
 
-/// A column that names rows.
+/// A column that labels rows.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct LabelColumn {
-    /// Its head.
+    /// Its heading.
     pub title: String,
-    /// Text with names of published columns in braces: `{height}×{width}`.
+    /// The label, with names of published columns in braces: `{height}×{width}`.
     pub text: String,
 }
 
-/// What measured rows are called.
+/// How measured rows are labelled.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum MeasuredLabel {
-    /// As the method calls itself.
+    /// With the method's title.
     #[default]
     Method,
-    /// As the published row that they answer.
+    /// With the labels of the published row that they reproduce.
     Published,
 }
 
-/// What is set bold and underlined.
+/// Which values are bold and underlined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Marks {
@@ -92,39 +92,39 @@ pub enum Marks {
     None,
 }
 
-/// What is drawn of a table.
+/// The plot of a table.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum PlotKind {
-    /// Quality against Gaussians, and against seconds where there are any.
+    /// Quality against Gaussians, and against seconds if available.
     Frontier,
     /// Differences to the reference row.
     Ablation,
     /// Quality against Gaussians per token.
     KScaling,
-    /// Quality in each bin of overlap.
+    /// Quality in each overlap bin.
     OverlapBins,
-    /// Gaussians of each scene.
+    /// Distribution of Gaussians per scene.
     BudgetHistogram,
 }
 
-/// Columns with a common head.
+/// Columns with a common heading.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ColumnGroup {
-    /// The head; empty for none.
+    /// The heading; empty for none.
     #[serde(default)]
     pub title: String,
-    /// The preset that is measured, unless a row says which.
+    /// The measured preset, unless rows specify it.
     #[serde(default)]
     pub preset: Option<String>,
-    /// The methods that are measured, unless rows say which.
+    /// The measured methods, unless rows specify them.
     #[serde(default)]
     pub method: Option<MethodRule>,
-    /// The bin of overlap, or `average` over all bins.
+    /// The overlap bin, or `average` over all bins.
     #[serde(default)]
     pub bin: Option<String>,
-    /// What the names of published columns end in.
+    /// Suffix of the names of published columns.
     #[serde(default)]
     pub suffix: String,
     /// The columns.
@@ -133,28 +133,28 @@ pub struct ColumnGroup {
 
 /// A column.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case", deny_unknown_fields, from = "WrittenColumn")]
+#[serde(rename_all = "kebab-case", deny_unknown_fields, from = "ColumnToml")]
 pub struct ColumnDefinition {
-    /// What it shows.
+    /// The quantity shown.
     pub quantity: Quantity,
     /// Name of the published column, without its group's suffix.
     pub published: String,
-    /// Its head where it is not the quantity's name.
+    /// Its heading, if it differs from the quantity's name.
     pub title: Option<String>,
-    /// Whether counts are printed to the unit instead of cut to thousands.
+    /// Whether counts are printed exactly instead of truncated to thousands.
     pub exact: bool,
 }
 
-/// What is known of a row beyond its published numbers.
+/// Properties of a row beyond its published numbers.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RowDefinition {
     /// Labels of the published row.
     pub published: Vec<String>,
-    /// The methods that answer it.
+    /// The methods that reproduce it.
     #[serde(default)]
     pub method: Option<MethodRule>,
-    /// The preset, where rows are settings.
+    /// The preset, if rows are settings.
     #[serde(default)]
     pub preset: Option<String>,
     /// Whether a line is drawn above it.
@@ -162,17 +162,17 @@ pub struct RowDefinition {
     pub rule_above: bool,
 }
 
-/// `"psnr"`, or a table that says more.
+/// A column in TOML: a quantity such as `"psnr"`, or a table.
 #[derive(Deserialize)]
 #[serde(untagged)]
-enum WrittenColumn {
+enum ColumnToml {
     Name(Quantity),
-    Told(ToldColumn),
+    Table(ColumnTable),
 }
 
 #[derive(Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
-struct ToldColumn {
+struct ColumnTable {
     quantity: Quantity,
     published: Option<String>,
     title: Option<String>,
@@ -180,24 +180,23 @@ struct ToldColumn {
     exact: bool,
 }
 
-impl From<WrittenColumn> for ColumnDefinition {
-    fn from(written: WrittenColumn) -> Self {
-        let told = match written {
-            WrittenColumn::Name(quantity) => ToldColumn { quantity, published: None, title: None, exact: false },
-            WrittenColumn::Told(told) => told,
+impl From<ColumnToml> for ColumnDefinition {
+    fn from(column: ColumnToml) -> Self {
+        let ColumnTable { quantity, published, title, exact } = match column {
+            ColumnToml::Name(quantity) => ColumnTable { quantity, published: None, title: None, exact: false },
+            ColumnToml::Table(table) => table,
         };
-        let published = told.published.unwrap_or_else(|| told.quantity.id().to_owned());
-        Self { quantity: told.quantity, published, title: told.title, exact: told.exact }
+        Self { quantity, published: published.unwrap_or_else(|| quantity.id().to_owned()), title, exact }
     }
 }
 
 impl TableDefinition {
-    /// Names of the tables that travel in the binary, in the order of a report.
+    /// Names of the built-in tables, in the order of a report.
     pub fn names() -> impl Iterator<Item = &'static str> {
         builtin::TABLES.iter().map(|(name, _)| *name)
     }
 
-    /// A table by name.
+    /// A built-in table by name.
     ///
     /// # Errors
     /// [`ReportError::UnknownTable`].
@@ -210,10 +209,10 @@ impl TableDefinition {
         Self::from_toml(name, text)
     }
 
-    /// Reads a definition; `name` is for errors.
+    /// Reads a definition; `name` appears in errors.
     ///
     /// # Errors
-    /// [`ReportError::Toml`], and [`ReportError::Definition`] where it does not fit its published numbers.
+    /// [`ReportError::Toml`], and [`ReportError::Definition`] if it does not fit its published numbers.
     pub fn from_toml(name: &str, text: &str) -> Result<Self, ReportError> {
         let definition: Self =
             toml::from_str(text).map_err(|source| ReportError::Toml { table: name.to_owned(), source })?;
@@ -225,19 +224,19 @@ impl TableDefinition {
     /// The published numbers.
     ///
     /// # Errors
-    /// [`ReportError::Csv`], [`ReportError::Definition`] where there is no such file.
+    /// [`ReportError::Csv`], [`ReportError::Definition`] if there is no such file.
     pub fn published(&self) -> Result<Published, ReportError> {
         let known = builtin::PUBLISHED.iter().find(|(file, _)| *file == self.published);
         let (file, text) = known.ok_or_else(|| self.wrong("a file of eval/published", self.published.clone()))?;
         Published::parse(file, text, self)
     }
 
-    /// The name of a column's published numbers.
+    /// The name of the published column.
     pub(crate) fn published_name(group: &ColumnGroup, column: &ColumnDefinition) -> String {
         format!("{}{}", column.published, group.suffix)
     }
 
-    /// What is known of a row with these labels.
+    /// The definition of the row with these labels, if any.
     pub(crate) fn row(&self, labels: &[String]) -> Option<&RowDefinition> {
         self.rows.iter().find(|row| row.published == labels)
     }

@@ -4,7 +4,7 @@ use super::{ColumnGroup, TableDefinition};
 use crate::table::Value;
 use crate::{ReportError, csv_text};
 
-/// What a paper printed, in the order in which it did.
+/// The numbers that a paper printed, in its order.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Published {
     /// Its rows.
@@ -14,21 +14,21 @@ pub struct Published {
 /// A published row.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct PublishedRow {
-    /// What names it, one text per label column.
+    /// Its labels, one per label column.
     pub labels: Vec<String>,
     /// Its numbers, group by group and column by column.
     pub values: Vec<Vec<Value>>,
 }
 
 impl Published {
-    /// Reads a CSV file as a definition asks.
+    /// Reads the columns of a definition from a CSV file.
     ///
     /// # Errors
-    /// [`ReportError::Csv`]; [`ReportError::Definition`] where a column that the definition names is not there.
+    /// [`ReportError::Csv`]; [`ReportError::Definition`] if a column of the definition is missing.
     pub(super) fn parse(file: &str, text: &str, definition: &TableDefinition) -> Result<Self, ReportError> {
-        let mut records =
-            csv_text::parse(text).map_err(|problem| ReportError::Csv { file: file.to_owned(), problem })?.into_iter();
-        let header = records.next().unwrap_or_default();
+        let malformed = |problem| ReportError::Csv { file: file.to_owned(), problem };
+        let mut records = csv_text::parse(text).map_err(malformed)?.into_iter();
+        let header = records.next().ok_or_else(|| malformed("expected a header, found an empty file".to_owned()))?;
         let place = |name: &str| {
             let found = header.iter().position(|known| known == name);
             found.ok_or_else(|| {
@@ -45,16 +45,15 @@ impl Published {
         }
         let mut rows = Vec::new();
         for record in records {
-            let field = |at: usize| record.get(at).map_or("", String::as_str);
             let filled = |text: &str| {
-                let names = header.iter().enumerate();
-                names.fold(text.to_owned(), |text, (at, name)| text.replace(&format!("{{{name}}}"), field(at)))
+                let fields = header.iter().zip(&record);
+                fields.fold(text.to_owned(), |text, (name, field)| text.replace(&format!("{{{name}}}"), field))
             };
             rows.push(PublishedRow {
                 labels: definition.labels.iter().map(|label| filled(&label.text)).collect(),
                 values: groups
                     .iter()
-                    .map(|places| places.iter().map(|at| Value::published(field(*at))).collect())
+                    .map(|places| places.iter().map(|at| Value::published(&record[*at])).collect())
                     .collect(),
             });
         }

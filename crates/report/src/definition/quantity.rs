@@ -1,32 +1,32 @@
 use atsplat_metrics::{Definition, Direction, definition, definitions};
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// What a column shows.
+/// The quantity that a column shows.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Quantity {
     /// A metric of pictures.
     Metric(&'static Definition),
-    /// Gaussians of a scene, all that are predicted, averaged over trials.
+    /// Number of predicted Gaussians, averaged over trials.
     Gaussians,
-    /// Those of the trial with the fewest.
+    /// Gaussians of the trial with the fewest.
     GaussiansMin,
-    /// Those of the trial with the most.
+    /// Gaussians of the trial with the most.
     GaussiansMax,
     /// Median seconds from context views to Gaussians.
     Seconds,
     /// Tokens before expansion, averaged over trials.
     InitialTokens,
-    /// Tokens that became Gaussians.
+    /// Tokens after expansion, which become Gaussians.
     FinalTokens,
 }
 
-const COSTS: [(Quantity, &str, &str); 6] = [
-    (Quantity::Gaussians, "gaussians", "#Gauss."),
-    (Quantity::GaussiansMin, "gaussians-min", "#Gauss. min."),
-    (Quantity::GaussiansMax, "gaussians-max", "#Gauss. max."),
-    (Quantity::Seconds, "seconds", "Time (s)"),
-    (Quantity::InitialTokens, "initial-tokens", "N init."),
-    (Quantity::FinalTokens, "final-tokens", "N final"),
+const COSTS: [Quantity; 6] = [
+    Quantity::Gaussians,
+    Quantity::GaussiansMin,
+    Quantity::GaussiansMax,
+    Quantity::Seconds,
+    Quantity::InitialTokens,
+    Quantity::FinalTokens,
 ];
 
 impl Quantity {
@@ -34,7 +34,12 @@ impl Quantity {
     pub fn id(self) -> &'static str {
         match self {
             Self::Metric(metric) => metric.id,
-            other => COSTS.iter().find(|(own, _, _)| *own == other).map_or("", |(_, id, _)| id),
+            Self::Gaussians => "gaussians",
+            Self::GaussiansMin => "gaussians-min",
+            Self::GaussiansMax => "gaussians-max",
+            Self::Seconds => "seconds",
+            Self::InitialTokens => "initial-tokens",
+            Self::FinalTokens => "final-tokens",
         }
     }
 
@@ -42,11 +47,16 @@ impl Quantity {
     pub fn title(self) -> &'static str {
         match self {
             Self::Metric(metric) => metric.name,
-            other => COSTS.iter().find(|(own, _, _)| *own == other).map_or("", |(_, _, title)| title),
+            Self::Gaussians => "#Gauss.",
+            Self::GaussiansMin => "#Gauss. min.",
+            Self::GaussiansMax => "#Gauss. max.",
+            Self::Seconds => "Time (s)",
+            Self::InitialTokens => "N init.",
+            Self::FinalTokens => "N final",
         }
     }
 
-    /// Which way is better; `None` where neither is.
+    /// Which direction is better; `None` if neither is.
     pub fn direction(self) -> Option<Direction> {
         match self {
             Self::Metric(metric) => Some(metric.direction),
@@ -55,13 +65,13 @@ impl Quantity {
         }
     }
 
-    /// Whether it counts Gaussians, which papers cut to thousands.
+    /// Whether it counts Gaussians, which papers truncate to thousands.
     pub const fn counts_gaussians(self) -> bool {
         matches!(self, Self::Gaussians | Self::GaussiansMin | Self::GaussiansMax)
     }
 
-    /// A number as papers print it: decibels with two decimals, other scores and seconds with three, Gaussians cut to
-    /// thousands unless `exact` (23 040 → `23K`), tokens whole.
+    /// Formats a number as papers do: decibels with two decimals, other scores and seconds with three, Gaussians truncated
+    /// to thousands unless `exact` (23 040 → `23K`), tokens without decimals.
     pub fn print(self, value: f64, exact: bool) -> String {
         match self {
             Self::Metric(metric) if metric.unit == "dB" => format!("{value:.2}"),
@@ -73,8 +83,7 @@ impl Quantity {
     }
 
     fn of(id: &str) -> Option<Self> {
-        let cost = COSTS.iter().find(|(_, known, _)| *known == id).map(|(quantity, _, _)| *quantity);
-        cost.or_else(|| definition(id).map(Self::Metric))
+        COSTS.into_iter().find(|cost| cost.id() == id).or_else(|| definition(id).map(Self::Metric))
     }
 }
 
@@ -88,9 +97,9 @@ impl<'de> Deserialize<'de> for Quantity {
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
         let id = String::deserialize(deserializer)?;
         Self::of(&id).ok_or_else(|| {
-            let costs = COSTS.iter().map(|(_, id, _)| *id);
+            let costs = COSTS.into_iter().map(Self::id);
             let known: Vec<&str> = costs.chain(definitions().iter().map(|metric| metric.id)).collect();
-            de::Error::custom(format!("expected a quantity of {}, found {id:?}", known.join(", ")))
+            de::Error::custom(format!("expected one of the quantities {}, found {id:?}", known.join(", ")))
         })
     }
 }
@@ -100,7 +109,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn counts_are_cut_to_thousands_as_papers_cut_them() {
+    fn truncates_counts_to_thousands_as_papers_do() {
         for (count, printed) in [
             (23_040.0, "23K"),
             (80_640.0, "80K"),
@@ -118,9 +127,9 @@ mod tests {
     }
 
     #[test]
-    fn every_quantity_is_read_by_its_own_name() {
+    fn every_quantity_is_read_by_its_id() {
         let metrics = definitions().iter().map(Quantity::Metric);
-        for quantity in COSTS.iter().map(|(quantity, _, _)| *quantity).chain(metrics) {
+        for quantity in COSTS.into_iter().chain(metrics) {
             let json = serde_json::to_string(&quantity).unwrap();
             assert_eq!(serde_json::from_str::<Quantity>(&json).unwrap(), quantity);
             assert!(!quantity.title().is_empty());

@@ -2,10 +2,10 @@ use super::*;
 use crate::table::Value;
 
 #[test]
-fn every_table_is_read_and_has_its_published_numbers() {
+fn every_built_in_table_has_published_numbers_and_known_presets() {
     for name in TableDefinition::names() {
         let definition = TableDefinition::named(name).unwrap();
-        assert_eq!(definition.name, name, "a table is named as its file");
+        assert_eq!(definition.name, name, "a table has the name of its file");
         let published = definition.published().unwrap();
         assert!(published.rows.len() > 1, "{name}");
         let numbers = published.rows.iter().flat_map(|row| row.values.iter().flatten());
@@ -18,20 +18,20 @@ fn every_table_is_read_and_has_its_published_numbers() {
             assert_ne!(preset, Some(false), "{name}: {:?}", row.preset);
         }
         let back: TableDefinition = toml::from_str(&toml::to_string(&definition).unwrap()).unwrap();
-        assert_eq!(back, definition, "{name} survives being written");
+        assert_eq!(back, definition, "{name} changes when written and read back");
     }
 }
 
 #[test]
-fn bins_of_the_overlap_table_are_those_of_its_preset() {
+fn the_overlap_table_has_the_bins_of_its_preset() {
     let definition = TableDefinition::named("re10k_overlap").unwrap();
     let bins = atsplat_protocol::Preset::named("re10k-overlap").unwrap().overlap_bins.unwrap();
-    let asked: Vec<&str> = definition.groups.iter().filter_map(|group| group.bin.as_deref()).collect();
+    let bins_of_table: Vec<&str> = definition.groups.iter().filter_map(|group| group.bin.as_deref()).collect();
     let known: Vec<&str> = bins.names().iter().map(String::as_str).chain(["average"]).collect();
-    assert_eq!(asked, known);
+    assert_eq!(bins_of_table, known);
 }
 
-/// NoPoSplat's "Average" from the published bins and their numbers of scenes, to half a hundredth, for the four other
+/// NoPoSplat's "Average", computed from the published bins and their numbers of scenes, to 0.005 dB, for the four other
 /// methods of the table.
 #[test]
 fn published_averages_follow_from_the_bins() {
@@ -49,7 +49,7 @@ fn published_averages_follow_from_the_bins() {
 }
 
 #[test]
-fn texts_stay_texts_and_gaps_stay_gaps() {
+fn reads_text_and_missing_values() {
     let anchors = TableDefinition::named("ablation_anchor_dl3dv").unwrap().published().unwrap();
     assert_eq!(anchors.rows[2].values[0][0], Value::Text("Diverged".to_owned()));
     let re10k = TableDefinition::named("re10k").unwrap().published().unwrap();
@@ -60,10 +60,10 @@ fn texts_stay_texts_and_gaps_stay_gaps() {
 }
 
 #[test]
-fn definitions_that_do_not_fit_are_refused() {
+fn rejects_inconsistent_definitions() {
     let good = builtin::TABLES.iter().find(|(name, _)| *name == "extrapolation").unwrap().1;
     assert!(TableDefinition::from_toml("good", good).is_ok());
-    for (from, to, told) in [
+    for (from, to, expected) in [
         ("extrapolation.csv", "absent.csv", "eval/published"),
         ("\"ssim\"", "\"ssim-inria\"", "ssim-inria"),
         ("\"Ours\"", "\"Theirs\"", "Theirs"),
@@ -74,7 +74,7 @@ fn definitions_that_do_not_fit_are_refused() {
         let broken = good.replace(from, to);
         assert_ne!(broken, good);
         let error = TableDefinition::from_toml("broken", &broken).unwrap_err().to_string();
-        assert!(error.contains(told), "{told}: {error}");
+        assert!(error.contains(expected), "{expected}: {error}");
     }
     assert!(TableDefinition::named("re20k").unwrap_err().to_string().contains("re10k"));
 }

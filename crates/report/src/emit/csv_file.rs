@@ -1,11 +1,11 @@
 use crate::csv_text::line;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{CellTiming, Row, Table, Value};
+use crate::table::{Row, Table, Value};
 
-/// One line per row: labels, origin, then each number in full precision with its interval and scenes, times with their
-/// median absolute deviation, machine and whether it was busy. Published numbers have
-/// the names of their columns in `eval/published`.
+/// One line per row: labels, origin, then each number in full precision with its interval and number of scenes; times also
+/// with their median absolute deviation, the machine and whether it was busy. Columns have their names in
+/// `eval/published`.
 pub(super) fn write(table: &Table) -> String {
     let mut head: Vec<String> = table.labels.clone();
     head.extend(["from", "method_id", "store", "untrained", "without_leaked"].map(str::to_owned));
@@ -30,23 +30,19 @@ fn record(table: &Table, row: &Row) -> Vec<String> {
     record.push(row.method.clone().unwrap_or_default());
     record.push(row.store.clone().unwrap_or_default());
     record.extend([row.untrained, row.without_leaked].map(|set| set.to_string()));
-    for ((group, at), column) in table.columns() {
-        let cell = row.cells.get(group).and_then(|cells| cells.get(at));
-        record.push(match cell.map(|cell| &cell.value) {
-            Some(Value::Number(number)) => number.to_string(),
-            Some(Value::Text(text)) => text.clone(),
-            Some(Value::Absent) | None => String::new(),
+    for (place, column) in table.columns() {
+        let cell = row.cell(place);
+        record.push(match &cell.value {
+            Value::Number(number) => number.to_string(),
+            Value::Text(text) => text.clone(),
+            Value::Absent => String::new(),
         });
-        let interval = cell.and_then(|cell| cell.interval);
-        record
-            .extend([0, 1].map(|end| interval.and_then(|ends| ends.get(end).map(f64::to_string)).unwrap_or_default()));
-        record.push(cell.and_then(|cell| cell.counts).map_or_else(String::new, |counts| counts.scenes.to_string()));
+        record.extend(cell.interval.map_or_else(Default::default, |ends| ends.map(|end| end.to_string())));
+        record.push(cell.counts.map_or_else(String::new, |counts| counts.scenes.to_string()));
         if column.quantity == Quantity::Seconds {
-            let timing = cell.and_then(|cell| cell.timing.as_ref());
-            let of = |told: &dyn Fn(&CellTiming) -> String| timing.map_or_else(String::new, told);
-            record.push(of(&|timing| timing.spread.mad.to_string()));
-            record.push(of(&|timing| timing.machine.to_string()));
-            record.push(of(&|timing| timing.busy.to_string()));
+            record.extend(cell.timing.as_ref().map_or_else(Default::default, |timing| {
+                [timing.spread.mad.to_string(), timing.machine.to_string(), timing.busy.to_string()]
+            }));
         }
     }
     record

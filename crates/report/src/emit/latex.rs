@@ -1,9 +1,10 @@
-use crate::plot::Origin;
-use crate::table::{Mark, Row, Table};
 use atsplat_metrics::Direction;
 
-/// A `table` environment: needs `\usepackage{booktabs}` and nothing else. The notes are comments above it, so that what is
-/// pasted into a paper says where it is from.
+use crate::plot::Origin;
+use crate::table::{Mark, Row, Table};
+
+/// A `table` environment, which needs only `\usepackage{booktabs}`. The notes are comments above it, so that a table
+/// pasted into a paper states its origin.
 pub(super) fn write(table: &Table) -> String {
     let mut text = String::new();
     for note in &table.footer {
@@ -69,8 +70,8 @@ fn cells(table: &Table, row: &Row, measured: bool) -> Vec<String> {
         }
     };
     cells.extend(measured.then_some(origin));
-    cells.extend(table.columns().map(|((group, at), column)| {
-        let Some(cell) = row.cells.get(group).and_then(|cells| cells.get(at)) else { return String::new() };
+    cells.extend(table.columns().map(|(place, column)| {
+        let cell = row.cell(place);
         let text = escaped(&cell.print(column)).replace('–', "--");
         match cell.mark {
             Mark::Best => format!("\\textbf{{{text}}}"),
@@ -85,7 +86,7 @@ fn line(cells: &[String]) -> String {
     format!("{} \\\\\n", cells.join(" & "))
 }
 
-/// Nothing in a text is taken for a command.
+/// Escapes all of LaTeX's special characters.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {
@@ -113,7 +114,7 @@ fn escaped(text: &str) -> String {
     safe
 }
 
-/// A comment ends with its line.
+/// Replaces control characters, because a line break would end the comment.
 fn comment(text: &str) -> String {
     text.chars().map(|letter| if letter.is_control() { ' ' } else { letter }).collect()
 }

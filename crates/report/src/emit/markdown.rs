@@ -1,13 +1,13 @@
-use crate::table::{Mark, Row, Table};
+use crate::table::{Cell, Column, Mark, Table};
 
-/// A heading, a table of GitHub's Markdown, and the notes as a list. Groups stand in the heads: `PSNR ↑, 2 views`.
+/// A heading, a table in GitHub's Markdown, and the notes as a list. Column headings include the group: `PSNR ↑, 2 views`.
 pub(super) fn write(table: &Table) -> String {
     let measured = table.is_measured();
     let mut heads: Vec<String> = table.labels.iter().map(|label| escaped(label)).collect();
     heads.extend(measured.then(|| "from".to_owned()));
     let names = heads.len();
     for ((group, _), column) in table.columns() {
-        let title = table.groups.get(group).map_or("", |group| group.title.as_str());
+        let title = &table.groups[group].title;
         let head = if title.is_empty() { column.head() } else { format!("{}, {title}", column.head()) };
         heads.push(escaped(&head));
     }
@@ -19,7 +19,7 @@ pub(super) fn write(table: &Table) -> String {
     for row in &table.rows {
         let mut cells: Vec<String> = row.labels.iter().map(|label| escaped(label)).collect();
         cells.extend(measured.then(|| row.origin_text().to_owned()));
-        cells.extend(numbers(table, row));
+        cells.extend(table.columns().map(|(place, column)| number(row.cell(place), column)));
         text.push_str(&line(&cells));
     }
     text.push('\n');
@@ -29,20 +29,16 @@ pub(super) fn write(table: &Table) -> String {
     text
 }
 
-fn numbers(table: &Table, row: &Row) -> Vec<String> {
-    let of = |((group, at), column): ((usize, usize), _)| {
-        let Some(cell) = row.cells.get(group).and_then(|cells| cells.get(at)) else { return String::new() };
-        let text = escaped(&cell.print(column));
-        match cell.mark {
-            Mark::Best => format!("**{text}**"),
-            Mark::Second => format!("<u>{text}</u>"),
-            Mark::Plain => text,
-        }
-    };
-    table.columns().map(of).collect()
+fn number(cell: &Cell, column: &Column) -> String {
+    let text = escaped(&cell.print(column));
+    match cell.mark {
+        Mark::Best => format!("**{text}**"),
+        Mark::Second => format!("<u>{text}</u>"),
+        Mark::Plain => text,
+    }
 }
 
-/// Nothing in a text is taken for Markdown or HTML, and no cell ends early.
+/// Escapes Markdown, HTML and cell separators.
 fn escaped(text: &str) -> String {
     let mut safe = String::with_capacity(text.len());
     for letter in text.chars() {

@@ -1,7 +1,6 @@
-//! Tables as text, one file per format.
+//! Tables as text, in several formats.
 
 mod csv_file;
-mod json;
 mod latex;
 mod markdown;
 mod terminal;
@@ -9,26 +8,29 @@ mod terminal;
 mod tests;
 
 use serde::{Deserialize, Serialize};
+use serde_json::{Value, json};
 
-pub use json::json_of;
 pub use terminal::Terminal;
 
 use crate::ReportError;
-use crate::table::Table;
+use crate::table::{Table, verdict};
 
-/// What a table is written as.
+/// Version of the JSON format of tables.
+const JSON_VERSION: u32 = 1;
+
+/// A file format of tables.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum TableFormat {
     /// Boxes for a terminal, without colours, 120 columns wide.
     Terminal,
-    /// A table of GitHub's Markdown.
+    /// A table in GitHub's Markdown.
     Markdown,
     /// A `table` environment for `booktabs`.
     Latex,
-    /// One line per row, numbers in full precision.
+    /// One line per row, with numbers in full precision.
     Csv,
-    /// Everything.
+    /// All data, with the verdict.
     Json,
 }
 
@@ -36,7 +38,7 @@ impl TableFormat {
     /// Every format.
     pub const ALL: [Self; 5] = [Self::Terminal, Self::Markdown, Self::Latex, Self::Csv, Self::Json];
 
-    /// The ending of a file's name.
+    /// The file extension.
     pub const fn extension(self) -> &'static str {
         match self {
             Self::Terminal => "txt",
@@ -50,7 +52,7 @@ impl TableFormat {
     /// The table as text.
     ///
     /// # Errors
-    /// [`ReportError::Json`], which tables of numbers and words do not cause.
+    /// [`ReportError::Json`], which tables never cause.
     pub fn write(self, table: &Table) -> Result<String, ReportError> {
         match self {
             Self::Terminal => Ok(Terminal { width: 120, styled: false }.write(table)),
@@ -60,4 +62,9 @@ impl TableFormat {
             Self::Json => Ok(format!("{}\n", serde_json::to_string_pretty(&json_of(table))?)),
         }
     }
+}
+
+/// The table with its verdict.
+pub fn json_of(table: &Table) -> Value {
+    json!({ "version": JSON_VERSION, "table": table, "verdict": verdict(table) })
 }

@@ -1,15 +1,15 @@
 use unicode_width::UnicodeWidthStr as _;
 
 use crate::plot::Origin;
-use crate::table::{Mark, Row, Table};
+use crate::table::{Mark, Place, Row, Table};
 
-/// Boxes for a terminal of a width.
+/// Draws tables with box characters for a terminal.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Terminal {
-    /// Columns of the terminal. A table that is wider is cut into parts between its groups of columns, or its columns.
+    /// Width of the terminal in characters. A wider table is split between groups of columns, or else between columns.
     pub width: usize,
-    /// Whether the best is bold, the second underlined and the published faint, by ANSI sequences; else `*` and `_` follow
-    /// the numbers.
+    /// Whether the best value is bold, the second underlined and published rows faint, by ANSI escape sequences; otherwise
+    /// `*` and `_` follow the numbers.
     pub styled: bool,
 }
 
@@ -25,11 +25,19 @@ struct Text {
     mark: Mark,
 }
 
-/// Columns that are shown together: heads, and a text per row.
+/// Columns that are shown together: headings, and a text per row.
 struct Part {
     groups: Vec<(String, usize)>,
     heads: Vec<String>,
     rows: Vec<Vec<Text>>,
+}
+
+impl Part {
+    fn widths(&self) -> Vec<usize> {
+        let texts = |at: usize| self.rows.iter().map(move |row| row[at].text.width());
+        let heads = self.heads.iter().enumerate();
+        heads.map(|(at, head)| texts(at).fold(head.width(), usize::max)).collect()
+    }
 }
 
 impl Terminal {
@@ -57,71 +65,46 @@ impl Terminal {
         if self.styled { format!("{style}{text}{PLAIN}") } else { text.to_owned() }
     }
 
-    /// All columns where they fit, else as many as fit at a time.
+    /// Splits the columns into parts that fit the width.
     fn parts(&self, table: &Table) -> Vec<Part> {
-        let columns: Vec<(usize, usize)> = table.columns().map(|(place, _)| place).collect();
+        let columns: Vec<Place> = table.columns().map(|(place, _)| place).collect();
+        let width = |place: &Place| self.part_of(table, &[*place]).widths()[0] + 3;
         let lead = widths(&lead(table)).iter().map(|width| width + 3).sum::<usize>() + 1;
-        let mut parts: Vec<Vec<(usize, usize)>> = Vec::new();
-        let mut used = 0;
-        for group in 0..table.groups.len() {
-            let own: Vec<(usize, usize)> = columns.iter().filter(|(at, _)| *at == group).copied().collect();
-            let width =
-                |places: &[(usize, usize)]| places.iter().map(|place| self.width_of(table, *place) + 3).sum::<usize>();
-            let together = width(&own);
-            if parts.is_empty() || used + together > self.width {
-                used = lead;
-                parts.push(Vec::new());
-            }
-            for place in own {
-                let width = width(&[place]);
-                if used + width > self.width && parts.last().is_some_and(|part| !part.is_empty()) {
+        let mut parts: Vec<Vec<Place>> = Vec::new();
+        let mut part: Vec<Place> = Vec::new();
+        let mut used = lead;
+        for group in columns.chunk_by(|a, b| a.0 == b.0) {
+            let together: usize = group.iter().map(width).sum();
+            for (at, place) in group.iter().enumerate() {
+                let own = width(place);
+                let needed = if at == 0 { together } else { own };
+                if used + needed > self.width && !part.is_empty() {
+                    parts.push(std::mem::take(&mut part));
                     used = lead;
-                    parts.push(Vec::new());
                 }
-                used += width;
-                if let Some(part) = parts.last_mut() {
-                    part.push(place);
-                }
+                used += own;
+                part.push(*place);
             }
         }
-        parts.iter().map(|places| self.filled(table, places)).collect()
+        parts.push(part);
+        parts.iter().map(|places| self.part_of(table, places)).collect()
     }
 
-    fn width_of(&self, table: &Table, (group, at): (usize, usize)) -> usize {
-        let part = self.filled(table, &[(group, at)]);
-        part.heads
-            .iter()
-            .map(|head| head.width())
-            .chain(part.rows.iter().flatten().map(|text| text.text.width()))
-            .max()
-            .unwrap_or(0)
-    }
-
-    fn filled(&self, table: &Table, places: &[(usize, usize)]) -> Part {
-        let mut groups: Vec<(String, usize)> = Vec::new();
-        let mut last = None;
-        for (group, _) in places {
-            match groups.last_mut().filter(|_| last == Some(*group)) {
-                Some((_, count)) => *count += 1,
-                None => groups.push((table.groups.get(*group).map_or(String::new(), |group| clean(&group.title)), 1)),
-            }
-            last = Some(*group);
-        }
-        let column = |(group, at): &(usize, usize)| table.groups.get(*group).and_then(|group| group.columns.get(*at));
-        let text = |row: &Row, place: &(usize, usize)| {
-            let cell = row.cells.get(place.0).and_then(|cells| cells.get(place.1));
-            let Some((cell, column)) = cell.zip(column(place)) else { return Text::default() };
+    fn part_of(&self, table: &Table, places: &[Place]) -> Part {
+        let text = |row: &Row, place: &Place| {
+            let cell = row.cell(*place);
             let sign = match cell.mark {
                 _ if self.styled => "",
                 Mark::Best => "*",
                 Mark::Second => "_",
                 Mark::Plain => "",
             };
-            Text { text: format!("{}{sign}", clean(&cell.print(column))), mark: cell.mark }
+            Text { text: format!("{}{sign}", clean(&cell.print(table.column(*place)))), mark: cell.mark }
         };
+        let groups = places.chunk_by(|a, b| a.0 == b.0);
         Part {
-            groups,
-            heads: places.iter().filter_map(column).map(|column| clean(&column.head())).collect(),
+            groups: groups.map(|own| (clean(&table.groups[own[0].0].title), own.len())).collect(),
+            heads: places.iter().map(|place| clean(&table.column(*place).head())).collect(),
             rows: table.rows.iter().map(|row| places.iter().map(|place| text(row, place)).collect()).collect(),
         }
     }
@@ -129,22 +112,16 @@ impl Terminal {
     fn part(&self, table: &Table, part: &Part) -> String {
         let lead = lead(table);
         let lead_widths = widths(&lead);
-        let mut column_widths: Vec<usize> = part.heads.iter().map(|head| head.width()).collect();
-        for row in &part.rows {
-            for (width, text) in column_widths.iter_mut().zip(row) {
-                *width = (*width).max(text.text.width());
-            }
-        }
-        // A group's head may need more room than its columns.
+        let mut column_widths = part.widths();
+        // A group's heading may be wider than its columns.
         let mut at = 0;
+        let mut headings = Vec::new();
         for (title, count) in &part.groups {
-            let own = at..at + count;
-            let room: usize =
-                column_widths.get(own.clone()).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * (count - 1);
-            if let Some(last) = column_widths.get_mut(own.end - 1) {
-                *last += title.width().saturating_sub(room);
-            }
-            at = own.end;
+            let own = &mut column_widths[at..at + count];
+            let room = own.iter().sum::<usize>() + 3 * (count - 1);
+            own[count - 1] += title.width().saturating_sub(room);
+            headings.push(centred(title, own.iter().sum::<usize>() + 3 * count - 1));
+            at += count;
         }
         let all: Vec<usize> = lead_widths.iter().chain(&column_widths).copied().collect();
         let rule = |left: char, middle: char, right: char| {
@@ -153,14 +130,7 @@ impl Terminal {
         };
         let mut text = rule('┌', '┬', '┐');
         if part.groups.iter().any(|(title, _)| !title.is_empty()) {
-            let mut cells: Vec<String> = lead_widths.iter().map(|width| " ".repeat(width + 2)).collect();
-            let mut at = 0;
-            for (title, count) in &part.groups {
-                let room =
-                    column_widths.get(at..at + count).map_or(0, |widths| widths.iter().sum::<usize>()) + 3 * count - 1;
-                cells.push(centred(title, room));
-                at += count;
-            }
+            let cells: Vec<String> = lead_widths.iter().map(|width| " ".repeat(width + 2)).chain(headings).collect();
             text.push_str(&format!("│{}│\n", cells.join("│")));
         }
         let heads = lead.first().into_iter().flatten().map(|head| (head.clone(), false));
@@ -194,7 +164,7 @@ impl Terminal {
     }
 }
 
-/// Names of rows and where they come from; heads first.
+/// Labels and origin of each row, after their headings.
 fn lead(table: &Table) -> Vec<Vec<String>> {
     const LONGEST: usize = 36;
     let measured = table.is_measured();
@@ -213,7 +183,7 @@ fn widths(rows: &[Vec<String>]) -> Vec<usize> {
     (0..columns).map(width).collect()
 }
 
-/// What a terminal would obey is not printed.
+/// Replaces control characters, which a terminal would interpret.
 fn clean(text: &str) -> String {
     text.chars().map(|letter| if letter.is_control() { '\u{fffd}' } else { letter }).collect()
 }
@@ -242,7 +212,7 @@ fn centred(text: &str, width: usize) -> String {
     format!("{}{text}{}", " ".repeat(space / 2), " ".repeat(space - space / 2))
 }
 
-/// Lines of at most `width` columns, broken between words where there are any.
+/// Wraps text between words into lines of at most `width` columns; longer words are not broken.
 fn wrapped(text: &str, width: usize) -> Vec<String> {
     let mut lines = vec![String::new()];
     for word in text.split(' ') {

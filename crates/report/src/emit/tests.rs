@@ -1,4 +1,4 @@
-//! Snapshots of every format, and what no format may let through.
+//! Snapshots of every format, and tests of escaping.
 
 use super::*;
 use crate::definition::TableDefinition;
@@ -17,7 +17,7 @@ fn published(name: &str) -> Table {
 }
 
 #[test]
-fn every_format_of_a_measured_table() {
+fn writes_a_measured_table_in_every_format() {
     let table = measured("re10k");
     for format in TableFormat::ALL {
         insta::assert_snapshot!(format!("re10k-{}", format.extension()), format.write(&table).unwrap());
@@ -25,7 +25,7 @@ fn every_format_of_a_measured_table() {
 }
 
 #[test]
-fn an_ablation_and_a_grouped_table() {
+fn writes_ablations_and_grouped_tables() {
     insta::assert_snapshot!("ablation-txt", TableFormat::Terminal.write(&measured("ablation_ate")).unwrap());
     insta::assert_snapshot!("overlap-txt", TableFormat::Terminal.write(&measured("re10k_overlap")).unwrap());
     insta::assert_snapshot!("dl3dv-tex", TableFormat::Latex.write(&published("dl3dv")).unwrap());
@@ -48,10 +48,10 @@ fn no_line_is_wider_than_its_terminal() {
 }
 
 #[test]
-fn every_number_is_in_every_part_of_a_cut_table() {
+fn a_split_table_contains_every_number() {
     let table = published("re10k_overlap");
     let narrow = Terminal { width: 70, styled: false }.write(&table);
-    assert!(narrow.matches('┌').count() > 1, "the table is cut:\n{narrow}");
+    assert!(narrow.matches('┌').count() > 1, "the table is split:\n{narrow}");
     for cell in table.rows.iter().flat_map(|row| row.cells.iter().flatten()) {
         if let Some(number) = cell.value.number().filter(|number| *number < 100.0 && *number > 1.0) {
             assert!(narrow.contains(&format!("{number:.2}")), "{number}");
@@ -60,16 +60,16 @@ fn every_number_is_in_every_part_of_a_cut_table() {
 }
 
 #[test]
-fn colours_are_only_where_asked_for() {
+fn escape_sequences_are_only_used_if_styled() {
     let table = published("re10k");
     assert!(!Terminal { width: 100, styled: false }.write(&table).contains('\u{1b}'));
     let styled = Terminal { width: 100, styled: true }.write(&table);
     assert!(styled.contains("\u{1b}[1m28.65\u{1b}[0m") && styled.contains("\u{1b}[4m28.54\u{1b}[0m"), "{styled}");
 }
 
-/// A method named by an enemy stays text in every format.
+/// A hostile method name stays text in every format.
 #[test]
-fn hostile_names_stay_text() {
+fn escapes_hostile_names_in_every_format() {
     let mut method = floor();
     method.title = format!("{HOSTILE}\n%{{}}$^~# & \\input{{/etc/passwd}}");
     let results = results(vec![preset("re10k-2v-256")], vec![method]);
@@ -88,12 +88,12 @@ fn hostile_names_stay_text() {
     assert!(!body.replace("\\%", "").contains('%'), "nothing else is a comment: {latex}");
     let csv = write(TableFormat::Csv);
     assert_eq!(crate::csv_text::parse(&csv).unwrap().len(), table.rows.len() + 1, "{csv}");
-    serde_json::from_str::<serde_json::Value>(&write(TableFormat::Json)).unwrap();
+    serde_json::from_str::<Value>(&write(TableFormat::Json)).unwrap();
 }
 
-/// Bold and underlined figures of the paper's own LaTeX, read by eye: ties share a mark.
+/// The bold and underlined values of the paper's LaTeX, read by eye; ties share a mark.
 #[test]
-fn marks_are_the_papers() {
+fn marks_agree_with_the_paper() {
     let marked = |table: &Table, group: usize, column: usize, mark: Mark| {
         let rows = table.rows.iter().filter(|row| row.cells[group][column].mark == mark);
         rows.map(|row| row.labels[0].clone()).collect::<Vec<_>>()
@@ -115,7 +115,7 @@ fn marks_are_the_papers() {
         (0, 0, vec!["Ours"], vec![]),
     ] {
         assert_eq!(marked(&overlap, group, column, Mark::Best), best, "group {group}, column {column}");
-        // The paper leaves the second place free under two firsts.
+        // With two best values, the paper marks no second.
         if best.len() == 1 {
             assert_eq!(marked(&overlap, group, column, Mark::Second), second, "group {group}, column {column}");
         }
@@ -132,7 +132,7 @@ fn marks_are_the_papers() {
 }
 
 #[test]
-fn csv_holds_full_precision_and_json_everything() {
+fn csv_has_full_precision_and_json_every_row() {
     let table = measured("re10k");
     let text = TableFormat::Csv.write(&table).unwrap();
     let records = crate::csv_text::parse(&text).unwrap();
@@ -143,6 +143,6 @@ fn csv_holds_full_precision_and_json_everything() {
     assert_eq!(record[at("psnr")].parse::<f64>().unwrap().to_bits(), cell.value.number().unwrap().to_bits());
     assert_eq!(record[at("psnr_low")].parse::<f64>().unwrap().to_bits(), cell.interval.unwrap()[0].to_bits());
     assert_eq!((record[at("psnr_scenes")].as_str(), record[at("lpips")].as_str()), ("4", ""));
-    let json: serde_json::Value = serde_json::from_str(&TableFormat::Json.write(&table).unwrap()).unwrap();
+    let json: Value = serde_json::from_str(&TableFormat::Json.write(&table).unwrap()).unwrap();
     assert_eq!(json["table"]["rows"].as_array().unwrap().len(), table.rows.len());
 }

@@ -1,4 +1,4 @@
-//! Which plots a table, a store, a study of expansion and a baseline's history call for.
+//! The plots of a table, a store, an expansion study and the history of a baseline.
 
 mod of_drift;
 mod of_expansion;

@@ -3,7 +3,7 @@ use atsplat_metrics::definition;
 
 use crate::plot::{Drawing, DriftHistory, DriftRun, Estimate, Figure};
 
-/// How a number moved over the runs that were accepted, and the present one; `None` for a metric that is not known here.
+/// How a number moved over the accepted runs and the current one; `None` for an unknown metric.
 pub fn of_drift(history: &NumberHistory) -> Option<Drawing> {
     let NumberHistory { preset, method, metric, runs, unknown, verdict } = history;
     let quality: Figure = definition(metric)?.into();
@@ -22,23 +22,23 @@ pub fn of_drift(history: &NumberHistory) -> Option<Drawing> {
         title: format!("{} over accepted runs", quality.name),
         subtitle: format!("{method} on {preset}; now: {verdict}{gap}"),
         quality,
-        runs: runs.iter().map(|run| drawn(run, quality)).collect(),
+        runs: runs.iter().map(|run| drift_run(run, quality)).collect(),
     };
     Some(plot.draw())
 }
 
-fn drawn(run: &HistoricRun, quality: Figure) -> DriftRun {
+fn drift_run(run: &HistoricRun, quality: Figure) -> DriftRun {
     let moved = |by: f64| {
         let sign = if by < 0.0 { "−" } else { "+" };
         let digits = if by.abs() < 0.005 { format!("{:.1e}", by.abs()) } else { format!("{:.3}", by.abs()) };
         format!("{sign}{digits} {}", quality.unit).trim_end().to_owned()
     };
     let drifted = run.verdict == Some(Verdict::Drifted);
-    let words = [run.moved.map(moved), run.why.clone()].into_iter().flatten().collect::<Vec<_>>();
+    let reasons: Vec<String> = [run.moved.map(moved), run.why.clone()].into_iter().flatten().collect();
     DriftRun {
         label: run.label.clone(),
         quality: Estimate { value: run.mean, interval: run.interval },
         limits: run.limits,
-        drift: drifted.then(|| words.join(": ")),
+        drift: drifted.then(|| reasons.join(": ")),
     }
 }

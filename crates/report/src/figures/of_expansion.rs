@@ -12,54 +12,54 @@ use crate::plot::{
     UncertaintyTriplets,
 };
 
-/// Families that one picture holds without becoming a thicket.
+/// The most families drawn over a picture, so that it stays readable.
 const FAMILIES: usize = 160;
 
-/// What expansion did in a scene, as seen by one of its cameras.
+/// The expansion of a scene's tokens, seen by one of its cameras.
 #[derive(Clone, Debug)]
 pub struct ExpansionScene {
-    /// For people: the scene's key.
+    /// The scene's key.
     pub label: String,
-    /// The frame that families are drawn over.
+    /// The frame whose picture families are drawn over.
     pub frame: usize,
     /// Its picture.
     pub picture: Arc<ImageU8>,
-    /// Families in it.
+    /// Families visible in it.
     pub families: Vec<SeenFamily>,
-    /// Families in all.
+    /// Total number of families.
     pub expanded: usize,
-    /// Targets with their truths.
+    /// Targets with their ground truth.
     pub targets: Vec<ExpansionTarget>,
 }
 
-/// A target with its truth.
+/// A target with its ground truth.
 #[derive(Clone, Debug)]
 pub struct ExpansionTarget {
     /// Position of the frame in the scene.
     pub frame: usize,
-    /// What is to be seen.
+    /// The ground truth.
     pub truth: Arc<ImageU8>,
-    /// What was found.
+    /// The study's results.
     pub study: TargetStudy,
 }
 
-/// Plots by name: tokens scene by scene, then strips and uncertainty of all targets, as far as there is something to draw.
-/// `subject` says whose expansion it is: model, weights, protocol.
+/// Plots by name: tokens of each scene, then strips and uncertainty of all targets; plots without data are omitted.
+/// `subject` names model, weights and protocol.
 ///
 /// # Errors
-/// [`ReportError::Picture`] for renders that are not finite, and for maps that are not of their size.
+/// [`ReportError::Picture`] for renders that are not finite, and for maps of a wrong size.
 pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = Vec::new();
     for (at, scene) in scenes.iter().enumerate().filter(|(_, scene)| !scene.families.is_empty()) {
         plots.push((format!("token-expansion-{}", at + 1), tokens(subject, scene).draw()));
     }
     let targets = || scenes.iter().flat_map(|scene| scene.targets.iter().map(move |target| (scene, target)));
-    let told = |scene: &ExpansionScene, target: &ExpansionTarget| format!("{}, frame {}", scene.label, target.frame);
+    let label = |scene: &ExpansionScene, target: &ExpansionTarget| format!("{}, frame {}", scene.label, target.frame);
     let rows = targets().map(|(scene, target)| {
         let truth = StripPicture { image: target.truth.as_ref().clone(), caption: String::new() };
         let stages = target.study.stages.iter().map(stage);
         let pictures = stages.chain([Ok(truth)]).collect::<Result<_, ReportError>>()?;
-        Ok(ExpansionStrip { label: told(scene, target), pictures })
+        Ok(ExpansionStrip { label: label(scene, target), pictures })
     });
     let strips = rows.collect::<Result<Vec<_>, ReportError>>()?;
     if let Some((_, first)) = targets().next() {
@@ -72,7 +72,7 @@ pub fn of_expansion(subject: &str, scenes: &[ExpansionScene]) -> Result<Vec<(Str
         };
         plots.push(("expansion-strips".to_owned(), plot.draw()));
     }
-    let rows = targets().filter_map(|(scene, target)| Some((told(scene, target), target.study.uncertainty.as_ref()?)));
+    let rows = targets().filter_map(|(scene, target)| Some((label(scene, target), target.study.uncertainty.as_ref()?)));
     let rows = rows.map(|(label, own)| triplet(&label, own)).collect::<Result<Vec<_>, _>>()?;
     if !rows.is_empty() {
         let plot = UncertaintyTriplets {
@@ -123,7 +123,7 @@ fn blocks(blocks: &[usize]) -> String {
 }
 
 fn triplet(label: &str, own: &Uncertainty) -> Result<UncertaintyRow, ReportError> {
-    // The prediction was trained to equal the error: one scale shows how far off it is.
+    // The prediction was trained to equal the error: a common scale shows how much it differs.
     let brightest = brightest(&own.error).maximum_of(brightest(&own.predicted)).maximum_of(1e-6);
     let heat = |values: &[f64]| map(own, values, |value| Ramp::Viridis.colour(value / brightest));
     let share = 100.0 * own.selected as f64 / own.tokens.max(1) as f64;
@@ -142,11 +142,11 @@ fn triplet(label: &str, own: &Uncertainty) -> Result<UncertaintyRow, ReportError
     })
 }
 
-/// What all but a hundredth of the values stay below.
+/// The 99th percentile; 0 without values.
 fn brightest(values: &[f64]) -> f64 {
     let mut sorted = values.to_vec();
     sorted.sort_by(f64::total_cmp);
-    sorted.get(sorted.len() * 99 / 100).copied().unwrap_or_default()
+    sorted.get(sorted.len() * 99 / 100).copied().unwrap_or(0.0)
 }
 
 fn mean(values: &[f64]) -> f64 {
@@ -164,7 +164,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn blocks_are_named_as_people_would() {
+    fn names_ranges_and_lists_of_blocks() {
         let cases: [(&[usize], &str); 4] =
             [(&[], "no expansion"), (&[2], "block 2"), (&[2, 3, 4], "blocks 2–4"), (&[2, 4], "blocks 2, 4")];
         for (given, expected) in cases {
@@ -173,8 +173,8 @@ mod tests {
     }
 
     #[test]
-    fn nothing_to_see_is_no_plot() {
-        assert!(of_expansion("nobody", &[]).unwrap().is_empty());
+    fn without_data_there_is_no_plot() {
+        assert!(of_expansion("subject", &[]).unwrap().is_empty());
         let picture = Arc::new(ImageU8::new(2, 1, vec![7; 6]).unwrap());
         let scene = ExpansionScene {
             label: "s".to_owned(),
@@ -184,11 +184,11 @@ mod tests {
             expanded: 3,
             targets: Vec::new(),
         };
-        assert!(of_expansion("nobody", &[scene]).unwrap().is_empty());
+        assert!(of_expansion("subject", &[scene]).unwrap().is_empty());
     }
 
     #[test]
-    fn one_in_a_hundred_may_be_brighter() {
+    fn one_per_cent_of_the_values_may_be_brighter() {
         let values: Vec<f64> = (0..1000).map(f64::from).collect();
         assert_eq!(brightest(&values).to_bits(), 990.0f64.to_bits());
         assert_eq!(brightest(&[]).to_bits(), 0.0f64.to_bits());

@@ -11,13 +11,13 @@ use crate::plot::{
     Drawing, Estimate, ExtrapolationDecay, ExtrapolationSeries, Origin, OverlapBin, OverlapCurves, OverlapSeries,
     ScatterPoint, SceneScatter, StageTime, StageTimeRow,
 };
-use crate::table::{BUSY, Source};
+use crate::table::{BUSY, Source, has_trials};
 
-/// The plots of a store's protocols by name: time, and of the first metric that was computed overlap, extrapolation and the
-/// methods scene by scene.
+/// The plots of each protocol in a store, by name: overlap, extrapolation and scatter plots of the first computed metric,
+/// and time.
 ///
 /// # Errors
-/// [`ReportError::Store`] for a protocol in the store that is none.
+/// [`ReportError::Store`] for an invalid protocol in the store.
 pub fn of_store(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, ReportError> {
     let mut plots = Vec::new();
     for preset in &source.results.provenance.presets {
@@ -33,7 +33,7 @@ pub fn of_store(source: &Source<'_>) -> Result<Vec<(String, Drawing)>, ReportErr
     Ok(plots)
 }
 
-/// A store's answers to one protocol.
+/// The results of one protocol in a store.
 struct View<'a> {
     results: &'a Results,
     preset: &'a PresetRecord,
@@ -45,48 +45,29 @@ impl<'a> View<'a> {
     }
 
     fn methods(&self) -> impl Iterator<Item = &'a MethodRecord> {
-        let ran = |method: &&MethodRecord| {
-            self.results
-                .trials
-                .iter()
-                .any(|trial| trial.key.preset == self.preset.name && trial.key.method == method.name)
-        };
+        let ran = |method: &&MethodRecord| has_trials(self.results, &self.preset.name, &method.name);
         self.results.provenance.methods.iter().filter(ran)
     }
 
     fn metric(&self) -> Option<&'static Definition> {
-        let scored = |metric: &&Definition| {
-            self.results
-                .targets
-                .iter()
-                .any(|row| row.key.preset == self.preset.name && row.scores.contains_key(metric.id))
-        };
-        definitions().iter().find(scored)
+        let targets = || self.results.targets.iter().filter(|row| row.key.preset == self.preset.name);
+        definitions().iter().find(|metric| targets().any(|row| row.scores.contains_key(metric.id)))
     }
 
     fn overlap(&self, metric: &'static Definition) -> Result<Option<Drawing>, ReportError> {
-        let bins = self.preset.protocol()?.overlap_bins;
-        Ok(bins.and_then(|bins| self.overlap_in(&bins, metric)))
-    }
-
-    fn overlap_in(&self, bins: &OverlapBins, metric: &'static Definition) -> Option<Drawing> {
         const STEPS: usize = 10;
-        let overlaps: Vec<f64> = self
-            .results
-            .trials
-            .iter()
-            .filter(|trial| trial.key.preset == self.preset.name)
-            .filter_map(|trial| trial.overlap)
-            .collect();
+        let Some(bins) = self.preset.protocol()?.overlap_bins else { return Ok(None) };
+        let trials = || self.results.trials.iter().filter(|trial| trial.key.preset == self.preset.name);
+        let overlaps: Vec<f64> = trials().filter_map(|trial| trial.overlap).collect();
         let estimators = &self.preset.overlap_estimators;
         let own = bins.foreign(estimators).map(|_| OverlapBins::thirds(&overlaps, &estimators.join(" and ")));
         let by = own.as_ref().and_then(OverlapBins::estimator);
         let by = by.map_or_else(String::new, |estimator| format!("; overlaps by {estimator}, a third in each bin"));
-        let bins = own.as_ref().unwrap_or(bins);
-        let (low, high) = (*bins.edges().first()?, *bins.edges().last()?);
+        let bins = own.unwrap_or(bins);
+        let (low, high) = (bins.edges()[0], bins.edges()[bins.names().len()]);
         let edges: Vec<f64> = (0..=STEPS).map(|step| low + (high - low) * step as f64 / STEPS as f64).collect();
-        let fine =
-            OverlapBins::new(BinRule::Strict, (0..STEPS).map(|step| step.to_string()).collect(), edges.clone()).ok()?;
+        let names = (0..STEPS).map(|step| step.to_string()).collect();
+        let fine = OverlapBins::new(BinRule::Strict, names, edges.clone())?;
         let series = |method: &'a MethodRecord| {
             let binned = by_overlap(self.results, &self.question(&method.name, metric), &fine);
             let middles = edges.windows(2).map(|pair| f64::midpoint(pair[0], pair[1]));
@@ -95,14 +76,11 @@ impl<'a> View<'a> {
             OverlapSeries { label: method.title.clone(), points: points.collect(), origin: Origin::Measured }
         };
         let series: Vec<OverlapSeries> = self.methods().map(series).filter(|series| series.points.len() > 1).collect();
+        let first_method = self.methods().next().map(|method| method.name.as_str());
         let scenes = |name: &str| {
-            let distinct = self.methods().next().map(|method| method.name.as_str());
-            let trials =
-                self.results.trials.iter().filter(|trial| {
-                    trial.key.preset == self.preset.name && Some(trial.key.method.as_str()) == distinct
-                });
-            trials.filter(|trial| trial.overlap.is_some_and(|overlap| bins.name_of(overlap) == Some(name))).count()
-                as u64
+            let of_method = trials().filter(|trial| Some(trial.key.method.as_str()) == first_method);
+            let overlaps = of_method.filter_map(|trial| trial.overlap);
+            overlaps.filter(|overlap| bins.name_of(*overlap) == Some(name)).count() as u64
         };
         let shown = bins.names().iter().zip(bins.edges().windows(2)).map(|(name, edges)| OverlapBin {
             name: name.clone(),
@@ -119,7 +97,7 @@ impl<'a> View<'a> {
             bins: shown.collect(),
             series,
         };
-        (!overlaps.is_empty() && !plot.series.is_empty()).then(|| plot.draw())
+        Ok((!overlaps.is_empty() && !plot.series.is_empty()).then(|| plot.draw()))
     }
 
     fn extrapolation(&self, metric: &'static Definition) -> Option<Drawing> {
@@ -144,7 +122,7 @@ impl<'a> View<'a> {
         (!plot.series.is_empty()).then(|| plot.draw())
     }
 
-    /// The first method of ATSplat, or the first of all, against each other one.
+    /// The first ATSplat method, or else the first method, against each of the others.
     fn scatters(&self, metric: &'static Definition) -> Vec<(String, Drawing)> {
         const NAMED: usize = 5;
         const MOST: usize = 4;
@@ -180,26 +158,12 @@ impl<'a> View<'a> {
         methods.iter().filter(|other| other.name != own.name).filter_map(against).take(MOST).collect()
     }
 
-    /// Of the timing pass; without one there is nothing to draw.
+    /// The times of the timing pass, with a reason for each method without times; `None` without a timing pass.
     fn time(&self) -> Option<Drawing> {
-        let timed: Vec<(&MethodRecord, Times)> = self
-            .methods()
-            .filter_map(|method| Some((method, times(self.results, &self.preset.name, &method.name).ok()?)))
-            .collect();
-        let row = |(method, times): &(&MethodRecord, Times)| {
-            let medians: BTreeMap<String, f64> =
-                times.stages.iter().map(|(name, spread)| (name.clone(), spread.median)).collect();
-            let mut stages = match times.encode {
-                Some(encode) if medians.is_empty() => vec![("encode".to_owned(), encode.median)],
-                _ => in_order(&medians),
-            };
-            stages.extend(times.render.map(|spread| ("render a view".to_owned(), spread.median)));
-            let busy = if times.busy { format!(" {BUSY}") } else { String::new() };
-            let label = format!("{}{busy}", method.title);
-            StageTimeRow { label, stages, spread: times.first_picture.map(|spread| spread.quartiles) }
-        };
         let machine = machine_of(self.results, &self.preset.name)?;
-        let busy = if timed.iter().any(|(_, times)| times.busy) {
+        let methods: Vec<(&MethodRecord, Result<Times, String>)> =
+            self.methods().map(|method| (method, times(self.results, &self.preset.name, &method.name))).collect();
+        let busy = if methods.iter().any(|(_, times)| times.as_ref().is_ok_and(|times| times.busy)) {
             format!("; {BUSY} the machine was busy")
         } else {
             String::new()
@@ -207,16 +171,36 @@ impl<'a> View<'a> {
         let plot = StageTime {
             title: "Where the time goes until the first picture".to_owned(),
             subtitle: format!("{}; medians and quartiles; {machine}{busy}", self.preset.title),
-            rows: timed.iter().map(row).filter(|row| !row.stages.is_empty()).collect(),
+            rows: methods.into_iter().map(|(method, times)| stage_time_row(method, times)).collect(),
         };
         (!plot.rows.is_empty()).then(|| plot.draw())
     }
 }
 
-/// The network's stages as they follow each other; a store keeps them by name.
-fn in_order(stages: &BTreeMap<String, f64>) -> Vec<(String, f64)> {
+fn stage_time_row(method: &MethodRecord, times: Result<Times, String>) -> StageTimeRow {
+    let label = method.title.clone();
+    let times = match times {
+        Ok(times) => times,
+        Err(reason) => return StageTimeRow { label, stages: Vec::new(), spread: None, untimed: Some(reason) },
+    };
+    let mut stages: Vec<(String, f64)> =
+        in_order(&times.stages).into_iter().map(|(name, spread)| (name.clone(), spread.median)).collect();
+    if let Some(encode) = times.encode.filter(|_| stages.is_empty()) {
+        stages.push(("encode".to_owned(), encode.median));
+    }
+    stages.extend(times.render.map(|spread| ("render a view".to_owned(), spread.median)));
+    StageTimeRow {
+        label: if times.busy { format!("{label} {BUSY}") } else { label },
+        untimed: stages.is_empty().then(|| "no stage was timed".to_owned()),
+        stages,
+        spread: times.first_picture.map(|spread| spread.quartiles),
+    }
+}
+
+/// The network's stages in the order in which they run; a store keeps them sorted by name.
+fn in_order<T>(stages: &BTreeMap<String, T>) -> Vec<(&String, &T)> {
     const ORDER: [&str; 5] = ["coarse", "anchors", "fine", "decoder", "head"];
-    let mut stages: Vec<(String, f64)> = stages.iter().map(|(name, secs)| (name.clone(), *secs)).collect();
+    let mut stages: Vec<_> = stages.iter().collect();
     stages.sort_by_key(|(name, _)| ORDER.iter().position(|known| known == name).unwrap_or(ORDER.len()));
     stages
 }
@@ -225,7 +209,7 @@ fn estimate(summary: &Summary) -> Option<Estimate> {
     Some(Estimate { value: summary.mean?, interval: summary.interval })
 }
 
-/// A name that any file system takes.
+/// A name that is valid on every file system.
 fn plain(text: &str) -> String {
     text.chars()
         .map(|letter| if letter.is_ascii_alphanumeric() || ".-_".contains(letter) { letter } else { '-' })

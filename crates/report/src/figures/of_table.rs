@@ -7,9 +7,9 @@ use crate::plot::{
     Ablation, AblationRow, BudgetHistogram, BudgetSeries, CostAxis, Drawing, Estimate, Frontier, FrontierPoint, KPoint,
     KScaling, Origin, OverlapBinMeans, OverlapBinSeries,
 };
-use crate::table::{BUSY, Group, Row, Source, Table, Value};
+use crate::table::{BUSY, Group, Place, Row, Source, Table, Value};
 
-/// The plots of a measured table by name.
+/// The plots of a measured table, by name.
 pub fn of_table(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Vec<(String, Drawing)> {
     let Some(kind) = definition.plot.filter(|_| table.is_measured()) else { return Vec::new() };
     match kind {
@@ -26,7 +26,7 @@ fn shown(table: &Table) -> impl Iterator<Item = &Row> {
 }
 
 fn name(row: &Row) -> String {
-    let labels: Vec<&str> = row.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
+    let labels = row.names();
     let untrained = if row.untrained && !labels.iter().any(|label| label.contains("untrained")) { " †" } else { "" };
     format!("{}{untrained}", labels.join(", "))
 }
@@ -51,19 +51,18 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
     let mut plots = Vec::new();
     for (at, group) in table.groups.iter().enumerate() {
         let Some((quality_at, metric)) = metric_of(group) else { continue };
-        for (cost, quantity, word) in
+        for (cost, quantity, cost_name) in
             [(CostAxis::Gaussians, Quantity::Gaussians, "gaussians"), (CostAxis::Seconds, Quantity::Seconds, "seconds")]
         {
             let Some(cost_at) = place_of(group, quantity) else { continue };
             let point = |row: &Row| {
-                let cells = row.cells.get(at)?;
-                let spent = cells.get(cost_at)?;
+                let spent = row.cell((at, cost_at));
                 let busy = if spent.is_busy() { format!(" {BUSY}") } else { String::new() };
                 Some(FrontierPoint {
                     label: format!("{}{busy}", name(row)),
                     cost: spent.value.number()?,
                     spread: spent.timing.as_ref().map(|timing| timing.spread.quartiles),
-                    quality: estimate(cells.get(quality_at)?)?,
+                    quality: estimate(row.cell((at, quality_at)))?,
                     origin: row.origin,
                     highlighted: false,
                 })
@@ -73,8 +72,8 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
                 continue;
             }
             let what =
-                if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are of other machines" };
-            let machine = machine(table, at, cost_at);
+                if cost == CostAxis::Gaussians { "Gaussians" } else { "time; published times are from other machines" };
+            let machine = machine(table, (at, cost_at));
             let frontier = Frontier {
                 title: format!("{} against {what}", metric.name),
                 subtitle: format!("{}{machine}", subtitle(table, group)),
@@ -83,17 +82,17 @@ fn frontiers(table: &Table) -> Vec<(String, Drawing)> {
                 points,
             };
             let suffix = if table.groups.len() > 1 { format!("-{}", at + 1) } else { String::new() };
-            plots.push((format!("{}-{word}{suffix}", table.name), frontier.draw()));
+            plots.push((format!("{}-{cost_name}{suffix}", table.name), frontier.draw()));
         }
     }
     plots
 }
 
-/// The machine of a column of times, and what its mark means.
-fn machine(table: &Table, group: usize, column: usize) -> String {
-    let cells = table.rows.iter().filter_map(|row| row.cells.get(group)?.get(column)?.timing.as_ref());
-    let busy = if cells.clone().any(|timing| timing.busy) { format!("; {BUSY} it was busy") } else { String::new() };
-    cells.into_iter().next().map_or_else(String::new, |timing| format!("; {}{busy}", timing.machine))
+/// The machine of a column of times, and the meaning of the mark for a busy machine.
+fn machine(table: &Table, place: Place) -> String {
+    let mut timings = table.rows.iter().filter_map(|row| row.cell(place).timing.as_ref());
+    let busy = if timings.clone().any(|timing| timing.busy) { format!("; {BUSY} it was busy") } else { String::new() };
+    timings.next().map_or_else(String::new, |timing| format!("; {}{busy}", timing.machine))
 }
 
 fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>]) -> Option<(String, Drawing)> {
@@ -102,32 +101,30 @@ fn ablation(definition: &TableDefinition, table: &Table, sources: &[Source<'_>])
     let reference_labels = definition.reference.as_ref()?;
     let published: Vec<&Row> = table.rows.iter().filter(|row| row.origin == Origin::Published).collect();
     let reference = *published.iter().find(|row| row.labels == *reference_labels)?;
-    let answer = |row: &Row| shown(table).find(|own| own.origin == Origin::Measured && own.answers == row.answers);
-    let own_reference = answer(reference);
+    let reproduced = |row: &Row| shown(table).find(|own| own.origin == Origin::Measured && own.answers == row.answers);
+    let own_reference = reproduced(reference);
     let row = |row: &Row| {
-        let cell = |row: &Row| row.cells.first().and_then(|cells| cells.get(at)).cloned();
-        let own = answer(row);
-        Some(AblationRow {
+        let own = reproduced(row);
+        AblationRow {
             label: row.labels.join(", "),
-            published: match cell(row)?.value {
-                Value::Number(number) => Some(Ok(number)),
-                Value::Text(text) => Some(Err(text)),
+            published: match &row.cell((0, at)).value {
+                Value::Number(number) => Some(Ok(*number)),
+                Value::Text(text) => Some(Err(text.clone())),
                 Value::Absent => None,
             },
-            measured: own.and_then(cell).and_then(|cell| cell.value.number()),
+            measured: own.and_then(|own| own.cell((0, at)).value.number()),
             gap: own.zip(own_reference).and_then(|(own, reference)| gap(definition, sources, metric, own, reference)),
-        })
+        }
     };
     let rows: Vec<AblationRow> =
-        published.iter().filter(|other| other.labels != reference.labels).filter_map(|other| row(other)).collect();
-    let reference: Option<AblationRow> = row(reference);
-    // Differences are what is drawn: without one there is nothing to see.
+        published.iter().filter(|other| other.labels != reference.labels).map(|other| row(other)).collect();
+    // The plot shows differences: without any there is nothing to draw.
     rows.iter().any(|row| row.gap.is_some()).then_some(())?;
     let ablation = Ablation {
         title: table.title.clone(),
         subtitle: subtitle(table, group),
         quality: metric.into(),
-        reference: reference?,
+        reference: row(reference),
         rows,
     };
     Some((table.name.clone(), ablation.draw()))
@@ -163,9 +160,8 @@ fn k_scaling(table: &Table) -> Option<(String, Drawing)> {
     let gaussians_at = place_of(group, Quantity::Gaussians);
     let point = |row: &Row| {
         let digits: String = row.labels.first()?.chars().take_while(char::is_ascii_digit).collect();
-        let cells = row.cells.first()?;
-        let gaussians = gaussians_at.and_then(|at| cells.get(at)).and_then(|cell| cell.value.number());
-        Some(KPoint { k: digits.parse().ok()?, quality: estimate(cells.get(at)?)?, gaussians, origin: row.origin })
+        let gaussians = gaussians_at.and_then(|at| row.cell((0, at)).value.number());
+        Some(KPoint { k: digits.parse().ok()?, quality: estimate(row.cell((0, at)))?, gaussians, origin: row.origin })
     };
     let points: Vec<KPoint> = shown(table).filter_map(point).collect();
     let own = points.iter().filter(|point| point.origin == Origin::Measured).count() > 1;
@@ -184,7 +180,7 @@ fn overlap_bins(table: &Table) -> Option<(String, Drawing)> {
     let (_, first, (_, metric)) = groups.first()?;
     let series = |row: &Row| OverlapBinSeries {
         label: format!("{}{}", name(row), if row.origin == Origin::Published { " (paper)" } else { "" }),
-        means: groups.iter().map(|(at, _, (column, _))| row.cells.get(*at)?.get(*column).and_then(estimate)).collect(),
+        means: groups.iter().map(|(at, _, (column, _))| estimate(row.cell((*at, *column)))).collect(),
         origin: row.origin,
     };
     let plot = OverlapBinMeans {

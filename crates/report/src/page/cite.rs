@@ -1,20 +1,18 @@
 use super::PageStore;
 use crate::definition::Quantity;
 use crate::plot::Origin;
-use crate::table::{Row, Table, short};
+use crate::table::{Place, Row, Table, short};
 
-/// One line that says everything a number depends on; `None` for published and absent ones.
-pub(super) fn citation(table: &Table, row: &Row, place: (usize, usize), stores: &[PageStore<'_>]) -> Option<String> {
-    let cell = row.cells.get(place.0)?.get(place.1).filter(|_| row.origin == Origin::Measured)?;
-    cell.value.number()?;
-    let group = table.groups.get(place.0)?;
-    let column = group.columns.get(place.1)?;
+/// One line with everything that a number depends on; `None` for published and absent numbers.
+pub(super) fn citation(table: &Table, row: &Row, place: Place, stores: &[PageStore<'_>]) -> Option<String> {
+    let cell = row.cell(place);
+    cell.value.number().filter(|_| row.origin == Origin::Measured)?;
+    let (group, column) = (&table.groups[place.0], table.column(place));
     let store = stores.iter().find(|store| Some(store.source.label) == row.store.as_deref())?;
     let provenance = &store.source.results.provenance;
     let mut text = format!("{} {}", column.title, cell.print(column));
     if let Some([low, high]) = cell.interval {
-        let print = |value| column.quantity.print(value, column.exact);
-        text.push_str(&format!(" [95 % {}, {}]", print(low), print(high)));
+        text.push_str(&format!(" [95 % {}, {}]", column.format(low), column.format(high)));
     }
     if let Some(counts) = cell.counts {
         text.push_str(&format!(" over {} scenes, {} targets", counts.scenes, counts.targets));
@@ -41,8 +39,7 @@ pub(super) fn citation(table: &Table, row: &Row, place: (usize, usize), stores: 
         }
     }
     for preset in &provenance.presets {
-        let asked = group.preset.is_none() || group.preset.as_deref() == Some(preset.published());
-        if asked {
+        if group.preset.is_none() || group.preset.as_deref() == Some(preset.published()) {
             let index = preset.index_name.as_deref().unwrap_or("unpublished");
             let (hash, digest) = (short(&preset.hash), short(&preset.index_sha256));
             text.push_str(&format!(

@@ -1,8 +1,7 @@
-use super::PageStore;
-use super::html::escaped;
+use super::{PageStore, escaped};
 use crate::table::{Table, short, verdict};
 
-/// What the page is about, in a few numbers, then a line per table.
+/// A summary in a few numbers, then a line per table.
 pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let results = || stores.iter().map(|store| store.source.results);
     let trials: usize = results().map(|results| results.trials.len()).sum();
@@ -16,7 +15,7 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     let untrained = results().flat_map(|results| &results.provenance.methods).filter(|method| method.untrained).count();
     if untrained > 0 {
         text.push_str(&format!(
-            "<p class=\"warning\">Of {methods} methods {untrained} with random weights: counts are real, quality says nothing.</p>"
+            "<p class=\"warning\">{untrained} of {methods} methods have random weights: their counts are real, their quality is meaningless.</p>"
         ));
     }
     let compared: Vec<_> =
@@ -37,7 +36,7 @@ pub(super) fn summary(tables: &[Table], stores: &[PageStore<'_>]) -> String {
     text
 }
 
-/// Every store with what made it.
+/// The provenance of every store.
 pub(super) fn origin(stores: &[PageStore<'_>]) -> String {
     stores.iter().map(store).collect()
 }
@@ -89,10 +88,7 @@ fn store(store: &PageStore<'_>) -> String {
         let count = provenance.skipped.len();
         facts.push((
             "Skipped",
-            format!(
-                "{count} index entries made no trial; the first: {} {}: {}",
-                first.scene, first.reason, first.detail
-            ),
+            format!("{count} index entries; the first: {} {}: {}", first.scene, first.reason, first.detail),
         ));
     }
     let facts: String =

@@ -1,8 +1,7 @@
-//! One HTML page with everything in it: no network, no server, nothing beside the file.
+//! One self-contained HTML page: no network, no server, no other files.
 
 mod cite;
 mod facts;
-mod html;
 mod pictures;
 mod scenes;
 mod tables;
@@ -20,9 +19,8 @@ use crate::ReportError;
 use crate::emit::{TableFormat, json_of};
 use crate::plot::Drawing;
 use crate::table::{Source, Table};
-use html::escaped;
 
-/// What stands on a page.
+/// The contents of a page.
 #[derive(Debug)]
 pub struct Page<'a> {
     /// Its title.
@@ -31,15 +29,15 @@ pub struct Page<'a> {
     pub tables: &'a [Table],
     /// Plots by name, in order.
     pub plots: &'a [(String, Drawing)],
-    /// Further plots, each group under a heading of its own.
+    /// Further plots, each group under its own heading.
     pub sections: &'a [PlotSection],
-    /// The stores, each with the folder that may hold pictures.
+    /// The stores, each with its folder.
     pub stores: &'a [PageStore<'a>],
-    /// How many bytes of pictures the page may hold.
+    /// Limit on the bytes of pictures in the page.
     pub budget: PictureBudget,
 }
 
-/// Plots under a heading of their own.
+/// Plots under their own heading.
 #[derive(Clone, Debug)]
 pub struct PlotSection {
     /// The heading.
@@ -50,12 +48,12 @@ pub struct PlotSection {
     pub plots: Vec<(String, Drawing)>,
 }
 
-/// A store and the folder that it lies in.
+/// A store and its folder.
 #[derive(Clone, Copy, Debug)]
 pub struct PageStore<'a> {
     /// Its name and rows.
     pub source: Source<'a>,
-    /// Its folder, whose `pictures` are shown; `None` shows none.
+    /// Its folder, whose `pictures` are shown; `None` for no pictures.
     pub folder: Option<&'a std::path::Path>,
 }
 
@@ -66,15 +64,15 @@ const STYLE: &str = include_str!("style.css");
 const SCRIPT: &str = include_str!("script.js");
 
 impl Page<'_> {
-    /// The file's text.
+    /// The page as HTML.
     ///
     /// # Errors
-    /// [`ReportError`] where a table or plot cannot be written; a picture that cannot be read is left out and counted.
+    /// [`ReportError`] if a table or plot cannot be written; pictures that cannot be read are omitted and counted.
     pub fn write(&self) -> Result<String, ReportError> {
         self.write_with(None)
     }
 
-    /// As [`write`](Self::write), with another script at the end, which tests click through the page with.
+    /// As [`write`](Self::write), with an extra script at the end, for tests.
     pub(crate) fn write_with(&self, extra: Option<&str>) -> Result<String, ReportError> {
         let pictures = pictures::Album::fill(self.stores, self.budget);
         let mut texts = serde_json::Map::new();
@@ -146,8 +144,8 @@ fn figures(plots: &[(String, Drawing)]) -> Result<String, ReportError> {
     let mut text = String::from("<div class=\"plots\">\n");
     for (name, drawing) in plots {
         let svg = drawing.to_svg()?;
-        let told: Vec<&str> = drawing.texts().take(2).collect();
-        let labelled = format!("<svg role=\"img\" aria-label=\"{}\" ", escaped(&told.join(". ")));
+        let heading: Vec<&str> = drawing.texts().take(2).collect();
+        let labelled = format!("<svg role=\"img\" aria-label=\"{}\" ", escaped(&heading.join(". ")));
         text.push_str(&format!(
             "<figure id=\"plot-{}\">{}</figure>\n",
             escaped(name),
@@ -158,7 +156,7 @@ fn figures(plots: &[(String, Drawing)]) -> Result<String, ReportError> {
     Ok(text)
 }
 
-/// The page with its slots filled, in one pass: what fills a slot is not searched for others.
+/// Fills the slots of the page in one pass; inserted text is not searched for slots.
 fn filled(page: &str, slots: &[(&str, String)]) -> String {
     let mut text = String::with_capacity(page.len() + slots.iter().map(|(_, own)| own.len()).sum::<usize>());
     let mut rest = page;
@@ -178,7 +176,24 @@ fn filled(page: &str, slots: &[(&str, String)]) -> String {
     text
 }
 
-/// JSON that no HTML parser takes for the end of a script.
+/// Escapes text for HTML, in elements and in attributes with either kind of quote.
+fn escaped(text: &str) -> String {
+    let mut safe = String::with_capacity(text.len());
+    for letter in text.chars() {
+        match letter {
+            '&' => safe.push_str("&amp;"),
+            '<' => safe.push_str("&lt;"),
+            '>' => safe.push_str("&gt;"),
+            '"' => safe.push_str("&quot;"),
+            '\'' => safe.push_str("&#39;"),
+            '\u{0}'..='\u{8}' | '\u{b}' | '\u{c}' | '\u{e}'..='\u{1f}' => safe.push('\u{fffd}'),
+            letter => safe.push(letter),
+        }
+    }
+    safe
+}
+
+/// JSON that is safe inside a script element.
 fn safe_json(value: &Value) -> Result<String, ReportError> {
     let text = serde_json::to_string(value)?;
     Ok(text
@@ -189,7 +204,7 @@ fn safe_json(value: &Value) -> Result<String, ReportError> {
         .replace('\u{2029}', "\\u2029"))
 }
 
-/// What the page's policy allows: these scripts to the letter, and no other.
+/// The hash by which the page's content security policy allows a script.
 fn hash_of(script: &str) -> String {
     format!("'sha256-{}'", STANDARD.encode(Sha256::digest(script.as_bytes())))
 }

@@ -8,10 +8,10 @@ use base64::engine::general_purpose::STANDARD;
 
 use super::PageStore;
 
-/// How much of a page pictures may be.
+/// A limit on the size of pictures in a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct PictureBudget {
-    /// Bytes of all pictures as they are written into the page, base64 and all.
+    /// Bytes of all pictures as written into the page, in base64.
     pub bytes: usize,
 }
 
@@ -22,7 +22,7 @@ impl Default for PictureBudget {
     }
 }
 
-/// The pictures of a page: pairs of truth and render, those of the worst scenes first, until the budget is spent.
+/// The pictures of a page: pairs of truth and render, from the worst scenes on, up to the budget.
 #[derive(Debug, Default)]
 pub(super) struct Album {
     uris: Vec<String>,
@@ -32,7 +32,7 @@ pub(super) struct Album {
     over_budget: u64,
 }
 
-/// The method under whose name a store keeps true pictures.
+/// The method name under which a store keeps ground-truth pictures.
 const TRUTH: &str = "truth";
 
 impl Album {
@@ -84,15 +84,15 @@ impl Album {
         &self.uris
     }
 
-    /// Where truth and render of a target stand.
+    /// The positions of truth and render of a target in [`Self::uris`].
     pub(super) fn places(&self, store: usize, row: &TargetRow) -> Option<[usize; 2]> {
         self.places.get(&(store, row.key.clone(), row.frame)).copied()
     }
 
-    /// How many pictures are here, and why not more.
+    /// How many pictures the page contains, and why it contains no more.
     pub(super) fn summary(&self) -> String {
         if self.found == 0 {
-            return "The stores keep no pictures: run with --keep-pictures to see renders beside truths.".to_owned();
+            return "The stores contain no pictures: run with --keep-pictures to compare renders with the ground truth.".to_owned();
         }
         let mut text = format!(
             "{} of {} pictures are in this page, those of the worst scenes first.",
@@ -113,7 +113,7 @@ impl Album {
     }
 }
 
-/// Targets of each run, scenes with the lowest mean PSNR first, runs taking turns so that none has all pictures.
+/// The targets of all runs, from the scene with the lowest mean PSNR on; runs take turns, so that none uses up the budget.
 fn worst_first(results: &Results) -> Vec<&TargetRow> {
     let mut trials: BTreeMap<&TrialKey, Vec<&TargetRow>> = BTreeMap::new();
     for row in &results.targets {
@@ -136,7 +136,7 @@ fn worst_first(results: &Results) -> Vec<&TargetRow> {
     turns.iter().filter_map(|(_, key)| trials.get(key)).flatten().copied().collect()
 }
 
-/// A picture as a data URI: the file's own bytes, after it was decoded within limits; nothing else of a folder gets into a page.
+/// A picture file as a data URI. The file must decode within limits, so that nothing but pictures is embedded.
 fn uri(path: &Path) -> Option<String> {
     let bytes = std::fs::read(path).ok()?;
     decode(&bytes, &DecodeLimits::default()).ok()?;

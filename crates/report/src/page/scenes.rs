@@ -9,7 +9,7 @@ use serde_json::{Value, json};
 use super::PageStore;
 use super::pictures::Album;
 
-/// Metrics that any target has a score of, in the order of their definitions.
+/// Metrics for which any target has a score, in the order of their definitions.
 pub(super) fn metrics(stores: &[PageStore<'_>]) -> Vec<Value> {
     let scored: BTreeSet<&str> = stores
         .iter()
@@ -17,14 +17,14 @@ pub(super) fn metrics(stores: &[PageStore<'_>]) -> Vec<Value> {
         .flat_map(|row| row.scores.keys().map(String::as_str))
         .collect();
     let known = definitions().iter().filter(|metric| scored.contains(metric.id));
-    let written = |metric: &Definition| {
+    let to_json = |metric: &Definition| {
         let decimals = if metric.unit == "dB" { 2 } else { 3 };
         json!({ "id": metric.id, "name": metric.name, "higher": metric.direction == Direction::Higher, "decimals": decimals })
     };
-    known.map(written).collect()
+    known.map(to_json).collect()
 }
 
-/// Every protocol and method with its trials: what the page's script lists.
+/// Every protocol and method with its trials, for the page's script.
 pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
     let mut runs = Vec::new();
     for (at, store) in stores.iter().enumerate() {
@@ -36,8 +36,8 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
         let mut by_run: BTreeMap<(&str, &str), Vec<Value>> = BTreeMap::new();
         for trial in &results.trials {
             let own = targets.get(&trial.key).map_or(&[][..], Vec::as_slice);
-            let written = written(trial, own, encoding(results, trial), &|row| album.places(at, row));
-            by_run.entry((&trial.key.preset, &trial.key.method)).or_default().push(written);
+            let trial_json = trial_to_json(trial, own, encoding(results, trial), &|row| album.places(at, row));
+            by_run.entry((&trial.key.preset, &trial.key.method)).or_default().push(trial_json);
         }
         for ((preset, method), trials) in by_run {
             let title = results
@@ -53,7 +53,7 @@ pub(super) fn runs(stores: &[PageStore<'_>], album: &Album) -> Vec<Value> {
     runs
 }
 
-/// Median seconds of a trial's encoding, where it is one of those that were timed, on the machine that tables show.
+/// Median seconds of a trial's encoding on the machine that tables show; `None` if the trial was not timed there.
 fn encoding(results: &Results, trial: &TrialRow) -> Option<f64> {
     let machine = machine_of(results, &trial.key.preset)?;
     let own = |row: &&TimingRow| {
@@ -62,7 +62,7 @@ fn encoding(results: &Results, trial: &TrialRow) -> Option<f64> {
     median(results.timings.iter().find(own)?.encode.iter().copied())
 }
 
-fn written(
+fn trial_to_json(
     trial: &TrialRow,
     targets: &[&TargetRow],
     encode: Option<f64>,
@@ -94,14 +94,14 @@ fn written(
     })
 }
 
-/// Scores as averages count them: PSNR of identical pictures is the declared cap.
+/// Scores as they enter averages: the PSNR of identical pictures is the declared cap.
 fn scores(row: &TargetRow) -> impl Iterator<Item = (&str, f64)> {
     let finite = row.scores.iter().map(|(metric, score)| (metric.as_str(), *score));
     let identical = row.status == atsplat_eval::TargetStatus::Identical && !row.scores.contains_key("psnr");
     finite.chain(identical.then_some(("psnr", DECIBEL_CAP)))
 }
 
-/// The list and the place where a scene is shown.
+/// The list of scenes and the details of the selected one.
 pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
     if stores.iter().all(|store| store.source.results.trials.is_empty()) {
         return "<p class=\"hint\">No trial was run.</p>".to_owned();
@@ -117,6 +117,6 @@ pub(super) fn section(stores: &[PageStore<'_>], album: &Album) -> String {
          <div class=\"browser\"><div class=\"list\" tabindex=\"0\" role=\"region\" aria-label=\"Scenes\"><table><thead><tr>\
          <th class=\"label\">Scene</th>{heads}<th></th></tr></thead><tbody id=\"list\"></tbody></table></div>\
          <div class=\"detail card\" id=\"detail\" aria-live=\"polite\"></div></div>",
-        super::html::escaped(&album.summary()),
+        super::escaped(&album.summary()),
     )
 }

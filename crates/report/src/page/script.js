@@ -21,7 +21,7 @@
     setTimeout(() => { button.textContent = before; }, 1200);
   };
 
-  // Theme: the system's, until the reader chooses.
+  // The system's theme, unless the reader chooses another.
   const root = document.documentElement;
   const dark = () => (root.dataset.theme || (matchMedia('(prefers-color-scheme: dark)').matches ? 'dark' : 'light')) === 'dark';
   const theme = at('theme');
@@ -76,7 +76,7 @@
       return row;
     });
     at('list').replaceChildren(...rows);
-    at('detail').replaceChildren(make('p', { className: 'hint', textContent: 'Select a scene. The worst stand first; ▣ marks those whose pictures are in this page.' }));
+    at('detail').replaceChildren(make('p', { className: 'hint', textContent: 'Select a scene. The worst are listed first; ▣ marks scenes with pictures in this page.' }));
     selected = null;
     const first = trials.findIndex(({ trial }) => trial.pictures.length);
     if (first >= 0) rows[first].click();
@@ -110,12 +110,12 @@
       });
       parts.push(frames, view);
     } else {
-      parts.push(make('p', { className: 'hint', textContent: 'No pictures of this scene are in this page.' }));
+      parts.push(make('p', { className: 'hint', textContent: 'This page contains no pictures of this scene.' }));
     }
     at('detail').replaceChildren(...parts, facts);
   };
 
-  // Render over truth, cut where the slider stands; below, where they differ.
+  // Render over truth, divided by the slider; below, their difference.
   const compare = (picture, scores) => {
     const truth = make('img', { src: data.pictures[picture.truth], alt: 'truth' });
     const render = make('img', { src: data.pictures[picture.render], alt: 'render', className: 'over' });
@@ -128,16 +128,16 @@
     canvas.setAttribute('role', 'img');
     canvas.setAttribute('aria-label', 'Error map');
     const gain = make('input', { type: 'range', min: 1, max: 20, value: 5 });
-    const told = make('span', { textContent: '× 5' });
-    const draw = () => { told.textContent = '× ' + gain.value; errorMap(canvas, truth, render, Number(gain.value)); };
+    const label = make('span', { textContent: '× 5' });
+    const draw = () => { label.textContent = '× ' + gain.value; errorMap(canvas, truth, render, Number(gain.value)); };
     gain.addEventListener('input', draw);
-    Promise.all([truth.decode(), render.decode()]).then(draw, () => { told.textContent = 'the pictures cannot be decoded'; });
+    Promise.all([truth.decode(), render.decode()]).then(draw, () => { label.textContent = 'the pictures cannot be decoded'; });
     return [make('p', { className: 'hint', textContent: scores }), slider,
       make('div', { className: 'maps' }, canvas, make('div', {},
-        make('label', {}, 'Error map, mean absolute difference of the 8-bit pictures ', gain, ' ', told)))];
+        make('label', {}, 'Error map, mean absolute difference of the 8-bit pictures ', gain, ' ', label)))];
   };
 
-  // Black, purple, orange, white: brighter is worse, also without colours.
+  // Black, purple, orange, white: brighter is worse, even without colours.
   const ramp = [[0, 0, 4], [87, 16, 110], [188, 55, 84], [249, 142, 9], [252, 255, 164]];
   const errorMap = (canvas, truth, render, gain) => {
     const [width, height] = [truth.naturalWidth, truth.naturalHeight];

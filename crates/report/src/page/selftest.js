@@ -1,5 +1,5 @@
 'use strict';
-// Clicks through the page as a reader would and writes what happened into it.
+// Clicks through the page as a reader would, and writes the results into it.
 (async () => {
   const results = {};
   const check = (name, passed) => { results[name] = Boolean(passed); };
@@ -44,7 +44,7 @@
       for (let i = 0; i < data.length; i += 4) sum += data[i];
       return sum;
     };
-    // Pictures are decoded while the page goes on.
+    // Pictures are decoded asynchronously.
     for (let tries = 0; tries < 100 && bright() === 0; tries += 1) await wait(50);
     const dim = bright();
     const gain = document.querySelector('.maps input');

@@ -1,6 +1,5 @@
-use super::PageStore;
 use super::cite::citation;
-use super::html::escaped;
+use super::{PageStore, escaped};
 use crate::plot::Origin;
 use crate::table::{Mark, NoteKind, Row, Table, verdict};
 
@@ -76,7 +75,7 @@ fn body(table: &Table, stores: &[PageStore<'_>]) -> String {
 fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
     let mut text = String::new();
     for (place, column) in table.columns() {
-        let Some(cell) = row.cells.get(place.0).and_then(|cells| cells.get(place.1)) else { continue };
+        let cell = row.cell(place);
         let mark = match cell.mark {
             Mark::Best => " best",
             Mark::Second => " second",
@@ -89,16 +88,16 @@ fn numbers(table: &Table, row: &Row, stores: &[PageStore<'_>]) -> String {
             }
             None => printed,
         };
-        let spread = cell.timing.as_ref().map(|timing| {
-            let print = |value| column.quantity.print(value, column.exact);
-            let [low, high] = timing.spread.quartiles.map(print);
-            format!(" title=\"quartiles {} to {}\"", escaped(&low), escaped(&high))
-        });
-        let told = cell.interval.map_or_else(String::new, |[low, high]| {
-            let print = |value| column.quantity.print(value, column.exact);
-            format!(" title=\"95 % interval {} to {}\"", escaped(&print(low)), escaped(&print(high)))
-        });
-        text.push_str(&format!("<td class=\"number{mark}\"{}>{inside}</td>", spread.unwrap_or(told)));
+        let title = |what: &str, ends: [f64; 2]| {
+            let [low, high] = ends.map(|end| escaped(&column.format(end)));
+            format!(" title=\"{what} {low} to {high}\"")
+        };
+        let title = match (&cell.timing, cell.interval) {
+            (Some(timing), _) => title("quartiles", timing.spread.quartiles),
+            (None, Some(interval)) => title("95 % interval", interval),
+            (None, None) => String::new(),
+        };
+        text.push_str(&format!("<td class=\"number{mark}\"{title}>{inside}</td>"));
     }
     text
 }

@@ -1,4 +1,4 @@
-//! The page as text, and as a browser sees it.
+//! Tests of the page as text, and in a browser.
 
 use std::path::{Path, PathBuf};
 use std::process::Command;
@@ -14,7 +14,7 @@ use crate::figures::{of_store, of_table};
 use crate::sample::{HOSTILE, store};
 use crate::table::{Mixing, tables};
 
-/// What a page is made of, kept alive.
+/// Owns the contents of a page.
 struct Sample {
     results: Results,
     folder: tempfile::TempDir,
@@ -31,7 +31,7 @@ impl Sample {
         for row in results.targets.iter().filter(|row| !row.scores.is_empty()) {
             for method in [TRUTH, row.key.method.as_str()] {
                 let key = TrialKey { method: method.to_owned(), ..row.key.clone() };
-                keep(&picture_path(folder.path(), &key, row.frame), row.target + u32::from(method != TRUTH));
+                write_picture(&picture_path(folder.path(), &key, row.frame), row.target + u32::from(method != TRUTH));
             }
         }
         let source = Source { label: LABEL, results: &results };
@@ -65,8 +65,8 @@ impl Sample {
 const TRUTH: &str = "truth";
 const LABEL: &str = "run <b>1</b>";
 
-fn keep(path: &Path, seed: u32) {
-    // Neighbouring seeds differ by five levels everywhere, so that an error map has room to grow brighter.
+fn write_picture(path: &Path, seed: u32) {
+    // Consecutive seeds differ by five levels everywhere, so that an error map is not saturated.
     let sample = |at: u32| u8::try_from((at * 37 + at * at % 251) % 200 + seed * 5).unwrap();
     let picture = ImageU8::new(16, 16, (0..768).map(sample).collect()).unwrap();
     std::fs::create_dir_all(path.parent().unwrap()).unwrap();
@@ -74,9 +74,9 @@ fn keep(path: &Path, seed: u32) {
 }
 
 #[test]
-fn nothing_from_data_becomes_markup() {
+fn data_is_escaped() {
     let page = Sample::new().write(PictureBudget::default(), None);
-    assert_eq!(page.matches("<script").count(), 2, "the data and the page's own");
+    assert_eq!(page.matches("<script").count(), 2, "the data and the page's script");
     assert_eq!(page.matches("</script").count(), 2);
     assert!(!page.contains("<b>1</b>") && page.contains("run &lt;b&gt;1&lt;/b&gt;"));
     let (_, data) = page.split_once("id=\"data\">").unwrap();
@@ -84,11 +84,11 @@ fn nothing_from_data_becomes_markup() {
     let data: Value = serde_json::from_str(data).unwrap();
     let scenes: Vec<&str> =
         data["runs"][0]["trials"].as_array().unwrap().iter().map(|trial| trial["scene"].as_str().unwrap()).collect();
-    assert!(scenes.contains(&HOSTILE), "and the data is what it was: {scenes:?}");
+    assert!(scenes.contains(&HOSTILE), "the data is unchanged: {scenes:?}");
 }
 
 #[test]
-fn nothing_is_loaded_from_anywhere() {
+fn the_page_loads_no_other_resources() {
     let page = Sample::new().write(PictureBudget::default(), None);
     assert!(page.contains("default-src 'none'") && page.contains(&hash_of(SCRIPT)));
     for part in page.split(['<', ';']) {
@@ -105,7 +105,7 @@ fn nothing_is_loaded_from_anywhere() {
 }
 
 #[test]
-fn pictures_keep_to_their_budget_and_say_what_is_missing() {
+fn pictures_respect_their_budget_and_omitted_ones_are_counted() {
     let sample = Sample::new();
     let uris = |bytes| {
         let page = sample.write(PictureBudget { bytes }, None);
@@ -121,7 +121,7 @@ fn pictures_keep_to_their_budget_and_say_what_is_missing() {
 }
 
 #[test]
-fn a_file_that_is_no_picture_stays_outside() {
+fn files_that_are_not_pictures_are_not_embedded() {
     let sample = Sample::new();
     let row = &sample.results.targets[0];
     std::fs::write(picture_path(sample.folder.path(), &row.key, row.frame), "\u{89}PNG\r\n<script>").unwrap();
@@ -129,12 +129,12 @@ fn a_file_that_is_no_picture_stays_outside() {
 }
 
 #[test]
-fn slots_are_filled_once() {
+fn slots_are_filled_in_one_pass() {
     assert_eq!(filled("a {{x}} b {{y}}{{z}}", &[("x", "{{y}}".to_owned()), ("y", "1".to_owned())]), "a {{y}} b 1");
     assert_eq!(filled("open {{x", &[]), "open {{x");
 }
 
-/// Chromium, which has to be there where `CI` is set.
+/// Chromium, which is required if `CI` is set.
 fn chromium() -> Option<PathBuf> {
     let names = ["chromium", "chromium-browser", "google-chrome"];
     let folders: Vec<PathBuf> =
@@ -166,13 +166,13 @@ fn a_browser_clicks_through_the_page() {
             .output()
             .unwrap();
         let dom = String::from_utf8_lossy(&run.stdout);
-        let (_, told) = dom.split_once("<pre id=\"selftest\" hidden=\"\">").unwrap_or_else(|| {
-            panic!("the page's test did not end: {}\n{}", String::from_utf8_lossy(&run.stderr), dom.len())
+        let (_, report) = dom.split_once("<pre id=\"selftest\" hidden=\"\">").unwrap_or_else(|| {
+            panic!("the page's test did not finish: {}\n{}", String::from_utf8_lossy(&run.stderr), dom.len())
         });
-        let (told, _) = told.split_once("</pre>").unwrap();
-        let told: serde_json::Map<String, Value> = serde_json::from_str(&told.replace("&amp;", "&")).unwrap();
+        let (report, _) = report.split_once("</pre>").unwrap();
+        let checks: serde_json::Map<String, Value> = serde_json::from_str(&report.replace("&amp;", "&")).unwrap();
         let failed: Vec<&String> =
-            told.iter().filter(|(_, passed)| **passed != Value::Bool(true)).map(|(name, _)| name).collect();
-        assert!(failed.is_empty() && told.len() >= 15, "{size}: failed {failed:?} of {told:?}");
+            checks.iter().filter(|(_, passed)| **passed != Value::Bool(true)).map(|(name, _)| name).collect();
+        assert!(failed.is_empty() && checks.len() >= 15, "{size}: failed {failed:?} of {checks:?}");
     }
 }

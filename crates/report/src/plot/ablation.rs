@@ -2,10 +2,11 @@ use super::axes::Axes;
 use super::font::shortened;
 use super::scale::Scale;
 use super::series::{Estimate, Figure, plain};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, INK, MUTED};
 
-/// What each change costs against the full method, measured beside published: gaps compare where scales do not.
+/// The cost of each change relative to the full method, measured next to published: differences are comparable even if
+/// absolute values are not.
 #[derive(Clone, Debug)]
 pub struct Ablation {
     /// Title.
@@ -14,9 +15,9 @@ pub struct Ablation {
     pub subtitle: String,
     /// The metric.
     pub quality: Figure,
-    /// The full method, of which every bar is a difference.
+    /// The full method, to which every bar shows the difference.
     pub reference: AblationRow,
-    /// What was changed.
+    /// The variants.
     pub rows: Vec<AblationRow>,
 }
 
@@ -25,9 +26,9 @@ pub struct Ablation {
 pub struct AblationRow {
     /// Its name.
     pub label: String,
-    /// The paper's number; an error where it says something else, as "Diverged".
+    /// The paper's number, or its text as an error, such as "Diverged".
     pub published: Option<Result<f64, String>>,
-    /// The mean here; of a variant, `gap` says how sure its difference is.
+    /// The measured mean.
     pub measured: Option<f64>,
     /// Variant minus reference over the same scenes.
     pub gap: Option<Estimate>,
@@ -70,8 +71,8 @@ impl Ablation {
         self.key(&mut drawing, right);
         for (at, row) in self.rows.iter().enumerate() {
             let middle = top + ROW * (at as f64 + 0.5);
-            drawing.words(
-                Words::new(shortened(&row.label, 13.0, false, left - 36.0), [left - 14.0, middle]).side(Side::Right),
+            drawing.text(
+                TextLine::new(shortened(&row.label, 13.0, false, left - 36.0), [left - 14.0, middle]).side(Side::Right),
             );
             let bar = |drawing: &mut Drawing, gap: f64, y: f64, colour| {
                 let (from, to) = (axes.x_of(0.0), axes.x_of(gap));
@@ -92,7 +93,7 @@ impl Ablation {
             if let Some(gap) = published_gap(row) {
                 bar(&mut drawing, gap, paper, GREY);
             }
-            let told = |value: Option<f64>, gap: Option<f64>| match (value, gap) {
+            let print = |value: Option<f64>, gap: Option<f64>| match (value, gap) {
                 (Some(value), Some(gap)) => {
                     Some(format!("{} ({})", self.quality.print(value), signed(self.quality, gap)))
                 }
@@ -100,20 +101,22 @@ impl Ablation {
                 _ => None,
             };
             let measured =
-                told(row.measured, row.gap.map(|gap| gap.value)).unwrap_or_else(|| "not measured".to_owned());
-            drawing.words(Words::new(measured, [right + 16.0, own]).size(12.5));
+                print(row.measured, row.gap.map(|gap| gap.value)).unwrap_or_else(|| "not measured".to_owned());
+            drawing.text(TextLine::new(measured, [right + 16.0, own]).size(12.5));
             let published = match &row.published {
-                Some(Ok(value)) => told(Some(*value), published_gap(row)),
+                Some(Ok(value)) => print(Some(*value), published_gap(row)),
                 Some(Err(text)) => Some(text.clone()),
                 None => None,
             };
-            drawing.words(Words::new(published.unwrap_or_default(), [right + 16.0, paper]).size(12.5).muted());
+            if let Some(published) = published {
+                drawing.text(TextLine::new(published, [right + 16.0, paper]).size(12.5).muted());
+            }
         }
         drawing.line([[axes.x_of(0.0), top], [axes.x_of(0.0), bottom]], Stroke::new(INK, 1.5));
         drawing
     }
 
-    /// What the colours mean, and the reference's own numbers.
+    /// The legend, with the numbers of the reference.
     fn key(&self, drawing: &mut Drawing, right: f64) {
         let own = self.reference.measured.map_or_else(String::new, |value| format!(" {}", self.quality.print(value)));
         let paper = match &self.reference.published {
@@ -124,11 +127,12 @@ impl Ablation {
         for (colour, text) in [(COLOURS[0], format!("measured; full{own}")), (GREY, format!("published; full{paper}"))]
         {
             drawing.rectangle(Extent::new(x, 66.0, x + 14.0, 78.0), Fill::solid(colour));
-            let words = Words::new(text, [x + 20.0, 72.0]).size(12.0);
-            x = words.extent().right + 24.0;
-            drawing.words(words);
+            let text = TextLine::new(text, [x + 20.0, 72.0]).size(12.0);
+            x = text.extent().right + 24.0;
+            drawing.text(text);
         }
-        drawing.words(Words { colour: MUTED, ..Words::new("value (difference)", [right + 16.0, 78.0]).size(12.0) });
+        drawing
+            .text(TextLine { colour: MUTED, ..TextLine::new("value (difference)", [right + 16.0, 78.0]).size(12.0) });
     }
 }
 

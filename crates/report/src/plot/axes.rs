@@ -1,8 +1,8 @@
 use super::scale::Scale;
-use super::shape::{Drawing, Extent, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Side, Stroke, TextLine};
 use super::theme::{GRID, MUTED};
 
-/// Where a plot's data stands, and how values become places in it.
+/// The area of a plot's data, and the scales of its axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Axes {
     pub(super) inside: Extent,
@@ -10,7 +10,7 @@ pub(super) struct Axes {
     pub(super) y: Scale,
 }
 
-/// What stands at an axis: its meaning, and how a tick is written.
+/// The title of an axis, and the format of its tick labels.
 pub(super) struct AxisText<'a> {
     pub(super) title: &'a str,
     pub(super) label: &'a dyn Fn(f64, &[f64]) -> String,
@@ -29,7 +29,7 @@ impl Axes {
         [self.x_of(x), self.y_of(y)]
     }
 
-    /// Horizontal lines with their labels on the left, and what they mean above them.
+    /// Draws horizontal grid lines with labels on the left and the title above.
     pub(super) fn draw_y(&self, drawing: &mut Drawing, text: &AxisText<'_>) {
         let Extent { left, right, top, .. } = self.inside;
         let ticks = self.y.ticks(fitting(self.inside.height(), 55.0, 8));
@@ -37,35 +37,38 @@ impl Axes {
             let y = self.y_of(*tick);
             drawing.line([[left, y], [right, y]], Stroke::new(GRID, 1.0));
             drawing
-                .words(Words::new((text.label)(*tick, &ticks), [left - 8.0, y]).size(12.0).muted().side(Side::Right));
+                .text(TextLine::new((text.label)(*tick, &ticks), [left - 8.0, y]).size(12.0).muted().side(Side::Right));
         }
-        drawing.words(Words::new(text.title, [left, top - 14.0]).size(12.0).muted());
+        drawing.text(TextLine::new(text.title, [left, top - 14.0]).size(12.0).muted());
     }
 
-    /// The line below with its ticks, and what they mean under them.
+    /// Draws the x axis with ticks, and the title below.
     pub(super) fn draw_x(&self, drawing: &mut Drawing, text: &AxisText<'_>) {
         let ticks = self.x.ticks(fitting(self.inside.width(), 90.0, 12));
         self.draw_x_at(drawing, text, &ticks);
     }
 
-    /// The same with ticks at these values.
+    /// As [`Self::draw_x`], with ticks at the given values.
     pub(super) fn draw_x_at(&self, drawing: &mut Drawing, text: &AxisText<'_>, ticks: &[f64]) {
         let Extent { left, right, bottom, .. } = self.inside;
         drawing.line([[left, bottom], [right, bottom]], Stroke::new(MUTED, 1.0));
         for tick in ticks {
             let x = self.x_of(*tick);
             drawing.line([[x, bottom], [x, bottom + 5.0]], Stroke::new(MUTED, 1.0));
-            drawing.words(
-                Words::new((text.label)(*tick, ticks), [x, bottom + 16.0]).size(12.0).muted().side(Side::Middle),
+            drawing.text(
+                TextLine::new((text.label)(*tick, ticks), [x, bottom + 16.0]).size(12.0).muted().side(Side::Middle),
             );
         }
-        drawing.words(
-            Words::new(text.title, [f64::midpoint(left, right), bottom + 36.0]).size(12.5).muted().side(Side::Middle),
+        drawing.text(
+            TextLine::new(text.title, [f64::midpoint(left, right), bottom + 36.0])
+                .size(12.5)
+                .muted()
+                .side(Side::Middle),
         );
     }
 }
 
-/// How many ticks a length has room for, two at least.
+/// The number of ticks that fit a length, at least two.
 fn fitting(length: f64, each: f64, most: usize) -> usize {
     (2..=most).rev().find(|count| *count as f64 * each <= length).unwrap_or(2)
 }

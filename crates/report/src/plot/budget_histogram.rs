@@ -1,23 +1,23 @@
 use super::axes::{Axes, AxisText};
 use super::font::shortened;
 use super::scale::{Scale, bounds, count_label};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{GRID, INK, MUTED, colour};
 
-/// How many Gaussians each scene got, where thresholds decide: one row per selection.
+/// The distribution of Gaussians per scene under uncertainty thresholds: one row per setting.
 #[derive(Clone, Debug)]
 pub struct BudgetHistogram {
     /// Title.
     pub title: String,
     /// Protocol, scenes.
     pub subtitle: String,
-    /// One per selection.
+    /// One per setting.
     pub series: Vec<BudgetSeries>,
-    /// The count of fixed ratios, as a line through all rows.
+    /// The number of Gaussians under fixed ratios, as a line through all rows.
     pub fixed: Option<f64>,
 }
 
-/// One selection.
+/// One setting.
 #[derive(Clone, Debug)]
 pub struct BudgetSeries {
     /// Its thresholds or ratios.
@@ -62,16 +62,16 @@ impl BudgetHistogram {
             }
             drawing.line([[axes.inside.left, base], [axes.inside.right, base]], Stroke::new(MUTED, 1.0));
             let name = shortened(&series.label, 13.0, true, 178.0);
-            drawing.words(Words::new(name, [196.0, base - 50.0]).bold().side(Side::Right));
+            drawing.text(TextLine::new(name, [196.0, base - 50.0]).bold().side(Side::Right));
             if let Some((low, high)) = bounds(series.gaussians.iter().copied()) {
                 let mean = series.gaussians.iter().sum::<f64>() / series.gaussians.len() as f64;
                 let range = format!("{} to {}", count_label(low), count_label(high));
-                drawing.words(
-                    Words::new(format!("mean {}", count_label(mean)), [196.0, base - 31.0])
+                drawing.text(
+                    TextLine::new(format!("mean {}", count_label(mean)), [196.0, base - 31.0])
                         .size(12.0)
                         .side(Side::Right),
                 );
-                drawing.words(Words::new(range, [196.0, base - 14.0]).size(12.0).muted().side(Side::Right));
+                drawing.text(TextLine::new(range, [196.0, base - 14.0]).size(12.0).muted().side(Side::Right));
                 let x = axes.x_of(mean);
                 drawing.line([[x, base - ROW + 22.0], [x, base + 6.0]], Stroke::new(INK, 2.0));
             }
@@ -83,15 +83,15 @@ impl BudgetHistogram {
                 drawing.line([[x, y], [x, y + 5.0]], Stroke::new(MUTED, 1.5));
                 y += 10.0;
             }
-            let words =
-                Words::new(format!("fixed ratios {}", count_label(fixed)), [x, 76.0]).size(12.0).side(Side::Middle);
-            drawing.words(words);
+            let text =
+                TextLine::new(format!("fixed ratios {}", count_label(fixed)), [x, 76.0]).size(12.0).side(Side::Middle);
+            drawing.text(text);
         }
         drawing
     }
 }
 
-/// Scenes per column of equal width.
+/// Number of scenes in each column of equal width.
 fn histogram(values: &[f64], scale: Scale) -> Vec<u64> {
     let mut columns = vec![0; COLUMNS];
     for value in values.iter().filter(|value| value.is_finite()) {

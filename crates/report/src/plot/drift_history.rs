@@ -3,13 +3,13 @@ use super::font::shortened;
 use super::labels::Labels;
 use super::scale::Scale;
 use super::series::{Estimate, Figure, plain, whisker};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, INK};
 
-/// Height of a band, in pixels, that can still be seen.
+/// The smallest visible height of a band, in pixels.
 const THINNEST: f64 = 4.0;
 
-/// A metric over runs, against the baseline that was accepted at the time.
+/// A metric over runs, with the limits of the baseline accepted at the time.
 #[derive(Clone, Debug)]
 pub struct DriftHistory {
     /// Title.
@@ -25,13 +25,13 @@ pub struct DriftHistory {
 /// One run.
 #[derive(Clone, Debug)]
 pub struct DriftRun {
-    /// Commit, date, or whatever tells runs apart.
+    /// Commit, date, or another text that distinguishes runs.
     pub label: String,
     /// The mean.
     pub quality: Estimate,
-    /// What the baseline's limits were: low, high.
+    /// The baseline's limits: low, high.
     pub limits: Option<[f64; 2]>,
-    /// Where drift was found: what moved the number, or nothing where it is told already.
+    /// If drift was found: what moved the number, or an empty text if an earlier run states it.
     pub drift: Option<String>,
 }
 
@@ -53,7 +53,7 @@ impl DriftHistory {
             let to = from + runs.len() as f64;
             if let Some(limits) = runs.first().and_then(|run| run.limits) {
                 let [low, high] = limits.map(|limit| axes.y_of(limit));
-                // Where every bit counts the limits are one number.
+                // If results must be identical, both limits are equal.
                 let thin = if low - high < THINNEST { (THINNEST - (low - high)) / 2.0 } else { 0.0 };
                 let band = Extent::new(axes.x_of(from - 0.5), high - thin, axes.x_of(to - 0.5), low + thin);
                 drawing.rectangle(band, Fill::faint(COLOURS[2], 0.18));
@@ -81,7 +81,7 @@ impl DriftHistory {
             }
             if (at as f64 / every).fract() == 0.0 {
                 let text = shortened(&run.label, 11.0, false, room * every - 6.0);
-                drawing.words(Words::new(text, [place[0], bottom + 16.0]).size(11.0).muted().side(Side::Middle));
+                drawing.text(TextLine::new(text, [place[0], bottom + 16.0]).size(11.0).muted().side(Side::Middle));
             }
         }
         drawing.line([[axes.inside.left, bottom], [axes.inside.right, bottom]], Stroke::new(GREY, 1.0));
@@ -89,7 +89,7 @@ impl DriftHistory {
             if let Some(drift) = run.drift.as_ref().filter(|drift| !drift.is_empty()) {
                 labels.place(
                     &mut drawing,
-                    Words::new(shortened(drift, 12.5, true, 240.0), [0.0, 0.0]).size(12.5).bold(),
+                    TextLine::new(shortened(drift, 12.5, true, 240.0), [0.0, 0.0]).size(12.5).bold(),
                     *place,
                 );
             }
@@ -98,12 +98,12 @@ impl DriftHistory {
         let mut x = axes.inside.left;
         for (colour, text) in key {
             drawing.disc([x + 6.0, bottom + 48.0], 5.0, Fill::solid(colour));
-            let words = Words { colour: INK, ..Words::new(text, [x + 18.0, bottom + 48.0]).size(12.0) };
-            x = words.extent().right + 24.0;
-            drawing.words(words);
+            let text = TextLine { colour: INK, ..TextLine::new(text, [x + 18.0, bottom + 48.0]).size(12.0) };
+            x = text.extent().right + 24.0;
+            drawing.text(text);
         }
         drawing.rectangle(Extent::new(x, bottom + 41.0, x + 18.0, bottom + 55.0), Fill::faint(COLOURS[2], 0.3));
-        drawing.words(Words::new("the baseline's limits", [x + 24.0, bottom + 48.0]).size(12.0));
+        drawing.text(TextLine::new("the baseline's limits", [x + 24.0, bottom + 48.0]).size(12.0));
         drawing
     }
 }

@@ -2,21 +2,21 @@ use super::axes::Axes;
 use super::font::shortened;
 use super::scale::Scale;
 use super::series::plain;
-use super::shape::{Drawing, Extent, Fill, MARGIN, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, MARGIN, Side, Stroke, TextLine};
 use super::theme::{GREY, GRID, INK, MUTED, colour};
 
-/// What estimators say against the truth, a panel for each; both in [0, 1].
+/// Estimates against the truth, both in [0, 1], with a panel per estimator.
 #[derive(Clone, Debug)]
 pub struct EstimatorScatter {
     /// Title.
     pub title: String,
-    /// What was measured, on how many.
+    /// What was measured, on how many pairs.
     pub subtitle: String,
-    /// Kinds of scenes, by the order of their colours.
+    /// Kinds of scenes, in the order of their colours.
     pub kinds: Vec<String>,
-    /// Names of bins, and the edges around them: one more.
+    /// Names of the bins.
     pub bins: Vec<String>,
-    /// Increasing, in [0, 1].
+    /// Edges of the bins, one more than bins, increasing, in [0, 1].
     pub edges: Vec<f64>,
     /// One per estimator.
     pub panels: Vec<EstimatorPanel>,
@@ -27,7 +27,7 @@ pub struct EstimatorScatter {
 pub struct EstimatorPanel {
     /// Its name.
     pub estimator: String,
-    /// A point per pair of views that it has an answer for.
+    /// A point per pair of views that it could measure.
     pub points: Vec<EstimatePoint>,
     /// Spearman's rank correlation with the truth for each kind.
     pub rank_correlations: Vec<Option<f64>>,
@@ -38,9 +38,9 @@ pub struct EstimatorPanel {
 pub struct EstimatePoint {
     /// Position in [`EstimatorScatter::kinds`].
     pub kind: usize,
-    /// What is so.
+    /// The true overlap.
     pub truth: f64,
-    /// What the estimator says.
+    /// The estimate.
     pub estimate: f64,
 }
 
@@ -50,7 +50,7 @@ const LEFT: f64 = 64.0;
 const LINE: f64 = 18.0;
 
 impl EstimatorScatter {
-    /// Draws it: on the diagonal estimate and truth agree, in a tinted square they agree on the bin.
+    /// Draws it: on the diagonal, estimate and truth are equal; in a tinted square, they fall in the same bin.
     pub fn draw(&self) -> Drawing {
         let top = 96.0 + LINE * (self.kinds.len() as f64 + 1.0);
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a few panels, a few lines")]
@@ -74,7 +74,7 @@ impl EstimatorScatter {
         drawing
     }
 
-    /// Edges both ways, the squares of agreement between them, and their names above their columns.
+    /// The edges in both directions, the squares of equal bins, and the bins' names above their columns.
     fn draw_bins(&self, drawing: &mut Drawing, axes: Axes) {
         for (name, pair) in self.bins.iter().zip(self.edges.windows(2)) {
             let (low, high) = (pair[0], pair[1]);
@@ -82,7 +82,7 @@ impl EstimatorScatter {
             drawing.rectangle(Extent::new(left, top, right, bottom), Fill::faint(GRID, 0.6));
             let name = shortened(name, 11.0, false, right - left);
             let place = [f64::midpoint(left, right), axes.inside.top - 9.0];
-            drawing.words(Words::new(name, place).size(11.0).muted().side(Side::Middle));
+            drawing.text(TextLine::new(name, place).size(11.0).muted().side(Side::Middle));
         }
         for edge in &self.edges {
             drawing.line([axes.place(*edge, 0.0), axes.place(*edge, 1.0)], Stroke::new(GRID, 1.0));
@@ -91,7 +91,7 @@ impl EstimatorScatter {
         drawing.line([axes.place(0.0, 0.0), axes.place(1.0, 1.0)], Stroke::new(GREY, 1.5));
     }
 
-    /// Both axes; the left one is labelled in the first panel alone.
+    /// Both axes; the left axis is labelled in the first panel only.
     fn draw_axes(&self, drawing: &mut Drawing, axes: Axes, first: bool) {
         let ticks: Vec<f64> = self.edges.iter().copied().chain([1.0]).collect();
         let Extent { left, top, bottom, .. } = axes.inside;
@@ -102,32 +102,32 @@ impl EstimatorScatter {
             drawing.line([[left - 5.0, y], [left, y]], Stroke::new(MUTED, 1.0));
             if first {
                 let label = super::scale::label(*tick, &ticks);
-                drawing.words(Words::new(label, [left - 8.0, y]).size(12.0).muted().side(Side::Right));
+                drawing.text(TextLine::new(label, [left - 8.0, y]).size(12.0).muted().side(Side::Right));
             }
         }
         if first {
-            drawing.words(Words::new("estimate", [MARGIN, top - 14.0]).size(12.0).muted());
+            drawing.text(TextLine::new("estimate", [MARGIN, top - 14.0]).size(12.0).muted());
         }
     }
 
-    /// The estimator's name, and for each kind its colour, its correlation and how many pairs have an answer.
+    /// The estimator's name, and the colour, correlation and number of pairs of each kind.
     fn draw_caption(&self, drawing: &mut Drawing, panel: &EstimatorPanel, [left, top]: [f64; 2]) {
         let first = top - LINE * (self.kinds.len() as f64 + 1.0) - 14.0;
-        drawing.words(Words::new(shortened(&panel.estimator, 14.0, true, SIDE), [left, first]).size(14.0).bold());
+        drawing.text(TextLine::new(shortened(&panel.estimator, 14.0, true, SIDE), [left, first]).size(14.0).bold());
         for (kind, name) in self.kinds.iter().enumerate() {
             let y = first + LINE * (kind as f64 + 1.0);
             let count = panel.points.iter().filter(|point| point.kind == kind).count();
             let rank = panel.rank_correlations.get(kind).copied().flatten();
             let rank = rank.map_or("-".to_owned(), |rank| format!("{rank:.3}").replace('-', "−"));
             drawing.disc([left + 5.0, y], 4.5, Fill::solid(colour(kind)));
-            let told = format!("{name}: rank correlation {rank} of {count} pairs");
-            let words = Words::new(shortened(&told, 12.5, false, SIDE - 16.0), [left + 15.0, y]).size(12.5);
-            drawing.words(Words { colour: INK, ..words });
+            let caption = format!("{name}: rank correlation {rank} of {count} pairs");
+            let text = TextLine::new(shortened(&caption, 12.5, false, SIDE - 16.0), [left + 15.0, y]).size(12.5);
+            drawing.text(TextLine { colour: INK, ..text });
         }
     }
 }
 
-/// The points of all kinds by turns, so that no kind covers another.
+/// The points of all kinds in turns, so that no kind covers another.
 fn interleaved(points: &[EstimatePoint], kinds: usize) -> Vec<EstimatePoint> {
     let of_kind = |kind| points.iter().filter(move |point| point.kind == kind).enumerate();
     let mut order: Vec<(usize, EstimatePoint)> =
@@ -142,7 +142,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_pair_with_an_answer_is_one_point_and_kinds_take_turns() {
+    fn every_measured_pair_is_one_point_and_kinds_take_turns() {
         let point = |kind, truth, estimate| EstimatePoint { kind, truth, estimate };
         let points = vec![
             point(0, 0.1, 0.2),
@@ -165,8 +165,8 @@ mod tests {
         let drawing = scatter.draw();
         let discs = drawing.shapes.iter().filter(|shape| matches!(shape, Shape::Disc { .. })).count();
         assert_eq!(discs, 3 + 2, "three pairs with numbers, two kinds in the caption");
-        let told: Vec<&str> = drawing.texts().collect();
-        assert!(told.contains(&"rooms: rank correlation −0.500 of 2 pairs"), "{told:?}");
-        assert!(told.contains(&"yards: rank correlation - of 2 pairs"), "{told:?}");
+        let texts: Vec<&str> = drawing.texts().collect();
+        assert!(texts.contains(&"rooms: rank correlation −0.500 of 2 pairs"), "{texts:?}");
+        assert!(texts.contains(&"yards: rank correlation - of 2 pairs"), "{texts:?}");
     }
 }

@@ -3,7 +3,7 @@ use atsplat_pixels::ImageU8;
 use super::Drawing;
 use super::picture_grid::{GridRow, PictureGrid};
 
-/// One view rendered with expansion enabled in ever more of the decoder's blocks, then the truth.
+/// Views rendered with expansion enabled in more and more of the decoder's blocks, followed by the truth.
 #[derive(Clone, Debug)]
 pub struct ExpansionStrips {
     /// Title.
@@ -30,7 +30,7 @@ pub struct ExpansionStrip {
 pub struct StripPicture {
     /// The render.
     pub image: ImageU8,
-    /// Scores and Gaussians.
+    /// Score and number of Gaussians.
     pub caption: String,
 }
 

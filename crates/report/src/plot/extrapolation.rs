@@ -1,12 +1,10 @@
 use super::axes::Axes;
-use super::font::shortened;
-use super::labels::spread;
 use super::scale::Scale;
-use super::series::{Estimate, Figure, Origin, plain};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
-use super::theme::{GREY, GRID, colour};
+use super::series::{Curve, Estimate, Figure, Origin, draw_curves, plain, series_colour};
+use super::shape::{Drawing, Extent, Fill, Side, TextLine};
+use super::theme::GRID;
 
-/// Quality against the distance outside the window of context frames.
+/// Quality against the distance from the window of context frames.
 #[derive(Clone, Debug)]
 pub struct ExtrapolationDecay {
     /// Title.
@@ -24,9 +22,9 @@ pub struct ExtrapolationDecay {
 pub struct ExtrapolationSeries {
     /// Its name.
     pub label: String,
-    /// Frames outside the window, negative before it and 0 inside, with the mean over scenes; by increasing distance.
+    /// Distance from the window in frames, negative before it and 0 inside, with the mean over scenes; ascending.
     pub points: Vec<(i64, Estimate)>,
-    /// Grey where published.
+    /// Published series are grey.
     pub origin: Origin,
 }
 
@@ -44,7 +42,7 @@ impl ExtrapolationDecay {
             x: Scale::around(distances.chain([-1.0, 1.0]), 0.03),
             y: Scale::around(values, 0.1),
         };
-        let Extent { top, bottom, right, .. } = axes.inside;
+        let Extent { top, bottom, .. } = axes.inside;
         let window = Extent::new(axes.x_of(-0.5), top, axes.x_of(0.5), bottom);
         drawing.rectangle(window, Fill::solid(GRID));
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));
@@ -55,39 +53,13 @@ impl ExtrapolationDecay {
         let text =
             super::axes::AxisText { title: "frames outside the window of context frames; 0 is inside", label: &label };
         axes.draw_x_at(&mut drawing, &text, &ticks);
-        let ends: Vec<f64> = self
-            .series
-            .iter()
-            .map(|series| series.points.last().map_or(0.0, |(_, end)| axes.y_of(end.value)))
-            .collect();
-        let heights = spread(&ends, 18.0, top + 8.0, bottom - 8.0);
-        for (at, series) in self.series.iter().enumerate() {
-            let colour = if series.origin == Origin::Published { GREY } else { colour(at) };
-            for side in [-1, 1] {
-                let part: Vec<_> = series.points.iter().filter(|(distance, _)| distance.signum() != -side).collect();
-                let band: Vec<_> =
-                    part.iter().filter_map(|(x, e)| e.interval.map(|interval| (*x as f64, interval))).collect();
-                if band.len() > 1 {
-                    let low = band.iter().map(|(x, [low, _])| axes.place(*x, *low));
-                    let high = band.iter().rev().map(|(x, [_, high])| axes.place(*x, *high));
-                    drawing.area(low.chain(high).collect::<Vec<_>>(), Fill::faint(colour, 0.16));
-                }
-                let line: Vec<_> = part.iter().map(|(x, estimate)| axes.place(*x as f64, estimate.value)).collect();
-                if line.len() > 1 {
-                    drawing.line(line, Stroke::new(colour, 2.0));
-                }
-            }
-            for (x, estimate) in &series.points {
-                drawing.disc(axes.place(*x as f64, estimate.value), 3.0, Fill::solid(colour));
-            }
-            if let (Some((x, end)), Some(height)) = (series.points.last(), heights.get(at)) {
-                let end = axes.place(*x as f64, end.value);
-                drawing.line([end, [right + 12.0, *height]], Stroke::new(colour, 1.0));
-                let room = f64::from(drawing.size().0) - right - 24.0;
-                drawing.words(Words::new(shortened(&series.label, 13.0, false, room), [right + 16.0, *height]));
-            }
-        }
-        drawing.words(Words::new("window", [axes.x_of(0.0), top - 14.0]).size(12.0).muted().side(Side::Middle));
+        let curves = self.series.iter().enumerate().map(|(at, series)| Curve {
+            label: &series.label,
+            points: series.points.iter().map(|(distance, mean)| (*distance as f64, *mean)).collect(),
+            colour: series_colour(at, series.origin),
+        });
+        draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>());
+        drawing.text(TextLine::new("window", [axes.x_of(0.0), top - 14.0]).size(12.0).muted().side(Side::Middle));
         drawing
     }
 }

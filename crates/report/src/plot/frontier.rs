@@ -2,25 +2,25 @@ use super::axes::{Axes, AxisText};
 use super::labels::Labels;
 use super::scale::{Scale, count_label, seconds_label};
 use super::series::{Estimate, Figure, Origin, origin_key, plain, whisker};
-use super::shape::{Drawing, Extent, Fill, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, MUTED};
 
-/// What quality costs: every method as a point, the frontier as a step line.
+/// Quality against cost: every method as a point, the Pareto frontier as a step line.
 #[derive(Clone, Debug)]
 pub struct Frontier {
     /// Title.
     pub title: String,
     /// Protocol, scenes, machine.
     pub subtitle: String,
-    /// What is spent.
+    /// The kind of cost.
     pub cost: CostAxis,
-    /// What is gained.
+    /// The metric.
     pub quality: Figure,
-    /// The methods; a cost that is not positive leaves its point out.
+    /// The methods; points without a positive cost are omitted.
     pub points: Vec<FrontierPoint>,
 }
 
-/// What is spent.
+/// The kind of cost.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum CostAxis {
     /// Seconds from context views to Gaussians.
@@ -29,25 +29,26 @@ pub enum CostAxis {
     Gaussians,
 }
 
-/// A method's place.
+/// A method.
 #[derive(Clone, Debug)]
 pub struct FrontierPoint {
     /// Its name.
     pub label: String,
     /// Seconds or Gaussians.
     pub cost: f64,
-    /// Quartiles of the cost, where it was measured repeatedly.
+    /// Quartiles of the cost, if it was measured repeatedly.
     pub spread: Option<[f64; 2]>,
     /// The metric.
     pub quality: Estimate,
-    /// Hollow where published: others' machines are not this one.
+    /// Published points are hollow, because their times are from other machines.
     pub origin: Origin,
-    /// Set apart, as a curve's knee.
+    /// Whether it is highlighted, such as the knee of a curve.
     pub highlighted: bool,
 }
 
 impl Frontier {
-    /// Draws it. The frontier is of each origin alone: seconds of two machines do not dominate each other.
+    /// Draws it, with separate frontiers of published and measured points, because times of different machines are not
+    /// comparable.
     pub fn draw(&self) -> Drawing {
         let mut drawing = Drawing::new(860, 520);
         drawing.heading(&self.title, &self.subtitle);
@@ -109,15 +110,15 @@ impl Frontier {
             }
         }
         for point in &shown {
-            let words = Words::new(point.label.as_str(), [0.0, 0.0]);
-            let words = if point.highlighted { words.bold() } else { words };
-            let words = if point.origin == Origin::Published { Words { colour: MUTED, ..words } } else { words };
-            labels.place(&mut drawing, words, axes.place(point.cost, point.quality.value));
+            let text = TextLine::new(point.label.as_str(), [0.0, 0.0]);
+            let text = if point.highlighted { text.bold() } else { text };
+            let text = if point.origin == Origin::Published { TextLine { colour: MUTED, ..text } } else { text };
+            labels.place(&mut drawing, text, axes.place(point.cost, point.quality.value));
         }
         drawing
     }
 
-    /// What no other point beats in both, cheapest first.
+    /// The points that no other point beats in both cost and quality, cheapest first.
     fn steps<'a>(&self, points: impl Iterator<Item = &'a FrontierPoint>) -> Vec<&'a FrontierPoint> {
         let mut sorted: Vec<&FrontierPoint> = points.collect();
         sorted.sort_by(|a, b| {
@@ -144,7 +145,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_is_beaten_in_both_is_no_step() {
+    fn dominated_points_are_not_on_the_frontier() {
         let point = |label: &str, cost: f64, quality: f64| FrontierPoint {
             label: label.to_owned(),
             cost,

@@ -3,17 +3,17 @@ use atsplat_numeric::median;
 use super::axes::{Axes, AxisText};
 use super::font::shortened;
 use super::scale::{Scale, label};
-use super::shape::{Drawing, Extent, Fill, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Stroke, TextLine};
 use super::theme::colour;
 
-/// Groups measure by measure: a small histogram for each measure, the first group filled, the others outlined.
+/// Groups compared by several measures: a small histogram per measure, with the first group filled, the others outlined.
 #[derive(Clone, Debug)]
 pub struct Histograms {
     /// Title.
     pub title: String,
     /// What the groups are, and what the heights mean.
     pub subtitle: String,
-    /// Names of the groups, by the order of their colours.
+    /// Names of the groups, in the order of their colours.
     pub groups: Vec<String>,
     /// One per measure.
     pub panels: Vec<HistogramPanel>,
@@ -24,7 +24,7 @@ pub struct Histograms {
 pub struct HistogramPanel {
     /// What is measured, with its unit.
     pub measure: String,
-    /// Numbers of each group; what is no number is left out.
+    /// Values of each group; values that are not finite are skipped.
     pub values: Vec<Vec<f64>>,
 }
 
@@ -36,11 +36,11 @@ const GAP: f64 = 28.0;
 const MARGIN: f64 = 24.0;
 const TOP: f64 = 68.0;
 const LINE: f64 = 16.0;
-/// Groups of no more than so many have a mark for each number too: a histogram of a few says little.
+/// Groups of at most this size also get a mark per value, because a histogram of few values says little.
 const FEW: usize = 40;
 
 impl Histograms {
-    /// Draws it. Heights are shares of a group, so that groups of different sizes compare.
+    /// Draws it. Heights are fractions of a group, so that groups of different sizes are comparable.
     pub fn draw(&self) -> Drawing {
         let (across, down) = (self.panels.len().clamp(1, ACROSS), self.panels.len().div_ceil(ACROSS));
         let head = 26.0 + LINE * self.groups.len() as f64;
@@ -59,10 +59,10 @@ impl Histograms {
         drawing
     }
 
-    /// The measure, and each group's key and median.
+    /// The measure, and the legend with each group's median.
     fn draw_caption(&self, drawing: &mut Drawing, panel: &HistogramPanel, [left, y]: [f64; 2]) {
         let measure = shortened(&panel.measure, 13.0, true, WIDTH);
-        drawing.words(Words::new(measure, [left, y]).size(13.0).bold());
+        drawing.text(TextLine::new(measure, [left, y]).size(13.0).bold());
         for (group, name) in self.groups.iter().enumerate() {
             let y = y + LINE * (group as f64 + 1.0);
             let values = finite(panel.values.get(group).map_or(&[][..], Vec::as_slice));
@@ -72,8 +72,8 @@ impl Histograms {
             } else {
                 drawing.line([[left, y], [left + 12.0, y]], Stroke::new(colour(group), 2.0));
             }
-            let told = shortened(&format!("{name}: median {median}"), 12.0, false, WIDTH - 18.0);
-            drawing.words(Words::new(told, [left + 18.0, y]).size(12.0));
+            let caption = shortened(&format!("{name}: median {median}"), 12.0, false, WIDTH - 18.0);
+            drawing.text(TextLine::new(caption, [left + 18.0, y]).size(12.0));
         }
     }
 
@@ -103,7 +103,7 @@ fn filled(group: usize) -> Fill {
     Fill::faint(colour(group), 0.45)
 }
 
-/// The part of the numbers in each column of equal width.
+/// The fraction of the values in each column of equal width.
 fn shares(values: &[f64], scale: Scale) -> [f64; COLUMNS] {
     let mut shares = [0.0; COLUMNS];
     let finite = finite(values);
@@ -115,7 +115,7 @@ fn shares(values: &[f64], scale: Scale) -> [f64; COLUMNS] {
     shares
 }
 
-/// The outline of the columns, from the base and back to it.
+/// The outline of the columns, starting and ending at the base.
 fn steps(shares: &[f64; COLUMNS], axes: Axes) -> Vec<[f64; 2]> {
     let Extent { left, bottom, .. } = axes.inside;
     let width = axes.inside.width() / COLUMNS as f64;
@@ -149,7 +149,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn shares_of_a_group_sum_to_one_and_what_is_no_number_counts_nowhere() {
+    fn shares_of_a_group_sum_to_one_without_nan() {
         let shares = shares(&[0.0, 0.1, 13.0, 14.0, f64::NAN], Scale::linear(0.0, 14.0));
         Tolerance::F64.assert([shares[0], shares[13], shares.iter().sum()], [0.5, 0.5, 1.0], "shares");
         assert_eq!([0.0471, 0.4166, 5.82, 15.243, 178.0].map(three_digits), ["0.047", "0.417", "5.82", "15.2", "178"]);

@@ -2,10 +2,10 @@ use super::axes::{Axes, AxisText};
 use super::labels::Labels;
 use super::scale::{Scale, count_label};
 use super::series::{Estimate, Figure, Origin, origin_key, plain, whisker};
-use super::shape::{Drawing, Extent, Fill, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Stroke, TextLine};
 use super::theme::{COLOURS, GREY};
 
-/// Quality against the number of Gaussians that a token becomes.
+/// Quality against the number of Gaussians per token.
 #[derive(Clone, Debug)]
 pub struct KScaling {
     /// Title.
@@ -14,7 +14,7 @@ pub struct KScaling {
     pub subtitle: String,
     /// The metric.
     pub quality: Figure,
-    /// Published and measured ones, in any order.
+    /// Published and measured points, in any order.
     pub points: Vec<KPoint>,
 }
 
@@ -25,9 +25,9 @@ pub struct KPoint {
     pub k: f64,
     /// The metric.
     pub quality: Estimate,
-    /// Gaussians per scene, written beside the mark.
+    /// Gaussians per scene, shown next to the mark.
     pub gaussians: Option<f64>,
-    /// Hollow where published.
+    /// Published points are hollow.
     pub origin: Origin,
 }
 
@@ -46,7 +46,7 @@ impl KScaling {
         ks.sort_by(f64::total_cmp);
         ks.dedup();
         let text = AxisText {
-            title: "Gaussians per token, K, logarithmic; beside the marks: Gaussians per scene",
+            title: "Gaussians per token, K, logarithmic; labels: Gaussians per scene",
             label: &|k, _| format!("{k}"),
         };
         axes.draw_x_at(&mut drawing, &text, &ks);
@@ -75,9 +75,9 @@ impl KScaling {
         }
         for point in &self.points {
             let Some(gaussians) = point.gaussians else { continue };
-            let words = Words::new(count_label(gaussians), [0.0, 0.0]).size(12.0);
-            let words = if point.origin == Origin::Published { words.muted() } else { words };
-            labels.place(&mut drawing, words, axes.place(point.k, point.quality.value));
+            let text = TextLine::new(count_label(gaussians), [0.0, 0.0]).size(12.0);
+            let text = if point.origin == Origin::Published { text.muted() } else { text };
+            labels.place(&mut drawing, text, axes.place(point.k, point.quality.value));
         }
         drawing
     }

@@ -1,7 +1,7 @@
-use super::shape::{Drawing, Extent, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Side, Stroke, TextLine};
 use super::theme::GREY;
 
-/// Names beside marks, placed so that none covers a mark or another name.
+/// Places labels next to marks so that none covers a mark or another label.
 #[derive(Debug)]
 pub(super) struct Labels {
     bounds: Extent,
@@ -9,7 +9,7 @@ pub(super) struct Labels {
 }
 
 const GAPS: [f64; 5] = [11.0, 17.0, 28.0, 44.0, 64.0];
-/// Farther from its mark than this a name needs a line to it.
+/// A label farther than this from its mark gets a connecting line.
 const NEAR: f64 = 17.0;
 
 impl Labels {
@@ -17,12 +17,12 @@ impl Labels {
         Self { bounds, taken: Vec::new() }
     }
 
-    /// Keeps names off a mark.
+    /// Keeps labels off a mark.
     pub(super) fn avoid(&mut self, [x, y]: [f64; 2], radius: f64) {
         self.taken.push(Extent::new(x - radius, y - radius, x + radius, y + radius));
     }
 
-    /// Keeps names off a line, in steps of a few pixels.
+    /// Keeps labels off a line, in steps of a few pixels.
     pub(super) fn avoid_line(&mut self, points: &[[f64; 2]]) {
         for pair in points.windows(2) {
             let (from, to) = (pair[0], pair[1]);
@@ -36,36 +36,36 @@ impl Labels {
         }
     }
 
-    /// Keeps names off other words.
-    pub(super) fn avoid_words(&mut self, words: &Words) {
-        self.taken.push(words.extent());
+    /// Keeps labels off another text.
+    pub(super) fn avoid_text(&mut self, text: &TextLine) {
+        self.taken.push(text.extent());
     }
 
-    /// Writes a name as near to its mark as there is room; the text, size, weight and colour are those of `words`.
-    #[expect(clippy::needless_pass_by_value, reason = "callers make the words for this call")]
-    pub(super) fn place(&mut self, drawing: &mut Drawing, words: Words, mark: [f64; 2]) {
+    /// Draws a label as near to its mark as there is room; its position and side are replaced.
+    #[expect(clippy::needless_pass_by_value, reason = "callers create the label for this call")]
+    pub(super) fn place(&mut self, drawing: &mut Drawing, text: TextLine, mark: [f64; 2]) {
         let candidates = GAPS.iter().flat_map(|gap| around(mark, *gap).map(|(at, side)| (*gap, at, side)));
         let placed = candidates.map(|(gap, at, side)| {
-            let words = Words { at, side, ..words.clone() };
-            let extent = words.extent();
+            let text = TextLine { at, side, ..text.clone() };
+            let extent = text.extent();
             let covered: f64 = self.taken.iter().map(|other| extent.shared(*other)).sum();
             let outside = if self.bounds.contains(extent) { 0.0 } else { 1e6 };
-            (covered * 100.0 + outside + gap, gap, words)
+            (covered * 100.0 + outside + gap, gap, text)
         });
         let best = placed.min_by(|a, b| a.0.total_cmp(&b.0));
-        let Some((_, gap, words)) = best else { return };
-        let extent = words.extent();
+        let Some((_, gap, text)) = best else { return };
+        let extent = text.extent();
         if gap > NEAR {
             let [x, y] = mark;
             let end = [x.clamp(extent.left, extent.right), y.clamp(extent.top, extent.bottom)];
             drawing.line([mark, end], Stroke::new(GREY, 1.0));
         }
         self.taken.push(extent);
-        drawing.words(words);
+        drawing.text(text);
     }
 }
 
-/// Eight places around a mark, the favourite first.
+/// Eight positions around a mark, in order of preference.
 fn around([x, y]: [f64; 2], gap: f64) -> [([f64; 2], Side); 8] {
     let slanted = 0.75 * gap;
     [
@@ -80,8 +80,8 @@ fn around([x, y]: [f64; 2], gap: f64) -> [([f64; 2], Side); 8] {
     ]
 }
 
-/// Heights of names at the ends of lines, moved apart by at least `gap`, as near to `wanted` as that allows and inside
-/// `low..high` where there is room; in the order of `wanted`.
+/// Heights of labels at the ends of lines: at least `gap` apart, near `wanted`, and inside `low..high` if there is room; in
+/// the order of `wanted`.
 pub(super) fn spread(wanted: &[f64], gap: f64, low: f64, high: f64) -> Vec<f64> {
     let mut order: Vec<usize> = (0..wanted.len()).collect();
     order.sort_by(|a, b| wanted[*a].total_cmp(&wanted[*b]));
@@ -104,11 +104,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_at_one_place_are_written_apart() {
+    fn labels_of_the_same_mark_do_not_overlap() {
         let bounds = Extent::new(0.0, 0.0, 400.0, 300.0);
         let (mut labels, mut drawing) = (Labels::new(bounds), Drawing::new(400, 300));
         for name in ["one", "two", "three", "four", "five", "six"] {
-            labels.place(&mut drawing, Words::new(name, [0.0, 0.0]), [200.0, 150.0]);
+            labels.place(&mut drawing, TextLine::new(name, [0.0, 0.0]), [200.0, 150.0]);
         }
         for (at, extent) in labels.taken.iter().enumerate() {
             assert!(bounds.contains(*extent));
@@ -117,7 +117,7 @@ mod tests {
     }
 
     #[test]
-    fn ends_of_lines_keep_their_order_and_distance() {
+    fn spreading_keeps_order_and_distance() {
         let placed = spread(&[50.0, 10.0, 12.0, 49.0], 15.0, 0.0, 60.0);
         assert_eq!(placed, [60.0, 10.0, 25.0, 45.0]);
         assert_eq!(spread(&[], 15.0, 0.0, 60.0), Vec::<f64>::new());

@@ -1,5 +1,5 @@
-//! Plots: plain data in, a [`Drawing`] out, which becomes SVG or PNG. Drawn with a bundled font, so that they look alike
-//! everywhere, and the same data gives the same bytes.
+//! Plots: plain data becomes a [`Drawing`], which is encoded as SVG or PNG. The font is bundled, so that plots look the
+//! same everywhere and equal data gives equal bytes.
 
 mod ablation;
 mod axes;

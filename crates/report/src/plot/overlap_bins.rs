@@ -2,10 +2,10 @@ use super::axes::Axes;
 use super::font::shortened;
 use super::scale::Scale;
 use super::series::{Estimate, Figure, Origin, origin_key, plain, whisker};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{GRID, MUTED, colour};
 
-/// Quality in each bin of overlap, and the average over all scenes.
+/// Quality in each overlap bin, and the average over all scenes.
 #[derive(Clone, Debug)]
 pub struct OverlapBinMeans {
     /// Title.
@@ -25,14 +25,14 @@ pub struct OverlapBinMeans {
 pub struct OverlapBinSeries {
     /// Its name.
     pub label: String,
-    /// In the order of the bins; `None` where there is no scene.
+    /// Means in the order of the bins; `None` for bins without scenes.
     pub means: Vec<Option<Estimate>>,
-    /// Hollow where published.
+    /// Published marks are hollow.
     pub origin: Origin,
 }
 
 impl OverlapBinMeans {
-    /// Draws it: a column per bin, in it a column per method in the order of the list below.
+    /// Draws it: a column per bin, with a mark per method in the order of the legend.
     pub fn draw(&self) -> Drawing {
         const ROW: f64 = 20.0;
         let per_row = 3;
@@ -53,7 +53,7 @@ impl OverlapBinMeans {
                 drawing.rectangle(Extent::new(left, top, right, bottom), Fill::faint(GRID, 0.4));
             }
             let name = shortened(name, 13.0, false, right - left - 8.0);
-            drawing.words(Words::new(name, [f64::midpoint(left, right), bottom + 18.0]).side(Side::Middle));
+            drawing.text(TextLine::new(name, [f64::midpoint(left, right), bottom + 18.0]).side(Side::Middle));
         }
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));
         drawing.line([[axes.inside.left, bottom], [axes.inside.right, bottom]], Stroke::new(MUTED, 1.0));
@@ -77,8 +77,8 @@ impl OverlapBinMeans {
             let (row, column) = (at / per_row, at % per_row);
             let place = [72.0 + 260.0 * column as f64, bottom + 44.0 + ROW * row as f64];
             mark(&mut drawing, place);
-            drawing.words(
-                Words::new(shortened(&series.label, 12.5, false, 230.0), [place[0] + 12.0, place[1]]).size(12.5),
+            drawing.text(
+                TextLine::new(shortened(&series.label, 12.5, false, 230.0), [place[0] + 12.0, place[1]]).size(12.5),
             );
         }
         drawing

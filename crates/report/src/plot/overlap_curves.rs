@@ -1,10 +1,9 @@
 use super::axes::Axes;
 use super::font::shortened;
-use super::labels::spread;
 use super::scale::Scale;
-use super::series::{Estimate, Figure, Origin, plain};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
-use super::theme::{GREY, GRID, colour};
+use super::series::{Curve, Estimate, Figure, Origin, draw_curves, plain, series_colour};
+use super::shape::{Drawing, Extent, Fill, Side, TextLine};
+use super::theme::GRID;
 
 /// Quality against the overlap of the context views.
 #[derive(Clone, Debug)]
@@ -21,14 +20,14 @@ pub struct OverlapCurves {
     pub series: Vec<OverlapSeries>,
 }
 
-/// A bin of overlap.
+/// An overlap bin.
 #[derive(Clone, Debug)]
 pub struct OverlapBin {
     /// Its name.
     pub name: String,
-    /// From and to, in [0, 1].
+    /// Lower and upper edge, in [0, 1].
     pub edges: [f64; 2],
-    /// Scenes in it.
+    /// Number of scenes in it.
     pub scenes: u64,
 }
 
@@ -37,9 +36,9 @@ pub struct OverlapBin {
 pub struct OverlapSeries {
     /// Its name.
     pub label: String,
-    /// Overlap in [0, 1] and the mean of the scenes around it, by increasing overlap.
+    /// Overlap in [0, 1] and the mean of the scenes around it, ascending.
     pub points: Vec<(f64, Estimate)>,
-    /// Grey where published.
+    /// Published series are grey.
     pub origin: Origin,
 }
 
@@ -63,8 +62,8 @@ impl OverlapCurves {
                 drawing.rectangle(Extent::new(from, axes.inside.top, to, axes.inside.bottom), Fill::faint(GRID, 0.45));
             }
             let name = shortened(&format!("{} · {}", bin.name, bin.scenes), 12.0, false, to - from - 6.0);
-            drawing.words(
-                Words::new(name, [f64::midpoint(from, to), axes.inside.top + 12.0])
+            drawing.text(
+                TextLine::new(name, [f64::midpoint(from, to), axes.inside.top + 12.0])
                     .size(12.0)
                     .muted()
                     .side(Side::Middle),
@@ -72,34 +71,12 @@ impl OverlapCurves {
         }
         axes.draw_y(&mut drawing, &plain(&self.quality.title()));
         axes.draw_x(&mut drawing, &plain("overlap of the context views"));
-        let ends: Vec<f64> = self
-            .series
-            .iter()
-            .map(|series| series.points.last().map_or(0.0, |(_, end)| axes.y_of(end.value)))
-            .collect();
-        let heights = spread(&ends, 18.0, axes.inside.top + 8.0, axes.inside.bottom - 8.0);
-        for (at, series) in self.series.iter().enumerate() {
-            let colour = if series.origin == Origin::Published { GREY } else { colour(at) };
-            let band: Vec<(f64, [f64; 2])> =
-                series.points.iter().filter_map(|(x, e)| e.interval.map(|i| (*x, i))).collect();
-            if band.len() > 1 {
-                let low = band.iter().map(|(x, [low, _])| axes.place(*x, *low));
-                let high = band.iter().rev().map(|(x, [_, high])| axes.place(*x, *high));
-                drawing.area(low.chain(high).collect::<Vec<_>>(), Fill::faint(colour, 0.16));
-            }
-            let points: Vec<[f64; 2]> =
-                series.points.iter().map(|(x, estimate)| axes.place(*x, estimate.value)).collect();
-            drawing.line(points.clone(), Stroke::new(colour, 2.0));
-            for point in &points {
-                drawing.disc(*point, 3.0, Fill::solid(colour));
-            }
-            if let (Some(end), Some(height)) = (points.last(), heights.get(at)) {
-                drawing.line([*end, [axes.inside.right + 12.0, *height]], Stroke::new(colour, 1.0));
-                let room = f64::from(drawing.size().0) - axes.inside.right - 24.0;
-                let name = shortened(&series.label, 13.0, false, room);
-                drawing.words(Words::new(name, [axes.inside.right + 16.0, *height]));
-            }
-        }
+        let curves = self.series.iter().enumerate().map(|(at, series)| Curve {
+            label: &series.label,
+            points: series.points.clone(),
+            colour: series_colour(at, series.origin),
+        });
+        draw_curves(&mut drawing, &axes, &curves.collect::<Vec<_>>());
         drawing
     }
 }

@@ -1,9 +1,9 @@
 use atsplat_pixels::ImageU8;
 
 use super::font::shortened;
-use super::shape::{Drawing, Extent, Side, Words};
+use super::shape::{Drawing, Extent, Side, TextLine};
 
-/// Pictures in rows and columns, with a name above each column and words below each picture.
+/// Pictures in rows and columns, with a name above each column and a caption below each picture.
 pub(super) struct PictureGrid<'a> {
     pub(super) title: &'a str,
     pub(super) subtitle: &'a str,
@@ -13,7 +13,7 @@ pub(super) struct PictureGrid<'a> {
 
 pub(super) struct GridRow<'a> {
     pub(super) label: &'a str,
-    /// One per column; `None` leaves its place empty.
+    /// One per column; `None` for an empty cell.
     pub(super) cells: Vec<Option<(&'a ImageU8, String)>>,
 }
 
@@ -44,13 +44,13 @@ impl PictureGrid<'_> {
         let left_of = |column: usize| LEFT + column as f64 * (cell + GAP);
         for (column, name) in self.columns.iter().enumerate() {
             let middle = [left_of(column) + cell / 2.0, top - 12.0];
-            drawing.words(Words::new(shortened(name, 12.5, true, cell), middle).size(12.5).bold().side(Side::Middle));
+            drawing.text(TextLine::new(shortened(name, 12.5, true, cell), middle).size(12.5).bold().side(Side::Middle));
         }
         let mut y = top;
         for row in &self.rows {
             if !row.label.is_empty() {
-                drawing.words(
-                    Words::new(shortened(row.label, 12.5, false, width - 2.0 * LEFT), [LEFT, y + 11.0])
+                drawing.text(
+                    TextLine::new(shortened(row.label, 12.5, false, width - 2.0 * LEFT), [LEFT, y + 11.0])
                         .size(12.5)
                         .muted(),
                 );
@@ -63,7 +63,8 @@ impl PictureGrid<'_> {
                 let own = cell * f64::from(image.height()) / f64::from(image.width().clamp(1, u32::MAX));
                 drawing.picture(Extent::new(left, y, left + cell, y + own), (*image).clone());
                 let middle = [left + cell / 2.0, y + height + 12.0];
-                drawing.words(Words::new(shortened(caption, 12.0, false, cell), middle).size(12.0).side(Side::Middle));
+                drawing
+                    .text(TextLine::new(shortened(caption, 12.0, false, cell), middle).size(12.0).side(Side::Middle));
             }
             y += height + CAPTION;
         }

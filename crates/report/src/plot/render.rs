@@ -6,21 +6,21 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 use super::font::{FAMILIES, FONT, PIXELS_PER_CSS, SVG_PER_CSS, register_fonts};
-use super::shape::{Drawing, Extent, Fill, Shape, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Shape, Side, Stroke, TextLine};
 use super::theme::SURFACE;
 use crate::ReportError;
 
-/// What plots are written as.
+/// A file format of plots.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PlotFormat {
-    /// Vectors, with text as text.
+    /// Vector graphics, with text as text.
     Svg,
-    /// Pixels, two to a CSS pixel in each direction.
+    /// Pixels, two per CSS pixel in each direction.
     Png,
 }
 
 impl PlotFormat {
-    /// The ending of a file's name.
+    /// The file extension.
     pub const fn extension(self) -> &'static str {
         match self {
             Self::Svg => "svg",
@@ -29,17 +29,17 @@ impl PlotFormat {
     }
 }
 
-/// plotters counts in whole pixels: a quarter of one is as fine as a reader sees.
+/// plotters uses integer pixels: a quarter of a CSS pixel is as fine as readers can see.
 const SVG_SCALE: u32 = 4;
 const PNG_SCALE: u32 = 2;
-/// A browser puts the middle of small letters at a text's place, plotters' pixels the middle of a line.
+/// Browsers centre a text vertically on its lower-case letters, plotters' bitmaps on the line.
 const RASTER_DROP: f64 = 0.17;
 
 impl Drawing {
-    /// The file's bytes; the same drawing gives the same bytes.
+    /// The bytes of a file; equal drawings give equal bytes.
     ///
     /// # Errors
-    /// [`ReportError::Font`], [`ReportError::Plot`] where plotters refuses, [`ReportError::Picture`].
+    /// [`ReportError::Font`], [`ReportError::Plot`] if plotters fails, [`ReportError::Picture`].
     pub fn encode(&self, format: PlotFormat) -> Result<Vec<u8>, ReportError> {
         match format {
             PlotFormat::Svg => Ok(self.to_svg()?.into_bytes()),
@@ -62,14 +62,14 @@ impl Drawing {
                 pictures.push_str(&svg_picture(*at, image)?);
             }
         }
-        // Pictures lie below everything but the surface, which is the first thing drawn.
+        // Pictures lie directly above the background, which is the first element.
         if let Some(surface) = text.match_indices("/>\n").next().map(|(at, end)| at + end.len()) {
             text.insert_str(surface, &pictures);
         }
         Ok(text)
     }
 
-    /// The drawing in pixels, two to a CSS pixel.
+    /// The drawing in pixels, two per CSS pixel.
     ///
     /// # Errors
     /// As [`encode`](Self::encode).
@@ -85,8 +85,8 @@ impl Drawing {
         let raster = scale == PNG_SCALE;
         let (font, drop) = if raster { (PIXELS_PER_CSS, RASTER_DROP) } else { (SVG_PER_CSS, 0.0) };
         let pen = Pen { area, scale: f64::from(scale), font, drop };
-        pen.area.fill(&SURFACE).map_err(refused)?;
-        // What an SVG embeds is blitted here; SVG itself gets it from `to_svg`.
+        pen.area.fill(&SURFACE).map_err(plot_error)?;
+        // `to_svg` embeds pictures itself.
         if raster {
             for shape in &self.shapes {
                 if let Shape::Picture { at, image } = shape {
@@ -95,14 +95,14 @@ impl Drawing {
             }
         }
         self.shapes.iter().try_for_each(|shape| pen.draw(shape))?;
-        pen.area.present().map_err(refused)
+        pen.area.present().map_err(plot_error)
     }
 }
 
-/// Lets `draw` fill an SVG of this size with plotters' own elements.
+/// An SVG of this size, drawn by `draw` with plotters' elements.
 ///
 /// # Errors
-/// [`ReportError::Font`], and what `draw` says.
+/// [`ReportError::Font`], and the errors of `draw`.
 pub fn svg_of<E: From<ReportError>>(
     size: (u32, u32),
     draw: impl FnOnce(&DrawingArea<SVGBackend<'_>, Shift>) -> Result<(), E>,
@@ -116,10 +116,10 @@ pub fn svg_of<E: From<ReportError>>(
     Ok(text.replace(&format!("font-family=\"{FONT}\""), &format!("font-family=\"{FAMILIES}\"")))
 }
 
-/// Lets `draw` fill pixels with plotters' own elements.
+/// A bitmap of this size, drawn by `draw` with plotters' elements.
 ///
 /// # Errors
-/// [`ReportError::Font`], and what `draw` says.
+/// [`ReportError::Font`], and the errors of `draw`.
 pub fn image_of<E: From<ReportError>>(
     size: (u32, u32),
     draw: impl FnOnce(&DrawingArea<BitMapBackend<'_>, Shift>) -> Result<(), E>,
@@ -136,9 +136,9 @@ pub fn image_of<E: From<ReportError>>(
 struct Pen<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
     scale: f64,
-    /// What plotters calls a font of one CSS pixel.
+    /// The font size in plotters that gives one CSS pixel.
     font: f64,
-    /// How far a text is moved down, in parts of its size.
+    /// How far text is moved down, as a fraction of its size.
     drop: f64,
 }
 
@@ -160,54 +160,56 @@ where
         let place = |points: &[[f64; 2]]| points.iter().map(|at| self.place(*at)).collect::<Vec<_>>();
         match shape {
             Shape::Line { points, stroke } => {
-                self.area.draw(&PathElement::new(place(points), self.stroke(*stroke))).map_err(refused)
+                self.area.draw(&PathElement::new(place(points), self.stroke(*stroke))).map_err(plot_error)
             }
             Shape::Area { corners, fill } => {
-                self.area.draw(&Polygon::new(place(corners), filled(*fill))).map_err(refused)
+                self.area.draw(&Polygon::new(place(corners), filled(*fill))).map_err(plot_error)
             }
-            Shape::Disc { centre, radius, fill } => {
-                self.area.draw(&Circle::new(self.place(*centre), self.length(*radius), filled(*fill))).map_err(refused)
-            }
-            // Two discs: plotters' outlines of circles have ragged insides.
+            Shape::Disc { centre, radius, fill } => self
+                .area
+                .draw(&Circle::new(self.place(*centre), self.length(*radius), filled(*fill)))
+                .map_err(plot_error),
+            // Two discs, because plotters' circle outlines have ragged insides.
             Shape::Ring { centre, radius, stroke } => {
                 let disc = |radius, style| Circle::new(self.place(*centre), self.length(radius), style);
-                self.area.draw(&disc(radius + stroke.width / 2.0, stroke.colour.filled())).map_err(refused)?;
-                self.area.draw(&disc(radius - stroke.width / 2.0, SURFACE.filled())).map_err(refused)
+                self.area.draw(&disc(radius + stroke.width / 2.0, stroke.colour.filled())).map_err(plot_error)?;
+                self.area.draw(&disc(radius - stroke.width / 2.0, SURFACE.filled())).map_err(plot_error)
             }
-            Shape::Words(words) => self.write(words),
+            Shape::Text(line) => self.write(line),
             Shape::Picture { .. } => Ok(()),
         }
     }
 
-    fn write(&self, words: &Words) -> Result<(), ReportError> {
-        let style = if words.bold { FontStyle::Bold } else { FontStyle::Normal };
-        let side = match words.side {
+    fn write(&self, line: &TextLine) -> Result<(), ReportError> {
+        let weight = if line.bold { FontStyle::Bold } else { FontStyle::Normal };
+        let side = match line.side {
             Side::Left => HPos::Left,
             Side::Middle => HPos::Center,
             Side::Right => HPos::Right,
         };
-        let font = (FONT, words.size * self.font * self.scale, style);
-        let text = TextStyle::from(font).color(&words.colour).pos(Pos::new(side, VPos::Center));
-        let [x, y] = words.at;
+        let font = (FONT, line.size * self.font * self.scale, weight);
+        let style = TextStyle::from(font).color(&line.colour).pos(Pos::new(side, VPos::Center));
+        let [x, y] = line.at;
         self.area
-            .draw(&Text::new(words.text.as_str(), self.place([x, y + words.size * self.drop]), text))
-            .map_err(refused)
+            .draw(&Text::new(line.text.as_str(), self.place([x, y + line.size * self.drop]), style))
+            .map_err(plot_error)
     }
 
-    /// Nearest samples, so that a reader sees the pixels that were scored.
+    /// Nearest-neighbour sampling, so that readers see the pixels that were scored.
     fn blit(&self, at: Extent, image: &ImageU8) -> Result<(), ReportError> {
         let (left, top) = self.place([at.left, at.top]);
         let (width, height) = (self.length(at.width()), self.length(at.height()));
         for row in 0..height {
             for column in 0..width {
-                let from = |at: u32, size: u32, samples: u32| {
-                    u64::from(at) * u64::from(samples) / u64::from(size.clamp(1, u32::MAX))
-                };
-                let source = (from(column, width, image.width()), from(row, height, image.height()));
-                let pixel = u32::try_from(source.0).ok().zip(u32::try_from(source.1).ok());
-                let Some([r, g, b]) = pixel.and_then(|(x, y)| image.pixel(x, y)) else { continue };
+                #[expect(clippy::cast_possible_truncation, reason = "less than the number of samples")]
+                let source =
+                    |at: u32, size: u32, samples: u32| (u64::from(at) * u64::from(samples) / u64::from(size)) as u32;
+                #[expect(clippy::expect_used, reason = "both positions are less than the number of samples")]
+                let [r, g, b] = image
+                    .pixel(source(column, width, image.width()), source(row, height, image.height()))
+                    .expect("a pixel of the picture");
                 let (x, y) = (left.saturating_add_unsigned(column), top.saturating_add_unsigned(row));
-                self.area.draw_pixel((x, y), &RGBColor(r, g, b)).map_err(refused)?;
+                self.area.draw_pixel((x, y), &RGBColor(r, g, b)).map_err(plot_error)?;
             }
         }
         Ok(())
@@ -226,8 +228,8 @@ fn filled(fill: Fill) -> ShapeStyle {
     fill.colour.mix(fill.opacity).filled()
 }
 
-#[expect(clippy::needless_pass_by_value, reason = "map_err hands errors over")]
-fn refused<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> ReportError {
+#[expect(clippy::needless_pass_by_value, reason = "map_err passes errors by value")]
+fn plot_error<E: std::error::Error + Send + Sync>(error: DrawingAreaErrorKind<E>) -> ReportError {
     ReportError::Plot(error.to_string())
 }
 

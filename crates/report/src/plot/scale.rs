@@ -1,4 +1,4 @@
-/// How values become places along an axis.
+/// Maps values to positions along an axis.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Scale {
     low: f64,
@@ -13,27 +13,27 @@ enum Rule {
 }
 
 impl Scale {
-    /// From `low` to `high`; made a little wider where they coincide.
+    /// From `low` to `high`; slightly wider if they are equal.
     pub(super) fn linear(low: f64, high: f64) -> Self {
         let (low, high) = if low <= high { (low, high) } else { (high, low) };
         let slack = if high > low { 0.0 } else { 0.5 };
         Self { low: low - slack, high: high + slack, rule: Rule::Linear }
     }
 
-    /// Around all finite values, with `share` of their range left free on either side.
+    /// Around all finite values, with a margin of `share` of their range on either side.
     pub(super) fn around(values: impl IntoIterator<Item = f64>, share: f64) -> Self {
         let (low, high) = bounds(values).unwrap_or((0.0, 1.0));
         let slack = if high > low { (high - low) * share } else { 0.05 * high.abs() + 1e-6 };
         Self::linear(low - slack, high + slack)
     }
 
-    /// From zero to a little above all values.
+    /// From zero to slightly above all values.
     pub(super) fn from_zero(values: impl IntoIterator<Item = f64>) -> Self {
         let high = bounds(values).map_or(1.0, |(_, high)| high);
         Self::linear(0.0, if high > 0.0 { high * 1.08 } else { 1.0 })
     }
 
-    /// Logarithmic around all positive values, with `share` of their range left free on either side.
+    /// Logarithmic around all positive values, with a margin of `share` of their range on either side.
     pub(super) fn logarithmic(values: impl IntoIterator<Item = f64>, share: f64) -> Self {
         let positive = values.into_iter().filter(|value| *value > 0.0).map(f64::ln);
         let (low, high) = bounds(positive).unwrap_or((0.0, 1.0));
@@ -41,7 +41,7 @@ impl Scale {
         Self { low: (low - slack).exp(), high: (high + slack).exp(), rule: Rule::Logarithmic }
     }
 
-    /// Where a value lies: 0 at the low end, 1 at the high one.
+    /// The position of a value: 0 at the low end, 1 at the high end.
     pub(super) fn share(self, value: f64) -> f64 {
         match self.rule {
             Rule::Linear => (value - self.low) / (self.high - self.low),
@@ -57,7 +57,7 @@ impl Scale {
         self.high
     }
 
-    /// Round values inside, about `wanted` of them.
+    /// About `wanted` round values inside the range.
     pub(super) fn ticks(self, wanted: usize) -> Vec<f64> {
         match self.rule {
             Rule::Linear => self.linear_ticks(wanted),
@@ -74,7 +74,7 @@ impl Scale {
         let mut ticks = Vec::new();
         let mut at = first;
         while at <= last && ticks.len() < 100 {
-            // Not a sum of steps, whose error would show in labels; and never "-0".
+            // Multiplied, because summed rounding errors would show in labels; `+ 0.0` avoids "-0".
             ticks.push(at * step + 0.0);
             at += 1.0;
         }
@@ -102,7 +102,7 @@ impl Scale {
     }
 }
 
-/// The least and the greatest finite value.
+/// The smallest and the largest finite value.
 pub(super) fn bounds(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)> {
     let finite = values.into_iter().filter(|value| value.is_finite());
     finite.fold(None, |bounds, value| match bounds {
@@ -111,7 +111,7 @@ pub(super) fn bounds(values: impl IntoIterator<Item = f64>) -> Option<(f64, f64)
     })
 }
 
-/// A tick's label with as many decimals as all of them need.
+/// A tick's label, with as many decimals as all ticks need.
 pub(super) fn label(value: f64, ticks: &[f64]) -> String {
     const MOST: usize = 6;
     let whole = |decimals: usize| {
@@ -131,7 +131,7 @@ pub(super) fn count_label(value: f64) -> String {
     }
 }
 
-/// Seconds in the unit that a reader would choose.
+/// Seconds in a suitable unit.
 pub(super) fn seconds_label(secs: f64) -> String {
     match secs {
         secs if secs >= 100.0 => format!("{} min", trimmed(secs / 60.0)),
@@ -141,7 +141,7 @@ pub(super) fn seconds_label(secs: f64) -> String {
     }
 }
 
-/// Three digits at most, no zeros at the end.
+/// At most three digits, without trailing zeros.
 fn trimmed(value: f64) -> String {
     let decimals = if value >= 100.0 { 0 } else { usize::from(value < 10.0) + 1 };
     let text = format!("{value:.decimals$}");
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn labels_tell_ticks_apart() {
+    fn labels_have_as_many_digits_as_needed() {
         assert_eq!(label(0.25, &[0.0, 0.25, 0.5]), "0.25");
         assert_eq!(label(28.0, &[26.0, 28.0]), "28");
         assert_eq!([950.0, 23_040.0, 131_072.0, 5_898_240.0].map(count_label), ["950", "23K", "131K", "5.9M"]);
@@ -180,7 +180,7 @@ mod tests {
     }
 
     #[test]
-    fn shares_run_from_zero_to_one() {
+    fn positions_range_from_zero_to_one() {
         let scale = Scale::logarithmic([1.0, 100.0], 0.0);
         assert!(scale.share(10.0) > 0.49 && scale.share(10.0) < 0.51);
         assert_eq!(Scale::linear(2.0, 4.0).share(3.0).to_bits(), 0.5f64.to_bits());

@@ -3,7 +3,7 @@ use super::font::shortened;
 use super::labels::Labels;
 use super::scale::Scale;
 use super::series::{Figure, plain};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{COLOURS, GREY, MUTED};
 
 /// Two methods scene by scene.
@@ -15,13 +15,13 @@ pub struct SceneScatter {
     pub subtitle: String,
     /// The metric.
     pub quality: Figure,
-    /// Name of the method along x.
+    /// Name of the method on the x axis.
     pub x: String,
-    /// Name of the method along y.
+    /// Name of the method on the y axis.
     pub y: String,
     /// A point per scene.
     pub points: Vec<ScatterPoint>,
-    /// How many of the scenes farthest from the diagonal are named.
+    /// How many of the scenes farthest from the diagonal are labelled.
     pub named: usize,
 }
 
@@ -30,9 +30,9 @@ pub struct SceneScatter {
 pub struct ScatterPoint {
     /// Its key.
     pub scene: String,
-    /// The metric under the method along x.
+    /// The metric of the method on the x axis.
     pub x: f64,
-    /// And along y.
+    /// The metric of the method on the y axis.
     pub y: f64,
 }
 
@@ -66,16 +66,16 @@ impl SceneScatter {
             if above { (wins, self.points.len() - wins - ties) } else { (self.points.len() - wins - ties, wins) };
         let Extent { left, right, top, bottom } = axes.inside;
         let name = |y: bool| if y == above { &self.y } else { &self.x };
-        let told = |count: usize, name: &str, x: f64| shortened(&format!("{name} better: {count}"), 12.5, true, x);
+        let caption = |count: usize, name: &str| shortened(&format!("{name} better: {count}"), 12.5, true, 260.0);
         let mut labels = Labels::new(Extent::new(left, top, right + 70.0, bottom - 2.0));
-        let upper = Words::new(told(first, name(true), 260.0), [left + 12.0, top + 14.0]).size(12.5).bold();
-        let lower = Words::new(told(second, name(false), 260.0), [right - 4.0, bottom - 16.0])
+        let upper = TextLine::new(caption(first, name(true)), [left + 12.0, top + 14.0]).size(12.5).bold();
+        let lower = TextLine::new(caption(second, name(false)), [right - 4.0, bottom - 16.0])
             .size(12.5)
             .bold()
             .side(Side::Right);
-        for words in [upper, lower] {
-            labels.avoid_words(&words);
-            drawing.words(words);
+        for text in [upper, lower] {
+            labels.avoid_text(&text);
+            drawing.text(text);
         }
         labels.avoid_line(&[corner(scale.low()), corner(scale.high())]);
         for point in &self.points {
@@ -84,16 +84,17 @@ impl SceneScatter {
         let mut order: Vec<&ScatterPoint> = self.points.iter().filter(|point| !is_tie(point)).collect();
         order.sort_by(|a, b| (b.x - b.y).abs().total_cmp(&(a.x - a.y).abs()).then_with(|| a.scene.cmp(&b.scene)));
         for point in order.into_iter().take(self.named) {
-            let words = Words {
+            let text = TextLine {
                 colour: MUTED,
-                ..Words::new(shortened(&point.scene, 11.5, false, 130.0), [0.0, 0.0]).size(11.5)
+                ..TextLine::new(shortened(&point.scene, 11.5, false, 130.0), [0.0, 0.0]).size(11.5)
             };
-            labels.place(&mut drawing, words, axes.place(point.x, point.y));
+            labels.place(&mut drawing, text, axes.place(point.x, point.y));
         }
         drawing
     }
 }
-/// Whether both methods score alike, to the bit.
+
+/// Whether both methods have exactly the same score.
 fn is_tie(point: &ScatterPoint) -> bool {
     point.x.total_cmp(&point.y).is_eq()
 }

@@ -4,9 +4,9 @@ use plotters::style::RGBColor;
 use super::font;
 use super::theme::{INK, MUTED};
 
-/// A picture of shapes, before it becomes SVG or PNG: what plots fill, and what their tests ask.
+/// A drawing made of shapes, to be encoded as SVG or PNG.
 ///
-/// Units are CSS pixels, +x right, +y down, the origin at the upper left corner.
+/// Units are CSS pixels, +x right, +y down, with the origin in the upper left corner.
 #[derive(Clone, Debug)]
 pub struct Drawing {
     pub(super) width: u32,
@@ -14,14 +14,14 @@ pub struct Drawing {
     pub(super) shapes: Vec<Shape>,
 }
 
-/// What a drawing is made of, later ones above earlier ones.
+/// An element of a drawing; later elements are above earlier ones.
 #[derive(Clone, Debug)]
 pub(super) enum Shape {
     Line { points: Vec<[f64; 2]>, stroke: Stroke },
     Disc { centre: [f64; 2], radius: f64, fill: Fill },
     Ring { centre: [f64; 2], radius: f64, stroke: Stroke },
     Area { corners: Vec<[f64; 2]>, fill: Fill },
-    Words(Words),
+    Text(TextLine),
     Picture { at: Extent, image: ImageU8 },
 }
 
@@ -39,9 +39,9 @@ pub(super) struct Fill {
     pub(super) opacity: f64,
 }
 
-/// A line of text. `at` is the middle of its height, and horizontally where `side` says.
+/// A line of text, vertically centred on `at` and horizontally aligned to it by `side`.
 #[derive(Clone, Debug)]
-pub(super) struct Words {
+pub(super) struct TextLine {
     pub(super) text: String,
     pub(super) at: [f64; 2],
     pub(super) size: f64,
@@ -50,7 +50,7 @@ pub(super) struct Words {
     pub(super) side: Side,
 }
 
-/// Which part of a text stands at its place.
+/// The part of a text that is aligned to its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Side {
     Left,
@@ -80,7 +80,7 @@ impl Extent {
         self.bottom - self.top
     }
 
-    /// Area that two rectangles share, in square pixels.
+    /// The area of the intersection, in square pixels.
     pub(super) fn shared(self, other: Self) -> f64 {
         let length = |low: f64, high: f64| (high - low).clamp(0.0, f64::INFINITY);
         let left = if self.left > other.left { self.left } else { other.left };
@@ -111,8 +111,8 @@ impl Fill {
     }
 }
 
-impl Words {
-    /// Ordinary text of 13 pixels, from `at` to the right.
+impl TextLine {
+    /// Plain text of 13 pixels, left-aligned to `at`.
     pub(super) fn new(text: impl Into<String>, at: [f64; 2]) -> Self {
         Self { text: text.into(), at, size: 13.0, bold: false, colour: INK, side: Side::Left }
     }
@@ -133,7 +133,7 @@ impl Words {
         Self { side, ..self }
     }
 
-    /// The space it takes.
+    /// Its bounding box.
     pub(super) fn extent(&self) -> Extent {
         let (width, height) = (font::width_of(&self.text, self.size, self.bold), self.size);
         let [x, y] = self.at;
@@ -156,10 +156,10 @@ impl Drawing {
         (self.width, self.height)
     }
 
-    /// Every text in it, in the order of drawing.
+    /// Every text in the drawing, in drawing order.
     pub fn texts(&self) -> impl Iterator<Item = &str> {
         self.shapes.iter().filter_map(|shape| match shape {
-            Shape::Words(words) => Some(words.text.as_str()),
+            Shape::Text(text) => Some(text.text.as_str()),
             _ => None,
         })
     }
@@ -185,23 +185,23 @@ impl Drawing {
         self.area([[left, top], [right, top], [right, bottom], [left, bottom]], fill);
     }
 
-    pub(super) fn words(&mut self, words: Words) {
-        self.shapes.push(Shape::Words(words));
+    pub(super) fn text(&mut self, text: TextLine) {
+        self.shapes.push(Shape::Text(text));
     }
 
     pub(super) fn picture(&mut self, at: Extent, image: ImageU8) {
         self.shapes.push(Shape::Picture { at, image });
     }
 
-    /// Title above, what it is about below in small letters.
+    /// A title, and a subtitle in smaller letters below.
     pub(super) fn heading(&mut self, title: &str, subtitle: &str) {
         let room = f64::from(self.width) - 2.0 * MARGIN;
-        self.words(Words::new(font::shortened(title, 17.0, true, room), [MARGIN, 26.0]).size(17.0).bold());
+        self.text(TextLine::new(font::shortened(title, 17.0, true, room), [MARGIN, 26.0]).size(17.0).bold());
         if !subtitle.is_empty() {
-            self.words(Words::new(font::shortened(subtitle, 12.5, false, room), [MARGIN, 48.0]).size(12.5).muted());
+            self.text(TextLine::new(font::shortened(subtitle, 12.5, false, room), [MARGIN, 48.0]).size(12.5).muted());
         }
     }
 }
 
-/// Left of titles.
+/// The left margin of titles.
 pub(super) const MARGIN: f64 = 20.0;

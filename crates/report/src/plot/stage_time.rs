@@ -3,10 +3,10 @@ use atsplat_numeric::Extremes as _;
 use super::axes::{Axes, AxisText};
 use super::font::{shortened, width_of};
 use super::scale::{Scale, seconds_label};
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{GRID, MUTED, ON_LIGHT, SURFACE, colour};
 
-/// Where the time goes: a bar per method, cut into stages.
+/// Where the time goes: a bar per method, divided into stages.
 #[derive(Clone, Debug)]
 pub struct StageTime {
     /// Title.
@@ -24,8 +24,10 @@ pub struct StageTimeRow {
     pub label: String,
     /// Stage and seconds, in the order in which they run.
     pub stages: Vec<(String, f64)>,
-    /// From which to which all of them took, as quartiles do.
+    /// Quartiles of the total.
     pub spread: Option<[f64; 2]>,
+    /// Why there are no times; shown in place of the bar.
+    pub untimed: Option<String>,
 }
 
 impl StageTime {
@@ -55,23 +57,31 @@ impl StageTime {
         Self::key(&mut drawing, &names);
         for (at, row) in self.rows.iter().enumerate() {
             let middle = inside.top + ROW * (at as f64 + 0.5);
-            drawing.words(
-                Words::new(shortened(&row.label, 13.0, false, room), [inside.left - 12.0, middle]).side(Side::Right),
+            drawing.text(
+                TextLine::new(shortened(&row.label, 13.0, false, room), [inside.left - 12.0, middle]).side(Side::Right),
             );
+            if let Some(reason) = &row.untimed {
+                let at = [inside.left + 8.0, middle];
+                let room = f64::from(drawing.size().0) - at[0] - 16.0;
+                let reason = shortened(&format!("not timed: {reason}"), 12.0, false, room);
+                drawing.text(TextLine::new(reason, at).size(12.0).muted());
+                continue;
+            }
             let mut from = 0.0;
             for (name, secs) in row.stages.iter().filter(|(_, secs)| *secs > 0.0) {
-                let stage = names.iter().position(|known| known == name).unwrap_or(0);
+                #[expect(clippy::expect_used, reason = "the names were collected from the same rows")]
+                let stage = names.iter().position(|known| known == name).expect("the name of a stage");
                 let part = Extent::new(axes.x_of(from), middle - 16.0, axes.x_of(from + secs), middle + 16.0);
                 drawing.rectangle(part, Fill::solid(colour(stage)));
                 drawing.line([[part.right, part.top], [part.right, part.bottom]], Stroke::new(SURFACE, 1.0));
                 let text = seconds_label(*secs);
                 if width_of(&text, 11.5, true) + 10.0 < part.width() {
                     let light = stage % 6 >= 3;
-                    let words = Words::new(text, [f64::midpoint(part.left, part.right), middle])
+                    let text = TextLine::new(text, [f64::midpoint(part.left, part.right), middle])
                         .size(11.5)
                         .bold()
                         .side(Side::Middle);
-                    drawing.words(Words { colour: if light { ON_LIGHT } else { SURFACE }, ..words });
+                    drawing.text(TextLine { colour: if light { ON_LIGHT } else { SURFACE }, ..text });
                 }
                 from += secs;
             }
@@ -85,7 +95,7 @@ impl StageTime {
                 }
                 right = right.maximum_of(high);
             }
-            drawing.words(Words::new(seconds_label(from), [right + 8.0, middle]).size(12.5).bold());
+            drawing.text(TextLine::new(seconds_label(from), [right + 8.0, middle]).size(12.5).bold());
         }
         drawing
     }
@@ -93,13 +103,13 @@ impl StageTime {
     fn key(drawing: &mut Drawing, names: &[&str]) {
         let mut x = 20.0;
         for (at, name) in names.iter().enumerate() {
-            let words = Words::new(shortened(name, 12.0, false, 160.0), [x + 20.0, 76.0]).size(12.0);
-            let right = words.extent().right;
+            let text = TextLine::new(shortened(name, 12.0, false, 160.0), [x + 20.0, 76.0]).size(12.0);
+            let right = text.extent().right;
             if right > f64::from(drawing.size().0) - 20.0 {
                 break;
             }
             drawing.rectangle(Extent::new(x, 70.0, x + 14.0, 82.0), Fill::solid(colour(at)));
-            drawing.words(words);
+            drawing.text(text);
             x = right + 20.0;
         }
     }

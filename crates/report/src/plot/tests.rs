@@ -1,16 +1,16 @@
-//! What every plot promises, asked of the synthetic gallery: nothing is cut off, no text covers another, the same data
-//! gives the same bytes, and odd data gives a picture and no panic.
+//! Tests of all plots on synthetic data: nothing is cut off, no text covers another, equal data gives equal bytes, and
+//! degenerate data does not panic.
 
 use super::shape::{Drawing, Extent, Shape};
 use super::*;
 use crate::gallery::{gallery, odd_gallery};
 
 fn texts(drawing: &Drawing) -> Vec<(&str, Extent)> {
-    let words = drawing.shapes.iter().filter_map(|shape| match shape {
-        Shape::Words(words) if !words.text.is_empty() => Some((words.text.as_str(), words.extent())),
+    let text = drawing.shapes.iter().filter_map(|shape| match shape {
+        Shape::Text(text) if !text.text.is_empty() => Some((text.text.as_str(), text.extent())),
         _ => None,
     });
-    words.collect()
+    text.collect()
 }
 
 #[test]
@@ -18,7 +18,7 @@ fn every_text_is_inside_the_plot_and_covers_no_other() {
     for (name, drawing) in gallery() {
         let page = Extent::new(0.0, 0.0, f64::from(drawing.width), f64::from(drawing.height));
         let texts = texts(&drawing);
-        assert!(texts.len() > 3, "{name} says nothing");
+        assert!(texts.len() > 3, "{name} has too few texts");
         for (at, (text, extent)) in texts.iter().enumerate() {
             assert!(page.contains(*extent), "{name}: {text:?} is cut off: {extent:?} in {page:?}");
             for (other, place) in &texts[at + 1..] {
@@ -40,7 +40,7 @@ fn every_shape_is_inside_the_plot() {
                 Shape::Area { corners, .. } => corners.iter().all(inside),
                 Shape::Disc { centre, .. } | Shape::Ring { centre, .. } => inside(centre),
                 Shape::Picture { at, .. } => inside(&[at.left, at.top]) && inside(&[at.right, at.bottom]),
-                Shape::Words(_) => true,
+                Shape::Text(_) => true,
             };
             assert!(fits, "{name}: {shape:?}");
         }
@@ -48,7 +48,7 @@ fn every_shape_is_inside_the_plot() {
 }
 
 #[test]
-fn the_same_data_gives_the_same_bytes() {
+fn equal_data_gives_equal_bytes() {
     for ((name, first), (_, second)) in gallery().into_iter().zip(gallery()) {
         assert_eq!(first.to_svg().unwrap(), second.to_svg().unwrap(), "{name}");
     }
@@ -57,10 +57,10 @@ fn the_same_data_gives_the_same_bytes() {
 }
 
 #[test]
-fn an_svg_asks_for_fonts_that_exist_and_escapes_names() {
+fn an_svg_uses_real_fonts_and_escapes_names() {
     for (name, drawing) in gallery() {
         let svg = drawing.to_svg().unwrap();
-        assert!(!svg.contains("\"atsplat\""), "{name} asks for a font that only plotters knows");
+        assert!(!svg.contains("\"atsplat\""), "{name} uses the internal font name");
         assert!(
             svg.starts_with(&format!("<svg width=\"{}\" height=\"{}\" viewBox", drawing.width, drawing.height)),
             "{name}"
@@ -80,7 +80,7 @@ fn an_svg_asks_for_fonts_that_exist_and_escapes_names() {
 }
 
 #[test]
-fn a_png_has_two_pixels_to_a_css_pixel_and_shows_its_colours() {
+fn a_png_has_two_pixels_per_css_pixel_and_the_right_colours() {
     let (_, drawing) = gallery().into_iter().find(|(name, _)| *name == "frontier-gaussians").unwrap();
     let image = drawing.to_image().unwrap();
     assert_eq!((image.width(), image.height()), (2 * drawing.width, 2 * drawing.height));
@@ -89,7 +89,7 @@ fn a_png_has_two_pixels_to_a_css_pixel_and_shows_its_colours() {
 }
 
 #[test]
-fn odd_data_gives_a_picture() {
+fn degenerate_data_gives_a_drawing() {
     for (name, drawing) in odd_gallery() {
         let svg = drawing.to_svg().unwrap();
         assert!(!svg.contains("NaN") && svg.ends_with("</svg>\n"), "{name}: {svg}");

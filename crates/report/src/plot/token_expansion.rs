@@ -1,7 +1,7 @@
 use atsplat_pixels::ImageU8;
 
 use super::scale::bounds;
-use super::shape::{Drawing, Extent, Fill, Side, Stroke, Words};
+use super::shape::{Drawing, Extent, Fill, Side, Stroke, TextLine};
 use super::theme::{INK, SURFACE, colour};
 
 /// Expanded tokens as seen by a camera: children around their parents.
@@ -9,11 +9,11 @@ use super::theme::{INK, SURFACE, colour};
 pub struct TokenExpansion {
     /// Title.
     pub title: String,
-    /// Scene, frame, how a token's place is found.
+    /// Scene, frame, how a token's position is found.
     pub subtitle: String,
-    /// What the camera sees, under the tokens.
+    /// The camera's picture, drawn below the tokens.
     pub picture: Option<ImageU8>,
-    /// Width and height in pixels of the picture that places are in.
+    /// Width and height of the picture in pixels, in which positions are given.
     pub size: [f64; 2],
     /// Parents with their children.
     pub expansions: Vec<Expansion>,
@@ -22,16 +22,16 @@ pub struct TokenExpansion {
 /// A parent and its children, in pixels: +x right, +y down.
 #[derive(Clone, Debug)]
 pub struct Expansion {
-    /// Which of the decoder's blocks expanded it, from 1.
+    /// The decoder block that expanded it, counted from 1.
     pub block: usize,
     /// The mean centre of the parent's Gaussians.
     pub parent: [f64; 2],
-    /// Those of its children.
+    /// The mean centres of its children's Gaussians.
     pub children: Vec<[f64; 2]>,
 }
 
 impl TokenExpansion {
-    /// Draws it; what lies outside the picture is left out.
+    /// Draws it; tokens outside the picture are omitted.
     pub fn draw(&self) -> Drawing {
         const LARGEST: f64 = 720.0;
         let [width, height] = self.size.map(|length| if length >= 1.0 { length } else { 1.0 });
@@ -71,10 +71,10 @@ impl TokenExpansion {
         let blocks = bounds(shown.iter().map(|expansion| expansion.block as f64));
         let mut x = 20.0;
         let mut entry = |drawing: &mut Drawing, text: String, mark: &dyn Fn(&mut Drawing, [f64; 2])| {
-            let words = Words { colour: INK, ..Words::new(text, [x + 16.0, 76.0]).size(12.0).side(Side::Left) };
+            let text = TextLine { colour: INK, ..TextLine::new(text, [x + 16.0, 76.0]).size(12.0).side(Side::Left) };
             mark(drawing, [x + 6.0, 76.0]);
-            x = words.extent().right + 20.0;
-            drawing.words(words);
+            x = text.extent().right + 20.0;
+            drawing.text(text);
         };
         entry(drawing, "parent".to_owned(), &|drawing, at| drawing.ring(at, 3.5, Stroke::new(INK, 1.5)));
         entry(drawing, "child".to_owned(), &|drawing, at| drawing.disc(at, 2.5, Fill::solid(INK)));

@@ -3,7 +3,7 @@ use atsplat_pixels::ImageU8;
 use super::Drawing;
 use super::picture_grid::{GridRow, PictureGrid};
 
-/// Where the method errs, where it expects to, and where it spends its Gaussians.
+/// The method's error, its predicted error, and where it adds Gaussians.
 #[derive(Clone, Debug)]
 pub struct UncertaintyTriplets {
     /// Title.
@@ -14,7 +14,7 @@ pub struct UncertaintyTriplets {
     pub rows: Vec<UncertaintyRow>,
 }
 
-/// One view; the maps may be of other sizes than the picture.
+/// One view; the maps may differ in size from the picture.
 #[derive(Clone, Debug)]
 pub struct UncertaintyRow {
     /// Scene and frame.
@@ -23,11 +23,11 @@ pub struct UncertaintyRow {
     pub render: ImageU8,
     /// D-SSIM against the truth, as colours.
     pub error: ImageU8,
-    /// What the network predicted, as colours.
+    /// The error predicted by the network, as colours.
     pub predicted: ImageU8,
     /// Alpha of the Gaussians of the selected tokens.
     pub selected_alpha: ImageU8,
-    /// Words below error, prediction and alpha: mean error, correlation, share selected.
+    /// Captions of error, prediction and alpha: mean error, correlation, share selected.
     pub captions: [String; 3],
 }
 

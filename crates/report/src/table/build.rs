@@ -5,28 +5,28 @@ use super::edition::{Edition, Part, editions};
 use super::footer::footer;
 use super::measure::{cells, has_leaked};
 use super::rank::rank;
-use super::{Cell, Column, Group, Row, Source, Table, Value};
+use super::{Cell, Column, Group, Row, Source, Table, Value, has_trials};
 use crate::ReportError;
 use crate::definition::{
     ColumnGroup, MeasuredLabel, PublishedRow, Quantity, RowDefinition, TableDefinition, is_ablation,
 };
 use crate::plot::Origin;
 
-/// What becomes of results whose protocols differ.
+/// How results of different protocols are combined.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Mixing {
-    /// Each protocol has a table of its own.
+    /// Each protocol gets its own table.
     #[default]
     Apart,
-    /// They stand in one table, which says so.
+    /// They share one table, which says so.
     Forced,
 }
 
 /// The tables of a definition: one per protocol that was run, or the published numbers alone.
 ///
 /// # Errors
-/// [`ReportError::Csv`] or [`ReportError::Definition`] where the published numbers cannot be read, [`ReportError::Store`]
-/// for a protocol in a store that is none.
+/// [`ReportError::Csv`] or [`ReportError::Definition`] if the published numbers cannot be read, [`ReportError::Store`]
+/// for an invalid protocol in a store.
 pub fn tables(definition: &TableDefinition, sources: &[Source<'_>], mixing: Mixing) -> Result<Vec<Table>, ReportError> {
     let published = definition.published()?.rows;
     let editions = editions(definition, sources, mixing == Mixing::Forced)?;
@@ -133,20 +133,18 @@ fn all_methods<'a>(edition: &Edition<'a>) -> Vec<Candidate<'a>> {
     let mut methods: Vec<Candidate<'a>> = Vec::new();
     for part in &edition.parts {
         for record in &part.source.results.provenance.methods {
-            let known =
-                methods.iter().any(|other| other.store == part.source.label && other.record.name == record.name);
-            if !known {
-                methods.push(Candidate { store: part.source.label, record });
+            let store = part.source.label;
+            if !methods.iter().any(|other| other.store == store && other.record.name == record.name) {
+                methods.push(Candidate { store, record });
             }
         }
     }
     methods
 }
 
-/// The methods that answer a row: none where the groups choose them.
+/// The methods that reproduce a row; a single `None` if each group has its own method.
 fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDefinition) -> Vec<Option<Candidate<'a>>> {
-    let several = definition.groups.iter().filter(|group| group.method.is_some()).count() > 1;
-    if several {
+    if definition.groups.iter().filter(|group| group.method.is_some()).count() > 1 {
         return vec![None];
     }
     let rule = row.method.as_ref().or_else(|| definition.groups.iter().find_map(|group| group.method.as_ref()));
@@ -154,15 +152,15 @@ fn methods<'a>(definition: &TableDefinition, edition: &Edition<'a>, row: &RowDef
     all_methods(edition).into_iter().filter(|method| rule.accepts(method.record)).map(Some).collect()
 }
 
-/// The measured row, and below it the same without leaked targets; none where the method answered nothing.
+/// The measured row, followed by the same without leaked targets if there are any; empty if the method was not run.
 fn measured(
     definition: &TableDefinition,
     edition: &Edition<'_>,
-    answered: Option<(usize, &PublishedRow, &RowDefinition)>,
+    reproduced: Option<(usize, &PublishedRow, &RowDefinition)>,
     method: Option<Candidate<'_>>,
 ) -> Vec<Row> {
     let preset_of =
-        |group: &ColumnGroup| answered.and_then(|(_, _, row)| row.preset.clone()).or_else(|| group.preset.clone());
+        |group: &ColumnGroup| reproduced.and_then(|(_, _, row)| row.preset.clone()).or_else(|| group.preset.clone());
     let chosen: Vec<Option<(&Part<'_>, &MethodRecord)>> = definition
         .groups
         .iter()
@@ -179,13 +177,7 @@ fn measured(
                         records.iter().find(|record| group.method.as_ref().is_some_and(|rule| rule.accepts(record)))
                     }
                 };
-                let ran = |record: &&MethodRecord| {
-                    part.source
-                        .results
-                        .trials
-                        .iter()
-                        .any(|trial| trial.key.preset == part.preset.name && trial.key.method == record.name)
-                };
+                let ran = |record: &&MethodRecord| has_trials(part.source.results, &part.preset.name, &record.name);
                 Some((part, record.filter(ran)?))
             })
         })
@@ -193,36 +185,27 @@ fn measured(
     if chosen.iter().all(Option::is_none) {
         return Vec::new();
     }
-    let empty = |group: &ColumnGroup| vec![Cell::default(); group.columns.len()];
     let cells_of = |leaked| -> Vec<Vec<Cell>> {
-        let pairs = definition.groups.iter().zip(&chosen);
-        pairs
-            .map(|(group, chosen)| {
-                chosen.map_or_else(
-                    || empty(group),
-                    |(part, record)| cells(part, &record.name, group, (leaked, edition.forced)),
-                )
-            })
-            .collect()
+        let groups = definition.groups.iter().zip(&chosen).map(|(group, chosen)| match chosen {
+            Some((part, record)) => cells(part, &record.name, group, leaked, edition.forced),
+            None => vec![Cell::default(); group.columns.len()],
+        });
+        groups.collect()
     };
-    let untrained = chosen.iter().flatten().any(|(_, record)| record.untrained);
     let row = |leaked: Leaked| Row {
-        labels: labels(definition, edition, answered.map(|(_, row, _)| row), method),
+        labels: labels(definition, edition, reproduced.map(|(_, row, _)| row), method),
         origin: Origin::Measured,
-        answers: answered.map(|(at, _, _)| at),
+        answers: reproduced.map(|(at, _, _)| at),
         method: method.map(|method| method.record.name.clone()),
         store: chosen.iter().flatten().next().map(|(part, _)| part.source.label.to_owned()),
-        untrained,
+        untrained: chosen.iter().flatten().any(|(_, record)| record.untrained),
         without_leaked: leaked == Leaked::Excluded,
         rule_above: false,
         cells: cells_of(leaked),
     };
-    let asks_for_metrics = definition
-        .groups
-        .iter()
-        .flat_map(|group| &group.columns)
-        .any(|column| matches!(column.quantity, Quantity::Metric(_)));
-    let leaked = asks_for_metrics && chosen.iter().flatten().any(|(part, record)| has_leaked(part, &record.name));
+    let mut columns = definition.groups.iter().flat_map(|group| &group.columns);
+    let has_metrics = columns.any(|column| matches!(column.quantity, Quantity::Metric(_)));
+    let leaked = has_metrics && chosen.iter().flatten().any(|(part, record)| has_leaked(part, &record.name));
     let mut rows = vec![row(Leaked::Included)];
     if leaked {
         rows.push(row(Leaked::Excluded));
@@ -230,15 +213,15 @@ fn measured(
     rows
 }
 
-/// What a measured row is called; name and store tells methods of one title apart.
+/// The labels of a measured row; methods with the same title are distinguished by name and store.
 fn labels(
     definition: &TableDefinition,
     edition: &Edition<'_>,
-    answered: Option<&PublishedRow>,
+    reproduced: Option<&PublishedRow>,
     method: Option<Candidate<'_>>,
 ) -> Vec<String> {
     let mut labels = vec![String::new(); definition.labels.len()];
-    let Some(method) = method else { return answered.map_or(labels, |row| row.labels.clone()) };
+    let Some(method) = method else { return reproduced.map_or(labels, |row| row.labels.clone()) };
     let all = all_methods(edition);
     let named = |name: Option<&str>| {
         let twin = |other: &&Candidate<'_>| {
@@ -252,7 +235,7 @@ fn labels(
         (true, false) => format!("{} ({})", method.record.title, method.record.name),
         (true, true) => format!("{} ({}: {})", method.record.title, method.store, method.record.name),
     };
-    match (definition.measured_label, answered) {
+    match (definition.measured_label, reproduced) {
         (MeasuredLabel::Published, Some(row)) => {
             labels.clone_from(&row.labels);
             if let Some(last) = labels.last_mut().filter(|_| twins) {

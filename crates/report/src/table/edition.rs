@@ -7,15 +7,15 @@ use super::Source;
 use crate::ReportError;
 use crate::definition::TableDefinition;
 
-/// Results that may share a table: of each preset, one protocol and one index.
+/// Results that may share a table: one protocol and one index for each preset.
 #[derive(Debug, Default)]
 pub(super) struct Edition<'a> {
     identities: BTreeMap<&'a str, Identity<'a>>,
     suffix: Option<&'a str>,
     pub(super) parts: Vec<Part<'a>>,
-    /// Whether protocols differ all the same.
+    /// Whether protocols differ nevertheless.
     pub(super) mixed: bool,
-    /// Whether results stand where they do not belong because that was asked for.
+    /// Whether `--force` allowed results that do not belong together.
     pub(super) forced: bool,
 }
 
@@ -24,7 +24,7 @@ pub(super) struct Edition<'a> {
 pub(super) struct Part<'a> {
     pub(super) source: Source<'a>,
     pub(super) preset: &'a PresetRecord,
-    /// What the record holds as text.
+    /// The protocol that the record contains as text.
     pub(super) protocol: Preset,
 }
 
@@ -34,19 +34,19 @@ struct Identity<'a> {
     index: &'a str,
 }
 
-/// The editions of a definition: results join the first one that they do not contradict. `mix` puts all into one.
+/// The editions of a definition: results join the first edition that they are consistent with. `mix` puts all into one.
 ///
 /// # Errors
-/// [`ReportError::Store`] for a record whose text is no protocol.
+/// [`ReportError::Store`] for a record with an invalid protocol.
 pub(super) fn editions<'a>(
     definition: &TableDefinition,
     sources: &[Source<'a>],
     mix: bool,
 ) -> Result<Vec<Edition<'a>>, ReportError> {
-    let wanted = presets(definition);
+    let needed = presets(definition);
     let mut editions: Vec<Edition<'a>> = Vec::new();
     for source in sources {
-        let own = source.results.provenance.presets.iter().filter(|record| wanted.contains(&record.published()));
+        let own = source.results.provenance.presets.iter().filter(|record| needed.contains(&record.published()));
         let mut by_suffix: BTreeMap<&str, Vec<&PresetRecord>> = BTreeMap::new();
         for record in own {
             by_suffix.entry(suffix_of(record)).or_default().push(record);
@@ -61,7 +61,7 @@ pub(super) fn editions<'a>(
                     editions.len() - 1
                 }
             };
-            let Some(edition) = editions.get_mut(at) else { continue };
+            let edition = &mut editions[at];
             edition.mixed |= fits.is_none() && !edition.parts.is_empty();
             for preset in records {
                 edition.identities.entry(preset.published()).or_insert_with(|| Identity::of(preset));
@@ -72,14 +72,14 @@ pub(super) fn editions<'a>(
     Ok(editions)
 }
 
-/// What tells apart results of one preset that share no table: the dataset that was added to its name, or that it only
-/// stands for the published one.
+/// What distinguishes results of one preset that do not share a table: the dataset appended to its name, or that it only
+/// stands for the published preset.
 fn suffix_of(record: &PresetRecord) -> &str {
     let own = record.name.strip_prefix(record.preset.as_str()).unwrap_or("");
     if record.stands_for.is_some() && own.is_empty() { "simulated" } else { own }
 }
 
-/// Every preset that a definition asks for.
+/// Every preset that a definition needs.
 pub(super) fn presets(definition: &TableDefinition) -> Vec<&str> {
     let groups = definition.groups.iter().filter_map(|group| group.preset.as_deref());
     groups.chain(definition.rows.iter().filter_map(|row| row.preset.as_deref())).collect()
@@ -89,22 +89,22 @@ impl Edition<'_> {
     fn fits(&self, suffix: &str, source: Source<'_>, records: &[&PresetRecord]) -> bool {
         let same = |record: &&PresetRecord| {
             self.identities.get(record.published()).is_none_or(|known| *known == Identity::of(record))
-                && self.parts.iter().all(|part| part.is_of_the_data_of(source, record))
+                && self.parts.iter().all(|part| part.has_same_data(source, record))
         };
         self.suffix == Some(suffix) && records.iter().all(same)
     }
 
-    /// Names of what was run in place of a published preset, or of any; `None` where all is as published.
+    /// Names of the presets that were run in place of a published preset, or of any; `None` if all were run as published.
     pub(super) fn other_setting(&self, preset: Option<&str>) -> Option<String> {
-        let asked = |part: &&Part<'_>| preset.is_none_or(|preset| part.preset.published() == preset);
-        let others = self.parts.iter().filter(asked).filter(|part| part.difference().is_some());
+        let of_preset = |part: &&Part<'_>| preset.is_none_or(|preset| part.preset.published() == preset);
+        let others = self.parts.iter().filter(of_preset).filter(|part| part.difference().is_some());
         let names: BTreeSet<&str> = others.map(|part| part.preset.name.as_str()).collect();
         (!names.is_empty()).then(|| Vec::from_iter(names).join(", "))
     }
 }
 
-/// The data hash of every trial that has one, by scene and entry.
-fn data_of<'a>(source: Source<'a>, record: &PresetRecord) -> BTreeMap<(&'a str, u32), &'a str> {
+/// The data hashes of the trials that have one, by scene and entry.
+fn data_hashes<'a>(source: Source<'a>, record: &PresetRecord) -> BTreeMap<(&'a str, u32), &'a str> {
     let trials = source.results.trials.iter().filter(|trial| trial.key.preset == record.name);
     trials
         .filter_map(|trial| Some(((trial.key.scene.as_str(), trial.key.entry), trial.data_hash.as_deref()?)))
@@ -118,35 +118,35 @@ impl<'a> Identity<'a> {
 }
 
 impl Part<'_> {
-    /// Whether trials that another store holds of the same preset too were made from the same pictures and cameras.
-    fn is_of_the_data_of(&self, source: Source<'_>, record: &PresetRecord) -> bool {
+    /// Whether the trials that this and another store have in common read the same pictures and cameras.
+    fn has_same_data(&self, source: Source<'_>, record: &PresetRecord) -> bool {
         if record.published() != self.preset.published() {
             return true;
         }
-        let own = data_of(self.source, self.preset);
-        data_of(source, record).iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
+        let own = data_hashes(self.source, self.preset);
+        data_hashes(source, record).iter().all(|(trial, data)| own.get(trial).is_none_or(|known| known == data))
     }
 
-    /// The same of the preset's own bins.
+    /// [`Self::foreign_overlaps`] for the preset's own bins.
     pub(super) fn forced_overlaps(&self) -> Option<String> {
         self.foreign_overlaps(self.protocol.overlap_bins.as_ref()?)
     }
 
-    /// Why its overlaps do not belong into `bins`; `None` where they do.
+    /// Why its overlaps do not belong in `bins`; `None` if they do.
     pub(super) fn foreign_overlaps(&self, bins: &OverlapBins) -> Option<String> {
         let found = bins.foreign(&self.preset.overlap_estimators)?;
         let published = bins.estimator().unwrap_or("one estimator");
         Some(format!("{}: overlaps are measured by {found}, the bins were published for {published}", self.preset.name))
     }
 
-    /// Why its numbers are not of the published setting; `None` where they are.
+    /// How it differs from the published setting; `None` if it does not.
     pub(super) fn difference(&self) -> Option<String> {
         let record = self.preset;
         if let Some(published) = &record.stands_for {
             return Some(format!("{} stands for {published}: compare the order and the gaps of rows", record.name));
         }
         if record.index_name.is_none() {
-            return Some(format!("{}: the index is no published one ({})", record.name, record.dataset));
+            return Some(format!("{}: the index is not a published one ({})", record.name, record.dataset));
         }
         if record.entries < record.entries_of_index {
             return Some(format!(

@@ -8,7 +8,7 @@ use super::{BUSY, Cell, CellTiming, Column, Counts, Note, NoteKind, Row, Table, 
 use crate::definition::{Quantity, TableDefinition};
 use crate::plot::Origin;
 
-/// Everything that a reader must know of a table.
+/// Everything that readers must know about a table.
 pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Option<&Edition<'_>>) -> Vec<Note> {
     let mut notes = Notes::default();
     notes.add(NoteKind::Published, format!("paper: {}", definition.source));
@@ -19,8 +19,8 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     if edition.mixed {
         notes.add(
             NoteKind::Forced,
-            "rows of different protocols, or of different pictures under one name, stand in this table because that was \
-             asked for; they do not compare"
+            "because of --force, this table mixes rows of different protocols, or of different pictures under one name; \
+             they are not comparable"
                 .to_owned(),
         );
     }
@@ -34,17 +34,17 @@ pub(super) fn footer(table: &Table, definition: &TableDefinition, edition: Optio
     if table.rows.iter().any(|row| row.untrained) {
         notes.add(
             NoteKind::Untrained,
-            "† untrained: random weights; such rows are not ranked, and their quality says nothing of the method"
+            "† untrained: random weights; such rows are not ranked, and their quality says nothing about the method"
                 .to_owned(),
         );
     }
     if table.rows.iter().any(|row| row.without_leaked) {
-        notes.add(NoteKind::Counts, "‡ without targets that are context frames too".to_owned());
+        notes.add(NoteKind::Counts, "‡ without targets that are also context frames".to_owned());
     }
     notes.list
 }
 
-/// Lines, each once.
+/// Distinct notes, in order.
 #[derive(Default)]
 struct Notes {
     list: Vec<Note>,
@@ -77,7 +77,7 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
             notes.add(NoteKind::Setting, format!("not the published setting: {difference}"));
         }
         if let Some(why) = part.forced_overlaps().filter(|_| edition.forced) {
-            notes.add(NoteKind::Forced, format!("{why}; they are filed into these because that was asked for"));
+            notes.add(NoteKind::Forced, format!("{why}; they are binned nevertheless because of --force"));
         }
         for warning in source.results.provenance.warnings.iter().filter(|warning| warning.preset == preset.name) {
             notes.add(
@@ -87,17 +87,15 @@ fn protocols(notes: &mut Notes, edition: &Edition<'_>) {
         }
         let skipped = source.results.provenance.skipped.iter().filter(|entry| entry.preset == preset.name).count();
         if skipped > 0 {
-            notes.add(
-                NoteKind::Counts,
-                format!("{}: {skipped} index entries made no trial ({})", preset.name, reasons(part)),
-            );
+            notes
+                .add(NoteKind::Counts, format!("{}: {skipped} index entries skipped ({})", preset.name, reasons(part)));
         }
     }
     let constants: BTreeSet<(&str, &str)> = edition
         .parts
         .iter()
         .flat_map(|part| &part.source.results.provenance.methods)
-        .filter_map(|method| Some((method.constants.as_deref()?, method.backend.as_deref().unwrap_or("cpu"))))
+        .filter_map(|method| Some((method.constants.as_deref()?, method.backend.as_deref().unwrap_or("not recorded"))))
         .collect();
     for (constants, backend) in constants {
         notes.add(NoteKind::Convention, format!("renderer: constants {constants}, backend {backend}"));
@@ -127,21 +125,19 @@ fn metrics(notes: &mut Notes, table: &Table, edition: &Edition<'_>) {
             notes.add(NoteKind::Convention, format!("{}: {}{weights}", metric.name, metric.convention));
         }
     }
-    for ((group, at), column) in table.columns() {
-        for cell in table.rows.iter().filter_map(|row| row.cells.get(group)?.get(at)) {
-            if let Some(reason) = &cell.not_computed {
-                notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
-            }
+    for (place, column) in table.columns() {
+        for reason in table.rows.iter().filter_map(|row| row.cell(place).not_computed.as_ref()) {
+            notes.add(NoteKind::NotComputed, format!("n/c {}: not computed: {reason}", column.title));
         }
     }
 }
 
-/// Machines, then each time with its spread, then which are not to be trusted.
+/// Machines, then each time with its spread, then the times that are not reliable.
 fn times(notes: &mut Notes, table: &Table) {
     let cells = |row: &'_ Row| row.cells.iter().flatten().filter_map(|cell| cell.timing.clone()).collect::<Vec<_>>();
     let mut busiest: Option<f64> = None;
     for timing in table.rows.iter().flat_map(cells) {
-        let machine = format!("Time: {}; a pass of its own, in which nothing else ran in the process", timing.machine);
+        let machine = format!("Time: {}; separate timing pass, nothing else running in the process", timing.machine);
         notes.add(NoteKind::Convention, machine);
         if timing.busy {
             busiest = [busiest, timing.others].into_iter().flatten().max_by(f64::total_cmp);
@@ -149,13 +145,13 @@ fn times(notes: &mut Notes, table: &Table) {
     }
     for row in &table.rows {
         for CellTiming { spread, trials, trials_there, repetitions, warm_up, .. } in cells(row) {
-            let all = if trials == trials_there && trials < 3 { ", all there are" } else { "" };
+            let all = if trials == trials_there && trials < 3 { " (all)" } else { "" };
             let plural = if trials == 1 { "trial" } else { "trials" };
             notes.add(
                 NoteKind::Interval,
                 format!(
                     "time, {}: median {:.4} s, MAD {:.4}, quartiles {:.4} to {:.4}; {repetitions} repetitions of \
-                     {trials} {plural}{all}, {warm_up} to warm up",
+                     {trials} {plural}{all}, {warm_up} warm-up",
                     name(row),
                     spread.median,
                     spread.mad,
@@ -170,24 +166,24 @@ fn times(notes: &mut Notes, table: &Table) {
         notes.add(
             NoteKind::Busy,
             format!(
-                "{BUSY} the machine was busy with something else ({percent:.0} % of its processors): such times are not ranked \
-                 and not to be trusted"
+                "{BUSY} the machine was busy with something else ({percent:.0} % of its processors): such times are \
+                 unreliable and not ranked"
             ),
         );
     }
 }
 
-/// Scenes and targets of a row; groups of columns that are about the same ones are told together.
+/// Scenes and targets of a row; groups of columns with equal counts are listed together.
 fn counts(notes: &mut Notes, table: &Table, row: &Row) {
-    let mut told: Vec<(Vec<&str>, String)> = Vec::new();
+    let mut by_text: Vec<(Vec<&str>, String)> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
-        let Some(text) = counts_of(&own.columns, row.cells.get(group).map_or(&[], Vec::as_slice)) else { continue };
-        match told.iter_mut().find(|(_, known)| *known == text) {
+        let Some(text) = counts_of(&own.columns, &row.cells[group]) else { continue };
+        match by_text.iter_mut().find(|(_, known)| *known == text) {
             Some((groups, _)) => groups.push(&own.title),
-            None => told.push((vec![&own.title], text)),
+            None => by_text.push((vec![&own.title], text)),
         }
     }
-    let parts: Vec<String> = match told.as_slice() {
+    let parts: Vec<String> = match by_text.as_slice() {
         [(_, text)] => vec![text.clone()],
         several => several.iter().map(|(groups, text)| format!("{}: {text}", groups.join(", "))).collect(),
     };
@@ -196,7 +192,7 @@ fn counts(notes: &mut Notes, table: &Table, row: &Row) {
     }
 }
 
-/// Columns of one group are about the same targets: the first metric that was computed speaks for all.
+/// Columns of a group have the same targets: the counts of the first computed metric stand for all.
 fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
     let counted: Vec<(&Column, Counts)> =
         columns.iter().zip(cells).filter_map(|(own, cell)| Some((own, cell.counts?))).collect();
@@ -221,17 +217,17 @@ fn counts_of(columns: &[Column], cells: &[Cell]) -> Option<String> {
 fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
     let mut groups: Vec<String> = Vec::new();
     for (group, own) in table.groups.iter().enumerate() {
-        let cells = own.columns.iter().zip(row.cells.get(group).into_iter().flatten());
-        let told: Vec<String> = cells
+        let cells = own.columns.iter().zip(&row.cells[group]);
+        let intervals: Vec<String> = cells
             .filter_map(|(column, cell)| {
                 let (Value::Number(_), Some([low, high])) = (&cell.value, cell.interval) else { return None };
-                let print = |value| column.quantity.print(value, column.exact);
-                Some(format!("{} {} [{}, {}]", column.title, cell.print(column), print(low), print(high)))
+                let (low, high) = (column.format(low), column.format(high));
+                Some(format!("{} {} [{low}, {high}]", column.title, cell.print(column)))
             })
             .collect();
-        if !told.is_empty() {
+        if !intervals.is_empty() {
             let title = if own.title.is_empty() { String::new() } else { format!("{}: ", own.title) };
-            groups.push(format!("{title}{}", told.join(", ")));
+            groups.push(format!("{title}{}", intervals.join(", ")));
         }
     }
     if !groups.is_empty() {
@@ -241,12 +237,11 @@ fn intervals(notes: &mut Notes, table: &Table, row: &Row) {
 }
 
 fn name(row: &Row) -> String {
-    let labels: Vec<&str> = row.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
     let leaked = if row.without_leaked { " ‡" } else { "" };
-    format!("{}{leaked}", labels.join(", "))
+    format!("{}{leaked}", row.names().join(", "))
 }
 
-/// The beginning of a hash.
+/// The first 12 characters of a hash.
 pub(crate) fn short(hash: &str) -> String {
     hash.chars().take(12).collect()
 }

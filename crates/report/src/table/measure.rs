@@ -5,45 +5,36 @@ use super::edition::Part;
 use super::{Cell, CellTiming, Counts, Value};
 use crate::definition::{ColumnDefinition, ColumnGroup, Quantity};
 
-/// What one method under one preset has to say to a group of columns.
-pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, (leaked, forced): (Leaked, bool)) -> Vec<Cell> {
+/// The cells of a method under a preset for a group of columns.
+pub(super) fn cells(part: &Part<'_>, method: &str, group: &ColumnGroup, leaked: Leaked, forced: bool) -> Vec<Cell> {
     let bins = part.protocol.overlap_bins.as_ref().filter(|_| group.bin.is_some());
     if let Some(why) = bins.and_then(|bins| part.foreign_overlaps(bins)).filter(|_| !forced) {
-        let cell = Cell { not_computed: Some(format!("{why}; --force files them all the same")), ..Cell::default() };
+        let cell = Cell { not_computed: Some(format!("{why}; --force bins them nevertheless")), ..Cell::default() };
         return vec![cell; group.columns.len()];
     }
-    let cost = cost(part.source.results, &part.preset.name, method);
+    let (results, preset) = (part.source.results, part.preset.name.as_str());
+    let cost = cost(results, preset, method);
     let cell = |column: &ColumnDefinition| match column.quantity {
-        Quantity::Seconds => of_times(times(part.source.results, &part.preset.name, method)),
-        _ => cell(part, method, group, column, leaked, &cost),
+        Quantity::Metric(metric) => {
+            metric_cell(part, &Question { preset, method, metric: metric.id, leaked }, group.bin.as_ref())
+        }
+        Quantity::Seconds => of_times(times(results, preset, method)),
+        quantity => of_cost(quantity, &cost),
     };
     group.columns.iter().map(cell).collect()
 }
 
-fn cell(
-    part: &Part<'_>,
-    method: &str,
-    group: &ColumnGroup,
-    column: &ColumnDefinition,
-    leaked: Leaked,
-    cost: &Cost,
-) -> Cell {
-    let Quantity::Metric(metric) = column.quantity else { return of_cost(column.quantity, cost) };
-    let question = Question { preset: &part.preset.name, method, metric: metric.id, leaked };
+fn metric_cell(part: &Part<'_>, question: &Question<'_>, bin: Option<&String>) -> Cell {
     let results = part.source.results;
-    let found = match (&group.bin, &part.protocol.overlap_bins) {
-        (None, _) => summary(results, &question, part.protocol.aggregation),
+    let found = match (bin, &part.protocol.overlap_bins) {
+        (None, _) => summary(results, question, part.protocol.aggregation),
         (Some(bin), Some(bins)) => {
-            let binned = by_overlap(results, &question, bins);
+            let binned = by_overlap(results, question, bins);
             let own = binned.bins.into_iter().find(|(name, _)| name == bin).map(|(_, summary)| summary);
             own.or_else(|| (bin == "average").then_some(binned.average)).unwrap_or_default()
         }
         (Some(_), None) => Summary::default(),
     };
-    of_summary(found)
-}
-
-fn of_summary(found: Summary) -> Cell {
     let counts = Counts {
         scenes: found.scenes,
         targets: found.targets,
@@ -72,7 +63,7 @@ fn of_cost(quantity: Quantity, cost: &Cost) -> Cell {
     Cell { value: value.map_or(Value::Absent, Value::Number), ..Cell::default() }
 }
 
-/// Seconds from context pictures to Gaussians, as the timing pass measured them, or why there are none.
+/// Seconds from context pictures to Gaussians, measured by the timing pass, or why there are none.
 fn of_times(times: Result<Times, String>) -> Cell {
     let found = times.and_then(|times| Ok((times.encode.ok_or(NOTHING_ENCODED)?, times)));
     match found {
@@ -84,7 +75,7 @@ fn of_times(times: Result<Times, String>) -> Cell {
     }
 }
 
-/// Whether any target of a method was given to it.
+/// Whether any target of a method is also a context frame.
 pub(super) fn has_leaked(part: &Part<'_>, method: &str) -> bool {
     let targets = part.source.results.targets.iter();
     targets.filter(|row| row.leaked).any(|row| row.key.preset == part.preset.name && row.key.method == method)

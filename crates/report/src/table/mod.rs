@@ -1,4 +1,4 @@
-//! Tables: published rows and, below each, what was measured in answer to it.
+//! Tables: published rows and, below each, the measured rows that reproduce it.
 
 mod build;
 mod edition;
@@ -21,10 +21,10 @@ pub use verdict::{Headline, Verdict, verdict};
 use crate::definition::Quantity;
 use crate::plot::Origin;
 
-/// A store and what to call it.
+/// A store with its label.
 #[derive(Clone, Copy, Debug)]
 pub struct Source<'a> {
-    /// Its folder's name, or whatever tells it from others.
+    /// Name of its folder, or another text that distinguishes it from other stores.
     pub label: &'a str,
     /// Its rows.
     pub results: &'a Results,
@@ -34,33 +34,33 @@ pub struct Source<'a> {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Table {
-    /// Name in files; with a number where results of several protocols made several tables of one definition.
+    /// Name in files, with a number if results of several protocols give several tables of one definition.
     pub name: String,
     /// Short title.
     pub title: String,
-    /// What the table shows.
+    /// The caption.
     pub caption: String,
-    /// Heads of the columns that name rows.
+    /// Headings of the columns that label rows.
     pub labels: Vec<String>,
     /// Columns of numbers.
     pub groups: Vec<Group>,
-    /// Published rows, each followed by what was measured in answer to it; then what answers none.
+    /// Published rows, each followed by the measured rows that reproduce it; then the other measured rows.
     pub rows: Vec<Row>,
-    /// What a reader must know, in order.
+    /// What readers must know, in order.
     pub footer: Vec<Note>,
-    /// Whether rows of different protocols stand side by side.
+    /// Whether it mixes rows of different protocols.
     pub forced: bool,
 }
 
-/// Columns with a common head.
+/// Columns with a common heading.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Group {
-    /// The head; empty for none.
+    /// The heading; empty for none.
     pub title: String,
-    /// The preset that is measured; `None` where rows choose.
+    /// The measured preset; `None` if rows specify it.
     pub preset: Option<String>,
-    /// What was run where that is another setting than the published one.
+    /// The presets that were run, if they differ from the published setting.
     pub measured_on: Option<String>,
     /// The columns.
     pub columns: Vec<Column>,
@@ -72,13 +72,13 @@ pub struct Group {
 pub struct Column {
     /// Name in CSV files: that of the published column.
     pub name: String,
-    /// Head.
+    /// Heading.
     pub title: String,
-    /// What it shows.
+    /// The quantity shown.
     pub quantity: Quantity,
-    /// Which way is better.
+    /// Which direction is better.
     pub direction: Option<Direction>,
-    /// Whether counts are printed to the unit.
+    /// Whether counts are printed exactly.
     pub exact: bool,
 }
 
@@ -86,19 +86,19 @@ pub struct Column {
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Row {
-    /// What names it.
+    /// Its labels.
     pub labels: Vec<String>,
-    /// Who says so.
+    /// Whether it is published or measured.
     pub origin: Origin,
-    /// Position of the published row that it is or answers.
+    /// Position of the published row that it is or reproduces.
     pub answers: Option<usize>,
     /// Name of the method in its store; `None` for published rows and for rows of several methods.
     pub method: Option<String>,
     /// Label of its store.
     pub store: Option<String>,
-    /// Whether its weights are random: such rows are never ranked.
+    /// Whether its weights are random; such rows are never ranked.
     pub untrained: bool,
-    /// Whether targets that the method was given are left out.
+    /// Whether targets that are also context frames are excluded.
     pub without_leaked: bool,
     /// Whether a line is drawn above it.
     pub rule_above: bool,
@@ -106,21 +106,21 @@ pub struct Row {
     pub cells: Vec<Vec<Cell>>,
 }
 
-/// A number with what is known of it.
+/// A value with its uncertainty and origin.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Cell {
-    /// What it says.
+    /// The value.
     pub value: Value,
     /// 95 % interval over scenes.
     pub interval: Option<[f64; 2]>,
-    /// Best or second of those that it is compared with.
+    /// Whether it is the best or second of the ranked rows.
     pub mark: Mark,
-    /// Scenes and targets in it.
+    /// Numbers of scenes and targets.
     pub counts: Option<Counts>,
     /// Why it was not computed.
     pub not_computed: Option<String>,
-    /// How it was timed, where it is a time.
+    /// How it was timed, if it is a time.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub timing: Option<CellTiming>,
 }
@@ -131,23 +131,23 @@ pub struct Cell {
 pub struct CellTiming {
     /// The median, which is the cell's value, with its spread; seconds.
     pub spread: Spread,
-    /// Trials that were timed.
+    /// Number of timed trials.
     pub trials: u64,
-    /// Trials that the protocol has.
+    /// Number of trials of the protocol.
     pub trials_there: u64,
-    /// Repetitions of each, at the least.
+    /// Smallest number of repetitions of a trial.
     pub repetitions: u64,
-    /// Repetitions before those that count.
+    /// Warm-up repetitions, which do not count.
     pub warm_up: u32,
     /// Processor and threads.
     pub machine: Machine,
-    /// Share of the machine's processors that others took meanwhile.
+    /// Fraction of the machine's processors used by other processes meanwhile.
     pub others: Option<f64>,
-    /// Whether that was too much to trust the time.
+    /// Whether that fraction was too large for the time to be reliable.
     pub busy: bool,
 }
 
-/// What a number is made of.
+/// The numbers of scenes and targets behind a mean.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Counts {
@@ -155,37 +155,37 @@ pub struct Counts {
     pub scenes: u64,
     /// Targets in the mean.
     pub targets: u64,
-    /// Targets that equal the truth to the bit.
+    /// Targets whose render is identical to the truth.
     pub identical: u64,
     /// Targets without a render or a truth.
     pub failed: u64,
-    /// Targets that are no numbers.
+    /// Targets whose score is not finite.
     pub non_finite: u64,
 }
 
-/// What a cell says.
+/// The value of a cell.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Value {
-    /// A number, in full precision where it was measured.
+    /// A number, in full precision if measured.
     Number(f64),
-    /// Something else that a paper printed: `Diverged`, `> 10 m`.
+    /// Another text that a paper printed: `Diverged`, `> 10 m`.
     Text(String),
-    /// Nothing.
+    /// No value.
     #[default]
     Absent,
 }
 
-/// How a cell is set.
+/// How a cell is highlighted.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Mark {
-    /// Plainly.
+    /// Not highlighted.
     #[default]
     Plain,
-    /// Bold.
+    /// The best value: bold.
     Best,
-    /// Underlined.
+    /// The second-best value: underlined.
     Second,
 }
 
@@ -193,38 +193,38 @@ pub enum Mark {
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Note {
-    /// What it is about.
+    /// Its subject.
     pub kind: NoteKind,
     /// The text.
     pub text: String,
 }
 
-/// What a note is about.
+/// The subject of a note.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum NoteKind {
-    /// Where published numbers come from, and what their authors add.
+    /// Source of the published numbers, and their authors' remarks.
     Published,
-    /// What the metrics' names mean, preset, index and renderer.
+    /// Definitions of metrics; preset, index and renderer.
     Convention,
-    /// How many scenes and targets, what failed.
+    /// Numbers of scenes and targets, and failures.
     Counts,
     /// Intervals.
     Interval,
-    /// Why measured numbers are not the published setting.
+    /// How measured numbers differ from the published setting.
     Setting,
     /// Random weights.
     Untrained,
-    /// What was not computed, and how to have it.
+    /// What was not computed, and how to get it.
     NotComputed,
-    /// Times that were measured on a busy machine.
+    /// Times measured on a busy machine.
     Busy,
     /// Rows of different protocols.
     Forced,
 }
 
 impl Value {
-    /// A published field: a number, a text, or nothing.
+    /// Parses a published field: a number, another text, or an empty field.
     pub(crate) fn published(field: &str) -> Self {
         match (field, field.parse::<f64>()) {
             ("", _) => Self::Absent,
@@ -233,7 +233,7 @@ impl Value {
         }
     }
 
-    /// The number, where it is one.
+    /// The number, if it is one.
     pub const fn number(&self) -> Option<f64> {
         match self {
             Self::Number(number) => Some(*number),
@@ -242,22 +242,28 @@ impl Value {
     }
 }
 
-/// Marks times of a busy machine.
+/// The position of a column: group, and column in the group.
+pub(crate) type Place = (usize, usize);
+
+/// Whether a method has trials under a preset.
+pub(crate) fn has_trials(results: &Results, preset: &str, method: &str) -> bool {
+    results.trials.iter().any(|trial| trial.key.preset == preset && trial.key.method == method)
+}
+
+/// Marks times measured on a busy machine.
 pub(crate) const BUSY: &str = "§";
 
 impl Cell {
-    /// Whether it is a time that was measured on a machine that was busy with something else.
+    /// Whether it is a time measured while the machine was busy with something else.
     pub fn is_busy(&self) -> bool {
         self.timing.as_ref().is_some_and(|timing| timing.busy)
     }
 
-    /// What a table prints.
+    /// The printed text.
     pub fn print(&self, column: &Column) -> String {
         match (&self.value, &self.not_computed) {
-            (Value::Number(number), _) if self.is_busy() => {
-                format!("{} {BUSY}", column.quantity.print(*number, column.exact))
-            }
-            (Value::Number(number), _) => column.quantity.print(*number, column.exact),
+            (Value::Number(number), _) if self.is_busy() => format!("{} {BUSY}", column.format(*number)),
+            (Value::Number(number), _) => column.format(*number),
             (Value::Text(text), _) => text.clone(),
             (Value::Absent, Some(_)) => "n/c".to_owned(),
             (Value::Absent, None) => "–".to_owned(),
@@ -266,7 +272,12 @@ impl Cell {
 }
 
 impl Column {
-    /// The head with an arrow the way that is better.
+    /// Formats a number of the column as papers do.
+    pub(crate) fn format(&self, value: f64) -> String {
+        self.quantity.print(value, self.exact)
+    }
+
+    /// The heading, with an arrow in the better direction.
     pub fn head(&self) -> String {
         match self.direction {
             Some(Direction::Higher) => format!("{} ↑", self.title),
@@ -277,7 +288,17 @@ impl Column {
 }
 
 impl Row {
-    /// `paper`, or `measured` with what sets the row apart.
+    /// The cell of a column; rows have a cell for every column of their table.
+    pub(crate) fn cell(&self, (group, column): Place) -> &Cell {
+        &self.cells[group][column]
+    }
+
+    /// The labels that are not empty.
+    pub(crate) fn names(&self) -> Vec<&str> {
+        self.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect()
+    }
+
+    /// `paper`, or `measured` with the marks of the row.
     pub fn origin_text(&self) -> &'static str {
         match (self.origin, self.untrained, self.without_leaked) {
             (Origin::Published, ..) => "paper",
@@ -295,9 +316,13 @@ impl Table {
         self.rows.iter().any(|row| row.origin == Origin::Measured)
     }
 
-    /// Every column with its position: group, column.
-    pub fn columns(&self) -> impl Iterator<Item = ((usize, usize), &Column)> {
+    /// Every column with its position: group, and column in the group.
+    pub fn columns(&self) -> impl Iterator<Item = (Place, &Column)> {
         let groups = self.groups.iter().enumerate();
         groups.flat_map(|(group, own)| own.columns.iter().enumerate().map(move |(at, column)| ((group, at), column)))
+    }
+
+    pub(crate) fn column(&self, (group, column): Place) -> &Column {
+        &self.groups[group].columns[column]
     }
 }

@@ -2,51 +2,42 @@ use std::cmp::Ordering;
 
 use atsplat_metrics::Direction;
 
-use super::{Mark, Row, Table};
+use super::{Mark, Place, Row, Table};
 use crate::definition::Marks;
 use crate::plot::Origin;
 
-/// Marks the best and the second of each column by what is printed, so that equal figures share a mark.
+/// Marks the best and the second of each column by the printed values, so that equal values share a mark.
 ///
-/// Where measured numbers are of the published setting all rows are ranked together, else each origin alone. Untrained
-/// rows and those without leaked targets are not ranked. A second place that more than two rows share is none.
+/// If measured numbers are of the published setting, all rows are ranked together, otherwise published and measured rows
+/// separately. Untrained rows and rows without leaked targets are not ranked. A second place shared by more than two rows
+/// is not marked.
 pub(super) fn rank(table: &mut Table, marks: Marks, one_ranking: bool) {
     if marks == Marks::None {
         return;
     }
-    let places: Vec<(usize, usize)> = table.columns().map(|(place, _)| place).collect();
-    for place in places {
-        let Some(direction) = direction(table, place) else { continue };
+    let directed: Vec<(Place, Direction)> =
+        table.columns().filter_map(|(place, column)| Some((place, column.direction?))).collect();
+    for (place, direction) in directed {
         let rankings: &[&dyn Fn(&Row) -> bool] = if one_ranking {
             &[&|_| true]
         } else {
             &[&|row| row.origin == Origin::Published, &|row| row.origin == Origin::Measured]
         };
-        for takes_part in rankings {
-            rank_column(table, place, direction, marks, takes_part);
+        for included in rankings {
+            rank_column(table, place, direction, marks, included);
         }
     }
 }
 
-fn direction(table: &Table, (group, column): (usize, usize)) -> Option<Direction> {
-    table.groups.get(group)?.columns.get(column)?.direction
-}
-
-fn rank_column(
-    table: &mut Table,
-    place: (usize, usize),
-    direction: Direction,
-    marks: Marks,
-    takes_part: &dyn Fn(&Row) -> bool,
-) {
-    let ranked = |row: &Row| takes_part(row) && !row.untrained && !row.without_leaked;
+fn rank_column(table: &mut Table, place: Place, direction: Direction, marks: Marks, included: &dyn Fn(&Row) -> bool) {
+    let ranked = |row: &Row| included(row) && !row.untrained && !row.without_leaked;
     let mut printed: Vec<(usize, f64)> = Vec::new();
     for (at, row) in table.rows.iter().enumerate().filter(|(_, row)| ranked(row)) {
         if let Some(value) = printed_value(table, row, place) {
             printed.push((at, value));
         }
     }
-    // Alone there is nothing to be better than.
+    // A single value is not ranked.
     if printed.len() < 2 {
         return;
     }
@@ -57,8 +48,8 @@ fn rank_column(
     let mut distinct: Vec<f64> = printed.iter().map(|(_, value)| *value).collect();
     distinct.dedup_by(|a, b| a.total_cmp(b) == Ordering::Equal);
     let holders = |rank: usize| -> Vec<usize> {
-        let Some(wanted) = distinct.get(rank) else { return Vec::new() };
-        printed.iter().filter(|(_, value)| value.total_cmp(wanted) == Ordering::Equal).map(|(at, _)| *at).collect()
+        let Some(at_rank) = distinct.get(rank) else { return Vec::new() };
+        printed.iter().filter(|(_, value)| value.total_cmp(at_rank) == Ordering::Equal).map(|(at, _)| *at).collect()
     };
     let (best, second) = (holders(0), holders(1));
     if best.len() == printed.len() {
@@ -68,24 +59,17 @@ fn rank_column(
         if marks == Marks::BestAndSecond && second.len() <= 2 && printed.len() > 2 { second } else { Vec::new() };
     for (rows, mark) in [(best, Mark::Best), (seconds, Mark::Second)] {
         for at in rows {
-            let cell = table
-                .rows
-                .get_mut(at)
-                .and_then(|row| row.cells.get_mut(place.0))
-                .and_then(|cells| cells.get_mut(place.1));
-            if let Some(cell) = cell {
-                cell.mark = mark;
-            }
+            table.rows[at].cells[place.0][place.1].mark = mark;
         }
     }
 }
 
-/// The number that a reader sees, in thousands for counts that are cut.
-fn printed_value(table: &Table, row: &Row, (group, column): (usize, usize)) -> Option<f64> {
-    let cell = row.cells.get(group)?.get(column)?;
-    // A time of a busy machine is no better or worse than another.
+/// The number as printed; counts truncated to thousands are compared as such.
+fn printed_value(table: &Table, row: &Row, place: Place) -> Option<f64> {
+    let cell = row.cell(place);
+    // A time measured on a busy machine is not ranked.
     cell.value.number().filter(|_| !cell.is_busy())?;
-    let text = cell.print(table.groups.get(group)?.columns.get(column)?);
+    let text = cell.print(table.column(place));
     match text.strip_suffix('K') {
         Some(thousands) => thousands.parse::<f64>().ok().map(|value| value * 1000.0),
         None => text.parse().ok(),

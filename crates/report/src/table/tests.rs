@@ -19,12 +19,12 @@ fn own<'a>(table: &'a Table, method: &str) -> &'a Row {
 }
 
 #[test]
-fn measured_rows_stand_below_the_published_ones_that_they_answer() {
+fn measured_rows_follow_the_published_rows_they_reproduce() {
     let store = store();
     let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
     let ours = table.rows.iter().position(|row| row.labels == ["Ours"]).unwrap();
     assert_eq!(table.rows[ours + 1].method.as_deref(), Some("atsplat"));
-    assert!(table.rows[ours + 2].without_leaked, "and below it the same without leaked targets");
+    assert!(table.rows[ours + 2].without_leaked, "followed by the same row without leaked targets");
     assert_eq!(own(&table, "nearest-view").answers, None);
     // By hand: scenes at 27, 25, 23, 21 dB plus a mean of 0.25 over targets.
     let psnr = own(&table, "atsplat").cells[0][0].value.number().unwrap();
@@ -37,18 +37,18 @@ fn measured_rows_stand_below_the_published_ones_that_they_answer() {
 }
 
 #[test]
-fn what_was_not_computed_says_why() {
+fn values_that_were_not_computed_have_a_reason() {
     let store = store();
     let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
     let cell = &own(&table, "atsplat").cells[0][2];
     assert_eq!((&cell.value, cell.print(&table.groups[0].columns[2]).as_str()), (&Value::Absent, "n/c"));
-    let told = notes(&table, NoteKind::NotComputed);
-    assert_eq!(told.len(), 2, "and the floor has no encoding to time: {told:?}");
-    assert!(told[0].contains("weights absent") && told[0].contains("--lpips-vgg"), "{told:?}");
+    let reasons = notes(&table, NoteKind::NotComputed);
+    assert_eq!(reasons.len(), 2, "the nearest view has no encoding to time: {reasons:?}");
+    assert!(reasons[0].contains("weights absent") && reasons[0].contains("--lpips-vgg"), "{reasons:?}");
 }
 
 #[test]
-fn a_limited_run_is_no_published_setting_and_is_ranked_alone() {
+fn a_partial_run_is_not_the_published_setting_and_is_ranked_separately() {
     let store = store();
     let table = built("re10k", &[("run", &store)], Mixing::Apart).swap_remove(0);
     assert!(notes(&table, NoteKind::Setting).iter().any(|text| text.contains("4 of 7194")), "{:?}", table.footer);
@@ -57,13 +57,13 @@ fn a_limited_run_is_no_published_setting_and_is_ranked_alone() {
     assert_eq!((best(Origin::Published), best(Origin::Measured)), (1, 1));
     assert!(notes(&table, NoteKind::Counts).iter().any(|text| text.contains("missing-frame 1")));
     let ablation = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
-    let told = notes(&ablation, NoteKind::Counts);
-    assert!(told.iter().any(|text| text.contains("failed") && text.contains('3')), "{told:?}");
+    let counts = notes(&ablation, NoteKind::Counts);
+    assert!(counts.iter().any(|text| text.contains("failed") && text.contains('3')), "{counts:?}");
     assert!(table.rows.iter().all(|row| row.method.as_deref() != Some("atsplat-random")), "an ablation's row");
 }
 
 #[test]
-fn a_full_run_is_ranked_with_the_paper_unless_untrained() {
+fn a_complete_run_is_ranked_with_the_paper_unless_untrained() {
     let mut full = preset("re10k-2v-256");
     full.entries = full.entries_of_index;
     let one_best = |untrained| {
@@ -81,7 +81,7 @@ fn a_full_run_is_ranked_with_the_paper_unless_untrained() {
 }
 
 #[test]
-fn protocols_that_differ_are_kept_apart_unless_forced() {
+fn different_protocols_get_separate_tables_unless_forced() {
     let first = store();
     let mut second = store();
     second.provenance.presets[0].hash = "another".to_owned();
@@ -95,7 +95,7 @@ fn protocols_that_differ_are_kept_apart_unless_forced() {
     }
     let mixed = built("re10k", &stores, Mixing::Forced);
     assert_eq!(mixed.len(), 1);
-    assert!(mixed[0].forced && notes(&mixed[0], NoteKind::Forced).len() == 1, "and then it says so");
+    assert!(mixed[0].forced && notes(&mixed[0], NoteKind::Forced).len() == 1, "the footer says so");
     assert!(
         ["first", "second"].iter().all(|store| mixed[0].rows.iter().any(|row| row.store.as_deref() == Some(store)))
     );
@@ -106,16 +106,16 @@ fn protocols_that_differ_are_kept_apart_unless_forced() {
 }
 
 #[test]
-fn another_index_is_another_protocol() {
+fn a_different_index_is_a_different_protocol() {
     let first = store();
     let mut second = store();
     second.provenance.presets[0].index_sha256 = "another".to_owned();
     assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
 }
 
-/// Another store's rows of the same protocol share no table with rows of pictures that have changed since.
+/// Rows of the same protocol do not share a table if the pictures have changed.
 #[test]
-fn other_pictures_under_one_name_are_another_table() {
+fn different_pictures_under_one_name_get_separate_tables() {
     let first = store();
     let mut second = store();
     let scene = second.trials[0].key.scene.clone();
@@ -123,13 +123,13 @@ fn other_pictures_under_one_name_are_another_table() {
         trial.data_hash = Some("of other pictures".to_owned());
     }
     assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 2);
-    // Rows that were written before there was a hash say nothing.
+    // Rows written before data hashes existed are compatible with all.
     second.trials.iter_mut().for_each(|trial| trial.data_hash = None);
     assert_eq!(built("re10k", &[("first", &first), ("second", &second)], Mixing::Apart).len(), 1);
 }
 
 #[test]
-fn a_protocol_that_no_longer_reads_is_an_error() {
+fn an_invalid_protocol_in_a_store_is_an_error() {
     let mut broken = store();
     broken.provenance.presets[0].toml = broken.provenance.presets[0].toml.replace("scene-means", "scene-medians");
     let definition = TableDefinition::named("re10k").unwrap();
@@ -140,7 +140,7 @@ fn a_protocol_that_no_longer_reads_is_an_error() {
 }
 
 #[test]
-fn ablations_take_the_methods_that_they_ask_for() {
+fn ablation_rows_select_their_methods() {
     let store = store();
     let table = built("ablation_ate", &[("run", &store)], Mixing::Apart).swap_remove(0);
     let measured: Vec<_> =
@@ -156,7 +156,7 @@ fn ablations_take_the_methods_that_they_ask_for() {
 }
 
 #[test]
-fn bins_are_those_of_the_protocol() {
+fn bins_are_taken_from_the_protocol() {
     let store = store();
     let table = built("re10k_overlap", &[("run", &store)], Mixing::Apart).swap_remove(0);
     let row = own(&table, "atsplat");
@@ -165,9 +165,9 @@ fn bins_are_those_of_the_protocol() {
     assert_eq!(scenes, [2, 1, 1, 4]);
 }
 
-/// The overlaps are the same numbers as above, and another estimator's.
+/// The same overlap values as above, by a different estimator.
 #[test]
-fn overlaps_of_another_estimator_stay_out_of_the_published_bins() {
+fn overlaps_of_another_estimator_are_not_binned_unless_forced() {
     let mut store = store();
     for preset in &mut store.provenance.presets {
         preset.overlap_estimators = vec!["epipolar-ray".to_owned()];
@@ -183,11 +183,11 @@ fn overlaps_of_another_estimator_stay_out_of_the_published_bins() {
     let scenes: Vec<u64> = cells.iter().map(|cells| cells[0].counts.unwrap().scenes).collect();
     assert_eq!(scenes, [2, 1, 1, 4]);
     let footer = notes(&forced, NoteKind::Forced).concat();
-    assert!(footer.contains("epipolar-ray") && footer.contains("that was asked for"), "{footer}");
+    assert!(footer.contains("epipolar-ray") && footer.contains("because of --force"), "{footer}");
 }
 
 #[test]
-fn settings_are_rows_where_a_table_says_so() {
+fn rows_may_be_settings() {
     let store = store();
     let table = built("budget", &[("run", &store)], Mixing::Apart).swap_remove(0);
     let row = own(&table, "atsplat");
@@ -200,7 +200,7 @@ fn settings_are_rows_where_a_table_says_so() {
 }
 
 #[test]
-fn nothing_measured_leaves_the_paper_alone() {
+fn without_measurements_only_the_published_rows_remain() {
     for name in TableDefinition::names() {
         let table = built(name, &[], Mixing::Apart).swap_remove(0);
         assert!(!table.is_measured() && verdict(&table).compared == 0, "{name}");
@@ -211,9 +211,8 @@ fn nothing_measured_leaves_the_paper_alone() {
     assert!(!built("re10k", &[("run", &nothing)], Mixing::Apart)[0].is_measured());
 }
 
-/// Of the timing pass alone: its median and spread, or a reason.
 #[test]
-fn times_are_of_the_timing_pass_or_absent_with_the_reason() {
+fn times_come_from_the_timing_pass_or_are_absent_with_a_reason() {
     let time = |results: &Results, method: &str| {
         let definition = TableDefinition::named("re10k").unwrap();
         let table = tables(&definition, &[Source { label: "run", results }], Mixing::Apart).unwrap().swap_remove(0);

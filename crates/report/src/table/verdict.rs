@@ -2,36 +2,36 @@ use std::collections::BTreeSet;
 
 use serde::Serialize;
 
-use super::{Column, NoteKind, Row, Table};
+use super::{Column, NoteKind, Place, Row, Table};
 use crate::definition::Quantity;
 use crate::plot::Origin;
 
-/// How measured rows compare with the published rows that they answer.
+/// How measured rows compare with the published rows that they reproduce.
 #[derive(Clone, Debug, Default, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Verdict {
     /// Name of the table.
     pub table: String,
-    /// The figure to look at first.
+    /// The most important values.
     pub headline: Option<Headline>,
-    /// Figures that both have.
+    /// Number of values that are both published and measured.
     pub compared: u64,
-    /// Those that print alike, or whose interval holds the published one.
+    /// Those that print alike, or whose interval contains the published value.
     pub agreeing: u64,
-    /// Pairs of published rows, in a column, that differ and that both are answered.
+    /// Pairs of published rows, in a column, that differ and are both reproduced.
     pub pairs: u64,
-    /// Those whose measured rows differ the same way.
+    /// Those whose measured rows differ in the same direction.
     pub ordered: u64,
-    /// Whether an answer has random weights.
+    /// Whether a reproduced row has random weights.
     pub untrained: bool,
-    /// Whether what was run is what was published: index, entries, preset.
+    /// Whether the published setting was run: index, entries, preset.
     pub same_setting: bool,
-    /// What was run where it is not.
+    /// The presets that were run otherwise.
     pub measured_on: Vec<String>,
 }
 
-/// One quantity of the published row that is answered last, which is where papers print their own, as tables print it: a
-/// figure for each group of columns.
+/// One quantity of the last published row that is reproduced, because papers print their own method last: a printed value
+/// for each group of columns.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Headline {
@@ -39,9 +39,9 @@ pub struct Headline {
     pub row: String,
     /// Title of the columns.
     pub quantity: &'static str,
-    /// What was measured.
+    /// The measured values.
     pub measured: Vec<String>,
-    /// What the paper has.
+    /// The published values.
     pub published: Vec<String>,
 }
 
@@ -53,37 +53,36 @@ impl std::fmt::Display for Headline {
     }
 }
 
-/// Compares figures and orders; of several answers to a row the first counts. Columns that have no better way, as tokens, take
-/// part in figures alone.
+/// Compares values and their order; if several measured rows reproduce a published row, the first counts. The order is not
+/// compared in columns without a better direction, such as tokens.
 pub fn verdict(table: &Table) -> Verdict {
     let same_setting = !table.footer.iter().any(|note| note.kind == NoteKind::Setting);
     let places: BTreeSet<&String> = table.groups.iter().filter_map(|group| group.measured_on.as_ref()).collect();
     let measured_on = places.into_iter().cloned().collect();
     let mut verdict = Verdict { table: table.name.clone(), same_setting, measured_on, ..Verdict::default() };
     let published = table.rows.iter().filter(|row| row.origin == Origin::Published);
-    let answer = |row: &Row| {
-        let mut answers = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
-        answers.find(|other| other.answers.is_some() && other.answers == row.answers)
+    let reproduced = |row: &Row| {
+        let mut measured = table.rows.iter().filter(|other| other.origin == Origin::Measured && !other.without_leaked);
+        measured.find(|other| other.answers.is_some() && other.answers == row.answers)
     };
-    let pairs: Vec<(&Row, &Row)> = published.filter_map(|row| Some((row, answer(row)?))).collect();
+    let pairs: Vec<(&Row, &Row)> = published.filter_map(|row| Some((row, reproduced(row)?))).collect();
     verdict.untrained = pairs.iter().any(|(_, own)| own.untrained);
     verdict.headline = pairs.last().and_then(|(paper, own)| headline(table, paper, own));
     for (place, column) in table.columns() {
-        // Seconds are of other machines.
+        // Published times were measured on other machines.
         if column.quantity == Quantity::Seconds {
             continue;
         }
-        let of = |row: &Row| row.cells.get(place.0)?.get(place.1)?.value.number();
-        let figures: Vec<(f64, f64)> = pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, of(own)?))).collect();
-        verdict.compared += figures.len() as u64;
-        for (paper, own) in
-            pairs.iter().filter_map(|(paper, own)| Some((of(paper)?, own.cells.get(place.0)?.get(place.1)?)))
-        {
-            let printed = own.value.number().map(|value| column.quantity.print(value, column.exact));
-            let alike = printed.is_some_and(|text| text == column.quantity.print(paper, column.exact));
-            let inside = own.interval.is_some_and(|[low, high]| (low..=high).contains(&paper));
+        let of = |row: &Row| row.cell(place).value.number();
+        let mut figures: Vec<(f64, f64)> = Vec::new();
+        for (paper, own) in &pairs {
+            let (Some(published), Some(measured)) = (of(paper), of(own)) else { continue };
+            figures.push((published, measured));
+            let alike = column.format(measured) == column.format(published);
+            let inside = own.cell(place).interval.is_some_and(|[low, high]| (low..=high).contains(&published));
             verdict.agreeing += u64::from(alike || inside);
         }
+        verdict.compared += figures.len() as u64;
         if column.direction.is_none() {
             continue;
         }
@@ -102,18 +101,16 @@ pub fn verdict(table: &Table) -> Verdict {
 
 /// The first metric that both have, or the first column.
 fn headline(table: &Table, paper: &Row, own: &Row) -> Option<Headline> {
-    let figures = |(group, at): (usize, usize), column: &Column| {
-        let of = |row: &Row| row.cells.get(group)?.get(at)?.value.number();
-        let print = |value| column.quantity.print(value, column.exact);
-        Some((column.quantity, print(of(own)?), print(of(paper)?)))
+    let figures = |place: Place, column: &Column| {
+        let print = |row: &Row| row.cell(place).value.number().map(|value| column.format(value));
+        Some((column.quantity, print(own)?, print(paper)?))
     };
     let both: Vec<_> = table.columns().filter_map(|(place, column)| figures(place, column)).collect();
     let is_metric = |quantity: Quantity| matches!(quantity, Quantity::Metric(_));
     let (first, ..) = both.iter().find(|(quantity, ..)| is_metric(*quantity)).or(both.first())?;
     let own = both.iter().filter(|(quantity, ..)| quantity == first);
     let (measured, published) = own.map(|(_, own, paper)| (own.clone(), paper.clone())).unzip();
-    let labels: Vec<&str> = paper.labels.iter().map(String::as_str).filter(|label| !label.is_empty()).collect();
-    Some(Headline { row: labels.join(" "), quantity: first.title(), measured, published })
+    Some(Headline { row: paper.names().join(" "), quantity: first.title(), measured, published })
 }
 
 impl std::fmt::Display for Verdict {

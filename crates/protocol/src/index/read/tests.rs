@@ -8,7 +8,7 @@ fn message(json: &str) -> String {
 }
 
 #[test]
-fn null_object_and_list_entries() {
+fn reads_null_objects_and_lists() {
     let file = IndexFile::parse(
         br#"{"a": null, "b": {"target": [4], "context": [1, 5]},
              "c": [{"context": [0], "target": [1]}, {"context": [2], "target": [3]}], "d": []}"#,
@@ -22,7 +22,7 @@ fn null_object_and_list_entries() {
 }
 
 #[test]
-fn bad_frame_numbers_name_scene_field_and_element() {
+fn errors_for_frame_numbers_name_scene_field_and_element() {
     for (number, found) in [
         ("-3", "integer `-3`"),
         ("1.5", "floating point `1.5`"),
@@ -46,7 +46,7 @@ fn bad_frame_numbers_name_scene_field_and_element() {
 }
 
 #[test]
-fn who_measured_an_overlap_is_read() {
+fn reads_the_estimator_of_an_overlap() {
     let json = |more: &str| format!(r#"{{"k": {{"context": [1, 2], "target": [3]{more}}}}}"#);
     let overlap = |more: &str| {
         let index = IndexFile::parse(json(more).as_bytes()).unwrap().index;
@@ -58,13 +58,13 @@ fn who_measured_an_overlap_is_read() {
     assert_eq!(overlap(r#", "overlap": 0.5"#), (Some(0.5.into()), Vec::new()));
     let alone = message(&json(r#", "overlap_estimator": "epipolar-ray""#));
     assert!(
-        alone.contains("scene \"k\", field overlap_estimator") && alone.contains("an overlap beside it"),
+        alone.contains("scene \"k\", field overlap_estimator") && alone.contains("expected the field overlap too"),
         "{alone}"
     );
 }
 
 #[test]
-fn other_faults_say_where_and_what() {
+fn errors_name_the_location_and_what_was_expected_and_found() {
     for (json, expected) in [
         (
             r#"{"k": [{"context": [1], "target": [2]}, {"context": [1]}]}"#,
@@ -91,7 +91,7 @@ fn other_faults_say_where_and_what() {
 }
 
 #[test]
-fn overlap_words_are_read_as_noposplat_reads_them() {
+fn reads_overlap_words_as_noposplat_does() {
     let json = r#"{"a": {"context": [], "target": [], "overlap": "large"},
         "b": {"context": [], "target": [], "overlap": "medium"},
         "c": {"context": [], "target": [], "overlap": null},
@@ -104,20 +104,20 @@ fn overlap_words_are_read_as_noposplat_reads_them() {
 }
 
 #[test]
-fn unknown_fields_are_counted_and_duplicate_keys_kept_as_python_does() {
+fn counts_unknown_fields_and_resolves_duplicate_keys_as_python_does() {
     let json = r#"{"a": {"context": [1], "target": [], "note": [[{}]], "z": 1},
         "b": null, "a": {"context": [2], "target": [], "note": 1}}"#;
     let file = IndexFile::parse(json.as_bytes()).unwrap();
     assert_eq!(file.notices.duplicate_keys, ["a"]);
     assert_eq!(file.notices.unknown_fields, [("note".to_owned(), 2), ("z".to_owned(), 1)].into());
-    assert_eq!(file.index.scenes.keys().collect::<Vec<_>>(), ["a", "b"], "the first place is kept");
-    assert_eq!(file.index.scenes["a"][0].context, [2], "the last value counts");
+    assert_eq!(file.index.scenes.keys().collect::<Vec<_>>(), ["a", "b"], "the first position is kept");
+    assert_eq!(file.index.scenes["a"][0].context, [2], "the last value wins");
     let strict = EvaluationIndex::from_json(json.as_bytes()).unwrap_err().to_string();
     assert_eq!(strict, "evaluation index: scene \"a\": expected every scene key once, found it again");
 }
 
 #[test]
-fn deep_nesting_and_long_names_are_errors_or_ignored() {
+fn deep_nesting_and_long_keys_give_short_errors() {
     let deep = format!("{{\"k\": {}", "[".repeat(100_000));
     assert!(message(&deep).contains("expected"), "nested entries");
     let ignored = format!(r#"{{"k": {{"context": [], "target": [], "x": {}}}}}"#, "[".repeat(100_000));

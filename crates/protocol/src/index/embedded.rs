@@ -1,14 +1,14 @@
 use super::IndexFile;
 use crate::ProtocolError;
 
-macro_rules! carried {
+macro_rules! embedded {
     ($($name:literal),* $(,)?) => {
         &[$(($name, include_str!(concat!("../../../../eval/indices/", $name, ".json")))),*]
     };
 }
 
 /// Indices of the simulated datasets, in `eval/indices/`.
-const CARRIED: &[(&str, &str)] = carried![
+const EMBEDDED: &[(&str, &str)] = embedded![
     "rooms-2v",
     "rooms-overlap",
     "rooms-extrapolation",
@@ -20,12 +20,12 @@ const CARRIED: &[(&str, &str)] = carried![
 ];
 
 impl IndexFile {
-    /// An index that travels inside the binary, by the name that presets accept it under; `None` where there is none.
+    /// An index embedded in the binary, by the name under which presets accept it; `None` for other names.
     ///
     /// # Errors
-    /// As [`Self::parse`]; none that is carried has one.
+    /// As [`Self::parse`]; the embedded files have none.
     pub fn carried(name: &str) -> Option<Result<Self, ProtocolError>> {
-        let (_, text) = CARRIED.iter().find(|(known, _)| *known == name)?;
+        let (_, text) = EMBEDDED.iter().find(|(known, _)| *known == name)?;
         Some(Self::parse(text.as_bytes()))
     }
 }
@@ -38,7 +38,7 @@ mod tests {
     use crate::{IndexMatch, Preset};
 
     #[test]
-    fn presets_of_simulated_scenes_describe_the_indices_that_are_carried() {
+    fn presets_of_simulated_scenes_match_the_embedded_indices() {
         let mut used = BTreeSet::new();
         for preset in Preset::names().map(|name| Preset::named(name).unwrap()) {
             let Some(accepted) = preset.index.accepted.first() else { continue };
@@ -49,13 +49,13 @@ mod tests {
             assert_eq!(file.index.scenes.len() as u64, preset.index.scenes, "{name}");
             let (fewest, most) = preset.index.targets;
             for (key, _, entry) in file.index.entries() {
-                assert!(key.starts_with(&format!("{}-test-", preset.dataset)), "{name}: {key} is no test scene");
+                assert!(key.starts_with(&format!("{}-test-", preset.dataset)), "{name}: {key} is not a test scene");
                 assert_eq!(entry.context.len(), preset.index.context_views, "{name}");
                 assert!((fewest..=most).contains(&entry.target.len()), "{name}");
                 assert_eq!(entry.overlap.is_some(), preset.overlap_bins.is_some(), "{name}");
             }
             used.insert(accepted.name.clone());
         }
-        assert_eq!(used, CARRIED.iter().map(|(name, _)| (*name).to_owned()).collect(), "none is carried for nothing");
+        assert_eq!(used, EMBEDDED.iter().map(|(name, _)| (*name).to_owned()).collect(), "every embedded index is used");
     }
 }
