@@ -40,6 +40,8 @@ pub use render::RenderedTensors;
 pub use trace::Trace;
 pub use views::Views;
 
+pub use atsplat_nn::f32_values;
+
 use crate::ModelError;
 use crate::config::{ImageSize, ModelConfig};
 use anchors::Anchors;

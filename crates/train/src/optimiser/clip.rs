@@ -1,10 +1,10 @@
-/// Length of all gradients as one vector, in f64 and in their order; NaN where one of them is NaN.
+/// Norm of all gradients as one vector, summed in f64 in their order; NaN if one of them is NaN.
 pub fn norm<'a>(gradients: impl IntoIterator<Item = &'a [f32]>) -> f64 {
     let squares = gradients.into_iter().map(|part| part.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>());
     squares.sum::<f64>().sqrt()
 }
 
-/// What gradients are multiplied with so that their norm is at most `most`: PyTorch's `clip_grad_norm_`.
+/// Factor that clips gradients to a norm of at most `most`: PyTorch's `clip_grad_norm_`.
 pub fn clip(norm: f64, most: f64) -> f64 {
     let scale = most / (norm + 1e-6);
     if scale < 1.0 { scale } else { 1.0 }

@@ -1,4 +1,4 @@
-//! `AdamW`, its schedule, clipping and averaging, over named arrays: simple enough that its state can be written down exactly.
+//! `AdamW`, learning-rate schedule, gradient clipping and weight averaging, on plain arrays that a checkpoint stores exactly.
 
 mod adam_w;
 mod average;
@@ -6,6 +6,6 @@ mod clip;
 mod schedule;
 
 pub use adam_w::{AdamW, Moments, Update};
-pub use average::{average, kept};
+pub use average::{average, warmed_up};
 pub use clip::{clip, norm};
 pub use schedule::Schedule;
