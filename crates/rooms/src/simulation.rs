@@ -164,7 +164,7 @@ impl Simulation {
     /// Renders a frame's picture alone.
     ///
     /// # Errors
-    /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] where the lens folds over inside the picture.
+    /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the picture.
     pub fn picture(&self, frame: usize) -> Result<Image, RoomsError> {
         let Request { size, samples, .. } = self.request;
         render::picture(&self.world, &self.effects, self.shot(frame)?, size, samples, self.gain)

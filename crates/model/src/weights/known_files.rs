@@ -1,4 +1,4 @@
-//! Files of weights that the toolkit knows of: what they are, where users get them.
+//! Known files of weights: what they are and where users get them.
 
 use crate::config::{BackboneConfig, DinoSize};
 
@@ -11,13 +11,13 @@ pub struct KnownFile {
     pub what: &'static str,
     /// Where users get it.
     pub source: &'static str,
-    /// sha256 in hexadecimal, where one is known. Meta publishes none for DINOv2.
+    /// SHA-256 in hexadecimal, if known. Meta publishes none for DINOv2.
     pub sha256: Option<&'static str>,
-    /// The key map that reads it.
+    /// Key map for importing it.
     pub key_map: &'static str,
-    /// Size and registers.
+    /// Size, and whether it has registers.
     variant: (DinoSize, bool),
-    /// Whether numbers made with it may be called DINOv2's.
+    /// Whether results with it may be called DINOv2's.
     pub is_original: bool,
 }
 
@@ -123,12 +123,12 @@ const fn original(
 }
 
 impl KnownFile {
-    /// All of them.
+    /// All known files.
     pub const fn all() -> &'static [Self] {
         KNOWN
     }
 
-    /// The file with this hash, if it is one of those whose hash is known.
+    /// The known file with this hash.
     pub fn with_sha256(sha256: &str) -> Option<&'static Self> {
         KNOWN.iter().find(|known| known.sha256.is_some_and(|known| known.eq_ignore_ascii_case(sha256)))
     }
@@ -142,7 +142,7 @@ impl KnownFile {
         KNOWN.iter().filter(move |known| known.is_original && Some(known.variant) == wanted)
     }
 
-    /// What to tell a user who lacks the weights of a backbone.
+    /// Message for a user without the weights of a backbone: where to get them.
     pub fn advice(backbone: &BackboneConfig) -> String {
         let places: Vec<String> = Self::of_backbone(backbone)
             .map(|known| {

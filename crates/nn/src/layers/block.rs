@@ -27,7 +27,7 @@ pub struct BlockConfig {
 }
 
 impl BlockConfig {
-    /// A block with fresh parameters.
+    /// A block with newly initialised parameters.
     ///
     /// # Panics
     /// When the heads do not divide the width.
@@ -89,7 +89,7 @@ fn scaled(scale: Option<&LayerScale>, x: Tensor<3>) -> Tensor<3> {
     }
 }
 
-/// A learnt factor per element of a token (Touvron et al. 2021, "Going deeper with image transformers").
+/// A learned factor per element of a token (Touvron et al. 2021, "Going deeper with image transformers").
 #[derive(Module, Debug)]
 pub struct LayerScale {
     /// `[width]`.

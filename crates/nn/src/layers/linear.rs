@@ -21,7 +21,7 @@ pub struct LinearConfig {
 }
 
 impl LinearConfig {
-    /// A layer with fresh parameters.
+    /// A layer with newly initialised parameters.
     pub fn init(&self, device: &Device) -> Linear {
         let shape = [self.inputs, self.outputs];
         Linear {

@@ -24,7 +24,7 @@ pub struct MlpConfig {
 }
 
 impl MlpConfig {
-    /// Layers with fresh parameters.
+    /// Layers with newly initialised parameters.
     pub fn init(&self, device: &Device) -> Mlp {
         let layer = |inputs, outputs| {
             let config = LinearConfig::new(inputs, outputs).with_bias(self.bias);

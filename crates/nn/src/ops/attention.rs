@@ -14,7 +14,7 @@ use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, KeyMask};
 /// are multiplied by 0.
 ///
 /// A logit of −∞ weighs nothing. A query that sees no key, or only keys at −∞, gives 0, and no gradient. A query with a
-/// logit of NaN or +∞ gives NaN. A sample's result does not depend on the batch that it is in, to the bit.
+/// logit of NaN or +∞ gives NaN. A sample's result does not depend on the batch that it is in, bit for bit.
 ///
 /// # Panics
 /// When the shapes do not fit together.

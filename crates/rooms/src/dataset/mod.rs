@@ -123,7 +123,7 @@ pub fn encoded_scene(simulation: &Simulation, coding: PictureCoding) -> Result<S
 /// A lens that the layout has no place for is counted in `warnings`.
 ///
 /// # Errors
-/// [`RoomsError::Io`], [`RoomsError::Scene`] where the folder already holds chunks, and as [`Simulation::new`].
+/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already holds chunks, and as [`Simulation::new`].
 pub fn write_dataset(
     folder: &Path,
     requests: impl IntoIterator<Item = Request>,

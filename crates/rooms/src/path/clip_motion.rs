@@ -45,7 +45,7 @@ const TURN_STEP: f64 = 0.5;
 const BASELINE_STEP: f64 = 0.1;
 
 impl ClipMotion {
-    /// Measures cameras with their times in microseconds, in any order. `None` where they last less than half a second.
+    /// Measures cameras with their times in microseconds, in any order. `None` if they last less than half a second.
     pub fn of(clip: &str, cameras: impl IntoIterator<Item = (i64, Camera)>) -> Option<Self> {
         let mut cameras: Vec<(i64, Camera)> = cameras.into_iter().collect();
         cameras.sort_by_key(|(micros, _)| *micros);
@@ -93,7 +93,7 @@ impl ClipMotion {
     /// The eleven real RE10K clips that `data/re10k_motion.json` tells of; what trajectories are drawn from.
     ///
     /// # Errors
-    /// [`RoomsError::Motion`] where the carried file is broken.
+    /// [`RoomsError::Motion`] if the carried file is broken.
     pub fn real() -> Result<Vec<Self>, RoomsError> {
         #[derive(Deserialize)]
         struct File {
