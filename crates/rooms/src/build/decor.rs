@@ -1,16 +1,16 @@
-//! What hangs on walls and in windows. The frame is a wall's: x along it, +y into the room.
+//! Pictures, windows and railings. The frame is a wall's: x along it, +y into the room.
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
 
 use super::plants::rod;
 use super::shell::Opening;
-use super::{glossy, matt};
+use super::{glossy, matte};
 use crate::form::Form;
 use crate::material::{Palette, Pattern};
 use crate::rng::Rng;
 use crate::world::Builder;
 
-/// A framed painting or a panel with writing, its middle at `centre` on the wall.
+/// A framed painting or a panel with text, centred at `centre` on the wall.
 pub(super) fn picture(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
     let half = Vec2::new(0.18 + 0.4 * as_f32(rng.unit()), 0.16 + 0.3 * as_f32(rng.unit()));
     let [light, dark] = rng.wood();
@@ -40,7 +40,7 @@ pub(super) fn picture(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
 
 /// The frame, bars, sill and perhaps blinds or curtains of a window.
 pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f64) {
-    let white = matt(rng, Pattern::Plain(Vec3::splat(0.7)));
+    let white = matte(rng, Pattern::Plain(Vec3::splat(0.7)));
     let white = b.material(white);
     let ([left, right], [low, high]) = (opening.along, opening.height);
     let (width, height) = (right - left, high - low);
@@ -70,7 +70,7 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
         }
     } else if rng.chance(0.6) {
         let [x, y] = rng.pair();
-        let cloth = matt(rng, Pattern::Weave { a: x, b: y, period: 0.02 });
+        let cloth = matte(rng, Pattern::Weave { a: x, b: y, period: 0.02 });
         let cloth = b.material(cloth);
         for (from, sign) in [(left - 0.25, 1.0), (right + 0.25, -1.0)] {
             for fold in 0..7 {
@@ -101,7 +101,7 @@ pub(super) fn railing(b: &mut Builder, rng: &mut Rng, from: DVec3, to: DVec3) {
     rod(b, from + height * 0.1, to + height * 0.1, 0.012, iron);
 }
 
-/// How many whole steps fit.
+/// Number of whole steps that fit.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small count")]
 fn count(steps: f64) -> u32 {
     steps.clamp(1.0, 400.0) as u32

@@ -1,14 +1,14 @@
-//! Furniture about the origin of a thing's frame, standing on z = 0, its back to y = 0, its front to +y.
+//! Furniture about the origin of an instance's frame, on z = 0, with its back at y = 0 and its front to +y.
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
 
-use super::{glossy, matt, plants};
+use super::{glossy, matte, plants};
 use crate::form::Form;
 use crate::material::{Material, Palette, Pattern};
 use crate::rng::Rng;
 use crate::world::Builder;
 
-/// What may stand against a wall or in the middle of a room.
+/// A piece of furniture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Piece {
     Bookshelf,
@@ -69,8 +69,8 @@ fn wooden(b: &mut Builder, rng: &mut Rng) -> usize {
     let paint = rng.paint();
     let pattern =
         if painted { Pattern::Plain(paint) } else { Pattern::Planks { a: light, b: dark, width: 0.25, length: 4.0 } };
-    let held = glossy(rng, pattern, 0.03);
-    b.material(held)
+    let material = glossy(rng, pattern, 0.03);
+    b.material(material)
 }
 
 fn cloth(b: &mut Builder, rng: &mut Rng) -> usize {
@@ -82,14 +82,14 @@ fn cloth(b: &mut Builder, rng: &mut Rng) -> usize {
         3 => Pattern::Motif { a: x, b: y, period: 0.16 },
         _ => Pattern::Grain { a: x, b: x * 0.6, feature: 0.05, octaves: 5 },
     };
-    let held = matt(rng, pattern);
-    b.material(held)
+    let material = matte(rng, pattern);
+    b.material(material)
 }
 
 fn metal(b: &mut Builder, rng: &mut Rng) -> usize {
     let grey = Vec3::splat(if rng.chance(0.5) { 0.05 } else { 0.45 });
-    let held = glossy(rng, Pattern::Plain(grey), 0.2);
-    b.material(held)
+    let material = glossy(rng, Pattern::Plain(grey), 0.2);
+    b.material(material)
 }
 
 fn legs(b: &mut Builder, half: [f64; 2], centre: DVec3, height: f64, radius: f64, material: usize) {
@@ -111,7 +111,7 @@ fn bookshelf(b: &mut Builder, rng: &mut Rng) {
         let z = shelf as f64 * pitch;
         b.block(v(-0.58, 0.02, z), v(0.58, 0.3, z + 0.02), frame);
         if shelf < shelves && rng.chance(0.8) {
-            let spines = matt(rng, Pattern::Books { height: 0.28 });
+            let spines = matte(rng, Pattern::Books { height: 0.28 });
             let spines = b.material(spines);
             let (left, right) = (rng.within(-0.58, -0.3), rng.within(0.1, 0.57));
             b.block(v(left, 0.03, z + 0.02), v(right, rng.within(0.2, 0.27), z + 0.3), spines);
@@ -201,7 +201,7 @@ fn clutter(b: &mut Builder, rng: &mut Rng, half: [f64; 2], centre: DVec3) {
             }
             1 => {
                 let half = Vec2::new(0.11, 0.15);
-                let page = matt(rng, Pattern::Text { ink: y * 0.2, paper: Vec3::splat(0.8), half, line: 0.02 });
+                let page = matte(rng, Pattern::Text { ink: y * 0.2, paper: Vec3::splat(0.8), half, line: 0.02 });
                 let page = b.material(page);
                 let turn = DMat3::from_rotation_z(rng.within(-1.0, 1.0));
                 b.put_turned(Form::Box(v(0.11, 0.15, 0.008)), at + v(0.0, 0.0, 0.008), turn, page);
@@ -292,10 +292,10 @@ fn floor_lamp(b: &mut Builder, rng: &mut Rng) {
     shade(b, rng, v(0.0, 0.22, height + 0.12));
 }
 
-/// A glowing shade; the light itself comes from all of it.
+/// A glowing lampshade, which emits light from its whole surface.
 pub(super) fn shade(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
     let warm = Vec3::new(1.0, 0.78, 0.5) * 3.0;
-    let glowing = Material { emission: warm, ..matt(rng, Pattern::Plain(Vec3::splat(0.6))) };
+    let glowing = Material { emission: warm, ..matte(rng, Pattern::Plain(Vec3::splat(0.6))) };
     let glowing = b.material(glowing);
     b.put(Form::Cylinder { radius: 0.17, half_height: 0.12 }, centre, glowing);
     let centre = b.to_world(centre);
@@ -327,7 +327,7 @@ fn boxes(b: &mut Builder, rng: &mut Rng) {
     for _ in 0..rng.count(1, 3) {
         let half = v(rng.within(0.15, 0.32), rng.within(0.12, 0.26), rng.within(0.1, 0.2));
         let label = Pattern::Text { ink: x * 0.3, paper: x, half: Vec2::new(0.16, 0.1), line: 0.045 };
-        let label = matt(rng, label);
+        let label = matte(rng, label);
         let label = b.material(label);
         let turn = DMat3::from_rotation_z(rng.within(-0.3, 0.3));
         b.put_turned(Form::Box(half), v(0.0, 0.3, z + half.z), turn, label);
