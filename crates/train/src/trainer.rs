@@ -22,7 +22,7 @@ use crate::samples::{Draw, Source};
 use crate::update::update;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
-/// When a call of [`Trainer::run`] stops before the configuration's last step.
+/// If a call of [`Trainer::run`] stops before the configuration's last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Limits {
     /// After this many steps of the whole run.
