@@ -45,7 +45,7 @@ impl Budget {
     /// # Errors
     /// [`ModelError::Malformed`] if the number of selections is not the number of blocks, or a block expands more tokens
     /// than it has.
-    pub fn of_selections(config: &ModelConfig, initial_tokens: usize, expanded: &[usize]) -> Result<Self, ModelError> {
+    pub fn from_selections(config: &ModelConfig, initial_tokens: usize, expanded: &[usize]) -> Result<Self, ModelError> {
         if expanded.len() != config.decoder.blocks.len() {
             let expected = format!("{} selections, one for each block", config.decoder.blocks.len());
             return Err(ModelError::malformed("budget", "selections", expected, expanded.len()));
@@ -99,7 +99,7 @@ pub fn budget(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<
                 chosen
             })
             .collect();
-        Budget::of_selections(config, initial, &expanded)
+        Budget::from_selections(config, initial, &expanded)
     };
     Ok(BudgetRange { least: with(false)?, most: with(true)? })
 }

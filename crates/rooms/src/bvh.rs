@@ -9,7 +9,7 @@ pub(crate) struct Bvh {
     nodes: Vec<Node>,
 }
 
-/// Four boxes side by side.
+/// A node of four boxes.
 #[derive(Clone, Copy, Debug)]
 struct Node {
     /// Lower and upper planes per axis.

@@ -1,10 +1,12 @@
 //! Contact sheets: context views, renders and ground truth side by side.
 
+use atsplat_model::ImageSize;
 use atsplat_model::network::Network;
 use atsplat_pixels::{Image, ImageU8, Rounding};
 
 use crate::TrainError;
 use crate::evaluation::{Evaluation, picture};
+use crate::samples::pixel_size;
 
 /// White pixels between pictures.
 const GAP: usize = 4;
@@ -51,6 +53,6 @@ fn lay_out(rows: &[Vec<Image>]) -> Result<Image, TrainError> {
             }
         }
     }
-    let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
-    Ok(Image::new(side(width), side(height), samples)?)
+    let size = pixel_size(ImageSize::new(height, width));
+    Ok(Image::new(size.width, size.height, samples)?)
 }

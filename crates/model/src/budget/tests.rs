@@ -101,12 +101,12 @@ fn ratios_are_exact_unlike_floats() {
 #[test]
 fn the_formula_agrees_with_counted_selections() {
     let config = preset("paper-re10k");
-    let counted = Budget::of_selections(&config, 512, &[0, 256, 384, 288]).unwrap();
+    let counted = Budget::from_selections(&config, 512, &[0, 256, 384, 288]).unwrap();
     assert_eq!(Some(&counted), budget(&config, 2, ImageSize::new(256, 256)).unwrap().fixed());
     assert_eq!(counted.tokens, [512, 768, 1152, 1440]);
-    let error = Budget::of_selections(&config, 512, &[0, 600, 0, 0]).unwrap_err().to_string();
+    let error = Budget::from_selections(&config, 512, &[0, 600, 0, 0]).unwrap_err().to_string();
     assert!(error.contains("block 1") && error.contains("512") && error.contains("600"), "{error}");
-    assert!(Budget::of_selections(&config, 512, &[0]).is_err());
+    assert!(Budget::from_selections(&config, 512, &[0]).is_err());
 }
 
 #[test]

@@ -87,7 +87,7 @@ impl Network {
             depths: forward.initial.depths.map(f32_values),
             blocks,
             seen_at: views.size(),
-            budget: Budget::of_selections(config, initial_tokens, &expanded)?,
+            budget: Budget::from_selections(config, initial_tokens, &expanded)?,
             seconds: forward.seconds,
             memory: memory(config, views.len(), views.size())?,
         })

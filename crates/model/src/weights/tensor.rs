@@ -24,7 +24,8 @@ impl StoredTensor {
         let elements = shape.iter().try_fold(1usize, |count, &size| count.checked_mul(size));
         let length = elements.and_then(|count| count.checked_mul(dtype.bytes()));
         if length != Some(bytes.len()) {
-            let expected = format!("{} bytes of {dtype} in shape {shape:?}", length.unwrap_or(usize::MAX));
+            let length = length.map_or("fewer than 2⁶⁴".to_owned(), |length| length.to_string());
+            let expected = format!("{length} bytes of {dtype} in shape {shape:?}");
             return Err(ModelError::malformed(WHAT, "tensor", expected, format!("{} bytes", bytes.len())));
         }
         Ok(Self { dtype, shape, bytes })

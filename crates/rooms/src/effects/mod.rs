@@ -196,8 +196,8 @@ impl Effects {
         for effect in EffectKind::ALL {
             let reason = match choice {
                 EffectChoice::Auto => called_for(effect, case),
-                EffectChoice::All => Some("asked for with all others".to_owned()),
-                EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("asked for".to_owned()),
+                EffectChoice::All => Some("requested with all others".to_owned()),
+                EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("requested".to_owned()),
                 EffectChoice::None | EffectChoice::Only(_) => None,
             };
             if let Some(reason) = reason {
