@@ -1,5 +1,6 @@
 use glam::{DVec2, DVec3, Vec3};
 
+use crate::noise::as_f32;
 use crate::rng::sphere_point;
 
 /// A light source other than the sky. The body of a lamp is a separate object.
@@ -38,13 +39,13 @@ impl Lamp {
                 }
                 let size = face.length();
                 let shines = along / (towards.length() * size);
-                radiance * as_colour(gathered(towards, 4.0 * size, shines.clamp(0.0, 1.0)))
+                radiance * as_f32(gathered(towards, 4.0 * size, shines.clamp(0.0, 1.0)))
             }
             Self::Bulb { centre, radius, radiance } => {
-                radiance * as_colour(gathered(centre - point, std::f64::consts::PI * radius * radius, 1.0))
+                radiance * as_f32(gathered(centre - point, std::f64::consts::PI * radius * radius, 1.0))
             }
             Self::Sun { direction, irradiance, .. } => {
-                irradiance * as_colour(normal.dot(direction).clamp(0.0, 1.0) / std::f64::consts::PI)
+                irradiance * as_f32(normal.dot(direction).clamp(0.0, 1.0) / std::f64::consts::PI)
             }
         }
     }
@@ -70,9 +71,4 @@ impl Lamp {
         let offset = place - point;
         offset * (1.0 - SHORT / (offset.length() + SHORT))
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "a share of light")]
-const fn as_colour(share: f64) -> f32 {
-    share as f32
 }

@@ -14,6 +14,12 @@ pub(crate) const fn lattice(x: i32, y: i32, z: i32, seed: u32) -> u32 {
     h ^ (h >> 15)
 }
 
+/// A size, share or cosine in the precision of colours.
+#[expect(clippy::cast_possible_truncation, reason = "the one rounding to the precision of colours")]
+pub(crate) const fn as_f32(value: f64) -> f32 {
+    value as f32
+}
+
 /// Uniform in [0, 1) from the upper 24 bits.
 pub(crate) const fn unit(bits: u32) -> f32 {
     (bits >> 8) as f32 / (1u32 << 24) as f32

@@ -6,6 +6,7 @@ use rayon::prelude::*;
 use crate::RoomsError;
 use crate::effects::{Effects, PixelSample};
 use crate::material::{Material, srgb_encoded};
+use crate::noise::as_f32;
 use crate::path::Shot;
 use crate::rng::mix;
 use crate::world::{Surface, World};
@@ -207,9 +208,4 @@ fn reflected_light(
         }
     }
     material.albedo(&surface.texture_point(footprint)) * arriving + material.emission
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "widths and cosines")]
-const fn as_f32(value: f64) -> f32 {
-    value as f32
 }

@@ -16,8 +16,7 @@ pub(super) fn build(seed: u64) -> World {
     let rng = &mut Rng::for_part(seed, "hall");
     let mut b = Builder::new();
     let (long, wide, height) = (rng.within(14.0, 26.0), rng.within(8.0, 13.0), rng.within(4.5, 7.5));
-    let floor = floor_material(rng);
-    let floor = b.material(floor);
+    let floor = b.material(floor_material(rng));
     b.instance(DVec3::ZERO, 0.0);
     b.block(DVec3::new(-0.3, -0.3, -0.2), DVec3::new(long + 0.3, wide + 0.3, 0.0), floor);
     let [light, dark] = rng.wood();
@@ -26,8 +25,7 @@ pub(super) fn build(seed: u64) -> World {
     } else {
         Pattern::Grain { a: Vec3::splat(0.7), b: Vec3::splat(0.6), feature: 0.5, octaves: 6 }
     };
-    let ceiling = matte(rng, ceiling);
-    let ceiling = b.material(ceiling);
+    let ceiling = b.material(matte(rng, ceiling));
     b.instance(DVec3::ZERO, 0.0);
     b.block(DVec3::new(-0.3, -0.3, height), DVec3::new(long + 0.3, wide + 0.3, height + 0.2), ceiling);
     let bays = bays(long);
@@ -90,8 +88,7 @@ fn walls(b: &mut Builder, rng: &mut Rng, [long, wide, height]: [f64; 3], bays: u
         };
         let openings: Vec<Opening> = if windows { (0..bays).map(window).collect() } else { Vec::new() };
         wall(b, length, height, 0.3, &openings, own);
-        let bars = matte(rng, Pattern::Plain(Vec3::splat(0.08)));
-        let bars = b.material(bars);
+        let bars = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.08))));
         for opening in &openings {
             let ([left, right], [low, high]) = (opening.along, opening.height);
             b.instance(origin, yaw);
@@ -119,8 +116,7 @@ fn columns(b: &mut Builder, rng: &mut Rng, [long, wide, height]: [f64; 3], bays:
         1 => Pattern::Tiles { a: stone, b: dark, grout: dark * 0.5, size: Vec2::new(0.5, 0.35), gap: 0.01, shift: 0.5 },
         _ => Pattern::Grain { a: stone, b: dark, feature: 0.2, octaves: 7 },
     };
-    let shaft = matte(rng, pattern);
-    let shaft = b.material(shaft);
+    let shaft = b.material(matte(rng, pattern));
     let radius = rng.within(0.15, 0.3);
     for bay in 1..bays {
         let x = long * f64::from(bay) / f64::from(bays);

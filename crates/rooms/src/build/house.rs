@@ -10,6 +10,7 @@ use super::{glossy, matte, sky};
 use crate::form::Form;
 use crate::lamp::Lamp;
 use crate::material::{Material, Palette, Pattern};
+use crate::noise::as_f32;
 use crate::rng::Rng;
 use crate::world::{Builder, World};
 
@@ -84,14 +85,12 @@ fn furnish(
     let (corner, far) = ((low - DVec2::splat(THICK)).extend(-0.1), (high + DVec2::splat(THICK)).extend(0.0));
     b.block(corner, far, floor);
     let plaster = Vec3::splat(as_f32(rng.within(0.7, 0.85)));
-    let ceiling = matte(rng, Pattern::Plain(plaster));
-    let ceiling = b.material(ceiling);
+    let ceiling = b.material(matte(rng, Pattern::Plain(plaster)));
     b.instance(DVec3::ZERO, 0.0);
     b.block(corner.with_z(height), far.with_z(height + 0.1), ceiling);
     if rng.chance(0.15) {
         let [light, dark] = rng.wood();
-        let beam = matte(rng, Pattern::Planks { a: light, b: dark, width: 0.3, length: 6.0 });
-        let beam = b.material(beam);
+        let beam = b.material(matte(rng, Pattern::Planks { a: light, b: dark, width: 0.3, length: 6.0 }));
         for at in 1..5 {
             let x = low.x + (high.x - low.x) * f64::from(at) / 5.0;
             b.block(DVec3::new(x - 0.07, low.y, height - 0.2), DVec3::new(x + 0.07, high.y, height), beam);
@@ -150,8 +149,7 @@ fn build_side(
     let material = b.material(bold.unwrap_or(walls));
     b.instance(side.origin, side.yaw);
     wall(b, side.length, room.height, THICK, &side.openings, material);
-    let trim = matte(rng, Pattern::Plain(Vec3::splat(0.72)));
-    let trim = b.material(trim);
+    let trim = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.72))));
     let solid = |x: f64| side.openings.iter().all(|o| x < o.along[0] - 0.1 || x > o.along[1] + 0.1);
     b.instance(side.origin, side.yaw);
     let mut from = 0.0;
@@ -216,8 +214,7 @@ fn middle(b: &mut Builder, rng: &mut Rng, room: &Room, taken: &mut Vec<(DVec2, f
             1 => Pattern::Stripes { a: x, b: y, period: 0.2 },
             _ => Pattern::Weave { a: x, b: y, period: 0.05 },
         };
-        let rug = matte(rng, rug);
-        let rug = b.material(rug);
+        let rug = b.material(matte(rng, rug));
         b.instance(centre.extend(0.0), rng.within(-0.2, 0.2));
         b.put(Form::Box(DVec3::new(rng.within(0.9, 1.5), rng.within(0.6, 1.0), 0.006)), DVec3::Z * 0.006, rug);
     }
@@ -244,8 +241,7 @@ fn ceiling_lamp(b: &mut Builder, rng: &mut Rng, room: &Room) {
     match rng.count(0, 3) {
         0 => {
             let drop = rng.within(0.5, 0.9);
-            let cord = matte(rng, Pattern::Plain(Vec3::splat(0.02)));
-            let cord = b.material(cord);
+            let cord = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.02))));
             super::plants::rod(b, DVec3::ZERO, DVec3::Z * -drop, 0.004, cord);
             shade(b, rng, DVec3::Z * -(drop + 0.1));
         }
@@ -260,9 +256,4 @@ fn ceiling_lamp(b: &mut Builder, rng: &mut Rng, room: &Room) {
         }
         _ => {}
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "a colour")]
-const fn as_f32(value: f64) -> f32 {
-    value as f32
 }

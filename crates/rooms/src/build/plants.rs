@@ -24,11 +24,9 @@ pub(super) fn rod(b: &mut Builder, from: DVec3, to: DVec3, radius: f64, material
 pub(super) fn potted(b: &mut Builder, rng: &mut Rng, at: DVec3) {
     let size = if at.z > 0.1 { rng.within(0.12, 0.3) } else { rng.within(0.4, 0.8) };
     let [x, y] = rng.pair();
-    let pot = glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.1, octaves: 4 }, 0.03);
-    let pot = b.material(pot);
+    let pot = b.material(glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.1, octaves: 4 }, 0.03));
     let [a, dark] = rng.leaves();
-    let leaf = matte(rng, Pattern::Stripes { a, b: dark, period: 0.03 });
-    let leaf = b.material(leaf);
+    let leaf = b.material(matte(rng, Pattern::Stripes { a, b: dark, period: 0.03 }));
     b.put(Form::Cylinder { radius: 0.2 * size, half_height: 0.18 * size }, at + DVec3::Z * (0.18 * size), pot);
     let root = at + DVec3::Z * (0.36 * size);
     for _ in 0..rng.count(7, 16) {
@@ -47,8 +45,7 @@ pub(super) fn potted(b: &mut Builder, rng: &mut Rng, at: DVec3) {
 /// A tree of the given height: trunk, branches and a crown of leaves.
 pub(super) fn tree(b: &mut Builder, rng: &mut Rng, height: f64) {
     let [light, dark] = rng.wood();
-    let bark = matte(rng, Pattern::Grain { a: light * 0.4, b: dark * 0.25, feature: 0.06, octaves: 5 });
-    let bark = b.material(bark);
+    let bark = b.material(matte(rng, Pattern::Grain { a: light * 0.4, b: dark * 0.25, feature: 0.06, octaves: 5 }));
     let kinds: Vec<usize> = (0..2)
         .map(|_| {
             let [a, dark] = rng.leaves();

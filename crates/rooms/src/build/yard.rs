@@ -86,8 +86,7 @@ fn facade(b: &mut Builder, rng: &mut Rng, half: DVec3, height: f64, side: u8) {
     let (far, wide) = if side.is_multiple_of(2) { (half.y, half.x) } else { (half.x, half.y) };
     let turn = glam::DMat3::from_rotation_z(yaw);
     let origin = turn * DVec3::new(-wide, -far - 0.3, 0.0);
-    let material = wall_material(rng);
-    let material = b.material(material);
+    let material = b.material(wall_material(rng));
     b.instance(origin, yaw);
     if rng.chance(0.25) {
         wall(b, 2.0 * wide, 0.8, 0.3, &[], material);
@@ -96,10 +95,8 @@ fn facade(b: &mut Builder, rng: &mut Rng, half: DVec3, height: f64, side: u8) {
         return;
     }
     let pitch = rng.within(1.9, 3.2);
-    let glass = glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.12);
-    let glass = b.material(glass);
-    let trim = matte(rng, Pattern::Plain(Vec3::splat(0.65)));
-    let trim = b.material(trim);
+    let glass = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.12));
+    let trim = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.65))));
     let storeys = ((height - 0.4) / 2.8).floor();
     let mut z = 0.0;
     for _ in 0..4 {
@@ -134,8 +131,7 @@ fn facade(b: &mut Builder, rng: &mut Rng, half: DVec3, height: f64, side: u8) {
 
 fn bench(b: &mut Builder, rng: &mut Rng) {
     let [light, dark] = rng.wood();
-    let slats = matte(rng, Pattern::Planks { a: light, b: dark, width: 0.5, length: 5.0 });
-    let slats = b.material(slats);
+    let slats = b.material(matte(rng, Pattern::Planks { a: light, b: dark, width: 0.5, length: 5.0 }));
     for slat in 0..5 {
         let y = 0.1 * f64::from(slat);
         b.block(DVec3::new(-0.9, y, 0.43), DVec3::new(0.9, y + 0.08, 0.46), slats);
@@ -150,8 +146,7 @@ fn bench(b: &mut Builder, rng: &mut Rng) {
 
 fn hedge(b: &mut Builder, rng: &mut Rng) {
     let [a, dark] = rng.leaves();
-    let leaves = matte(rng, Pattern::Grain { a, b: dark * 0.3, feature: 0.04, octaves: 4 });
-    let leaves = b.material(leaves);
+    let leaves = b.material(matte(rng, Pattern::Grain { a, b: dark * 0.3, feature: 0.04, octaves: 4 }));
     let half = DVec3::new(rng.within(0.6, 2.0), rng.within(0.2, 0.4), rng.within(0.3, 0.7));
     b.put(Form::Box(half), DVec3::Z * half.z, leaves);
     for _ in 0..60 {
@@ -162,10 +157,8 @@ fn hedge(b: &mut Builder, rng: &mut Rng) {
 }
 
 fn lamp_post(b: &mut Builder, rng: &mut Rng) {
-    let iron = glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.08);
-    let iron = b.material(iron);
-    let globe = glossy(rng, Pattern::Plain(Vec3::splat(0.8)), 0.04);
-    let globe = b.material(globe);
+    let iron = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.08));
+    let globe = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.8)), 0.04));
     let height = rng.within(2.6, 3.6);
     rod(b, DVec3::ZERO, DVec3::Z * height, 0.04, iron);
     b.put(Form::Cylinder { radius: 0.1, half_height: 0.15 }, DVec3::Z * 0.15, iron);
@@ -175,12 +168,10 @@ fn lamp_post(b: &mut Builder, rng: &mut Rng) {
 /// A notice board on two posts.
 fn board(b: &mut Builder, rng: &mut Rng) {
     let [light, dark] = rng.wood();
-    let post = matte(rng, Pattern::Planks { a: light, b: dark, width: 0.2, length: 3.0 });
-    let post = b.material(post);
+    let post = b.material(matte(rng, Pattern::Planks { a: light, b: dark, width: 0.2, length: 3.0 }));
     let [ink, paper] = rng.pair();
     let half = Vec2::new(0.6, 0.4);
-    let notice = matte(rng, Pattern::Text { ink: ink * 0.2, paper, half, line: 0.09 });
-    let notice = b.material(notice);
+    let notice = b.material(matte(rng, Pattern::Text { ink: ink * 0.2, paper, half, line: 0.09 }));
     for x in [-0.55, 0.55] {
         rod(b, DVec3::new(x, 0.0, 0.0), DVec3::new(x, 0.0, 1.7), 0.035, post);
     }
@@ -189,14 +180,12 @@ fn board(b: &mut Builder, rng: &mut Rng) {
 
 fn fountain(b: &mut Builder, rng: &mut Rng) {
     let [stone, dark] = rng.stone();
-    let rock = matte(rng, Pattern::Grain { a: stone, b: dark, feature: 0.08, octaves: 6 });
-    let rock = b.material(rock);
-    let water = glossy(
+    let rock = b.material(matte(rng, Pattern::Grain { a: stone, b: dark, feature: 0.08, octaves: 6 }));
+    let water = b.material(glossy(
         rng,
         Pattern::Grain { a: Vec3::new(0.05, 0.12, 0.14), b: Vec3::splat(0.03), feature: 0.1, octaves: 3 },
         0.1,
-    );
-    let water = b.material(water);
+    ));
     for stone in 0..20 {
         let angle = f64::from(stone) * std::f64::consts::TAU / 20.0;
         let place = DVec3::new(1.3 * angle.cos(), 1.3 * angle.sin(), 0.25);
@@ -211,11 +200,9 @@ fn fountain(b: &mut Builder, rng: &mut Rng) {
 
 fn sculpture(b: &mut Builder, rng: &mut Rng) {
     let [stone, dark] = rng.stone();
-    let plinth = matte(rng, Pattern::Grain { a: stone, b: dark, feature: 0.2, octaves: 6 });
-    let plinth = b.material(plinth);
+    let plinth = b.material(matte(rng, Pattern::Grain { a: stone, b: dark, feature: 0.2, octaves: 6 }));
     let [x, y] = rng.pair();
-    let body = glossy(rng, Pattern::Marble { a: x, b: y, feature: 0.3 }, 0.06);
-    let body = b.material(body);
+    let body = b.material(glossy(rng, Pattern::Marble { a: x, b: y, feature: 0.3 }, 0.06));
     b.put(Form::Box(DVec3::new(0.4, 0.4, 0.4)), DVec3::Z * 0.4, plinth);
     let mut z = 0.8;
     for _ in 0..rng.count(2, 5) {

@@ -86,15 +86,7 @@ impl EffectKind {
 
 impl fmt::Display for EffectKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::SoftShadows => "soft shadows",
-            Self::SpecularReflection => "specular reflection",
-            Self::IndirectLight => "indirect light",
-            Self::ExposureDrift => "exposure drift",
-            Self::LensDistortion => "lens distortion",
-            Self::MotionBlur => "motion blur",
-            Self::SensorNoise => "sensor noise",
-        })
+        f.write_str(&self.name().replace('-', " "))
     }
 }
 
