@@ -45,7 +45,11 @@ impl Budget {
     /// # Errors
     /// [`ModelError::Malformed`] if the number of selections is not the number of blocks, or a block expands more tokens
     /// than it has.
-    pub fn from_selections(config: &ModelConfig, initial_tokens: usize, expanded: &[usize]) -> Result<Self, ModelError> {
+    pub fn from_selections(
+        config: &ModelConfig,
+        initial_tokens: usize,
+        expanded: &[usize],
+    ) -> Result<Self, ModelError> {
         if expanded.len() != config.decoder.blocks.len() {
             let expected = format!("{} selections, one for each block", config.decoder.blocks.len());
             return Err(ModelError::malformed("budget", "selections", expected, expanded.len()));

@@ -5,10 +5,10 @@ use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{RenderOptions, View};
 use glam::{DMat3, DVec3};
 
+use super::tests::picture;
 use super::*;
 use crate::ImageSize;
 use crate::budget::budget;
-use crate::hash::Stream;
 use crate::parameters::parameters;
 use crate::weights::generated;
 
@@ -27,9 +27,7 @@ fn camera(position: DVec3, angle: f64) -> Camera {
 }
 
 fn noise(views: usize, size: ImageSize) -> Vec<f32> {
-    let stream = Stream::named(5, "picture");
-    #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
-    (0..(views * size.height * size.width * 3) as u64).map(|at| (0.5 + 0.5 * stream.signed_unit(at)) as f32).collect()
+    picture(5, views, size)
 }
 
 fn views(pictures: Vec<f32>, cameras: Vec<Camera>) -> Views {

@@ -83,11 +83,10 @@ impl Network {
     /// # Errors
     /// [`ModelError::Malformed`] if a parameter cannot be read.
     pub fn weights(&self) -> Result<StoredTensors, ModelError> {
-        let mut save = WeightCollector { path: ModulePath::default(), found: IndexMap::new() };
-        self.visit(&mut save);
+        let found = Collector::of(self, None);
         let mut stored = StoredTensors::default();
         for Parameter { name, shape, .. } in parameters(self.config()) {
-            let values = save.found.get(&name);
+            let values = found.get(&name);
             let values = values.ok_or_else(|| ModelError::malformed("network", &name, "a parameter", "none"))?;
             stored.tensors.insert(name, StoredTensor::from_f32(shape, values)?);
         }
@@ -96,19 +95,26 @@ impl Network {
 
     /// The gradients of each parameter that a backward pass reached, with the names and shapes of [`parameters`].
     pub fn gradients(&self, gradients: &Gradients) -> IndexMap<String, Vec<f32>> {
-        let mut find = GradientCollector { path: ModulePath::default(), gradients, found: IndexMap::new() };
-        self.visit(&mut find);
-        find.found
+        Collector::of(self, Some(gradients))
     }
 }
 
-struct GradientCollector<'a> {
+/// Collects the values of parameters, or their gradients if those are given.
+struct Collector<'a> {
     path: ModulePath,
-    gradients: &'a Gradients,
+    gradients: Option<&'a Gradients>,
     found: IndexMap<String, Vec<f32>>,
 }
 
-impl ModuleVisitor for GradientCollector<'_> {
+impl<'a> Collector<'a> {
+    fn of(network: &Network, gradients: Option<&'a Gradients>) -> IndexMap<String, Vec<f32>> {
+        let mut collector = Self { path: ModulePath::default(), gradients, found: IndexMap::new() };
+        network.visit(&mut collector);
+        collector.found
+    }
+}
+
+impl ModuleVisitor for Collector<'_> {
     fn enter_module(&mut self, name: &str, container_type: &str) {
         self.path.enter(name, container_type);
     }
@@ -118,8 +124,12 @@ impl ModuleVisitor for GradientCollector<'_> {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if let Some(gradient) = param.val().grad(self.gradients) {
-            self.found.insert(self.path.name(), self.path.values(gradient));
+        let tensor = match self.gradients {
+            Some(gradients) => param.val().grad(gradients),
+            None => Some(param.val()),
+        };
+        if let Some(tensor) = tensor {
+            self.found.insert(self.path.name(), self.path.values(tensor));
         }
     }
 }
@@ -179,25 +189,6 @@ impl ModuleMapper for WeightLoader<'_> {
                 param
             }
         }
-    }
-}
-
-struct WeightCollector {
-    path: ModulePath,
-    found: IndexMap<String, Vec<f32>>,
-}
-
-impl ModuleVisitor for WeightCollector {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.exit();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.found.insert(self.path.name(), self.path.values(param.val()));
     }
 }
 

@@ -13,7 +13,7 @@ use atsplat_scene::{Scene, SceneError, SceneSource, Warning, WarningKind, Warnin
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use super::{Draw, PosedPictures, Sample, Source, ViewChoice};
+use super::{Draw, PosedPictures, Sample, Source, ViewChoice, first_sample};
 use crate::TrainError;
 
 /// A dataset on disk with a protocol's preprocessing.
@@ -151,19 +151,12 @@ impl Source for DatasetSource {
     }
 
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        const ATTEMPTS: u32 = 20;
-        let mut reason = String::new();
-        for attempt in 0..ATTEMPTS {
-            let mut random = SplitMix64::for_scene(draw.seed, &format!("{} {} {attempt}", self.name(), draw.number));
-            let keys = self.dataset.keys();
+        let keys = self.dataset.keys();
+        first_sample(self.name(), draw, |random| {
             #[expect(clippy::expect_used, reason = "a dataset without scenes is rejected when it is opened")]
             let key = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)).expect("a scene");
-            match self.try_sample(key, draw.step, &mut random) {
-                Ok(sample) => return Ok(sample),
-                Err(error) => reason = error,
-            }
-        }
-        Err(TrainError::NoSample { source_name: self.name(), attempts: ATTEMPTS, reason })
+            Ok(self.try_sample(key, draw.step, random))
+        })
     }
 }
 

@@ -10,6 +10,7 @@ mod views;
 use atsplat_camera::{Camera, PoseNormalisation, WorldFromCamera, normalise};
 use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
+use atsplat_numeric::SplitMix64;
 use atsplat_scene::Warnings;
 
 pub use dataset::{DatasetConfig, DatasetSource};
@@ -111,6 +112,23 @@ impl Sample {
         };
         self.targets.cameras.iter().map(nearest).collect()
     }
+}
+
+/// The first sample that `attempt` makes from a random stream of the draw, or the reason of the last failure after 20 attempts.
+fn first_sample(
+    source_name: String,
+    draw: Draw,
+    mut attempt: impl FnMut(&mut SplitMix64) -> Result<Result<Sample, String>, TrainError>,
+) -> Result<Sample, TrainError> {
+    const ATTEMPTS: u32 = 20;
+    let mut reason = String::new();
+    for number in 0..ATTEMPTS {
+        match attempt(&mut SplitMix64::for_scene(draw.seed, &format!("{source_name} {} {number}", draw.number)))? {
+            Ok(sample) => return Ok(sample),
+            Err(error) => reason = error,
+        }
+    }
+    Err(TrainError::NoSample { source_name, attempts: ATTEMPTS, reason })
 }
 
 /// A size for the renderer and pictures, which count in 32 bits.

@@ -11,7 +11,7 @@ use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Sim
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{Draw, PosedPictures, Sample, Source, ViewChoice, normalised, pixel_size};
+use super::{Draw, PosedPictures, Sample, Source, ViewChoice, first_sample, normalised, pixel_size};
 use crate::TrainError;
 
 /// Simulated scenes, rendered when first needed.
@@ -134,6 +134,28 @@ impl RoomsSource {
         Ok(Clip { cameras, pictures })
     }
 
+    /// A sample of one scene by one draw of frames, or why there is none.
+    fn try_sample(&self, step: u64, random: &mut SplitMix64) -> Result<Result<Sample, String>, TrainError> {
+        let last = self.config.scenes.get() as usize - 1;
+        #[expect(clippy::expect_used, reason = "the range is not empty, and its end is a u32")]
+        let offset = random.within(0..=last).and_then(|offset| u32::try_from(offset).ok()).expect("a scene index");
+        let number = self.config.first.saturating_add(offset);
+        let key = SceneSeed { split: self.config.split, number }.key(self.config.scenes_of);
+        let clip = self.clip(number)?;
+        let entry = match self.config.views.draw(&SceneViews { key: &key, cameras: &clip.cameras }, step, random) {
+            Ok(entry) => entry,
+            Err(error) => return Ok(Err(format!("{key}: {error}"))),
+        };
+        let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
+        let cameras = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
+        let sample = cameras.map(|[context, targets]| Sample {
+            name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
+            context: self.posed(&clip, &entry.context, context),
+            targets: self.posed(&clip, &entry.target, targets),
+        });
+        Ok(sample.map_err(|error| format!("{key}: {error}")))
+    }
+
     fn with_cache<T>(&self, work: impl FnOnce(&mut Cache) -> T) -> T {
         work(&mut self.cache.lock().unwrap_or_else(PoisonError::into_inner))
     }
@@ -156,39 +178,6 @@ impl Source for RoomsSource {
     }
 
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        const ATTEMPTS: u32 = 20;
-        let mut reason = String::new();
-        for attempt in 0..ATTEMPTS {
-            let stream = format!("{} {} {attempt}", self.name(), draw.number);
-            let mut random = SplitMix64::for_scene(draw.seed, &stream);
-            let last = self.config.scenes.get() as usize - 1;
-            #[expect(clippy::expect_used, reason = "the range is not empty, and its end is a u32")]
-            let offset = random.within(0..=last).and_then(|offset| u32::try_from(offset).ok()).expect("a scene index");
-            let number = self.config.first.saturating_add(offset);
-            let key = SceneSeed { split: self.config.split, number }.key(self.config.scenes_of);
-            let clip = self.clip(number)?;
-            let views = SceneViews { key: &key, cameras: &clip.cameras };
-            let entry = match self.config.views.draw(&views, draw.step, &mut random) {
-                Ok(entry) => entry,
-                Err(error) => {
-                    reason = format!("{key}: {error}");
-                    continue;
-                }
-            };
-            let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
-            let [context, targets] = match normalised(&of(&entry.context), &of(&entry.target), &self.normalisation) {
-                Ok(cameras) => cameras,
-                Err(error) => {
-                    reason = format!("{key}: {error}");
-                    continue;
-                }
-            };
-            return Ok(Sample {
-                name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
-                context: self.posed(&clip, &entry.context, context),
-                targets: self.posed(&clip, &entry.target, targets),
-            });
-        }
-        Err(TrainError::NoSample { source_name: self.name(), attempts: ATTEMPTS, reason })
+        first_sample(self.name(), draw, |random| self.try_sample(draw.step, random))
     }
 }

@@ -25,6 +25,10 @@ fn steps(folder: &Path) -> Vec<StepRecord> {
     journal::read(&folder.join("steps.jsonl")).unwrap()
 }
 
+fn position(trainer: &Trainer, parameter: &str) -> usize {
+    trainer.state().parameters.list().iter().position(|own| own.name == parameter).unwrap()
+}
+
 #[test]
 fn resuming_gives_identical_weights() {
     let (config, folder) = (config(""), tempdir().unwrap());
@@ -118,7 +122,7 @@ fn a_weight_that_is_not_finite_is_named_and_never_written() {
     let folder = tempdir().unwrap();
     let mut broken = trainer(config("most-faults = 2"), folder.path(), &Start::Fresh, Noise::CLEAN);
     run(&mut broken, Some(4)).unwrap();
-    let place = broken.state().parameters.list().iter().position(|p| p.name == "coarse.fuse.weight").unwrap();
+    let place = position(&broken, "coarse.fuse.weight");
     broken.state_mut().parameters.values_mut()[place][7] = f32::NAN;
     let text = run(&mut broken, None).unwrap_err().to_string();
     assert!(text.contains("coarse.fuse.weight holds 1 value"), "{text}");
@@ -134,7 +138,7 @@ fn a_weight_that_is_not_finite_is_named_and_never_written() {
 fn collapsed_gaussians_are_trained_apart() {
     let folder = tempdir().unwrap();
     let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
-    let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
+    let place = position(&trainer, "head.mlp.fc2.weight");
     let rows = &mut trainer.state_mut().parameters.values_mut()[place];
     let one = rows[..rows.len() / 16].to_vec();
     rows.copy_from_slice(&one.repeat(16));
@@ -148,7 +152,7 @@ fn collapsed_gaussians_are_trained_apart() {
 fn zero_quaternions_do_not_stop_a_run() {
     let folder = tempdir().unwrap();
     let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
-    let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
+    let place = position(&trainer, "head.mlp.fc2.weight");
     trainer.state_mut().parameters.values_mut()[place].fill(0.0);
     assert!(run(&mut trainer, None).unwrap());
     assert_eq!(trainer.state().skipped(), 0);
@@ -261,7 +265,7 @@ fn averaged_weights_follow_the_recurrence_and_resume_identically() {
     let kept = ModelWeights::read(&folder.path().join("weights.safetensors")).unwrap();
     let kept = kept.tensors.tensors["head.mlp.fc2.weight"].to_f32().unwrap();
     let state = uninterrupted.state();
-    let at = state.parameters.list().iter().position(|parameter| parameter.name == "head.mlp.fc2.weight").unwrap();
+    let at = position(&uninterrupted, "head.mlp.fc2.weight");
     let halves = Tolerance { absolute: 1e-6, relative: 1e-3 };
     halves.assert(kept.into_iter().map(f64::from), state.result().values()[at].iter().copied().map(f64::from), "f16");
 }

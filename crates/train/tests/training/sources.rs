@@ -31,6 +31,12 @@ fn same(a: &Sample, b: &Sample) -> bool {
     (&a.name, &a.context, &a.targets) == (&b.name, &b.context, &b.targets)
 }
 
+fn assert_normalised(sample: &Sample) {
+    let cameras = sample.context.cameras.iter();
+    let largest = cameras.flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
+    Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+}
+
 #[test]
 fn a_sample_is_a_function_of_its_draw() {
     let (source, small) = (rooms(3, ""), rooms(3, "cache-mib = 0"));
@@ -40,12 +46,7 @@ fn a_sample_is_a_function_of_its_draw() {
         assert!(same(&sample, &small.sample(draw(number)).unwrap()), "a source without a cache");
         let other = source.sample(Draw { seed: 5, ..draw(number) }).unwrap();
         assert!(!same(&sample, &other), "another seed");
-        let largest = sample
-            .context
-            .cameras
-            .iter()
-            .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
-        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+        assert_normalised(&sample);
     }
 }
 
@@ -101,12 +102,7 @@ fn a_dataset_on_disk_gives_samples() {
         assert!(same(&sample, &open().sample(draw(number)).unwrap()));
         assert_eq!((sample.context.cameras.len(), sample.targets.cameras.len()), (2, 3));
         assert_eq!((sample.context.size, sample.targets.size), (simulated.context.size, simulated.targets.size));
-        let largest = sample
-            .context
-            .cameras
-            .iter()
-            .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
-        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+        assert_normalised(&sample);
         assert!(sample.context.pictures.iter().all(|value| (0.0..=1.0).contains(value)));
         assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
         assert_eq!(sample.nearest().len(), 3);
