@@ -6,7 +6,7 @@ use atsplat_model::farthest_point::farthest_points;
 use atsplat_model::neighbours::nearest_neighbours;
 use criterion::{Criterion, criterion_group, criterion_main};
 
-/// Points on a bumpy surface, as unprojected depths are.
+/// Points on a bumpy surface, like unprojected depths.
 #[expect(clippy::cast_possible_truncation, reason = "coordinates")]
 fn surface(count: usize) -> Vec<[f32; 3]> {
     let side = (count as f64).sqrt();

@@ -1,7 +1,7 @@
-//! Runs whole networks on request, so that a script can alternate with another library in one run.
+//! Times whole networks on request, so that a script can alternate with another library in one run.
 //!
-//! Each line on standard input is `NAME VIEWS HEIGHT WIDTH`, a built-in model and its input; the answer is one line of JSON
-//! with tokens, Gaussians, seconds of each stage, the estimate of memory, and the most that the process has taken so far.
+//! Each line on standard input is `NAME VIEWS HEIGHT WIDTH`, a built-in model and its input; it is answered by one line of
+//! JSON with tokens, Gaussians, seconds of each stage, estimated memory, and the peak memory of the process so far.
 
 use std::collections::BTreeMap;
 use std::error::Error;
@@ -19,8 +19,10 @@ fn main() -> Result<(), Box<dyn Error>> {
     let mut networks = BTreeMap::new();
     for line in stdin().lock().lines() {
         let line = line?;
-        let words: Vec<&str> = line.split_whitespace().collect();
-        let [name, count, height, width] = *words.as_slice() else { return Err("NAME VIEWS HEIGHT WIDTH".into()) };
+        let request: Vec<&str> = line.split_whitespace().collect();
+        let [name, count, height, width] = *request.as_slice() else {
+            return Err("expected NAME VIEWS HEIGHT WIDTH".into());
+        };
         let views = views(count.parse()?, ImageSize::new(height.parse()?, width.parse()?))?;
         if !networks.contains_key(name) {
             networks.insert(name.to_owned(), network(name)?);
@@ -39,7 +41,7 @@ fn network(name: &str) -> Result<Network, Box<dyn Error>> {
     Ok(Network::new(&config, &Device::flex())?.with_weights(&weights)?)
 }
 
-/// A smooth picture, and cameras along a line that look ahead.
+/// Smooth pictures, and cameras along a line that look in one direction.
 fn views(count: usize, size: ImageSize) -> Result<Views, Box<dyn Error>> {
     let pixels = count * size.height * size.width * 3;
     let pictures = (0..pixels).map(|at| (at % 251) as f32 / 250.0).collect();
@@ -64,7 +66,7 @@ fn report(made: &Reconstruction) -> serde_json::Value {
     })
 }
 
-/// What Linux has counted for this process.
+/// Peak resident memory of this process, as counted by Linux.
 fn peak_kilobytes() -> Option<u64> {
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
     let line = status.lines().find_map(|line| line.strip_prefix("VmHWM:"))?;

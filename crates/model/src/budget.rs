@@ -1,5 +1,5 @@
-//! How many tokens and Gaussians a configuration makes, and how much memory that takes, before anything runs:
-//! the paper's "Total Gaussian Budgets" by formula.
+//! Numbers of tokens and Gaussians of a configuration and the memory they take, by formula: the paper's "Total Gaussian
+//! Budgets".
 
 use serde::Serialize;
 
@@ -7,7 +7,7 @@ use crate::ModelError;
 use crate::config::{AnchorDesign, BackboneConfig, BlockExpansion, DinoArchitecture, ImageSize, ModelConfig};
 use crate::parameters::{Parameter, parameters};
 
-/// Tokens through the decoder.
+/// Numbers of tokens and Gaussians through the decoder.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Budget {
@@ -23,7 +23,7 @@ pub struct Budget {
     pub gaussians: usize,
 }
 
-/// The least and the most that a configuration may come to; equal where all blocks expand a fixed ratio.
+/// Smallest and largest budget of a configuration; equal if all blocks expand a fixed ratio.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct BudgetRange {
     /// If no token exceeds any threshold.
@@ -33,18 +33,23 @@ pub struct BudgetRange {
 }
 
 impl BudgetRange {
-    /// The budget, where it does not depend on the scene.
+    /// The budget, if it does not depend on the scene.
     pub fn fixed(&self) -> Option<&Budget> {
         (self.least == self.most).then_some(&self.least)
     }
 }
 
 impl Budget {
-    /// What a configuration comes to when its blocks expand these many tokens.
+    /// The budget of a configuration whose blocks expand the given numbers of tokens.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where there are not as many numbers as blocks, or more tokens than there are.
-    pub fn of_selections(config: &ModelConfig, initial_tokens: usize, expanded: &[usize]) -> Result<Self, ModelError> {
+    /// [`ModelError::Malformed`] if the number of selections is not the number of blocks, or a block expands more tokens
+    /// than it has.
+    pub fn from_selections(
+        config: &ModelConfig,
+        initial_tokens: usize,
+        expanded: &[usize],
+    ) -> Result<Self, ModelError> {
         if expanded.len() != config.decoder.blocks.len() {
             let expected = format!("{} selections, one for each block", config.decoder.blocks.len());
             return Err(ModelError::malformed("budget", "selections", expected, expanded.len()));
@@ -63,10 +68,10 @@ impl Budget {
     }
 }
 
-/// Tokens that enter the decoder.
+/// Number of tokens that enter the decoder.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] where patches do not divide the picture.
+/// [`ModelError::Malformed`] if patches do not divide the picture.
 pub fn initial_tokens(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<usize, ModelError> {
     let patches = config.coarse_grid(picture)?.len().saturating_mul(views);
     Ok(match config.anchors.design {
@@ -75,10 +80,10 @@ pub fn initial_tokens(config: &ModelConfig, views: usize, picture: ImageSize) ->
     })
 }
 
-/// Tokens and Gaussians for so many views of this size.
+/// Numbers of tokens and Gaussians for `views` views of this size.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] where patches do not divide the picture.
+/// [`ModelError::Malformed`] if patches do not divide the picture.
 pub fn budget(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<BudgetRange, ModelError> {
     let initial = initial_tokens(config, views, picture)?;
     config.fine_grid(picture)?;
@@ -98,12 +103,12 @@ pub fn budget(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<
                 chosen
             })
             .collect();
-        Budget::of_selections(config, initial, &expanded)
+        Budget::from_selections(config, initial, &expanded)
     };
     Ok(BudgetRange { least: with(false)?, most: with(true)? })
 }
 
-/// An estimate of memory while a scene is reconstructed in f32, without gradients.
+/// Estimated memory to reconstruct a scene in f32, without gradients.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct MemoryEstimate {
@@ -114,15 +119,15 @@ pub struct MemoryEstimate {
 }
 
 impl MemoryEstimate {
-    /// Both.
+    /// Weights and activations.
     pub const fn peak_bytes(self) -> u64 {
         self.weight_bytes.saturating_add(self.activation_bytes)
     }
 }
 
-/// Estimates the peak memory of inference from what each stage keeps alive. Attention is fused and holds no
-/// matrix of tokens by tokens; a layer of n tokens and d channels holds its input, the normalised input, and
-/// queries, keys, values and the result, or the hidden channels of its feed-forward module.
+/// Estimates the peak memory of inference from the values that each stage keeps alive. Attention is fused and stores no
+/// token-by-token matrix; a layer of n tokens and d channels stores its input, the normalised input, and either queries,
+/// keys, values and the result, or the hidden channels of its feed-forward module.
 ///
 /// # Errors
 /// As [`budget`].
@@ -148,12 +153,12 @@ pub fn memory(config: &ModelConfig, views: usize, picture: ImageSize) -> Result<
     let encoder = coarse.saturating_mul(layer as u64);
     // The fine patches' Plücker rays are twice the size of the pictures.
     let fine_branch = (coarse + 2 * pictures).saturating_add(fine.saturating_mul(layer as u64));
-    let widest = tokens.tokens.iter().copied().max().unwrap_or_default();
-    // Keys and values of the fine features beside the features themselves and their normalised copy.
+    let widest = tokens.tokens.iter().copied().fold(tokens.initial_tokens, usize::max);
+    // Keys and values of the fine features, the features themselves and their normalised copy.
     let decoder = fine.saturating_mul(4).saturating_add(product(&[widest, dim, layer]));
     let outputs = config.head.channels(config.anchors.design.centre_channels());
     let head = product(&[tokens.final_tokens, dim, 3]).saturating_add(product(&[tokens.gaussians, outputs, 2]));
-    let most = [backbone, encoder, fine_branch, decoder, head].into_iter().max().unwrap_or_default();
+    let most = [backbone, encoder, fine_branch, decoder, head].into_iter().fold(0, u64::max);
 
     let weights: u64 = parameters(config).iter().map(Parameter::elements).map(|count| count as u64).sum();
     let activation_bytes = most.saturating_add(pictures).saturating_mul(BYTES);

@@ -5,82 +5,82 @@ use thiserror::Error;
 
 use crate::config::ImageSize;
 
-/// What can go wrong between a configuration, a weights file and a network.
+/// Errors of configurations, weights files and networks.
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum ModelError {
-    /// The operating system refused.
+    /// A file could not be read or written.
     #[error("{action}: {source} ({})", path.display())]
     Io {
         /// What was being done.
         action: &'static str,
         /// To which file.
         path: PathBuf,
-        /// The operating system's words.
+        /// The operating system's error.
         source: std::io::Error,
     },
     /// No built-in model has this name.
     #[error("model: expected one of {}, or a path that ends in .toml, found {name:?}", known.join(", "))]
     UnknownModel {
-        /// What was asked for.
+        /// The requested name.
         name: String,
-        /// What there is.
+        /// The built-in names.
         known: Vec<&'static str>,
     },
-    /// A configuration, key map, weights file or input is not what it should be.
+    /// A configuration, key map, weights file or input is malformed.
     #[error("{what}: {location}: expected {expected}, found {found}")]
     Malformed {
         /// What was being read, e.g. "model configuration".
         what: &'static str,
         /// Line and column, field, or tensor.
         location: String,
-        /// What should stand there.
+        /// What was expected.
         expected: String,
-        /// What stands there, shortened.
+        /// What was found, shortened.
         found: String,
     },
-    /// Pictures, poses or what the network made of them hold NaN or infinities.
+    /// Pictures, poses or outputs of the network hold NaN or infinite values.
     #[error("{location}: expected finite values, found {count} that are NaN or infinite")]
     NonFinite {
         /// Which picture, camera or stage.
         location: String,
-        /// How many values.
+        /// Number of such values.
         count: usize,
     },
-    /// One network takes pictures of one size.
+    /// Pictures of one input differ in size.
     #[error("model input: picture {picture}: expected {expected}, the size of picture 0, found {found}")]
     SizesDiffer {
-        /// Which picture, counted from 0.
+        /// Index of the picture, counted from 0.
         picture: usize,
-        /// The first one's.
+        /// Size of the first picture.
         expected: ImageSize,
-        /// Its own.
+        /// Size of this picture.
         found: ImageSize,
     },
     /// Patches do not divide a picture.
     #[error("model input: {branch} branch, picture size: expected height and width that {step} divides, found {found}")]
     Indivisible {
-        /// Which branch's patches.
+        /// The branch of the patches.
         branch: &'static str,
         /// Side of a patch, in pixels of the picture.
         step: usize,
-        /// The picture.
+        /// Size of the picture.
         found: ImageSize,
     },
-    /// The splatter refused Gaussians, a view or options.
+    /// The renderer rejected Gaussians, a view or options.
     #[cfg(feature = "network")]
     #[error("rendering: {0}")]
     Splat(#[from] atsplat_splat::SplatError),
-    /// A network cannot compute there.
+    /// Networks cannot run on a processor.
     #[cfg(feature = "network")]
     #[error("the network on {processor}: {why}")]
     Processor {
-        /// Where.
+        /// The processor.
         processor: crate::network::Processor,
-        /// What stands in the way, and what helps.
+        /// The reason, and the remedy if there is one.
         why: String,
     },
-    /// A file is not what `torch.save` writes.
+    /// A checkpoint is not a file of `torch.save`.
     #[error("checkpoint: {0}")]
     Torch(#[from] TorchError),
     /// Weights do not fit the network.
@@ -89,23 +89,23 @@ pub enum ModelError {
     /// A weights file is absent.
     #[error("weights: expected {expected}, found no file ({})", path.display())]
     MissingWeights {
-        /// What the file is, where users get it, and its sha256 where that is known.
+        /// What the file is, where users get it, and its SHA-256 if that is known.
         expected: String,
-        /// Where it was looked for.
+        /// Where it was expected.
         path: PathBuf,
     },
-    /// Any of these in a file.
+    /// Another error, with the file that caused it.
     #[error("{source} ({})", path.display())]
     InFile {
         /// The file.
         path: PathBuf,
-        /// What is wrong with it.
+        /// The error.
         source: Box<ModelError>,
     },
 }
 
 impl ModelError {
-    #[expect(clippy::needless_pass_by_value, reason = "callers give numbers and fresh text as often as borrowed ones")]
+    #[expect(clippy::needless_pass_by_value, reason = "callers pass numbers and new strings as often as borrowed ones")]
     pub(crate) fn malformed(
         what: &'static str,
         location: impl Into<String>,
@@ -121,7 +121,7 @@ impl ModelError {
         move |source| Self::Io { action, path, source }
     }
 
-    /// The same error, with the file that it is in.
+    /// The same error with its file.
     #[must_use]
     pub fn in_file(self, path: impl Into<PathBuf>) -> Self {
         Self::InFile { path: path.into(), source: Box::new(self) }
@@ -132,7 +132,7 @@ impl ModelError {
 fn shortened(text: &str) -> String {
     const SHOWN: usize = 200;
     match text.char_indices().nth(SHOWN) {
-        Some((end, _)) => format!("{}…", text.get(..end).unwrap_or_default()),
+        Some((end, _)) => format!("{}…", &text[..end]),
         None => text.to_owned(),
     }
 }

@@ -1,15 +1,15 @@
-//! Farthest point sampling: the ablation's alternative to uncertainty.
+//! Farthest point sampling: the alternative to selection by uncertainty in the paper's ablation.
 
 use crate::ModelError;
 use crate::neighbours::{check_finite, squared_distance};
 
-/// `count` points, or all where there are fewer: the first, then whichever is farthest from those chosen so far;
-/// of equals, the lower index. Indices ascend.
+/// Selects `count` points, or all if there are fewer: the first, then repeatedly the point farthest from those chosen so
+/// far; ties go to the lower index. Returned indices ascend.
 ///
-/// Distances are sums of squares in f64 of f32 coordinates, so that every machine chooses the same.
+/// Distances are sums of squares in f64 of f32 coordinates, so that every machine selects the same points.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] where a coordinate is not finite.
+/// [`ModelError::Malformed`] if a coordinate is not finite.
 pub fn farthest_points(points: &[[f32; 3]], count: usize) -> Result<Vec<usize>, ModelError> {
     check_finite(points)?;
     if count >= points.len() {
@@ -20,11 +20,9 @@ pub fn farthest_points(points: &[[f32; 3]], count: usize) -> Result<Vec<usize>, 
     let mut next = 0;
     while chosen.len() < count {
         chosen.push(next);
-        let Some(&latest) = points.get(next) else { break };
-        if let Some(own) = distances.get_mut(next) {
-            // Below every distance, so that coincident points are chosen one after the other, none twice.
-            *own = -1.0;
-        }
+        let latest = points[next];
+        // Below every distance, so that coincident points are chosen in order and none twice.
+        distances[next] = -1.0;
         let mut farthest = -1.0;
         for (index, (distance, &point)) in distances.iter_mut().zip(points).enumerate() {
             let to_latest = squared_distance(point, latest);
@@ -46,7 +44,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn corners_before_the_middle() {
+    fn corners_come_before_the_middle() {
         let points = [[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 3.0, 0.0]];
         assert_eq!(farthest_points(&points, 1).unwrap(), [0]);
         assert_eq!(farthest_points(&points, 2).unwrap(), [0, 3]);
@@ -56,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn coincident_points_are_taken_once_each_in_order() {
+    fn coincident_points_are_selected_once_each_in_order() {
         assert_eq!(farthest_points(&[[1.0; 3]; 6], 4).unwrap(), [0, 1, 2, 3]);
         let mut points = vec![[0.0; 3]; 5];
         points.push([1.0; 3]);

@@ -1,8 +1,8 @@
-//! ATSplat (paper: "Compact Feed-forward 3D Gaussian Splatting with Adaptive Token Expansion"): a trial's
-//! context views into Gaussians. Configuration with every variant of the paper, its token and Gaussian
-//! budgets, the network on burn's tensors, weights in and out.
+//! The ATSplat model (paper: "Compact Feed-forward 3D Gaussian Splatting with Adaptive Token Expansion"), which turns
+//! context views into Gaussians: configuration with every variant of the paper, token and Gaussian budgets, the network on
+//! burn's tensors, and reading and writing of weights.
 //!
-//! Knows nothing of datasets' files, nor of metrics.
+//! Independent of dataset formats and metrics.
 
 pub mod budget;
 pub mod config;
@@ -19,10 +19,10 @@ pub mod weights;
 pub use config::{ImageSize, ModelConfig};
 pub use error::ModelError;
 
-/// A TOML error with the line and column, counted from 1, that its byte span begins at.
+/// A TOML error with the line and column, counted from 1, at which its byte span begins.
 pub(crate) fn toml_error(what: &'static str, expected_whole: &str, text: &str, error: &toml::de::Error) -> ModelError {
     let start = error.span().map_or(0, |span| span.start);
-    let before = text.get(..start).unwrap_or_default();
+    let before = &text[..start];
     let line = before.bytes().filter(|byte| *byte == b'\n').count() + 1;
     let column = before.chars().rev().take_while(|c| *c != '\n').count() + 1;
     let message = error.message();

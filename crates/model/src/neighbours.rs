@@ -1,35 +1,38 @@
-//! Nearest neighbours of anchors: exact, and the same for any number of threads.
+//! Exact nearest neighbours of anchors, the same for any number of threads.
 
 use rayon::prelude::*;
 
 use crate::ModelError;
 
-/// Points of a leaf are compared one by one.
+/// Largest number of points in a leaf, which are compared one by one.
 const LEAF: usize = 12;
 
 /// The nearest points of each point.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Neighbours {
-    /// Neighbours of a point: as many as were asked for, or all points where there are fewer.
+    /// Number of neighbours of each point: as many as requested, or all points if there are fewer.
     pub per_point: usize,
-    /// All neighbours of the first point, nearest first, before those of the second.
+    /// Neighbours point by point, nearest first.
     pub indices: Vec<u32>,
 }
 
 impl Neighbours {
     /// The neighbours of a point, nearest first.
+    ///
+    /// # Panics
+    /// If there is no such point.
     pub fn of(&self, point: usize) -> &[u32] {
-        self.indices.chunks_exact(self.per_point.max(1)).nth(point).unwrap_or_default()
+        &self.indices[point * self.per_point..(point + 1) * self.per_point]
     }
 }
 
-/// The `count` nearest points of every point, itself among them; of equally near ones, the lower index.
+/// The `count` nearest points of every point, including itself; ties go to the lower index.
 ///
-/// Distances are sums of squares in f64 of f32 coordinates: differences of f32 are exact there, and every
-/// machine orders them alike. A k-d tree makes it O(N log N); coincident points do not slow it down.
+/// Distances are sums of squares in f64 of f32 coordinates: differences of f32 are exact in f64, and every machine orders
+/// them alike. A k-d tree makes the search O(N log N); coincident points do not slow it down.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] where a coordinate is not finite, or there are more than 2³² points.
+/// [`ModelError::Malformed`] if a coordinate is not finite, or there are more than 2³² points.
 pub fn nearest_neighbours(points: &[[f32; 3]], count: usize) -> Result<Neighbours, ModelError> {
     check_finite(points)?;
     if u32::try_from(points.len()).is_err() {
@@ -59,29 +62,29 @@ pub(crate) fn squared_distance(a: [f32; 3], b: [f32; 3]) -> f64 {
 }
 
 pub(crate) fn check_finite(points: &[[f32; 3]]) -> Result<(), ModelError> {
-    match points.iter().position(|point| !point.iter().all(|coordinate| coordinate.is_finite())) {
+    match points.iter().enumerate().find(|(_, point)| !point.iter().all(|coordinate| coordinate.is_finite())) {
         None => Ok(()),
-        Some(anchor) => {
-            let found = format!("{:?}", points.get(anchor).unwrap_or(&[f32::NAN; 3]));
+        Some((anchor, point)) => {
+            let found = format!("{point:?}");
             Err(ModelError::malformed("anchors", format!("anchor {anchor}"), "finite coordinates", found))
         }
     }
 }
 
-/// A balanced k-d tree without pointers: the middle of a range of `points` divides it, inner ranges are kept in
-/// the order of a walk from the left.
+/// A balanced k-d tree without pointers: every range of `points` is divided at its middle.
 struct Tree {
     points: Vec<([f32; 3], u32)>,
-    /// Of every inner range, in preorder.
+    /// Splits of all inner ranges, in preorder.
     splits: Vec<Split>,
 }
 
+#[derive(Clone, Copy)]
 struct Split {
     axis: usize,
     at: f32,
-    /// Splits of the left half: those of the right one follow.
+    /// Number of splits of the left half, after which those of the right half follow.
     left_splits: usize,
-    /// Lowest index in either half, to prune among equally near points.
+    /// Lowest index in each half, to prune among equally near points.
     lowest: [u32; 2],
 }
 
@@ -95,7 +98,7 @@ impl Tree {
         tree
     }
 
-    /// Orders a range and gives its lowest index.
+    /// Sorts a range into the tree and returns its lowest index.
     fn divide(&mut self, range: &mut [([f32; 3], u32)]) -> u32 {
         if range.len() <= LEAF {
             range.sort_unstable_by_key(|&(_, index)| index);
@@ -111,9 +114,8 @@ impl Tree {
         let lowest_left = self.divide(left);
         let left_splits = self.splits.len() - own - 1;
         let lowest = [lowest_left, self.divide(right)];
-        if let Some(split) = self.splits.get_mut(own) {
-            (split.left_splits, split.lowest) = (left_splits, lowest);
-        }
+        let split = &mut self.splits[own];
+        (split.left_splits, split.lowest) = (left_splits, lowest);
         lowest[0].min(lowest[1])
     }
 }
@@ -146,7 +148,7 @@ struct Search<'a> {
     tree: &'a Tree,
     point: [f64; 3],
     count: usize,
-    /// In order, at most `count`.
+    /// Sorted, at most `count`.
     nearest: &'a mut Vec<Found>,
 }
 
@@ -154,13 +156,13 @@ impl Search<'_> {
     /// Searches a range whose first split is `split`.
     fn descend(&mut self, start: usize, end: usize, split: usize) {
         if end - start <= LEAF {
-            for &(point, index) in self.tree.points.get(start..end).unwrap_or_default() {
+            for &(point, index) in &self.tree.points[start..end] {
                 let [dx, dy, dz] = [0, 1, 2].map(|axis| self.point[axis] - f64::from(point[axis]));
                 self.offer(Found { distance: (dx * dx + dy * dy) + dz * dz, index });
             }
             return;
         }
-        let Some(&Split { axis, at, left_splits, lowest }) = self.tree.splits.get(split) else { return };
+        let Split { axis, at, left_splits, lowest } = self.tree.splits[split];
         let middle = start + (end - start) / 2;
         let beyond = self.point[axis] - f64::from(at);
         let halves = [(start, middle, split + 1), (middle, end, split + 1 + left_splits)];
@@ -168,7 +170,7 @@ impl Search<'_> {
         let (from, to, next) = halves[near];
         self.descend(from, to, next);
         let far = 1 - near;
-        // Rounding is monotone, so no point beyond the plane computes as nearer than the plane.
+        // Rounding is monotone, so no point beyond the plane has a smaller computed distance than the plane.
         if self.may_enter(Found { distance: beyond * beyond, index: lowest[far] }) {
             let (from, to, next) = halves[far];
             self.descend(from, to, next);
@@ -214,7 +216,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn as_by_brute_force(points in prop_oneof![on_a_grid(), anywhere()], count in 0usize..20) {
+        fn agrees_with_brute_force(points in prop_oneof![on_a_grid(), anywhere()], count in 0usize..20) {
             let found = nearest_neighbours(&points, count).unwrap();
             prop_assert_eq!(found.per_point, count.min(points.len()));
             prop_assert_eq!(found.indices, by_brute_force(&points, count));
@@ -222,14 +224,14 @@ mod tests {
     }
 
     #[test]
-    fn thousands_of_coincident_points_are_no_trap() {
+    fn coincident_points_do_not_slow_the_search() {
         let points = vec![[0.5; 3]; 20_000];
         let found = nearest_neighbours(&points, 16).unwrap();
         assert!((0..points.len()).all(|point| found.of(point).iter().copied().eq(0..16)));
     }
 
     #[test]
-    fn threads_change_nothing() {
+    fn results_are_the_same_on_any_number_of_threads() {
         let stream = crate::hash::Stream::of(&[3]);
         #[expect(clippy::cast_possible_truncation, reason = "f32 coordinates")]
         let points: Vec<[f32; 3]> =
@@ -243,7 +245,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_not_finite_is_named() {
+    fn names_points_that_are_not_finite() {
         let error = nearest_neighbours(&[[0.0; 3], [0.0, f32::INFINITY, 0.0]], 1).unwrap_err().to_string();
         assert!(error.contains("anchor 1") && error.contains("inf"), "{error}");
         let far = [[f32::MAX; 3], [-f32::MAX; 3], [0.0; 3]];

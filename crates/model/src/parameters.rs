@@ -1,24 +1,24 @@
-//! Which parameters a configuration has: their names and shapes, the contract between the network, weights
-//! files, key maps and the PyTorch twin in `oracle/`. `NAMES.md` explains the scheme.
+//! Names and shapes of a configuration's parameters: the contract between the network, weights files, key maps and the
+//! PyTorch twin in `oracle/`. `NAMES.md` explains the scheme.
 
 use crate::config::{
     AnchorContext, AnchorDesign, BackboneConfig, DinoArchitecture, ModelConfig, QueryKeyNorm, Selection,
     TransformerConfig,
 };
 
-/// Coordinates of a Plücker ray.
+/// Number of Plücker coordinates of a ray.
 const PLUCKER: usize = 6;
-/// Colour channels.
+/// Number of colour channels.
 const RGB: usize = 3;
 
-/// A named array of numbers.
+/// Name and shape of an array.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Parameter {
     /// Path in the network, parts separated by dots.
     pub name: String,
-    /// Row-major; linear layers are `[outputs, inputs]` as in PyTorch.
+    /// Dimensions, row-major; linear layers are `[outputs, inputs]` as in PyTorch.
     pub shape: Vec<usize>,
-    /// Whether training changes it: not so for the DINOv2 backbone, which is frozen.
+    /// Whether it is trained; the DINOv2 backbone is frozen.
     pub trained: bool,
 }
 
@@ -29,7 +29,7 @@ impl Parameter {
     }
 }
 
-/// All parameters of a configuration, in the order that tokens meet them.
+/// All parameters of a configuration, in the order of the forward pass.
 pub fn parameters(config: &ModelConfig) -> Vec<Parameter> {
     let mut list = List { prefix: String::new(), transformer: &config.transformer, parameters: Vec::new() };
     let dim = config.transformer.dim;
@@ -106,7 +106,7 @@ fn decoder(config: &ModelConfig, list: &mut List<'_>) {
     }
 }
 
-/// A list that grows under a prefix.
+/// A list of parameters whose names get a prefix.
 struct List<'a> {
     prefix: String,
     transformer: &'a TransformerConfig,
@@ -189,7 +189,7 @@ impl List<'_> {
         self.within("block", Self::block);
     }
 
-    /// Names of the official checkpoints, under `backbone.`.
+    /// DINOv2 by the names of the official checkpoints, under `backbone.`.
     fn dino(&mut self, dino: &DinoArchitecture) {
         let (dim, hidden) = (dino.dim, dino.dim * DinoArchitecture::MLP_RATIO);
         let patch = DinoArchitecture::PATCH_SIZE;
@@ -238,13 +238,13 @@ mod tests {
     }
 
     #[test]
-    fn dino_has_as_many_numbers_as_its_authors_say() {
-        // `timm` and the model card: 86.58 M with the mask token, which inference never reads.
+    fn dino_has_the_published_parameter_count() {
+        // `timm` and the model card: 86.58 M with the mask token, which inference does not use.
         assert_eq!(count("paper-re10k", false), 86_580_480 - 768);
     }
 
     #[test]
-    fn names_are_unique_and_small_models_small() {
+    fn names_are_unique_and_small_models_are_small() {
         for name in ModelConfig::names() {
             let all = parameters(&ModelConfig::named(name).unwrap());
             let unique: std::collections::BTreeSet<_> = all.iter().map(|parameter| &parameter.name).collect();

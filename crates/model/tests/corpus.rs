@@ -1,4 +1,4 @@
-//! Every input that the fuzz targets `weights_file` and `model_toml` keep, replayed.
+//! Replays every input in the corpora of the fuzz targets `weights_file` and `model_toml`.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail like tests")]
 
@@ -18,19 +18,19 @@ fn inputs(target: &str) -> Vec<Vec<u8>> {
 }
 
 #[test]
-fn weights_files() {
+fn weights_files_round_trip() {
     let mut read = 0;
     for bytes in inputs("weights_file") {
         let Ok(stored) = StoredTensors::parse(SharedBytes::new(bytes)) else { continue };
-        let again = StoredTensors::parse(SharedBytes::new(stored.to_safetensors().unwrap())).unwrap();
-        assert_eq!(again.digest(), stored.digest());
+        let rewritten = StoredTensors::parse(SharedBytes::new(stored.to_safetensors().unwrap())).unwrap();
+        assert_eq!(rewritten.digest(), stored.digest());
         read += 1;
     }
-    assert!(read >= 4, "seeds are whole files");
+    assert!(read >= 4, "some inputs are valid files");
 }
 
 #[test]
-fn configurations_and_key_maps() {
+fn configurations_round_trip_and_key_maps_parse() {
     let mut read = 0;
     for bytes in inputs("model_toml") {
         let text = String::from_utf8_lossy(&bytes);
@@ -40,5 +40,5 @@ fn configurations_and_key_maps() {
             read += 1;
         }
     }
-    assert!(read >= 3, "seeds are whole files");
+    assert!(read >= 3, "some inputs are valid files");
 }

@@ -1,4 +1,4 @@
-//! What the PyTorch twin in `oracle/` wrote: the same parameters, selections, neighbours and budgets.
+//! Parameters, selections, neighbours and budgets agree with fixtures of the PyTorch twin in `oracle/`.
 
 #![expect(clippy::unwrap_used, clippy::panic, reason = "helpers of tests fail like tests")]
 
@@ -57,11 +57,11 @@ impl Fixture {
 }
 
 #[test]
-fn the_twin_asked_for_the_same_parameters() {
+fn parameters_agree_with_the_twin() {
     for fixture in Fixture::all() {
         let theirs: BTreeMap<String, Vec<usize>> =
             serde_json::from_str(&fixture.stored.metadata["parameters"]).unwrap();
-        // The twin asks for what it uses: weights of expansions that are switched off are ours alone.
+        // The twin lists only the parameters it uses, without those of disabled expansions.
         let unused = |name: &str| {
             let block = name.strip_prefix("decoder.blocks.").and_then(|rest| rest.split_once(".expansion."));
             block.is_some_and(|(block, _)| !fixture.config.decoder.blocks[block.parse::<usize>().unwrap()].expand)
@@ -76,7 +76,7 @@ fn the_twin_asked_for_the_same_parameters() {
 }
 
 #[test]
-fn the_twin_chose_the_same_tokens() {
+fn selections_agree_with_the_twin() {
     let mut chosen = 0;
     for fixture in Fixture::all() {
         let Fixture { name, config, .. } = &fixture;
@@ -124,7 +124,7 @@ fn the_twin_chose_the_same_tokens() {
 }
 
 #[test]
-fn the_twin_found_the_same_neighbours() {
+fn neighbours_agree_with_the_twin() {
     let mut compared = 0;
     for fixture in Fixture::all() {
         let (Some(theirs), Some(anchors)) = (fixture.indices("neighbours"), fixture.anchors()) else { continue };
@@ -137,14 +137,14 @@ fn the_twin_found_the_same_neighbours() {
 }
 
 #[test]
-fn the_twin_made_as_many_gaussians_as_the_formula_says() {
+fn budgets_agree_with_the_twins_gaussians() {
     for fixture in Fixture::all() {
         let config = &fixture.config;
         let range = atsplat_model::budget::budget(config, config.views, config.resolution).unwrap();
         let expanded: Vec<usize> = (0..config.decoder.blocks.len())
             .map(|block| fixture.indices(&format!("selected_{block}")).map_or(0, |selected| selected.len()))
             .collect();
-        let counted = Budget::of_selections(config, range.least.initial_tokens, &expanded).unwrap();
+        let counted = Budget::from_selections(config, range.least.initial_tokens, &expanded).unwrap();
         assert_eq!(counted.gaussians, fixture.gaussians(), "{}", fixture.name);
         match range.fixed() {
             Some(fixed) => assert_eq!(*fixed, counted, "{}", fixture.name),

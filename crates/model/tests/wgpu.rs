@@ -1,15 +1,15 @@
-//! Networks on a graphics processor against the same ones on the central processor, which other tests compare with PyTorch.
+//! Networks on a GPU against the same networks on the CPU, which other tests compare with PyTorch.
 //!
-//! Without an adapter these tests say so and pass; with `ATSPLAT_REQUIRE_GPU=1` they fail.
+//! Without an adapter these tests print a message and pass; with `ATSPLAT_REQUIRE_GPU=1` they fail.
 
 #![expect(clippy::unwrap_used, clippy::indexing_slicing, reason = "helpers of tests fail like tests")]
-#![expect(clippy::print_stdout, reason = "what a device differs by is for people to read")]
+#![expect(clippy::print_stdout, reason = "differences between devices are printed for people")]
 
 use std::path::Path;
 
 use atsplat_camera::{Camera, ImageSize as CameraSize, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::ModelConfig;
-use atsplat_model::network::{BlockOutcome, Device, Network, Processor, Reconstruction, Views};
+use atsplat_model::network::{BlockOutcome, Device, Network, Processor, Reconstruction, Views, f32_values};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{TensorFile, generated};
 use atsplat_numeric::{Extremes as _, Tolerance};
@@ -21,12 +21,12 @@ use burn::Tensor;
 use glam::{DMat3, DVec3};
 use indexmap::IndexMap;
 
-/// What `Processor::open` publishes of numbers that a network makes, of images of them, and of gradients in units of their
-/// parameter's largest.
+/// The accuracy documented for `Processor::open`: of network outputs, of images, and of gradients relative to the largest
+/// of their parameter.
 const NETWORK: Tolerance = Tolerance { absolute: 2e-5, relative: 2e-5 };
 const IMAGES: Tolerance = Tolerance { absolute: 5e-5, relative: 5e-5 };
 const GRADIENTS: Tolerance = Tolerance { absolute: 5e-4, relative: 5e-4 };
-/// Scores nearer than this to the last that is chosen may be on either side of it.
+/// Tokens whose scores are this close to the last selected one may be selected differently.
 const TIE: f32 = 1e-6;
 
 /// Where the two networks' Gaussians differ in the last digits, two that are equally far may be composited in the other order, and
@@ -64,7 +64,7 @@ fn cameras(config: &ModelConfig) -> Vec<Camera> {
     (0..config.views).map(camera).collect()
 }
 
-/// Waves of colour.
+/// Pictures of colour waves.
 fn views(config: &ModelConfig) -> Views {
     let (count, size) = (config.views, config.resolution);
     let samples = count * size.height * size.width * 3;
@@ -79,14 +79,14 @@ fn made(config: &ModelConfig, device: &Device) -> Reconstruction {
 }
 
 #[test]
-fn nano_on_wgpu_is_nano() {
+fn nano_on_wgpu_agrees_with_the_cpu() {
     let Some(device) = wgpu() else { return };
     compare("nano", &ModelConfig::named("nano").unwrap(), &device);
 }
 
-/// Designs of anchors, backbones, ways to select: those of the fixtures that PyTorch made, at 32×48 pixels.
+/// Anchor designs, backbones and selections of the PyTorch fixtures, at 32×48 pixels.
 #[test]
-fn every_variant_on_wgpu_is_that_variant() {
+fn every_variant_on_wgpu_agrees_with_the_cpu() {
     let Some(device) = wgpu() else { return };
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/network");
     let mut compared = 0;
@@ -96,10 +96,10 @@ fn every_variant_on_wgpu_is_that_variant() {
         let config = ModelConfig::from_toml(&configuration).unwrap();
         compared += usize::from(compare(&path.file_stem().unwrap().to_string_lossy(), &config, &device));
     }
-    assert!(compared >= 20, "ties spoiled all but {compared}");
+    assert!(compared >= 20, "ties left only {compared} to compare");
 }
 
-/// Whether all was compared: where a tie falls otherwise, what comes after it is other work.
+/// Returns whether everything was compared: after a tie that is broken differently, results differ.
 fn compare(name: &str, config: &ModelConfig, device: &Device) -> bool {
     let (ours, theirs) = (made(config, device), made(config, &Device::flex()));
     assert_eq!(ours.budget, theirs.budget, "{name}");
@@ -112,7 +112,7 @@ fn compare(name: &str, config: &ModelConfig, device: &Device) -> bool {
         }
         if ours.selected != theirs.selected {
             assert_tied(ours, theirs, &format!("{name}, block {block}"));
-            println!("{name}, block {block}: a tie fell otherwise");
+            println!("{name}, block {block}: a tie was broken differently");
             return false;
         }
     }
@@ -123,14 +123,14 @@ fn compare(name: &str, config: &ModelConfig, device: &Device) -> bool {
     true
 }
 
-/// Tokens that one chose and the other did not are as good as the last that was chosen.
+/// Asserts that tokens selected on only one device have the score of the last selected one.
 fn assert_tied(ours: &BlockOutcome, theirs: &BlockOutcome, what: &str) {
     let scores = theirs.scores.as_ref().unwrap();
     let last = theirs.selected.iter().map(|&token| scores[token]).min_by(f32::total_cmp).unwrap();
     let differing = (0..scores.len()).filter(|token| ours.selected.contains(token) != theirs.selected.contains(token));
     for token in differing {
         let apart = (scores[token] - last).abs();
-        assert!(apart <= TIE * (1.0 + last), "{what}: token {token} is {apart} from the last that is chosen");
+        assert!(apart <= TIE * (1.0 + last), "{what}: token {token} is {apart} from the last selected one");
     }
 }
 
@@ -155,13 +155,13 @@ fn assert_same_but_jumps(tolerance: Tolerance, ours: &[f32], theirs: &[f32], wha
     assert!(outside as f64 <= JUMPS * all as f64, "{what}: {outside} of {all} numbers are outside {tolerance:?}");
 }
 
-/// Images, depth, scores, and what all of them pull at every parameter.
+/// Compares images, depth, scores, and their gradients with respect to every parameter.
 #[test]
-fn the_splatter_beside_burn_is_the_processors() {
+fn rendering_and_gradients_on_wgpu_agree_with_the_cpu() {
     let Some(device) = wgpu() else { return };
-    assert!(Processor::Wgpu.renders(), "the splatter does not pass its self-test there");
+    assert!(Processor::Wgpu.renders(), "the renderer fails its self-test");
     let config = ModelConfig::named("nano").unwrap();
-    let [ours, theirs] = [device, Device::flex()].map(|device| pulled(&config, &device.autodiff()));
+    let [ours, theirs] = [device, Device::flex()].map(|device| rendered(&config, &device.autodiff()));
     for ((what, ours), (_, theirs)) in ours.images.iter().zip(&theirs.images) {
         assert_same_but_jumps(IMAGES, ours, theirs, what);
     }
@@ -179,20 +179,20 @@ fn the_splatter_beside_burn_is_the_processors() {
     }
 }
 
-struct Pulled {
+struct Rendered {
     images: Vec<(&'static str, Vec<f32>)>,
     /// By parameter.
     gradients: IndexMap<String, Vec<f32>>,
 }
 
-fn pulled(config: &ModelConfig, device: &Device) -> Pulled {
+fn rendered(config: &ModelConfig, device: &Device) -> Rendered {
     let network = Network::new(config, device).unwrap().with_weights(&generated(&parameters(config), 1)).unwrap();
     let made = network.forward(&[views(config)], 0).unwrap();
     let size = CameraSize { width: 40, height: 24 };
     let targets: Vec<View> = cameras(config).into_iter().map(|camera| View { camera, size }).collect();
     let options = RenderOptions {
-        // A Gaussian that one device's network puts just above the usual 1/255 and the other's just below would leave a
-        // jump of its whole share; at the smallest threshold that jump is lost in the tolerance.
+        // A Gaussian with alpha just above the usual 1/255 on one device and just below on the other would change a pixel
+        // by its whole contribution; at the smallest threshold the jump is within tolerance.
         constants: RendererConstants { min_alpha: SMALLEST_MIN_ALPHA, ..RendererConstants::default() },
         channels: Channels { depth: true, scalar: true, ..Channels::default() },
         // As in training.
@@ -213,16 +213,15 @@ fn pulled(config: &ModelConfig, device: &Device) -> Pulled {
         .unwrap();
     assert_eq!(images.census.len(), targets.len());
     let (depth, scalar) = (images.depth.unwrap(), images.scalar.unwrap());
-    let numbers = |tensor: Tensor<3>| tensor.into_data_as::<f32>().as_slice::<f32>().unwrap().to_vec();
-    let flat = |rgb: &Tensor<4>| numbers(rgb.clone().flatten(1, 2));
+    let flat = |rgb: &Tensor<4>| f32_values(rgb.clone().flatten::<3>(1, 2));
     let shown = vec![
         ("colour", flat(&images.rgb)),
         ("colour of the last set", flat(&last.rgb)),
-        ("alpha", numbers(images.alpha.clone())),
-        ("depth", numbers(depth.clone())),
-        ("scores", numbers(scalar.clone())),
+        ("alpha", f32_values(images.alpha.clone())),
+        ("depth", f32_values(depth.clone())),
+        ("scores", f32_values(scalar.clone())),
     ];
     let sum = (images.rgb.clone() * images.rgb).sum() + (last.rgb.clone() * last.rgb).sum();
     let sum = sum + images.alpha.sum() * 0.3 + depth.sum() * 0.05 + scalar.sum() * 0.2;
-    Pulled { images: shown, gradients: network.gradients(&sum.backward()) }
+    Rendered { images: shown, gradients: network.gradients(&sum.backward()) }
 }

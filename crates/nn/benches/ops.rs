@@ -1,4 +1,4 @@
-//! `cargo bench -p atsplat-nn`: operations alone. `against_pytorch.py` beside this file times whole blocks.
+//! `cargo bench -p atsplat-nn`: single operations. `against_pytorch.py` in this folder times whole blocks.
 
 use std::hint::black_box;
 

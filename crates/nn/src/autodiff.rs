@@ -1,4 +1,4 @@
-//! The operations' backward passes in burn's graph.
+//! Backward passes of the operations in burn's autodiff graph.
 
 use burn::backend::Autodiff;
 use burn::backend::TensorMetadata;
@@ -11,7 +11,7 @@ use crate::backend::{AttentionInputs, AttentionSizes, FusedOps, Kernels, KeyMask
 use crate::kernels::gather::Sizes as GatherSizes;
 use crate::kernels::norm::Segments;
 
-/// Tracks an operation: with its state where a gradient is wanted, without it where not.
+/// Adds an operation to the graph, with its state if a gradient is needed.
 macro_rules! finish {
     ($step:expr, $nodes:expr, $state:expr, $out:expr) => {
         match $step.prepare::<C>($nodes).compute_bound().stateful() {
@@ -23,7 +23,7 @@ macro_rules! finish {
 
 impl<B: Kernels, C: CheckpointStrategy> FusedOps for Autodiff<B, C> {
     fn fused_linear(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Parameter<Self>) -> FloatTensor<Self> {
-        // Where there is no bias, nobody reads the third parent.
+        // Without a bias, the third parent is not used.
         let (bias, bias_node) = match bias {
             Parameter::Given(bias) => {
                 let node = bias.node();

@@ -1,4 +1,4 @@
-//! What an operation asks of a backend.
+//! The traits of operations on backends.
 
 #[cfg(feature = "gpu-network")]
 use burn::backend::Cube;
@@ -12,16 +12,16 @@ use crate::kernels::norm::Segments;
 /// Sizes of an attention.
 pub(crate) use crate::kernels::attention::Sizes as AttentionSizes;
 
-/// Packed queries, keys and values: heads side by side in a token, `width = heads · head_width` elements.
+/// Packed queries, keys and values: the heads of a token are adjacent, `width = heads · head_width` elements.
 #[derive(Clone, Debug, ExtensionType)]
 pub(crate) enum AttentionInputs<B: Backend> {
-    /// `[batch, tokens, 3·width]`: a token's queries, its keys, its values.
+    /// `[batch, tokens, 3·width]`: queries, keys and values of a token.
     Together(FloatTensor<B>),
-    /// `[batch, queries, width]`, and `[batch, keys, 2·width]`: a token's keys, its values.
+    /// `[batch, queries, width]`, and `[batch, keys, 2·width]`: keys and values of a token.
     Apart { queries: FloatTensor<B>, keys_values: FloatTensor<B> },
 }
 
-/// A parameter that may be left out.
+/// An optional parameter.
 #[derive(Clone, Debug, ExtensionType)]
 pub(crate) enum Parameter<B: Backend> {
     Given(FloatTensor<B>),
@@ -37,7 +37,7 @@ impl<B: Backend> Parameter<B> {
     }
 }
 
-/// Keys to ignore, `[batch, keys]`.
+/// Mask of ignored keys, `[batch, keys]`.
 #[derive(Clone, Debug, ExtensionType)]
 pub(crate) enum KeyMask<B: Backend> {
     Ignored(BoolTensor<B>),
@@ -82,7 +82,7 @@ pub(crate) trait FusedOps: Backend {
     fn gather_max(x: FloatTensor<Self>, indices: IntTensor<Self>, sizes: GatherSizes) -> FloatTensor<Self>;
 }
 
-/// The operations without gradients: the kernels' forward passes.
+/// Operations without gradients: the forward passes of [`Kernels`].
 macro_rules! fused_by_kernels {
     ($backend:ty) => {
         impl FusedOps for $backend {
@@ -134,7 +134,7 @@ fused_by_kernels!(Cube);
 #[cfg(feature = "gpu-network")]
 impl Kernels for Cube {}
 
-/// Each operation's forward and backward pass. The bodies here are the generic fall-back.
+/// Forward and backward pass of each operation. The default implementations are generic.
 pub(crate) trait Kernels: Backend {
     fn affine(x: FloatTensor<Self>, weight: FloatTensor<Self>, bias: Option<FloatTensor<Self>>) -> FloatTensor<Self> {
         generic::rows::linear::<Self>(x, weight, bias)
@@ -160,7 +160,6 @@ pub(crate) trait Kernels: Backend {
         generic::rows::gelu_backward::<Self>(x, grad)
     }
 
-    /// Rows are flat: `[rows, width]`.
     fn norm(
         x: FloatTensor<Self>,
         gamma: FloatTensor<Self>,
@@ -180,7 +179,7 @@ pub(crate) trait Kernels: Backend {
         generic::rows::norm_backward::<Self>(x, gamma, grad, segments)
     }
 
-    /// The result, and the logarithms of the rows' sums of exponentials, `[batch, queries, heads]`.
+    /// The result, and the log-sum-exp of each row, `[batch, queries, heads]`.
     fn attend(
         inputs: AttentionInputs<Self>,
         mask: Option<BoolTensor<Self>>,
@@ -208,7 +207,7 @@ pub(crate) trait Kernels: Backend {
         generic::gather::rows_backward::<Self>(grad, indices, sizes)
     }
 
-    /// The largest, and the rows that it came from.
+    /// The maxima, and their rows.
     fn max_rows(
         x: FloatTensor<Self>,
         indices: IntTensor<Self>,

@@ -1,4 +1,4 @@
-//! The kernels on burn's processor backend, for contiguous f32; other element types take the generic way.
+//! The kernels on burn's CPU backend, for f32; other element types use the generic implementation.
 
 use burn::backend::ops::IntTensorOps;
 use burn::backend::tensor::{BoolTensor, FloatTensor, IntTensor};
@@ -148,7 +148,7 @@ impl Kernels for Flex {
         let contiguous = x.to_contiguous();
         match floats(&contiguous) {
             Some(slice) => {
-                let out = gather::rows(slice, &row_numbers(indices, sizes.rows), sizes);
+                let out = gather::rows(slice, &row_indices(indices, sizes.rows), sizes);
                 tensor(out, Shape::new([sizes.batch, sizes.picks, sizes.width]))
             }
             None => generic::gather::rows::<Self>(x, indices, sizes),
@@ -159,7 +159,7 @@ impl Kernels for Flex {
         let contiguous = grad.to_contiguous();
         match floats(&contiguous) {
             Some(slice) => {
-                let out = gather::rows_backward(slice, &row_numbers(indices, sizes.rows), sizes);
+                let out = gather::rows_backward(slice, &row_indices(indices, sizes.rows), sizes);
                 tensor(out, Shape::new([sizes.batch, sizes.rows, sizes.width]))
             }
             None => generic::gather::rows_backward::<Self>(grad, indices, sizes),
@@ -174,7 +174,7 @@ impl Kernels for Flex {
         let contiguous = x.to_contiguous();
         match floats(&contiguous) {
             Some(slice) => {
-                let (out, winners) = gather::max(slice, &row_numbers(indices, sizes.rows), sizes);
+                let (out, winners) = gather::max(slice, &row_indices(indices, sizes.rows), sizes);
                 let shape = Shape::new([sizes.batch, sizes.picks, sizes.width]);
                 let winners =
                     FlexTensor::new(Bytes::from_elems(winners), Layout::contiguous(shape.clone()), DType::I64);
@@ -196,7 +196,7 @@ impl Kernels for Flex {
     }
 }
 
-/// Contiguous tensors that an attention reads.
+/// Contiguous inputs of an attention.
 struct Packed {
     queries: FlexTensor,
     keys_values: Option<FlexTensor>,
@@ -265,17 +265,17 @@ fn with_last(like: &FlexTensor, size: usize) -> Shape {
     Shape::from(dims)
 }
 
-/// Indices as they are used.
+/// Row indices, checked.
 ///
 /// # Panics
-/// When one is not below `rows`.
-fn row_numbers(indices: FlexTensor, rows: usize) -> Vec<usize> {
+/// If an index is not below `rows`.
+#[expect(clippy::expect_used, reason = "indices were cast to i64, and checked")]
+fn row_indices(indices: FlexTensor, rows: usize) -> Vec<usize> {
     let indices = Flex::int_cast(indices, IntDType::I64).to_contiguous();
-    let indices = indices.as_slice::<i64>().unwrap_or_default();
     let row = |&index: &i64| {
-        let row = usize::try_from(index).ok().filter(|&row| row < rows);
-        assert!(row.is_some(), "index {index} of a row, of which there are {rows}");
-        row.unwrap_or_default()
+        let row = usize::try_from(index);
+        assert!(row.is_ok_and(|row| row < rows), "row index {index}, expected below {rows}");
+        row.expect("a row index")
     };
-    indices.iter().map(row).collect()
+    indices.as_slice::<i64>().expect("indices of 64 bits").iter().map(row).collect()
 }

@@ -1,6 +1,6 @@
-//! Every operation on a graphics processor, with its gradients, against burn's own in f64 on the central processor.
+//! Every operation with its gradients on a GPU, against burn's own operations in f64 on the CPU.
 //!
-//! Without an adapter this says so and passes; with `ATSPLAT_REQUIRE_GPU=1` it fails.
+//! Without an adapter the test prints a message and passes; with `ATSPLAT_REQUIRE_GPU=1` it fails.
 
 #![expect(clippy::unwrap_used, clippy::indexing_slicing, reason = "helpers of tests fail like tests")]
 

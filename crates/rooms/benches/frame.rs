@@ -8,7 +8,7 @@ use std::hint::black_box;
 use atsplat_rooms::{EffectChoice, Request, SceneKind, SceneSeed, Simulation, Split};
 use criterion::{Criterion, criterion_group, criterion_main};
 
-/// Six scenes, one after another: one scene says little about the others.
+/// Six scenes, one after another, because one scene is not representative.
 fn requests(kind: SceneKind, effects: &EffectChoice) -> Vec<Request> {
     let request =
         |number| Request { effects: effects.clone(), ..Request::new(kind, SceneSeed { split: Split::Train, number }) };

@@ -1,8 +1,8 @@
-//! A contact sheet: one row a scene, views along its path, then depth, normals and instances of the last.
+//! Writes a contact sheet: one row per scene with views along its path, then depth, normals and instances of the last view.
 //!
 //! `cargo run --release -p atsplat-rooms --example contact_sheet -- rooms train 0 8 sheet.png [side]`
 
-#![expect(clippy::print_stdout, reason = "an example tells what it shows")]
+#![expect(clippy::print_stdout, reason = "an example prints what it shows")]
 
 use anyhow::{Context, bail};
 use atsplat_camera::ImageSize;
@@ -12,14 +12,14 @@ use atsplat_rooms::{Geometry, Request, SceneKind, SceneSeed, Simulation, Split};
 const VIEWS: usize = 5;
 
 fn main() -> anyhow::Result<()> {
-    let words: Vec<String> = std::env::args().skip(1).collect();
-    let [kind, split, first, count, file, rest @ ..] = words.as_slice() else {
-        bail!("contact_sheet rooms|yards train|test FIRST COUNT FILE.png [SIDE]")
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    let [kind, split, first, count, file, rest @ ..] = args.as_slice() else {
+        bail!("usage: contact_sheet rooms|yards train|test FIRST COUNT FILE.png [SIDE]")
     };
     let kind = if kind == "yards" { SceneKind::Yards } else { SceneKind::Rooms };
     let split = if split == "test" { Split::Test } else { Split::Train };
     let (first, count): (u32, u32) = (first.parse()?, count.parse()?);
-    let side: u32 = rest.first().map_or(Ok(160), |word| word.parse())?;
+    let side: u32 = rest.first().map_or(Ok(160), |side| side.parse())?;
     let width = side * (u32::try_from(VIEWS)? + 3);
     let mut sheet = Vec::new();
     for number in first..first + count {

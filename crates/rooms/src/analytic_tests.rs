@@ -1,4 +1,4 @@
-//! Depth and co-visibility of scenes that can be worked out by hand: walls of known depth, an occluder, back faces.
+//! Depth and co-visibility of scenes with analytic solutions: walls of known depth, an occluder, back faces.
 
 use atsplat_camera::{Camera, ImageSize, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_numeric::Tolerance;
@@ -12,14 +12,14 @@ use crate::world::{Builder, World};
 
 const SIZE: ImageSize = ImageSize { width: 40, height: 30 };
 
-/// Looks along the world's +y from a place, with its own +y down; turned about the vertical by `yaw`.
-fn camera(place: DVec3, yaw: f64) -> Camera {
+/// A camera that looks along the world's +y, with its own +y down, rotated about the vertical by `yaw`.
+fn camera(position: DVec3, yaw: f64) -> Camera {
     let upright = DMat3::from_cols(DVec3::X, DVec3::NEG_Z, DVec3::Y);
-    let pose = WorldFromCamera::new(DMat3::from_rotation_z(yaw) * upright, place).unwrap();
+    let pose = WorldFromCamera::new(DMat3::from_rotation_z(yaw) * upright, position).unwrap();
     Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 1.1, 0.45, 0.53).unwrap())
 }
 
-/// The places on the plane at distance 1 that the pixels' centres show: right and down.
+/// Coordinates of the pixels' centres on the plane at distance 1: right and down.
 fn pixels(camera: &Camera, size: ImageSize) -> Vec<[f64; 2]> {
     let k = camera.intrinsics;
     let place = |at: u32, of: u32, c: f64, f: f64| ((f64::from(at) + 0.5) / f64::from(of) - c) / f;
@@ -32,36 +32,36 @@ fn pixels(camera: &Camera, size: ImageSize) -> Vec<[f64; 2]> {
 
 fn world(put: impl FnOnce(&mut Builder, usize)) -> World {
     let mut builder = Builder::new();
-    let material = builder.material(Material::matt(Pattern::Plain(Vec3::ONE), 0));
+    let material = builder.material(Material::matte(Pattern::Plain(Vec3::ONE), 0));
     put(&mut builder, material);
     let none = Vec3::ZERO;
     let sky = Sky { zenith: none, horizon: none, ground: none, trees: none, clouds: 0.0, seed: 0 };
     builder.finish(sky, Vec3::ONE, [DVec3::splat(-9.0), DVec3::splat(9.0)])
 }
 
-/// A wall across the view whose near side is `y = 4 + x tan(turn)`, as large as the view and more.
+/// A wall across the whole view whose near side is `y = 4 + x tan(turn)`.
 fn wall(builder: &mut Builder, material: usize, turn: f64) {
-    builder.thing(DVec3::new(0.0, 4.0, 0.0), turn);
+    builder.instance(DVec3::new(0.0, 4.0, 0.0), turn);
     builder.block(DVec3::new(-60.0, 0.0, -60.0), DVec3::new(60.0, 0.2, 60.0), material);
 }
 
-/// Every pixel that shows a flat wall has the wall's distance, in the corners as in the middle: depth is along the axis.
+/// Depth is along the optical axis, so that a wall facing the camera has the same depth in the corners and in the middle.
 #[test]
-fn a_wall_that_faces_the_camera_has_one_depth() {
+fn a_wall_facing_the_camera_has_one_depth() {
     let simulation = Simulation::of_world(world(|b, m| wall(b, m, 0.0)), SIZE, &[camera(DVec3::ZERO, 0.0)]);
     let geometry = simulation.geometry(0).unwrap();
     Tolerance::absolute(1e-6).assert(geometry.depth.iter().map(|&d| f64::from(d)), vec![4.0; 1200], "depth");
     assert!(geometry.instances.iter().all(|instance| *instance == 1));
 }
 
-/// A slanted wall and a floor: each pixel's depth follows from the place of its centre, `4 / (1 − right · tan)` and
-/// `0.8 / down`, whichever is nearer. Half a pixel more or less changes every one of them.
+/// A slanted wall and a floor: each pixel's depth is the nearer of `4 / (1 − right · tan)` and `0.8 / down` at its centre. An
+/// error of half a pixel would change every depth.
 #[test]
 fn a_slanted_wall_and_a_floor_have_the_depth_of_the_pixels_centres() {
     for turn in [0.6f64, -0.35] {
         let scene = world(|builder, material| {
             wall(builder, material, turn);
-            builder.thing(DVec3::ZERO, 0.0);
+            builder.instance(DVec3::ZERO, 0.0);
             builder.block(DVec3::new(-90.0, -90.0, -2.0), DVec3::new(90.0, 90.0, -0.8), material);
         });
         let camera = camera(DVec3::ZERO, 0.0);
@@ -82,24 +82,24 @@ fn a_slanted_wall_and_a_floor_have_the_depth_of_the_pixels_centres() {
     }
 }
 
-/// How far left and right of the middle the plate below reaches, and its distance from the first camera.
+/// Half width of the plate below, and its distance from the first camera.
 const PLATE: f64 = 0.3;
 const PLATE_AT: f64 = 2.0;
 const WALL_AT: f64 = 4.0;
 
-/// What a camera shows at a place right of its middle: across and away, the same at every height.
+/// The point that a camera sees at `right` of its middle, in plan: across and away, the same at every height.
 fn met(camera: DVec2, right: f64) -> DVec2 {
     let at = |away: f64| DVec2::new(camera.x + (away - camera.y) * right, away);
     if at(PLATE_AT).x.abs() < PLATE { at(PLATE_AT) } else { at(WALL_AT) }
 }
 
-/// A wall behind a plate that is higher than the view, from two places: the share of pixels that the other camera sees too.
-/// What the plate hides from it is not seen, which makes more than a tenth of all.
+/// A wall behind a plate that is higher than the view, seen by two cameras: the share of pixels visible to the other camera
+/// excludes those that the plate hides, more than a tenth.
 #[test]
-fn what_a_plate_hides_is_not_seen() {
+fn surfaces_behind_an_occluder_are_not_covisible() {
     let scene = world(|builder, material| {
         wall(builder, material, 0.0);
-        builder.thing(DVec3::ZERO, 0.0);
+        builder.instance(DVec3::ZERO, 0.0);
         builder.block(DVec3::new(-PLATE, PLATE_AT, -50.0), DVec3::new(PLATE, PLATE_AT + 1e-3, 50.0), material);
     });
     let places = [DVec2::new(-0.43, 0.0), DVec2::new(0.57, -1.1)];
@@ -117,7 +117,7 @@ fn what_a_plate_hides_is_not_seen() {
             let point = met(from, *right);
             let away = point.y - into.y;
             let there = inside([(point.x - into.x) / away, down * (point.y - from.y) / away]);
-            // Where the way from the wall to the other camera passes the plate's distance.
+            // Where the line from the wall to the other camera passes the plate's distance.
             let passed = into.lerp(point, (PLATE_AT - into.y) / away).x;
             let blocked = point.y > PLATE_AT && passed.abs() < PLATE;
             seen += f64::from(u8::from(there && !blocked));
@@ -133,10 +133,10 @@ fn what_a_plate_hides_is_not_seen() {
     Tolerance::F64.assert([found.overlap()], [if first[0] < second[0] { first[0] } else { second[0] }], "the smaller");
 }
 
-/// A leaf without thickness between two cameras that look at each other: each sees its own side, and never the other's, at
-/// whatever distance. Straight through the middle nothing is in the way but the surface itself.
+/// A leaf without thickness between two cameras that look at each other: each sees only its own side, at any distance.
+/// Through the middle, only the surface itself is between the cameras.
 #[test]
-fn the_two_sides_of_a_leaf_share_nothing() {
+fn the_two_sides_of_a_leaf_are_not_covisible() {
     let single = ImageSize { width: 1, height: 1 };
     let straight = |camera: Camera| {
         let intrinsics = NormalizedIntrinsics::new(1.0, 1.0, 0.5, 0.5).unwrap();
@@ -145,7 +145,7 @@ fn the_two_sides_of_a_leaf_share_nothing() {
     for distance in [0.5, 0.7, 1.0, 1.3, 2.0, 2.5, 3.1, 5.0] {
         for size in [single, SIZE] {
             let scene = world(|builder, material| {
-                builder.thing(DVec3::ZERO, 0.0);
+                builder.instance(DVec3::ZERO, 0.0);
                 let upright = DMat3::from_rotation_x(std::f64::consts::FRAC_PI_2);
                 builder.put_turned(Form::Leaf(DVec2::splat(20.0)), DVec3::new(0.0, distance, 0.0), upright, material);
             });
@@ -160,8 +160,8 @@ fn the_two_sides_of_a_leaf_share_nothing() {
                 [0.0; 2],
                 &format!("{distance} m, {size}"),
             );
-            let beside = simulation.covisibility(0, 0).unwrap().overlap();
-            Tolerance::EXACT.assert([beside], [1.0], "its own side is seen");
+            let same = simulation.covisibility(0, 0).unwrap().overlap();
+            Tolerance::EXACT.assert([same], [1.0], "its own side is seen");
         }
     }
 }

@@ -2,29 +2,29 @@ use glam::{DVec3, Vec3A, Vec4};
 
 use crate::form::{Object, RaySegment};
 
-/// A tree of boxes over objects, four to a node, split where the surface area heuristic says. A box of one object stands
-/// for it: what a ray's packet of four box tests lets through is tested exactly.
+/// A bounding volume hierarchy with four boxes per node, built by the surface area heuristic. Each leaf box holds one
+/// object, which is tested exactly if a ray hits the box.
 #[derive(Clone, Debug)]
 pub(crate) struct Bvh {
     nodes: Vec<Node>,
 }
 
-/// Four boxes side by side.
+/// A node of four boxes.
 #[derive(Clone, Copy, Debug)]
 struct Node {
-    /// Per axis the planes that a ray meets first, if it runs up the axis, and last.
+    /// Lower and upper planes per axis.
     planes: [[Vec4; 2]; 3],
-    /// What each box holds: an object, marked by [`OBJECT`], or a node.
+    /// Content of each box: an object, marked by [`OBJECT`], or a node.
     links: [u32; WIDTH],
 }
 
 const WIDTH: usize = 4;
 const OBJECT: u32 = 1 << 31;
-/// Levels that the heuristic may shape; below them halves keep the tree from growing deeper.
+/// Levels split by the heuristic; below them, splitting in halves bounds the depth.
 const SHAPED: usize = 12;
-/// A walk holds three boxes a level, and half of 2³¹ objects are gone after a level of halves.
-const HELD: usize = (WIDTH - 1) * (SHAPED + 8);
-/// Boxes are f32: larger than their content by more than f32 loses at this distance, in metres.
+/// Size of the traversal stack: at most three boxes per level, and few levels of halves.
+const STACK: usize = (WIDTH - 1) * (SHAPED + 8);
+/// Margin of the f32 boxes, in metres: more than the rounding errors.
 const MARGIN: f32 = 1e-4;
 
 impl Bvh {
@@ -37,10 +37,10 @@ impl Bvh {
         bvh
     }
 
-    /// Adds the node of a run of objects and all below it; tells its number.
+    /// Adds the node of a run of objects and all nodes below it; returns its index.
     #[expect(clippy::cast_possible_truncation, reason = "a scene has far fewer than 2^31 objects")]
     fn grow(&mut self, run: &mut [Leaf], depth: usize) -> u32 {
-        let me = self.nodes.len();
+        let index = self.nodes.len();
         self.nodes.push(Node::EMPTY);
         let mut runs = vec![run];
         while runs.len() < WIDTH {
@@ -60,70 +60,68 @@ impl Bvh {
             };
             node.put(slot, low, high, link);
         }
-        if let Some(place) = self.nodes.get_mut(me) {
-            *place = node;
-        }
-        me as u32
+        self.nodes[index] = node;
+        index as u32
     }
 
-    /// The nearest hit and its object; of hits at the same distance, that of the first object.
+    /// The nearest hit and its object; ties go to the first object.
     pub(crate) fn closest(&self, objects: &[Object], ray: &RaySegment) -> Option<(f64, usize)> {
         let mut best: Option<(f64, usize)> = None;
         let mut ray = *ray;
         let slabs = Slabs::new(&ray);
         let mut limit = limit(ray.farthest);
-        let mut held = [(0u32, 0f32); HELD];
+        let mut stack = [(0u32, 0f32); STACK];
         let mut top = usize::from(!self.nodes.is_empty());
-        while let Some(&(link, enter)) = top.checked_sub(1).and_then(|last| held.get(last)) {
+        while top > 0 {
             top -= 1;
+            let (link, enter) = stack[top];
             if enter > limit {
                 continue;
             }
             if link & OBJECT != 0 {
                 let index = (link & !OBJECT) as usize;
-                let Some(t) = objects.get(index).and_then(|object| object.hit(&ray)) else { continue };
-                if best.is_none_or(|(held, other)| t < held || (t <= held && index < other)) {
+                let Some(t) = objects[index].hit(&ray) else { continue };
+                if best.is_none_or(|(nearest, other)| t < nearest || (t <= nearest && index < other)) {
                     best = Some((t, index));
-                    // A hair beyond, so that an equal hit is compared and not lost.
+                    // Slightly beyond, so that an equal hit is still compared.
                     ray.farthest = t * (1.0 + f64::EPSILON) + f64::MIN_POSITIVE;
                     limit = self::limit(ray.farthest);
                 }
                 continue;
             }
-            let Some(node) = self.nodes.get(link as usize) else { continue };
-            let (enters, met) = slabs.enter(node, limit);
+            let node = &self.nodes[link as usize];
+            let (enters, hits) = slabs.enter(node, limit);
             let first = top;
-            for slot in (0..WIDTH).filter(|slot| met >> slot & 1 == 1) {
-                // Nearest on top: an insertion among at most four.
+            for slot in (0..WIDTH).filter(|slot| hits >> slot & 1 == 1) {
+                // Insertion sort of at most four boxes, with the nearest on top.
                 let mut at = top;
-                while at > first && held.get(at - 1).is_some_and(|(_, other)| *other < enters[slot]) {
-                    held.swap(at, at - 1);
+                while at > first && stack[at - 1].1 < enters[slot] {
+                    stack.swap(at, at - 1);
                     at -= 1;
                 }
-                held[at] = (node.links[slot], enters[slot]);
+                stack[at] = (node.links[slot], enters[slot]);
                 top += 1;
             }
         }
         best
     }
 
-    /// Whether anything stands within the ray's limits.
+    /// Whether the ray hits anything within its limits.
     pub(crate) fn blocked(&self, objects: &[Object], ray: &RaySegment) -> bool {
         let slabs = Slabs::new(ray);
         let limit = limit(ray.farthest);
-        let mut held = [0u32; HELD];
+        let mut stack = [0u32; STACK];
         let mut top = usize::from(!self.nodes.is_empty());
-        while let Some(node) =
-            top.checked_sub(1).and_then(|last| held.get(last)).and_then(|&at| self.nodes.get(at as usize))
-        {
+        while top > 0 {
             top -= 1;
-            let (_, met) = slabs.enter(node, limit);
-            for slot in (0..WIDTH).filter(|slot| met >> slot & 1 == 1) {
+            let node = &self.nodes[stack[top] as usize];
+            let (_, hits) = slabs.enter(node, limit);
+            for slot in (0..WIDTH).filter(|slot| hits >> slot & 1 == 1) {
                 let link = node.links[slot];
                 if link & OBJECT == 0 {
-                    held[top] = link;
+                    stack[top] = link;
                     top += 1;
-                } else if objects.get((link & !OBJECT) as usize).is_some_and(|object| object.hit(ray).is_some()) {
+                } else if objects[(link & !OBJECT) as usize].hit(ray).is_some() {
                     return true;
                 }
             }
@@ -133,7 +131,7 @@ impl Bvh {
 }
 
 impl Node {
-    /// Boxes that no ray meets.
+    /// Boxes that no ray hits.
     const EMPTY: Self =
         Self { planes: [[Vec4::splat(f32::INFINITY), Vec4::splat(f32::NEG_INFINITY)]; 3], links: [0; WIDTH] };
 
@@ -145,11 +143,11 @@ impl Node {
     }
 }
 
-/// A ray as boxes want it.
+/// A ray prepared for slab tests of four boxes.
 struct Slabs {
     origin: [Vec4; 3],
     inverse: [Vec4; 3],
-    /// Per axis which of a node's planes is met first.
+    /// Which of a node's planes is hit first, per axis.
     first: [usize; 3],
 }
 
@@ -163,24 +161,24 @@ impl Slabs {
         }
     }
 
-    /// Where the ray enters each box, and a bit for each that it meets before `limit`.
+    /// Where the ray enters each box, and a bit for each box hit before `limit`.
     fn enter(&self, node: &Node, limit: f32) -> ([f32; WIDTH], u32) {
         let plane = |axis: usize, side: usize| (node.planes[axis][side] - self.origin[axis]) * self.inverse[axis];
         let [x, y, z] = self.first;
         let enter = plane(0, x).max(plane(1, y)).max(plane(2, z));
         let leave = plane(0, 1 - x).min(plane(1, 1 - y)).min(plane(2, 1 - z));
-        let met = leave.cmpge(enter) & leave.cmpge(Vec4::ZERO) & enter.cmple(Vec4::splat(limit));
-        (enter.to_array(), met.bitmask())
+        let hits = leave.cmpge(enter) & leave.cmpge(Vec4::ZERO) & enter.cmple(Vec4::splat(limit));
+        (enter.to_array(), hits.bitmask())
     }
 }
 
-/// What boxes are compared with for hits nearer than `farthest`.
-#[expect(clippy::cast_possible_truncation, reason = "boxes carry a margin for f32")]
+/// The largest entry of a box that can hold hits nearer than `farthest`.
+#[expect(clippy::cast_possible_truncation, reason = "boxes have a margin for f32")]
 fn limit(farthest: f64) -> f32 {
     farthest as f32 * 1.000_001 + MARGIN
 }
 
-/// An object while the tree grows.
+/// An object while the tree is built.
 #[derive(Clone, Copy)]
 struct Leaf {
     low: Vec3A,
@@ -212,7 +210,7 @@ fn area_of((low, high): (Vec3A, Vec3A)) -> f32 {
     side.x * side.y + side.y * side.z + side.z * side.x
 }
 
-/// Sorts a run of two or more along the axis where its parts cost least, and tells where to part it.
+/// Sorts a run of two or more along the axis of the cheapest split, and returns the index of the split.
 fn cheapest_split(run: &mut [Leaf]) -> usize {
     let sort = |run: &mut [Leaf], axis: usize| {
         run.sort_by(|a, b| a.centre[axis].total_cmp(&b.centre[axis]).then(a.index.cmp(&b.index)));
@@ -249,7 +247,7 @@ mod tests {
     use crate::rng::Rng;
 
     #[test]
-    fn the_tree_finds_what_trying_every_object_finds() {
+    fn the_tree_agrees_with_testing_every_object() {
         let mut rng = Rng::new(5);
         let objects: Vec<Object> = (0..300)
             .map(|at| {
@@ -278,7 +276,7 @@ mod tests {
             assert_eq!(bvh.blocked(&objects, &ray), expected.is_some(), "ray {at}");
             hits += usize::from(expected.is_some());
         }
-        assert!((500..3900).contains(&hits), "{hits} hits prove little");
+        assert!((500..3900).contains(&hits), "{hits} hits are too few or too many for a test");
         assert!(Bvh::new(&[]).closest(&[], &RaySegment::new(DVec3::ZERO, DVec3::X, 0.0, 1.0)).is_none());
     }
 }

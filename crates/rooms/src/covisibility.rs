@@ -4,20 +4,20 @@ use rayon::prelude::*;
 use crate::render::Rays;
 use crate::{RoomsError, Simulation};
 
-/// Which share of two pictures shows the same surfaces, by tracing.
+/// Shares of two pictures that show the same surfaces, by ray tracing.
 ///
-/// Of the pixels of one picture whose centre shows a surface, those count whose surface point lies inside the other
-/// picture and is seen from there: nothing stands between. Neither depth maps nor tolerances on depth take part.
+/// Of the pixels of one picture whose centre shows a surface, those count whose surface point lies inside the other picture
+/// and is visible from there. No depth maps or depth tolerances are involved.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Covisibility {
-    /// Share of the first picture's surface pixels that the second sees too, in [0, 1]; 0 where it shows only sky.
+    /// Share of the first picture's surface pixels that are visible in the second, in [0, 1]; 0 if it shows only sky.
     pub first_in_second: f64,
-    /// The other way round.
+    /// Share of the second picture's surface pixels that are visible in the first.
     pub second_in_first: f64,
 }
 
 impl Covisibility {
-    /// The smaller of both directions: the overlap of the two pictures.
+    /// Overlap of the two pictures: the smaller of both shares.
     pub fn overlap(&self) -> f64 {
         if self.second_in_first < self.first_in_second { self.second_in_first } else { self.first_in_second }
     }
@@ -30,12 +30,12 @@ impl Simulation {
     /// As [`Simulation::geometry`].
     pub fn covisibility(&self, first: usize, second: usize) -> Result<Covisibility, RoomsError> {
         Ok(Covisibility {
-            first_in_second: self.seen_too(first, second)?,
-            second_in_first: self.seen_too(second, first)?,
+            first_in_second: self.visible_share(first, second)?,
+            second_in_first: self.visible_share(second, first)?,
         })
     }
 
-    fn seen_too(&self, from: usize, into: usize) -> Result<f64, RoomsError> {
+    fn visible_share(&self, from: usize, into: usize) -> Result<f64, RoomsError> {
         let (camera, other) = (self.camera(from)?, self.camera(into)?.projector()?);
         let (pose, eye) =
             (camera.camera_from_world.inverse(), self.shot(into)?.camera.camera_from_world.inverse().centre());
@@ -48,10 +48,10 @@ impl Simulation {
                 let direction = pose.transform_vector(plane.extend(1.0)).normalize();
                 let Some(surface) = self.world.trace(pose.centre(), direction) else { continue };
                 surfaces += 1;
-                // A point that the lens cannot map or that lies behind is not in the picture.
+                // A point that the lens cannot map or that lies behind the camera is not in the picture.
                 let inside = other.project(surface.point).is_ok_and(|projected| projected.is_inside());
-                let way: DVec3 = eye - surface.point;
-                let faces = surface.normal.dot(way) > 0.0;
+                let to_eye: DVec3 = eye - surface.point;
+                let faces = surface.normal.dot(to_eye) > 0.0;
                 let start = surface.leave();
                 seen += u64::from(inside && faces && !self.world.blocked(start, eye - start));
             }

@@ -4,49 +4,49 @@ use atsplat_camera::CameraError;
 use atsplat_pixels::PixelError;
 use atsplat_scene::SceneError;
 
-/// What can go wrong while a scene is simulated or written.
+/// Errors of simulating and writing scenes.
 #[derive(Debug, thiserror::Error)]
 pub enum RoomsError {
-    /// A request that no scene can answer.
+    /// A request is invalid.
     #[error("{field}: expected {expected}, found {found}")]
     Request {
-        /// Which field of the request.
+        /// Field of the request.
         field: &'static str,
-        /// What it may be.
+        /// What was expected.
         expected: &'static str,
-        /// What it is.
+        /// What was found.
         found: String,
     },
-    /// A frame past the last.
+    /// A frame does not exist.
     #[error("scene {key:?} has {frames} frames, so no frame {frame}")]
     NoFrame {
         /// The scene.
         key: String,
-        /// How many frames it has.
+        /// Number of its frames.
         frames: usize,
-        /// The frame that was asked for.
+        /// The requested frame.
         frame: usize,
     },
-    /// A camera that cannot be.
+    /// A camera is invalid.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// A picture that cannot be encoded.
+    /// A picture cannot be encoded.
     #[error(transparent)]
     Pixels(#[from] PixelError),
-    /// A scene that cannot be stored.
+    /// A scene cannot be stored.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Carried figures of real clips that cannot be read.
+    /// The embedded statistics of real clips cannot be read.
     #[error("reading the motion of real clips: {0}")]
     Motion(#[from] serde_json::Error),
-    /// A file that cannot be written.
+    /// A file cannot be written.
     #[error("{action} {}: {source}", path.display())]
     Io {
         /// What was being done.
         action: &'static str,
         /// To which file.
         path: PathBuf,
-        /// What the system said.
+        /// The operating system's error.
         source: std::io::Error,
     },
 }

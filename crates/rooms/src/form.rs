@@ -1,29 +1,29 @@
 use glam::{DMat3, DVec2, DVec3};
 
-/// The solid that an object is, about the origin of its own frame. Lengths in metres.
+/// Shape of an object, about the origin of its own frame. Lengths in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Form {
-    /// A box of these half sides.
+    /// A box with these half sides.
     Box(DVec3),
     /// A ball.
     Ball(f64),
-    /// A cylinder about z, closed by flat ends.
+    /// A cylinder about z with flat caps.
     Cylinder { radius: f64, half_height: f64 },
     /// A flat ellipse in the plane z = 0: a leaf.
     Leaf(DVec2),
 }
 
-/// A form somewhere in the world.
+/// A shape with a pose in the world.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Object {
     pub form: Form,
     pub world_from_local: DMat3,
     pub centre: DVec3,
-    /// Half sides along the world's axes of a box that lies along them.
+    /// Half sides of an axis-aligned box.
     aligned: Option<DVec3>,
     /// Index into the world's materials.
     pub material: usize,
-    /// Which thing of the scene it is part of; from 1.
+    /// The instance that it is part of; from 1.
     pub instance: u32,
 }
 
@@ -32,11 +32,11 @@ pub(crate) struct Object {
 pub(crate) struct RaySegment {
     pub origin: DVec3,
     pub direction: DVec3,
-    /// One over `direction`, large where that is zero.
+    /// 1 / `direction`, large where that is zero.
     pub inverse: DVec3,
-    /// Hits nearer than this are not counted.
+    /// Lower limit of hits.
     pub nearest: f64,
-    /// Hits farther than this are not counted.
+    /// Upper limit of hits.
     pub farthest: f64,
 }
 
@@ -49,9 +49,9 @@ impl RaySegment {
     }
 }
 
-/// Where a ray meets an object's surface.
+/// A point of an object's surface, hit by a ray.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Touch {
+pub(crate) struct HitPoint {
     /// Unit normal in the world, outward of the solid.
     pub normal: DVec3,
     /// Position in the object's own frame.
@@ -61,7 +61,7 @@ pub(crate) struct Touch {
 }
 
 impl Object {
-    /// A form somewhere. Quarter turns are made exact.
+    /// An object with a pose. Rotations by multiples of 90° are made exact.
     pub(crate) fn new(form: Form, world_from_local: DMat3, centre: DVec3, material: usize, instance: u32) -> Self {
         let rounded = DMat3::from_cols_array(&world_from_local.to_cols_array().map(f64::round));
         let quarter = world_from_local.abs_diff_eq(rounded, 1e-12);
@@ -73,7 +73,7 @@ impl Object {
         Self { form, world_from_local, centre, aligned, material, instance }
     }
 
-    /// The smallest `t` at which the ray meets the surface within its limits.
+    /// The smallest `t` within the ray's limits at which it hits the surface.
     pub(crate) fn hit(&self, ray: &RaySegment) -> Option<f64> {
         let within = |t: f64| (t > ray.nearest && t < ray.farthest).then_some(t);
         if let Some(half) = self.aligned {
@@ -99,7 +99,7 @@ impl Object {
     }
 
     /// Normal and surface coordinates at a point that [`Self::hit`] found.
-    pub(crate) fn touch(&self, point: DVec3) -> Touch {
+    pub(crate) fn touch(&self, point: DVec3) -> HitPoint {
         let p = self.world_from_local.transpose() * (point - self.centre);
         let (normal, uv) = match self.form {
             Form::Box(half) => {
@@ -127,7 +127,7 @@ impl Object {
             }
             Form::Leaf(_) => (DVec3::Z, p.truncate()),
         };
-        Touch { normal: (self.world_from_local * normal).normalize_or(DVec3::Z), local: p, uv }
+        HitPoint { normal: (self.world_from_local * normal).normalize_or(DVec3::Z), local: p, uv }
     }
 
     /// Half sides of the axis-aligned box in the world around [`Self::centre`].
@@ -142,7 +142,7 @@ impl Object {
         m.x_axis.abs() * local.x + m.y_axis.abs() * local.y + m.z_axis.abs() * local.z
     }
 
-    /// Distance from a point to the surface, negative inside; at least a lower bound in size outside.
+    /// Signed distance from a point to the surface, negative inside; a lower bound of the true distance outside.
     pub(crate) fn distance(&self, point: DVec3) -> f64 {
         let p = self.world_from_local.transpose() * (point - self.centre);
         let to_box = |q: DVec3| q.max(DVec3::ZERO).length() + q.max_element().clamp(f64::MIN, 0.0);
@@ -157,7 +157,7 @@ impl Object {
     }
 }
 
-/// A box of these half sides whose middle lies `to_middle` from the ray's origin.
+/// Slab test of a box with these half sides whose centre is `to_middle` from the ray's origin.
 fn slabs(to_middle: DVec3, half: DVec3, inverse: DVec3, within: impl Fn(f64) -> Option<f64>) -> Option<f64> {
     let (middle, reach) = (to_middle * inverse, half * inverse.abs());
     let (enter, leave) = ((middle - reach).max_element(), (middle + reach).min_element());
@@ -168,7 +168,7 @@ fn cylinder(o: DVec3, d: DVec3, radius: f64, half: f64, within: impl Fn(f64) -> 
     let (os, ds) = (o.truncate(), d.truncate());
     let (a, b, c) = (ds.length_squared(), os.dot(ds), os.length_squared() - radius * radius);
     let root = (b * b - a * c).sqrt();
-    // Along the axis a is 0 and the mantle is met nowhere or always.
+    // Parallel to the axis a is 0, and the ray is always or never inside the lateral surface.
     let (mantle_in, mantle_out) = if a > 0.0 {
         ((-b - root) / a, (root - b) / a)
     } else if c <= 0.0 {
@@ -207,7 +207,7 @@ mod tests {
     }
 
     proptest! {
-        /// Walking by the distance to the surface is an independent way of finding it.
+        /// Sphere tracing finds the surface independently.
         #[test]
         fn hits_agree_with_sphere_tracing(
             form in forms(), turn in (0.0..1.0, 0.0..1.0f64), angle in 0.0..6.0f64,

@@ -1,15 +1,16 @@
 use glam::{DVec2, DVec3, Vec3};
 
+use crate::noise::as_f32;
 use crate::rng::sphere_point;
 
-/// Something that gives light, apart from the sky. A lamp's own body is an object like others.
+/// A light source other than the sky. The body of a lamp is a separate object.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Lamp {
-    /// A rectangle with these half sides that shines to the side of `half_u × half_v`.
+    /// A rectangle with these half sides that emits to the side of `half_u × half_v`.
     Panel { centre: DVec3, half_u: DVec3, half_v: DVec3, radiance: Vec3 },
-    /// A ball that is part of a fitting.
+    /// A sphere.
     Bulb { centre: DVec3, radius: f64, radiance: Vec3 },
-    /// The sun: the direction to it, its radius in radians, and what it sends to a surface that faces it.
+    /// The sun: direction to it, angular radius in radians, and irradiance of a surface that faces it.
     Sun { direction: DVec3, radius: f64, irradiance: Vec3 },
 }
 
@@ -17,7 +18,7 @@ pub(crate) enum Lamp {
 const SHORT: f64 = 1e-3;
 
 impl Lamp {
-    /// Irradiance over π at a surface that sees all of the lamp, from its middle.
+    /// Irradiance / π at a surface that sees the whole lamp, approximated from the lamp's centre.
     pub(crate) fn reaches(&self, point: DVec3, normal: DVec3) -> Vec3 {
         let gathered = |towards: DVec3, area: f64, shines: f64| {
             let facing = normal.dot(towards);
@@ -26,7 +27,7 @@ impl Lamp {
             }
             let squared = towards.length_squared();
             let cosine = facing / squared.sqrt();
-            // Close up a lamp is no point: at most as much as it would give from its own radius.
+            // Close to a lamp the point approximation is bounded by the lamp's area.
             cosine.clamp(0.0, 1.0) * shines * area / (std::f64::consts::PI * squared + area)
         };
         match *self {
@@ -38,41 +39,36 @@ impl Lamp {
                 }
                 let size = face.length();
                 let shines = along / (towards.length() * size);
-                radiance * as_colour(gathered(towards, 4.0 * size, shines.clamp(0.0, 1.0)))
+                radiance * as_f32(gathered(towards, 4.0 * size, shines.clamp(0.0, 1.0)))
             }
             Self::Bulb { centre, radius, radiance } => {
-                radiance * as_colour(gathered(centre - point, std::f64::consts::PI * radius * radius, 1.0))
+                radiance * as_f32(gathered(centre - point, std::f64::consts::PI * radius * radius, 1.0))
             }
             Self::Sun { direction, irradiance, .. } => {
-                irradiance * as_colour(normal.dot(direction).clamp(0.0, 1.0) / std::f64::consts::PI)
+                irradiance * as_f32(normal.dot(direction).clamp(0.0, 1.0) / std::f64::consts::PI)
             }
         }
     }
 
-    /// A place on the lamp as seen from `point`: the way there, not normalised, to travel up to `t = 1`.
-    /// `dice` are uniform in [0, 1)².
-    pub(crate) fn towards(&self, point: DVec3, dice: DVec2) -> DVec3 {
+    /// Vector from `point` to a random point of the lamp, not normalised: a shadow ray with `t` up to 1.
+    /// `uniform` is uniform in [0, 1)².
+    pub(crate) fn towards(&self, point: DVec3, uniform: DVec2) -> DVec3 {
         let place = match *self {
             Self::Panel { centre, half_u, half_v, .. } => {
-                centre + half_u * (2.0 * dice.x - 1.0) + half_v * (2.0 * dice.y - 1.0)
+                centre + half_u * (2.0 * uniform.x - 1.0) + half_v * (2.0 * uniform.y - 1.0)
             }
             Self::Bulb { centre, radius, .. } => {
-                // The side that can be seen: a disc across the way.
+                // The visible side, as a disc perpendicular to the line of sight.
                 let away = (centre - point).normalize_or(DVec3::Z);
                 let (right, up) = away.any_orthonormal_pair();
-                let (sin, cos) = (std::f64::consts::TAU * dice.y).sin_cos();
-                centre - away * radius + (right * cos + up * sin) * (radius * dice.x.sqrt())
+                let (sin, cos) = (std::f64::consts::TAU * uniform.y).sin_cos();
+                centre - away * radius + (right * cos + up * sin) * (radius * uniform.x.sqrt())
             }
             Self::Sun { direction, radius, .. } => {
-                return (direction + sphere_point(dice) * radius).normalize() * 1e3;
+                return (direction + sphere_point(uniform) * radius).normalize() * 1e3;
             }
         };
-        let way = place - point;
-        way * (1.0 - SHORT / (way.length() + SHORT))
+        let offset = place - point;
+        offset * (1.0 - SHORT / (offset.length() + SHORT))
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "a share of light")]
-const fn as_colour(share: f64) -> f32 {
-    share as f32
 }

@@ -1,8 +1,8 @@
-//! A seed into a simulated scene: procedural rooms and yards, ray traced along trajectories that move as RE10K's
-//! do, with true depth, normals and instances. Knows nothing of models.
+//! Procedural simulated scenes: rooms and yards made from a seed and ray traced along trajectories with the motion
+//! statistics of RE10K, with true depth, normals and instances. Independent of models.
 //!
-//! The same [`Request`] gives the same bytes on any number of threads. The world is in metres with z up; cameras
-//! have OpenCV's axes.
+//! The same [`Request`] gives the same bytes on any number of threads. The world is in metres with z up; cameras have
+//! OpenCV's axes.
 
 #[cfg(test)]
 mod analytic_tests;
@@ -20,7 +20,6 @@ mod path;
 mod render;
 mod rng;
 mod seed;
-mod shot;
 mod simulation;
 mod sky;
 mod source;
@@ -30,9 +29,8 @@ pub use covisibility::Covisibility;
 pub use dataset::{Layout, ManifestScene, PictureCoding, WriteOptions, encoded_scene, write_dataset};
 pub use effects::{CalledEffect, EffectChoice, EffectKind, TOLERANCE};
 pub use error::RoomsError;
-pub use path::{ClipMotion, Motion};
+pub use path::{ClipMotion, Motion, Shot};
 pub use render::{Geometry, View};
 pub use seed::{SceneKind, SceneSeed, Split};
-pub use shot::Shot;
 pub use simulation::{EffectCost, GENERATOR, Request, Route, Simulation};
 pub use source::SimulatedScenes;

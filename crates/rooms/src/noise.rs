@@ -1,7 +1,7 @@
 use glam::Vec3;
 
-/// A hash of integer lattice coordinates into 32 well mixed bits (Jarzynski and Olano, "Hash functions for
-/// GPU rendering", 2020, in spirit: a few multiplications and shifts).
+/// Hashes integer lattice coordinates to 32 bits by a few multiplications and shifts (after Jarzynski and Olano, "Hash
+/// functions for GPU rendering", 2020).
 pub(crate) const fn lattice(x: i32, y: i32, z: i32, seed: u32) -> u32 {
     let mut h = seed
         .wrapping_add(x.cast_unsigned().wrapping_mul(0x9e37_79b1))
@@ -14,6 +14,12 @@ pub(crate) const fn lattice(x: i32, y: i32, z: i32, seed: u32) -> u32 {
     h ^ (h >> 15)
 }
 
+/// A size, share or cosine in the precision of colours.
+#[expect(clippy::cast_possible_truncation, reason = "the one rounding to the precision of colours")]
+pub(crate) const fn as_f32(value: f64) -> f32 {
+    value as f32
+}
+
 /// Uniform in [0, 1) from the upper 24 bits.
 pub(crate) const fn unit(bits: u32) -> f32 {
     (bits >> 8) as f32 / (1u32 << 24) as f32
@@ -22,7 +28,7 @@ pub(crate) const fn unit(bits: u32) -> f32 {
 /// Smooth value noise in [−1, 1], one feature a unit.
 #[expect(clippy::cast_possible_truncation, reason = "texture coordinates are a few thousand units at most")]
 pub(crate) fn value_noise(p: Vec3, seed: u32) -> f32 {
-    // Not `floor`, which is a call where the processor is only known to be any of its kind.
+    // Not `floor`, which is a function call on baseline x86-64.
     let below = |x: f32| x as i32 - i32::from((x as i32) as f32 > x);
     let (x, y, z) = (below(p.x), below(p.y), below(p.z));
     let f = p - Vec3::new(x as f32, y as f32, z as f32);
@@ -33,8 +39,8 @@ pub(crate) fn value_noise(p: Vec3, seed: u32) -> f32 {
     2.0 * mix(plane(0), plane(1), s.z) - 1.0
 }
 
-/// Octaves of value noise, each half as wide and half as strong, in about [−1, 1]. Octaves finer than two
-/// `footprint`s are faded out: what a pixel cannot show would only alias.
+/// Octaves of value noise, each half as wide and half as strong, in about [−1, 1]. Octaves finer than two `footprint`s are
+/// faded out, because they would alias.
 pub(crate) fn fractal_noise(p: Vec3, octaves: u32, footprint: f32, seed: u32) -> f32 {
     let (mut sum, mut strength, mut scale) = (0.0, 0.5, 1.0);
     for octave in 0..octaves {
@@ -49,12 +55,12 @@ pub(crate) fn fractal_noise(p: Vec3, octaves: u32, footprint: f32, seed: u32) ->
     sum
 }
 
-/// How much of a detail of this size a pixel of this footprint still shows, in [0, 1].
+/// How visible a detail of this size is in a pixel of this footprint, in [0, 1].
 pub(crate) fn visible(size: f32, footprint: f32) -> f32 {
     (size / (footprint * 2.0 + f32::MIN_POSITIVE) - 0.5).clamp(0.0, 1.0)
 }
 
-/// 1 inside, 0 outside of an edge at `distance` 0 (positive inside), one footprint wide.
+/// Antialiased edge at signed `distance` 0, one footprint wide: 1 inside (positive), 0 outside.
 pub(crate) fn edge(distance: f32, footprint: f32) -> f32 {
     (0.5 + distance / (footprint + 1e-9)).clamp(0.0, 1.0)
 }

@@ -4,35 +4,36 @@ use glam::{DMat2, DVec2, DVec3, Vec3};
 use rayon::prelude::*;
 
 use crate::RoomsError;
-use crate::effects::{Dice, Effects};
+use crate::effects::{Effects, PixelSample};
 use crate::material::{Material, srgb_encoded};
+use crate::noise::as_f32;
+use crate::path::Shot;
 use crate::rng::mix;
-use crate::shot::Shot;
 use crate::world::{Surface, World};
 
-/// What one camera sees.
+/// Picture and geometry of one frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct View {
     /// sRGB-encoded, in [0, 1].
     pub picture: Image,
-    /// What geometry is behind each pixel.
+    /// Geometry behind each pixel.
     pub geometry: Geometry,
 }
 
-/// What the rays through the pixels' centres meet, at the moment when the shutter opens; row-major.
+/// Surfaces hit by the rays through the pixels' centres when the shutter opens; row-major.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Geometry {
     /// Columns and rows.
     pub size: ImageSize,
-    /// Along the camera's z axis, in metres; infinite where the sky is.
+    /// Depth along the camera's z axis, in metres; infinite for the sky.
     pub depth: Vec<f32>,
-    /// Unit normals in the world, on the camera's side; zero where the sky is.
+    /// Unit normals in the world, on the camera's side; zero for the sky.
     pub normals: Vec<[f32; 3]>,
-    /// Which thing is seen, from 1; 0 for the sky.
+    /// Instance indices, from 1; 0 for the sky.
     pub instances: Vec<u32>,
 }
 
-/// Maps places of a picture to directions.
+/// Maps pixels to ray directions.
 pub(crate) struct Rays {
     k: PixelIntrinsics,
     lens: Option<Lens>,
@@ -49,7 +50,7 @@ impl Rays {
         Ok(self.pixel(column, row)?.0)
     }
 
-    /// The point of the plane z = 1 behind a pixel's centre, and how it moves with the place in the picture.
+    /// The point of the plane z = 1 behind a pixel's centre, and its derivative with respect to pixel coordinates.
     fn pixel(&self, column: u32, row: u32) -> Result<(DVec2, DMat2), RoomsError> {
         let k = &self.k;
         let centre = DVec2::new(f64::from(column) + 0.5 - k.cx, f64::from(row) + 0.5 - k.cy);
@@ -65,19 +66,19 @@ impl Rays {
     }
 }
 
-/// A share of the range of linear light stays linear; the rest bends towards white, as cameras do.
-fn film(light: f32) -> f32 {
+/// Tone curve of cameras: linear up to a knee, then saturating towards white.
+fn tone_curve(light: f32) -> f32 {
     const KNEE: f32 = 0.7;
     if light <= KNEE { light } else { KNEE + (1.0 - KNEE) * (1.0 - (-(light - KNEE) / (1.0 - KNEE)).exp()) }
 }
 
-/// The places of a pixel's samples: Roberts' R2 sequence, uniform for any count.
+/// Position of a sample in its pixel: Roberts' R2 sequence, uniform for any count.
 fn place_in_pixel(sample: u32) -> DVec2 {
     let n = f64::from(sample) + 0.5;
     DVec2::new((0.5 + n * 0.754_877_666_246_692_8).fract(), (0.5 + n * 0.569_840_290_998_053_2).fract()) - 0.5
 }
 
-/// Renders a picture's linear light before it is developed: one mean over `samples` a pixel.
+/// Renders linear light before exposure: the mean of `samples` rays per pixel.
 pub(crate) fn light(
     world: &World,
     effects: &Effects,
@@ -88,7 +89,9 @@ pub(crate) fn light(
     let rays = Rays::new(shot, effects.lens, size)?;
     let from = shot.camera.camera_from_world.inverse();
     let poses: Vec<WorldFromCamera> = (0..samples)
-        .map(|sample| partway(&from, &shot.moving_to, effects.shutter * f64::from(sample) / f64::from(samples)))
+        .map(|sample| {
+            interpolated_pose(&from, &shot.moving_to, effects.shutter * f64::from(sample) / f64::from(samples))
+        })
         .collect::<Result<_, _>>()?;
     let frame = mix(shot.timestamp_micros.cast_unsigned());
     let spread = 0.7 / (rays.k.fx * f64::from(samples).sqrt()).clamp(1.0, f64::MAX);
@@ -100,8 +103,8 @@ pub(crate) fn light(
             for (sample, pose) in (0..samples).zip(&poses) {
                 let plane = centre + moves * place_in_pixel(sample);
                 let direction = pose.transform_vector(plane.extend(1.0)).normalize();
-                let dice = Dice { pixel: mix(frame ^ index), sample };
-                sum += seen(world, effects, pose.centre(), direction, spread, dice);
+                let dice = PixelSample { pixel: mix(frame ^ index), sample };
+                sum += radiance(world, effects, pose.centre(), direction, spread, dice);
             }
             Ok(sum / samples as f32)
         };
@@ -110,7 +113,7 @@ pub(crate) fn light(
     Ok(rows.collect::<Result<Vec<_>, _>>()?.concat())
 }
 
-/// Renders a picture: light, exposed by `gain`, developed, encoded.
+/// Renders a picture: light, multiplied by `gain`, developed by effects of the sensor, sRGB-encoded.
 pub(crate) fn picture(
     world: &World,
     effects: &Effects,
@@ -121,13 +124,13 @@ pub(crate) fn picture(
 ) -> Result<Image, RoomsError> {
     let light = light(world, effects, shot, size, samples)?;
     let developed = light.par_iter().enumerate().flat_map_iter(|(pixel, &light)| {
-        let counted = effects.develop(shot, pixel as u64, (light * gain).map(film));
+        let counted = effects.develop(shot, pixel as u64, (light * gain).map(tone_curve));
         counted.map(srgb_encoded).to_array()
     });
     Ok(Image::new(size.width, size.height, developed.collect())?)
 }
 
-/// Renders what is exact: depth, normals and instances behind the pixels' centres.
+/// Computes depth, normals and instances behind the pixels' centres.
 #[expect(clippy::cast_possible_truncation, reason = "depths and normals are stored as f32")]
 pub(crate) fn geometry(world: &World, lens: Distortion, shot: &Shot, size: ImageSize) -> Result<Geometry, RoomsError> {
     let rays = Rays::new(shot, lens, size)?;
@@ -152,8 +155,8 @@ pub(crate) fn geometry(world: &World, lens: Distortion, shot: &Shot, size: Image
     Ok(geometry)
 }
 
-/// The pose a share of the way to the next; turns between frames are small.
-fn partway(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -> Result<WorldFromCamera, RoomsError> {
+/// The pose at a share of the motion to the next; rotations between frames are small.
+fn interpolated_pose(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -> Result<WorldFromCamera, RoomsError> {
     if share <= 0.0 {
         return Ok(*from);
     }
@@ -162,16 +165,16 @@ fn partway(from: &WorldFromCamera, to: &WorldFromCamera, share: f64) -> Result<W
 }
 
 /// Radiance along a unit direction. A pixel is `spread` wide at a distance of 1.
-fn seen(world: &World, effects: &Effects, origin: DVec3, direction: DVec3, spread: f64, dice: Dice) -> Vec3 {
+fn radiance(world: &World, effects: &Effects, origin: DVec3, direction: DVec3, spread: f64, dice: PixelSample) -> Vec3 {
     let Some(surface) = world.trace(origin, direction) else {
         return world.sky.radiance(direction, as_f32(spread));
     };
-    let Some(material) = world.material(&surface) else { return Vec3::ZERO };
+    let material = world.material(&surface);
     let facing = -surface.normal.dot(direction);
     let footprint = as_f32(spread * surface.distance / facing.clamp(0.05, 1.0).sqrt());
-    let matt = lit(world, effects, &surface, material, footprint, Some(dice));
+    let diffuse = reflected_light(world, effects, &surface, material, footprint, Some(dice));
     if !effects.mirrors || material.mirror <= 0.0 {
-        return matt;
+        return diffuse;
     }
     let fresnel = material.mirror
         + (1.0 - material.mirror) * as_f32(1.0 - facing).powi(5) * (3.0 * material.mirror).clamp(0.0, 1.0);
@@ -180,20 +183,20 @@ fn seen(world: &World, effects: &Effects, origin: DVec3, direction: DVec3, sprea
         || world.sky.radiance(bounced, as_f32(spread)),
         |other| {
             let wide = footprint + as_f32(spread * other.distance);
-            world.material(&other).map_or(Vec3::ZERO, |held| lit(world, effects, &other, held, wide, None))
+            reflected_light(world, effects, &other, world.material(&other), wide, None)
         },
     );
-    matt * (1.0 - fresnel) + mirrored * fresnel
+    diffuse * (1.0 - fresnel) + mirrored * fresnel
 }
 
-/// Light that a matt surface sends back. What is seen in a mirror has no shadows of its own.
-fn lit(
+/// Light reflected diffusely and emitted by a surface. Surfaces seen in a mirror have no shadows.
+fn reflected_light(
     world: &World,
     effects: &Effects,
     surface: &Surface,
     material: &Material,
     footprint: f32,
-    dice: Option<Dice>,
+    dice: Option<PixelSample>,
 ) -> Vec3 {
     let ambient = effects.ambient(world, surface.point, surface.normal);
     let enough = ambient.max_element() * 0.01;
@@ -204,10 +207,5 @@ fn lit(
             arriving += reached * dice.map_or(0.6, |dice| effects.visibility(world, lamp, surface, dice));
         }
     }
-    material.albedo(&surface.spot(footprint)) * arriving + material.emission
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "widths and cosines")]
-const fn as_f32(value: f64) -> f32 {
-    value as f32
+    material.albedo(&surface.texture_point(footprint)) * arriving + material.emission
 }

@@ -12,7 +12,7 @@ impl Rng {
         Self { state: seed }
     }
 
-    /// A stream of its own for one part of a scene, so that a change of one part moves no other.
+    /// A separate stream for one part of a scene, so that changing one part does not change others.
     pub(crate) fn for_part(seed: u64, part: &str) -> Self {
         Self::new(part.bytes().fold(mix(seed), |state, byte| mix(state ^ u64::from(byte))))
     }
@@ -65,7 +65,7 @@ pub(crate) fn sphere_point(u: DVec2) -> DVec3 {
     DVec3::new(radius * cos, radius * sin, z)
 }
 
-/// A bijection of 64 bits: the number that follows a state.
+/// A bijection of 64 bits: one step of `SplitMix64`.
 pub(crate) const fn mix(value: u64) -> u64 {
     split_mix(value.wrapping_add(SPLIT_MIX_STEP))
 }

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::rng::mix;
 
-/// What kind of place a scene shows.
+/// Kind of scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SceneKind {
@@ -23,13 +23,13 @@ impl fmt::Display for SceneKind {
     }
 }
 
-/// What a scene is for.
+/// Split of a scene.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Split {
-    /// To learn from.
+    /// For training.
     Train,
-    /// To be judged by.
+    /// For testing.
     Test,
 }
 
@@ -42,19 +42,19 @@ impl fmt::Display for Split {
     }
 }
 
-/// One scene of endlessly many. The split is the lowest bit of the number that everything is drawn from, so that no
-/// training scene is a test scene whatever numbers are chosen.
+/// Seed of one scene. The split is the lowest bit of the number from which everything is drawn, so that training and test
+/// scenes never coincide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub struct SceneSeed {
-    /// What the scene is for.
+    /// Split of the scene.
     pub split: Split,
-    /// Which scene of the split.
+    /// Number of the scene within the split.
     pub number: u32,
 }
 
 impl SceneSeed {
-    /// The word that all streams of the scene start from: a bijection of split and number.
-    pub(crate) fn word(self) -> u64 {
+    /// The seed of all random streams of the scene: a bijection of split and number.
+    pub(crate) fn bits(self) -> u64 {
         mix(u64::from(self.number) << 1 | u64::from(self.split == Split::Test))
     }
 
@@ -71,11 +71,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn splits_never_meet() {
-        let words = |split| (0..20_000).map(move |number| SceneSeed { split, number }.word());
-        let train: BTreeSet<u64> = words(Split::Train).collect();
+    fn splits_have_different_seeds() {
+        let seeds = |split| (0..20_000).map(move |number| SceneSeed { split, number }.bits());
+        let train: BTreeSet<u64> = seeds(Split::Train).collect();
         assert_eq!(train.len(), 20_000);
-        assert!(words(Split::Test).all(|word| !train.contains(&word)));
+        assert!(seeds(Split::Test).all(|seed| !train.contains(&seed)));
         assert_eq!(SceneSeed { split: Split::Test, number: 7 }.key(SceneKind::Yards), "yards-test-00000007");
     }
 }

@@ -4,21 +4,21 @@ use std::time::Instant;
 use atsplat_camera::{Camera, ImageSize};
 use atsplat_pixels::Image;
 
-use crate::effects::{CalledEffect, Case, Conditions, EffectChoice, EffectKind, Effects};
+use crate::effects::{CalledEffect, Conditions, EffectChoice, EffectKind, Effects, SceneContext};
+use crate::path::Shot;
 use crate::render::{self, Geometry, View};
 use crate::rng::Rng;
-use crate::shot::Shot;
 use crate::world::World;
 use crate::{RoomsError, SceneKind, SceneSeed, build, path};
 
-/// Which generator makes the pictures. It is raised with every change of a pixel, so that whoever keeps what was computed
-/// from a simulated picture need not render it again to know that it is the same.
+/// Name and version of the generator. The version is raised with every change of a pixel, so that results computed from a
+/// simulated picture can be reused without rendering it again.
 pub const GENERATOR: &str = "atsplat rooms 1";
 
-/// Where the camera goes.
+/// Route of the camera.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub enum Route {
-    /// As people film such places.
+    /// As people tone_curve such places.
     #[default]
     Natural,
     /// As these cameras with their times in microseconds do, from a place in the scene that has room for it. The
@@ -26,28 +26,28 @@ pub enum Route {
     Given(Vec<(i64, Camera)>),
 }
 
-/// All that a simulated scene depends on.
+/// Everything on which a simulated scene depends.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Request {
-    /// What kind of place.
+    /// Kind of scene.
     pub kind: SceneKind,
-    /// Which of the kind.
+    /// Seed of the scene.
     pub seed: SceneSeed,
-    /// How many frames; with a given route, its own number counts.
+    /// Number of frames; ignored for a given route.
     pub frames: usize,
-    /// Columns and rows of each picture.
+    /// Size of each picture.
     pub size: ImageSize,
-    /// Rays a pixel, 1 to 256.
+    /// Rays per pixel, 1 to 256.
     pub samples: u32,
-    /// Which effects to run.
+    /// Effects to run.
     pub effects: EffectChoice,
-    /// Where the camera goes.
+    /// Route of the camera.
     pub route: Route,
 }
 
 impl Request {
-    /// A clip of 150 frames (5 seconds) for rooms and 100 views for yards, 256×256, 4 samples a pixel, effects as
-    /// called for.
+    /// A clip of 150 frames (5 seconds) for rooms and 100 views for yards, 256×256, 4 samples per pixel, with the effects that
+    /// the scene calls for.
     pub const fn new(kind: SceneKind, seed: SceneSeed) -> Self {
         let frames = match kind {
             SceneKind::Rooms => 150,
@@ -58,7 +58,7 @@ impl Request {
     }
 }
 
-/// A scene that was built and filmed; pictures are rendered when they are asked for, in any order.
+/// A simulated scene with its camera path; pictures are rendered on request, in any order.
 #[derive(Debug)]
 pub struct Simulation {
     request: Request,
@@ -70,24 +70,24 @@ pub struct Simulation {
     gain: f32,
 }
 
-/// What one effect adds to the time of a frame.
+/// Rendering time of one effect.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct EffectCost {
-    /// Which.
+    /// The effect.
     pub effect: EffectKind,
-    /// Seconds with all of the scene's effects less seconds without this one; noise may make it negative.
+    /// Seconds per frame with all of the scene's effects minus seconds without this one; noise may make it negative.
     pub secs: f64,
 }
 
 impl Simulation {
-    /// Builds the scene and finds the camera's way.
+    /// Builds the scene and finds a camera path.
     ///
     /// # Errors
     /// [`RoomsError::Request`] for no frames, no pixels, a side over 16384, or samples outside 1 to 256.
     pub fn new(request: Request) -> Result<Self, RoomsError> {
         let ImageSize { width, height } = request.size;
-        let check = |fine: bool, field, expected, found: String| {
-            if fine { Ok(()) } else { Err(RoomsError::Request { field, expected, found }) }
+        let check = |valid: bool, field, expected, found: String| {
+            if valid { Ok(()) } else { Err(RoomsError::Request { field, expected, found }) }
         };
         check(request.frames > 0, "frames", "at least 1", request.frames.to_string())?;
         let sides = 1..=16384;
@@ -98,9 +98,9 @@ impl Simulation {
             request.size.to_string(),
         )?;
         check((1..=256).contains(&request.samples), "samples", "1 to 256", request.samples.to_string())?;
-        let seed = request.seed.word();
+        let seed = request.seed.bits();
         let world = build::world(request.kind, seed);
-        let walked = match &request.route {
+        let path = match &request.route {
             Route::Natural => {
                 let shape = f64::from(width) / f64::from(height);
                 path::natural(request.kind, seed, &world, request.frames, shape)?
@@ -108,22 +108,23 @@ impl Simulation {
             Route::Given(cameras) => path::place(seed, &world, cameras)?,
         };
         let conditions = conditions(request.kind, seed);
-        let case = Case { world: &world, conditions: &conditions, shots: &walked.shots };
+        let case = SceneContext { world: &world, conditions: &conditions, shots: &path.shots };
         let effects = Effects::choose(&case, &request.effects);
-        let gain = metered(&world, &effects, &walked.shots)?;
-        let (shots, slowed_to) = (walked.shots, walked.slowed_to);
+        let gain = auto_exposure_gain(&world, &effects, &path.shots)?;
+        let (shots, slowed_to) = (path.shots, path.slowed_to);
         Ok(Self { request, world, conditions, effects, shots, slowed_to, gain })
     }
 
-    /// A world made by hand, filmed by cameras at rest, without effects.
+    /// A simulation of a given world with static cameras and no effects.
     #[cfg(test)]
     pub(crate) fn of_world(world: World, size: ImageSize, cameras: &[Camera]) -> Self {
         let seed = SceneSeed { split: crate::Split::Test, number: 0 };
         let request = Request { size, effects: EffectChoice::None, ..Request::new(SceneKind::Rooms, seed) };
-        let still = |camera: &Camera| Shot::still(0, *camera, camera.camera_from_world.inverse());
+        let still =
+            |&camera: &Camera| Shot { timestamp_micros: 0, camera, moving_to: camera.camera_from_world.inverse() };
         let shots: Vec<Shot> = cameras.iter().map(still).collect();
-        let conditions = conditions(request.kind, seed.word());
-        let case = Case { world: &world, conditions: &conditions, shots: &shots };
+        let conditions = conditions(request.kind, seed.bits());
+        let case = SceneContext { world: &world, conditions: &conditions, shots: &shots };
         let effects = Effects::choose(&case, &request.effects);
         Self { request, world, conditions, effects, shots, slowed_to: 1.0, gain: 1.0 }
     }
@@ -133,7 +134,7 @@ impl Simulation {
         self.request.seed.key(self.request.kind)
     }
 
-    /// What was asked for.
+    /// The request.
     pub const fn request(&self) -> &Request {
         &self.request
     }
@@ -143,17 +144,17 @@ impl Simulation {
         &self.shots
     }
 
-    /// The effects that run, and why.
+    /// The effects that run, with reasons.
     pub fn called_effects(&self) -> &[CalledEffect] {
         &self.effects.called
     }
 
-    /// The speed that fits the scene, as a share of the speed that was drawn or given; 1 in most scenes.
+    /// The camera's speed as a share of the drawn or given one, reduced to fit the scene; 1 in most scenes.
     pub const fn slowed_to(&self) -> f64 {
         self.slowed_to
     }
 
-    /// A frame's camera with the lens that its picture is seen through.
+    /// A frame's camera with its lens.
     ///
     /// # Errors
     /// [`RoomsError::NoFrame`].
@@ -161,16 +162,16 @@ impl Simulation {
         Ok(Camera { distortion: self.effects.lens, ..self.shot(frame)?.camera })
     }
 
-    /// Renders a frame's picture alone.
+    /// Renders a frame's picture.
     ///
     /// # Errors
-    /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] where the lens folds over inside the picture.
+    /// [`RoomsError::NoFrame`]; [`RoomsError::Camera`] if the lens folds over inside the picture.
     pub fn picture(&self, frame: usize) -> Result<Image, RoomsError> {
         let Request { size, samples, .. } = self.request;
         render::picture(&self.world, &self.effects, self.shot(frame)?, size, samples, self.gain)
     }
 
-    /// Finds what is behind each pixel's centre, without rendering.
+    /// Computes the geometry behind each pixel's centre, without rendering.
     ///
     /// # Errors
     /// As [`Self::picture`].
@@ -186,14 +187,14 @@ impl Simulation {
         Ok(View { picture: self.picture(frame)?, geometry: self.geometry(frame)? })
     }
 
-    /// What each effect costs in a frame: the best of three renderings with and without it.
+    /// Rendering time of each effect in a frame: the best of three renderings with and without it.
     ///
     /// # Errors
     /// As [`Self::picture`].
     pub fn effect_costs(&self, frame: usize) -> Result<Vec<EffectCost>, RoomsError> {
         let shot = self.shot(frame)?;
         let kinds: Vec<EffectKind> = self.effects.called.iter().map(|called| called.effect).collect();
-        let case = Case { world: &self.world, conditions: &self.conditions, shots: &self.shots };
+        let case = SceneContext { world: &self.world, conditions: &self.conditions, shots: &self.shots };
         let secs = |effects: &Effects| {
             let mut least = f64::INFINITY;
             for _ in 0..3 {
@@ -233,7 +234,7 @@ impl fmt::Display for Simulation {
     }
 }
 
-/// How the scene is lit and filmed.
+/// Draws how the scene is lit and filmed.
 fn conditions(kind: SceneKind, seed: u64) -> Conditions {
     let rng = &mut Rng::for_part(seed, "conditions");
     let lens = [rng.within(-0.09, 0.03), rng.within(-0.01, 0.02)];
@@ -252,15 +253,15 @@ fn conditions(kind: SceneKind, seed: u64) -> Conditions {
     }
 }
 
-/// The gain that shows four fifths of what the clip sees below two thirds of white.
-fn metered(world: &World, effects: &Effects, shots: &[Shot]) -> Result<f32, RoomsError> {
+/// Auto exposure: the gain that puts the 80th percentile of the clip's brightness at 0.6.
+fn auto_exposure_gain(world: &World, effects: &Effects, shots: &[Shot]) -> Result<f32, RoomsError> {
     const SIDE: ImageSize = ImageSize { width: 20, height: 20 };
-    let mut seen = Vec::new();
+    let mut brightness = Vec::new();
     for part in 0..4 {
-        let Some(shot) = shots.get(part * (shots.len() - 1) / 3) else { continue };
-        seen.extend(render::light(world, effects, shot, SIDE, 1)?.iter().map(|light| light.element_sum() / 3.0));
+        let shot = &shots[part * (shots.len() - 1) / 3];
+        brightness.extend(render::light(world, effects, shot, SIDE, 1)?.iter().map(|light| light.element_sum() / 3.0));
     }
-    seen.sort_by(f32::total_cmp);
-    let bright = seen.get(seen.len() * 4 / 5).copied().unwrap_or_default();
+    brightness.sort_by(f32::total_cmp);
+    let bright = brightness[brightness.len() * 4 / 5];
     Ok(if bright > 1e-6 { 0.6 / bright } else { 1.0 })
 }

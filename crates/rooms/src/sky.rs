@@ -2,7 +2,7 @@ use glam::{DVec3, Vec3};
 
 use crate::noise::{fractal_noise, lattice, unit};
 
-/// What rays see that meet nothing: a gradient with clouds above, hills and treetops on the horizon, ground below.
+/// Radiance of rays that hit nothing: a gradient with clouds above, hills and treetops on the horizon, ground below.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Sky {
     pub zenith: Vec3,

@@ -10,70 +10,76 @@ use indexmap::IndexMap;
 
 use crate::{GENERATOR, Request, RoomsError, Simulation};
 
-/// Bytes of pictures that are kept, so that those who walk the scenes again do not simulate them again.
-const KEPT: usize = 512 << 20;
+/// Size of the picture cache, in bytes.
+const CACHE_BYTES: usize = 512 << 20;
 
-/// Simulated scenes as a dataset that lies on no disk.
+/// Simulated scenes as a dataset in memory.
 ///
-/// A scene is built when it is loaded, and each of its pictures is rendered when it is asked for. A scene may be asked for
-/// some of its frames alone; the others keep their cameras and places.
+/// A scene is built when it is loaded, and each of its pictures is rendered on request. If only some frames of a scene are
+/// requested, the others keep their cameras and positions but have no picture.
 #[derive(Clone, Debug, Default)]
 pub struct SimulatedScenes {
     keys: Vec<String>,
-    requests: IndexMap<String, (Request, Wanted)>,
-    kept: Arc<Kept>,
+    requests: IndexMap<String, (Request, RequestedFrames)>,
+    cache: Arc<PictureCache>,
 }
 
 #[derive(Clone, Debug)]
-enum Wanted {
-    Every,
-    These(BTreeSet<usize>),
+enum RequestedFrames {
+    All,
+    Only(BTreeSet<usize>),
 }
 
 impl SimulatedScenes {
-    /// No scene yet.
+    /// A dataset without scenes.
     pub fn new() -> Self {
         Self::default()
     }
 
-    /// Adds a scene with all of its pictures.
+    /// Adds a scene with all its pictures.
     pub fn add(&mut self, request: Request) {
-        self.insert(request, Wanted::Every);
+        self.insert(request, RequestedFrames::All);
     }
 
-    /// Adds a scene with the pictures of `frames` alone.
+    /// Adds a scene with only the pictures of `frames`.
     pub fn add_frames(&mut self, request: Request, frames: impl IntoIterator<Item = usize>) {
-        self.insert(request, Wanted::These(frames.into_iter().collect()));
+        self.insert(request, RequestedFrames::Only(frames.into_iter().collect()));
     }
 
-    fn insert(&mut self, request: Request, wanted: Wanted) {
+    fn insert(&mut self, request: Request, wanted: RequestedFrames) {
         let key = request.seed.key(request.kind);
         if self.requests.insert(key.clone(), (request, wanted)).is_none() {
             self.keys.push(key);
         } else {
-            // What was kept may be of another request.
-            self.kept = Arc::default();
+            // Cached pictures may be of the replaced request.
+            self.cache = Arc::default();
         }
     }
 
-    fn frame(&self, key: &str, simulation: &Arc<Simulation>, at: usize, wanted: &Wanted) -> Result<Frame, RoomsError> {
+    fn frame(
+        &self,
+        key: &str,
+        simulation: &Arc<Simulation>,
+        at: usize,
+        wanted: &RequestedFrames,
+    ) -> Result<Frame, RoomsError> {
         let timestamp = simulation.shot(at)?.timestamp_micros;
         let is_wanted = match wanted {
-            Wanted::Every => true,
-            Wanted::These(frames) => frames.contains(&at),
+            RequestedFrames::All => true,
+            RequestedFrames::Only(frames) => frames.contains(&at),
         };
-        let made = || SimulatedPicture {
+        let picture = || SimulatedPicture {
             key: key.to_owned(),
             frame: at,
             simulation: Arc::clone(simulation),
-            kept: Arc::clone(&self.kept),
+            cache: Arc::clone(&self.cache),
         };
         Ok(Frame {
             name: timestamp.to_string(),
             timestamp_micros: Some(timestamp),
             camera: simulation.camera(at)?,
             stated_size: Some(simulation.request().size),
-            picture: if is_wanted { Picture::Made(Arc::new(made())) } else { Picture::Absent },
+            picture: if is_wanted { Picture::Made(Arc::new(picture())) } else { Picture::Absent },
         })
     }
 }
@@ -93,12 +99,12 @@ impl SceneSource for SimulatedScenes {
     }
 }
 
-/// A frame that is rendered when it is asked for, and remembered.
+/// A picture that is rendered on request and cached.
 struct SimulatedPicture {
     key: String,
     frame: usize,
     simulation: Arc<Simulation>,
-    kept: Arc<Kept>,
+    cache: Arc<PictureCache>,
 }
 
 impl MadePicture for SimulatedPicture {
@@ -111,12 +117,12 @@ impl MadePicture for SimulatedPicture {
     }
 
     fn make(&self) -> Result<ImageU8, SceneError> {
-        if let Some(picture) = self.kept.get(&self.key, self.frame) {
+        if let Some(picture) = self.cache.get(&self.key, self.frame) {
             return Ok(picture);
         }
         let picture = self.simulation.picture(self.frame).map_err(making(&self.key))?;
         let picture = picture.to_u8(Rounding::Nearest).map_err(|error| making(&self.key)(error.into()))?;
-        self.kept.put(&self.key, self.frame, &picture);
+        self.cache.put(&self.key, self.frame, &picture);
         Ok(picture)
     }
 }
@@ -131,9 +137,9 @@ fn making(key: &str) -> impl Fn(RoomsError) -> SceneError {
     move |error| SceneError::Making { scene: key.to_owned(), source: Box::new(error) }
 }
 
-/// Pictures that were rendered, up to [`KEPT`] bytes; what comes later is rendered anew each time.
+/// Rendered pictures, up to [`CACHE_BYTES`] bytes; later ones are rendered again each time.
 #[derive(Default)]
-struct Kept(Mutex<Pictures>);
+struct PictureCache(Mutex<Pictures>);
 
 #[derive(Default)]
 struct Pictures {
@@ -142,24 +148,26 @@ struct Pictures {
     all: HashMap<(String, usize), ImageU8>,
 }
 
-impl Kept {
+impl PictureCache {
     fn get(&self, key: &str, frame: usize) -> Option<ImageU8> {
-        let kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
-        kept.all.get(&(key.to_owned(), frame)).cloned()
+        let pictures = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        pictures.all.get(&(key.to_owned(), frame)).cloned()
     }
 
     fn put(&self, key: &str, frame: usize, picture: &ImageU8) {
-        let mut kept = self.0.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut pictures = self.0.lock().unwrap_or_else(PoisonError::into_inner);
         let bytes = picture.samples().len();
-        if kept.bytes + bytes <= KEPT && kept.all.insert((key.to_owned(), frame), picture.clone()).is_none() {
-            kept.bytes += bytes;
+        if pictures.bytes + bytes <= CACHE_BYTES
+            && pictures.all.insert((key.to_owned(), frame), picture.clone()).is_none()
+        {
+            pictures.bytes += bytes;
         }
     }
 }
 
-impl fmt::Debug for Kept {
+impl fmt::Debug for PictureCache {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str("Kept")
+        f.write_str("PictureCache")
     }
 }
 
@@ -177,11 +185,11 @@ mod tests {
     }
 
     #[test]
-    fn frames_that_nobody_wants_keep_their_cameras() {
+    fn frames_that_are_not_requested_keep_their_cameras() {
         let mut source = SimulatedScenes::new();
         source.add(request());
         source.add_frames(request(), [2]);
-        assert_eq!(source.keys(), ["rooms-test-00000003"], "asked for again, it replaces the first request");
+        assert_eq!(source.keys(), ["rooms-test-00000003"], "the second request replaces the first");
         let scene = source.load("rooms-test-00000003", &mut Warnings::new()).unwrap();
         let simulation = Simulation::new(request()).unwrap();
         assert_eq!(scene.frames.len(), 4);
@@ -199,9 +207,9 @@ mod tests {
     fn unknown_keys_and_impossible_requests_are_errors() {
         let mut source = SimulatedScenes::new();
         source.add(Request { samples: 0, ..request() });
-        let told = |key: &str| source.load(key, &mut Warnings::new()).unwrap_err().to_string();
-        assert!(told("a").contains("no scene \"a\""), "{}", told("a"));
-        let error = told("rooms-test-00000003");
+        let message = |key: &str| source.load(key, &mut Warnings::new()).unwrap_err().to_string();
+        assert!(message("a").contains("no scene \"a\""), "{}", message("a"));
+        let error = message("rooms-test-00000003");
         assert!(error.contains("samples: expected 1 to 256, found 0"), "{error}");
     }
 }

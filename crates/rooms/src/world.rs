@@ -3,24 +3,24 @@ use glam::{DMat3, DVec2, DVec3, Vec3};
 use crate::bvh::Bvh;
 use crate::form::{Form, Object, RaySegment};
 use crate::lamp::Lamp;
-use crate::material::{Material, Spot};
+use crate::material::{Material, TexturePoint};
 use crate::sky::Sky;
 
-/// Everything that a scene holds, before anything looks at it. Metres, z up.
+/// Contents of a scene. Metres, z up.
 #[derive(Clone, Debug)]
 pub(crate) struct World {
     pub objects: Vec<Object>,
     pub materials: Vec<Material>,
     pub lamps: Vec<Lamp>,
     pub sky: Sky,
-    /// Light that comes from everywhere, where nothing better is known.
+    /// Uniform ambient light, for points without indirect light.
     pub ambient: Vec3,
-    /// Corners of the space in which a camera may stand.
+    /// Corners of the space in which a camera may be placed.
     pub space: [DVec3; 2],
     bvh: Bvh,
 }
 
-/// What a ray met.
+/// A surface hit by a ray.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Surface {
     pub distance: f64,
@@ -34,18 +34,18 @@ pub(crate) struct Surface {
 }
 
 impl Surface {
-    /// The place for a pixel `footprint` metres wide there.
-    pub(crate) fn spot(&self, footprint: f32) -> Spot {
-        Spot { uv: self.uv.as_vec2(), local: self.local.as_vec3(), footprint }
+    /// The texture coordinates for a pixel `footprint` metres wide at the surface.
+    pub(crate) fn texture_point(&self, footprint: f32) -> TexturePoint {
+        TexturePoint { uv: self.uv.as_vec2(), local: self.local.as_vec3(), footprint }
     }
 
-    /// Where rays leave it.
+    /// Origin of rays that leave the surface.
     pub(crate) fn leave(&self) -> DVec3 {
         self.point + self.normal * LEAVE
     }
 }
 
-/// Rays that leave a surface start this far along, in metres.
+/// Offset of rays that leave a surface, in metres.
 pub(crate) const LEAVE: f64 = 1e-5;
 
 impl World {
@@ -53,18 +53,18 @@ impl World {
     pub(crate) fn trace(&self, origin: DVec3, direction: DVec3) -> Option<Surface> {
         let ray = RaySegment::new(origin, direction, LEAVE, f64::INFINITY);
         let (distance, object) = self.bvh.closest(&self.objects, &ray)?;
-        let held = self.objects.get(object)?;
+        let hit = &self.objects[object];
         let point = origin + direction * distance;
-        let touch = held.touch(point);
+        let touch = hit.touch(point);
         let normal = if touch.normal.dot(direction) > 0.0 { -touch.normal } else { touch.normal };
-        let (instance, uv, local) = (held.instance, touch.uv, touch.local);
+        let (instance, uv, local) = (hit.instance, touch.uv, touch.local);
         Some(Surface { distance, point, normal, object, instance, uv, local })
     }
 
-    /// Whether anything stands between a point and `point + way`.
-    pub(crate) fn blocked(&self, point: DVec3, way: DVec3) -> bool {
-        let nearest = LEAVE / way.length();
-        self.bvh.blocked(&self.objects, &RaySegment::new(point, way, nearest, 1.0))
+    /// Whether anything is between `point` and `point + offset`.
+    pub(crate) fn blocked(&self, point: DVec3, offset: DVec3) -> bool {
+        let nearest = LEAVE / offset.length();
+        self.bvh.blocked(&self.objects, &RaySegment::new(point, offset, nearest, 1.0))
     }
 
     /// Distance to the nearest surface; not positive inside a solid.
@@ -73,19 +73,19 @@ impl World {
         distances.fold(f64::INFINITY, |least, distance| if distance < least { distance } else { least })
     }
 
-    pub(crate) fn material(&self, surface: &Surface) -> Option<&Material> {
-        self.materials.get(self.objects.get(surface.object)?.material)
+    pub(crate) fn material(&self, surface: &Surface) -> &Material {
+        &self.materials[self.objects[surface.object].material]
     }
 }
 
-/// Puts a world together thing by thing.
+/// Builds a world instance by instance.
 #[derive(Debug)]
 pub(crate) struct Builder {
     objects: Vec<Object>,
     materials: Vec<Material>,
     pub lamps: Vec<Lamp>,
     instance: u32,
-    /// Where things are put: a frame within the world.
+    /// Pose of the current instance in the world.
     turn: DMat3,
     origin: DVec3,
 }
@@ -102,30 +102,30 @@ impl Builder {
         }
     }
 
-    /// Begins another thing of the scene, at `origin` and turned about the vertical.
-    pub(crate) fn thing(&mut self, origin: DVec3, yaw: f64) {
+    /// Starts another instance at `origin`, rotated about the vertical.
+    pub(crate) fn instance(&mut self, origin: DVec3, yaw: f64) {
         self.instance += 1;
         (self.origin, self.turn) = (origin, DMat3::from_rotation_z(yaw));
     }
 
-    /// Takes a material in.
+    /// Adds a material and returns its index.
     pub(crate) fn material(&mut self, material: Material) -> usize {
         self.materials.push(material);
         self.materials.len() - 1
     }
 
-    /// A form at a place in the thing's frame.
+    /// Adds a shape at a position in the instance's frame.
     pub(crate) fn put(&mut self, form: Form, centre: DVec3, material: usize) {
         self.put_turned(form, centre, DMat3::IDENTITY, material);
     }
 
-    /// A form at a place in the thing's frame, turned within it.
+    /// Adds a shape with a pose in the instance's frame.
     pub(crate) fn put_turned(&mut self, form: Form, centre: DVec3, turn: DMat3, material: usize) {
         let (world_from_local, centre) = (self.turn * turn, self.to_world(centre));
         self.objects.push(Object::new(form, world_from_local, centre, material, self.instance));
     }
 
-    /// A box between two corners of the thing's frame.
+    /// Adds a box between two corners in the instance's frame.
     pub(crate) fn block(&mut self, low: DVec3, high: DVec3, material: usize) {
         self.put(Form::Box((high - low) * 0.5), (low + high) * 0.5, material);
     }

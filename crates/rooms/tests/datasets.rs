@@ -1,4 +1,4 @@
-//! Written datasets are read back by the loaders.
+//! Datasets round-trip through the loaders.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -25,11 +25,11 @@ fn requests() -> Vec<Request> {
 fn written(folder: &Path, layout: Layout) -> (Vec<Simulation>, Warnings) {
     let options = WriteOptions { layout, coding: PictureCoding::Png, depth: true };
     let mut warnings = Warnings::default();
-    let mut told = Vec::new();
+    let mut reported = Vec::new();
     let entries =
-        write_dataset(folder, requests(), &options, &mut warnings, |simulation, _| told.push(simulation.key()))
+        write_dataset(folder, requests(), &options, &mut warnings, |simulation, _| reported.push(simulation.key()))
             .unwrap();
-    assert_eq!(told, entries.iter().map(|entry| entry.key.clone()).collect::<Vec<_>>());
+    assert_eq!(reported, entries.iter().map(|entry| entry.key.clone()).collect::<Vec<_>>());
     let manifest: serde_json::Value =
         serde_json::from_slice(&std::fs::read(folder.join("manifest.json")).unwrap()).unwrap();
     assert_eq!(manifest["scenes"].as_array().unwrap().len(), 3);
@@ -37,7 +37,7 @@ fn written(folder: &Path, layout: Layout) -> (Vec<Simulation>, Warnings) {
     (requests().into_iter().map(|request| Simulation::new(request).unwrap()).collect(), warnings)
 }
 
-/// What a loader makes of `path` against what was simulated.
+/// Compares the dataset loaded from `path` with the simulation.
 fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens: bool) {
     let mut warnings = Warnings::default();
     let dataset = open(path, &mut warnings).unwrap();
@@ -67,7 +67,7 @@ fn check(path: &Path, depth: &Path, simulation: &Simulation, key: &str, has_lens
 }
 
 #[test]
-fn re10k() {
+fn re10k_round_trips() {
     let folder = tempfile::tempdir().unwrap();
     let (simulations, _) = written(folder.path(), Layout::Re10k);
     let depth = folder.path().join("depth");
@@ -76,7 +76,7 @@ fn re10k() {
 }
 
 #[test]
-fn chunks() {
+fn chunks_round_trip_and_are_not_mixed() {
     let folder = tempfile::tempdir().unwrap();
     let (simulations, _) = written(folder.path(), Layout::Chunks);
     let depth = folder.path().join("depth");
@@ -88,7 +88,7 @@ fn chunks() {
 }
 
 #[test]
-fn nerfstudio() {
+fn nerfstudio_round_trips() {
     let folder = tempfile::tempdir().unwrap();
     let (simulations, _) = written(folder.path(), Layout::Nerfstudio);
     let depth = folder.path().join("depth");
@@ -98,9 +98,9 @@ fn nerfstudio() {
 }
 
 #[test]
-fn a_lens_that_is_not_stored_is_told() {
+fn lenses_that_cannot_be_stored_are_counted() {
     let folder = tempfile::tempdir().unwrap();
     let (simulations, warnings) = written(folder.path(), Layout::Re10k);
-    let bent = simulations.iter().filter(|s| s.camera(0).unwrap().distortion != atsplat_camera::Distortion::None);
-    assert_eq!(warnings.total(), bent.count() as u64);
+    let distorted = simulations.iter().filter(|s| s.camera(0).unwrap().distortion != atsplat_camera::Distortion::None);
+    assert_eq!(warnings.total(), distorted.count() as u64);
 }

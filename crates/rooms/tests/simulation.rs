@@ -1,4 +1,4 @@
-//! What a simulated scene promises: the same bytes, exact geometry, true effects, routes as asked for.
+//! Guarantees of simulated scenes: determinism, exact geometry, effects, given routes.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
@@ -32,7 +32,7 @@ fn digest(simulation: &Simulation, frames: &[usize]) -> [u8; 32] {
 }
 
 #[test]
-fn same_seed_same_bytes_on_any_number_of_threads() {
+fn a_seed_gives_the_same_bytes_on_any_number_of_threads() {
     for kind in [SceneKind::Rooms, SceneKind::Yards] {
         for effects in [EffectChoice::Auto, EffectChoice::All] {
             let request = Request { effects, ..request(kind, 3) };
@@ -42,23 +42,23 @@ fn same_seed_same_bytes_on_any_number_of_threads() {
             };
             let one = on(1);
             assert_eq!([on(2), on(5)], [one, one], "{kind} {:?}", request.effects);
-            let again = Simulation::new(request.clone()).unwrap();
-            again.picture(7).unwrap();
-            assert_eq!(digest(&again, &[0, 40]), one, "frames rendered before must not matter");
+            let other = Simulation::new(request.clone()).unwrap();
+            other.picture(7).unwrap();
+            assert_eq!(digest(&other, &[0, 40]), one, "frames rendered before must not matter");
         }
     }
     let of = |number| digest(&Simulation::new(request(SceneKind::Rooms, number)).unwrap(), &[0]);
     assert_ne!(of(1), of(2));
 }
 
-/// What a seed gave when this was written: whoever changes it changes every simulated dataset, and raises [`GENERATOR`], by
-/// which results stores know whether their rows are of these pictures.
+/// Golden hashes: changing them changes every simulated dataset and requires raising [`GENERATOR`], by which results stores
+/// recognise rows computed from these pictures.
 ///
-/// Hashed are pictures in 8 bits, depth in millimetres and instances, not floats: sines and powers come from the system's
-/// library, whose last bits differ from machine to machine, and rounding hides them but for a value on the very edge.
+/// Hashes cover pictures in 8 bits, depth in millimetres and instances instead of floats: sines and powers come from the
+/// system's library, whose last bits differ between machines, and rounding almost always hides them.
 #[test]
 #[cfg(all(target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]
-fn a_seed_gives_what_it_always_gave() {
+fn golden_hashes_are_unchanged() {
     let mut found = Vec::new();
     for (kind, number) in [(SceneKind::Rooms, 2), (SceneKind::Yards, 0), (SceneKind::Yards, 3)] {
         let simulation = Simulation::new(Request { effects: EffectChoice::All, ..request(kind, number) }).unwrap();
@@ -73,7 +73,7 @@ fn a_seed_gives_what_it_always_gave() {
         found.push(format!("{} {:016x}", simulation.key(), u64::from_be_bytes(first)));
     }
     assert_eq!(found, GOLDEN);
-    assert_eq!(GENERATOR, "atsplat rooms 1", "the generator that these are of");
+    assert_eq!(GENERATOR, "atsplat rooms 1", "the generator of these hashes");
 }
 
 #[cfg(all(target_arch = "x86_64", target_os = "linux", target_env = "gnu"))]
@@ -90,17 +90,17 @@ fn mean_difference(a: &Simulation, b: &Simulation, frame: usize) -> f64 {
 }
 
 #[test]
-fn what_a_scene_calls_for_is_all_that_can_be_seen() {
-    let mut left_out = 0;
+fn skipped_effects_change_pictures_by_less_than_the_tolerance() {
+    let mut skipped = 0;
     for number in 0..10 {
         let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
         let with = |effects| Simulation::new(Request { effects, ..request(kind, number) }).unwrap();
         let (auto, all) = (with(EffectChoice::Auto), with(EffectChoice::All));
-        left_out += EffectKind::ALL.len() - auto.called_effects().len();
+        skipped += EffectKind::ALL.len() - auto.called_effects().len();
         let difference = mean_difference(&auto, &all, 20);
         assert!(difference <= TOLERANCE, "{auto}: all effects change it by {difference}");
     }
-    assert!(left_out >= 10, "only {left_out} effects were left out of ten scenes");
+    assert!(skipped >= 10, "only {skipped} effects were skipped in ten scenes");
 }
 
 #[test]
@@ -124,14 +124,14 @@ fn each_effect_that_is_called_for_changes_pictures() {
 }
 
 #[test]
-fn depth_is_where_the_rays_end() {
+fn depth_maps_agree_with_traced_covisibility() {
     for kind in [SceneKind::Rooms, SceneKind::Yards] {
         let size = ImageSize { width: 192, height: 160 };
         let simulation = Simulation::new(Request { size, ..request(kind, 5) }).unwrap();
         let (a, b) = (simulation.geometry(10).unwrap(), simulation.geometry(11).unwrap());
         let (from, into) = (simulation.camera(10).unwrap(), simulation.camera(11).unwrap());
         let covisible = simulation.covisibility(10, 11).unwrap();
-        assert!(covisible.overlap() > 0.8, "neighbours see the same: {covisible:?}");
+        assert!(covisible.overlap() > 0.8, "neighbouring frames overlap: {covisible:?}");
         for (a, from, b, into, expected) in
             [(&a, &from, &b, &into, covisible.first_in_second), (&b, &into, &a, &from, covisible.second_in_first)]
         {
@@ -139,7 +139,7 @@ fn depth_is_where_the_rays_end() {
             Tolerance::absolute(0.08).assert([found], [expected], "co-visibility by depth maps");
         }
         let itself = simulation.covisibility(10, 10).unwrap().overlap();
-        assert!(itself > 0.995, "a picture sees itself: {itself}");
+        assert!(itself > 0.995, "a picture overlaps with itself: {itself}");
         for (depth, (normal, instance)) in a.depth.iter().zip(a.normals.iter().zip(&a.instances)) {
             assert_eq!(depth.is_finite(), *instance > 0);
             let length = DVec3::from(normal.map(f64::from)).length();
@@ -148,8 +148,8 @@ fn depth_is_where_the_rays_end() {
     }
 }
 
-/// The usual estimate: points of one depth map looked up in the other. Within a pixel, depth of the ground far
-/// off changes by several per cent.
+/// The usual estimate: points of one depth map looked up in the other. The depth of distant ground varies by several per
+/// cent within a pixel.
 fn by_depth_maps(a: &Geometry, from: &Camera, b: &Geometry, into: &Camera) -> f64 {
     let (mut surfaces, mut seen) = (0.0, 0.0);
     let rays = from.pixel_rays(a.size, atsplat_camera::DirectionScale::UnitDepth).unwrap();
@@ -183,16 +183,16 @@ fn a_given_route_keeps_its_shape() {
         let seen = |first: &Camera, camera: &Camera| {
             first.camera_from_world.inverse().camera_from_other(&camera.camera_from_world.inverse())
         };
-        let asked = seen(&given[0].1, camera).scaled_by(simulation.slowed_to());
-        let got = seen(&simulation.shots()[0].camera, &shot.camera);
-        Tolerance::F64.assert(got.to_rows(), asked.to_rows(), "relative poses");
+        let expected = seen(&given[0].1, camera).scaled_by(simulation.slowed_to());
+        let found = seen(&simulation.shots()[0].camera, &shot.camera);
+        Tolerance::F64.assert(found.to_rows(), expected.to_rows(), "relative poses");
     }
     let up = simulation.shots()[0].camera.camera_from_world.inverse().down();
-    Tolerance::F64.assert([up.z], [-1.0], "the first camera stands upright");
+    Tolerance::F64.assert([up.z], [-1.0], "the first camera is upright");
 }
 
 #[test]
-fn paths_keep_away_from_things_and_move_as_drawn() {
+fn paths_keep_clear_of_objects_at_almost_the_drawn_speed() {
     let mut slowed = 0;
     for number in 0..16 {
         let kind = if number % 2 == 0 { SceneKind::Rooms } else { SceneKind::Yards };
@@ -209,7 +209,7 @@ fn paths_keep_away_from_things_and_move_as_drawn() {
 }
 
 #[test]
-fn senseless_requests_are_refused() {
+fn rejects_invalid_requests() {
     let refused = |change: &dyn Fn(&mut Request)| {
         let mut request = request(SceneKind::Rooms, 0);
         change(&mut request);

@@ -1,13 +1,13 @@
-//! Runs parts of a training step on request, so that a script can alternate with another library in one run.
+//! Times parts of a training step on request, so that a script can alternate with another library in one run.
 //!
-//! Lines on standard input, each answered by one line of JSON:
+//! Each line on standard input is answered by one line of JSON:
 //! - `model`: the network's configuration;
-//! - `network SAMPLES`: seconds of the network on samples side by side: forward, then back from every set of Gaussians and
-//!   every score;
-//! - `splatting SAMPLES`: the same of the splatter alone, on the Gaussians that the network made;
-//! - `steps SAMPLES COUNT`: whole steps of so many samples each, with a part's seconds summed over samples.
+//! - `network SAMPLES`: seconds of the network on samples in parallel: forward, then backward from every set of Gaussians
+//!   and every score;
+//! - `splatting SAMPLES`: the same for the renderer alone, on the network's Gaussians;
+//! - `steps BATCH COUNT`: whole steps; seconds of parts are summed over samples.
 //!
-//! Samples and network are those of an experiment, `time_step EXPERIMENT [WEIGHTS]`: with the weights of a file, or fresh ones.
+//! `time_step EXPERIMENT [WEIGHTS]` takes samples and network of an experiment, with weights from a file or a seed.
 
 use std::error::Error;
 use std::io::{BufRead, Write, stdin, stdout};
@@ -26,15 +26,15 @@ use burn::Tensor;
 use rayon::prelude::*;
 use serde_json::json;
 
-/// Targets of the final set, and of each set before it.
+/// Targets rendered from the final set of Gaussians, and from each intermediate set.
 const TARGETS: [usize; 2] = [3, 1];
 
 type Failure = Box<dyn Error + Send + Sync>;
 
 fn main() -> Result<(), Failure> {
-    let mut words = std::env::args().skip(1).map(PathBuf::from);
-    let config = TrainConfig::read(&words.next().ok_or("expected the file of an experiment")?)?;
-    let start = words.next().map_or(Start::Fresh, Start::Weights);
+    let mut args = std::env::args().skip(1).map(PathBuf::from);
+    let config = TrainConfig::read(&args.next().ok_or("usage: time_step EXPERIMENT [WEIGHTS]")?)?;
+    let start = args.next().map_or(Start::Fresh, Start::Weights);
     let model = config.model.config()?;
     let weights = match &start {
         Start::Weights(path) => ModelWeights::read(path)?.tensors,
@@ -45,12 +45,12 @@ fn main() -> Result<(), Failure> {
     let sample = |number| source.sample(Draw { seed: 1, number, step: 0 });
     for line in stdin().lock().lines() {
         let line = line?;
-        let words: Vec<&str> = line.split_whitespace().collect();
+        let request: Vec<&str> = line.split_whitespace().collect();
         let timed = |count: &str, part: &Part| -> Result<serde_json::Value, Failure> {
             let samples = (0..count.parse()?).map(sample).collect::<Result<Vec<Sample>, _>>()?;
-            side_by_side(&samples, |sample| part(&network, sample))
+            in_parallel(&samples, |sample| part(&network, sample))
         };
-        let answer = match *words.as_slice() {
+        let answer = match *request.as_slice() {
             ["model"] => serde_json::to_value(&model)?,
             ["network", count] => timed(count, &network_alone)?,
             ["splatting", count] => timed(count, &splatting_alone)?,
@@ -66,7 +66,7 @@ fn main() -> Result<(), Failure> {
 /// Seconds forward and backward of one sample.
 type Part = dyn Fn(&Network, &Sample) -> Result<[f64; 2], Failure> + Sync;
 
-fn side_by_side(
+fn in_parallel(
     samples: &[Sample],
     part: impl Fn(&Sample) -> Result<[f64; 2], Failure> + Send + Sync,
 ) -> Result<serde_json::Value, Failure> {
@@ -77,7 +77,7 @@ fn side_by_side(
     Ok(json!({ "total": total, "forward": forward, "backward": backward }))
 }
 
-/// Every set that is rendered in training, the final one first; those before it with the scores of the next block.
+/// Every set of Gaussians that training renders, the final one first; intermediate ones with the scores of the next block.
 fn sets(network: &Network, made: &Forward) -> Vec<(GaussianTensors, Option<Tensor<2>>)> {
     let mut sets = vec![(made.gaussians.clone(), None)];
     for pair in made.blocks.windows(2) {
@@ -148,7 +148,7 @@ fn splatting_alone(network: &Network, sample: &Sample) -> Result<[f64; 2], Failu
     Ok(seconds)
 }
 
-/// Few scenes, so that after the first steps their clips are at hand, as in a long run.
+/// With one scene, so that its clip is cached after the first steps, as in a long run.
 fn steps(config: &TrainConfig, start: &Start, batch: NonZeroUsize, count: u64) -> Result<serde_json::Value, Failure> {
     let folder = tempfile::tempdir()?;
     let mut config = TrainConfig { batch, evaluation: None, ..config.clone() };

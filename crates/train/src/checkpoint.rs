@@ -1,4 +1,4 @@
-//! Everything that a run needs to go on as if nothing had happened: a safetensors file per checkpoint.
+//! Checkpoints: safetensors files with everything that a run needs to resume as if uninterrupted.
 
 use std::path::{Path, PathBuf};
 
@@ -15,39 +15,39 @@ const PARTS: [&str; 3] = ["weights", "first-moment", "second-moment"];
 const AVERAGE: &str = "average";
 const INITIAL_WEIGHTS: &str = "initial-weights-sha256";
 
-/// A run between two steps.
+/// The state of a run between two steps.
 #[derive(Clone, Debug)]
 pub struct State {
-    /// Steps done, skipped ones among them.
+    /// Steps done, including skipped ones.
     pub step: u64,
     /// Optimiser updates: steps that were not skipped.
     pub updates: u64,
-    /// Steps skipped in a row, up to now.
+    /// Number of the latest steps that were skipped in a row.
     pub faults_in_a_row: u32,
     /// Weights.
     pub parameters: Parameters,
-    /// The optimiser's, in the order of the parameters.
+    /// Moments of the optimiser, in the order of the parameters.
     pub moments: Vec<Moments>,
-    /// Moving averages of the weights, in the same order, where the configuration asks for them.
+    /// Moving averages of the weights, in the order of the parameters, if the configuration has `average`.
     pub average: Option<Vec<Vec<f32>>>,
-    /// SHA-256 of the weights file that the run began with, where it did.
+    /// SHA-256 of the weights file that the run started from, if any.
     pub initial_weights: Option<String>,
 }
 
 impl State {
-    /// Before the first step.
+    /// The state before the first step.
     pub fn new(parameters: Parameters) -> Self {
         let moments = parameters.values().iter().map(|values| Moments::zeros(values.len())).collect();
         Self { step: 0, updates: 0, faults_in_a_row: 0, parameters, moments, average: None, initial_weights: None }
     }
 
-    /// The same with averages that begin at the weights.
+    /// The same state with moving averages that start at the weights.
     #[must_use]
     pub fn with_average(self) -> Self {
         Self { average: Some(self.parameters.values().to_vec()), ..self }
     }
 
-    /// What the run has come to: the averages where there are any.
+    /// The run's weights: the moving averages if there are any.
     pub fn result(&self) -> Parameters {
         let mut result = self.parameters.clone();
         for (values, average) in result.values_mut().iter_mut().zip(self.average.iter().flatten()) {
@@ -56,7 +56,7 @@ impl State {
         result
     }
 
-    /// Steps that were skipped.
+    /// Number of skipped steps.
     pub const fn skipped(&self) -> u64 {
         self.step - self.updates
     }
@@ -90,8 +90,8 @@ impl State {
         Ok(stored)
     }
 
-    /// Takes the weights' frozen part from `fresh`, everything else from the file.
-    fn of_stored(stored: &StoredTensors, config: &TrainConfig, fresh: &Parameters) -> Result<Self, TrainError> {
+    /// Reads a state from a file, except for the frozen weights, which come from `fresh`.
+    fn from_stored(stored: &StoredTensors, config: &TrainConfig, fresh: &Parameters) -> Result<Self, TrainError> {
         let text = |key: &str| {
             let found = stored.metadata.get(key);
             found.ok_or_else(|| TrainError::malformed(WHAT, format!("metadata {key}"), "a value", "no such entry"))
@@ -109,7 +109,7 @@ impl State {
         expect("tensors-sha256", &stored.digest(), "the hash of the tensors")?;
         let configuration = text("configuration")?;
         if TrainConfig::from_toml(configuration)? != *config {
-            let expected = "the configuration that the run began with; begin a new one with its weights instead";
+            let expected = "the configuration that the run was started with; start a new run from its weights instead";
             return Err(TrainError::malformed(WHAT, "configuration", expected, "another"));
         }
         let values = |part: &str, parameter: &Parameter| {
@@ -124,22 +124,21 @@ impl State {
         let mut average = config.average.map(|_| Vec::new());
         for (position, parameter) in fresh.list().iter().enumerate() {
             let [weights, first, second] = PARTS.map(|part| values(part, parameter));
-            if let Some(slot) = parameters.values_mut().get_mut(position) {
-                *slot = weights?;
-            }
+            parameters.values_mut()[position] = weights?;
             moments.push(Moments { first: first?, second: second? });
             if let Some(average) = &mut average {
                 average.push(values(AVERAGE, parameter)?);
             }
         }
-        let faults_in_a_row = u32::try_from(number("faults-in-a-row")?).unwrap_or(u32::MAX);
+        let faults_in_a_row = u32::try_from(number("faults-in-a-row")?)
+            .map_err(|error| TrainError::malformed(WHAT, "metadata faults-in-a-row", "a number of 32 bits", error))?;
         let initial_weights = stored.metadata.get(INITIAL_WEIGHTS).cloned();
         let (step, updates) = (number("step")?, number("updates")?);
         Ok(Self { step, updates, faults_in_a_row, parameters, moments, average, initial_weights })
     }
 }
 
-/// The folder of a run's checkpoints.
+/// The checkpoint folder of a run.
 #[derive(Clone, Debug)]
 pub struct Checkpoints {
     folder: PathBuf,
@@ -147,24 +146,24 @@ pub struct Checkpoints {
 }
 
 impl Checkpoints {
-    /// Of a run's folder, which is made where needed.
+    /// The checkpoint folder in a run's folder, created if absent.
     ///
     /// # Errors
     /// [`TrainError::Io`].
     pub fn new(folder: &Path, keep: usize) -> Result<Self, TrainError> {
         let folder = folder.join("checkpoints");
-        std::fs::create_dir_all(&folder).map_err(TrainError::io("making a folder", &folder))?;
+        std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder", &folder))?;
         Ok(Self { folder, keep })
     }
 
-    /// Writes a state, whole or not at all, and removes the oldest ones beyond those that are kept.
+    /// Writes a checkpoint atomically, and removes the oldest ones beyond the number to keep.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] where a weight is NaN or infinite: such a state is not kept; [`TrainError::Model`] for
-    /// what the file system says.
+    /// [`TrainError::Malformed`] if a weight is NaN or infinite: such a state is not written; [`TrainError::Model`] if the
+    /// file cannot be written.
     pub fn write(&self, state: &State, config: &TrainConfig) -> Result<PathBuf, TrainError> {
         if let Some((name, count)) = state.parameters.non_finite().into_iter().next() {
-            let found = format!("{count} numbers that are NaN or infinite");
+            let found = format!("{count} values that are NaN or infinite");
             return Err(TrainError::malformed(WHAT, name, "finite weights", found));
         }
         let path = self.folder.join(format!("step-{:08}.safetensors", state.step));
@@ -178,21 +177,21 @@ impl Checkpoints {
         Ok(path)
     }
 
-    /// The newest state, or none where nothing was written yet. One that cannot be read is passed over for the one
-    /// before, and said.
+    /// The newest readable state, with a message for each newer checkpoint that cannot be read; `None` if there is no
+    /// checkpoint.
     ///
     /// # Errors
-    /// [`TrainError`] of the newest where there are checkpoints and none can be read.
+    /// [`TrainError`] of the newest checkpoint if there are checkpoints and none can be read.
     pub fn read(&self, config: &TrainConfig, fresh: &Parameters) -> Result<Option<(State, Vec<String>)>, TrainError> {
-        let (mut said, mut first) = (Vec::new(), None);
+        let (mut messages, mut first) = (Vec::new(), None);
         for path in self.all()?.iter().rev() {
             let state = TensorFile::open(path)
                 .map_err(TrainError::from)
-                .and_then(|file| State::of_stored(&file.stored, config, fresh));
+                .and_then(|file| State::from_stored(&file.stored, config, fresh));
             match state {
-                Ok(state) => return Ok(Some((state, said))),
+                Ok(state) => return Ok(Some((state, messages))),
                 Err(error) => {
-                    said.push(format!("{}: {error}", path.display()));
+                    messages.push(format!("{}: {error}", path.display()));
                     first.get_or_insert(error);
                 }
             }
@@ -200,14 +199,14 @@ impl Checkpoints {
         first.map_or(Ok(None), Err)
     }
 
-    /// Oldest first.
+    /// All checkpoints, oldest first.
     fn all(&self) -> Result<Vec<PathBuf>, TrainError> {
         let reading = || TrainError::io("listing checkpoints", &self.folder);
         let mut all = Vec::new();
         for entry in std::fs::read_dir(&self.folder).map_err(reading())? {
             let path = entry.map_err(reading())?.path();
-            let name = path.file_name().and_then(std::ffi::OsStr::to_str).unwrap_or_default();
-            if name.starts_with("step-") && name.ends_with(".safetensors") {
+            let name = path.file_name().and_then(std::ffi::OsStr::to_str);
+            if name.is_some_and(|name| name.starts_with("step-") && name.ends_with(".safetensors")) {
                 all.push(path);
             }
         }

@@ -16,32 +16,32 @@ use crate::Diagnosis;
 #[derive(Debug, Error)]
 #[non_exhaustive]
 pub enum TrainError {
-    /// The operating system refused.
+    /// A file could not be read or written.
     #[error("{action}: {source} ({})", path.display())]
     Io {
         /// What was being done.
         action: &'static str,
         /// To which file.
         path: PathBuf,
-        /// The operating system's words.
+        /// The operating system's error.
         source: std::io::Error,
     },
-    /// A configuration, checkpoint or log is not what it should be.
+    /// A configuration, checkpoint or log is malformed.
     #[error("{what}: {location}: expected {expected}, found {found}")]
     Malformed {
         /// What was being read, e.g. "training configuration".
         what: &'static str,
         /// File, line, field or tensor.
         location: String,
-        /// What should stand there.
+        /// What was expected.
         expected: String,
-        /// What stands there.
+        /// What was found.
         found: String,
     },
-    /// Steps went wrong one after the other.
+    /// Too many steps in a row failed.
     #[error("{0}")]
     Stopped(Box<Diagnosis>),
-    /// No sample could be made.
+    /// A source gave no sample.
     #[error("training data: {source_name}: {attempts} draws gave no sample; the last: {reason}")]
     NoSample {
         /// Which source.
@@ -51,37 +51,37 @@ pub enum TrainError {
         /// Why the last one failed.
         reason: String,
     },
-    /// The network, its configuration or weights.
+    /// Error of the network, its configuration or weights.
     #[error(transparent)]
     Model(#[from] ModelError),
-    /// Cameras.
+    /// Error of a camera.
     #[error(transparent)]
     Camera(#[from] CameraError),
-    /// Pictures.
+    /// Error of a picture.
     #[error(transparent)]
     Pixels(#[from] PixelError),
-    /// Protocols and trials.
+    /// Error of a protocol or trial.
     #[error(transparent)]
     Protocol(#[from] ProtocolError),
-    /// Simulated scenes.
+    /// Error of a simulated scene.
     #[error(transparent)]
     Rooms(#[from] RoomsError),
-    /// Datasets.
+    /// Error of a dataset.
     #[error(transparent)]
     Scene(#[from] SceneError),
-    /// Rendering.
+    /// Error of the renderer.
     #[error("rendering: {0}")]
     Splat(#[from] SplatError),
-    /// Scores of an evaluation.
+    /// Error of an evaluation's metric.
     #[error("evaluation: {0}")]
     Metric(#[from] MetricError),
-    /// Parquet.
+    /// Error of a Parquet log.
     #[error("log: {0}")]
     Columns(#[from] polars::error::PolarsError),
 }
 
 impl TrainError {
-    #[expect(clippy::needless_pass_by_value, reason = "callers give numbers and fresh text as often as borrowed ones")]
+    #[expect(clippy::needless_pass_by_value, reason = "callers pass numbers and new strings as often as borrowed ones")]
     pub(crate) fn malformed(
         what: &'static str,
         location: impl Into<String>,
@@ -92,7 +92,7 @@ impl TrainError {
         Self::Malformed { what, location: location.into(), expected: expected.into(), found }
     }
 
-    /// What is wrong with a field of a file, with the file.
+    /// The same error with the file that holds the field.
     pub(crate) fn in_file(self, path: &Path) -> Self {
         match self {
             Self::Malformed { what, location, expected, found } => {

@@ -1,4 +1,4 @@
-//! How good a network is on fixed samples, beside copying the nearest context view.
+//! Evaluation of the network on fixed samples, compared with the baseline that copies the nearest context view.
 
 use std::time::Instant;
 
@@ -13,16 +13,16 @@ use rayon::prelude::*;
 use crate::TrainError;
 use crate::journal::EvaluationRecord;
 use crate::objective::target_views;
-use crate::samples::{Draw, Posed, Sample, Source};
+use crate::samples::{Draw, PosedPictures, Sample, Source, pixel_size};
 
-/// Fixed samples.
+/// The fixed samples of an evaluation.
 #[derive(Debug)]
 pub struct Evaluation {
     samples: Vec<Sample>,
     background: [f64; 3],
 }
 
-/// Scores of one picture.
+/// Scores of one render.
 #[derive(Clone, Copy, Debug, Default)]
 struct Scores {
     psnr: f64,
@@ -39,8 +39,8 @@ impl Evaluation {
         Ok(Self { samples: samples.collect::<Result<_, _>>()?, background })
     }
 
-    /// Of samples that are at hand.
-    pub const fn of(samples: Vec<Sample>, background: [f64; 3]) -> Self {
+    /// An evaluation on given samples.
+    pub const fn from_samples(samples: Vec<Sample>, background: [f64; 3]) -> Self {
         Self { samples, background }
     }
 
@@ -49,10 +49,10 @@ impl Evaluation {
         &self.samples
     }
 
-    /// Scores a network; `step` is for the record. The same for any number of threads.
+    /// Scores a network; `step` goes into the record. The result does not depend on the number of threads.
     ///
     /// # Errors
-    /// [`TrainError::Model`], [`TrainError::Splat`], [`TrainError::Metric`] for renders that are not finite.
+    /// [`TrainError::Model`], [`TrainError::Splat`]; [`TrainError::Metric`] for renders that are not finite.
     pub fn run(&self, network: &Network, step: u64) -> Result<EvaluationRecord, TrainError> {
         let start = Instant::now();
         let scored = self.samples.par_iter().map(|sample| {
@@ -76,7 +76,7 @@ impl Evaluation {
         })
     }
 
-    /// What the network makes of each target of a sample.
+    /// The network's renders of the targets of a sample.
     ///
     /// # Errors
     /// [`TrainError::Model`], [`TrainError::Splat`], [`TrainError::Pixels`].
@@ -92,10 +92,10 @@ impl Evaluation {
     }
 }
 
-/// One of a sample's pictures.
-pub(crate) fn picture(posed: &Posed, view: usize) -> Result<Image, TrainError> {
-    let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
-    Ok(Image::new(side(posed.size.width), side(posed.size.height), posed.picture(view).to_vec())?)
+/// One picture as an image.
+pub(crate) fn picture(posed: &PosedPictures, view: usize) -> Result<Image, TrainError> {
+    let size = pixel_size(posed.size);
+    Ok(Image::new(size.width, size.height, posed.picture(view).to_vec())?)
 }
 
 fn scores(render: &Image, truth: &Image) -> Result<Scores, TrainError> {

@@ -8,33 +8,33 @@ use serde::Serialize;
 pub struct Fault {
     /// The step.
     pub step: u64,
-    /// The sample that it happened on.
+    /// The sample that caused it.
     pub sample: String,
-    /// What happened.
+    /// What went wrong.
     pub what: FaultKind,
 }
 
-/// What can make a step useless.
+/// Why a step cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum FaultKind {
-    /// A picture holds NaN or infinities.
+    /// A picture holds NaN or infinite values.
     Picture(String),
-    /// The network or the splatter refused.
+    /// The data source, the network or the renderer failed.
     Refused(String),
     /// A term of the loss is NaN or infinite.
     Term(&'static str),
-    /// Gradients of parameters are NaN or infinite: of which, the first few.
+    /// Gradients are NaN or infinite; holds the names of the first few parameters.
     Gradients(Vec<String>),
 }
 
-/// Why a run was stopped: what went wrong last, and what is wrong with the weights.
+/// Why a run was stopped: its last faults, and which weights are not finite.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Diagnosis {
     /// The faults in a row, oldest first.
     pub faults: Vec<Fault>,
-    /// Parameters that are not finite, and how many of their numbers.
+    /// Parameters with values that are not finite, and how many values.
     pub parameters: Vec<(String, usize)>,
 }
 
@@ -64,7 +64,7 @@ impl fmt::Display for Diagnosis {
         match self.parameters.as_slice() {
             [] => f.write_str("\n  all weights are finite"),
             broken => broken.iter().take(8).try_for_each(|(name, count)| {
-                write!(f, "\n  weights: {name} holds {count} numbers that are NaN or infinite")
+                write!(f, "\n  weights: {name} holds {count} values that are NaN or infinite")
             }),
         }
     }

@@ -1,4 +1,4 @@
-//! What a frozen backbone makes of pictures, kept on disk: each picture goes through it once, however often it is drawn.
+//! Cache on disk of a frozen backbone's features: each picture goes through the backbone once, however often it is drawn.
 
 use atsplat_files::Sha256Digest;
 use std::path::{Path, PathBuf};
@@ -8,72 +8,73 @@ use atsplat_model::weights::{StoredTensor, StoredTensors, TensorFile};
 use atsplat_model::{ImageSize, ModelConfig};
 
 use crate::TrainError;
-use crate::samples::Posed;
+use crate::config::WHAT;
+use crate::samples::PosedPictures;
 
 const FEATURES: &str = "features";
 const DIGEST: &str = "tensors-sha256";
 
-/// A folder of files, one for each picture, named by all that features depend on: the backbone with its weights, the
-/// picture with its size. A file that is not whole is made again. Several runs may share a folder.
+/// A folder with one file per picture, named by everything that features depend on: the backbone with its weights, and the
+/// picture with its size. An incomplete file is computed again. Several runs may share a folder.
 #[derive(Debug)]
 pub struct FeatureCache {
     folder: PathBuf,
 }
 
 impl FeatureCache {
-    /// In a folder below `folder` that is this backbone's; `frozen` are its weights.
+    /// Opens this backbone's subfolder of `folder`; `frozen` are its weights.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] where the backbone is trained with the rest, [`TrainError::Io`] where no folder can be made.
+    /// [`TrainError::Malformed`] if the backbone is trained, [`TrainError::Io`] if the folder cannot be created.
     pub fn open(folder: &Path, config: &ModelConfig, frozen: &StoredTensors) -> Result<Self, TrainError> {
         if !config.backbone.is_frozen() {
             let found = format!("{:?}", config.backbone);
-            return Err(TrainError::malformed(
-                "training configuration",
-                "model.feature-cache",
-                "a frozen backbone",
-                found,
-            ));
+            return Err(TrainError::malformed(WHAT, "model.feature-cache", "a frozen backbone", found));
         }
         let (backbone, coarse) = (&config.backbone, &config.coarse);
         let identity = format!("{} {backbone:?} {} {}", frozen.digest(), coarse.patch_size, coarse.image_downscale);
         let folder = folder.join(Sha256Digest::of(identity.as_bytes()).to_string());
-        std::fs::create_dir_all(&folder).map_err(TrainError::io("making a folder for features", &folder))?;
+        std::fs::create_dir_all(&folder).map_err(TrainError::io("creating a folder for features", &folder))?;
         Ok(Self { folder })
     }
 
-    /// Views that the network need not send through its backbone. `network` has the weights of [`Self::open`].
+    /// Views with their features, so that the network skips its backbone. `network` must have the weights given to
+    /// [`Self::open`].
     ///
     /// # Errors
-    /// [`TrainError::Model`] for pictures that the network does not take, [`TrainError::Io`] where a file cannot be written.
-    pub fn views(&self, network: &Network, posed: &Posed) -> Result<Views, TrainError> {
+    /// [`TrainError::Model`] if the network rejects the pictures or a file cannot be written.
+    pub fn views(&self, network: &Network, posed: &PosedPictures) -> Result<Views, TrainError> {
         let mut features = Vec::new();
         for (view, &camera) in posed.cameras.iter().enumerate() {
             let picture = posed.picture(view);
             let path = self.folder.join(format!("{}.safetensors", key(posed.size, picture)));
             features.extend(match read(&path) {
-                Some(known) => known,
-                None => make(network, &Views::new(posed.size, picture.to_vec(), vec![camera])?, &path)?,
+                Some(cached) => cached,
+                None => {
+                    let view = Views::new(posed.size, picture.to_vec(), vec![camera])?;
+                    let computed = network.frozen_features(&view)?;
+                    write(&path, &computed)?;
+                    computed
+                }
             });
         }
         Ok(posed.views()?.with_frozen_features(features))
     }
 }
 
-fn make(network: &Network, view: &Views, path: &Path) -> Result<Vec<f32>, TrainError> {
-    let features = network.frozen_features(view)?;
+fn write(path: &Path, features: &[f32]) -> Result<(), TrainError> {
+    let tensor = StoredTensor::from_f32(vec![features.len()], features)?;
     let mut stored = StoredTensors::default();
-    stored.tensors.insert(FEATURES.to_owned(), StoredTensor::from_f32(vec![features.len()], &features)?);
+    stored.tensors.insert(FEATURES.to_owned(), tensor);
     stored.metadata.insert(DIGEST.to_owned(), stored.digest());
-    stored.write(path)?;
-    Ok(features)
+    Ok(stored.write(path)?)
 }
 
-/// `None` where there is no file, or one that is not whole.
+/// `None` if the file is absent, unreadable or incomplete: its features are then computed again.
 fn read(path: &Path) -> Option<Vec<f32>> {
     let stored = TensorFile::open(path).ok()?.stored;
-    let whole = stored.metadata.get(DIGEST) == Some(&stored.digest());
-    stored.tensors.get(FEATURES).filter(|_| whole)?.to_f32().ok()
+    let is_complete = stored.metadata.get(DIGEST) == Some(&stored.digest());
+    stored.tensors.get(FEATURES).filter(|_| is_complete)?.to_f32().ok()
 }
 
 fn key(size: ImageSize, picture: &[f32]) -> String {

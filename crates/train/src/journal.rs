@@ -1,4 +1,4 @@
-//! What happened, step by step: lines of JSON that are appended as it happens, and Parquet in the end.
+//! Logs of steps and evaluations: lines of JSON, appended as they happen, and Parquet at the end.
 
 use atsplat_files::AtomicFile;
 use std::fs::{File, OpenOptions};
@@ -10,7 +10,7 @@ use serde::de::DeserializeOwned;
 use serde::{Deserialize, Serialize};
 
 use crate::TrainError;
-use crate::objective::{Seconds, Terms};
+use crate::objective::{PartSeconds, Terms};
 
 /// One step.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -18,17 +18,17 @@ use crate::objective::{Seconds, Terms};
 pub struct StepRecord {
     /// Counted from 0.
     pub step: u64,
-    /// Mean over the step's samples; absent where the step was skipped.
+    /// Mean over the step's samples; absent if the step was skipped.
     pub terms: Option<Terms>,
-    /// Length of the gradient before clipping; absent likewise.
+    /// Norm of the gradient before clipping; absent if the step was skipped.
     pub gradient_norm: Option<f64>,
     /// Learning rate.
     pub rate: f64,
     /// Wall-clock seconds of the whole step.
     pub secs: f64,
-    /// Seconds of its parts, summed over samples, which run beside each other.
-    pub parts: Seconds,
-    /// Why it was skipped.
+    /// Seconds of its parts, summed over samples, which run in parallel.
+    pub parts: PartSeconds,
+    /// Why the step was skipped, if it was.
     pub fault: Option<String>,
 }
 
@@ -36,48 +36,48 @@ pub struct StepRecord {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct EvaluationRecord {
-    /// Steps done before it.
+    /// Number of steps done before it.
     pub step: u64,
     /// Mean PSNR of renders over all targets, in dB, clipped to [0, 1].
     pub psnr: f64,
     /// Mean SSIM of renders (scikit-image's, Gaussian window).
     pub ssim: f64,
-    /// Mean PSNR of the nearest context view in a target's place, in dB.
+    /// Mean PSNR of the nearest-view baseline, which copies the nearest context view, in dB.
     pub nearest_view_psnr: f64,
-    /// Mean SSIM of the same.
+    /// Mean SSIM of the nearest-view baseline.
     pub nearest_view_ssim: f64,
-    /// Targets.
+    /// Number of target views.
     pub targets: usize,
     /// Wall-clock seconds of the evaluation.
     pub secs: f64,
 }
 
 impl EvaluationRecord {
-    /// How much better than copying the nearest context view, in dB.
+    /// PSNR gain over the nearest-view baseline, in dB.
     pub const fn gain(&self) -> f64 {
         self.psnr - self.nearest_view_psnr
     }
 }
 
-/// A record that knows when it was made.
-pub trait Dated: Serialize + DeserializeOwned {
-    /// Whether it belongs to a run of which so many steps are done.
+/// A record of a log, dated by its step.
+pub trait Record: Serialize + DeserializeOwned {
+    /// Whether it belongs to a run with `steps` steps done.
     fn is_within(&self, steps: u64) -> bool;
 }
 
-impl Dated for StepRecord {
+impl Record for StepRecord {
     fn is_within(&self, steps: u64) -> bool {
         self.step < steps
     }
 }
 
-impl Dated for EvaluationRecord {
+impl Record for EvaluationRecord {
     fn is_within(&self, steps: u64) -> bool {
         self.step <= steps
     }
 }
 
-/// A file of lines.
+/// A log file, one JSON record per line.
 #[derive(Debug)]
 pub struct Journal {
     path: PathBuf,
@@ -85,12 +85,12 @@ pub struct Journal {
 }
 
 impl Journal {
-    /// Opens a file for a run of which `steps` are done: what is later, and a line that was torn when the run was killed,
-    /// is taken out. Gives what was kept.
+    /// Opens the log of a run with `steps` steps done: later records, and a line that was cut off when the run was killed,
+    /// are removed. Returns the records that were kept.
     ///
     /// # Errors
     /// [`TrainError::Io`].
-    pub fn open<R: Dated>(path: &Path, steps: u64) -> Result<(Self, Vec<R>), TrainError> {
+    pub fn open<R: Record>(path: &Path, steps: u64) -> Result<(Self, Vec<R>), TrainError> {
         let kept: Vec<R> = read(path)?.into_iter().filter(|record: &R| record.is_within(steps)).collect();
         let mut text = String::new();
         for record in &kept {
@@ -105,22 +105,22 @@ impl Journal {
     ///
     /// # Errors
     /// [`TrainError::Io`].
-    pub fn append<R: Dated>(&mut self, record: &R) -> Result<(), TrainError> {
+    pub fn append<R: Record>(&mut self, record: &R) -> Result<(), TrainError> {
         self.file.write_all(line(record)?.as_bytes()).map_err(TrainError::io("writing a log", &self.path))
     }
 }
 
-fn line<R: Dated>(record: &R) -> Result<String, TrainError> {
+fn line<R: Record>(record: &R) -> Result<String, TrainError> {
     let text = serde_json::to_string(record)
-        .map_err(|error| TrainError::malformed("log", "record", "what JSON can say", error))?;
+        .map_err(|error| TrainError::malformed("log", "record", "values that JSON can hold", error))?;
     Ok(text + "\n")
 }
 
-/// All whole lines of a log; none where there is no file.
+/// The records of a log up to the first incomplete line; none if there is no file.
 ///
 /// # Errors
 /// [`TrainError::Io`].
-pub fn read<R: Dated>(path: &Path) -> Result<Vec<R>, TrainError> {
+pub fn read<R: Record>(path: &Path) -> Result<Vec<R>, TrainError> {
     match std::fs::read_to_string(path) {
         Ok(text) => Ok(text.lines().map_while(|line| serde_json::from_str(line).ok()).collect()),
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => Ok(Vec::new()),
@@ -128,7 +128,7 @@ pub fn read<R: Dated>(path: &Path) -> Result<Vec<R>, TrainError> {
     }
 }
 
-/// Writes steps as Parquet, a row each; what a skipped step lacks is null.
+/// Writes steps as Parquet, one row each; values that a skipped step lacks are null.
 ///
 /// # Errors
 /// [`TrainError::Io`], [`TrainError::Columns`].
@@ -153,7 +153,7 @@ pub fn write_steps(path: &Path, records: &[StepRecord]) -> Result<(), TrainError
     write_frame(path, columns)
 }
 
-/// Writes evaluations as Parquet, a row each.
+/// Writes evaluations as Parquet, one row each.
 ///
 /// # Errors
 /// [`TrainError::Io`], [`TrainError::Columns`].
@@ -173,7 +173,6 @@ pub fn write_evaluations(path: &Path, records: &[EvaluationRecord]) -> Result<()
     write_frame(path, columns)
 }
 
-/// Whole under its name, or not at all.
 fn write_frame(path: &Path, columns: Vec<Column>) -> Result<(), TrainError> {
     let mut frame = DataFrame::new_infer_height(columns)?;
     let file = AtomicFile::create(path).map_err(TrainError::io("writing a log", path))?;

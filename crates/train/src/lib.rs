@@ -1,8 +1,8 @@
-//! Trials into weights: the paper's losses, optimiser, curricula and data, in runs that can be killed at any moment.
+//! Training of the network: the paper's losses, optimiser, curricula and data, in runs that can be killed at any moment.
 //!
-//! A run is a folder: `checkpoints/`, `weights.safetensors`, `steps.jsonl`, `evaluations.jsonl`. What a step does depends
-//! on the configuration and the step's number alone: a resumed run ends with the same bits as an undisturbed one, on any
-//! number of threads.
+//! A run is a folder: `checkpoints/`, `weights.safetensors`, `steps.jsonl`, `evaluations.jsonl`. A step depends on the
+//! configuration and the step number alone, so a resumed run ends bit for bit like an uninterrupted one, on any number of
+//! threads.
 
 mod checkpoint;
 mod config;
@@ -29,7 +29,7 @@ pub use error::TrainError;
 pub use evaluation::Evaluation;
 pub use fault::{Diagnosis, Fault, FaultKind};
 pub use features::FeatureCache;
-pub use objective::{Lesson, Objective, Seconds, Terms};
+pub use objective::{Objective, PartSeconds, SampleGradients, Terms};
 pub use parameters::Parameters;
 pub use sheet::contact_sheet;
 pub use trainer::{Event, Limits, Start, Trainer};

@@ -1,9 +1,8 @@
-//! One sample's loss and its gradient by every parameter.
+//! The loss of one sample and its gradient with respect to every parameter.
 
 use std::time::Instant;
 
-use atsplat_camera::ImageSize;
-use atsplat_model::network::{GaussianTensors, Network, RenderedTensors};
+use atsplat_model::network::{GaussianTensors, Network, RenderedTensors, f32_values};
 use atsplat_splat::{Channels, GradientReach, RenderOptions, View};
 use burn::Tensor;
 use burn::tensor::TensorData;
@@ -13,10 +12,10 @@ use serde::{Deserialize, Serialize};
 use crate::config::LossConfig;
 use crate::fault::FaultKind;
 use crate::losses::{Perceptual, Stack, d_ssim, mse, uncertainty};
-use crate::samples::Sample;
+use crate::samples::{Sample, pixel_size};
 use crate::{FeatureCache, TrainError};
 
-/// What a sample costs, term by term, unweighted but for the total; means over sets where there are several.
+/// The loss of a sample, term by term, unweighted except for the total; a mean over samples in a step's record.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct Terms {
@@ -48,7 +47,7 @@ impl Terms {
         ]
     }
 
-    /// The mean of several, in their order.
+    /// The mean, summed in the given order.
     pub fn mean(all: &[Self]) -> Self {
         let of = |term: fn(&Self) -> f64| all.iter().map(term).sum::<f64>() / all.len().max(1) as f64;
         Self {
@@ -62,24 +61,24 @@ impl Terms {
     }
 }
 
-/// Wall-clock seconds of the parts of one sample's step.
+/// Wall-clock seconds that one sample took, by part.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub struct Seconds {
+pub struct PartSeconds {
     /// Making the sample.
     pub sample: f64,
     /// The network, forward.
     pub forward: f64,
     /// The splatter, forward, all sets.
     pub splat: f64,
-    /// Losses and their gradients by pictures.
+    /// Losses and their gradients with respect to the pictures.
     pub losses: f64,
     /// Splatter and network, backward.
     pub backward: f64,
 }
 
-impl Seconds {
-    /// Of several samples.
+impl PartSeconds {
+    /// The sum over several samples.
     pub fn sum(all: impl Iterator<Item = Self>) -> Self {
         all.fold(Self::default(), |a, b| Self {
             sample: a.sample + b.sample,
@@ -91,18 +90,18 @@ impl Seconds {
     }
 }
 
-/// What one sample teaches.
+/// The loss of one sample and its gradients.
 #[derive(Clone, Debug, Default)]
-pub struct Lesson {
-    /// Its loss.
+pub struct SampleGradients {
+    /// The loss.
     pub terms: Terms,
-    /// By parameter, in files' layout; a parameter that nothing depends on is absent.
+    /// By parameter name, in the layout of weights files; a parameter that the loss does not depend on is absent.
     pub gradients: IndexMap<String, Vec<f32>>,
-    /// Where time went.
-    pub seconds: Seconds,
+    /// Time taken.
+    pub seconds: PartSeconds,
 }
 
-/// The loss of a configuration.
+/// The training loss of a configuration.
 #[derive(Debug)]
 pub struct Objective {
     config: LossConfig,
@@ -110,7 +109,7 @@ pub struct Objective {
 }
 
 impl Objective {
-    /// Of a configuration; reads the weights of a learned perceptual loss.
+    /// The loss of a configuration; reads the weights of a learned perceptual loss.
     ///
     /// # Errors
     /// As [`Perceptual::new`].
@@ -119,124 +118,124 @@ impl Objective {
         Ok(Self { config, perceptual })
     }
 
-    /// The perceptual term, for provenance.
+    /// Name of the perceptual term, for provenance.
     pub fn perceptual(&self) -> String {
         self.perceptual.name()
     }
 
-    /// Runs the network on a sample, renders every set of Gaussians, and goes back. The network must have been made with
-    /// a device that differentiates. A frozen backbone's `features` come from there. `call_seed` is what random selection
-    /// draws with.
+    /// Runs the network on a sample, renders every set of Gaussians, and propagates back. The network must be on an
+    /// autodiff device. `features` is the cache of a frozen backbone's features; `call_seed` seeds random selection.
     ///
     /// # Errors
-    /// [`FaultKind`] where the step is of no use; nothing was changed.
-    pub fn learn(
+    /// [`FaultKind`] if the step cannot be used; nothing is changed.
+    pub fn gradients(
         &self,
         network: &Network,
         sample: &Sample,
         features: Option<&FeatureCache>,
         call_seed: u64,
-    ) -> Result<Lesson, FaultKind> {
+    ) -> Result<SampleGradients, FaultKind> {
         finite_pictures(sample)?;
         let mut clock = Clock::start();
-        let mut lesson = Lesson::default();
+        let mut result = SampleGradients::default();
         let views = match features {
             Some(features) => features.views(network, &sample.context),
             None => sample.context.views(),
         };
         let views = views.map_err(|error| FaultKind::Refused(error.to_string()))?;
         let forward = network.forward(&[views], call_seed).map_err(|error| FaultKind::Refused(error.to_string()))?;
-        lesson.seconds.forward = clock.lap();
+        result.seconds.forward = clock.lap();
 
-        let mut pulls = Pulls { sum: None };
-        self.last(&forward.gaussians, sample, &mut lesson, &mut clock, &mut pulls)?;
+        let mut backward = WeightedGradients::default();
+        self.add_final(&forward.gaussians, sample, &mut result, &mut clock, &mut backward)?;
         for pair in forward.blocks.windows(2) {
             let [block, next] = pair else { continue };
             let gaussians = network.gaussians(&block.tokens);
             let scores = next.expanded.as_ref().and_then(|expanded| expanded.scores.clone());
-            self.intermediate(&gaussians, scores, sample, &mut lesson, &mut clock, &mut pulls)?;
+            self.add_intermediate(&gaussians, scores, sample, &mut result, &mut clock, &mut backward)?;
         }
-        if let Some((name, _)) = lesson.terms.named().into_iter().find(|(_, value)| !value.is_finite()) {
+        if let Some((name, _)) = result.terms.named().into_iter().find(|(_, value)| !value.is_finite()) {
             return Err(FaultKind::Term(name));
         }
-        if let Some(pulled) = pulls.sum {
-            lesson.gradients = network.gradients(&pulled.backward());
+        if let Some(sum) = backward.sum {
+            result.gradients = network.gradients(&sum.backward());
         }
-        lesson.seconds.backward = clock.lap();
-        let broken = lesson.gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
+        result.seconds.backward = clock.lap();
+        let broken = result.gradients.iter().filter(|(_, values)| values.iter().any(|value| !value.is_finite()));
         let broken: Vec<String> = broken.map(|(name, _)| name.clone()).take(4).collect();
-        if broken.is_empty() { Ok(lesson) } else { Err(FaultKind::Gradients(broken)) }
+        if broken.is_empty() { Ok(result) } else { Err(FaultKind::Gradients(broken)) }
     }
 
-    /// The final Gaussians: `MSE + λp · perceptual`.
-    fn last(
+    /// Adds the loss of the final Gaussians: `MSE + λp · perceptual`.
+    fn add_final(
         &self,
         gaussians: &GaussianTensors,
         sample: &Sample,
-        lesson: &mut Lesson,
+        result: &mut SampleGradients,
         clock: &mut Clock,
-        pulls: &mut Pulls,
+        backward: &mut WeightedGradients,
     ) -> Result<(), FaultKind> {
         let (truth, stack) = (&sample.targets.pictures, sample.targets.stack());
         let images = self.render(gaussians, sample, stack, None)?;
-        lesson.seconds.splat += clock.lap();
-        let rgb = numbers(&images.rgb);
+        result.seconds.splat += clock.lap();
+        let rgb = f32_values(images.rgb.clone());
         let mut loss = mse(&rgb, truth);
-        lesson.terms.mse = loss.value;
+        result.terms.mse = loss.value;
         if self.config.perceptual_weight > 0.0 {
             let perceptual = self.perceptual.evaluate(&rgb, truth, stack);
-            lesson.terms.perceptual = perceptual.value;
+            result.terms.perceptual = perceptual.value;
             loss.add(&perceptual, self.config.perceptual_weight);
         }
-        lesson.terms.total += loss.value;
-        pulls.add(&images.rgb, &loss.gradient, 1.0);
-        lesson.seconds.losses += clock.lap();
+        result.terms.total += loss.value;
+        backward.add(&images.rgb, &loss.gradient, 1.0);
+        result.seconds.losses += clock.lap();
         Ok(())
     }
 
-    /// The Gaussians of a block before the last: `λint · (MSE + λs · D-SSIM) + λunc · uncertainty`.
-    fn intermediate(
+    /// Adds the loss of the Gaussians of a block before the last: `λint · (MSE + λs · D-SSIM) + λunc · uncertainty`.
+    fn add_intermediate(
         &self,
         gaussians: &GaussianTensors,
         scores: Option<Tensor<2>>,
         sample: &Sample,
-        lesson: &mut Lesson,
+        result: &mut SampleGradients,
         clock: &mut Clock,
-        pulls: &mut Pulls,
+        backward: &mut WeightedGradients,
     ) -> Result<(), FaultKind> {
         let all = sample.targets.stack();
         let stack = Stack {
             views: self.config.intermediate_targets.map_or(all.views, |most| most.get().min(all.views)),
             ..all
         };
-        let truth = sample.targets.pictures.get(..stack.samples()).unwrap_or_default();
+        #[expect(clippy::expect_used, reason = "the stack holds at most all of the sample's targets")]
+        let truth = sample.targets.pictures.get(..stack.samples()).expect("a prefix of the targets");
         let scores = scores.filter(|_| self.config.uncertainty_weight > 0.0);
         if scores.is_none() && self.config.intermediate_weight <= 0.0 {
             return Ok(());
         }
         let images = self.render(gaussians, sample, stack, scores)?;
-        lesson.seconds.splat += clock.lap();
-        let rgb = numbers(&images.rgb);
+        result.seconds.splat += clock.lap();
+        let rgb = f32_values(images.rgb.clone());
         let dissimilarity = d_ssim(&rgb, truth, stack);
         let mut loss = mse(&rgb, truth);
-        lesson.terms.intermediate_mse += loss.value;
-        lesson.terms.intermediate_d_ssim += dissimilarity.loss.value;
+        result.terms.intermediate_mse += loss.value;
+        result.terms.intermediate_d_ssim += dissimilarity.loss.value;
         loss.add(&dissimilarity.loss, self.config.intermediate_d_ssim_weight);
-        lesson.terms.total += self.config.intermediate_weight * loss.value;
+        result.terms.total += self.config.intermediate_weight * loss.value;
         if self.config.intermediate_weight > 0.0 {
-            pulls.add(&images.rgb, &loss.gradient, self.config.intermediate_weight);
+            backward.add(&images.rgb, &loss.gradient, self.config.intermediate_weight);
         }
         if let Some(map) = &images.scalar {
-            let loss = uncertainty(&numbers(map), &dissimilarity.map);
-            lesson.terms.uncertainty += loss.value;
-            lesson.terms.total += self.config.uncertainty_weight * loss.value;
-            pulls.add(map, &loss.gradient, self.config.uncertainty_weight);
+            let loss = uncertainty(&f32_values(map.clone()), &dissimilarity.map);
+            result.terms.uncertainty += loss.value;
+            result.terms.total += self.config.uncertainty_weight * loss.value;
+            backward.add(map, &loss.gradient, self.config.uncertainty_weight);
         }
-        lesson.seconds.losses += clock.lap();
+        result.seconds.losses += clock.lap();
         Ok(())
     }
 
-    /// Renders to the first of a sample's targets; scores of tokens go to all Gaussians of their token.
+    /// Renders the first targets of a sample; the score of a token goes to all of its Gaussians.
     fn render(
         &self,
         gaussians: &GaussianTensors,
@@ -260,10 +259,9 @@ impl Objective {
     }
 }
 
-/// The first targets of a sample, as the renderer takes them.
+/// The first targets of a sample as the renderer's views.
 pub(crate) fn target_views(sample: &Sample, count: usize) -> Vec<View> {
-    let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
-    let size = ImageSize { width: side(sample.targets.size.width), height: side(sample.targets.size.height) };
+    let size = pixel_size(sample.targets.size);
     sample.targets.cameras.iter().take(count).map(|&camera| View { camera, size }).collect()
 }
 
@@ -277,25 +275,27 @@ fn finite_pictures(sample: &Sample) -> Result<(), FaultKind> {
     Ok(())
 }
 
-/// What the backward pass starts from: `Σ weight · image · gradient`, whose derivative by an image is its gradient.
-struct Pulls {
+/// What the backward pass starts from: `Σ weight · image · gradient`, whose derivative with respect to an image is that
+/// image's weighted gradient.
+#[derive(Default)]
+struct WeightedGradients {
     sum: Option<Tensor<1>>,
 }
 
-impl Pulls {
+impl WeightedGradients {
     #[expect(clippy::cast_possible_truncation, reason = "weights are moderate numbers")]
     fn add<const D: usize>(&mut self, image: &Tensor<D>, gradient: &[f32], weight: f64) {
         let gradient: Vec<f32> = gradient.iter().map(|value| value * weight as f32).collect();
         let gradient = Tensor::<D>::from_data(TensorData::new(gradient, image.dims()), &image.device());
-        let pull = (image.clone() * gradient).sum();
+        let term = (image.clone() * gradient).sum();
         self.sum = Some(match self.sum.take() {
-            Some(sum) => sum + pull,
-            None => pull,
+            Some(sum) => sum + term,
+            None => term,
         });
     }
 }
 
-/// Time since it was last asked.
+/// A stopwatch of consecutive parts.
 struct Clock(Instant);
 
 impl Clock {
@@ -309,8 +309,4 @@ impl Clock {
         self.0 = now;
         seconds
     }
-}
-
-pub(crate) fn numbers<const D: usize>(tensor: &Tensor<D>) -> Vec<f32> {
-    tensor.clone().into_data_as::<f32>().as_slice::<f32>().unwrap_or_default().to_vec()
 }

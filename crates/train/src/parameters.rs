@@ -1,4 +1,4 @@
-//! A network's parameters as named arrays: how they begin, and how they come in and out of the network.
+//! A network's parameters as named arrays: their initialisation, and conversion from and to the network.
 
 use atsplat_model::ModelConfig;
 use atsplat_model::network::Network;
@@ -8,40 +8,39 @@ use atsplat_numeric::SplitMix64;
 
 use crate::TrainError;
 
-/// Standard deviation of a matrix's numbers at the width that 0.02 is published for, 768 inputs (iLRM).
+/// Standard deviation of a matrix's entries at the width for which 0.02 is published, 768 inputs (iLRM).
 const DEVIATION: f64 = 0.02;
 const WIDTH: f64 = 768.0;
 
-/// Parameters that training moves, in the order of [`parameters`], and those that it does not.
+/// Trained parameters, in the order of [`parameters`], and frozen ones.
 #[derive(Clone, Debug)]
 pub struct Parameters {
     list: Vec<Parameter>,
     values: Vec<Vec<f32>>,
-    /// A pretrained backbone's.
+    /// Tensors of a pretrained backbone.
     frozen: StoredTensors,
 }
 
 impl Parameters {
-    /// Fresh ones of a seed, the same on every machine: matrices are normal with a deviation of `0.02 √(768 / inputs)`,
-    /// so that a narrow network starts as loud as the papers' wide ones; learnt tokens are normal with 0.02, biases 0,
-    /// other vectors 1. `frozen` holds a pretrained backbone's tensors, where there is one.
+    /// Newly initialised parameters, a function of the seed on every machine: matrices are normal with standard deviation
+    /// `0.02 √(768 / inputs)`, so that activations of a narrow network start at the scale of the papers' wide ones; learned
+    /// tokens are normal with 0.02, biases 0, other vectors 1. `frozen` holds the tensors of a pretrained backbone, if any.
     pub fn fresh(config: &ModelConfig, seed: u64, frozen: StoredTensors) -> Self {
         let list: Vec<Parameter> = parameters(config).into_iter().filter(|parameter| parameter.trained).collect();
         let values = list.iter().map(|parameter| initial(parameter, seed)).collect();
         Self { list, values, frozen }
     }
 
-    /// Any, for tests.
     #[cfg(test)]
     pub(crate) fn of_values(list: Vec<Parameter>, values: Vec<Vec<f32>>) -> Self {
         Self { list, values, frozen: StoredTensors::default() }
     }
 
-    /// Those of a weights file.
+    /// The parameters in a weights file.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] for one that is absent or of another shape.
-    pub fn of_weights(config: &ModelConfig, weights: &StoredTensors) -> Result<Self, TrainError> {
+    /// [`TrainError::Malformed`] if a tensor is absent or of another shape.
+    pub fn from_weights(config: &ModelConfig, weights: &StoredTensors) -> Result<Self, TrainError> {
         let (list, frozen): (Vec<Parameter>, Vec<Parameter>) =
             parameters(config).into_iter().partition(|parameter| parameter.trained);
         let tensor = |parameter: &Parameter| {
@@ -60,35 +59,35 @@ impl Parameters {
         Ok(Self { list, values, frozen: kept })
     }
 
-    /// Name and shape of each, in order.
+    /// Name and shape of each trained parameter, in order.
     pub fn list(&self) -> &[Parameter] {
         &self.list
     }
 
-    /// Numbers of each, in the same order.
+    /// Values of each trained parameter, in the same order.
     pub fn values(&self) -> &[Vec<f32>] {
         &self.values
     }
 
-    /// Numbers of each, to be changed.
+    /// Mutable values of each trained parameter.
     pub fn values_mut(&mut self) -> &mut [Vec<f32>] {
         &mut self.values
     }
 
-    /// A pretrained backbone's, which training does not move.
+    /// Tensors of a pretrained backbone, which training does not change.
     pub const fn frozen(&self) -> &StoredTensors {
         &self.frozen
     }
 
-    /// How many numbers.
+    /// Number of trained values.
     pub fn count(&self) -> usize {
         self.values.iter().map(Vec::len).sum()
     }
 
-    /// All of the network's tensors, the frozen ones too.
+    /// All tensors of the network, including the frozen ones.
     ///
     /// # Errors
-    /// [`TrainError::Model`] where numbers do not fill their shape.
+    /// [`TrainError::Model`] if values do not fill their shape.
     pub fn stored(&self) -> Result<StoredTensors, TrainError> {
         let mut stored = self.frozen.clone();
         for (parameter, values) in self.list.iter().zip(&self.values) {
@@ -97,15 +96,15 @@ impl Parameters {
         Ok(stored)
     }
 
-    /// A network with these parameters.
+    /// A copy of the template network with these parameters.
     ///
     /// # Errors
-    /// [`TrainError::Model`] where the network is of another configuration.
-    pub fn network(&self, like: &Network) -> Result<Network, TrainError> {
-        Ok(like.clone().with_weights(&self.stored()?)?)
+    /// [`TrainError::Model`] if the template has another configuration.
+    pub fn network(&self, template: &Network) -> Result<Network, TrainError> {
+        Ok(template.clone().with_weights(&self.stored()?)?)
     }
 
-    /// Names of those that hold NaN or an infinity, and how many.
+    /// Names of parameters with NaN or infinite values, and how many values.
     pub fn non_finite(&self) -> Vec<(String, usize)> {
         let counts = self.list.iter().zip(&self.values).map(|(parameter, values)| {
             (parameter.name.clone(), values.iter().filter(|value| !value.is_finite()).count())
@@ -114,7 +113,7 @@ impl Parameters {
     }
 }
 
-/// Whether weight decay acts on a parameter: on matrices alone.
+/// Whether weight decay applies to a parameter: only to matrices.
 pub(crate) const fn decays(parameter: &Parameter) -> bool {
     parameter.shape.len() >= 2
 }
@@ -125,21 +124,21 @@ fn initial(parameter: &Parameter, seed: u64) -> Vec<f32> {
         [_] if parameter.name.ends_with("bias") => vec![0.0; count],
         [_] => vec![1.0; count],
         shape => {
-            let learnt_tokens = parameter.name == "anchors.tokens";
+            let learned_tokens = parameter.name == "anchors.tokens";
             let inputs: usize = shape.iter().skip(1).product();
-            let deviation = if learnt_tokens { DEVIATION } else { DEVIATION * (WIDTH / inputs as f64).sqrt() };
+            let deviation = if learned_tokens { DEVIATION } else { DEVIATION * (WIDTH / inputs as f64).sqrt() };
             let mut random = SplitMix64::for_scene(seed, &parameter.name);
             (0..count).map(|_| normal(&mut random, deviation)).collect()
         }
     }
 }
 
-/// Box and Muller's, one of the two.
+/// One of the two values of the Box-Muller transform.
 fn normal(random: &mut SplitMix64, deviation: f64) -> f32 {
     let unit = |bits: u64| ((bits >> 11) as f64 + 0.5) / (1u64 << 53) as f64;
-    let (radius, turn) = (unit(random.next_u64()), unit(random.next_u64()));
+    let (radius, angle) = (unit(random.next_u64()), unit(random.next_u64()));
     #[expect(clippy::cast_possible_truncation, reason = "parameters are f32")]
-    let value = (deviation * (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * turn).cos()) as f32;
+    let value = (deviation * (-2.0 * radius.ln()).sqrt() * (std::f64::consts::TAU * angle).cos()) as f32;
     value
 }
 
@@ -149,7 +148,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     #[test]
-    fn a_fresh_network_is_as_loud_as_its_width_asks() {
+    fn initial_deviation_follows_the_width() {
         let config = ModelConfig::named("nano").unwrap();
         let fresh = Parameters::fresh(&config, 7, StoredTensors::default());
         assert_eq!(fresh.values, Parameters::fresh(&config, 7, StoredTensors::default()).values);
@@ -165,12 +164,12 @@ mod tests {
     }
 
     #[test]
-    fn weights_come_back_from_the_network() {
+    fn weights_round_trip_through_the_network() {
         let config = ModelConfig::named("nano").unwrap();
         let fresh = Parameters::fresh(&config, 7, StoredTensors::default());
         let network = Network::new(&config, &atsplat_model::network::Device::flex()).unwrap();
         let network = fresh.network(&network).unwrap();
-        let again = Parameters::of_weights(&config, &network.weights().unwrap()).unwrap();
-        assert_eq!(again.values, fresh.values);
+        let read = Parameters::from_weights(&config, &network.weights().unwrap()).unwrap();
+        assert_eq!(read.values, fresh.values);
     }
 }

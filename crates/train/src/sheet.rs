@@ -1,15 +1,17 @@
-//! A contact sheet: what the network was given, what it made, and what was there.
+//! Contact sheets: context views, renders and ground truth side by side.
 
+use atsplat_model::ImageSize;
 use atsplat_model::network::Network;
 use atsplat_pixels::{Image, ImageU8, Rounding};
 
 use crate::TrainError;
 use crate::evaluation::{Evaluation, picture};
+use crate::samples::pixel_size;
 
-/// White between pictures, in pixels.
+/// White pixels between pictures.
 const GAP: usize = 4;
 
-/// A row a sample: its context, then pairs of a render and its truth, at most `pairs` of them.
+/// One row per sample: its context, then at most `pairs` pairs of a render and its ground truth.
 ///
 /// # Errors
 /// As [`Evaluation::renders`].
@@ -31,10 +33,10 @@ pub fn contact_sheet(
         }
         sheet.push(row);
     }
-    Ok(laid_out(&sheet)?.to_u8(Rounding::Nearest)?)
+    Ok(lay_out(&sheet)?.to_u8(Rounding::Nearest)?)
 }
 
-fn laid_out(rows: &[Vec<Image>]) -> Result<Image, TrainError> {
+fn lay_out(rows: &[Vec<Image>]) -> Result<Image, TrainError> {
     let side = |of: fn(&Image) -> u32| rows.iter().flatten().map(of).max().unwrap_or(0) as usize + GAP;
     let (cell_width, cell_height) = (side(Image::width), side(Image::height));
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -51,6 +53,6 @@ fn laid_out(rows: &[Vec<Image>]) -> Result<Image, TrainError> {
             }
         }
     }
-    let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
-    Ok(Image::new(side(width), side(height), samples)?)
+    let size = pixel_size(ImageSize::new(height, width));
+    Ok(Image::new(size.width, size.height, samples)?)
 }

@@ -1,4 +1,4 @@
-//! The loop: samples into lessons, lessons into one step, and all of it written down.
+//! The training loop: gradients of a batch of samples, one optimiser step, logs and checkpoints.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -16,46 +16,46 @@ use crate::config::{SourceConfig, WHAT};
 use crate::evaluation::Evaluation;
 use crate::fault::{Diagnosis, Fault, FaultKind};
 use crate::journal::{EvaluationRecord, Journal, StepRecord};
-use crate::objective::{Lesson, Objective, Seconds, Terms};
+use crate::objective::{Objective, PartSeconds, SampleGradients, Terms};
 use crate::parameters::Parameters;
 use crate::samples::{Draw, Source};
 use crate::update::update;
 use crate::{FeatureCache, TrainConfig, TrainError};
 
-/// Where a run ends before its last step.
+/// If a call of [`Trainer::run`] stops before the configuration's last step.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Limits {
-    /// After so many steps in all.
+    /// After this many steps of the whole run.
     pub steps: Option<u64>,
-    /// After so much time of this call.
+    /// After this much time in this call.
     pub time: Option<Duration>,
 }
 
-/// What a run tells on the way.
+/// What a run reports as it happens.
 #[derive(Debug)]
 pub enum Event<'a> {
     /// A step was done or skipped.
     Step(&'a StepRecord),
-    /// An evaluation.
+    /// An evaluation was done.
     Evaluation(&'a EvaluationRecord),
     /// A checkpoint was written.
     Checkpoint(&'a Path),
-    /// Something that does not stop the run.
+    /// A problem that does not stop the run.
     Notice(&'a str),
 }
 
-/// How a run begins.
+/// How a run starts.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Start {
-    /// With fresh weights, in a folder without a run.
+    /// From newly initialised weights, in a folder without a run.
     Fresh,
-    /// With the weights of a file, in a folder without a run.
+    /// From the weights in a file, in a folder without a run.
     Weights(PathBuf),
-    /// Where the folder's run stopped; from its beginning, which is told, where it had not come to a checkpoint.
+    /// From the folder's last checkpoint; if none was written yet, from step 0, with a notice.
     Resume,
 }
 
-/// The log of a run's steps, which is there from its beginning.
+/// The log of a run's steps, created when the run starts.
 const STEPS: &str = "steps.jsonl";
 
 /// A run in a folder.
@@ -67,15 +67,20 @@ pub struct Trainer {
     objective: Objective,
     features: Option<FeatureCache>,
     evaluation: Option<Evaluation>,
-    /// Without weights; every step's network is made like it.
-    like: Network,
+    /// Without weights; the network of every step is a copy of it.
+    template: Network,
     checkpoints: Checkpoints,
     steps: Journal,
     evaluations: Journal,
     state: State,
+    /// The latest faults in a row.
     faults: Vec<Fault>,
-    /// What is to be told when the run goes on.
+    /// To be reported when the run starts.
     notices: Vec<String>,
+    /// Warnings counted while sources were opened and the evaluation's samples were made.
+    opening_warnings: Warnings,
+    /// Warnings that were reported.
+    reported_warnings: Warnings,
     folder: PathBuf,
 }
 
@@ -83,14 +88,17 @@ impl Trainer {
     /// Opens data, folder and logs.
     ///
     /// # Errors
-    /// [`TrainError`] where anything that the run needs is not as it should be, before long work starts.
+    /// [`TrainError`] if anything that the run needs is missing or malformed; all of it is checked before long work starts.
     pub fn new(config: TrainConfig, folder: &Path, start: &Start) -> Result<Self, TrainError> {
-        require_begun(folder, start)?;
-        let samples = Box::new(config.samples(&mut Warnings::new())?);
-        Self::with_samples(config, samples, folder, start)
+        require_run_to_resume(folder, start)?;
+        let mut warnings = Warnings::new();
+        let samples = Box::new(config.samples(&mut warnings)?);
+        let mut trainer = Self::with_samples(config, samples, folder, start)?;
+        warnings.merge(std::mem::take(&mut trainer.opening_warnings));
+        Ok(Self { opening_warnings: warnings, ..trainer })
     }
 
-    /// The same on samples from elsewhere.
+    /// [`Self::new`] on samples of another source.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -100,17 +108,17 @@ impl Trainer {
         folder: &Path,
         start: &Start,
     ) -> Result<Self, TrainError> {
-        require_begun(folder, start)?;
+        require_run_to_resume(folder, start)?;
         let model = config.model.config()?;
         let objective = Objective::new(config.losses.clone())?;
-        at_the_size_of_the_model(&config, &model)?;
-        let like = Network::new(&model, &Device::flex().autodiff())?;
+        check_resolution(&config, &model)?;
+        let template = Network::new(&model, &Device::flex().autodiff())?;
         let mut initial_weights = None;
         let fresh = match start {
             Start::Weights(path) => {
                 let weights = ModelWeights::read(path)?;
                 initial_weights = weights.sha256;
-                Parameters::of_weights(&model, &weights.tensors)?
+                Parameters::from_weights(&model, &weights.tensors)?
             }
             Start::Fresh | Start::Resume => {
                 let frozen = match &config.model.backbone {
@@ -126,19 +134,19 @@ impl Trainer {
         };
         let checkpoints = Checkpoints::new(folder, config.checkpoints.keep.get())?;
         let found = checkpoints.read(&config, &fresh)?;
-        let begun = |fresh| {
+        let initial_state = |fresh| {
             let state = State { initial_weights: initial_weights.clone(), ..State::new(fresh) };
             if config.average.is_some() { state.with_average() } else { state }
         };
         let (state, notices) = match (found, start) {
             (Some((state, passed_over)), Start::Resume) => {
-                let notice = passed_over.into_iter().map(|why| format!("a checkpoint was passed over: {why}"));
-                (state, notice.collect())
+                let notices = passed_over.into_iter().map(|reason| format!("a checkpoint was passed over: {reason}"));
+                (state, notices.collect())
             }
             (None, Start::Resume) => {
-                (begun(fresh), vec!["no checkpoint was written: the run begins again at step 0".to_owned()])
+                (initial_state(fresh), vec!["no checkpoint was written: the run begins again at step 0".to_owned()])
             }
-            (None, Start::Fresh | Start::Weights(_)) => (begun(fresh), Vec::new()),
+            (None, Start::Fresh | Start::Weights(_)) => (initial_state(fresh), Vec::new()),
             (Some((state, _)), Start::Fresh | Start::Weights(_)) => {
                 let found = format!("one of {} steps", state.step);
                 return Err(TrainError::malformed("output folder", folder.display().to_string(), "no run", found));
@@ -146,16 +154,17 @@ impl Trainer {
         };
         let (steps, _) = Journal::open::<StepRecord>(&folder.join(STEPS), state.step)?;
         let (evaluations, _) = Journal::open::<EvaluationRecord>(&folder.join("evaluations.jsonl"), state.step)?;
+        let mut opening_warnings = Warnings::new();
         let evaluation = match &config.evaluation {
             Some(settings) => {
-                let source = settings.source.open(&config.pose_normalisation, &mut Warnings::new())?;
+                let source = settings.source.open(&config.pose_normalisation, &mut opening_warnings)?;
                 let background = config.losses.background;
-                Some(Evaluation::new(source.as_ref(), config.seed, settings.samples.get(), background)?)
+                let evaluation = Evaluation::new(source.as_ref(), config.seed, settings.samples.get(), background)?;
+                opening_warnings.merge(source.warnings());
+                Some(evaluation)
             }
             None => None,
         };
-        let folder = folder.to_owned();
-        let faults = Vec::new();
         Ok(Self {
             config,
             model,
@@ -163,23 +172,25 @@ impl Trainer {
             objective,
             features,
             evaluation,
-            like,
+            template,
             checkpoints,
             steps,
             evaluations,
             state,
-            faults,
+            faults: Vec::new(),
             notices,
-            folder,
+            opening_warnings,
+            reported_warnings: Warnings::new(),
+            folder: folder.to_owned(),
         })
     }
 
-    /// What is known so far.
+    /// The state after the last step.
     pub const fn state(&self) -> &State {
         &self.state
     }
 
-    /// To look at, or to break on purpose.
+    /// The state, to be changed in tests.
     pub const fn state_mut(&mut self) -> &mut State {
         &mut self.state
     }
@@ -189,72 +200,104 @@ impl Trainer {
         &self.config
     }
 
-    /// Fixed samples, where the configuration asks for an evaluation.
+    /// The evaluation on fixed samples, if the configuration has one.
     pub const fn evaluation(&self) -> Option<&Evaluation> {
         self.evaluation.as_ref()
     }
 
-    /// What the network has come to, without gradients: with averaged weights where the configuration asks for them.
+    /// What was wrong with the data so far without stopping the run; a scene's warnings are counted once, however often it
+    /// is loaded. [`Self::run`] reports them as notices, kind by kind.
+    pub fn warnings(&self) -> Warnings {
+        let mut warnings = self.opening_warnings.clone();
+        warnings.merge(self.samples.warnings());
+        warnings
+    }
+
+    /// The network with its current weights, or their average if the configuration has one, without gradients.
     ///
     /// # Errors
     /// [`TrainError::Model`].
     pub fn network(&self) -> Result<Network, TrainError> {
-        let like = Network::new(&self.model, &Device::flex())?;
-        self.state.result().network(&like)
+        let template = Network::new(&self.model, &Device::flex())?;
+        self.state.result().network(&template)
     }
 
-    /// Trains until the configuration's last step or a limit; gives whether the last step was done. The folder then holds
-    /// a checkpoint of the last step and the weights.
+    /// Trains until the configuration's last step or a limit; returns whether the last step was done. The folder then
+    /// holds a checkpoint of the last step and the weights.
     ///
     /// # Errors
-    /// [`TrainError::Stopped`] where steps go wrong one after the other, and what the file system says.
-    pub fn run(&mut self, limits: Limits, tell: &mut dyn FnMut(&Event<'_>)) -> Result<bool, TrainError> {
+    /// [`TrainError::Stopped`] after too many skipped steps in a row; [`TrainError::Io`] and others if files cannot be
+    /// written.
+    pub fn run(&mut self, limits: Limits, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<bool, TrainError> {
         let (start, all) = (Instant::now(), self.config.steps.get());
-        self.notices.drain(..).for_each(|notice| tell(&Event::Notice(&notice)));
+        self.notices.drain(..).for_each(|notice| on_event(&Event::Notice(&notice)));
+        self.report_warnings(on_event);
+        let trained = self.train(limits, start, on_event);
+        self.report_warnings(on_event);
+        trained.map(|()| self.state.step == all)
+    }
+
+    fn train(
+        &mut self,
+        limits: Limits,
+        start: Instant,
+        on_event: &mut dyn FnMut(&Event<'_>),
+    ) -> Result<(), TrainError> {
+        let all = self.config.steps.get();
         let last = limits.steps.map_or(all, |steps| steps.min(all));
         if self.state.step == 0 {
-            self.evaluate(tell)?;
+            self.evaluate(on_event)?;
         }
         while self.state.step < last && limits.time.is_none_or(|time| start.elapsed() < time) {
-            self.step(tell)?;
+            self.step(on_event)?;
             let done = self.state.step;
             if let Some(settings) = &self.config.evaluation
                 && (done.is_multiple_of(settings.every.get()) || done == all)
             {
-                self.evaluate(tell)?;
+                self.evaluate(on_event)?;
             }
             if done.is_multiple_of(self.config.checkpoints.every.get()) && done < last {
-                self.keep(tell)?;
+                self.report_checkpoint(on_event)?;
             }
         }
-        self.keep(tell)?;
-        Ok(self.state.step == all)
+        self.report_checkpoint(on_event)
     }
 
-    /// One step: done, or skipped and counted.
+    /// Reports each kind of warning whose count grew since the last report, with its first example.
+    fn report_warnings(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) {
+        let warnings = self.warnings();
+        for (kind, count) in warnings.counts().filter(|(kind, count)| *count > self.reported_warnings.count(*kind)) {
+            let example = warnings.kept().iter().find(|warning| warning.kind == kind);
+            let example = example.map(|warning| format!("; the first: {warning}")).unwrap_or_default();
+            on_event(&Event::Notice(&format!("warning: {count} × {kind}{example}")));
+        }
+        self.reported_warnings = warnings;
+    }
+
+    /// Does one step, or skips and counts it.
     ///
     /// # Errors
     /// [`TrainError::Stopped`] after as many skipped steps in a row as the configuration allows.
-    pub fn step(&mut self, tell: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
+    pub fn step(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
         let start = Instant::now();
         let step = self.state.step;
         let rate = self.config.schedule.rate(step, self.config.steps.get());
         let first = step * self.config.batch.get() as u64;
         let numbers: Vec<u64> = (first..).take(self.config.batch.get()).collect();
-        let network = self.state.parameters.network(&self.like)?;
-        let lesson = |number: &u64| self.lesson(*number, &network);
-        let lessons: Vec<Result<Lesson, Fault>> = numbers.par_iter().map(lesson).collect();
+        let network = self.state.parameters.network(&self.template)?;
+        let batch: Vec<Result<SampleGradients, Fault>> =
+            numbers.par_iter().map(|number| self.sample_gradients(*number, &network)).collect();
         let mut record = StepRecord {
             step,
             terms: None,
             gradient_norm: None,
             rate,
             secs: 0.0,
-            parts: Seconds::default(),
+            parts: PartSeconds::default(),
             fault: None,
         };
-        let learnt: Result<Vec<Lesson>, Fault> = lessons.into_iter().collect();
-        match learnt.and_then(|lessons| self.update(&lessons, rate, &mut record)) {
+        let batch: Result<Vec<SampleGradients>, Fault> = batch.into_iter().collect();
+        match batch.and_then(|batch| self.update(&batch, rate, &mut record)) {
             Ok(()) => {
                 self.state.faults_in_a_row = 0;
                 self.faults.clear();
@@ -268,7 +311,7 @@ impl Trainer {
         self.state.step += 1;
         record.secs = start.elapsed().as_secs_f64();
         self.steps.append(&record)?;
-        tell(&Event::Step(&record));
+        on_event(&Event::Step(&record));
         if self.state.faults_in_a_row >= self.config.most_faults.get() {
             let faults = std::mem::take(&mut self.faults);
             let parameters = self.state.parameters.non_finite();
@@ -277,8 +320,8 @@ impl Trainer {
         Ok(())
     }
 
-    /// Each sample has a graph of its own over the same numbers: samples run beside each other.
-    fn lesson(&self, number: u64, network: &Network) -> Result<Lesson, Fault> {
+    /// Gradients of one sample. Each sample has its own graph over the same weights, so samples run in parallel.
+    fn sample_gradients(&self, number: u64, network: &Network) -> Result<SampleGradients, Fault> {
         let step = self.state.step;
         let fault = |sample: &str, what| Fault { step, sample: sample.to_owned(), what };
         let start = Instant::now();
@@ -288,54 +331,56 @@ impl Trainer {
             sample.map_err(|error| fault(&format!("sample {number}"), FaultKind::Refused(error.to_string())))?;
         let sample_secs = start.elapsed().as_secs_f64();
         let network = network.clone().fork(&network.device());
-        let lesson = self.objective.learn(&network, &sample, self.features.as_ref(), number);
-        let mut lesson = lesson.map_err(|what| fault(&sample.name, what))?;
-        lesson.seconds.sample = sample_secs;
-        Ok(lesson)
+        let gradients = self.objective.gradients(&network, &sample, self.features.as_ref(), number);
+        let mut gradients = gradients.map_err(|what| fault(&sample.name, what))?;
+        gradients.seconds.sample = sample_secs;
+        Ok(gradients)
     }
 
-    /// Moves every parameter, and notes what moved them.
-    fn update(&mut self, lessons: &[Lesson], rate: f64, record: &mut StepRecord) -> Result<(), Fault> {
-        let moved = update(&mut self.state, lessons, rate, &self.config);
+    /// Updates every parameter and fills in the step's record.
+    fn update(&mut self, batch: &[SampleGradients], rate: f64, record: &mut StepRecord) -> Result<(), Fault> {
+        let updated = update(&mut self.state, batch, rate, &self.config);
         let sample = || "all of the step".to_owned();
-        let length = moved.map_err(|what| Fault { step: record.step, sample: sample(), what })?;
-        let terms: Vec<Terms> = lessons.iter().map(|lesson| lesson.terms).collect();
+        let norm = updated.map_err(|what| Fault { step: record.step, sample: sample(), what })?;
+        let terms: Vec<Terms> = batch.iter().map(|sample| sample.terms).collect();
         record.terms = Some(Terms::mean(&terms));
-        record.gradient_norm = Some(length);
-        record.parts = Seconds::sum(lessons.iter().map(|lesson| lesson.seconds));
+        record.gradient_norm = Some(norm);
+        record.parts = PartSeconds::sum(batch.iter().map(|sample| sample.seconds));
         Ok(())
     }
 
-    fn evaluate(&mut self, tell: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
+    fn evaluate(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
         let Some(evaluation) = &self.evaluation else { return Ok(()) };
         match evaluation.run(&self.network()?, self.state.step) {
             Ok(record) => {
                 self.evaluations.append(&record)?;
-                tell(&Event::Evaluation(&record));
+                on_event(&Event::Evaluation(&record));
             }
-            // A step that goes wrong in the same way is counted and stops the run; a look at it does not.
-            Err(error) => tell(&Event::Notice(&format!("evaluation after step {}: {error}", self.state.step))),
+            // A step that fails in the same way is counted and stops the run; a failed evaluation does not.
+            Err(error) => on_event(&Event::Notice(&format!("evaluation after step {}: {error}", self.state.step))),
         }
         Ok(())
     }
 
-    /// Writes a checkpoint and the weights at once.
+    /// Writes a checkpoint and the weights; returns the checkpoint's path.
     ///
     /// # Errors
     /// As [`Checkpoints::write`].
-    pub fn keep_now(&self) -> Result<(), TrainError> {
-        self.keep(&mut |_| ())
-    }
-
-    fn keep(&self, tell: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
+    pub fn write_checkpoint(&self) -> Result<PathBuf, TrainError> {
         let path = self.checkpoints.write(&self.state, &self.config)?;
         let weights = ModelWeights::new(self.model.clone(), self.provenance()?, &self.state.result().stored()?)?;
         weights.write(&self.folder.join("weights.safetensors"), Precision::Half)?;
-        tell(&Event::Checkpoint(&path));
+        Ok(path)
+    }
+
+    fn report_checkpoint(&mut self, on_event: &mut dyn FnMut(&Event<'_>)) -> Result<(), TrainError> {
+        let path = self.write_checkpoint()?;
+        on_event(&Event::Checkpoint(&path));
+        self.report_warnings(on_event);
         Ok(())
     }
 
-    /// How the weights came to be.
+    /// How the weights were made.
     fn provenance(&self) -> Result<BTreeMap<String, String>, TrainError> {
         let entries = [
             ("title", self.config.title.clone()),
@@ -357,9 +402,8 @@ impl Trainer {
     }
 }
 
-/// Whoever runs the weights shows them pictures at the scale of the model's resolution: that has to be the one that they learn
-/// at.
-fn at_the_size_of_the_model(config: &TrainConfig, model: &ModelConfig) -> Result<(), TrainError> {
+/// Inference resizes pictures to the scale of the model's resolution, so simulated training pictures must have that scale too.
+fn check_resolution(config: &TrainConfig, model: &ModelConfig) -> Result<(), TrainError> {
     let shorter = |size: ImageSize| size.height.min(size.width);
     for data in &config.data {
         if let SourceConfig::Rooms(rooms) = &data.source
@@ -372,12 +416,89 @@ fn at_the_size_of_the_model(config: &TrainConfig, model: &ModelConfig) -> Result
     Ok(())
 }
 
-/// To go on takes something to go on with.
-fn require_begun(folder: &Path, start: &Start) -> Result<(), TrainError> {
-    let is_begun = folder.join(STEPS).is_file() || folder.join("checkpoints").is_dir();
-    if *start != Start::Resume || is_begun {
+/// Resuming needs a folder in which a run was started.
+fn require_run_to_resume(folder: &Path, start: &Start) -> Result<(), TrainError> {
+    let has_run = folder.join(STEPS).is_file() || folder.join("checkpoints").is_dir();
+    if *start != Start::Resume || has_run {
         return Ok(());
     }
-    let expected = "a run that was begun there; one begins without `--resume`";
+    let expected = "a run that was begun there; start one without `--resume`";
     Err(TrainError::malformed("output folder", folder.display().to_string(), expected, "none"))
+}
+
+#[cfg(test)]
+mod tests {
+    use atsplat_protocol::Preset;
+    use atsplat_rooms::{Layout, PictureCoding, Request, SceneKind, SceneSeed, Split, WriteOptions, write_dataset};
+    use atsplat_scene::WarningKind;
+
+    use super::*;
+
+    const CONFIG: &str = r#"
+        title = "a dataset with a missing picture"
+        seed = 1
+        steps = 6
+        batch = 2
+
+        [model]
+        base = "nano"
+
+        [model.changes]
+        resolution = [32, 32]
+        transformer = { dim = 32, head-dim = 16 }
+
+        [[data]]
+        [data.source.dataset]
+        path = "DATA"
+        preset = "PRESET"
+        views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 }, inset = 1 }
+
+        [evaluation]
+        every = 6
+        samples = 1
+        source.dataset = { path = "DATA", preset = "PRESET", views = { context = [2, 2], targets = 1, gaps = { min = 2, max = 3 } } }
+    "#;
+
+    #[test]
+    fn warnings_of_datasets_reach_the_caller_once_per_scene() {
+        let folder = tempfile::tempdir().unwrap();
+        let (data, preset) = (folder.path().join("data"), folder.path().join("tiny.toml"));
+        let seed = SceneSeed { split: Split::Train, number: 0 };
+        let size = atsplat_camera::ImageSize { width: 32, height: 32 };
+        let request = Request { size, samples: 1, frames: 12, ..Request::new(SceneKind::Rooms, seed) };
+        let options = WriteOptions { layout: Layout::Re10k, coding: PictureCoding::Png, depth: false };
+        write_dataset(&data, [request], &options, &mut Warnings::new(), |_, _| ()).unwrap();
+        let scene = data.join("train").join(seed.key(SceneKind::Rooms));
+        let mut pictures: Vec<PathBuf> = scene.read_dir().unwrap().map(|entry| entry.unwrap().path()).collect();
+        pictures.sort();
+        std::fs::remove_file(pictures.last().unwrap()).unwrap();
+        let text = Preset::text_of("re10k-2v-256").unwrap();
+        let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
+        let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
+        std::fs::write(&preset, text).unwrap();
+        let config = CONFIG.replace("DATA", &data.join("train").to_string_lossy());
+        let config = TrainConfig::from_toml(&config.replace("PRESET", &preset.to_string_lossy())).unwrap();
+
+        let mut trainer = Trainer::new(config, &folder.path().join("run"), &Start::Fresh).unwrap();
+        assert_eq!(trainer.warnings().count(WarningKind::MissingPicture), 1, "the evaluation's source");
+        let mut notices = Vec::new();
+        let mut on_event = |event: &Event<'_>| {
+            if let Event::Notice(text) = event {
+                notices.push((*text).to_owned());
+            }
+        };
+        assert!(trainer.run(Limits::default(), &mut on_event).unwrap());
+        assert_eq!(
+            trainer.warnings().count(WarningKind::MissingPicture),
+            2,
+            "both sources, however often they are read"
+        );
+        assert_eq!(notices.len(), 2, "{notices:?}");
+        let name = pictures.last().unwrap().file_name().unwrap().to_str().unwrap();
+        for (notice, count) in notices.iter().zip(1..) {
+            let expected =
+                format!("warning: {count} × missing-picture; the first: {}: frame 11: no ", seed.key(SceneKind::Rooms));
+            assert!(notice.starts_with(&expected) && notice.ends_with(name), "{notice}");
+        }
+    }
 }

@@ -1,37 +1,42 @@
-//! One update: what a batch of lessons does to the parameters.
+//! One optimiser update of the parameters from the gradients of a batch.
 
 use rayon::prelude::*;
 
 use crate::TrainConfig;
 use crate::checkpoint::State;
 use crate::fault::FaultKind;
-use crate::objective::Lesson;
-use crate::optimiser::{Update, average, clip, kept, norm};
+use crate::objective::SampleGradients;
+use crate::optimiser::{Update, average, clip, norm, warmed_up};
 use crate::parameters::decays;
 
-/// Averages the gradients in the order of the samples, clips the mean, and moves every parameter and the moving averages; gives the mean's length
-/// before it was clipped. A parameter that a lesson says nothing of has a gradient of zero there.
+/// Averages the gradients in the order of the samples, clips the mean, and updates every parameter and the moving averages;
+/// returns the norm of the mean before clipping. A parameter that is absent from a sample's gradients has gradient zero.
 ///
 /// # Errors
-/// [`FaultKind::Gradients`] where the length is no number; nothing was changed.
-pub(crate) fn update(state: &mut State, lessons: &[Lesson], rate: f64, config: &TrainConfig) -> Result<f64, FaultKind> {
-    let share = 1.0 / lessons.len().max(1) as f64;
+/// [`FaultKind::Gradients`] if the norm is not finite; nothing is changed.
+pub(crate) fn update(
+    state: &mut State,
+    batch: &[SampleGradients],
+    rate: f64,
+    config: &TrainConfig,
+) -> Result<f64, FaultKind> {
+    let share = 1.0 / batch.len().max(1) as f64;
     let list = state.parameters.list();
     let gradients: Vec<Vec<f32>> = list
         .par_iter()
         .map(|parameter| {
             let mut sum = vec![0.0f32; parameter.elements()];
-            for gradient in lessons.iter().filter_map(|lesson| lesson.gradients.get(&parameter.name)) {
+            for gradient in batch.iter().filter_map(|sample| sample.gradients.get(&parameter.name)) {
                 sum.iter_mut().zip(gradient).for_each(|(sum, part)| *sum += part);
             }
             sum
         })
         .collect();
-    let length = share * norm(gradients.iter().map(Vec::as_slice));
-    if !length.is_finite() {
+    let norm = share * norm(gradients.iter().map(Vec::as_slice));
+    if !norm.is_finite() {
         return Err(FaultKind::Gradients(vec!["their norm".to_owned()]));
     }
-    let scale = share * clip(length, config.clip);
+    let scale = share * clip(norm, config.clip);
     let update = Update { number: state.updates + 1, learning_rate: rate, scale };
     let decays: Vec<bool> = list.iter().map(decays).collect();
     let State { parameters, moments, average: means, updates, .. } = state;
@@ -40,11 +45,11 @@ pub(crate) fn update(state: &mut State, lessons: &[Lesson], rate: f64, config: &
         config.optimiser.step(update, values, gradient, moments, decays);
     });
     if let (Some(means), Some(decay)) = (means, config.average) {
-        let kept = kept(decay, *updates);
-        means.par_iter_mut().zip(parameters.values()).for_each(|(mean, values)| average(mean, values, kept));
+        let decay = warmed_up(decay, *updates);
+        means.par_iter_mut().zip(parameters.values()).for_each(|(mean, values)| average(mean, values, decay));
     }
     *updates += 1;
-    Ok(length)
+    Ok(norm)
 }
 
 #[cfg(test)]
@@ -58,8 +63,8 @@ mod tests {
     use crate::optimiser::AdamW;
     use crate::parameters::Parameters;
 
-    /// A few layers that PyTorch trained (`oracle/make_update.py`): every step as it gave the gradients of each sample alone,
-    /// and the parameters after `loss.mean().backward()`, `clip_grad_norm_` and `AdamW`, whose decay is for matrices.
+    /// A few layers trained by PyTorch (`oracle/make_update.py`): for each step the gradients of each sample alone, and the
+    /// parameters after `loss.mean().backward()`, `clip_grad_norm_` and `AdamW`, which decays matrices only.
     #[derive(Deserialize)]
     struct Run {
         clip: f64,
@@ -80,7 +85,8 @@ mod tests {
     #[derive(Deserialize)]
     struct Step {
         rate: f64,
-        lessons: Vec<IndexMap<String, Vec<f32>>>,
+        #[serde(rename = "lessons")]
+        batch: Vec<IndexMap<String, Vec<f32>>>,
         norm: f64,
         after: Vec<Vec<f64>>,
     }
@@ -100,7 +106,7 @@ mod tests {
     }
 
     const CONFIG: &str = r#"
-        title = "as PyTorch"
+        title = "as in PyTorch"
         seed = 1
         steps = 8
         batch = 3
@@ -114,23 +120,24 @@ mod tests {
         views = { context = [2, 2], targets = 1, gaps = { min = 1, max = 2 } }
     "#;
 
-    fn lessons(step: &Step) -> Vec<Lesson> {
-        let lesson = |gradients: &IndexMap<_, _>| Lesson { gradients: gradients.clone(), ..Lesson::default() };
-        step.lessons.iter().map(lesson).collect()
+    fn batch(step: &Step) -> Vec<SampleGradients> {
+        let sample =
+            |gradients: &IndexMap<_, _>| SampleGradients { gradients: gradients.clone(), ..SampleGradients::default() };
+        step.batch.iter().map(sample).collect()
     }
 
     #[test]
-    fn updates_are_pytorchs() {
+    fn updates_agree_with_pytorch() {
         let (run, mut state, config) = run();
         let clipped = run.steps.iter().filter(|step| step.norm > run.clip).count();
         assert!((3..=run.steps.len() - 3).contains(&clipped), "{clipped} of {} steps are clipped", run.steps.len());
         assert!(run.parameters.iter().any(|start| start.shape.len() == 1), "vectors");
         assert!(run.parameters.iter().any(|start| start.shape.len() == 3), "more than matrices");
         for (number, step) in run.steps.iter().enumerate() {
-            let lessons = lessons(step);
-            assert_eq!(lessons.len(), 3, "a batch");
-            let length = update(&mut state, &lessons, step.rate, &config).unwrap();
-            Tolerance::relative(1e-6).assert([length], [step.norm], "the mean gradient's length");
+            let batch = batch(step);
+            assert_eq!(batch.len(), 3);
+            let norm = update(&mut state, &batch, step.rate, &config).unwrap();
+            Tolerance::relative(1e-6).assert([norm], [step.norm], "norm of the mean gradient");
             for ((found, expected), start) in state.parameters.values().iter().zip(&step.after).zip(&run.parameters) {
                 let found = found.iter().copied().map(f64::from);
                 let what = format!("{} after step {number}", start.name);
@@ -141,9 +148,9 @@ mod tests {
     }
 
     #[test]
-    fn a_length_that_is_no_number_changes_nothing() {
+    fn a_norm_that_is_not_finite_changes_nothing() {
         let (run, mut state, config) = run();
-        let mut broken = lessons(&run.steps[0]);
+        let mut broken = batch(&run.steps[0]);
         broken[1].gradients[0][0] = f32::NAN;
         assert!(matches!(update(&mut state, &broken, 1e-2, &config), Err(FaultKind::Gradients(_))));
         assert_eq!(state.updates, 0);

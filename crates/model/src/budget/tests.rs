@@ -14,7 +14,7 @@ fn fixed(config: &ModelConfig, views: usize, height: usize, width: usize) -> (us
 }
 
 #[test]
-fn every_row_of_the_papers_table() {
+fn the_papers_table_is_reproduced() {
     let mut rows = 0;
     for line in PAPER.lines().skip(1) {
         let fields: Vec<&str> = line.split(',').collect();
@@ -35,7 +35,7 @@ fn every_row_of_the_papers_table() {
 }
 
 #[test]
-fn the_one_setting_whose_tokens_are_a_fraction() {
+fn the_one_setting_with_a_fractional_number_of_tokens() {
     let mut config = preset("paper-dl3dv-224");
     assert_eq!(fixed(&config, 6, 224, 224), (1176, 3308, 52_928));
     config.expansion.ratio_rounding = RatioRounding::Floor;
@@ -43,7 +43,7 @@ fn the_one_setting_whose_tokens_are_a_fraction() {
 }
 
 #[test]
-fn nominal_sizes_of_the_presets_are_the_papers() {
+fn nominal_budgets_of_the_presets_are_the_papers() {
     for (name, gaussians) in [
         ("paper-re10k", 23_040),
         ("paper-dl3dv", 120_960),
@@ -60,7 +60,7 @@ fn nominal_sizes_of_the_presets_are_the_papers() {
 }
 
 #[test]
-fn thresholds_span_what_the_papers_dynamic_budgets_span() {
+fn thresholds_span_the_papers_dynamic_budgets() {
     let config = preset("paper-re10k").with_thresholds(&[0.1, 0.1, 0.4]).unwrap();
     let range = budget(&config, 2, ImageSize::new(256, 256)).unwrap();
     assert!(range.fixed().is_none());
@@ -69,7 +69,7 @@ fn thresholds_span_what_the_papers_dynamic_budgets_span() {
 }
 
 #[test]
-fn blocks_are_enabled_from_the_earliest() {
+fn expansion_is_enabled_from_the_first_block() {
     let config = preset("paper-re10k");
     let sizes: Vec<usize> =
         (0..=4).map(|blocks| fixed(&config.with_expansion_in_first(blocks), 2, 256, 256).1).collect();
@@ -77,7 +77,7 @@ fn blocks_are_enabled_from_the_earliest() {
 }
 
 #[test]
-fn gaussians_per_token_scale_the_budget_as_in_the_papers_sweep() {
+fn the_papers_sweep_of_gaussians_per_token_is_reproduced() {
     for (k, gaussians) in [(4, 5760), (8, 11_520), (16, 23_040), (32, 46_080), (64, 92_160)] {
         let mut config = preset("paper-re10k");
         config.head.gaussians_per_token = k;
@@ -86,9 +86,9 @@ fn gaussians_per_token_scale_the_budget_as_in_the_papers_sweep() {
 }
 
 #[test]
-fn ratios_are_exact_where_floats_are_not() {
+fn ratios_are_exact_unlike_floats() {
     let ratio = |value| SelectionRatio::new(value).unwrap();
-    assert!(std::hint::black_box(0.55) * 100.0 > 55.0f64, "which is why");
+    assert!(std::hint::black_box(0.55) * 100.0 > 55.0f64, "floats round up");
     assert_eq!(ratio(0.55).of(100, RatioRounding::Ceil), 55);
     assert_eq!(ratio(0.8).of(5760, RatioRounding::Ceil), 4608);
     assert_eq!(ratio(1.0).of(7, RatioRounding::Floor), 7);
@@ -99,25 +99,25 @@ fn ratios_are_exact_where_floats_are_not() {
 }
 
 #[test]
-fn the_formula_agrees_with_the_selections() {
+fn the_formula_agrees_with_counted_selections() {
     let config = preset("paper-re10k");
-    let counted = Budget::of_selections(&config, 512, &[0, 256, 384, 288]).unwrap();
+    let counted = Budget::from_selections(&config, 512, &[0, 256, 384, 288]).unwrap();
     assert_eq!(Some(&counted), budget(&config, 2, ImageSize::new(256, 256)).unwrap().fixed());
     assert_eq!(counted.tokens, [512, 768, 1152, 1440]);
-    let error = Budget::of_selections(&config, 512, &[0, 600, 0, 0]).unwrap_err().to_string();
+    let error = Budget::from_selections(&config, 512, &[0, 600, 0, 0]).unwrap_err().to_string();
     assert!(error.contains("block 1") && error.contains("512") && error.contains("600"), "{error}");
-    assert!(Budget::of_selections(&config, 512, &[0]).is_err());
+    assert!(Budget::from_selections(&config, 512, &[0]).is_err());
 }
 
 #[test]
-fn pictures_that_patches_do_not_divide_are_refused() {
+fn rejects_pictures_that_patches_do_not_divide() {
     let error = budget(&preset("paper-re10k"), 2, ImageSize::new(250, 256)).unwrap_err().to_string();
     assert!(error.contains("16 divides") && error.contains("250x256"), "{error}");
     assert!(budget(&preset("paper-dl3dv-hr"), 2, ImageSize::new(272, 256)).is_err(), "half of it has no whole patches");
 }
 
 #[test]
-fn memory_grows_with_views_and_holds_the_weights() {
+fn memory_is_linear_in_views_and_includes_the_weights() {
     let config = preset("paper-re10k");
     let two = memory(&config, 2, ImageSize::new(256, 256)).unwrap();
     let four = memory(&config, 4, ImageSize::new(256, 256)).unwrap();

@@ -1,11 +1,11 @@
 use serde::{Deserialize, Serialize};
 
-/// What a raw output `x` means as a depth; distance along the unit ray, in scene units.
+/// Activation of a raw output `x` as a depth: distance along the unit ray, in scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum DepthActivation {
-    /// `near · (far / near)^σ(x + shift)`: near and far are equally easy to reach, and training from scratch
-    /// starts at a depth of one's choosing.
+    /// `near · (far / near)^σ(x + shift)`: near and far are equally easy to reach, and `shift` sets the depth at which
+    /// training from scratch starts.
     LogSigmoid {
         /// Least depth.
         near: f64,
@@ -39,7 +39,7 @@ pub enum DepthActivation {
     },
 }
 
-/// What raw outputs mean as an offset, or as a centre where there is no anchor; scene units.
+/// Activation of raw outputs as an offset, or as a centre in designs without anchors; in scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum OffsetActivation {
@@ -55,7 +55,7 @@ pub enum OffsetActivation {
     },
 }
 
-/// What a raw output means as the standard deviation along an axis; scene units.
+/// Activation of a raw output as the standard deviation along an axis, in scene units.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum ScaleActivation {
@@ -75,7 +75,7 @@ pub enum ScaleActivation {
     },
 }
 
-/// What a raw output means as an opacity.
+/// Activation of a raw output as an opacity.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum OpacityActivation {
@@ -86,12 +86,12 @@ pub enum OpacityActivation {
     },
 }
 
-/// What four raw outputs mean as a rotation `w, x, y, z`.
+/// Activation of four raw outputs as a rotation `w, x, y, z`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub enum QuaternionActivation {
     /// `q / max(|q|, 1e-12)`: iLRM and Long-LRM (PyTorch's `normalize`).
     Normalize,
-    /// The same of `q + (1, 0, 0, 0)`, so that outputs near zero mean no rotation.
+    /// The same for `q + (1, 0, 0, 0)`, so that outputs near zero give no rotation.
     NormalizeFromIdentity,
 }

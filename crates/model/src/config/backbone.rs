@@ -1,19 +1,19 @@
 use serde::{Deserialize, Serialize};
 
-/// What turns each view into coarse patch features by itself.
+/// The per-view network that computes coarse patch features.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum BackboneConfig {
     /// A frozen DINOv2: last-layer patch tokens after the final norm. The picture is resized so that a coarse
     /// patch becomes one 14×14 patch (antialiased bilinear), and normalised with ImageNet's mean and deviation.
     DinoV2 {
-        /// Which of the published networks.
+        /// Size of the published network.
         size: DinoSize,
-        /// Whether it is the variant with register tokens.
+        /// Whether the variant with register tokens is used.
         registers: bool,
     },
-    /// Needs no pretrained weights: a linear layer over each patch's colours and Plücker coordinates, and
-    /// per-view self-attention layers. For the embedded checkpoint; not in the paper.
+    /// Without pretrained weights: a linear layer over each patch's colours and Plücker coordinates, and per-view
+    /// self-attention layers. Used by the embedded checkpoint; not in the paper.
     #[serde(rename_all = "kebab-case")]
     Patch {
         /// Per-view self-attention layers, of the network's width.
@@ -21,11 +21,11 @@ pub enum BackboneConfig {
     },
 }
 
-/// The published DINOv2 networks that the toolkit runs (`facebookresearch/dinov2` `hub/backbones.py`).
+/// Supported sizes of DINOv2 (`facebookresearch/dinov2` `hub/backbones.py`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum DinoSize {
-    /// 32 channels, 2 layers, 2 heads, positions for 3×3 patches: no published network, for tests.
+    /// 32 channels, 2 layers, 2 heads, positions for 3×3 patches: for tests, not a published network.
     Tiny,
     /// ViT-S/14: 384 channels, 12 layers, 6 heads.
     Small,
@@ -35,7 +35,7 @@ pub enum DinoSize {
     Large,
 }
 
-/// Numbers that make up a DINOv2 network (`facebookresearch/dinov2` `models/vision_transformer.py:96-169`).
+/// Dimensions of a DINOv2 network (`facebookresearch/dinov2` `models/vision_transformer.py:96-169`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct DinoArchitecture {
     /// Channels of every token.
@@ -46,13 +46,13 @@ pub struct DinoArchitecture {
     pub heads: usize,
     /// Register tokens between the class token and the patches.
     pub registers: usize,
-    /// Side of the square grid that position embeddings are stored for.
+    /// Side of the square grid of the stored position embeddings.
     pub position_side: usize,
-    /// How they are brought to another grid.
+    /// Interpolation of position embeddings to another grid.
     pub interpolation: PositionInterpolation,
 }
 
-/// How position embeddings are brought to another grid, which differs between the published variants
+/// Interpolation of position embeddings to another grid, which differs between the published variants
 /// (`facebookresearch/dinov2` `models/vision_transformer.py:180-212`, `hub/backbones.py:18-58`).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PositionInterpolation {
@@ -70,7 +70,7 @@ impl DinoArchitecture {
     /// Added to the variance in layer norms.
     pub const NORM_EPS: f64 = 1e-6;
 
-    /// The numbers of a published network.
+    /// The dimensions of a published network.
     pub const fn new(size: DinoSize, registers: bool) -> Self {
         let (dim, layers, heads, position_side) = match size {
             DinoSize::Tiny => (32, 2, 2, 3),
@@ -85,7 +85,7 @@ impl DinoArchitecture {
 }
 
 impl BackboneConfig {
-    /// Whether its weights come from elsewhere and stay as they are.
+    /// Whether its weights are pretrained and frozen.
     pub const fn is_frozen(&self) -> bool {
         matches!(self, Self::DinoV2 { .. })
     }

@@ -17,10 +17,10 @@ pub struct DecoderConfig {
 pub struct BlockConfig {
     /// Decoder layers.
     pub layers: usize,
-    /// How many tokens are expanded before them; a block without has no expansion weights either.
+    /// How many tokens are expanded before the layers; a block without expansion has no expansion weights either.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub expansion: Option<BlockExpansion>,
-    /// Whether the expansion takes place. Switched off, the block keeps its weights and passes tokens through.
+    /// Whether the expansion takes place. If not, the block keeps its weights and passes tokens through.
     #[serde(default = "yes", skip_serializing_if = "is_true")]
     pub expand: bool,
 }

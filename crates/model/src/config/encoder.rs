@@ -7,33 +7,33 @@ use serde::{Deserialize, Serialize};
 pub struct CoarseConfig {
     /// Side of a coarse patch in pixels of this branch's picture; 16 in the paper.
     pub patch_size: usize,
-    /// How many times smaller this branch's picture is; 2 at high resolution (paper, "High-Resolution").
+    /// Factor by which this branch's picture is downscaled; 2 at high resolution (paper, "High-Resolution").
     pub image_downscale: usize,
     /// Global self-attention layers; 12 in the paper.
     pub layers: usize,
 }
 
-/// The fine branch: patches with Plücker embedding, per-view self-attention, and the coarse features brought
-/// to the fine grid and added (paper, "Image-to-3D decoder", and supplement, "Architecture Details").
+/// The fine branch: patches with Plücker embedding, per-view self-attention, and the coarse features upsampled to the fine
+/// grid and added (paper, "Image-to-3D decoder", and supplement, "Architecture Details").
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct FineConfig {
     /// Side of a fine patch in pixels of this branch's picture; 8 in the paper.
     pub patch_size: usize,
-    /// How many times smaller this branch's picture is; 1 in every setting here.
+    /// Factor by which this branch's picture is downscaled; 1 in every setting here.
     pub image_downscale: usize,
     /// Per-view self-attention layers; 2 in the paper.
     pub layers: usize,
-    /// How coarse features reach the fine grid.
+    /// Upsampling of coarse features to the fine grid.
     pub upsampling: Upsampling,
 }
 
-/// How coarse features are brought to the fine grid, which is an integer number of times finer.
+/// Upsampling of coarse features to the fine grid, by an integer factor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Upsampling {
     /// Between patch centres, clamped at the border (PyTorch's `bilinear`, `align_corners=False`).
     Bilinear,
-    /// Every fine patch takes its coarse patch's feature.
+    /// Every fine patch takes the feature of its coarse patch.
     Nearest,
 }

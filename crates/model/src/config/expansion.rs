@@ -1,28 +1,28 @@
 use serde::{Deserialize, Deserializer, Serialize, Serializer, de};
 
-/// Adaptive Token Expansion: what all blocks share (paper, "Adaptive Token Expansion").
+/// Adaptive Token Expansion: settings shared by all blocks (paper, "Adaptive Token Expansion").
 ///
 /// A selected token becomes `children` tokens `f + Δf_m` with `[Δf_1, …] = W f`, all at the parent's anchor.
-/// What goes on is the unselected tokens in order, then the children of the selected ones in order of parent.
+/// The output is the unselected tokens in order, then the children of the selected ones in order of parent.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ExpansionConfig {
-    /// Tokens that an expanded one becomes; `M` = 2 in the paper.
+    /// Children of an expanded token; `M` = 2 in the paper.
     pub children: usize,
-    /// The row of the paper's ablation.
+    /// Selection, a row of the paper's ablation.
     pub selection: Selection,
-    /// What becomes of a ratio's fraction of a token.
+    /// Rounding of a ratio's number of tokens.
     pub ratio_rounding: RatioRounding,
 }
 
-/// How tokens are chosen; of equals, the one of lower index.
+/// How tokens are selected; ties go to the lower index.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum Selection {
     /// The highest predicted uncertainty: the paper's. The scores' input is detached, so that only the
     /// uncertainty loss trains them.
     Uncertainty {},
-    /// The highest of as many random numbers, which depend on this seed, the call's seed, block and token index.
+    /// The highest random numbers, which depend on this seed, the call's seed, block and token index.
     Random {
         /// Seed.
         seed: u64,
@@ -38,19 +38,19 @@ pub enum Selection {
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum BlockExpansion {
-    /// A share of them: `ρ`.
+    /// A share of the tokens: `ρ`.
     Ratio(SelectionRatio),
-    /// All whose uncertainty exceeds it: `τ`.
+    /// All tokens with an uncertainty above a threshold: `τ`.
     Threshold(f64),
 }
 
-/// What becomes of a fraction of a token. The paper's table does not tell: all its products are whole.
+/// Rounding of a number of tokens. The paper's table does not determine it: all its products are whole.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum RatioRounding {
-    /// One more: Generative Densification, of the same laboratory (`point_decoder/autoencoder.py:525`).
+    /// Up: Generative Densification, of the same laboratory (`point_decoder/autoencoder.py:525`).
     Ceil,
-    /// None.
+    /// Down.
     Floor,
 }
 
@@ -62,7 +62,7 @@ pub struct SelectionRatio {
 
 impl SelectionRatio {
     const WHOLE: u32 = 1_000_000;
-    /// Of the first block that expands at high resolution (paper, supplement, "High-Resolution").
+    /// The ratio of the first expanding block at high resolution (paper, supplement, "High-Resolution").
     pub const FOUR_FIFTHS: Self = Self { millionths: 800_000 };
 
     /// The share nearest to `ratio`; `None` unless it is within 1e-9 of a number of millionths from 0 to 1.
@@ -79,7 +79,8 @@ impl SelectionRatio {
         f64::from(self.millionths) / f64::from(Self::WHOLE)
     }
 
-    /// How many of `tokens` it is.
+    /// This share of `tokens`, as a number of tokens.
+    #[expect(clippy::expect_used, reason = "a share of at most 1")]
     pub fn of(self, tokens: usize, rounding: RatioRounding) -> usize {
         let product = tokens as u128 * u128::from(self.millionths);
         let whole = u128::from(Self::WHOLE);
@@ -87,7 +88,7 @@ impl SelectionRatio {
             RatioRounding::Ceil => product.div_ceil(whole),
             RatioRounding::Floor => product / whole,
         };
-        usize::try_from(count).unwrap_or(tokens)
+        usize::try_from(count).expect("at most as many as the tokens")
     }
 }
 

@@ -5,17 +5,16 @@ use super::{Grid, OffsetActivation, OpacityActivation, QuaternionActivation, Sca
 /// The Gaussian head: layer norm and a 2-layer MLP, from a token to `K` Gaussians (paper, "Anchors to local
 /// 3D Gaussians").
 ///
-/// A token's outputs are those of its first Gaussian, then those of its second, …; of each: centre (3, or 1
-/// for a depth), quaternion `w, x, y, z`, scale (3), opacity, then spherical harmonics, red, green, blue of the
-/// first coefficient before those of the second.
+/// A token's outputs are ordered by Gaussian; for each: centre (3, or 1 for a depth), quaternion `w, x, y, z`, scale (3),
+/// opacity, then spherical harmonics, red, green, blue of the first coefficient before those of the second.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct HeadConfig {
     /// Gaussians of a token; `K` = 16 in the paper.
     pub gaussians_per_token: usize,
-    /// Degree of the spherical harmonics, up to 4; iLRM's code uses 0 alone. Their coefficients are the raw outputs.
+    /// Degree of the spherical harmonics, up to 4; iLRM's code uses only 0. Their coefficients are the raw outputs.
     pub sh_degree: u8,
-    /// What offsets and scales are measured in.
+    /// Frame of offsets and scales.
     #[serde(default, skip_serializing_if = "HeadFrame::is_world")]
     pub frame: HeadFrame,
     /// Offset from the anchor, or centre; in the world's frame.
@@ -28,31 +27,31 @@ pub struct HeadConfig {
     pub opacity: OpacityActivation,
 }
 
-/// What a Gaussian's offset from its anchor and its standard deviations are measured in. Rotations are in the world's
-/// axes in both.
+/// Frame of a Gaussian's offset from its anchor and of its standard deviations. Rotations are relative to the world's axes
+/// in both.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum HeadFrame {
-    /// The world's axes and scene units: [`HeadConfig::offset`] and [`HeadConfig::scale`] say how.
+    /// The world's axes and scene units, with the activations [`HeadConfig::offset`] and [`HeadConfig::scale`].
     #[default]
     World,
     /// The axes of the context camera whose patch the token came from, in units of the patch's footprint, which is the
     /// anchor's depth · patch width / focal length. The patch is divided into as many cells as a token has Gaussians
-    /// ([`HeadConfig::cells`]); an offset is `cell + 0.5 · x`, where `cell` is the way from the patch's centre to its cell's,
-    /// and a scale is `e^min(x + ln(0.6 / columns), 0.7)`. Both are multiplied by the footprint; [`HeadConfig::offset`] and
+    /// ([`HeadConfig::cells`]); an offset is `cell + 0.5 · x`, with `cell` the vector from the patch's centre to its cell's
+    /// centre, and a scale is `e^min(x + ln(0.6 / columns), 0.7)`. Both are multiplied by the footprint; [`HeadConfig::offset`] and
     /// [`HeadConfig::scale`] are not used. Children keep their parent's frame.
     Patch,
 }
 
 impl HeadFrame {
-    /// Whether it is the world's.
+    /// Whether the frame is the world's.
     pub const fn is_world(&self) -> bool {
         matches!(self, Self::World)
     }
 }
 
 impl HeadConfig {
-    /// As many cells of a patch as a token has Gaussians: as square as their number allows, and no more rows than columns.
+    /// Grid of a patch's cells, one per Gaussian of a token: as square as possible, with at most as many rows as columns.
     pub fn cells(&self) -> Grid {
         let count = self.gaussians_per_token;
         let divides = |rows: &usize| count.is_multiple_of(*rows) && rows * rows <= count;
@@ -65,7 +64,7 @@ impl HeadConfig {
         (self.sh_degree as usize + 1) * (self.sh_degree as usize + 1)
     }
 
-    /// Outputs for one Gaussian whose centre takes `centre_channels`.
+    /// Number of outputs for one Gaussian whose centre takes `centre_channels`.
     pub const fn channels(&self, centre_channels: usize) -> usize {
         centre_channels + 4 + 3 + 1 + 3 * self.sh_coefficients()
     }

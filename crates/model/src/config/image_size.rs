@@ -14,46 +14,46 @@ pub struct ImageSize {
     pub width: usize,
 }
 
-/// Patches of a picture.
+/// A grid of patches of a picture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Grid {
-    /// Patches from top to bottom.
+    /// Number of rows.
     pub rows: usize,
-    /// Patches from left to right.
+    /// Number of columns.
     pub columns: usize,
 }
 
 impl Grid {
-    /// Patches of the whole picture.
+    /// Number of patches.
     pub const fn len(self) -> usize {
         self.rows.saturating_mul(self.columns)
     }
 
-    /// Whether there is no patch.
+    /// Whether the grid has no patches.
     pub const fn is_empty(self) -> bool {
         self.len() == 0
     }
 }
 
 impl ImageSize {
-    /// A picture of `height` rows and `width` columns.
+    /// A size of `height` rows and `width` columns.
     pub const fn new(height: usize, width: usize) -> Self {
         Self { height, width }
     }
 
-    /// A picture of this one's aspect at the scale of another: the shorter side becomes as long as the other's shorter side,
-    /// the longer one in proportion, and both whole multiples of `step`, the nearest there are.
+    /// The size with this aspect ratio at the scale of another: the shorter side becomes as long as the other's shorter side
+    /// and the longer one is scaled in proportion, both rounded to the nearest multiple of `step`.
     #[must_use]
     pub fn at_scale_of(self, other: Self, step: usize) -> Self {
         let step = step.max(1);
-        let whole = |side: usize| (side + step / 2).checked_div(step).unwrap_or(1).max(1).saturating_mul(step);
+        let whole = |side: usize| ((side + step / 2) / step).max(1).saturating_mul(step);
         let shorter = other.height.min(other.width);
         let own = self.height.min(self.width).max(1);
         let side = |side: usize| whole((side.saturating_mul(shorter) + own / 2) / own);
         Self { height: side(self.height), width: side(self.width) }
     }
 
-    /// The patches of this picture after it was made `downscale` times smaller.
+    /// The patch grid of this picture after downscaling by `downscale`.
     pub(super) fn grid(self, patch: usize, downscale: usize, branch: &'static str) -> Result<Grid, ModelError> {
         let step = patch.saturating_mul(downscale);
         let divides = step > 0 && self.height > 0 && self.width > 0;
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_shorter_side_decides_the_scale_and_both_are_whole_patches() {
+    fn the_shorter_side_sets_the_scale_and_sides_are_whole_patches() {
         let trained = ImageSize::new(128, 128);
         for (given, expected) in [
             ([256, 256], [128, 128]),
@@ -107,7 +107,7 @@ mod tests {
         let wide = ImageSize::new(256, 448);
         assert_eq!(ImageSize::new(512, 512).at_scale_of(wide, 16), ImageSize::new(256, 256));
         assert_eq!(wide.at_scale_of(wide, 16), wide);
-        // A network whose patches do not divide what it was trained at sees the nearest that they divide.
+        // A trained size that patches do not divide is rounded to the nearest multiple.
         assert_eq!(ImageSize::new(90, 90).at_scale_of(ImageSize::new(100, 100), 16), ImageSize::new(96, 96));
     }
 }

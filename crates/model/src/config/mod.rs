@@ -1,19 +1,17 @@
-//! Configuration: which network, down to every choice that the paper leaves open.
+//! Configuration of a network, with a field for every choice that the paper leaves open.
 //!
-//! A configuration is one TOML file; those of the paper's settings are in `eval/models/` and travel inside
-//! the binary. What the paper does not state is a named field here, and `inferred` in the file says where
-//! its value comes from. Ablations are other values of these fields, never other code.
+//! A configuration is one TOML file; those of the paper's settings are in `eval/models/` and embedded in the binary. What
+//! the paper does not state is a named field, and `inferred` in the file says where its value comes from. Ablations are
+//! other values of these fields, never other code.
 
 mod activations;
 mod anchors;
 mod backbone;
-mod builtin;
 mod decoder;
 mod encoder;
 mod expansion;
 mod head;
 mod image_size;
-mod text;
 mod transformer;
 mod validate;
 
@@ -34,47 +32,57 @@ pub use transformer::{QueryKeyNorm, TransformerConfig};
 
 use crate::ModelError;
 
-/// A network and the inputs it was made for.
+macro_rules! texts {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../../eval/models/", $name, ".toml")))),*]
+    };
+}
+
+/// Name and text of the embedded configurations.
+const BUILT_IN: &[(&str, &str)] =
+    texts!["paper-re10k", "paper-dl3dv", "paper-dl3dv-224", "paper-dl3dv-hr", "mini", "micro", "nano"];
+
+/// Configuration of a network, with its nominal inputs.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ModelConfig {
     /// Name on the command line and in results: lower-case letters, digits and hyphens.
     pub name: String,
-    /// One line for people.
+    /// Title, one line.
     pub title: String,
-    /// What a reader of its numbers must know.
+    /// What readers of its numbers must know.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// What the paper does not state and this configuration therefore infers, each with its source.
+    /// Values that the paper does not state and this configuration infers, each with its source.
     #[serde(default)]
     pub inferred: Vec<String>,
-    /// Context views that the paper's numbers are for. Any other number runs too.
+    /// Number of context views for which the paper reports results. Any other number works too.
     pub views: usize,
-    /// Height and width in pixels that the paper's numbers are for; in a weights file, what the weights were trained at. Any
-    /// other that the patches divide runs too.
+    /// Height and width in pixels for which the paper reports results; in a weights file, those of the training pictures.
+    /// Any other size that the patches divide works too.
     pub resolution: ImageSize,
-    /// Width and make of every transformer layer but the backbone's.
+    /// All transformer layers except the backbone's.
     pub transformer: TransformerConfig,
-    /// What turns a picture into patch features before any geometry is known.
+    /// Per-view patch features.
     pub backbone: BackboneConfig,
-    /// The branch that finds anchors.
+    /// The coarse branch, which predicts anchors.
     pub coarse: CoarseConfig,
-    /// Where tokens are in space, and what a Gaussian's centre is relative to.
+    /// Positions of tokens in space, and what a Gaussian's centre is relative to.
     pub anchors: AnchorConfig,
-    /// The branch that anchors look at.
+    /// The fine branch, which the decoder attends to.
     pub fine: FineConfig,
-    /// What refines anchor tokens.
+    /// The decoder, which refines tokens.
     pub decoder: DecoderConfig,
-    /// How the decoder's blocks choose and expand tokens.
+    /// How the decoder's blocks select and expand tokens.
     pub expansion: ExpansionConfig,
-    /// What makes Gaussians of tokens.
+    /// The head, which predicts Gaussians from tokens.
     pub head: HeadConfig,
 }
 
 impl ModelConfig {
     /// Names of the built-in configurations.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        builtin::TEXTS.iter().map(|(name, _)| *name)
+        BUILT_IN.iter().map(|(name, _)| *name)
     }
 
     /// The TOML text of a built-in configuration.
@@ -82,7 +90,7 @@ impl ModelConfig {
     /// # Errors
     /// [`ModelError::UnknownModel`].
     pub fn text_of(name: &str) -> Result<&'static str, ModelError> {
-        let found = builtin::TEXTS.iter().find(|(known, _)| *known == name).map(|(_, text)| *text);
+        let found = BUILT_IN.iter().find(|(known, _)| *known == name).map(|(_, text)| *text);
         found.ok_or_else(|| ModelError::UnknownModel { name: name.to_owned(), known: Self::names().collect() })
     }
 
@@ -94,7 +102,7 @@ impl ModelConfig {
         Self::from_toml(Self::text_of(name)?)
     }
 
-    /// A built-in configuration by name, or the one in a TOML file by path: whatever ends in `.toml` is a path.
+    /// A built-in configuration by name, or the one in a TOML file by path: a name that ends in `.toml` is a path.
     ///
     /// # Errors
     /// [`ModelError::UnknownModel`], or the errors of [`Self::read`].
@@ -119,10 +127,11 @@ impl ModelConfig {
     /// Reads a configuration from TOML text and checks that its parts fit together.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] with line and column for text that is no configuration, with the field for
-    /// values that contradict each other.
+    /// [`ModelError::Malformed`] with line and column if the text is not a configuration, with the field if values
+    /// contradict each other.
     pub fn from_toml(text: &str) -> Result<Self, ModelError> {
-        let config: Self = toml::from_str(text).map_err(|error| text::malformed(text, &error))?;
+        let config: Self = toml::from_str(text)
+            .map_err(|error| crate::toml_error(validate::WHAT, "a model configuration", text, &error))?;
         config.validate()?;
         Ok(config)
     }
@@ -130,13 +139,13 @@ impl ModelConfig {
     /// The configuration as TOML text that [`Self::from_toml`] reads back.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a value that TOML cannot hold; none that was read from TOML is one.
+    /// [`ModelError::Malformed`] for a value that TOML cannot hold, which cannot come from TOML.
     pub fn to_toml(&self) -> Result<String, ModelError> {
         toml::to_string(self)
             .map_err(|error| ModelError::malformed(validate::WHAT, "TOML", "a value that TOML can hold", error))
     }
 
-    /// Whether the parts fit together; for configurations that code has changed.
+    /// Checks that the parts fit together, for configurations that were changed in code.
     ///
     /// # Errors
     /// [`ModelError::Malformed`] with the field.
@@ -144,11 +153,11 @@ impl ModelConfig {
         validate::check(self)
     }
 
-    /// sha256, in hexadecimal, of all that can change a Gaussian: the fields as compact JSON in declaration
+    /// SHA-256 in hexadecimal of all that can change a Gaussian: the fields as compact JSON in declaration
     /// order, without name, title, notes, inferences, nominal views and resolution.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a value that JSON cannot hold; none that was read from TOML is one.
+    /// [`ModelError::Malformed`] for a value that JSON cannot hold, such as NaN, which validation rejects.
     pub fn hash(&self) -> Result<String, ModelError> {
         let parts = (
             (&self.transformer, &self.backbone, &self.coarse, &self.anchors),
@@ -159,61 +168,57 @@ impl ModelConfig {
         Ok(atsplat_files::hexadecimal(&Sha256::digest(&json)))
     }
 
-    /// Patches of the coarse branch in a picture.
+    /// The coarse branch's patch grid of a picture.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where patches do not divide the picture.
+    /// [`ModelError::Malformed`] if patches do not divide the picture.
     pub fn coarse_grid(&self, picture: ImageSize) -> Result<Grid, ModelError> {
         picture.grid(self.coarse.patch_size, self.coarse.image_downscale, "coarse")
     }
 
-    /// Patches of the fine branch in a picture.
+    /// The fine branch's patch grid of a picture.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where patches do not divide the picture.
+    /// [`ModelError::Malformed`] if patches do not divide the picture.
     pub fn fine_grid(&self, picture: ImageSize) -> Result<Grid, ModelError> {
         picture.grid(self.fine.patch_size, self.fine.image_downscale, "fine")
     }
 
-    /// The size at which a network with weights that were trained at one size sees pictures of another: at the scale of the
-    /// trained one, in whole coarse patches ([`ImageSize::at_scale_of`]).
+    /// The size to which pictures are resized for weights that were trained at another size: at the scale of the trained
+    /// size, in whole coarse patches ([`ImageSize::at_scale_of`]).
     #[must_use]
     pub fn context_size(&self, given: ImageSize, trained_at: ImageSize) -> ImageSize {
         given.at_scale_of(trained_at, self.coarse.patch_size.saturating_mul(self.coarse.image_downscale))
     }
 
-    /// Fine patches along a coarse patch: 2, and 4 at high resolution.
+    /// Number of fine patches along a coarse patch: 2, and 4 at high resolution.
     pub const fn fine_to_coarse_ratio(&self) -> usize {
         let coarse = self.coarse.patch_size.saturating_mul(self.coarse.image_downscale);
-        let fine = self.fine.patch_size.saturating_mul(self.fine.image_downscale);
-        match coarse.checked_div(fine) {
-            Some(ratio) => ratio,
-            None => 0,
-        }
+        coarse / self.fine.patch_size.saturating_mul(self.fine.image_downscale)
     }
 
-    /// The same network that expands every token whose uncertainty exceeds its block's threshold (paper,
-    /// supplement, "Dynamic Gaussian Budgets"): one threshold for each block that expands, in order.
+    /// The same network, expanding every token whose uncertainty exceeds its block's threshold (paper, supplement, "Dynamic
+    /// Gaussian Budgets"): one threshold for each expanding block, in order.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where their number differs.
+    /// [`ModelError::Malformed`] if their number differs.
     pub fn with_thresholds(&self, thresholds: &[f64]) -> Result<Self, ModelError> {
         self.with_expansions("thresholds", thresholds.iter().copied().map(BlockExpansion::Threshold))
     }
 
-    /// The same network that expands these shares of the tokens: one ratio for each block that expands, in order.
+    /// The same network, expanding the given shares of the tokens: one ratio for each expanding block, in order.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where their number differs.
+    /// [`ModelError::Malformed`] if their number differs.
     pub fn with_ratios(&self, ratios: &[SelectionRatio]) -> Result<Self, ModelError> {
         self.with_expansions("ratios", ratios.iter().copied().map(BlockExpansion::Ratio))
     }
 
-    /// The same network as the paper runs it on large pictures (supplement, "High-Resolution"): the coarse branch sees them at
-    /// half their size, and the first block that expands a share of the tokens expands four fifths. Weights stay the same.
+    /// The same network in the paper's setting for large pictures (supplement, "High-Resolution"): the coarse branch takes
+    /// them at half their size, and the first block that expands a ratio expands four fifths. Weights stay the same.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`], for no configuration that was valid before.
+    /// [`ModelError::Malformed`] if the configuration was not valid before.
     pub fn for_high_resolution(&self) -> Result<Self, ModelError> {
         let mut config = self.clone();
         config.coarse.image_downscale = 2;
@@ -245,8 +250,8 @@ impl ModelConfig {
         Ok(config)
     }
 
-    /// The same network in which only the first `blocks` of the expanding blocks still expand (paper,
-    /// supplement, "Expansion at each decoder block"). Weights of the others are kept but not used.
+    /// The same network with expansion only in the first `blocks` of the expanding blocks (paper, supplement, "Expansion at
+    /// each decoder block"). Weights of the others are kept but not used.
     #[must_use]
     pub fn with_expansion_in_first(&self, blocks: usize) -> Self {
         let mut config = self.clone();

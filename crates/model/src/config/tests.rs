@@ -7,12 +7,12 @@ fn all() -> Vec<ModelConfig> {
 /// `paper-re10k` with one piece of text replaced.
 fn changed(from: &str, to: &str) -> Result<ModelConfig, ModelError> {
     let text = ModelConfig::text_of("paper-re10k").unwrap();
-    assert!(text.contains(from), "{from:?} is there to be changed");
+    assert!(text.contains(from), "{from:?} was not found");
     ModelConfig::from_toml(&text.replacen(from, to, 1))
 }
 
 #[test]
-fn every_configuration_is_named_as_its_file_and_says_what_it_infers() {
+fn every_configuration_has_its_files_name_and_lists_inferred_values() {
     for (name, config) in ModelConfig::names().zip(all()) {
         assert_eq!(config.name, name);
         assert!(!config.inferred.is_empty() && !config.title.is_empty(), "{name}");
@@ -20,7 +20,7 @@ fn every_configuration_is_named_as_its_file_and_says_what_it_infers() {
 }
 
 #[test]
-fn the_papers_own_numbers() {
+fn the_papers_configurations_have_its_dimensions() {
     let config = ModelConfig::named("paper-re10k").unwrap();
     assert_eq!((config.transformer.dim, config.transformer.heads(), config.transformer.hidden_dim()), (768, 12, 3072));
     assert_eq!((config.coarse.layers, config.fine.layers), (12, 2));
@@ -47,9 +47,9 @@ fn small_models_keep_the_papers_geometry() {
 #[test]
 fn toml_round_trip_keeps_value_and_hash() {
     for config in all() {
-        let again = ModelConfig::from_toml(&config.to_toml().unwrap()).unwrap();
-        assert_eq!(again, config);
-        assert_eq!(again.hash().unwrap(), config.hash().unwrap());
+        let read = ModelConfig::from_toml(&config.to_toml().unwrap()).unwrap();
+        assert_eq!(read, config);
+        assert_eq!(read.hash().unwrap(), config.hash().unwrap());
     }
 }
 
@@ -67,7 +67,7 @@ fn hashes_ignore_prose_and_nothing_else() {
 }
 
 #[test]
-fn the_frame_of_offsets_is_part_of_the_hash_and_the_worlds_goes_without_saying() {
+fn the_head_frame_is_part_of_the_hash_and_the_default_is_not_written() {
     let world = ModelConfig::named("nano").unwrap();
     assert!(!world.to_toml().unwrap().contains("frame ="));
     let mut patch = world.clone();
@@ -77,7 +77,7 @@ fn the_frame_of_offsets_is_part_of_the_hash_and_the_worlds_goes_without_saying()
 }
 
 #[test]
-fn cells_are_as_square_as_their_number_allows_and_never_higher_than_wide() {
+fn cells_are_as_square_as_possible_and_never_higher_than_wide() {
     for (count, rows, columns) in [(1, 1, 1), (3, 1, 3), (4, 2, 2), (8, 2, 4), (12, 3, 4), (16, 4, 4), (32, 4, 8)] {
         let head = HeadConfig { gaussians_per_token: count, ..ModelConfig::named("micro").unwrap().head };
         assert_eq!(head.cells(), Grid { rows, columns }, "{count}");
@@ -98,7 +98,7 @@ fn ratios_replace_those_of_the_blocks_that_expand() {
 }
 
 #[test]
-fn every_variant_is_a_matter_of_configuration() {
+fn every_variant_can_be_configured() {
     for (from, to) in [
         ("design = { kind = \"patch-depth\" }", "design = { kind = \"patch-depth\" }"),
         ("size = \"base\"", "size = \"small\""),
@@ -125,13 +125,13 @@ fn every_variant_is_a_matter_of_configuration() {
     ] {
         changed(from, to).unwrap_or_else(|error| panic!("{to}: {error}"));
     }
-    let without_place = |design: &str| {
+    let without_anchors = |design: &str| {
         let text = ModelConfig::text_of("paper-re10k").unwrap();
         let text = text.replace("kind = \"patch-depth\"", design);
         ModelConfig::from_toml(&text.replace("kind = \"point-net\", neighbours = 16", "kind = \"none\""))
     };
     for design in ["kind = \"ray-depth\"", "kind = \"learnable-tokens\", tokens = 512", "kind = \"direct-xyz\""] {
-        without_place(design).unwrap_or_else(|error| panic!("{design}: {error}"));
+        without_anchors(design).unwrap_or_else(|error| panic!("{design}: {error}"));
     }
 }
 
@@ -176,7 +176,7 @@ fn contradictions_name_their_field() {
 }
 
 #[test]
-fn text_that_is_no_configuration_names_line_and_column() {
+fn malformed_text_names_line_and_column() {
     for (from, to, expected) in [
         ("dim = 768", "dim = \"wide\"", "expected usize"),
         ("dim = 768", "dimension = 768", "unknown field `dimension`"),
@@ -193,7 +193,7 @@ fn text_that_is_no_configuration_names_line_and_column() {
 }
 
 #[test]
-fn names_and_paths_are_told_apart() {
+fn names_and_paths_are_distinguished() {
     let error = ModelConfig::resolve("paper").unwrap_err().to_string();
     assert!(error.contains("paper-re10k") && error.contains("\"paper\""), "{error}");
     let error = ModelConfig::resolve("no/such.toml").unwrap_err().to_string();
@@ -201,7 +201,7 @@ fn names_and_paths_are_told_apart() {
 }
 
 #[test]
-fn high_resolution_is_a_way_to_run_a_network() {
+fn the_high_resolution_setting_equals_its_configuration() {
     let [own, high] = ["paper-dl3dv", "paper-dl3dv-hr"].map(|name| ModelConfig::named(name).unwrap());
     assert_eq!(own.for_high_resolution().unwrap().hash().unwrap(), high.hash().unwrap());
     assert_eq!(high.for_high_resolution().unwrap(), high);

@@ -1,10 +1,10 @@
 use serde::{Deserialize, Serialize};
 
-/// What all transformer layers of the network share; pre-norm, softmax attention without positions (those
-/// come with the Plücker embedding), GELU of the error function.
+/// Settings of all transformer layers: pre-norm, softmax attention without position embeddings (the Plücker embedding gives
+/// positions), erf GELU.
 ///
-/// The paper states the width alone (supplement, "Architecture Details"); the rest follows iLRM
-/// (`scalable/transformer.py`), whose authors it builds on.
+/// The paper states only the width (supplement, "Architecture Details"); the rest follows iLRM (`scalable/transformer.py`),
+/// on which it builds.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct TransformerConfig {
@@ -20,17 +20,14 @@ pub struct TransformerConfig {
     pub norm_bias: bool,
     /// Added to the variance in layer norms.
     pub norm_eps: f64,
-    /// What is done to queries and keys before their product.
+    /// Normalisation of queries and keys before their product.
     pub query_key_norm: QueryKeyNorm,
 }
 
 impl TransformerConfig {
-    /// Attention heads.
+    /// Number of attention heads.
     pub const fn heads(&self) -> usize {
-        match self.dim.checked_div(self.head_dim) {
-            Some(heads) => heads,
-            None => 0,
-        }
+        self.dim / self.head_dim
     }
 
     /// Hidden channels of a feed-forward module.
@@ -39,11 +36,11 @@ impl TransformerConfig {
     }
 }
 
-/// Normalisation of queries and keys, each head by itself.
+/// Normalisation of queries and keys, for each head separately.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, tag = "kind")]
 pub enum QueryKeyNorm {
-    /// Root mean square of the head's channels becomes 1, times a learnt weight of `head-dim` channels.
+    /// RMS norm over the head's channels, with a learned weight of `head-dim` channels.
     Rms {
         /// Added to the mean square.
         eps: f64,

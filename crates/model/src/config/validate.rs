@@ -8,14 +8,14 @@ use crate::ModelError;
 
 pub(super) const WHAT: &str = "model configuration";
 
-/// More layers, channels or tokens than this are a slip of the finger, not a network.
-const MOST_LAYERS: usize = 256;
-const MOST_CHANNELS: usize = 16_384;
-const MOST_TOKENS: usize = 1 << 20;
-const MOST_GAUSSIANS: usize = 4096;
-const HIGHEST_SH_DEGREE: u8 = 4;
+/// More layers, channels or tokens than this are a typing error.
+const MAX_LAYERS: usize = 256;
+const MAX_CHANNELS: usize = 16_384;
+const MAX_TOKENS: usize = 1 << 20;
+const MAX_GAUSSIANS: usize = 4096;
+const MAX_SH_DEGREE: u8 = 4;
 
-/// Whether the parts of a configuration make sense by themselves and together.
+/// Checks the parts of a configuration by themselves and together.
 pub(super) fn check(config: &ModelConfig) -> Result<(), ModelError> {
     let allowed = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || c == '-';
     let named = !config.name.is_empty() && config.name.chars().all(allowed);
@@ -30,7 +30,7 @@ pub(super) fn check(config: &ModelConfig) -> Result<(), ModelError> {
 
 fn transformer(config: &ModelConfig) -> Result<(), ModelError> {
     let transformer = &config.transformer;
-    counted("transformer.dim", transformer.dim, 1, MOST_CHANNELS)?;
+    counted("transformer.dim", transformer.dim, 1, MAX_CHANNELS)?;
     counted("transformer.head-dim", transformer.head_dim, 1, transformer.dim)?;
     let divides = transformer.dim.is_multiple_of(transformer.head_dim);
     ensure(divides, "transformer.head-dim", "a divisor of transformer.dim", &transformer.head_dim)?;
@@ -50,10 +50,10 @@ fn branches(config: &ModelConfig) -> Result<(), ModelError> {
     ] {
         counted(&format!("{branch}.patch-size"), patch, 1, 256)?;
         counted(&format!("{branch}.image-downscale"), downscale, 1, 16)?;
-        counted(&format!("{branch}.layers"), layers, 0, MOST_LAYERS)?;
+        counted(&format!("{branch}.layers"), layers, 0, MAX_LAYERS)?;
     }
     if let BackboneConfig::Patch { layers } = config.backbone {
-        counted("backbone.layers", layers, 0, MOST_LAYERS)?;
+        counted("backbone.layers", layers, 0, MAX_LAYERS)?;
     }
     let (coarse_step, fine_step) = (coarse.patch_size * coarse.image_downscale, fine.patch_size * fine.image_downscale);
     ensure(
@@ -70,7 +70,7 @@ fn branches(config: &ModelConfig) -> Result<(), ModelError> {
 fn anchors(config: &ModelConfig) -> Result<(), ModelError> {
     let anchors = &config.anchors;
     if let AnchorDesign::LearnableTokens { tokens } = anchors.design {
-        counted("anchors.design.tokens", tokens, 1, MOST_TOKENS)?;
+        counted("anchors.design.tokens", tokens, 1, MAX_TOKENS)?;
     }
     match anchors.depth {
         DepthActivation::LogSigmoid { near, far, shift } | DepthActivation::InverseSigmoid { near, far, shift } => {
@@ -86,8 +86,8 @@ fn anchors(config: &ModelConfig) -> Result<(), ModelError> {
     match anchors.context {
         AnchorContext::PointNet { neighbours } => {
             counted("anchors.context.neighbours", neighbours, 1, 1024)?;
-            let placed = anchors.design.has_anchors();
-            ensure(placed, "anchors.context", "none, because tokens of this design have no place", &"point-net")
+            let has_anchors = anchors.design.has_anchors();
+            ensure(has_anchors, "anchors.context", "none, because tokens of this design have no position", &"point-net")
         }
         AnchorContext::None {} => Ok(()),
     }
@@ -101,12 +101,12 @@ fn planes(near: f64, far: f64, shift: f64) -> Result<(), ModelError> {
 
 fn decoder(config: &ModelConfig) -> Result<(), ModelError> {
     let blocks = &config.decoder.blocks;
-    counted("decoder.blocks", blocks.len(), 1, MOST_LAYERS)?;
+    counted("decoder.blocks", blocks.len(), 1, MAX_LAYERS)?;
     counted("expansion.children", config.expansion.children, 1, 64)?;
     let selection = config.expansion.selection;
     for (position, block) in blocks.iter().enumerate() {
         let field = format!("decoder.blocks[{position}]");
-        counted(&format!("{field}.layers"), block.layers, 0, MOST_LAYERS)?;
+        counted(&format!("{field}.layers"), block.layers, 0, MAX_LAYERS)?;
         let Some(BlockExpansion::Threshold(threshold)) = block.expansion else { continue };
         finite(&format!("{field}.expansion.threshold"), threshold)?;
         let scored = matches!(selection, Selection::Uncertainty {} | Selection::StraightThrough {});
@@ -114,16 +114,16 @@ fn decoder(config: &ModelConfig) -> Result<(), ModelError> {
     }
     let expands = blocks.iter().any(|block| block.expansion.is_some());
     let placed = config.anchors.design.has_anchors() || !expands || selection != (Selection::FarthestPoint {});
-    ensure(placed, "expansion.selection", "one that needs no anchors, which this design lacks", &"farthest-point")
+    ensure(placed, "expansion.selection", "one that needs no anchors, because this design has none", &"farthest-point")
 }
 
 fn head(config: &ModelConfig) -> Result<(), ModelError> {
     let head = &config.head;
-    counted("head.gaussians-per-token", head.gaussians_per_token, 1, MOST_GAUSSIANS)?;
-    let degree = head.sh_degree <= HIGHEST_SH_DEGREE;
-    ensure(degree, "head.sh-degree", &format!("0 to {HIGHEST_SH_DEGREE}"), &head.sh_degree)?;
+    counted("head.gaussians-per-token", head.gaussians_per_token, 1, MAX_GAUSSIANS)?;
+    let degree = head.sh_degree <= MAX_SH_DEGREE;
+    ensure(degree, "head.sh-degree", &format!("0 to {MAX_SH_DEGREE}"), &head.sh_degree)?;
     let placed = head.frame == HeadFrame::World || config.anchors.design.has_anchors();
-    ensure(placed, "head.frame", "world, because tokens of this design have no patch's depth", &"patch")?;
+    ensure(placed, "head.frame", "world, because tokens of this design have no patch depth", &"patch")?;
     match head.offset {
         OffsetActivation::Linear { gain } | OffsetActivation::InverseLog { gain } => {
             positive("head.offset.gain", gain)?;

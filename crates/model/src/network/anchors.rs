@@ -1,4 +1,5 @@
 use atsplat_camera::Ray;
+use atsplat_nn::f32_values;
 use atsplat_nn::layers::{Linear, Norm};
 use atsplat_nn::ops::{gather_max, gelu, linear};
 use burn::Tensor;
@@ -6,13 +7,13 @@ use burn::module::{Initializer, Module, Param};
 use burn::tensor::{Device, Int, TensorData, activation};
 
 use super::Views;
-use super::layers::{Head, Maker};
+use super::layers::{Head, LayerBuilder};
 use super::patch_frame::PatchFrames;
 use crate::ModelError;
 use crate::config::{AnchorContext, AnchorDesign, DepthActivation, Grid, HeadFrame, ModelConfig};
 use crate::neighbours::nearest_neighbours;
 
-/// What makes tokens of coarse features.
+/// Predicts anchors and initial tokens from coarse features.
 #[derive(Module, Debug)]
 pub(super) struct Anchors {
     depth: Option<Head>,
@@ -30,45 +31,45 @@ struct Context {
     neighbours: usize,
 }
 
-/// Tokens and where they are.
+/// Tokens and their positions.
 #[derive(Clone, Debug)]
 pub struct Tokens {
     /// `[scenes, tokens, channels]`.
     pub features: Tensor<3>,
-    /// Anchors in scene units, `[scenes, tokens, 3]`; none in designs without a place.
+    /// Anchors in scene units, `[scenes, tokens, 3]`; none in designs without anchors.
     pub anchors: Option<Tensor<3>>,
-    /// Origins and unit directions of the rays of a token's Gaussians, each `[scenes, tokens, K · 3]`; in the design
-    /// `ray-depth` alone.
+    /// Origins and unit directions of the rays of a token's Gaussians, each `[scenes, tokens, K · 3]`; only in the design
+    /// `ray-depth`.
     pub rays: Option<[Tensor<3>; 2]>,
-    /// Depths along the anchors' rays, `[scenes, tokens]`; of the initial tokens of the design `patch-depth`.
+    /// Depths along the anchors' rays, `[scenes, tokens]`; for the initial tokens of the design `patch-depth`.
     pub depths: Option<Tensor<2>>,
-    /// Where `head.frame` is the patch's, what the Gaussians of each token are measured in.
+    /// Frames of each token's Gaussians, if `head.frame` is the patch's.
     pub frames: Option<PatchFrames>,
 }
 
 impl Anchors {
-    pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
-        let dim = make.transformer.dim;
+    pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
+        let dim = builder.transformer.dim;
         let design = config.anchors.design;
         let tokens = match design {
             AnchorDesign::LearnableTokens { tokens } => {
-                Some(Initializer::Normal { mean: 0.0, std: 0.02 }.init::<2, _>([tokens, dim], make.device))
+                Some(Initializer::Normal { mean: 0.0, std: 0.02 }.init::<2, _>([tokens, dim], builder.device))
             }
             _ => None,
         };
         let context = match config.anchors.context {
             AnchorContext::PointNet { neighbours } => Some(Context {
-                norm: make.norm(),
-                fc1: make.linear(dim + 3, dim),
-                fc2: make.linear(dim, dim),
+                norm: builder.norm(),
+                fc1: builder.linear(dim + 3, dim),
+                fc2: builder.linear(dim, dim),
                 neighbours,
             }),
             AnchorContext::None {} => None,
         };
-        Self { depth: design.has_anchors().then(|| make.head(1)), tokens, context }
+        Self { depth: design.has_anchors().then(|| builder.head(1)), tokens, context }
     }
 
-    /// `coarse` is `[scenes, views · patches, channels]`, the grid that of a view.
+    /// The initial tokens; `coarse` is `[scenes, views · patches, channels]`, `grid` that of one view.
     pub(super) fn forward(
         &self,
         config: &ModelConfig,
@@ -77,14 +78,14 @@ impl Anchors {
         grid: Grid,
         device: &Device,
     ) -> Result<Tokens, ModelError> {
-        let without_place = |features| Tokens { features, anchors: None, rays: None, depths: None, frames: None };
+        let without_anchors = |features| Tokens { features, anchors: None, rays: None, depths: None, frames: None };
         match (config.anchors.design, &self.tokens, &self.depth) {
             (AnchorDesign::LearnableTokens { .. }, Some(tokens), _) => {
-                Ok(without_place(tokens.val().unsqueeze::<3>().repeat_dim(0, scenes.len())))
+                Ok(without_anchors(tokens.val().unsqueeze::<3>().repeat_dim(0, scenes.len())))
             }
             (AnchorDesign::RayDepth {}, ..) => {
                 let rays = cell_rays(scenes, grid, config.head.cells(), device)?;
-                Ok(Tokens { rays: Some(rays), ..without_place(coarse) })
+                Ok(Tokens { rays: Some(rays), ..without_anchors(coarse) })
             }
             (AnchorDesign::PatchDepth {}, _, Some(head)) => {
                 let depths = depth(config.anchors.depth, head.forward(coarse.clone()));
@@ -100,10 +101,10 @@ impl Anchors {
                     anchors: Some(anchors),
                     depths: Some(depths.squeeze_dim(2)),
                     frames,
-                    ..without_place(features)
+                    ..without_anchors(features)
                 })
             }
-            _ => Ok(without_place(coarse)),
+            _ => Ok(without_anchors(coarse)),
         }
     }
 }
@@ -111,26 +112,26 @@ impl Anchors {
 impl Context {
     fn forward(&self, features: Tensor<3>, anchors: &Tensor<3>, device: &Device) -> Result<Tensor<3>, ModelError> {
         let [scenes, tokens, dim] = features.dims();
-        let positions = anchors.clone().into_data_as::<f32>();
-        let positions = positions.as_slice::<f32>().unwrap_or_default().as_chunks::<3>().0;
+        let positions = f32_values(anchors.clone());
+        let positions = positions.as_chunks::<3>().0;
         let count = self.neighbours.min(tokens);
         let mut indices = Vec::with_capacity(scenes * tokens * count);
         for scene in positions.chunks_exact(tokens.max(1)) {
             indices.extend(nearest_neighbours(scene, count)?.indices.into_iter().map(i64::from));
         }
         let indices = Tensor::<3, Int>::from_data(TensorData::new(indices, [scenes, tokens, count]), device);
-        // `fc1` over (feature of the neighbour, its anchor − own anchor) is a sum of three: what the neighbour gives
-        // can be compared before what is the token's own is taken off.
+        // `fc1` of (neighbour's feature, its anchor − own anchor) is a sum of three terms: the maximum is taken over the
+        // neighbour's terms before the token's own term is subtracted.
         let weight = self.fc1.weight.val();
         let own = linear(anchors.clone(), weight.clone().slice_dim(0, dim..dim + 3), None);
         let bias = self.fc1.bias.as_ref().map(Param::val);
-        let given = linear(self.norm.forward(features.clone()), weight.slice_dim(0, 0..dim), bias) + own.clone();
-        let largest = gather_max(given, indices) - own;
+        let neighbours = linear(self.norm.forward(features.clone()), weight.slice_dim(0, 0..dim), bias) + own.clone();
+        let largest = gather_max(neighbours, indices) - own;
         Ok(features + self.fc2.forward(gelu(largest)))
     }
 }
 
-/// Raw outputs as distances along unit rays.
+/// Applies the depth activation to raw outputs.
 pub(super) fn depth<const D: usize>(rule: DepthActivation, x: Tensor<D>) -> Tensor<D> {
     match rule {
         DepthActivation::LogSigmoid { near, far, shift } => {
@@ -153,7 +154,8 @@ fn rays(scenes: &[Views], grid: Grid, device: &Device) -> Result<[Tensor<3>; 2],
     Ok(tensors(&all, scenes.len(), 3, device))
 }
 
-/// Rays through the centres of a patch's cells, as many as a token has Gaussians; each `[scenes, tokens, K · 3]`.
+/// Rays through the centres of a patch's cells, one per Gaussian of a token; origins and directions each
+/// `[scenes, tokens, K · 3]`.
 fn cell_rays(scenes: &[Views], grid: Grid, cells: Grid, device: &Device) -> Result<[Tensor<3>; 2], ModelError> {
     let (count, Grid { rows, columns }) = (cells.len(), cells);
     let fine = Grid { rows: grid.rows * rows, columns: grid.columns * columns };
@@ -165,7 +167,7 @@ fn cell_rays(scenes: &[Views], grid: Grid, cells: Grid, device: &Device) -> Resu
                 let (top, left) = (patch / grid.columns * rows, patch % grid.columns * columns);
                 for cell in 0..count {
                     let at = (top + cell / columns) * fine.columns + left + cell % columns;
-                    all.extend(view.get(at).copied());
+                    all.push(view[at]);
                 }
             }
         }
@@ -183,6 +185,6 @@ fn tensors(rays: &[Ray], scenes: usize, width: usize, device: &Device) -> [Tenso
 }
 
 #[expect(clippy::cast_possible_truncation, reason = "the one rounding to the network's precision")]
-fn f32_from_f64(value: f64) -> f32 {
+pub(super) fn f32_from_f64(value: f64) -> f32 {
     value as f32
 }

@@ -1,8 +1,8 @@
 use crate::config::{Grid, PositionInterpolation};
 
-/// Brings a square grid of vectors to another grid, as the published variants of DINOv2 do.
+/// Resizes a square grid of vectors to another grid, as the published variants of DINOv2 do.
 pub(super) fn resized_grid(values: &[f32], side: usize, grid: Grid, rule: PositionInterpolation) -> Vec<f32> {
-    let dim = values.len().checked_div(side * side).unwrap_or_default();
+    let dim = values.len() / (side * side);
     let (rows, columns) = (taps(side, grid.rows, rule), taps(side, grid.columns, rule));
     let mut resized = Vec::with_capacity(grid.len() * dim);
     for row in &rows {
@@ -13,7 +13,7 @@ pub(super) fn resized_grid(values: &[f32], side: usize, grid: Grid, rule: Positi
                 for &(x, weight_x) in column {
                     #[expect(clippy::cast_possible_truncation, reason = "embeddings are f32")]
                     let weight = (weight_y * weight_x) as f32;
-                    let from = values.get((y * side + x) * dim..).unwrap_or_default();
+                    let from = &values[(y * side + x) * dim..];
                     for (sum, value) in resized.iter_mut().skip(start).zip(from) {
                         *sum += weight * value;
                     }
@@ -24,12 +24,12 @@ pub(super) fn resized_grid(values: &[f32], side: usize, grid: Grid, rule: Positi
     resized
 }
 
-/// For each output sample, which inputs weigh how much.
+/// Input indices and weights of each output sample.
 fn taps(from: usize, to: usize, rule: PositionInterpolation) -> Vec<Vec<(usize, f64)>> {
     let last = from.saturating_sub(1);
     let sample = |at: usize| match rule {
         PositionInterpolation::OffsetBicubic => {
-            // Four taps around the source coordinate, those outside being the border's.
+            // Four taps around the source coordinate, clamped at the border.
             let source = (at as f64 + 0.5) * from as f64 / (to as f64 + 0.1) - 0.5;
             let before = source.floor();
             (-1..3i32)
@@ -57,7 +57,7 @@ fn taps(from: usize, to: usize, rule: PositionInterpolation) -> Vec<Vec<(usize, 
     (0..to).map(sample).collect()
 }
 
-/// Keys's cubic kernel.
+/// Cubic convolution kernel of Keys.
 fn cubic(x: f64, a: f64) -> f64 {
     let x = x.abs();
     if x <= 1.0 {

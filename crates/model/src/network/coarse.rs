@@ -5,11 +5,11 @@ use burn::tensor::Device;
 
 use super::Views;
 use super::dinov2::Dino;
-use super::layers::Maker;
+use super::layers::LayerBuilder;
 use crate::ModelError;
 use crate::config::{BackboneConfig, DinoArchitecture, Grid, ModelConfig};
 
-/// What turns each view into coarse patch features by itself; one of the two is there.
+/// The per-view network of coarse patch features; exactly one of the two is present.
 #[derive(Module, Debug)]
 pub(super) struct Backbone {
     dino: Option<Dino>,
@@ -24,16 +24,16 @@ struct PatchBackbone {
 }
 
 impl Backbone {
-    pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
+    pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
         let patch = config.coarse.patch_size.pow(2);
         match config.backbone {
             BackboneConfig::DinoV2 { size, registers } => Self {
-                dino: Some(Dino::new(DinoArchitecture::new(size, registers), make.device).no_grad()),
+                dino: Some(Dino::new(DinoArchitecture::new(size, registers), builder.device).no_grad()),
                 patch: None,
             },
             BackboneConfig::Patch { layers } => {
-                let embed = make.linear(patch * 9, make.transformer.dim);
-                Self { dino: None, patch: Some(PatchBackbone { embed, layers: make.blocks(layers) }) }
+                let embed = builder.linear(patch * 9, builder.transformer.dim);
+                Self { dino: None, patch: Some(PatchBackbone { embed, layers: builder.blocks(layers) }) }
             }
         }
     }
@@ -48,8 +48,8 @@ impl Backbone {
     ) -> Result<Tensor<3>, ModelError> {
         match (&self.dino, &self.patch) {
             (Some(dino), _) => {
-                let known = views.features([views.len(), grid.len(), dino.dim()], device);
-                known.unwrap_or_else(|| Ok(dino.forward(views, grid, device)))
+                let cached = views.features([views.len(), grid.len(), dino.dim()], device);
+                cached.unwrap_or_else(|| Ok(dino.forward(views, grid, device)))
             }
             (None, Some(patch)) => {
                 let x = patch.embed.forward(views.colours_and_plucker(patch_size, device)?);
@@ -60,7 +60,7 @@ impl Backbone {
     }
 }
 
-/// The branch that finds anchors.
+/// The coarse branch.
 #[derive(Module, Debug)]
 pub(super) struct Coarse {
     patch: Linear,
@@ -69,29 +69,29 @@ pub(super) struct Coarse {
     layers: Vec<Block>,
 }
 
-/// What the coarse branch saw on the way; `[scenes, views · patches, channels]`.
+/// Stages of the coarse branch, each `[scenes, views · patches, channels]`.
 #[derive(Clone, Debug)]
 pub struct CoarseStages {
     /// The backbone's features.
     pub backbone: Tensor<3>,
-    /// Mixed with raw patches, Plücker embedding added.
+    /// After mixing with raw patches and adding the Plücker embedding.
     pub tokens: Tensor<3>,
     /// After attention across views.
     pub features: Tensor<3>,
 }
 
 impl Coarse {
-    pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
-        let (patch, dim) = (config.coarse.patch_size.pow(2), make.transformer.dim);
+    pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
+        let (patch, dim) = (config.coarse.patch_size.pow(2), builder.transformer.dim);
         Self {
-            patch: make.linear(patch * 3, dim),
-            fuse: make.linear(config.backbone.dim(dim) + dim, dim),
-            plucker: make.linear(patch * 6, dim),
-            layers: make.blocks(config.coarse.layers),
+            patch: builder.linear(patch * 3, dim),
+            fuse: builder.linear(config.backbone.dim(dim) + dim, dim),
+            plucker: builder.linear(patch * 6, dim),
+            layers: builder.blocks(config.coarse.layers),
         }
     }
 
-    /// `scenes` are of one size and as many views.
+    /// `scenes` have the same number of views of the same size.
     pub(super) fn forward(
         &self,
         backbone: &Backbone,

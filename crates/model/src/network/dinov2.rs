@@ -1,3 +1,4 @@
+use atsplat_nn::f32_values;
 use atsplat_nn::layers::{AttentionConfig, Block, BlockConfig, Linear, LinearConfig, Norm, NormConfig};
 use burn::Tensor;
 use burn::module::{Initializer, Module, Param};
@@ -8,7 +9,7 @@ use super::bicubic::resized_grid;
 use crate::ImageSize;
 use crate::config::{DinoArchitecture, Grid};
 
-/// ImageNet's mean and deviation.
+/// Mean and standard deviation of ImageNet.
 const MEAN: [f32; 3] = [0.485, 0.456, 0.406];
 const DEVIATION: [f32; 3] = [0.229, 0.224, 0.225];
 
@@ -56,8 +57,8 @@ impl Dino {
         self.architecture.dim
     }
 
-    /// Normalised patch tokens of the last layer, `[views, patches, channels]`, for views that are resized to a patch of
-    /// 14 pixels for each cell of the grid.
+    /// Normalised patch tokens of the last layer, `[views, patches, channels]`; views are resized to one patch of 14 pixels
+    /// per grid cell.
     pub(super) fn forward(&self, views: &Views, grid: Grid, device: &Device) -> Tensor<3> {
         let patch = DinoArchitecture::PATCH_SIZE;
         let resized = views.resized(ImageSize::new(patch * grid.rows, patch * grid.columns));
@@ -76,7 +77,7 @@ impl Dino {
         self.norm.forward(x.slice_dim(1, 1 + self.architecture.registers..tokens)).detach()
     }
 
-    /// Position embeddings of the class token and of a grid's patches, `[1, 1 + patches, channels]`.
+    /// Position embeddings of the class token and the patches of a grid, `[1, 1 + patches, channels]`.
     fn positions(&self, grid: Grid, device: &Device) -> Tensor<3> {
         let side = self.architecture.position_side;
         let stored = self.pos_embed.val();
@@ -85,9 +86,8 @@ impl Dino {
         }
         let dim = self.architecture.dim;
         let class = stored.clone().slice_dim(1, 0..1);
-        let patches = stored.slice_dim(1, 1..side * side + 1).into_data_as::<f32>();
-        let resized =
-            resized_grid(patches.as_slice::<f32>().unwrap_or_default(), side, grid, self.architecture.interpolation);
+        let patches = f32_values(stored.slice_dim(1, 1..side * side + 1));
+        let resized = resized_grid(&patches, side, grid, self.architecture.interpolation);
         let patches = Tensor::<3>::from_data(TensorData::new(resized, [1, grid.len(), dim]), device);
         Tensor::cat(vec![class, patches], 1)
     }

@@ -1,4 +1,4 @@
-//! Against the authors' layout in PyTorch, on weights from seeds and on trained ones.
+//! DINOv2 against the authors' implementation in PyTorch, with weights from seeds and trained ones.
 
 use std::path::PathBuf;
 
@@ -15,13 +15,13 @@ use crate::config::{BackboneConfig, DinoArchitecture, DinoSize, Grid};
 use crate::parameters::parameters;
 use crate::weights::{StoredTensors, TensorFile, generated, read_backbone};
 
-/// Distance of a token from PyTorch's in f64, relative to its norm: a tenth of what is promised.
+/// Largest distance of a token from PyTorch's in f64, relative to its norm: a tenth of the promised accuracy.
 const OF_NORM: f64 = 1e-5;
 
 /// Size, registers, views, rows and columns of the grid.
 type Case = (DinoSize, bool, usize, usize, usize);
 
-/// What a fixture holds, if it is a case of this kind.
+/// The case and seed of a fixture, if it is of this kind.
 fn case(stored: &StoredTensors, kind: &str) -> Option<(Case, u64)> {
     let case = serde_json::from_str(stored.metadata.get(kind)?).unwrap();
     Some((case, stored.metadata["seed"].parse().unwrap()))
@@ -33,7 +33,7 @@ fn with_backbone(size: DinoSize, registers: bool) -> ModelConfig {
     config
 }
 
-/// Runs the backbone alone, and compares the tokens that the fixture kept.
+/// Runs the backbone alone and compares the tokens stored in the fixture.
 fn compare(stored: &StoredTensors, (case, seed): (Case, u64), weights: &StoredTensors) {
     let (size, registers, count, rows, columns) = case;
     let device = Device::flex();
@@ -62,13 +62,13 @@ fn compare(stored: &StoredTensors, (case, seed): (Case, u64), weights: &StoredTe
 }
 
 #[test]
-fn every_variant_is_the_authors() {
+fn every_variant_agrees_with_the_authors() {
     let mut cases = 0;
     for path in fixtures("dinov2") {
         let stored = TensorFile::open(&path).unwrap().stored;
         let Some(case) = case(&stored, "case") else { continue };
         let ((size, registers, ..), seed) = case;
-        // Only the backbone is put in, so that a test does not build a network of 768 channels.
+        // Only the backbone is built, not a network of 768 channels.
         let mut list = parameters(&with_backbone(size, registers));
         list.retain(|parameter| !parameter.trained);
         compare(&stored, case, &generated(&list, seed));
@@ -93,7 +93,7 @@ fn trained_weights_give_the_authors_features() {
 }
 
 #[test]
-fn resizing_is_pytorchs() {
+fn resizing_agrees_with_pytorch() {
     let path = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("tests/fixtures/dinov2/resized.safetensors");
     let stored = TensorFile::open(&path).unwrap().stored;
     for (name, theirs) in &stored.tensors {

@@ -1,3 +1,4 @@
+use atsplat_nn::f32_values;
 use atsplat_nn::layers::Linear;
 use atsplat_nn::ops::gather_rows;
 use burn::Tensor;
@@ -5,7 +6,7 @@ use burn::module::Module;
 use burn::tensor::{Device, Int, TensorData, activation};
 
 use super::anchors::Tokens;
-use super::layers::{Head, Maker};
+use super::layers::{Head, LayerBuilder};
 use crate::ModelError;
 use crate::config::{BlockExpansion, ExpansionConfig, ModelConfig, Selection};
 use crate::farthest_point::farthest_points;
@@ -18,33 +19,33 @@ pub(super) struct Expansion {
     children: Linear,
 }
 
-/// What one block did to the tokens of each scene.
+/// Expansion of one block, for each scene.
 #[derive(Clone, Debug)]
 pub struct Expanded {
-    /// Predicted uncertainty of the tokens that entered, `[scenes, tokens]`; with selections that score.
+    /// Predicted uncertainty of the tokens that entered, `[scenes, tokens]`; only for selections by score.
     pub scores: Option<Tensor<2>>,
     /// Indices of the tokens that were expanded, ascending; by scene.
     pub selected: Vec<Vec<usize>>,
-    /// Of each token that left, the index of the one that it is or came from; by scene.
+    /// For each token that left, the index of its parent, or of itself if it was not expanded; by scene.
     pub parents: Vec<Vec<usize>>,
 }
 
 impl Expansion {
-    pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
+    pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
         let scored = matches!(config.expansion.selection, Selection::Uncertainty {} | Selection::StraightThrough {});
-        let dim = make.transformer.dim;
-        Self { score: scored.then(|| make.head(1)), children: make.linear(dim, config.expansion.children * dim) }
+        let dim = builder.transformer.dim;
+        Self { score: scored.then(|| builder.head(1)), children: builder.linear(dim, config.expansion.children * dim) }
     }
 
-    /// Predicted uncertainty, `[scenes, tokens]`: softplus of a head that sees the tokens without their history, or, with
-    /// a straight-through estimator, with it.
+    /// Predicted uncertainty, `[scenes, tokens]`: softplus of a head on the detached tokens, or on the tokens themselves for
+    /// the straight-through estimator.
     pub(super) fn scores(&self, features: &Tensor<3>, detached: bool) -> Option<Tensor<2>> {
         let head = self.score.as_ref()?;
         let features = if detached { features.clone().detach() } else { features.clone() };
         Some(activation::softplus(head.forward(features), 1.0).squeeze_dim(2))
     }
 
-    /// `block` counts from 0; it and the call's seed decide what random selection draws.
+    /// Expands tokens; `block` counts from 0. It and the call's seed are keys of random selection.
     pub(super) fn forward(
         &self,
         config: &ExpansionConfig,
@@ -58,11 +59,13 @@ impl Expansion {
         let straight_through = config.selection == Selection::StraightThrough {};
         let scores = self.scores(&tokens.features, !straight_through);
         let mut selected = Vec::with_capacity(scenes);
-        let (score_values, anchor_values) = (scores.clone().map(values), tokens.anchors.clone().map(values));
+        let (score_values, anchor_values) = (scores.clone().map(f32_values), tokens.anchors.clone().map(f32_values));
         for scene in 0..scenes {
-            let scores = score_values.as_deref().and_then(|all| all.chunks_exact(count).nth(scene)).unwrap_or_default();
-            let anchors =
-                anchor_values.as_deref().and_then(|all| all.chunks_exact(3 * count).nth(scene)).unwrap_or_default();
+            // Empty for selections without scores and designs without anchors.
+            let of_scene = |all: &'_ Option<Vec<f32>>, length: usize| {
+                all.as_ref().map(|all| all[scene * length..(scene + 1) * length].to_vec()).unwrap_or_default()
+            };
+            let (scores, anchors) = (of_scene(&score_values, count), of_scene(&anchor_values, 3 * count));
             selected.push(match (config.selection, how_many) {
                 (Selection::Random { seed }, BlockExpansion::Ratio(ratio)) => {
                     let keys = [seed, call_seed.wrapping_add(scene as u64), block as u64];
@@ -72,9 +75,9 @@ impl Expansion {
                     farthest_points(anchors.as_chunks().0, ratio.of(count, config.ratio_rounding))?
                 }
                 (_, BlockExpansion::Ratio(ratio)) => {
-                    selection::highest(scores, ratio.of(count, config.ratio_rounding))?
+                    selection::highest(&scores, ratio.of(count, config.ratio_rounding))?
                 }
-                (_, BlockExpansion::Threshold(threshold)) => selection::above(scores, threshold)?,
+                (_, BlockExpansion::Threshold(threshold)) => selection::above(&scores, threshold)?,
             });
         }
         let parents: Vec<Vec<usize>> =
@@ -110,30 +113,27 @@ impl Expansion {
         }
         let [scenes, _, dim] = tokens.features.dims();
         let origins = indices(parents, device);
-        let carried = |x: Tensor<3>| gather_rows(x, origins.clone());
-        let all = carried(tokens.features.clone());
+        let inherited = |x: Tensor<3>| gather_rows(x, origins.clone());
+        let all = inherited(tokens.features.clone());
         let [_, after, _] = all.dims();
         let unselected = after - chosen * children;
         let chosen_features = gather_rows(tokens.features.clone(), indices(selected, device));
         let residuals = self.children.forward(chosen_features).reshape([scenes, chosen * children, dim]);
-        let mut born = all.clone().slice_dim(1, unselected..after) + residuals;
+        let mut children = all.clone().slice_dim(1, unselected..after) + residuals;
         if let Some(scores) = straight_through {
-            let own = carried(scores.unsqueeze_dim(2)).slice_dim(1, unselected..after);
-            born = born * (own.clone() - own.detach() + 1.0);
+            let own = inherited(scores.unsqueeze_dim(2)).slice_dim(1, unselected..after);
+            children = children * (own.clone() - own.detach() + 1.0);
         }
-        let features = if unselected == 0 { born } else { Tensor::cat(vec![all.slice_dim(1, 0..unselected), born], 1) };
+        let features =
+            if unselected == 0 { children } else { Tensor::cat(vec![all.slice_dim(1, 0..unselected), children], 1) };
         Tokens {
             features,
-            anchors: tokens.anchors.map(&carried),
-            rays: tokens.rays.map(|rays| rays.map(&carried)),
-            depths: tokens.depths.map(|depths| carried(depths.unsqueeze_dim(2)).squeeze_dim(2)),
-            frames: tokens.frames.map(|frames| frames.map(carried)),
+            anchors: tokens.anchors.map(&inherited),
+            rays: tokens.rays.map(|rays| rays.map(&inherited)),
+            depths: tokens.depths.map(|depths| inherited(depths.unsqueeze_dim(2)).squeeze_dim(2)),
+            frames: tokens.frames.map(|frames| frames.map(inherited)),
         }
     }
-}
-
-fn values<const D: usize>(tensor: Tensor<D>) -> Vec<f32> {
-    tensor.into_data_as::<f32>().as_slice::<f32>().unwrap_or_default().to_vec()
 }
 
 fn indices(rows: &[Vec<usize>], device: &Device) -> Tensor<2, Int> {

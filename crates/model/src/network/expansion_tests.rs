@@ -1,4 +1,4 @@
-//! What a block of expansion draws, and what its scores learn.
+//! Random selection of a block, and gradients of its scores.
 
 use super::anchors::Tokens;
 use super::tests::{base, numbers, straight_through};
@@ -10,7 +10,7 @@ use crate::weights::generated;
 use atsplat_numeric::Tolerance;
 use burn::tensor::TensorData;
 
-/// Numbers in (−1, 1) by name.
+/// Numbers in [−1, 1), a function of the name.
 fn noise(name: &str, shape: [usize; 3], device: &Device) -> Tensor<3> {
     let stream = Stream::named(5, name);
     let count = shape.iter().product::<usize>() as u64;
@@ -19,29 +19,29 @@ fn noise(name: &str, shape: [usize; 3], device: &Device) -> Tensor<3> {
     Tensor::from_data(TensorData::new(values, shape), device)
 }
 
-/// A straight-through estimator leaves values alone and lets the loss pull at the score of each chosen token by what its
-/// children pull at themselves: `∂L/∂s = Σ g · born` over them, with `g` the gradient of the loss by the children.
+/// A straight-through estimator does not change values, and the loss has a gradient with respect to the score of each
+/// selected token: `∂L/∂s = Σ g · child` over its children, with `g` the gradient with respect to the child.
 ///
 /// The score is `softplus(z)` and `z` is linear in the head's last layer `w`, so `w · ∂L/∂w = Σ ∂L/∂s · σ(z) · z`.
 #[test]
-fn straight_through_scores_are_pulled_by_their_childrens_gradient() {
+fn straight_through_scores_get_their_childrens_gradient() {
     let device = Device::flex().autodiff();
     let fixture = straight_through();
     let network = fixture.network(&device);
     let config = &fixture.config;
     assert_eq!(config.expansion.selection, Selection::StraightThrough {});
     let (count, dim) = (24, config.transformer.dim);
-    for (place, block) in config.decoder.blocks.iter().enumerate() {
+    for (position, block) in config.decoder.blocks.iter().enumerate() {
         let Some(how_many) = block.expansion else { continue };
-        let expansion = network.decoder.blocks[place].expansion.as_ref().unwrap();
-        let features = noise(&format!("tokens {place}"), [1, count, dim], &device);
+        let expansion = network.decoder.blocks[position].expansion.as_ref().unwrap();
+        let features = noise(&format!("tokens {position}"), [1, count, dim], &device);
         let tokens = Tokens { features, anchors: None, rays: None, depths: None, frames: None };
-        let (after, expanded) = expansion.forward(&config.expansion, how_many, tokens, place, 0, &device).unwrap();
+        let (after, expanded) = expansion.forward(&config.expansion, how_many, tokens, position, 0, &device).unwrap();
         let [_, left, _] = after.features.dims();
-        let pull = noise(&format!("pull {place}"), [1, left, dim], &device);
-        let gradients = network.gradients(&(after.features.clone() * pull.clone()).sum().backward());
+        let weights = noise(&format!("pull {position}"), [1, left, dim], &device);
+        let gradients = network.gradients(&(after.features.clone() * weights.clone()).sum().backward());
 
-        let (values, pull) = (numbers(after.features), numbers(pull));
+        let (values, child_gradients) = (numbers(after.features), numbers(weights));
         let scores = numbers(expanded.scores.unwrap());
         let chosen = &expanded.selected[0];
         let unselected = count - chosen.len();
@@ -49,11 +49,11 @@ fn straight_through_scores_are_pulled_by_their_childrens_gradient() {
         for (order, token) in chosen.iter().enumerate() {
             let children = (unselected + order * config.expansion.children) * dim;
             let of_children = children..children + config.expansion.children * dim;
-            let of_score: f64 = of_children.map(|at| pull[at] * values[at]).sum();
+            let of_score: f64 = of_children.map(|at| child_gradients[at] * values[at]).sum();
             let z = scores[*token].exp_m1().ln();
             expected += of_score * z / (1.0 + (-z).exp());
         }
-        assert!(expected.abs() > 1e-2, "block {place} says nothing: {expected}");
+        assert!(expected.abs() > 1e-2, "block {position}: the gradient is too small for a test: {expected}");
         let weights = network.weights().unwrap();
         let last = gradients.iter().filter(|(name, _)| name.contains("expansion.score.mlp.fc2"));
         let found: f64 = last
@@ -62,13 +62,13 @@ fn straight_through_scores_are_pulled_by_their_childrens_gradient() {
                 weights.iter().zip(gradient).map(|(w, g)| f64::from(*w) * f64::from(*g)).sum::<f64>()
             })
             .sum();
-        Tolerance { absolute: 1e-5, relative: 1e-4 }.assert([found], [expected], &format!("block {place}"));
+        Tolerance { absolute: 1e-5, relative: 1e-4 }.assert([found], [expected], &format!("block {position}"));
     }
 }
 
-/// Two scenes of one batch draw differently, each as it would alone: the second with the next seed of the call.
+/// Two scenes of one batch draw differently, each as it would alone: the second scene with the next call seed.
 #[test]
-fn random_selection_differs_from_scene_to_scene() {
+fn random_selection_differs_between_scenes() {
     let device = Device::flex();
     let fixture = base();
     let mut config = fixture.config.clone();

@@ -5,11 +5,11 @@ use burn::module::Module;
 use burn::tensor::{Device, Int, TensorData};
 
 use super::Views;
-use super::layers::Maker;
+use super::layers::LayerBuilder;
 use crate::ModelError;
 use crate::config::{Grid, ModelConfig, Upsampling};
 
-/// The branch that anchors look at.
+/// The fine branch, to which the decoder attends.
 #[derive(Module, Debug)]
 pub(super) struct Fine {
     patch: Linear,
@@ -18,16 +18,16 @@ pub(super) struct Fine {
 }
 
 impl Fine {
-    pub(super) fn new(config: &ModelConfig, make: Maker<'_>) -> Self {
-        let (patch, dim) = (config.fine.patch_size.pow(2), make.transformer.dim);
+    pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
+        let (patch, dim) = (config.fine.patch_size.pow(2), builder.transformer.dim);
         Self {
-            patch: make.linear(patch * 3, dim),
-            plucker: make.linear(patch * 6, dim),
-            layers: make.blocks(config.fine.layers),
+            patch: builder.linear(patch * 3, dim),
+            plucker: builder.linear(patch * 6, dim),
+            layers: builder.blocks(config.fine.layers),
         }
     }
 
-    /// Features of each view by itself: `[scenes · views, patches, channels]`.
+    /// Features of each view separately: `[scenes · views, patches, channels]`.
     pub(super) fn forward(
         &self,
         scenes: &[Views],
@@ -43,9 +43,9 @@ impl Fine {
     }
 }
 
-/// Brings features of coarse patches, `[views, coarse, channels]`, to a grid that is a whole number of times finer.
+/// Upsamples features of coarse patches, `[views, coarse, channels]`, to a grid finer by a whole factor.
 pub(super) fn upsampled(x: Tensor<3>, from: Grid, to: Grid, rule: Upsampling, device: &Device) -> Tensor<3> {
-    let views = x.dims().first().copied().unwrap_or_default();
+    let [views, _, _] = x.dims();
     let (rows, columns) = (taps(from.rows, to.rows, rule), taps(from.columns, to.columns, rule));
     let corners = match rule {
         Upsampling::Nearest => 1,
@@ -70,10 +70,11 @@ pub(super) fn upsampled(x: Tensor<3>, from: Grid, to: Grid, rule: Upsampling, de
             });
         }
     }
-    sum.unwrap_or(x)
+    #[expect(clippy::expect_used, reason = "either rule has corners")]
+    sum.expect("at least one corner")
 }
 
-/// Of each fine sample, the two coarse ones around its centre and their weights.
+/// For each fine sample, the two coarse samples around its centre with their weights.
 fn taps(from: usize, to: usize, rule: Upsampling) -> Vec<[(usize, f32); 2]> {
     let ratio = to as f64 / from as f64;
     let last = from.saturating_sub(1);

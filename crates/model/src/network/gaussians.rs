@@ -1,3 +1,4 @@
+use atsplat_nn::f32_values;
 use atsplat_splat::{GaussianParts, Gaussians};
 use burn::Tensor;
 use burn::tensor::activation;
@@ -7,10 +8,10 @@ use super::layers::Head;
 use crate::ModelError;
 use crate::config::{ModelConfig, OffsetActivation, OpacityActivation, QuaternionActivation, ScaleActivation};
 
-/// Below this length a quaternion is divided by it instead: PyTorch's `normalize`.
-const SHORTEST: f64 = 1e-12;
+/// Smallest divisor when a quaternion is normalised: PyTorch's `normalize`.
+const EPSILON: f64 = 1e-12;
 
-/// Gaussians of a batch of scenes as the network makes them, through which gradients flow; token by token.
+/// Gaussians of a batch of scenes as tensors with gradients, ordered by token.
 #[derive(Clone, Debug)]
 pub struct GaussianTensors {
     /// Centres in scene units, `[scenes, Gaussians, 3]`.
@@ -23,11 +24,11 @@ pub struct GaussianTensors {
     pub opacity_logits: Tensor<2>,
     /// Spherical harmonics, red, green, blue of the first coefficient first, `[scenes, Gaussians, coefficients · 3]`.
     pub sh: Tensor<3>,
-    /// Their degree.
+    /// Degree of the spherical harmonics.
     pub sh_degree: u8,
 }
 
-/// Makes Gaussians of tokens.
+/// Predicts Gaussians from tokens.
 pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> GaussianTensors {
     let settings = &config.head;
     let design = config.anchors.design;
@@ -61,7 +62,7 @@ pub(super) fn gaussians(config: &ModelConfig, head: &Head, tokens: &Tokens) -> G
         }
     };
     // Clamped before the root, whose derivative at zero is infinite.
-    let length = (rotation.clone() * rotation.clone()).sum_dim(2).clamp_min(SHORTEST * SHORTEST).sqrt();
+    let length = (rotation.clone() * rotation.clone()).sum_dim(2).clamp_min(EPSILON * EPSILON).sqrt();
     let scale = part(place + 4, 3);
     let log_scales = match (&tokens.frames, settings.scale) {
         (Some(frames), _) => frames.log_scales(settings.cells(), scale),
@@ -87,19 +88,16 @@ fn offset(rule: OffsetActivation, x: Tensor<3>) -> Tensor<3> {
 }
 
 impl GaussianTensors {
-    /// The Gaussians of one scene, for the renderers.
+    /// The Gaussians of one scene in the renderers' format.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where there is no such scene.
+    /// [`ModelError::Malformed`] if there is no such scene.
     pub fn scene(&self, scene: usize) -> Result<Gaussians, ModelError> {
         let [scenes, ..] = self.means.dims();
         if scene >= scenes {
             return Err(ModelError::malformed("network", "scene", format!("one of {scenes}"), scene));
         }
-        let rows = |tensor: &Tensor<3>| {
-            let data = tensor.clone().slice_dim(0, scene..scene + 1).into_data_as::<f32>();
-            data.as_slice::<f32>().unwrap_or_default().to_vec()
-        };
+        let rows = |tensor: &Tensor<3>| f32_values(tensor.clone().slice_dim(0, scene..scene + 1));
         let parts = GaussianParts {
             means: rows(&self.means).as_chunks().0.to_vec(),
             quaternions: rows(&self.quaternions).as_chunks().0.to_vec(),
@@ -114,10 +112,10 @@ impl GaussianTensors {
             .map_err(|error| ModelError::malformed("network", "Gaussians", "arrays of one length", error))
     }
 
-    /// As [`Self::scene`].
+    /// [`Self::scene`], checked to be finite.
     ///
     /// # Errors
-    /// As [`Self::scene`]; [`ModelError::NonFinite`] where a number is NaN or infinite.
+    /// As [`Self::scene`]; [`ModelError::NonFinite`] if a number is NaN or infinite.
     pub fn finite_scene(&self, scene: usize) -> Result<Gaussians, ModelError> {
         let gaussians = self.scene(scene)?;
         match non_finite(&gaussians) {
@@ -127,7 +125,7 @@ impl GaussianTensors {
     }
 }
 
-/// How many values are NaN or infinite.
+/// Number of values that are NaN or infinite.
 fn non_finite(gaussians: &Gaussians) -> usize {
     let GaussianParts { means, quaternions, log_scales, opacity_logits, sh, .. } = gaussians.parts();
     let (means, quaternions, log_scales) =

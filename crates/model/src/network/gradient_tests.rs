@@ -1,4 +1,4 @@
-//! Through the splatter to every parameter, and against central differences.
+//! Gradients through the renderer reach every parameter and agree with central differences.
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_numeric::Tolerance;
@@ -14,7 +14,7 @@ use crate::parameters::parameters;
 use crate::weights::{StoredTensor, StoredTensors, generated};
 
 const SIZE: ImageSize = ImageSize::new(64, 64);
-/// f32 through twenty layers, and a loss whose second derivative a difference sees.
+/// f32 through twenty layers, and a loss whose curvature affects differences.
 const DIFFERENCES: Tolerance = Tolerance { absolute: 0.0, relative: 0.02 };
 
 fn camera(x: f64) -> Camera {
@@ -28,8 +28,8 @@ fn noise(name: &str, count: usize) -> Vec<f32> {
     (0..count as u64).map(|at| (0.5 + 0.5 * stream.signed_unit(at)) as f32).collect()
 }
 
-/// `nano` whose Gaussians are large enough to be seen, and so faint that it hardly matters which of two is nearer: where
-/// they change places a picture jumps, which differences see and derivatives do not.
+/// `nano` with Gaussians that are large enough to be visible and so faint that depth order hardly matters: where two change
+/// order the picture jumps, which affects differences but not derivatives.
 fn config() -> ModelConfig {
     let text = ModelConfig::text_of("nano").unwrap();
     let text = text
@@ -38,8 +38,7 @@ fn config() -> ModelConfig {
     ModelConfig::from_toml(&text).unwrap()
 }
 
-/// What training minimises, on one scene: the final pictures' error; and of the blocks before, the error of their pictures
-/// and of the uncertainty that they predict.
+/// Training losses of one scene: the error of the final and intermediate pictures, and of the predicted uncertainty.
 struct Losses {
     pictures: Tensor<1>,
     uncertainty: Tensor<1>,
@@ -54,7 +53,7 @@ fn losses(network: &Network) -> Losses {
     let targets = [View { camera: camera(0.2), size }, View { camera: camera(0.4), size }];
     let device = network.device();
     let truth = Tensor::<1>::from_floats(noise("targets", 2 * 32 * 32 * 3).as_slice(), &device).reshape([2, 32, 32, 3]);
-    // Next to no cut-offs, so that there is next to everywhere a derivative.
+    // Almost no cut-offs, so that the loss is differentiable almost everywhere.
     let constants =
         RendererConstants { min_alpha: SMALLEST_MIN_ALPHA, min_transmittance: 0.0, ..RendererConstants::default() };
     let options = RenderOptions { constants, ..RenderOptions::default() };
@@ -87,7 +86,7 @@ fn network(config: &ModelConfig, weights: &StoredTensors, device: &Device) -> Ne
 }
 
 #[test]
-fn every_parameter_learns_through_the_splatter() {
+fn every_parameter_has_a_gradient_through_the_renderer() {
     let config = config();
     let weights = generated(&parameters(&config), 3);
     let network = network(&config, &weights, &Device::flex().autodiff());
@@ -103,7 +102,7 @@ fn every_parameter_learns_through_the_splatter() {
 }
 
 #[test]
-fn the_uncertainty_loss_moves_nothing_but_the_scores() {
+fn the_uncertainty_loss_reaches_only_the_score_heads() {
     let config = config();
     let weights = generated(&parameters(&config), 3);
     let network = network(&config, &weights, &Device::flex().autodiff());
@@ -115,13 +114,13 @@ fn the_uncertainty_loss_moves_nothing_but_the_scores() {
 }
 
 #[test]
-fn gradients_are_what_differences_say() {
+fn gradients_agree_with_central_differences() {
     let config = config();
     let weights = generated(&parameters(&config), 3);
     let tracked = network(&config, &weights, &Device::flex().autodiff());
     let start = losses(&tracked);
     let by_pictures = tracked.gradients(&start.pictures.backward());
-    // A graph is walked once.
+    // A graph can be propagated only once, so the losses are computed again.
     let by_uncertainty = tracked.gradients(&losses(&tracked).uncertainty.backward());
     for name in [
         "backbone.embed.weight",
@@ -146,10 +145,10 @@ fn gradients_are_what_differences_say() {
     }
 }
 
-/// Of the depth head alone the differences are made of Gaussians that change places; `patch_frame` has its derivative in
-/// closed form.
+/// Without the depth head, whose differences are dominated by Gaussians that change order; `patch_frame` tests its
+/// derivative in closed form.
 #[test]
-fn gradients_in_the_patchs_frame_are_what_differences_say() {
+fn gradients_in_the_patch_frame_agree_with_central_differences() {
     let mut config = config();
     config.head.frame = HeadFrame::Patch;
     let weights = generated(&parameters(&config), 3);
@@ -166,7 +165,7 @@ fn gradients_in_the_patchs_frame_are_what_differences_say() {
     }
 }
 
-/// Along the gradient and noise in equal parts, with steps that change no selection.
+/// Compares the slope along the gradient plus equally long noise, with steps that change no selection.
 fn check(
     config: &ModelConfig,
     weights: &StoredTensors,
@@ -200,8 +199,8 @@ fn check(
     DIFFERENCES.assert([found], [expected], name);
 }
 
-/// The derivative that slopes over shorter and shorter steps tell: curvature fades as they shrink, while rounding, and
-/// what a jump within the step adds, grow. So the two neighbours that agree best are trusted, the earlier of equals.
+/// The derivative estimated from slopes over shorter and shorter steps: the effect of curvature shrinks with the step, while
+/// rounding and jumps within the step grow. So the two neighbours that agree best are used, the earlier of equals.
 fn settled(slopes: &[f64]) -> Option<f64> {
     let apart = |pair: &&[f64]| (pair[1] - pair[0]).abs();
     let best = slopes.windows(2).min_by(|a, b| apart(a).total_cmp(&apart(b)))?;

@@ -1,14 +1,14 @@
-//! Inputs that a table never shows: whatever is finite gives finite Gaussians, whatever is not a typed error.
+//! Hard inputs: finite ones give finite Gaussians, others a typed error.
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{RenderOptions, View};
 use glam::{DMat3, DVec3};
 
+use super::tests::picture;
 use super::*;
 use crate::ImageSize;
 use crate::budget::budget;
-use crate::hash::Stream;
 use crate::parameters::parameters;
 use crate::weights::generated;
 
@@ -20,16 +20,14 @@ fn nano() -> Network {
     Network::new(&config, &Device::flex()).unwrap().with_weights(&weights).unwrap()
 }
 
-/// A camera at a place, turned about the vertical axis.
-fn camera(place: DVec3, turn: f64) -> Camera {
-    let pose = WorldFromCamera::new(DMat3::from_rotation_y(turn), place).unwrap();
+/// A camera at a position, rotated about the vertical axis.
+fn camera(position: DVec3, angle: f64) -> Camera {
+    let pose = WorldFromCamera::new(DMat3::from_rotation_y(angle), position).unwrap();
     Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.8, 1.2, 0.5, 0.5).unwrap())
 }
 
 fn noise(views: usize, size: ImageSize) -> Vec<f32> {
-    let stream = Stream::named(5, "picture");
-    #[expect(clippy::cast_possible_truncation, reason = "pictures are f32")]
-    (0..(views * size.height * size.width * 3) as u64).map(|at| (0.5 + 0.5 * stream.signed_unit(at)) as f32).collect()
+    picture(5, views, size)
 }
 
 fn views(pictures: Vec<f32>, cameras: Vec<Camera>) -> Views {
@@ -65,7 +63,7 @@ fn hard_views_give_finite_gaussians_and_pictures() {
 }
 
 #[test]
-fn tokens_keep_their_descent_and_their_anchors() {
+fn tokens_keep_their_parents_and_anchors() {
     let network = nano();
     let cameras = vec![camera(DVec3::ZERO, 0.0), camera(DVec3::new(0.4, 0.0, 0.0), -0.1)];
     let made = network.reconstruct(&views(noise(2, SIZE), cameras), 0).unwrap();
@@ -94,7 +92,7 @@ fn tokens_keep_their_descent_and_their_anchors() {
 }
 
 #[test]
-fn what_is_not_finite_is_a_typed_error() {
+fn input_that_is_not_finite_is_a_typed_error() {
     let network = nano();
     let left = camera(DVec3::ZERO, 0.0);
     for broken in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
@@ -105,7 +103,7 @@ fn what_is_not_finite_is_a_typed_error() {
         assert!(matches!(&error, ModelError::NonFinite { location, count: 1 } if location == "picture 1"), "{error}");
     }
     assert!(WorldFromCamera::new(DMat3::IDENTITY, DVec3::new(f64::NAN, 0.0, 0.0)).is_err());
-    // Finite in f64, not in f32; then finite in f32, but not once the network has multiplied it.
+    // Finite in f64 but not in f32; then finite in f32, but not after multiplications in the network.
     let beyond = views(noise(2, SIZE), vec![left, camera(DVec3::new(1e39, 0.0, 0.0), 0.0)]);
     let error = network.reconstruct(&beyond, 0).unwrap_err();
     assert!(matches!(&error, ModelError::NonFinite { location, .. } if location == "rays of camera 1"), "{error}");

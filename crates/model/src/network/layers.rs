@@ -6,16 +6,17 @@ use burn::Tensor;
 use burn::module::Module;
 use burn::tensor::Device;
 
-use crate::config::{QueryKeyNorm, TransformerConfig};
+use super::expansion::Expansion;
+use crate::config::{ModelConfig, QueryKeyNorm, TransformerConfig};
 
-/// Makes the layers that a configuration asks for.
+/// Builds layers with the settings of a configuration.
 #[derive(Clone, Copy)]
-pub(super) struct Maker<'a> {
+pub(super) struct LayerBuilder<'a> {
     pub(super) transformer: &'a TransformerConfig,
     pub(super) device: &'a Device,
 }
 
-impl Maker<'_> {
+impl LayerBuilder<'_> {
     pub(super) fn linear(self, inputs: usize, outputs: usize) -> Linear {
         LinearConfig::new(inputs, outputs).with_bias(self.transformer.linear_bias).init(self.device)
     }
@@ -52,7 +53,7 @@ impl Maker<'_> {
         Head { norm: self.norm(), mlp: mlp.init(self.device) }
     }
 
-    pub(super) fn decoder_layer(self) -> DecoderLayer {
+    fn decoder_layer(self) -> DecoderLayer {
         DecoderLayer {
             cross_norm: self.norm(),
             context_norm: self.norm(),
@@ -70,7 +71,7 @@ pub(super) struct Head {
 }
 
 impl Head {
-    /// Where its parameters are, and with or without gradients.
+    /// The device of its parameters, which also says whether gradients are recorded.
     pub(super) fn device(&self) -> Device {
         self.norm.gamma.val().device()
     }
@@ -91,7 +92,30 @@ pub(super) struct DecoderLayer {
 
 impl DecoderLayer {
     pub(super) fn forward(&self, x: Tensor<3>, context: Tensor<3>) -> Tensor<3> {
-        let seen = self.cross.forward(self.cross_norm.forward(x.clone()), self.context_norm.forward(context), None);
-        self.block.forward(x + seen, None)
+        let attended = self.cross.forward(self.cross_norm.forward(x.clone()), self.context_norm.forward(context), None);
+        self.block.forward(x + attended, None)
+    }
+}
+
+/// The image-to-3D decoder.
+#[derive(Module, Debug)]
+pub(super) struct Decoder {
+    pub(super) blocks: Vec<DecoderBlock>,
+}
+
+/// Expansion, then layers.
+#[derive(Module, Debug)]
+pub(super) struct DecoderBlock {
+    pub(super) expansion: Option<Expansion>,
+    pub(super) layers: Vec<DecoderLayer>,
+}
+
+impl Decoder {
+    pub(super) fn new(config: &ModelConfig, builder: LayerBuilder<'_>) -> Self {
+        let block = |block: &crate::config::BlockConfig| DecoderBlock {
+            expansion: block.expansion.map(|_| Expansion::new(config, builder)),
+            layers: (0..block.layers).map(|_| builder.decoder_layer()).collect(),
+        };
+        Self { blocks: config.decoder.blocks.iter().map(block).collect() }
     }
 }

@@ -1,12 +1,11 @@
-//! The network on burn's tensors, part by part as the paper has it: coarse branch, anchors, fine branch, decoder with
-//! expansion, Gaussian head. `oracle/twin.py` is its twin, and tests compare the two stage by stage.
+//! The network on burn's tensors, in the parts of the paper: coarse branch, anchors, fine branch, decoder with expansion,
+//! Gaussian head. `oracle/twin.py` implements the same in PyTorch, and tests compare the two stage by stage.
 //!
-//! [`Network::reconstruct`] turns one scene's views into plain numbers. [`Network::forward`] keeps tensors, for training.
+//! [`Network::reconstruct`] returns plain numbers for one scene. [`Network::forward`] returns tensors, for training.
 
 mod anchors;
 mod bicubic;
 mod coarse;
-mod decoder;
 mod dinov2;
 mod expansion;
 mod fine;
@@ -40,15 +39,16 @@ pub use render::RenderedTensors;
 pub use trace::Trace;
 pub use views::Views;
 
+pub use atsplat_nn::f32_values;
+
 use crate::ModelError;
 use crate::config::{ImageSize, ModelConfig};
 use anchors::Anchors;
 use coarse::{Backbone, Coarse};
-use decoder::Decoder;
 use fine::{Fine, upsampled};
-use layers::{Head, Maker};
+use layers::{Decoder, Head, LayerBuilder};
 
-/// ATSplat, or one of its variants.
+/// ATSplat or one of its variants.
 #[derive(Module, Debug)]
 pub struct Network {
     backbone: Backbone,
@@ -59,38 +59,38 @@ pub struct Network {
     head: Head,
     #[module(skip)]
     config: ModelConfig,
-    /// What size of pictures its weights were trained at.
+    /// Size of the pictures that its weights were trained on.
     #[module(skip)]
     trained_at: Option<ImageSize>,
 }
 
-/// What the network made of a batch of scenes, as tensors through which gradients flow.
+/// Output of the network for a batch of scenes, as tensors with gradients.
 #[derive(Clone, Debug)]
 pub struct Forward {
     /// The Gaussians.
     pub gaussians: GaussianTensors,
     /// The stages of the coarse branch.
     pub coarse: CoarseStages,
-    /// Features that the decoder looks at, `[scenes, views · patches, channels]`.
+    /// Fine features, to which the decoder attends, `[scenes, views · patches, channels]`.
     pub fine: Tensor<3>,
     /// Tokens that entered the decoder.
     pub initial: Tokens,
-    /// What each block did, and the tokens that left it.
+    /// Output of each block.
     pub blocks: Vec<BlockTrace>,
     /// Wall-clock seconds of each stage.
     pub seconds: StageSeconds,
 }
 
-/// One block of the decoder.
+/// Output of one block of the decoder.
 #[derive(Clone, Debug)]
 pub struct BlockTrace {
-    /// What was expanded, if anything.
+    /// Its expansion, if it expands.
     pub expanded: Option<Expanded>,
-    /// Tokens that left the block: the Gaussian head makes the intermediate Gaussians of them.
+    /// Tokens that left the block, from which the Gaussian head predicts intermediate Gaussians.
     pub tokens: Tokens,
 }
 
-/// Wall-clock seconds.
+/// Wall-clock seconds of each stage.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct StageSeconds {
     /// Backbone and coarse branch.
@@ -106,7 +106,7 @@ pub struct StageSeconds {
 }
 
 impl StageSeconds {
-    /// All stages.
+    /// Sum over all stages.
     pub fn total(&self) -> f64 {
         self.stages().iter().map(|(_, seconds)| seconds).sum()
     }
@@ -119,47 +119,47 @@ impl StageSeconds {
 }
 
 impl Network {
-    /// A network with fresh parameters; the backbone's are zeros until weights are put in.
+    /// A network with newly initialised parameters; those of a frozen backbone are zeros until weights are loaded.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where the configuration contradicts itself.
+    /// [`ModelError::Malformed`] if the configuration contradicts itself.
     pub fn new(config: &ModelConfig, device: &Device) -> Result<Self, ModelError> {
         config.validate()?;
-        let make = Maker { transformer: &config.transformer, device };
+        let builder = LayerBuilder { transformer: &config.transformer, device };
         let channels = config.head.channels(config.anchors.design.centre_channels());
         Ok(Self {
-            backbone: Backbone::new(config, make),
-            coarse: Coarse::new(config, make),
-            anchors: Anchors::new(config, make),
-            fine: Fine::new(config, make),
-            decoder: Decoder::new(config, make),
-            head: make.head(config.head.gaussians_per_token * channels),
+            backbone: Backbone::new(config, builder),
+            coarse: Coarse::new(config, builder),
+            anchors: Anchors::new(config, builder),
+            fine: Fine::new(config, builder),
+            decoder: Decoder::new(config, builder),
+            head: builder.head(config.head.gaussians_per_token * channels),
             config: config.clone(),
             trained_at: None,
         })
     }
 
-    /// The same network with weights that were trained on pictures of this size: from now on [`Self::reconstruct`] and
-    /// [`Self::trace`] bring context pictures to its scale first ([`Self::sees`]), because a patch that shows more or less of
-    /// a scene than those it learnt from is strange to it. [`Self::forward`] takes pictures as they are.
+    /// Declares that the weights were trained on pictures of this size: [`Self::reconstruct`] and [`Self::trace`] then resize
+    /// context pictures to its scale first ([`Self::sees`]), because patches that show more or less of a scene than in
+    /// training are out of distribution. [`Self::forward`] takes pictures as they are.
     #[must_use]
     pub fn trained_at(self, size: ImageSize) -> Self {
         Self { trained_at: Some(size), ..self }
     }
 
-    /// The same network seeing context pictures as they are.
+    /// The same network without resizing of context pictures.
     #[must_use]
     pub fn seeing_as_given(self) -> Self {
         Self { trained_at: None, ..self }
     }
 
-    /// The size that context pictures of `given` size are brought to ([`ModelConfig::context_size`]); the given one where
-    /// it is unknown what the weights were trained at.
+    /// The size to which context pictures of `given` size are resized ([`ModelConfig::context_size`]); the given size if the
+    /// training size is unknown.
     pub fn sees(&self, given: ImageSize) -> ImageSize {
         self.trained_at.map_or(given, |trained| self.config.context_size(given, trained))
     }
 
-    /// What size of pictures its weights were trained at, where that is known.
+    /// Size of the pictures that the weights were trained on, if known.
     pub const fn trained_size(&self) -> Option<ImageSize> {
         self.trained_at
     }
@@ -169,19 +169,20 @@ impl Network {
         &self.config
     }
 
-    /// Where the parameters are, and with or without gradients.
+    /// The device of the parameters, which also says whether gradients are recorded.
     pub fn device(&self) -> Device {
         self.head.device()
     }
 
-    /// Scenes of one size and as many views, in one batch. A scene's result does not depend on the others, to the bit.
+    /// Runs a batch of scenes with the same number of views of the same size. A scene's result does not depend on the
+    /// others, bit for bit.
     ///
-    /// `call_seed` decides what random selection draws; every other selection ignores it.
+    /// `call_seed` seeds random selection; every other selection ignores it.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where there is no scene, scenes differ in size or views, thresholds select different
-    /// numbers of tokens in one batch, or the network gives NaN where it has to choose; [`ModelError::Indivisible`] where
-    /// patches do not divide the pictures; [`ModelError::NonFinite`] for rays that f32 cannot hold.
+    /// [`ModelError::Malformed`] if there is no scene, scenes differ in size or views, thresholds select different numbers of
+    /// tokens in one batch, or scores or anchors are NaN; [`ModelError::Indivisible`] if patches do not divide the pictures;
+    /// [`ModelError::NonFinite`] for rays that f32 cannot hold.
     pub fn forward(&self, scenes: &[Views], call_seed: u64) -> Result<Forward, ModelError> {
         let (config, device) = (&self.config, &self.device());
         let first =
@@ -216,20 +217,19 @@ impl Network {
         Ok(Forward { gaussians, coarse, fine, initial, blocks, seconds })
     }
 
-    /// What the backbone makes of each view by itself, `[views, patches, channels]` in one row; for a frozen backbone the
-    /// same whenever it is asked, so that a training run may keep it for [`Views::with_frozen_features`].
+    /// The backbone's features of each view, `[views, patches, channels]` flattened. Those of a frozen backbone never change,
+    /// so that a training run may cache them for [`Views::with_frozen_features`].
     ///
     /// # Errors
     /// As [`Self::forward`].
     pub fn frozen_features(&self, views: &Views) -> Result<Vec<f32>, ModelError> {
         let (settings, device) = (&self.config.coarse, &self.device());
         let grid = self.config.coarse_grid(views.size())?;
-        let seen = views.smaller(settings.image_downscale);
-        let features = self.backbone.forward(&seen, settings.patch_size, grid, device)?;
-        Ok(features.into_data_as::<f32>().as_slice::<f32>().unwrap_or_default().to_vec())
+        let downscaled = views.smaller(settings.image_downscale);
+        Ok(f32_values(self.backbone.forward(&downscaled, settings.patch_size, grid, device)?))
     }
 
-    /// The Gaussians of tokens: those of the last block, or the intermediate ones of any other.
+    /// The Gaussians of tokens: the final ones for the last block, intermediate ones for any other.
     pub fn gaussians(&self, tokens: &Tokens) -> GaussianTensors {
         gaussians::gaussians(&self.config, &self.head, tokens)
     }
@@ -259,11 +259,11 @@ impl Network {
     }
 }
 
-/// The device's work is finished before the clock is read.
+/// Adds the seconds of `work` and of the device's queue.
 fn timed<T>(seconds: &mut f64, device: &Device, work: impl FnOnce() -> T) -> T {
     let start = Instant::now();
     let result = work();
-    // A device that fails says so again to whoever reads the result.
+    // A failure of the device is reported again when the result is read.
     device.sync().ok();
     *seconds += start.elapsed().as_secs_f64();
     result

@@ -1,5 +1,6 @@
-//! Which field of which module holds a parameter of `NAMES.md`.
+//! Maps the fields of burn's modules to the parameter names of `NAMES.md`; loads and stores weights and gradients by name.
 
+use atsplat_nn::f32_values;
 use burn::Tensor;
 use burn::module::{Module, ModuleMapper, ModuleVisitor, Param};
 use burn::tensor::{Gradients, TensorData};
@@ -10,29 +11,30 @@ use crate::ModelError;
 use crate::parameters::{Parameter, parameters};
 use crate::weights::{StoredTensor, StoredTensors};
 
-/// The modules that lie around a parameter: names of fields, and what holds them.
+/// The path of a parameter through the modules: names of fields, and the types that contain them.
 #[derive(Default)]
-struct Path {
+struct ModulePath {
     names: Vec<String>,
-    holders: Vec<String>,
+    containers: Vec<String>,
 }
 
-impl Path {
-    fn enter(&mut self, name: &str, holder: &str) {
+impl ModulePath {
+    fn enter(&mut self, name: &str, container: &str) {
         self.names.push(name.to_owned());
-        self.holders.push(holder.to_owned());
+        self.containers.push(container.to_owned());
     }
 
     fn exit(&mut self) {
         self.names.pop();
-        self.holders.pop();
+        self.containers.pop();
     }
 
     fn is_within(&self, module: &str) -> bool {
-        self.holders.last().is_some_and(|holder| holder.ends_with(module))
+        self.containers.last().is_some_and(|container| container.ends_with(module))
     }
 
-    /// The parameter's name: burn's fields, less what tells the two backbones apart, with PyTorch's words for norms.
+    /// The parameter's name: burn's fields, without the one that distinguishes the two backbones, with PyTorch's names for
+    /// the parameters of norms.
     fn name(&self) -> String {
         let mut names: Vec<&str> = self.names.iter().map(String::as_str).collect();
         if let ["backbone", "dino" | "patch", ..] = names.as_slice() {
@@ -48,71 +50,71 @@ impl Path {
         names.join(".")
     }
 
-    /// Whether burn keeps the parameter as `[inputs, outputs]`.
+    /// Whether burn stores the parameter as `[inputs, outputs]`.
     fn is_transposed(&self) -> bool {
         self.is_within("Linear") && self.names.last().is_some_and(|name| name == "weight")
     }
 
-    /// The numbers of a tensor of the parameter's shape, laid out as in a file.
+    /// The values of a tensor of the parameter's shape, in the layout of weights files.
     fn values<const D: usize>(&self, tensor: Tensor<D>) -> Vec<f32> {
         let shape = tensor.dims();
-        let data = tensor.into_data_as::<f32>();
-        let values = data.as_slice::<f32>().unwrap_or_default();
+        let values = f32_values(tensor);
         match *shape.as_slice() {
-            [inputs, outputs] if self.is_transposed() => transposed(values, inputs, outputs),
-            _ => values.to_vec(),
+            [inputs, outputs] if self.is_transposed() => transposed(&values, inputs, outputs),
+            _ => values,
         }
     }
 }
 
 impl Network {
-    /// Puts weights into the network.
+    /// The network with the given weights.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where a parameter of the network is absent or of another size; the network that was
-    /// there is gone then, so that nothing is loaded half-way.
+    /// [`ModelError::Malformed`] if a parameter of the network is absent or of another size; no partially loaded network is
+    /// returned.
     pub fn with_weights(self, weights: &StoredTensors) -> Result<Self, ModelError> {
-        let mut load = Load { path: Path::default(), weights, fault: None };
+        let mut load = WeightLoader { path: ModulePath::default(), weights, error: None };
         let loaded = self.map(&mut load);
-        match load.fault {
-            None => Ok(loaded),
-            Some(fault) => Err(fault),
-        }
+        load.error.map_or(Ok(loaded), Err)
     }
 
-    /// The network's weights under the names and in the shapes of [`parameters`], as f32.
+    /// The network's weights with the names and shapes of [`parameters`], in f32.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where a parameter cannot be read.
+    /// [`ModelError::Malformed`] if a parameter cannot be read.
     pub fn weights(&self) -> Result<StoredTensors, ModelError> {
-        let mut save = Save { path: Path::default(), found: IndexMap::new() };
-        self.visit(&mut save);
+        let found = Collector::of(self, None);
         let mut stored = StoredTensors::default();
         for Parameter { name, shape, .. } in parameters(self.config()) {
-            let values = save.found.get(&name);
+            let values = found.get(&name);
             let values = values.ok_or_else(|| ModelError::malformed("network", &name, "a parameter", "none"))?;
             stored.tensors.insert(name, StoredTensor::from_f32(shape, values)?);
         }
         Ok(stored)
     }
-}
 
-impl Network {
-    /// What a backward pass gave each parameter that it reached, under the names and in the shapes of [`parameters`].
+    /// The gradients of each parameter that a backward pass reached, with the names and shapes of [`parameters`].
     pub fn gradients(&self, gradients: &Gradients) -> IndexMap<String, Vec<f32>> {
-        let mut find = Find { path: Path::default(), gradients, found: IndexMap::new() };
-        self.visit(&mut find);
-        find.found
+        Collector::of(self, Some(gradients))
     }
 }
 
-struct Find<'a> {
-    path: Path,
-    gradients: &'a Gradients,
+/// Collects the values of parameters, or their gradients if those are given.
+struct Collector<'a> {
+    path: ModulePath,
+    gradients: Option<&'a Gradients>,
     found: IndexMap<String, Vec<f32>>,
 }
 
-impl ModuleVisitor for Find<'_> {
+impl<'a> Collector<'a> {
+    fn of(network: &Network, gradients: Option<&'a Gradients>) -> IndexMap<String, Vec<f32>> {
+        let mut collector = Self { path: ModulePath::default(), gradients, found: IndexMap::new() };
+        network.visit(&mut collector);
+        collector.found
+    }
+}
+
+impl ModuleVisitor for Collector<'_> {
     fn enter_module(&mut self, name: &str, container_type: &str) {
         self.path.enter(name, container_type);
     }
@@ -122,28 +124,33 @@ impl ModuleVisitor for Find<'_> {
     }
 
     fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        if let Some(gradient) = param.val().grad(self.gradients) {
-            self.found.insert(self.path.name(), self.path.values(gradient));
+        let tensor = match self.gradients {
+            Some(gradients) => param.val().grad(gradients),
+            None => Some(param.val()),
+        };
+        if let Some(tensor) = tensor {
+            self.found.insert(self.path.name(), self.path.values(tensor));
         }
     }
 }
 
-/// Puts a backbone's weights into a module that stands alone.
+/// Loads a backbone's weights into a stand-alone module.
 #[cfg(test)]
 pub(super) fn backbone_with_weights<M: Module>(module: M, weights: &StoredTensors) -> Result<M, ModelError> {
-    let mut load = Load { path: Path::default(), weights, fault: None };
+    let mut load = WeightLoader { path: ModulePath::default(), weights, error: None };
     load.path.enter("backbone", "");
     let loaded = module.map(&mut load);
-    load.fault.map_or(Ok(loaded), Err)
+    load.error.map_or(Ok(loaded), Err)
 }
 
-struct Load<'a> {
-    path: Path,
+struct WeightLoader<'a> {
+    path: ModulePath,
     weights: &'a StoredTensors,
-    fault: Option<ModelError>,
+    /// The first error.
+    error: Option<ModelError>,
 }
 
-impl Load<'_> {
+impl WeightLoader<'_> {
     fn values(&self, shape: &[usize]) -> Result<Vec<f32>, ModelError> {
         let name = self.path.name();
         let tensor = self.weights.tensors.get(&name);
@@ -159,7 +166,7 @@ impl Load<'_> {
     }
 }
 
-impl ModuleMapper for Load<'_> {
+impl ModuleMapper for WeightLoader<'_> {
     fn enter_module(&mut self, name: &str, container_type: &str) {
         self.path.enter(name, container_type);
     }
@@ -169,7 +176,7 @@ impl ModuleMapper for Load<'_> {
     }
 
     fn map_float<const D: usize>(&mut self, param: Param<Tensor<D>>) -> Param<Tensor<D>> {
-        // Neither shape nor device asks for a value: that would draw one at random first.
+        // Lazy access to shape and device does not initialise the parameter with random values first.
         let shape = param.lazy_shape().dims::<D>();
         match self.values(&shape) {
             Ok(values) => {
@@ -177,42 +184,23 @@ impl ModuleMapper for Load<'_> {
                 let id = param.id;
                 param.transform_for_load(tensor, id)
             }
-            Err(fault) => {
-                self.fault.get_or_insert(fault);
+            Err(error) => {
+                self.error.get_or_insert(error);
                 param
             }
         }
     }
 }
 
-struct Save {
-    path: Path,
-    found: IndexMap<String, Vec<f32>>,
-}
-
-impl ModuleVisitor for Save {
-    fn enter_module(&mut self, name: &str, container_type: &str) {
-        self.path.enter(name, container_type);
-    }
-
-    fn exit_module(&mut self, _name: &str, _container_type: &str) {
-        self.path.exit();
-    }
-
-    fn visit_float<const D: usize>(&mut self, param: &Param<Tensor<D>>) {
-        self.found.insert(self.path.name(), self.path.values(param.val()));
-    }
-}
-
 /// `[rows, columns]` to `[columns, rows]`.
 fn transposed(values: &[f32], rows: usize, columns: usize) -> Vec<f32> {
-    // So many rows are read side by side: their parts stay in the cache until the next column needs them.
+    // This many rows are read together: their cache lines stay cached until the next column needs them.
     const ROWS: usize = 16;
     let mut out = vec![0.0; values.len()];
-    for (at, some) in values.chunks((ROWS * columns).max(1)).enumerate() {
+    for (block, values) in values.chunks((ROWS * columns).max(1)).enumerate() {
         for (column, out) in out.chunks_exact_mut(rows.max(1)).enumerate() {
-            for (out, row) in out.iter_mut().skip(at * ROWS).zip(some.chunks_exact(columns)) {
-                *out = row.get(column).copied().unwrap_or_default();
+            for (out, row) in out.iter_mut().skip(block * ROWS).zip(values.chunks_exact(columns)) {
+                *out = row[column];
             }
         }
     }

@@ -1,19 +1,20 @@
-//! The frame of a token's patch, in which its Gaussians are laid out (`head.frame = "patch"`).
+//! The frame of a token's patch, for the offsets and scales of its Gaussians (`head.frame = "patch"`).
 
 use burn::Tensor;
 use burn::tensor::{Device, TensorData};
 
 use super::Views;
+use super::anchors::f32_from_f64;
 use crate::config::Grid;
 
-/// How far an output of 1 moves a Gaussian, in footprints.
+/// Offset of a Gaussian for an output of 1, in footprints.
 const REACH: f64 = 0.5;
 /// Standard deviation for an output of 0, in cells.
 const CELL_SHARE: f64 = 0.6;
-/// Greatest logarithm of a standard deviation in footprints.
-const MOST: f64 = 0.7;
+/// Largest logarithm of a standard deviation in footprints.
+const MAX_LOG_SCALE: f64 = 0.7;
 
-/// Of each token, what its Gaussians' offsets and scales are measured in.
+/// The frame of each token, in which its Gaussians' offsets and scales are measured.
 #[derive(Clone, Debug)]
 pub struct PatchFrames {
     /// World directions of the camera's right, down and forward axes, one after the other, `[scenes, tokens, 9]`.
@@ -23,15 +24,15 @@ pub struct PatchFrames {
 }
 
 impl PatchFrames {
-    /// Of the patches of all views, whose sides are `patch` pixels and whose anchors lie at `depths`,
+    /// The frames of the patches of all views; sides are `patch` pixels, and `depths` of the anchors are
     /// `[scenes, views · patches, 1]`.
     pub(super) fn new(scenes: &[Views], grid: Grid, patch: usize, depths: &Tensor<3>, device: &Device) -> Self {
         let (mut axes, mut widths) = (Vec::new(), Vec::new());
         for views in scenes {
             for camera in &views.cameras {
-                let turn = camera.camera_from_world.inverse().rotation().to_cols_array().map(f32_from_f64);
+                let axes_of_camera = camera.camera_from_world.inverse().rotation().to_cols_array().map(f32_from_f64);
                 let width = f32_from_f64(patch as f64 / (camera.intrinsics.fx * views.size().width as f64));
-                axes.extend(turn.repeat(grid.len()));
+                axes.extend(axes_of_camera.repeat(grid.len()));
                 widths.extend(vec![width; grid.len()]);
             }
         }
@@ -41,12 +42,12 @@ impl PatchFrames {
         Self { axes: tensor(axes, 9), footprints: depths.clone() * tensor(widths, 1) }
     }
 
-    /// The frames of other tokens, by a map of `[scenes, tokens, …]`.
+    /// Applies a map of `[scenes, tokens, …]`, such as gathering, to the frames.
     pub(super) fn map(self, map: impl Fn(Tensor<3>) -> Tensor<3>) -> Self {
         Self { axes: map(self.axes), footprints: map(self.footprints) }
     }
 
-    /// Raw outputs of the Gaussians, `[scenes, tokens · cells, 3]`, as ways from their anchors in the world.
+    /// Raw outputs of the Gaussians, `[scenes, tokens · cells, 3]`, as offsets from their anchors in the world frame.
     pub(super) fn offsets(&self, cells: Grid, x: Tensor<3>) -> Tensor<3> {
         let shape = x.dims();
         let [scenes, tokens, _] = self.footprints.dims();
@@ -63,24 +64,19 @@ impl PatchFrames {
     pub(super) fn log_scales(&self, cells: Grid, x: Tensor<3>) -> Tensor<3> {
         let shape = x.dims();
         let [scenes, tokens, _] = self.footprints.dims();
-        let x = (x + (CELL_SHARE / cells.columns as f64).ln()).clamp_max(MOST);
+        let x = (x + (CELL_SHARE / cells.columns as f64).ln()).clamp_max(MAX_LOG_SCALE);
         let unit = self.footprints.clone().log().unsqueeze_dim::<4>(3);
         (x.reshape([scenes, tokens, cells.len(), 3]) + unit).reshape(shape)
     }
 }
 
-/// Where the centres of a patch's cells are as seen from its own, in footprints: right, down, forward; `[1, 1, cells, 3]`.
+/// Centres of a patch's cells relative to the patch's centre, in footprints: right, down, forward; `[1, 1, cells, 3]`.
 fn layout(cells: Grid, device: &Device) -> Tensor<4> {
     let centre = |at: usize, count: usize| f32_from_f64((at as f64 + 0.5) / count as f64 - 0.5);
     let place =
         |cell: usize| [centre(cell % cells.columns, cells.columns), centre(cell / cells.columns, cells.rows), 0.0];
     let values: Vec<f32> = (0..cells.len()).flat_map(place).collect();
     Tensor::from_data(TensorData::new(values, [1, 1, cells.len(), 3]), device)
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "the one rounding to the network's precision")]
-fn f32_from_f64(value: f64) -> f32 {
-    value as f32
 }
 
 #[cfg(test)]
@@ -98,15 +94,15 @@ mod tests {
         tensor.into_data_as::<f64>().as_slice::<f64>().unwrap().to_vec()
     }
 
-    /// One view of one patch 32 high and 32 wide in a picture of 32×64, whose camera looks along the world's x, its right
-    /// being the world's −z. The footprint is 3 · 32 / (0.75 · 64) = 2.
+    /// One view of two patches of 32×32 in a picture of 32×64; the camera looks along the world's x, and its right is the
+    /// world's −z. The first footprint is 3 · 32 / (0.75 · 64) = 2.
     fn frames(device: &Device) -> PatchFrames {
         frames_at(&Tensor::<1>::from_floats([3.0, 6.0], device).reshape([1, 2, 1]), device)
     }
 
     fn frames_at(depths: &Tensor<3>, device: &Device) -> PatchFrames {
-        let turn = DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X);
-        let pose = WorldFromCamera::new(turn, DVec3::new(5.0, 6.0, 7.0)).unwrap();
+        let rotation = DMat3::from_cols(DVec3::NEG_Z, DVec3::Y, DVec3::X);
+        let pose = WorldFromCamera::new(rotation, DVec3::new(5.0, 6.0, 7.0)).unwrap();
         let camera = Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.75, 1.5, 0.5, 0.5).unwrap());
         let size = ImageSize::new(32, 64);
         let views = Views::new(size, vec![0.5; 32 * 64 * 3], vec![camera]).unwrap();
@@ -114,18 +110,18 @@ mod tests {
     }
 
     #[test]
-    fn offsets_are_cells_of_the_patch_turned_by_its_camera() {
+    fn offsets_are_cells_of_the_patch_rotated_by_its_camera() {
         let device = Device::flex();
         let cells = Grid { rows: 1, columns: 2 };
         let raw = [0.0, 0.0, 0.0, 1.0, -2.0, 3.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let raw = Tensor::<1>::from_floats(raw, &device).reshape([1, 4, 3]);
         let found = numbers(frames(&device).offsets(cells, raw));
-        // In the camera: (-0.25, 0, 0) and (0.25 + 0.5, -1, 1.5), times 2; then half a footprint of 4 apart.
+        // In the camera frame: (-0.25, 0, 0) and (0.25 + 0.5, -1, 1.5), times 2; the second patch has a footprint of 4.
         let expected = [0.0, 0.0, 0.5, 3.0, -2.0, -1.5, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0];
         CLOSE.assert(found, expected, "offsets");
     }
 
-    /// A footprint is depth · 2/3 here, so that a derivative by depth is the footprint's by 2/3.
+    /// A footprint is depth · 2/3 here, so that a derivative with respect to depth is 2/3 of that by the footprint.
     #[test]
     fn derivatives_reach_depths_and_outputs() {
         let device = Device::flex().autodiff();
@@ -134,34 +130,35 @@ mod tests {
         let raw = [0.0, 9.0, -1.0, 0.5, 0.25, -0.75, 1.0, 2.0, 3.0, 0.0, 0.0, 0.0];
         let raw = Tensor::<1>::from_floats(raw, &device).reshape([1, 4, 3]).require_grad();
         let frames = frames_at(&depths, &device);
-        let pull = Tensor::<1>::from_floats([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0], &device);
-        let pull = pull.reshape([1, 4, 3]);
-        let gradients = (frames.offsets(cells, raw.clone()) * pull.clone()).sum().backward();
-        // By a footprint: pull · turn · (cell + raw / 2); the turned ways are (−0.5, 4.5, 0.25), (−0.375, 0.125, −0.5),
-        // (1.5, 1, −0.25) and (0, 0, −0.25).
-        let ways = [[-0.5, 4.5, 0.25], [-0.375, 0.125, -0.5], [1.5, 1.0, -0.25], [0.0, 0.0, -0.25]];
-        let pulled = |at: usize| -> f64 { ways[at].iter().enumerate().map(|(k, way)| way * (3 * at + k) as f64).sum() };
+        let weights = Tensor::<1>::from_floats([0.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0, 11.0], &device);
+        let weights = weights.reshape([1, 4, 3]);
+        let gradients = (frames.offsets(cells, raw.clone()) * weights.clone()).sum().backward();
+        // With respect to a footprint: weights · rotation · (cell + raw / 2); the rotated offsets are (−0.5, 4.5, 0.25),
+        // (−0.375, 0.125, −0.5), (1.5, 1, −0.25) and (0, 0, −0.25).
+        let offsets = [[-0.5, 4.5, 0.25], [-0.375, 0.125, -0.5], [1.5, 1.0, -0.25], [0.0, 0.0, -0.25]];
+        let by_footprint =
+            |at: usize| -> f64 { offsets[at].iter().enumerate().map(|(k, offset)| offset * (3 * at + k) as f64).sum() };
         let slope = 2.0 / 3.0;
-        let expected = [slope * (pulled(0) + pulled(1)), slope * (pulled(2) + pulled(3))];
+        let expected = [slope * (by_footprint(0) + by_footprint(1)), slope * (by_footprint(2) + by_footprint(3))];
         CLOSE.assert(numbers(depths.grad(&gradients).unwrap()), expected, "offsets by depths");
-        // By an output: half a footprint along its axis: right is −z, down is y, forward is x.
+        // With respect to an output: half a footprint along its axis; right is −z, down is y, forward is x.
         let expected = [-2.0, 1.0, 0.0, -5.0, 4.0, 3.0, -16.0, 14.0, 12.0, -22.0, 20.0, 18.0];
         CLOSE.assert(numbers(raw.grad(&gradients).unwrap()), expected, "offsets by outputs");
 
-        let gradients = (frames_at(&depths, &device).log_scales(cells, raw.clone()) * pull).sum().backward();
+        let gradients = (frames_at(&depths, &device).log_scales(cells, raw.clone()) * weights).sum().backward();
         CLOSE.assert(numbers(depths.grad(&gradients).unwrap()), [15.0 / 3.0, 51.0 / 6.0], "scales by depths");
         let expected = [0.0, 0.0, 2.0, 3.0, 4.0, 5.0, 6.0, 0.0, 0.0, 9.0, 10.0, 11.0];
-        CLOSE.assert(numbers(raw.grad(&gradients).unwrap()), expected, "scales by outputs, two of which are cut off");
+        CLOSE.assert(numbers(raw.grad(&gradients).unwrap()), expected, "scales by outputs, two of which are clamped");
     }
 
     #[test]
-    fn scales_are_cut_off_before_they_become_scene_units() {
+    fn scales_are_clamped_before_conversion_to_scene_units() {
         let device = Device::flex();
         let raw = [0.0, 9.0, -1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
         let raw = Tensor::<1>::from_floats(raw, &device).reshape([1, 4, 3]);
         let found = numbers(frames(&device).log_scales(Grid { rows: 1, columns: 2 }, raw));
         let expected = [0.6f64.ln(), 0.7 + 2.0f64.ln(), 0.6f64.ln() - 1.0];
         CLOSE.assert(found[..3].iter().copied(), expected, "log scales");
-        CLOSE.assert(found[6..7].iter().copied(), [1.2f64.ln()], "of the patch twice as far");
+        CLOSE.assert(found[6..7].iter().copied(), [1.2f64.ln()], "the patch at twice the depth");
     }
 }

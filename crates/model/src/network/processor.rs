@@ -5,23 +5,22 @@ use serde::Serialize;
 
 use crate::ModelError;
 
-/// Where a network computes.
+/// The processor that runs a network.
 ///
-/// On [`Processor::Wgpu`], operations take their generic form and the bits are other ones: see [`Processor::open`].
+/// On [`Processor::Wgpu`], operations use their generic implementation, and bits differ: see [`Processor::open`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum Processor {
-    /// The central processor: kernels of this toolkit, the same bits for any number of threads.
+    /// The CPU: kernels of this toolkit, the same bits for any number of threads.
     #[default]
     Cpu,
-    /// A graphics processor behind Vulkan, Metal or Direct3D 12; in builds with the feature `gpu-network`.
+    /// A GPU through Vulkan, Metal or Direct3D 12; in builds with the feature `gpu-network`.
     Wgpu,
 }
 
 impl Processor {
-    /// Whether [`GaussianTensors::render`](super::GaussianTensors::render) renders there too, forward and backward, without
-    /// its numbers coming to the host. On an adapter that fails the splatter's self-test it does not, nor before
-    /// [`Self::open`].
+    /// Whether [`GaussianTensors::render`](super::GaussianTensors::render) also runs there, forward and backward, without
+    /// copies to the host. It does not before [`Self::open`], nor on an adapter that fails the renderer's self-test.
     pub fn renders(self) -> bool {
         match self {
             Self::Cpu => true,
@@ -32,7 +31,7 @@ impl Processor {
         }
     }
 
-    /// Why pictures are not rendered there after [`Self::open`]: the adapter's or the self-test's words. `None` where they
+    /// Why pictures are not rendered there after [`Self::open`]: the error of the adapter or of the self-test. `None` if they
     /// are.
     pub fn refusal(self) -> Option<String> {
         match self {
@@ -46,15 +45,15 @@ impl Processor {
 
     /// The device, for [`Network::new`](super::Network::new).
     ///
-    /// On Mesa's software Vulkan the numbers of a network on wgpu are within 2e-5 of those here, absolute or relative, images of
-    /// its Gaussians within 5e-5, and a parameter's gradients through them within 5e-4 of the largest; a score nearer than
-    /// 1e-6 to the last that is selected may fall on the other side.
+    /// On Mesa's software Vulkan, outputs of a network on wgpu are within 2e-5 of those on the CPU, absolute or relative,
+    /// images of its Gaussians within 5e-5, and a parameter's gradients through them within 5e-4 of the largest; a token
+    /// whose score is within 1e-6 of the last selected one may be selected differently.
     ///
     /// wgpu takes the fastest adapter that it finds; the environment variable `CUBECL_WGPU_DEFAULT_DEVICE` names another
     /// (`DiscreteGpu(1)`, `IntegratedGpu(0)`, `Cpu`).
     ///
     /// # Errors
-    /// [`ModelError::Processor`] where the build lacks it, or where there is no adapter.
+    /// [`ModelError::Processor`] if the build lacks wgpu or there is no adapter.
     pub fn open(self) -> Result<Device, ModelError> {
         match self {
             Self::Cpu => Ok(Device::flex()),
@@ -74,12 +73,11 @@ impl fmt::Display for Processor {
 
 #[cfg(not(feature = "gpu-network"))]
 fn wgpu() -> Result<Device, ModelError> {
-    let why = "this build computes networks on the central processor alone; `cargo build --features gpu-network` \
-               makes one that has wgpu";
+    let why = "this build runs networks only on the CPU; build with `cargo build --features gpu-network` for wgpu";
     Err(ModelError::Processor { processor: Processor::Wgpu, why: why.to_owned() })
 }
 
-/// A process opens it once: burn refuses a second time.
+/// Opens wgpu once per process: burn does not allow a second time.
 #[cfg(feature = "gpu-network")]
 fn wgpu() -> Result<Device, ModelError> {
     static OPENED: std::sync::OnceLock<Result<Device, String>> = std::sync::OnceLock::new();

@@ -10,31 +10,31 @@ use super::Processor;
 use super::splatting::{Request, Splatting};
 use crate::ModelError;
 
-/// Images through which gradients flow to the Gaussians; `height` and `width` are the views'.
+/// Rendered images with gradients to the Gaussians; `height` and `width` are the views'.
 #[derive(Clone, Debug)]
 pub struct RenderedTensors {
     /// Colour over the background, not clamped, `[views, height, width, 3]`.
     pub rgb: Tensor<4>,
     /// Opacity, `[views, height, width]`.
     pub alpha: Tensor<3>,
-    /// Depth along the optical axis, composited like a colour on 0, `[views, height, width]`; where asked for.
+    /// Depth along the optical axis, composited like a colour on 0, `[views, height, width]`; if requested.
     pub depth: Option<Tensor<3>>,
-    /// The Gaussians' own scalar, composited like a colour on 0, `[views, height, width]`; where asked for.
+    /// The Gaussians' own scalar, composited like a colour on 0, `[views, height, width]`; if requested.
     pub scalar: Option<Tensor<3>>,
-    /// What became of the Gaussians, view by view.
+    /// Counts of drawn and skipped Gaussians, by view.
     pub census: Vec<Census>,
 }
 
 impl GaussianTensors {
-    /// Renders one scene of the batch to views of one size, where the tensors are: see [`Processor::renders`].
+    /// Renders one scene of the batch to views of one size, on the tensors' device: see [`Processor::renders`].
     ///
-    /// `scalars`, `[Gaussians]`, are what the channel `scalar` composites, e.g. the uncertainty of the tokens;
-    /// [`atsplat_splat::GradientReach`] says how far its gradient reaches. Where the derivative of a rendering fails for
-    /// want of memory, gradients are NaN.
+    /// `scalars`, `[Gaussians]`, are composited in the channel `scalar`, e.g. the uncertainty of the tokens;
+    /// [`atsplat_splat::GradientReach`] says how far its gradient reaches. If the backward pass of a rendering runs out of
+    /// memory, gradients are NaN.
     ///
     /// # Errors
-    /// [`ModelError::Splat`] as the splatter says; [`ModelError::Malformed`] where there is no such scene or no view, views
-    /// differ in size, or scalars do not come with their channel.
+    /// [`ModelError::Splat`] for errors of the renderer; [`ModelError::Malformed`] if there is no such scene or no view,
+    /// views differ in size, or scalars are given without their channel or the reverse.
     pub fn render(
         &self,
         scene: usize,
@@ -72,15 +72,13 @@ impl GaussianTensors {
         let images = Tensor::<4>::from_dispatch(images);
         let [count, height, width] = [views.len(), size.height as usize, size.width as usize];
         let mut next = 3;
-        let mut image = |wanted: bool| {
-            wanted.then(|| {
-                next += 1;
-                images.clone().slice_dim(3, next - 1..next).reshape([count, height, width])
-            })
+        let mut image = || {
+            next += 1;
+            images.clone().slice_dim(3, next - 1..next).reshape([count, height, width])
         };
-        let (alpha, depth, scalar) = (image(true), image(options.channels.depth), image(options.channels.scalar));
-        let rgb = images.clone().slice_dim(3, 0..3);
-        let alpha = alpha.unwrap_or_else(|| rgb.clone().slice_dim(3, 0..1).squeeze_dim(3));
-        Ok(RenderedTensors { rgb, alpha, depth, scalar, census })
+        let alpha = image();
+        let depth = options.channels.depth.then(&mut image);
+        let scalar = options.channels.scalar.then(image);
+        Ok(RenderedTensors { rgb: images.slice_dim(3, 0..3), alpha, depth, scalar, census })
     }
 }

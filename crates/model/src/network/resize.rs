@@ -2,15 +2,15 @@ use rayon::prelude::*;
 
 use crate::ImageSize;
 
-/// Weights of one output sample: the first input sample, and how much of it and its successors.
+/// Weights of one output sample: for the input sample `first` and its successors.
 struct Taps {
     first: usize,
     weights: Vec<f32>,
 }
 
 /// Antialiased bilinear resizing of a row-major picture of `channels` interleaved values, as PyTorch's
-/// `interpolate(mode="bilinear", antialias=True, align_corners=False)`: a triangle as wide as the scale, cut at the
-/// border and normalised.
+/// `interpolate(mode="bilinear", antialias=True, align_corners=False)`: a triangle filter as wide as the scale, cut off at
+/// the border and normalised.
 pub(super) fn resized(picture: &[f32], from: ImageSize, to: ImageSize, channels: usize) -> Vec<f32> {
     if from == to {
         return picture.to_vec();
@@ -30,11 +30,11 @@ pub(super) fn resized(picture: &[f32], from: ImageSize, to: ImageSize, channels:
     small
 }
 
-/// Adds up stretches of `stride` values.
+/// Weighted sum of runs of `stride` values.
 fn accumulate(out: &mut [f32], taps: &Taps, values: &[f32], stride: usize) {
-    let stretches = values.chunks_exact(stride).skip(taps.first);
-    for (stretch, weight) in stretches.zip(&taps.weights) {
-        for (sum, value) in out.iter_mut().zip(stretch) {
+    let runs = values.chunks_exact(stride).skip(taps.first);
+    for (run, weight) in runs.zip(&taps.weights) {
+        for (sum, value) in out.iter_mut().zip(run) {
             *sum += weight * value;
         }
     }

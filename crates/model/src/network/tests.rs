@@ -75,7 +75,7 @@ impl Fixture {
         self.network(device).reconstruct(&self.views(), call_seed).unwrap()
     }
 
-    /// Compares where the fixture holds this tensor; says whether it does.
+    /// Compares a tensor if the fixture holds it; returns whether it does.
     fn compare<const D: usize>(&self, name: &str, ours: &Tensor<D>) -> bool {
         let Some(theirs) = self.stored.tensors.get(name) else { return false };
         let ours = numbers(ours.clone());
@@ -90,7 +90,7 @@ pub(super) fn numbers<const D: usize>(tensor: Tensor<D>) -> Vec<f64> {
 }
 
 #[test]
-fn every_variant_makes_the_twins_gaussians() {
+fn every_variant_agrees_with_the_pytorch_twin() {
     let device = Device::flex();
     let mut stages = 0;
     for path in fixtures("network") {
@@ -148,7 +148,7 @@ fn named(file: &str) -> Fixture {
 }
 
 #[test]
-fn weights_that_were_put_in_come_out_again() {
+fn weights_round_trip_through_the_network() {
     let device = Device::flex();
     for name in ["base", "dino_registers", "biases", "learnable"] {
         let paths = fixtures("network");
@@ -163,7 +163,7 @@ fn weights_that_were_put_in_come_out_again() {
 }
 
 #[test]
-fn a_scene_does_not_depend_on_its_batch_nor_on_threads() {
+fn a_scene_does_not_depend_on_its_batch_or_on_threads() {
     let device = Device::flex();
     let fixture = base();
     let network = fixture.network(&device);
@@ -178,9 +178,9 @@ fn a_scene_does_not_depend_on_its_batch_nor_on_threads() {
     assert_eq!(single.gaussians.scene(0).unwrap(), alone.gaussians.scene(0).unwrap());
 }
 
-/// Both branches of another network see half of each picture, by its configuration; its patches and rays are the same ones.
+/// A network whose branches both downscale by 2 has the same patches and rays on a picture twice as large.
 #[test]
-fn pictures_are_seen_at_the_scale_that_the_weights_were_trained_at() {
+fn pictures_are_resized_to_the_scale_of_the_training_pictures() {
     let device = Device::flex();
     let fixture = base();
     let large = ImageSize::new(64, 96);
@@ -197,14 +197,14 @@ fn pictures_are_seen_at_the_scale_that_the_weights_were_trained_at() {
     assert_eq!(made.gaussians, trained.trace(&views, 0).unwrap().made.gaussians);
     let given = trained.clone().seeing_as_given().reconstruct(&views, 0).unwrap();
     assert_eq!((given.seen_at, given.budget.initial_tokens), (large, 4 * made.budget.initial_tokens));
-    // Another aspect keeps its own, in whole patches; what patches do not divide is seen all the same.
+    // The aspect ratio is kept, in whole patches; resizing also makes sizes fit that patches do not divide.
     let odd = views.resized(ImageSize::new(50, 60));
     assert_eq!(trained.reconstruct(&odd, 0).unwrap().seen_at, ImageSize::new(32, 32));
     assert!(trained.seeing_as_given().reconstruct(&odd, 0).is_err());
 }
 
 #[test]
-fn gradients_reach_every_parameter_but_the_frozen_and_the_detached() {
+fn gradients_reach_every_parameter_except_frozen_and_detached_ones() {
     let device = Device::flex().autodiff();
     for (name, frozen) in [("dino", "backbone."), ("base", "expansion.score"), ("straight_through", "nothing")] {
         let paths = fixtures("network");
@@ -225,7 +225,7 @@ fn gradients_reach_every_parameter_but_the_frozen_and_the_detached() {
 }
 
 #[test]
-fn what_does_not_fit_is_refused() {
+fn rejects_input_that_does_not_fit() {
     let device = Device::flex();
     let fixture = base();
     let network = fixture.network(&device);

@@ -17,18 +17,18 @@ pub struct Views {
     /// View by view, row by row, red, green, blue in 0…1.
     pub(super) pictures: Vec<f32>,
     pub(super) cameras: Vec<Camera>,
-    /// What a frozen backbone makes of the pictures.
+    /// Features of a frozen backbone for the pictures.
     features: Option<Vec<f32>>,
 }
 
 impl Views {
-    /// Pictures of one size, in the frame that the network was trained in: poses are normalised before.
+    /// Pictures of one size with cameras whose poses are normalised as in training.
     ///
     /// `pictures` are view by view, row by row, red, green, blue, display-referred in 0…1.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where there is no view or lengths do not agree, [`ModelError::NonFinite`] where a value
-    /// of a picture is NaN or infinite.
+    /// [`ModelError::Malformed`] if there is no view or lengths do not agree, [`ModelError::NonFinite`] if a value of a
+    /// picture is NaN or infinite.
     pub fn new(size: ImageSize, pictures: Vec<f32>, cameras: Vec<Camera>) -> Result<Self, ModelError> {
         let expected = cameras.len() * size.height * size.width * RGB;
         if cameras.is_empty() || pictures.len() != expected {
@@ -41,14 +41,14 @@ impl Views {
         Ok(Self { size, pictures, cameras, features: None })
     }
 
-    /// The same views, which need not go through a frozen backbone any more: `features` are those of
-    /// [`Network::frozen_features`](super::Network::frozen_features), view after view.
+    /// The same views with cached `features` of [`Network::frozen_features`](super::Network::frozen_features), view after
+    /// view, so that the network skips its frozen backbone.
     #[must_use]
     pub fn with_frozen_features(self, features: Vec<f32>) -> Self {
         Self { features: Some(features), ..self }
     }
 
-    /// Features that came along, `[views, patches, channels]`.
+    /// Cached features, `[views, patches, channels]`.
     pub(super) fn features(&self, shape: [usize; 3], device: &Device) -> Option<Result<Tensor<3>, ModelError>> {
         let features = self.features.as_ref()?;
         if features.len() != shape.iter().product::<usize>() {
@@ -58,12 +58,12 @@ impl Views {
         Some(Ok(Tensor::from_data(TensorData::new(features.clone(), shape), device)))
     }
 
-    /// How many.
+    /// Number of views.
     pub const fn len(&self) -> usize {
         self.cameras.len()
     }
 
-    /// Whether there are none; never.
+    /// Whether there are no views; always false.
     pub const fn is_empty(&self) -> bool {
         self.cameras.is_empty()
     }
@@ -73,13 +73,13 @@ impl Views {
         self.size
     }
 
-    /// The same views, smaller by a whole factor.
+    /// The same views downscaled by a whole factor.
     pub(super) fn smaller(&self, factor: usize) -> Self {
         let size = ImageSize::new(self.size.height / factor.max(1), self.size.width / factor.max(1));
         Self { features: self.features.clone(), ..self.resized(size) }
     }
 
-    /// The same views in another size.
+    /// The same views at another size.
     pub(super) fn resized(&self, size: ImageSize) -> Self {
         let pictures = self.each().flat_map(|picture| resized(picture, self.size, size, RGB)).collect();
         Self { size, pictures, cameras: self.cameras.clone(), features: None }
@@ -97,7 +97,7 @@ impl Views {
         Ok(self.patches(&maps, patch, PluckerLayout::MomentDirection.channels(), device))
     }
 
-    /// Colours, then moment and direction, of every pixel of every patch: `[views, patches, patch² · 9]`.
+    /// Colours as `2 rgb − 1`, then moment and direction, of every pixel of every patch: `[views, patches, patch² · 9]`.
     pub(super) fn colours_and_plucker(&self, patch: usize, device: &Device) -> Result<Tensor<3>, ModelError> {
         let plucker = self.plucker_maps()?;
         let pixels = self.pictures.chunks_exact(RGB).zip(plucker.chunks_exact(6));
@@ -107,8 +107,8 @@ impl Views {
         Ok(self.patches(&maps, patch, RGB + 6, device))
     }
 
-    /// Colours of every patch after `(rgb − mean) / deviation`, a patch channel by channel, as a convolution's kernel
-    /// has them: `[views, patches, 3 · patch²]`.
+    /// Colours of every patch as `(rgb − mean) / deviation`, channel by channel within a patch, as in a convolution's kernel:
+    /// `[views, patches, 3 · patch²]`.
     pub(super) fn standardised(&self, patch: usize, mean: [f32; 3], deviation: [f32; 3], device: &Device) -> Tensor<3> {
         let pixel = |rgb: &[f32]| {
             let channels =

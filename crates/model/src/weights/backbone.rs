@@ -5,7 +5,7 @@ use crate::ModelError;
 use crate::config::{BackboneConfig, DinoSize, ModelConfig};
 use crate::parameters::{Parameter, parameters};
 
-/// Maps of the two ways that DINOv2 is published.
+/// Key maps of the two published formats of DINOv2.
 const KEY_MAPS: [&str; 2] = ["dinov2-official", "dinov2-hugging-face"];
 
 /// The frozen backbone of a configuration, read from a published file.
@@ -13,19 +13,19 @@ const KEY_MAPS: [&str; 2] = ["dinov2-official", "dinov2-hugging-face"];
 pub struct BackboneWeights {
     /// Parameters whose names begin with `backbone.`.
     pub tensors: StoredTensors,
-    /// What became of the file's tensors.
+    /// How the file's tensors were used.
     pub report: ImportReport,
-    /// sha256 of the file, to be recorded with every result.
+    /// SHA-256 of the file, to be recorded with every result.
     pub sha256: String,
-    /// What the file is, if its hash is known.
+    /// The known file with this hash, if any.
     pub known: Option<&'static KnownFile>,
 }
 
-/// Reads the frozen backbone from the authors' file or from Hugging Face's, told apart by the names in it.
+/// Reads the frozen backbone from the authors' file or from Hugging Face's, which differ in tensor names.
 ///
 /// # Errors
 /// [`ModelError::MissingWeights`] with where to get them, [`ModelError::InFile`] around
-/// [`ModelError::Unfit`], or around [`ModelError::Malformed`] where the file's sha256 is not `expected_sha256`.
+/// [`ModelError::Unfit`], or around [`ModelError::Malformed`] if the file's sha256 is not `expected_sha256`.
 pub fn read_backbone(
     path: &Path,
     config: &ModelConfig,
@@ -34,32 +34,24 @@ pub fn read_backbone(
     let file = TensorFile::find(path, || KnownFile::advice(&config.backbone))?;
     file.check_sha256(expected_sha256)?;
     let expected = frozen(config);
-    let mut best: Option<(StoredTensors, ImportReport)> = None;
-    for map in KEY_MAPS {
-        let outcome = KeyMap::resolve(map)?.apply(&file.stored, &expected);
-        // Of two maps that fail, the one that knows more of the file's names has the better report.
-        if best.as_ref().is_none_or(|(_, report)| report.missing.len() > outcome.1.missing.len()) {
-            best = Some(outcome);
-        }
+    let apply = |map: &str| Ok::<_, ModelError>(KeyMap::resolve(map)?.apply(&file.stored, &expected));
+    let [official, hugging_face] = KEY_MAPS.map(apply);
+    let (official, hugging_face) = (official?, hugging_face?);
+    // If both maps fail, the one that matches more names has the better report.
+    let (tensors, report) =
+        if official.1.missing.len() > hugging_face.1.missing.len() { hugging_face } else { official };
+    if !report.is_complete() {
+        return Err(ModelError::Unfit(Box::new(report)).in_file(path));
     }
-    match best {
-        Some((tensors, report)) if report.is_complete() => {
-            let known = KnownFile::with_sha256(&file.sha256);
-            Ok(BackboneWeights { tensors, report, sha256: file.sha256, known })
-        }
-        best => {
-            let report = best.map(|(_, report)| report).unwrap_or_default();
-            Err(ModelError::Unfit(Box::new(report)).in_file(path))
-        }
-    }
+    let known = KnownFile::with_sha256(&file.sha256);
+    Ok(BackboneWeights { tensors, report, sha256: file.sha256, known })
 }
 
 impl BackboneConfig {
-    /// Which DINOv2 a file holds whole, told by its names and shapes, and what became of the file's tensors; the largest
-    /// where several fit.
+    /// The DINOv2 that a file holds completely, by names and shapes, with the import report; the largest if several fit.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`], never for a file.
+    /// [`ModelError::Malformed`] for a broken embedded configuration or key map, never for the file.
     pub fn in_file(stored: &StoredTensors) -> Result<Option<(Self, ImportReport)>, ModelError> {
         let mut config = ModelConfig::named("paper-re10k")?;
         for map in KEY_MAPS {

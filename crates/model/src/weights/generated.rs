@@ -2,12 +2,13 @@ use super::{StoredTensor, StoredTensors};
 use crate::hash::Stream;
 use crate::parameters::Parameter;
 
-/// Weights that a seed and the parameters' names define, the same in every language: what the fixtures of
-/// `oracle/` were made with, so that no fixture has to store a weight. Not for training.
+/// Weights defined by a seed and the parameters' names, the same in every language. The fixtures of `oracle/` were made
+/// with them, so that no fixture has to store weights. Not for training.
 ///
-/// A number in −1…1 for every element comes from `SplitMix64` at a place that seed, name and position decide.
-/// Vectors named `bias` are a tenth of it; other vectors, which scale, are that plus one; matrices and kernels
-/// are it times √(3 / inputs), of variance 1 / inputs; embeddings of three dimensions are half of it.
+/// Each element is a number `u` in [−1, 1) from `SplitMix64`, keyed by seed, name and position: `u / 10` for vectors named
+/// `bias`; `1 + u / 10` for other vectors, which scale; `u √(3 / inputs)`, of variance 1 / inputs, for matrices and kernels;
+/// `u / 2` for embeddings of three dimensions.
+#[expect(clippy::expect_used, reason = "the number of values is the product of the shape")]
 pub fn generated(parameters: &[Parameter], seed: u64) -> StoredTensors {
     let mut weights = StoredTensors::default();
     for parameter in parameters {
@@ -22,9 +23,8 @@ pub fn generated(parameters: &[Parameter], seed: u64) -> StoredTensors {
         #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
         let values: Vec<f32> =
             (0..parameter.elements() as u64).map(|at| (offset + scale * stream.signed_unit(at)) as f32).collect();
-        if let Ok(tensor) = StoredTensor::from_f32(parameter.shape.clone(), &values) {
-            weights.tensors.insert(parameter.name.clone(), tensor);
-        }
+        let tensor = StoredTensor::from_f32(parameter.shape.clone(), &values).expect("values that fill the shape");
+        weights.tensors.insert(parameter.name.clone(), tensor);
     }
     weights
 }

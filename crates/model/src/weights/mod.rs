@@ -1,8 +1,8 @@
-//! Weights in and out: the toolkit's own safetensors files, other people's checkpoints by key maps, and what
-//! became of every tensor.
+//! Reading and writing of weights: the toolkit's own safetensors files, and other checkpoints by key maps, with a report on
+//! every tensor.
 //!
-//! Files are mapped and never executed. Any bytes give weights that are whole, finite and of the right shapes, or
-//! a typed error; nothing is loaded half-way.
+//! Files are memory-mapped and never executed. Any bytes give weights that are complete, finite and of the right shapes, or
+//! a typed error; nothing is loaded partially.
 
 mod backbone;
 mod generated;

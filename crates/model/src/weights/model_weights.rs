@@ -10,36 +10,35 @@ use crate::parameters::parameters;
 
 const WHAT: &str = "ATSplat weights";
 const FORMAT_KEY: &str = "atsplat.format";
-/// What is written: the metadata have a hash too.
+/// The written format, with a hash of the metadata.
 const FORMAT: &str = "2";
-/// Files of earlier versions, whose metadata nothing covers.
-const BARE_FORMAT: &str = "1";
+/// The earlier format, without a hash of the metadata.
+const FORMAT_WITHOUT_HASH: &str = "1";
 const CONFIGURATION_KEY: &str = "atsplat.configuration";
 const DIGEST_KEY: &str = "atsplat.tensors-sha256";
 const METADATA_DIGEST_KEY: &str = "atsplat.metadata-sha256";
 const PROVENANCE_PREFIX: &str = "atsplat.provenance.";
 
-/// A network's weights with all that is needed to use and to trust them.
+/// A network's weights with configuration and provenance.
 ///
-/// In a file they are safetensors whose metadata hold `atsplat.format`, `atsplat.configuration` (the TOML text),
+/// Stored as safetensors whose metadata hold `atsplat.format`, `atsplat.configuration` (the TOML text),
 /// `atsplat.tensors-sha256` ([`StoredTensors::digest`]), `atsplat.provenance.<key>` for each entry of the provenance, and
 /// `atsplat.metadata-sha256` over all of these. `NAMES.md` explains the tensors' names.
 #[derive(Clone, Debug)]
 pub struct ModelWeights {
-    /// The network.
+    /// Configuration of the network.
     pub config: ModelConfig,
-    /// How the weights came to be: data, steps, seed, commit, command, and whatever else matters.
+    /// How the weights were made: data, steps, seed, commit, command and others.
     pub provenance: BTreeMap<String, String>,
-    /// Every parameter of the network, in the element types of the file. Empty metadata.
+    /// Every parameter of the network, in the element types of the file, without metadata.
     pub tensors: StoredTensors,
-    /// sha256 of the file that they were read from, in hexadecimal; none where they were not.
+    /// SHA-256 of the file that they were read from, in hexadecimal; none where they were not.
     pub sha256: Option<String>,
-    /// Whether configuration and provenance are known to be those that were written: `false` for files of a format that
-    /// kept no hash of them.
+    /// Whether a hash verified configuration and provenance: `false` for files of the format without such a hash.
     pub metadata_covered: bool,
 }
 
-/// Which numbers a file stores.
+/// Element type of a weights file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Precision {
     /// f32, as trained.
@@ -51,11 +50,11 @@ pub enum Precision {
 }
 
 impl ModelWeights {
-    /// Takes tensors that are exactly the network's parameters.
+    /// Weights from tensors that are exactly the network's parameters.
     ///
     /// # Errors
-    /// [`ModelError::Unfit`] where one is missing, of another shape, or not finite; [`ModelError::Malformed`]
-    /// where one is no parameter.
+    /// [`ModelError::Unfit`] if one is missing, of another shape, or not finite; [`ModelError::Malformed`] if one is not a
+    /// parameter.
     pub fn new(
         config: ModelConfig,
         provenance: BTreeMap<String, String>,
@@ -68,19 +67,17 @@ impl ModelWeights {
         Ok(Self { config, provenance, tensors, sha256: None, metadata_covered: true })
     }
 
-    /// Reads the toolkit's own file. Nothing is returned unless every tensor is there, of its shape, finite,
-    /// and what was hashed when the file was written.
+    /// Reads a file of this toolkit. Every tensor must be present, of its shape, finite, and match the hash in the file.
     ///
     /// # Errors
-    /// [`ModelError::MissingWeights`] where there is no file, [`ModelError::InFile`] around the errors of
+    /// [`ModelError::MissingWeights`] if there is no file, [`ModelError::InFile`] around the errors of
     /// [`Self::from_stored`].
     pub fn read(path: &Path) -> Result<Self, ModelError> {
-        let expected =
-            "a weights file of this toolkit, which `atsplat weights import` makes of a checkpoint of PyTorch";
+        let expected = "a weights file of this toolkit, which `atsplat weights import` makes from a PyTorch checkpoint";
         Self::of_file(&TensorFile::find(path, || expected.to_owned())?)
     }
 
-    /// [`Self::read`], of a file that is open already.
+    /// [`Self::read`] for an open file.
     ///
     /// # Errors
     /// [`ModelError::InFile`] around the errors of [`Self::from_stored`].
@@ -89,27 +86,27 @@ impl ModelWeights {
         Ok(Self { sha256: Some(file.sha256.clone()), ..weights })
     }
 
-    /// Whether a file says that it is one of this toolkit.
+    /// Whether the metadata are those of a weights file of this toolkit.
     pub fn is_one(stored: &StoredTensors) -> bool {
         stored.metadata.contains_key(FORMAT_KEY)
     }
 
-    /// The configuration that a file says it was written for; its tensors are not looked at.
+    /// The configuration in a file's metadata; tensors are not read.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where the metadata are not this toolkit's, or hold no configuration.
+    /// [`ModelError::Malformed`] if the metadata are not this toolkit's, or hold no configuration.
     pub fn config_of(stored: &StoredTensors) -> Result<ModelConfig, ModelError> {
         format_of(stored)?;
         ModelConfig::from_toml(entry(stored, CONFIGURATION_KEY, "a model configuration")?)
     }
 
-    /// What to tell a user who lacks the weights of a network, and their hash where one is known.
+    /// Message for a user without the weights of a network, whose SHA-256 may be known.
     pub fn advice(config: &ModelConfig, sha256: Option<&str>) -> String {
         let hash = sha256.map_or_else(String::new, |hash| format!(" of sha256 {hash}"));
         let name = &config.name;
         let mut text = format!(
-            "a weights file{hash} of the model {name}, which `atsplat weights import CHECKPOINT --model {name}` makes of \
-             a checkpoint of PyTorch"
+            "a weights file{hash} of the model {name}, which `atsplat weights import CHECKPOINT --model {name}` makes from \
+             a PyTorch checkpoint"
         );
         if let BackboneConfig::DinoV2 { .. } = config.backbone {
             text.push_str("; its frozen backbone is ");
@@ -118,7 +115,7 @@ impl ModelWeights {
         text
     }
 
-    /// The same numbers as weights of another network, whose parameters have to be the very same ones.
+    /// The same weights for another configuration with identical parameters.
     ///
     /// # Errors
     /// As [`Self::new`].
@@ -127,11 +124,10 @@ impl ModelWeights {
         Ok(Self { sha256, metadata_covered, ..Self::new(config, self.provenance, &self.tensors)? })
     }
 
-    /// What [`Self::to_stored`] gave.
+    /// The inverse of [`Self::to_stored`].
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where the metadata are not this toolkit's or the hash differs, and as
-    /// [`Self::new`].
+    /// [`ModelError::Malformed`] if the metadata are not this toolkit's or a hash differs, and as [`Self::new`].
     pub fn from_stored(stored: &StoredTensors) -> Result<Self, ModelError> {
         let metadata_covered = check_metadata(stored)?;
         let config = Self::config_of(stored)?;
@@ -146,10 +142,10 @@ impl ModelWeights {
         Ok(Self { metadata_covered, ..Self::new(config, provenance.collect(), stored)? })
     }
 
-    /// The contents of a file, which [`Self::from_stored`] takes back.
+    /// The contents of a file, which [`Self::from_stored`] reads.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where a number is beyond the precision's range.
+    /// [`ModelError::Malformed`] if a value is beyond the precision's range.
     pub fn to_stored(&self, precision: Precision) -> Result<StoredTensors, ModelError> {
         let mut stored = StoredTensors::default();
         for (name, tensor) in &self.tensors.tensors {
@@ -170,7 +166,7 @@ impl ModelWeights {
         Ok(stored)
     }
 
-    /// Writes a file; it appears whole under its name, or not at all, and the same weights give the same bytes.
+    /// Writes a file atomically; the same weights give the same bytes.
     ///
     /// # Errors
     /// [`ModelError::Io`], and as [`Self::to_stored`].
@@ -179,21 +175,21 @@ impl ModelWeights {
     }
 }
 
-/// The version of a file's format, which is one that is read.
+/// The version of a file's format, if it is supported.
 fn format_of(stored: &StoredTensors) -> Result<&str, ModelError> {
     let format = entry(stored, FORMAT_KEY, "the format's version; other files are imported by a key map")?;
-    if [BARE_FORMAT, FORMAT].contains(&format) {
+    if [FORMAT_WITHOUT_HASH, FORMAT].contains(&format) {
         return Ok(format);
     }
-    let expected = format!("{BARE_FORMAT} or {FORMAT}");
+    let expected = format!("{FORMAT_WITHOUT_HASH} or {FORMAT}");
     Err(ModelError::malformed(WHAT, format!("metadata {FORMAT_KEY}"), expected, format))
 }
 
-/// Whether a hash covers the metadata; an error where it is that of others, or is missing from a file that should have one.
+/// Whether a hash covers the metadata; an error if it does not match, or is missing from a format that has one.
 fn check_metadata(stored: &StoredTensors) -> Result<bool, ModelError> {
     let format = format_of(stored)?;
     let Some(recorded) = stored.metadata.get(METADATA_DIGEST_KEY) else {
-        if format == BARE_FORMAT {
+        if format == FORMAT_WITHOUT_HASH {
             return Ok(false);
         }
         return entry(stored, METADATA_DIGEST_KEY, "the hash of the metadata").map(|_| true);
@@ -206,7 +202,7 @@ fn check_metadata(stored: &StoredTensors) -> Result<bool, ModelError> {
     Ok(true)
 }
 
-/// sha256 in hexadecimal of keys and values in the order of keys, each after its length in bytes as u64 little-endian.
+/// SHA-256 in hexadecimal of keys and values in the order of keys, each after its length in bytes as u64 little-endian.
 fn metadata_digest<'a>(metadata: impl Iterator<Item = (&'a String, &'a String)>) -> String {
     let mut hash = Sha256::new();
     for text in metadata.flat_map(|(key, value)| [key, value]) {

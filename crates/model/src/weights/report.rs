@@ -4,10 +4,10 @@ use serde::Serialize;
 
 use super::StoredTensor;
 
-/// How many names of a kind a printed report shows.
+/// Number of names of each kind in a printed report.
 const SHOWN: usize = 12;
 
-/// What became of every tensor of a file, and of every parameter of the network.
+/// How every tensor of a file was used, and where every parameter of the network came from.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ImportReport {
@@ -15,17 +15,17 @@ pub struct ImportReport {
     pub key_map: String,
     /// Parameters that were found, in the network's order.
     pub matched: Vec<Matched>,
-    /// Parameters that no tensor became.
+    /// Parameters without a tensor.
     pub missing: Vec<Missing>,
-    /// Tensors that became no parameter, in the file's order.
+    /// Tensors that are not used, in the file's order.
     pub left_over: Vec<LeftOver>,
-    /// Tensors that the key map knows and does not need.
+    /// Tensors that the key map ignores.
     pub ignored: Vec<String>,
-    /// Tensors that became a parameter of another shape, or could not.
+    /// Parameters whose tensors have another shape or cannot be used.
     pub mismatched: Vec<Mismatched>,
 }
 
-/// A parameter and the tensors it came from.
+/// A parameter and its tensors.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Matched {
     /// The parameter.
@@ -34,7 +34,7 @@ pub struct Matched {
     pub sources: Vec<String>,
 }
 
-/// A parameter that the file does not have.
+/// A parameter without a tensor in the file.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Missing {
     /// The parameter.
@@ -43,7 +43,7 @@ pub struct Missing {
     pub shape: Vec<usize>,
 }
 
-/// A tensor that the network does not have.
+/// A tensor that is not used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct LeftOver {
     /// Name in the file.
@@ -52,7 +52,7 @@ pub struct LeftOver {
     pub found: String,
 }
 
-/// A parameter that cannot be what the file holds.
+/// A parameter whose tensors in the file cannot be used.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct Mismatched {
     /// The parameter.
@@ -61,12 +61,12 @@ pub struct Mismatched {
     pub sources: Vec<String>,
     /// The parameter's shape.
     pub expected: String,
-    /// The tensors' shapes, or what stands in the way.
+    /// The tensors' shapes, or another reason.
     pub found: String,
 }
 
 impl ImportReport {
-    /// Whether every parameter was found. Tensors that are left over do not count.
+    /// Whether every parameter was found; unused tensors do not matter.
     pub fn is_complete(&self) -> bool {
         self.missing.is_empty() && self.mismatched.is_empty()
     }

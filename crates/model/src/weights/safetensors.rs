@@ -1,7 +1,6 @@
-//! The safetensors format (huggingface/safetensors): eight bytes of length, a JSON header, then the tensors
-//! without gaps. Read here rather than by its own crate, so that nothing in a hostile header can overflow,
-//! a name that stands twice is an error, and errors say where; written here so that the same weights always
-//! give the same bytes.
+//! The safetensors format (huggingface/safetensors): eight bytes of length, a JSON header, then the tensors without gaps.
+//! Not read by the `safetensors` crate, so that no hostile header can overflow, duplicate names are errors, and errors say
+//! where; not written by it, so that the same weights always give the same bytes.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -17,9 +16,9 @@ use crate::ModelError;
 const WHAT: &str = "safetensors file";
 const LENGTH: usize = size_of::<u64>();
 /// The format's own limit.
-const MOST_HEADER_BYTES: u64 = 100_000_000;
+const MAX_HEADER_BYTES: u64 = 100_000_000;
 const METADATA: &str = "__metadata__";
-/// Readers map the file and want aligned numbers; other writers pad the header to eight bytes too.
+/// Readers map the file and need aligned numbers; other writers also pad the header to eight bytes.
 const ALIGNMENT: usize = 8;
 
 /// Whether bytes look like a safetensors file: a length that fits and an opening brace.
@@ -28,13 +27,13 @@ pub(super) fn recognises(file: &[u8]) -> bool {
     length.is_some_and(|length| length < file.len() as u64) && file.get(LENGTH) == Some(&b'{')
 }
 
-/// Tensors in the order of their bytes, and the file's metadata.
+/// Reads tensors in the order of their bytes, and the file's metadata.
 pub(super) fn parse(file: &SharedBytes) -> Result<StoredTensors, ModelError> {
     let length = file.first_chunk().map(|bytes| u64::from_le_bytes(*bytes));
     let length =
         length.ok_or_else(|| malformed("byte 0", "eight bytes of header length", format!("{} bytes", file.len())))?;
     let inside = file.len() as u64 - LENGTH as u64;
-    let most = inside.min(MOST_HEADER_BYTES);
+    let most = inside.min(MAX_HEADER_BYTES);
     let data_start = usize::try_from(length).ok().filter(|_| length <= most).map(|length| LENGTH + length);
     let (header, data) = data_start
         .and_then(|start| file.get(LENGTH..start).zip(file.slice(start..file.len())))
@@ -45,10 +44,10 @@ pub(super) fn parse(file: &SharedBytes) -> Result<StoredTensors, ModelError> {
     Ok(StoredTensors { tensors: tensors(header.tensors, &data)?, metadata: header.metadata })
 }
 
-/// The file of these tensors, in their order. The same arguments give the same bytes.
+/// The file of the given tensors, in their order. The same arguments give the same bytes.
 ///
 /// # Errors
-/// [`ModelError::Malformed`] for names and types that the format does not have.
+/// [`ModelError::Malformed`] for the reserved name of the metadata.
 pub(super) fn write(
     tensors: &IndexMap<String, StoredTensor>,
     metadata: &BTreeMap<String, String>,
@@ -83,7 +82,7 @@ fn tensors(
     for (name, Entry { dtype, shape, data_offsets: (start, end) }) in entries {
         let location = || format!("tensor {:?}", shortened(&name));
         if start != expected_start {
-            let expected = format!("data that begins at {expected_start}, where the one before ends");
+            let expected = format!("data that begins at {expected_start}, the end of the previous tensor");
             return Err(malformed(location(), expected, start));
         }
         expected_start = end;
@@ -95,11 +94,11 @@ fn tensors(
             malformed(location(), "U8, I8, I16, I32, I64, BOOL, F16, BF16, F32 or F64", shortened(&dtype))
         })?;
         let shape: Option<Vec<usize>> = shape.iter().map(|&size| usize::try_from(size).ok()).collect();
-        let shape = shape.ok_or_else(|| malformed(location(), "sizes of this machine", "larger ones"))?;
+        let shape = shape.ok_or_else(|| malformed(location(), "sizes that this machine can address", "larger ones"))?;
         let tensor =
             StoredTensor::new(dtype, shape, bytes).map_err(|error| malformed(location(), "a whole tensor", error))?;
         if tensors.insert(name.clone(), tensor).is_some() {
-            return Err(malformed(location(), "a name of its own", "two tensors"));
+            return Err(malformed(location(), "a unique name", "two tensors"));
         }
     }
     if expected_start != data.len() as u64 {
@@ -177,8 +176,9 @@ fn dtype_of(name: &str) -> Option<DType> {
     DTYPES.iter().find(|(known, _)| *known == name).map(|(_, dtype)| *dtype)
 }
 
+#[expect(clippy::expect_used, reason = "the table has every type")]
 fn dtype_name(dtype: DType) -> &'static str {
-    DTYPES.iter().find(|(_, known)| *known == dtype).map_or("U8", |(name, _)| name)
+    DTYPES.iter().find(|(_, known)| *known == dtype).map(|(name, _)| *name).expect("a type of the table")
 }
 
 fn malformed(location: impl Into<String>, expected: impl Into<String>, found: impl ToString) -> ModelError {

@@ -9,35 +9,35 @@ use super::{StoredTensor, safetensors};
 use crate::ModelError;
 
 const WHAT: &str = "checkpoint";
-/// How many containers below the root of a checkpoint are looked through.
-const DEPTH: usize = 5;
-/// How many objects. A hostile file shares parts, so that a walk along every path could last for ever.
-const MOST_OBJECTS: usize = 1 << 20;
+/// Depth to which containers of a checkpoint are searched.
+const MAX_DEPTH: usize = 5;
+/// Largest number of visited objects: objects of a hostile file can be shared so that a walk along every path never ends.
+const MAX_OBJECTS: usize = 1 << 20;
 
-/// Named tensors of a file, whoever wrote it.
+/// Named tensors of a file of any origin.
 #[derive(Clone, Debug, Default)]
 pub struct StoredTensors {
     /// In the order of the file.
     pub tensors: IndexMap<String, StoredTensor>,
-    /// Text beside them; safetensors files alone have it.
+    /// Text metadata; only safetensors files have it.
     pub metadata: BTreeMap<String, String>,
 }
 
-/// A file of tensors that was read, not yet asked what it means.
+/// A file of tensors, read but not interpreted.
 #[derive(Clone, Debug)]
 pub struct TensorFile {
-    /// Where it is.
+    /// Path of the file.
     pub path: PathBuf,
-    /// sha256 of the whole file, in hexadecimal.
+    /// SHA-256 of the whole file, in hexadecimal.
     pub sha256: String,
-    /// What it holds.
+    /// Its tensors and metadata.
     pub stored: StoredTensors,
 }
 
 impl TensorFile {
-    /// Maps and reads a safetensors file or a checkpoint of `torch.save`, told apart by their bytes.
+    /// Maps and reads a safetensors file or a checkpoint of `torch.save`, detected by its bytes.
     ///
-    /// The file is hashed, so that every byte is read once; tensors stay in the map.
+    /// Hashing reads every byte once; tensors stay in the memory map.
     ///
     /// # Errors
     /// [`ModelError::Io`], or [`ModelError::InFile`] around the errors of [`StoredTensors::parse`].
@@ -46,7 +46,7 @@ impl TensorFile {
         Self::parse(path.to_owned(), file)
     }
 
-    /// [`Self::open`], of bytes that are at hand; `path` is what messages call them.
+    /// [`Self::open`] for bytes in memory; `path` is their name in messages.
     ///
     /// # Errors
     /// [`ModelError::InFile`] around the errors of [`StoredTensors::parse`].
@@ -56,7 +56,8 @@ impl TensorFile {
         Ok(Self { path, sha256, stored })
     }
 
-    /// [`Self::open`] for a file that somebody has to get: where it is absent, `expected` says what it is and where from.
+    /// [`Self::open`] for a file that users must provide: if it is absent, the error says with `expected` what it is and where
+    /// to get it.
     ///
     /// # Errors
     /// [`ModelError::MissingWeights`], and as [`Self::open`].
@@ -69,15 +70,15 @@ impl TensorFile {
         })
     }
 
-    /// Refuses a file of another hash than the one that was asked for, if one was.
+    /// Checks the file's hash against an expected one, if any.
     ///
     /// # Errors
     /// [`ModelError::InFile`] around [`ModelError::Malformed`].
-    pub fn check_sha256(&self, asked: Option<&str>) -> Result<(), ModelError> {
-        match asked.filter(|asked| !asked.eq_ignore_ascii_case(&self.sha256)) {
+    pub fn check_sha256(&self, expected: Option<&str>) -> Result<(), ModelError> {
+        match expected.filter(|expected| !expected.eq_ignore_ascii_case(&self.sha256)) {
             None => Ok(()),
-            Some(asked) => {
-                let expected = format!("a file of sha256 {asked}");
+            Some(expected) => {
+                let expected = format!("a file of sha256 {expected}");
                 Err(ModelError::malformed("weights", "file", expected, &self.sha256).in_file(&self.path))
             }
         }
@@ -87,12 +88,12 @@ impl TensorFile {
 impl StoredTensors {
     /// Reads a safetensors file, or a checkpoint of `torch.save` in either of its formats.
     ///
-    /// A checkpoint's tensors are named by their path from the root, dicts and lists joined by dots; what is no
-    /// tensor is passed over. A training checkpoint therefore gives `state_dict.encoder…` beside
-    /// `optimizer.state…`: key maps name the part that they read.
+    /// A checkpoint's tensors are named by their path from the root, with keys of dicts and lists joined by dots; other
+    /// objects are skipped. A training checkpoint therefore gives `state_dict.encoder…` and `optimizer.state…`: key maps
+    /// select the part that they read.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] and [`ModelError::Torch`] where the bytes are neither.
+    /// [`ModelError::Malformed`] and [`ModelError::Torch`] if the bytes are neither.
     pub fn parse(file: SharedBytes) -> Result<Self, ModelError> {
         if safetensors::recognises(&file) {
             return safetensors::parse(&file);
@@ -100,8 +101,8 @@ impl StoredTensors {
         if atsplat_pickle::recognises(&file) {
             let bytes = file.len();
             let root = atsplat_pickle::parse(file)?;
-            let mut walk = Walk { found: Self::default(), objects_left: MOST_OBJECTS, copies_left: 2 * bytes };
-            walk.visit(&root, "", DEPTH)?;
+            let mut walk = Walk { found: Self::default(), objects_left: MAX_OBJECTS, copies_left: 2 * bytes };
+            walk.visit(&root, "", MAX_DEPTH)?;
             return Ok(walk.found);
         }
         if atsplat_pickle::is_lfs_pointer(&file) {
@@ -116,12 +117,12 @@ impl StoredTensors {
     /// The safetensors file of these tensors. The same tensors give the same bytes.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a name that the format keeps for itself.
+    /// [`ModelError::Malformed`] for a name that the format reserves.
     pub fn to_safetensors(&self) -> Result<Vec<u8>, ModelError> {
         safetensors::write(&self.tensors, &self.metadata)
     }
 
-    /// Writes [`Self::to_safetensors`]; the file appears whole under its name, or not at all.
+    /// Writes [`Self::to_safetensors`] atomically.
     ///
     /// # Errors
     /// [`ModelError::Io`], and as [`Self::to_safetensors`].
@@ -130,7 +131,7 @@ impl StoredTensors {
         atsplat_files::write(path, &bytes).map_err(ModelError::io("writing weights", path))
     }
 
-    /// sha256 in hexadecimal of names, types, shapes and bytes of the tensors, whatever their order and file.
+    /// SHA-256 in hexadecimal of names, types, shapes and bytes of the tensors, independent of their order and file.
     pub fn digest(&self) -> String {
         let mut sorted: Vec<_> = self.tensors.iter().collect();
         sorted.sort_by_key(|(name, _)| *name);
@@ -145,25 +146,26 @@ impl StoredTensors {
     }
 }
 
-/// Through a checkpoint, with limits.
+/// A walk through a checkpoint's objects, with limits.
 struct Walk {
     found: StoredTensors,
     objects_left: usize,
-    /// Bytes that strided tensors may still be copied into; others stay in the file's map.
+    /// Bytes into which strided tensors may still be copied; others stay in the file's map.
     copies_left: usize,
 }
 
 impl Walk {
     fn visit(&mut self, value: &Value, path: &str, depth: usize) -> Result<(), ModelError> {
         let location = || format!("object {:?}", shortened(path));
-        self.objects_left = self.objects_left.checked_sub(1).ok_or_else(|| {
-            ModelError::malformed(WHAT, location(), format!("at most {MOST_OBJECTS} objects"), "more")
-        })?;
+        self.objects_left = self
+            .objects_left
+            .checked_sub(1)
+            .ok_or_else(|| ModelError::malformed(WHAT, location(), format!("at most {MAX_OBJECTS} objects"), "more"))?;
         if let Some(tensor) = value.as_tensor() {
             let stored = self.stored(tensor, &location())?;
             return match self.found.tensors.insert(path.to_owned(), stored) {
                 None => Ok(()),
-                Some(_) => Err(ModelError::malformed(WHAT, location(), "a name of its own", "two tensors")),
+                Some(_) => Err(ModelError::malformed(WHAT, location(), "a unique name", "two tensors")),
             };
         }
         let Some(depth) = depth.checked_sub(1) else { return Ok(()) };
@@ -186,11 +188,12 @@ impl Walk {
             let bytes =
                 usize::try_from(tensor.element_count()).unwrap_or(usize::MAX).saturating_mul(tensor.dtype().bytes());
             self.copies_left = self.copies_left.checked_sub(bytes).ok_or_else(|| {
-                ModelError::malformed(WHAT, location, "strided tensors of the file's own size", tensor)
+                ModelError::malformed(WHAT, location, "strided tensors of at most twice the file's size", tensor)
             })?;
         }
         let shape: Option<Vec<usize>> = tensor.shape().iter().map(|&size| usize::try_from(size).ok()).collect();
-        let shape = shape.ok_or_else(|| ModelError::malformed(WHAT, location, "sizes of this machine", tensor))?;
+        let shape = shape
+            .ok_or_else(|| ModelError::malformed(WHAT, location, "sizes that this machine can address", tensor))?;
         StoredTensor::new(tensor.dtype(), shape, tensor.to_bytes()?)
     }
 }

@@ -7,7 +7,7 @@ use crate::ModelError;
 
 const WHAT: &str = "weights";
 
-/// A row-major array as a file holds it: a part of the file's map, or bytes of its own.
+/// A row-major array of a file: a part of the file's memory map, or owned bytes.
 #[derive(Clone)]
 pub struct StoredTensor {
     dtype: DType,
@@ -16,35 +16,36 @@ pub struct StoredTensor {
 }
 
 impl StoredTensor {
-    /// Little-endian bytes of these many elements.
+    /// A tensor of little-endian bytes.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where the number of bytes is not that of the shape.
+    /// [`ModelError::Malformed`] if the number of bytes does not fit the shape.
     pub fn new(dtype: DType, shape: Vec<usize>, bytes: SharedBytes) -> Result<Self, ModelError> {
         let elements = shape.iter().try_fold(1usize, |count, &size| count.checked_mul(size));
         let length = elements.and_then(|count| count.checked_mul(dtype.bytes()));
         if length != Some(bytes.len()) {
-            let expected = format!("{} bytes of {dtype} in shape {shape:?}", length.unwrap_or(usize::MAX));
+            let length = length.map_or("fewer than 2⁶⁴".to_owned(), |length| length.to_string());
+            let expected = format!("{length} bytes of {dtype} in shape {shape:?}");
             return Err(ModelError::malformed(WHAT, "tensor", expected, format!("{} bytes", bytes.len())));
         }
         Ok(Self { dtype, shape, bytes })
     }
 
-    /// f32 numbers in row-major order.
+    /// A tensor of f32 values in row-major order.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where their number is not that of the shape.
+    /// [`ModelError::Malformed`] if their number does not fit the shape.
     pub fn from_f32(shape: Vec<usize>, values: &[f32]) -> Result<Self, ModelError> {
         let bytes: Vec<u8> = values.iter().flat_map(|value| value.to_le_bytes()).collect();
         Self::new(DType::F32, shape, SharedBytes::new(bytes))
     }
 
-    /// What an element is.
+    /// Type of the elements.
     pub fn dtype(&self) -> DType {
         self.dtype
     }
 
-    /// Elements along each dimension; empty for a scalar.
+    /// Size of each dimension; empty for a scalar.
     pub fn shape(&self) -> &[usize] {
         &self.shape
     }
@@ -54,10 +55,10 @@ impl StoredTensor {
         &self.bytes
     }
 
-    /// The numbers in row-major order, rounded to f32 where the file holds f64.
+    /// The values in row-major order, rounded to f32 if the file holds f64.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for integers, which no parameter is.
+    /// [`ModelError::Malformed`] for integers, which cannot be parameters.
     pub fn to_f32(&self) -> Result<Vec<f32>, ModelError> {
         let bytes = &*self.bytes;
         #[expect(clippy::cast_possible_truncation, reason = "weights are f32 here, and f64 ones are rounded")]
@@ -71,10 +72,10 @@ impl StoredTensor {
         Ok(values)
     }
 
-    /// The same numbers as f16, rounded to nearest even.
+    /// The same values as f16, rounded to nearest even.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for integers, and where a finite number overflows.
+    /// [`ModelError::Malformed`] for integers, and if a finite value overflows.
     pub fn to_half(&self) -> Result<Self, ModelError> {
         self.to_halves(DType::F16, "numbers that f16 can hold, up to 65504", |value| {
             let half = f16::from_f32(value);
@@ -82,10 +83,10 @@ impl StoredTensor {
         })
     }
 
-    /// The same numbers as bf16, rounded to nearest even: the range of f32, three digits.
+    /// The same values as bf16, rounded to nearest even: the range of f32, three digits.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for integers, and where a finite number overflows.
+    /// [`ModelError::Malformed`] for integers, and if a finite value overflows.
     pub fn to_brain(&self) -> Result<Self, ModelError> {
         self.to_halves(DType::Bf16, "numbers that bf16 can hold, up to 3.3895e38", |value| {
             let brain = bf16::from_f32(value);
@@ -93,7 +94,7 @@ impl StoredTensor {
         })
     }
 
-    /// `round` says whether its result is finite, and gives its bytes.
+    /// `round` returns whether its result is finite, and its bytes.
     fn to_halves(
         &self,
         dtype: DType,
@@ -117,19 +118,15 @@ impl StoredTensor {
     /// [`ModelError::Malformed`] for anything but a matrix.
     pub fn transposed(&self) -> Result<Self, ModelError> {
         let [rows, columns] = *self.shape.as_slice() else {
-            return Err(ModelError::malformed(
-                WHAT,
-                "tensor to transpose",
-                "two dimensions",
-                format!("{:?}", self.shape),
-            ));
+            let found = format!("{:?}", self.shape);
+            return Err(ModelError::malformed(WHAT, "tensor to transpose", "two dimensions", found));
         };
         let size = self.dtype.bytes();
         let mut bytes = Vec::with_capacity(self.bytes.len());
         for column in 0..columns {
             for row in 0..rows {
                 let start = (row * columns + column) * size;
-                bytes.extend_from_slice(self.bytes.get(start..start + size).unwrap_or_default());
+                bytes.extend_from_slice(&self.bytes[start..start + size]);
             }
         }
         Self::new(self.dtype, vec![columns, rows], SharedBytes::new(bytes))
@@ -138,44 +135,37 @@ impl StoredTensor {
     /// One of `count` equal parts along the first dimension; its bytes are not copied.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where the first dimension has no such parts.
+    /// [`ModelError::Malformed`] if the first dimension cannot be divided into such parts.
     pub fn part(&self, part: usize, count: usize) -> Result<Self, ModelError> {
-        let first = self.shape.first().copied().unwrap_or_default();
-        let length = self.bytes.len().checked_div(count).unwrap_or_default();
-        let bytes = self.bytes.slice(part.saturating_mul(length)..part.saturating_add(1).saturating_mul(length));
-        match bytes {
-            Some(bytes) if part < count && !self.shape.is_empty() && first.is_multiple_of(count) => {
-                let mut shape = self.shape.clone();
-                shape.iter_mut().take(1).for_each(|size| *size /= count);
-                Self::new(self.dtype, shape, bytes)
-            }
-            _ => {
+        let part_of = |first: usize| {
+            let rows = first.checked_div(count).filter(|rows| part < count && rows * count == first)?;
+            let length = self.bytes.len() / count;
+            Some((rows, self.bytes.slice(part * length..(part + 1) * length)?))
+        };
+        match self.shape.first().and_then(|&first| part_of(first)) {
+            Some((rows, bytes)) => Self::new(self.dtype, [&[rows], &self.shape[1..]].concat(), bytes),
+            None => {
                 let expected = format!("{count} equal parts along the first dimension");
                 Err(ModelError::malformed(WHAT, "tensor to split", expected, format!("{:?}", self.shape)))
             }
         }
     }
 
-    /// Parts one after the other along the first dimension.
+    /// Parts concatenated along the first dimension.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] where their element types or other dimensions differ, or there are none.
+    /// [`ModelError::Malformed`] if their element types or other dimensions differ, or there are none.
     pub fn joined(parts: &[&Self]) -> Result<Self, ModelError> {
         let alike =
             |a: &Self, b: &Self| a.dtype == b.dtype && !a.shape.is_empty() && a.shape.get(1..) == b.shape.get(1..);
         let same = parts.first().is_some_and(|first| parts.iter().all(|part| alike(part, first)));
         let (true, Some(first)) = (same, parts.first()) else {
             let found: Vec<String> = parts.iter().map(ToString::to_string).collect();
-            return Err(ModelError::malformed(
-                WHAT,
-                "tensors to join",
-                "parts of one type and width",
-                found.join(", "),
-            ));
+            let expected = "parts of one type and width";
+            return Err(ModelError::malformed(WHAT, "tensors to join", expected, found.join(", ")));
         };
-        let mut shape = first.shape.clone();
-        let rows = parts.iter().filter_map(|part| part.shape.first()).sum();
-        shape.iter_mut().take(1).for_each(|size| *size = rows);
+        let rows: usize = parts.iter().map(|part| part.shape[0]).sum();
+        let shape = [&[rows], &first.shape[1..]].concat();
         let bytes: Vec<u8> = parts.iter().flat_map(|part| part.bytes.iter().copied()).collect();
         Self::new(first.dtype, shape, SharedBytes::new(bytes))
     }
@@ -216,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn transposing_splitting_and_joining() {
+    fn tensors_are_transposed_split_and_joined() {
         assert_values(&counted(&[2, 3]).transposed().unwrap(), &[0.0, 3.0, 1.0, 4.0, 2.0, 5.0]);
         assert!(counted(&[6]).transposed().is_err());
         let whole = counted(&[4, 2]);
@@ -234,17 +224,17 @@ mod tests {
     }
 
     #[test]
-    fn numbers_of_every_width() {
+    fn converts_every_floating_point_type() {
         let tensor = |dtype, bytes: &[u8]| StoredTensor::new(dtype, vec![1], SharedBytes::new(bytes.to_vec()));
         assert_values(&tensor(DType::F16, &[0x00, 0xc0]).unwrap(), &[-2.0]);
         assert_values(&tensor(DType::Bf16, &[0x20, 0xc1]).unwrap(), &[-10.0]);
         assert_values(&tensor(DType::F64, &0.5f64.to_le_bytes()).unwrap(), &[0.5]);
         assert!(tensor(DType::I64, &[0; 8]).unwrap().to_f32().is_err());
-        assert!(tensor(DType::F32, &[0; 5]).is_err(), "five bytes are no f32");
+        assert!(tensor(DType::F32, &[0; 5]).is_err(), "five bytes are not an f32");
         assert!(StoredTensor::new(DType::U8, vec![usize::MAX, 2], SharedBytes::new(vec![])).is_err());
-        assert!(StoredTensor::from_f32(vec![1], &[1e6]).unwrap().to_half().is_err(), "f16 ends at 65504");
+        assert!(StoredTensor::from_f32(vec![1], &[1e6]).unwrap().to_half().is_err(), "beyond the range of f16");
         assert_values(&StoredTensor::from_f32(vec![1], &[65504.0]).unwrap().to_half().unwrap(), &[65504.0]);
-        // 257 and 259 lie half-way between numbers of eight digits: to the even one.
+        // 257 and 259 lie half-way between values with eight significant bits and round to even.
         let brain = StoredTensor::from_f32(vec![3], &[257.0, 259.0, -1e30]).unwrap().to_brain().unwrap();
         assert_values(&brain, &[256.0, 260.0, f64::from(bf16::from_f32(-1e30).to_f32())]);
         assert!(StoredTensor::from_f32(vec![1], &[f32::MAX]).unwrap().to_brain().is_err(), "rounds to infinity");

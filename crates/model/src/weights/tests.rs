@@ -1,4 +1,4 @@
-//! Files that come back as they went out, and files that mean harm.
+//! Weights files: round trips, damaged and hostile files.
 
 use std::collections::BTreeMap;
 
@@ -14,7 +14,7 @@ fn shared(bytes: impl Into<Vec<u8>>) -> SharedBytes {
     SharedBytes::new(bytes.into())
 }
 
-/// A file with this header and these many bytes of data.
+/// A file with a header and `data` bytes of data.
 fn file(header: &str, data: usize) -> Vec<u8> {
     [&(header.len() as u64).to_le_bytes()[..], header.as_bytes(), &vec![0; data]].concat()
 }
@@ -27,22 +27,22 @@ fn nano() -> ModelWeights {
 }
 
 #[test]
-fn weights_come_back_as_they_were_written() {
+fn weights_round_trip_through_a_file() {
     let folder = tempfile::tempdir().unwrap();
-    let (path, again) = (folder.path().join("nano.safetensors"), folder.path().join("again.safetensors"));
+    let (path, copy) = (folder.path().join("nano.safetensors"), folder.path().join("copy.safetensors"));
     let weights = nano();
     weights.write(&path, Precision::Single).unwrap();
     let read = ModelWeights::read(&path).unwrap();
     assert_eq!((&read.config, &read.provenance), (&weights.config, &weights.provenance));
     assert_eq!(read.tensors.digest(), weights.tensors.digest());
     assert_eq!((read.sha256.as_ref(), weights.sha256.as_ref()), (Some(&TensorFile::open(&path).unwrap().sha256), None));
-    read.write(&again, Precision::Single).unwrap();
-    assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&again).unwrap(), "the same bytes");
-    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "nothing partial is left");
+    read.write(&copy, Precision::Single).unwrap();
+    assert_eq!(std::fs::read(&path).unwrap(), std::fs::read(&copy).unwrap(), "the same bytes");
+    assert_eq!(std::fs::read_dir(folder.path()).unwrap().count(), 2, "no temporary file is left");
 }
 
 #[test]
-fn the_reference_implementation_reads_what_we_write() {
+fn the_reference_implementation_reads_our_files_and_we_read_its() {
     let stored = nano().to_stored(Precision::Half).unwrap();
     let bytes = stored.to_safetensors().unwrap();
     let theirs = ::safetensors::SafeTensors::deserialize(&bytes).unwrap();
@@ -54,12 +54,12 @@ fn the_reference_implementation_reads_what_we_write() {
     let (_, metadata) = ::safetensors::SafeTensors::read_metadata(&bytes).unwrap();
     assert_eq!(metadata.metadata().as_ref().unwrap()["atsplat.format"], "2");
     let rewritten = ::safetensors::serialize(theirs.iter(), None).unwrap();
-    assert_eq!(StoredTensors::parse(shared(rewritten)).unwrap().digest(), stored.digest(), "and we what it writes");
+    assert_eq!(StoredTensors::parse(shared(rewritten)).unwrap().digest(), stored.digest(), "we read its file");
 }
 
-/// A file whose configuration was edited, with every tensor as it was.
+/// Files with edited metadata and unchanged tensors.
 #[test]
-fn edited_metadata_are_not_whole() {
+fn rejects_edited_metadata() {
     const CONFIGURATION: &str = "atsplat.configuration";
     let written = nano().to_stored(Precision::Half).unwrap();
     assert!(ModelWeights::from_stored(&written).unwrap().metadata_covered);
@@ -80,8 +80,8 @@ fn edited_metadata_are_not_whole() {
     };
     assert!(message(edited(&renamed)).contains("as written"));
     let bare = |metadata: &mut BTreeMap<String, String>| drop(metadata.remove("atsplat.metadata-sha256"));
-    assert!(message(edited(&bare)).contains("atsplat.metadata-sha256"), "a file of this format has the hash");
-    // An earlier format had none: nobody can tell.
+    assert!(message(edited(&bare)).contains("atsplat.metadata-sha256"), "this format has the hash");
+    // The earlier format has no hash: edits cannot be detected.
     let earlier = edited(&|metadata| {
         bare(metadata);
         metadata.insert("atsplat.format".to_owned(), "1".to_owned());
@@ -94,7 +94,7 @@ fn edited_metadata_are_not_whole() {
 }
 
 #[test]
-fn every_precision_is_read_back() {
+fn every_precision_round_trips() {
     let weights = nano();
     for (precision, dtype, relative) in [
         (Precision::Single, DType::F32, 0.0),
@@ -105,18 +105,18 @@ fn every_precision_is_read_back() {
         let read = ModelWeights::from_stored(&StoredTensors::parse(shared(stored.to_safetensors().unwrap())).unwrap());
         for (name, tensor) in &read.unwrap().tensors.tensors {
             assert_eq!(tensor.dtype(), dtype, "{name}");
-            let wanted = weights.tensors.tensors[name].to_f32().unwrap();
-            for (found, wanted) in tensor.to_f32().unwrap().into_iter().zip(wanted) {
+            let expected = weights.tensors.tensors[name].to_f32().unwrap();
+            for (found, expected) in tensor.to_f32().unwrap().into_iter().zip(expected) {
                 // Below 6.1e-5, f16 has fewer digits.
-                let bound = relative * f64::from(wanted.abs()) + 2f64.powi(-25);
-                assert!(f64::from((found - wanted).abs()) <= bound, "{name}: {found} for {wanted}");
+                let bound = relative * f64::from(expected.abs()) + 2f64.powi(-25);
+                assert!(f64::from((found - expected).abs()) <= bound, "{name}: {found} for {expected}");
             }
         }
     }
 }
 
 #[test]
-fn a_file_tells_its_network_before_its_numbers_are_read() {
+fn the_configuration_is_read_without_tensors() {
     let mut stored = nano().to_stored(Precision::Brain).unwrap();
     stored.tensors.clear();
     assert_eq!(ModelWeights::config_of(&stored).unwrap().name, "nano");
@@ -126,14 +126,14 @@ fn a_file_tells_its_network_before_its_numbers_are_read() {
 }
 
 #[test]
-fn numbers_serve_every_network_of_the_same_parameters() {
+fn weights_fit_every_network_with_the_same_parameters() {
     let other = nano().config.with_expansion_in_first(1);
     assert_eq!(nano().for_network(other.clone()).unwrap().config, other);
     assert!(nano().for_network(ModelConfig::named("mini").unwrap()).is_err());
 }
 
 #[test]
-fn absent_weights_of_a_network_say_which_and_where_from() {
+fn errors_of_absent_weights_say_which_and_where_to_get_them() {
     let advice = |name: &str, hash| ModelWeights::advice(&ModelConfig::named(name).unwrap(), hash);
     let paper = advice("paper-dl3dv", Some("00ff"));
     for part in ["model paper-dl3dv", "sha256 00ff", "weights import", "dinov2_vitb14_pretrain.pth", "https://"] {
@@ -147,7 +147,7 @@ fn absent_weights_of_a_network_say_which_and_where_from() {
 }
 
 #[test]
-fn any_changed_byte_is_noticed() {
+fn any_changed_byte_is_detected() {
     let stored = nano().to_stored(Precision::Half).unwrap();
     let bytes = stored.to_safetensors().unwrap();
     let header = 8 + usize::try_from(u64::from_le_bytes(*bytes.first_chunk().unwrap())).unwrap();
@@ -165,9 +165,9 @@ fn any_changed_byte_is_noticed() {
 }
 
 #[test]
-fn files_without_our_metadata_are_not_taken_for_ours() {
+fn rejects_files_without_our_metadata() {
     let mut stored = nano().to_stored(Precision::Single).unwrap();
-    // As the first format was: without a hash of what is changed here.
+    // In the first format, without a hash of what is changed here.
     stored.metadata.remove("atsplat.metadata-sha256");
     stored.metadata.insert("atsplat.format".to_owned(), "1".to_owned());
     for (key, value, expected) in [
@@ -190,7 +190,7 @@ fn files_without_our_metadata_are_not_taken_for_ours() {
 }
 
 #[test]
-fn absent_and_wrong_backbones_say_where_the_right_one_is() {
+fn errors_of_absent_and_wrong_backbones_say_where_to_get_the_right_one() {
     let config = ModelConfig::named("paper-re10k").unwrap();
     let error = read_backbone("no/such.pth".as_ref(), &config, None).unwrap_err().to_string();
     for part in ["dinov2_vitb14_pretrain.pth", "https://dl.fbaipublicfiles.com", "facebook/dinov2-base", "no/such.pth"]
@@ -207,7 +207,7 @@ fn absent_and_wrong_backbones_say_where_the_right_one_is() {
 }
 
 #[test]
-fn headers_that_lie() {
+fn rejects_malformed_headers() {
     let entry = |dtype: &str, shape: &str, offsets: &str| {
         format!(r#"{{"a":{{"dtype":"{dtype}","shape":{shape},"data_offsets":{offsets}}}}}"#)
     };
@@ -244,7 +244,7 @@ fn headers_that_lie() {
         let bytes = [&length.to_le_bytes()[..], b"{}"].concat();
         assert!(StoredTensors::parse(shared(bytes)).is_err(), "{length}");
     }
-    assert!(StoredTensors::parse(shared(*b"\x02\0\0\0\0\0\0\0{}")).is_ok(), "an empty file of tensors is one");
+    assert!(StoredTensors::parse(shared(*b"\x02\0\0\0\0\0\0\0{}")).is_ok(), "a file without tensors is valid");
 }
 
 proptest! {

@@ -3,7 +3,7 @@ use std::ops::{Add, Div, Mul, Range, Sub};
 use burn::backend::tensor::{BoolTensor, Device, FloatTensor};
 use burn::backend::{Backend, DType, FloatDType, Scalar, Shape, Slice, TensorMetadata};
 
-/// A backend's float tensor with operators, so that formulas read as such. Shapes broadcast.
+/// A backend's float tensor with operators, so that formulas are readable. Shapes broadcast.
 #[derive(Debug)]
 pub(super) struct Array<B: Backend>(pub(super) FloatTensor<B>);
 
@@ -18,8 +18,8 @@ impl<B: Backend> Array<B> {
         Self(B::float_zeros(Shape::from(shape.to_vec()), device, dtype))
     }
 
-    /// Zeros of the same kind.
-    pub(super) fn zeros_beside(&self, shape: &[usize]) -> Self {
+    /// Zeros of the same type and device.
+    pub(super) fn zeros_like(&self, shape: &[usize]) -> Self {
         Self::zeros(shape, &self.0.device(), self.0.dtype().into())
     }
 
@@ -27,7 +27,7 @@ impl<B: Backend> Array<B> {
         self.0.shape().to_vec()
     }
 
-    /// The largest finite and the least positive value of the element type.
+    /// The largest finite and the smallest positive normal value of the element type.
     pub(super) fn extremes(&self) -> (f64, f64) {
         match self.0.dtype() {
             DType::F64 => (f64::MAX, f64::MIN_POSITIVE),
@@ -59,7 +59,7 @@ impl<B: Backend> Array<B> {
         Self(B::float_slice(self.0, &slices))
     }
 
-    /// The same with a range of one dimension replaced.
+    /// Replaces a range of one dimension.
     pub(super) fn with_range(self, dimension: usize, range: Range<usize>, value: Self) -> Self {
         let slices = slices(&self.dims(), dimension, range);
         Self(B::float_slice_assign(self.0, &slices, value.0))
@@ -69,7 +69,7 @@ impl<B: Backend> Array<B> {
         Self(B::float_cat(parts.into_iter().map(|part| part.0).collect(), dimension))
     }
 
-    /// The sum along a dimension, which stays with size 1.
+    /// The sum along a dimension, which is kept with size 1.
     pub(super) fn sum(self, dimension: usize) -> Self {
         Self(B::float_sum_dim(self.0, dimension))
     }
@@ -114,7 +114,7 @@ impl<B: Backend> Array<B> {
         Self(B::float_mask_fill(self.0, mask, Scalar::from(value)))
     }
 
-    /// The larger, element by element; of `self` only where it is larger.
+    /// Element-wise maximum.
     pub(super) fn larger(self, other: Self) -> Self {
         let last = self.dims().len();
         let widen = |array: Self| {

@@ -4,7 +4,7 @@ use burn::backend::{Backend, Shape, Slice, TensorMetadata};
 use super::Array;
 use crate::backend::{AttentionInputs, AttentionSizes};
 
-/// Queries and keys of a tile.
+/// Number of queries and of keys in a tile.
 const TILE: usize = 1024;
 
 /// Attention and the logarithm of each row's sum of exponentials, `[batch, queries, heads]`.
@@ -20,9 +20,9 @@ pub(crate) fn forward<B: Backend>(
         let count = TILE.min(sizes.queries - first);
         let tile = queries.clone().range(2, first..first + count);
         let per_query = [sizes.batch, sizes.heads, count, 1];
-        let mut largest = queries.zeros_beside(&per_query).plus(-largest_finite);
-        let mut total = queries.zeros_beside(&per_query);
-        let mut sums = queries.zeros_beside(&[sizes.batch, sizes.heads, count, sizes.head_width]);
+        let mut largest = queries.zeros_like(&per_query).plus(-largest_finite);
+        let mut total = queries.zeros_like(&per_query);
+        let mut sums = queries.zeros_like(&[sizes.batch, sizes.heads, count, sizes.head_width]);
         for (first_key, end) in key_tiles(&sizes) {
             let logits = logits::<B>(&tile, &keys, ignored, first_key..end, &sizes);
             let now = largest.clone().larger(logits.clone().max(3));
@@ -37,13 +37,13 @@ pub(crate) fn forward<B: Backend>(
         log_sums.push((largest + total.ln()).reshape(&[sizes.batch, sizes.heads, count]).swap(1, 2));
     }
     if outs.is_empty() {
-        let nothing = |width| queries.zeros_beside(&[sizes.batch, 0, width]).0;
+        let nothing = |width| queries.zeros_like(&[sizes.batch, 0, width]).0;
         return (nothing(sizes.heads * sizes.head_width), nothing(sizes.heads));
     }
     (join_heads(Array::joined(outs, 2), &sizes).0, Array::joined(log_sums, 1).0)
 }
 
-/// The gradients of [`forward`]'s inputs, packed as they are.
+/// The gradients of [`forward`]'s inputs, packed like the inputs.
 pub(crate) fn backward<B: Backend>(
     inputs: AttentionInputs<B>,
     ignored: Option<&BoolTensor<B>>,
@@ -58,8 +58,8 @@ pub(crate) fn backward<B: Backend>(
     let along = (out * grad.clone()).sum(3);
     let log_sums = Array::<B>(log_sums).swap(1, 2).reshape(&[sizes.batch, sizes.heads, sizes.queries, 1]);
     let per_key = [sizes.batch, sizes.heads, sizes.keys, sizes.head_width];
-    let mut by_queries = queries.zeros_beside(&[sizes.batch, sizes.heads, sizes.queries, sizes.head_width]);
-    let (mut by_keys, mut by_values) = (queries.zeros_beside(&per_key), queries.zeros_beside(&per_key));
+    let mut by_queries = queries.zeros_like(&[sizes.batch, sizes.heads, sizes.queries, sizes.head_width]);
+    let (mut by_keys, mut by_values) = (queries.zeros_like(&per_key), queries.zeros_like(&per_key));
     for first in (0..sizes.queries).step_by(TILE) {
         let range = first..first + TILE.min(sizes.queries - first);
         let of = |array: &Array<B>| array.clone().range(2, range.clone());

@@ -7,16 +7,16 @@ use crate::kernels::gather::Sizes;
 
 /// `[batch, rows, width]` to `[batch, picks, width]` by indices `[batch, picks]`.
 pub(crate) fn rows<B: Backend>(x: FloatTensor<B>, indices: IntTensor<B>, sizes: Sizes) -> FloatTensor<B> {
-    B::float_gather(1, x, widened::<B>(indices, sizes.batch, sizes.picks, sizes.width))
+    B::float_gather(1, x, expanded::<B>(indices, sizes.batch, sizes.picks, sizes.width))
 }
 
 /// The gradient of [`rows`].
 pub(crate) fn rows_backward<B: Backend>(grad: FloatTensor<B>, indices: IntTensor<B>, sizes: Sizes) -> FloatTensor<B> {
-    let indices = widened::<B>(indices, sizes.batch, sizes.picks, sizes.width);
-    scattered::<B>(grad, indices, sizes)
+    let indices = expanded::<B>(indices, sizes.batch, sizes.picks, sizes.width);
+    scatter::<B>(grad, indices, sizes)
 }
 
-/// The largest over neighbours, and the rows that it came from, both `[batch, picks, width]`.
+/// The maximum over neighbours, and the row of each maximum, both `[batch, picks, width]`.
 pub(crate) fn max<B: Backend>(
     x: FloatTensor<B>,
     indices: IntTensor<B>,
@@ -24,7 +24,7 @@ pub(crate) fn max<B: Backend>(
 ) -> (FloatTensor<B>, IntTensor<B>) {
     let Sizes { batch, picks, neighbours, width, .. } = sizes;
     let indices = B::int_reshape(indices, Shape::from(vec![batch, picks * neighbours]));
-    let indices = widened::<B>(indices, batch, picks * neighbours, width);
+    let indices = expanded::<B>(indices, batch, picks * neighbours, width);
     let gathered = B::float_gather(1, x, indices.clone());
     let gathered = Array::<B>(gathered).reshape(&[batch, picks, neighbours, width]).0;
     let int_dtype = indices.dtype().into();
@@ -37,15 +37,15 @@ pub(crate) fn max<B: Backend>(
 
 /// The gradient of [`max`].
 pub(crate) fn max_backward<B: Backend>(grad: FloatTensor<B>, winners: IntTensor<B>, sizes: Sizes) -> FloatTensor<B> {
-    scattered::<B>(grad, winners, sizes)
+    scatter::<B>(grad, winners, sizes)
 }
 
-fn scattered<B: Backend>(grad: FloatTensor<B>, indices: IntTensor<B>, sizes: Sizes) -> FloatTensor<B> {
-    let zeros = Array::<B>(grad.clone()).zeros_beside(&[sizes.batch, sizes.rows, sizes.width]);
+fn scatter<B: Backend>(grad: FloatTensor<B>, indices: IntTensor<B>, sizes: Sizes) -> FloatTensor<B> {
+    let zeros = Array::<B>(grad.clone()).zeros_like(&[sizes.batch, sizes.rows, sizes.width]);
     B::float_scatter(1, zeros.0, indices, grad, IndexingUpdateOp::Add)
 }
 
-fn widened<B: Backend>(indices: IntTensor<B>, batch: usize, picks: usize, width: usize) -> IntTensor<B> {
+fn expanded<B: Backend>(indices: IntTensor<B>, batch: usize, picks: usize, width: usize) -> IntTensor<B> {
     let indices = B::int_reshape(indices, Shape::from(vec![batch, picks, 1]));
     B::int_expand(indices, Shape::from(vec![batch, picks, width]))
 }

@@ -124,7 +124,7 @@ fn per_part<B: Backend>(parameters: Array<B>, segments: &Segments) -> Array<B> {
     parameters.reshape(&[1, segments.parts, 1, segments.length])
 }
 
-/// Segments with their mean taken off where the kind says so and divided by their spread, and one over that spread.
+/// Normalised segments, and the reciprocal of their standard deviation or RMS.
 fn standard<B: Backend>(x: Array<B>, segments: &Segments) -> (Array<B>, Array<B>) {
     let off = match segments.kind {
         NormKind::Layer => x.clone() - x.mean(3),
@@ -136,7 +136,7 @@ fn standard<B: Backend>(x: Array<B>, segments: &Segments) -> (Array<B>, Array<B>
     (off * scale.clone(), scale)
 }
 
-/// All dimensions but the last as one.
+/// Flattens all dimensions except the last.
 fn flat<B: Backend>(x: Array<B>) -> Array<B> {
     let dims = x.dims();
     let (last, others) = dims.split_last().map_or((1, 1), |(&last, others)| (last, others.iter().product()));

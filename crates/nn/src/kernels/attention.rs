@@ -4,9 +4,9 @@ use rayon::prelude::*;
 use super::matrix::{Matrix, Output, Threads, Write, multiply};
 use super::simd::{self, Exp};
 
-/// Queries that are worked on together; they lie side by side in the lanes of vectors.
+/// Queries of a tile, which are the lanes of vectors.
 pub(super) const QUERIES: usize = 64;
-/// The most keys that are worked on together.
+/// Largest number of keys of a tile.
 const KEYS: usize = 256;
 /// The number of queries in a tile is rounded up to this.
 const LANES: usize = 16;
@@ -27,7 +27,7 @@ impl Sizes {
         self.heads * self.head_width
     }
 
-    /// Logits are dot products times this.
+    /// Factor of the dot products.
     pub(crate) fn scale(&self) -> f64 {
         1.0 / (self.head_width as f64).sqrt()
     }
@@ -38,7 +38,7 @@ impl Sizes {
         self.scale() as f32
     }
 
-    /// Keys in a tile. The number of keys alone decides, so that the sums' order does not depend on the queries.
+    /// Keys in a tile: a function of the number of keys alone, so that the order of sums does not depend on the queries.
     pub(super) fn key_tile(&self) -> usize {
         self.keys.div_ceil(self.keys.div_ceil(KEYS).max(1)).max(1)
     }
@@ -48,7 +48,7 @@ impl Sizes {
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Tokens<'a> {
     pub(crate) data: &'a [f32],
-    /// Tokens of a sample.
+    /// Number of tokens of a sample.
     pub(crate) count: usize,
     /// Elements from one token to the next.
     pub(crate) stride: usize,
@@ -64,10 +64,10 @@ impl<'a> Tokens<'a> {
 
     pub(super) fn from(&self, sample: usize, head: usize, first: usize, sizes: &Sizes) -> &'a [f32] {
         let start = (sample * self.count + first) * self.stride + self.offset + head * sizes.head_width;
-        self.data.get(start..).unwrap_or_default()
+        &self.data[start..]
     }
 
-    /// Writes a tile with tokens in columns, times `scale`, zeros where there are no tokens.
+    /// Writes a tile with tokens in columns, times `scale`; columns without a token are zero.
     pub(super) fn transpose_into(&self, out: &mut [f32], at: Tile, scale: f32, sizes: &Sizes) {
         let source = self.from(at.sample, at.head, at.first, sizes);
         out.fill(0.0);
@@ -95,13 +95,13 @@ impl Tile {
     }
 }
 
-/// What attention reads.
+/// Inputs of an attention.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Inputs<'a> {
     pub(crate) queries: Tokens<'a>,
     pub(crate) keys: Tokens<'a>,
     pub(crate) values: Tokens<'a>,
-    /// `batch × keys`, not 0 where a key is to be ignored.
+    /// `batch × keys`, not 0 for ignored keys.
     pub(crate) ignored: Option<&'a [u8]>,
     pub(crate) sizes: Sizes,
 }
@@ -128,8 +128,8 @@ impl Inputs<'_> {
     }
 }
 
-/// `softmax(scale · q kᵀ) v` per head, and the logarithm of each row's sum of exponentials, by token and head:
-/// +∞ for a query that no key is left for, whose result is 0.
+/// `softmax(scale · q kᵀ) v` per head, and the log-sum-exp of each row, by token and head: +∞ for a query without keys, whose
+/// result is 0.
 pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
     let sizes = inputs.sizes;
     let (queries, width, heads) = (sizes.queries, sizes.width(), sizes.heads);
@@ -155,7 +155,7 @@ pub(crate) fn forward(inputs: &Inputs<'_>) -> (Vec<f32>, Vec<f32>) {
     (out, log_sums)
 }
 
-/// One tile of queries; a column of each belongs to one query.
+/// Buffers for one tile of queries, with one column per query.
 struct Scratch {
     queries: Vec<f32>,
     weights: Vec<f32>,
@@ -216,7 +216,7 @@ fn attend(inputs: &Inputs<'_>, at: Tile, scratch: &mut Scratch) {
     }
 }
 
-/// Turns logits into weights relative to the largest logit so far, and rescales what was summed up before.
+/// Turns logits into weights relative to the largest logit so far, and rescales earlier sums.
 struct Softmax<'a> {
     weights: &'a mut [f32],
     sums: &'a mut [f32],
@@ -240,7 +240,7 @@ impl WithSimd for Softmax<'_> {
             let before = *largest;
             let mut now = before;
             for row in weights.chunks_exact(vectors) {
-                // NaN is not kept here: it survives in the exponentials.
+                // The maximum ignores NaN, which the exponentials propagate.
                 now = simd.select_f32s(simd.greater_than_f32s(row[at], now), row[at], now);
             }
             let reference = simd.select_f32s(simd.equal_f32s(now, none), zero, now);

@@ -13,17 +13,17 @@ pub(crate) struct HeadGradients {
     pub(crate) values: Vec<f32>,
 }
 
-/// Differentiates attention: `out` and `log_sums` are what the forward pass gave, `grad` is the gradient of `out`.
+/// The backward pass of attention: `out` and `log_sums` are results of the forward pass, `grad` is the gradient of `out`.
 ///
-/// Logits are computed once more, tile by tile. One task does a whole head, so that all sums run over tiles in their
-/// order. The result is by sample, then head.
+/// Logits are computed again, tile by tile. One task computes a whole head, so that sums run over tiles in order. The result
+/// is ordered by sample, then head.
 pub(crate) fn backward(inputs: &Inputs<'_>, out: &[f32], log_sums: &[f32], grad: &[f32]) -> Vec<HeadGradients> {
     let heads = inputs.sizes.heads;
     let tasks = (0..inputs.sizes.batch * heads).into_par_iter();
     tasks.map(|task| differentiate(inputs, out, log_sums, grad, task / heads, task % heads)).collect()
 }
 
-/// Copies the gradients of heads into `[batch, tokens, stride]`, each kind behind its offset.
+/// Packs the gradients of heads into `[batch, tokens, stride]`, one kind after the other.
 pub(crate) fn pack(
     gradients: &[HeadGradients],
     kinds: &[fn(&HeadGradients) -> &[f32]],
@@ -79,7 +79,7 @@ fn differentiate(
             let at = query_tile.at;
             let (weights, slopes) = (&mut weights[..keys * at.lanes()], &mut slopes[..keys * at.lanes()]);
             query_tile.weigh(inputs, weights, slopes, first_key, keys);
-            // Lanes beyond the tile's queries have no part in the sums.
+            // Lanes beyond the tile's queries are not part of the sums.
             let lanes = at.lanes();
             let of_queries = |matrix| Matrix::new(matrix, keys, at.count, lanes);
             let by_queries = &mut gradients.queries[at.first * head_width..(at.first + at.count) * head_width];
@@ -100,13 +100,13 @@ fn differentiate(
     gradients
 }
 
-/// What a tile of queries keeps for all tiles of keys; a column of each belongs to one query.
+/// Data of a tile of queries for all tiles of keys, with one column per query.
 struct QueryTile {
     at: Tile,
     queries: Vec<f32>,
     grad: Vec<f32>,
     log_sums: Vec<f32>,
-    /// The gradient along the output, `Σ grad·out`, which softmax takes off.
+    /// `Σ grad·out`, which the backward pass of softmax subtracts.
     along: Vec<f32>,
 }
 

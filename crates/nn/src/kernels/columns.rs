@@ -3,7 +3,7 @@ use rayon::prelude::*;
 
 use super::simd;
 
-/// Rows that are added up before their sum joins the others'. Fixed, so that threads do not decide the order.
+/// Rows per partial sum; fixed, so that the order of sums does not depend on threads.
 pub(crate) const BLOCK: usize = 64;
 
 /// The sum of rows of `width` elements.
@@ -19,7 +19,7 @@ pub(crate) fn sum(data: &[f32], width: usize) -> Vec<f32> {
     in_order(blocks.collect(), width)
 }
 
-/// The sum of the blocks' sums, from the first to the last.
+/// The sum of the partial sums, from the first to the last.
 pub(crate) fn in_order(blocks: Vec<Vec<f32>>, width: usize) -> Vec<f32> {
     let mut blocks = blocks.into_iter();
     let first = blocks.next().unwrap_or_else(|| vec![0.0; width]);

@@ -26,7 +26,7 @@ pub(crate) fn rows(x: &[f32], indices: &[usize], sizes: Sizes) -> Vec<f32> {
     out
 }
 
-/// The gradient of the rows that were copied: theirs, added up in the order of the picks.
+/// The gradient of [`rows`]: sums over the picks in their order.
 pub(crate) fn rows_backward(grad: &[f32], indices: &[usize], sizes: Sizes) -> Vec<f32> {
     let Sizes { batch, rows, picks, width, .. } = sizes;
     let mut out = vec![0.0; batch * rows * width];
@@ -42,8 +42,8 @@ pub(crate) fn rows_backward(grad: &[f32], indices: &[usize], sizes: Sizes) -> Ve
     out
 }
 
-/// The largest of each element over the neighbours, and the row it came from: `[batch, rows, width]` to
-/// `[batch, picks, width]`. The first of equals wins, and NaN over everything. Without neighbours: 0.
+/// The maximum of each element over the neighbours, and the row of each maximum: `[batch, rows, width]` to
+/// `[batch, picks, width]`. Ties go to the first neighbour, and NaN wins over everything. 0 without neighbours.
 pub(crate) fn max(x: &[f32], indices: &[usize], sizes: Sizes) -> (Vec<f32>, Vec<i64>) {
     let Sizes { batch, rows, picks, neighbours, width } = sizes;
     let mut out = vec![0.0; batch * picks * width];
@@ -69,7 +69,8 @@ pub(crate) fn max(x: &[f32], indices: &[usize], sizes: Sizes) -> (Vec<f32>, Vec<
     (out, winners)
 }
 
-/// The gradient of the rows: each element's goes to the row that won it.
+/// The gradient of [`max`]: each element's goes to the row of the maximum.
+#[expect(clippy::expect_used, reason = "winners are row indices")]
 pub(crate) fn max_backward(grad: &[f32], winners: &[i64], sizes: Sizes) -> Vec<f32> {
     let Sizes { batch, rows, picks, neighbours, width } = sizes;
     let mut out = vec![0.0; batch * rows * width];
@@ -80,7 +81,7 @@ pub(crate) fn max_backward(grad: &[f32], winners: &[i64], sizes: Sizes) -> Vec<f
     out.par_chunks_mut(rows * width).zip(samples).for_each(|(out, (grad, winners))| {
         for (grad, winners) in grad.chunks_exact(width).zip(winners.chunks_exact(width)) {
             for (column, (&grad, &winner)) in grad.iter().zip(winners).enumerate() {
-                let row = usize::try_from(winner).unwrap_or_default();
+                let row = usize::try_from(winner).expect("a row index");
                 out[row * width + column] += grad;
             }
         }

@@ -3,7 +3,7 @@ use rayon::prelude::*;
 
 use super::simd::{self, Normal};
 
-/// Elements that one task computes.
+/// Elements per task.
 const CHUNK: usize = 1 << 13;
 
 /// `x·Φ(x)`.
@@ -69,7 +69,7 @@ impl WithSimd for Backward<'_> {
     }
 }
 
-/// `x·weight`, 0 where the weight is: a far tail times infinity is nothing.
+/// `x·weight`, but 0 for weight 0, so that the underflowed tail times infinity is 0.
 #[inline(always)]
 fn times<S: Simd>(simd: S, x: S::f32s, weight: S::f32s) -> S::f32s {
     let zero = simd.splat_f32s(0.0);

@@ -3,10 +3,10 @@ use rayon::prelude::*;
 use super::columns;
 use super::matrix::{Matrix, Output, Threads, Write, multiply};
 
-/// Rows that one task fills.
+/// Rows per task.
 const ROWS: usize = 64;
 
-/// `x · weight + bias`; `x` is rows of `inputs` elements, `weight` is `inputs × outputs`.
+/// `x · weight + bias`; `x` has rows of `inputs` elements, `weight` is `inputs × outputs`.
 pub(crate) fn forward(x: &[f32], weight: &[f32], bias: Option<&[f32]>, inputs: usize, outputs: usize) -> Vec<f32> {
     let rows = rows_of(x, inputs);
     let mut out = vec![0.0; rows * outputs];

@@ -3,9 +3,9 @@ use pulp::{Simd, WithSimd};
 
 use super::simd;
 
-/// Products longer than this are summed in equal parts of at most this many terms.
+/// Longer sums of products are split into equal parts of at most this many terms.
 ///
-/// `gemm` chooses parts from the caches' sizes and the number of columns; with parts this short it never splits them.
+/// `gemm` chooses its own parts from cache sizes and the number of columns; parts this short are never split.
 const LONGEST_SUM: usize = 512;
 
 /// A matrix inside a slice.
@@ -24,13 +24,14 @@ impl<'a> Matrix<'a> {
         Self { data, rows, columns, strides: [row_stride, 1] }
     }
 
-    /// Rows turned into columns.
+    /// The transposed matrix.
     pub(crate) const fn transposed(self) -> Self {
         let Self { data, rows, columns, strides: [row, column] } = self;
         Self { data, rows: columns, columns: rows, strides: [column, row] }
     }
 
     fn columns_from(self, first: usize, count: usize) -> Self {
+        // A matrix without elements has no data to skip.
         let data = self.data.get(first * self.strides[1]..).unwrap_or_default();
         Self { data, columns: count, ..self }
     }
@@ -63,32 +64,31 @@ fn check(length: usize, rows: usize, columns: usize, row_stride: usize) {
     assert!(needed <= length, "a matrix of {rows}×{columns}, rows {row_stride} apart, in {length} elements");
 }
 
-/// What happens to the elements that a product is written to.
+/// How a product is written.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Write {
-    /// They are replaced.
+    /// Replaces the elements.
     Set,
-    /// They are added to.
+    /// Adds to the elements.
     Add,
 }
 
-/// Who computes a product.
+/// Threads that compute a product.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(crate) enum Threads {
-    /// The calling thread, because its caller is parallel already.
+    /// The calling thread, for callers that are already parallel.
     One,
-    /// All of rayon's current pool.
+    /// All threads of rayon's current pool.
     All,
 }
 
 /// `left · right` into `out`.
 ///
-/// Each element is a chain of fused multiply-adds over the terms in their order, in parts of at most [`LONGEST_SUM`]:
-/// its bits depend on its row of `left`, its column of `right` and nothing else, neither on threads nor on how many
-/// other rows and columns there are.
+/// Each element is a chain of fused multiply-adds over the terms in order, in parts of at most [`LONGEST_SUM`]: its bits
+/// depend only on its row of `left` and its column of `right`, not on threads or on the number of other rows and columns.
 ///
 /// # Panics
-/// When the shapes do not fit together.
+/// If the shapes do not fit together.
 pub(crate) fn multiply(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>, write: Write, threads: Threads) {
     assert_eq!(left.columns, right.rows, "inner sizes of a product");
     assert_eq!([out.rows, out.columns], [left.rows, right.columns], "outer sizes of a product");
@@ -114,8 +114,8 @@ pub(crate) fn multiply(mut out: Output<'_>, left: Matrix<'_>, right: Matrix<'_>,
     }
 }
 
-/// Whether `gemm` sums in the order that [`multiply`] promises. It has other kernels for vectors, for sums of one or
-/// two terms, and for few elements with terms side by side in memory.
+/// Whether `gemm` sums in the order documented at [`multiply`]. It has other kernels for vectors, for sums of one or two
+/// terms, and for few elements with contiguous terms.
 fn ordered_by_gemm(out: &Output<'_>, left: Matrix<'_>, right: Matrix<'_>) -> bool {
     let few = out.rows * out.columns <= 256 && left.strides[1] == 1 && right.strides[0] == 1;
     out.rows > 1 && out.columns > 1 && left.columns > 2 && !few
@@ -129,7 +129,7 @@ fn call_gemm(out: &mut Output<'_>, left: Matrix<'_>, right: Matrix<'_>, add: boo
         Threads::All => Parallelism::Rayon(0),
     };
     // SAFETY: the constructors of `Matrix` and `Output` checked that every element lies inside its slice, and parts of a
-    // matrix lie inside it; the mutable borrow of `out` keeps its elements apart from the others'.
+    // matrix lie inside the matrix; the mutable borrow of `out` excludes aliasing.
     unsafe {
         gemm::gemm::<f32>(
             out.rows,
@@ -155,7 +155,7 @@ fn call_gemm(out: &mut Output<'_>, left: Matrix<'_>, right: Matrix<'_>, add: boo
     }
 }
 
-/// The same chains of operations as `gemm`'s main kernel, for the shapes that it treats otherwise.
+/// The same chains of operations as `gemm`'s main kernel, for shapes that it treats differently.
 fn multiply_thin(out: &mut Output<'_>, left: Matrix<'_>, right: Matrix<'_>, add: bool) {
     let terms = left.columns;
     let mut column = vec![0.0; terms];

@@ -1,6 +1,6 @@
-//! What the operations compute on the processor: slices of f32 in, slices of f32 out.
+//! CPU kernels of the operations, on slices of f32.
 //!
-//! The order of every sum is fixed by the sizes of what is summed up. Threads only decide who computes it.
+//! The order of every sum depends only on sizes, never on the number of threads.
 
 pub(crate) mod attention;
 pub(crate) mod attention_backward;

@@ -5,10 +5,10 @@ use super::columns::{self, BLOCK};
 use super::simd;
 use crate::NormKind;
 
-/// Which elements of a row are normalised together.
+/// Elements of a row that are normalised together.
 ///
-/// A row begins with `parts · heads` segments of `length` elements; those of part p share row p of `gamma` and `beta`.
-/// What follows them is left as it is.
+/// A row begins with `parts · heads` segments of `length` elements; those of part p share row p of `gamma` and `beta`. The
+/// following elements are not changed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Segments {
     pub(crate) kind: NormKind,
@@ -21,7 +21,7 @@ pub(crate) struct Segments {
 }
 
 impl Segments {
-    /// Elements of `gamma`.
+    /// Number of elements of `gamma`.
     pub(crate) const fn parameters(&self) -> usize {
         self.parts * self.length
     }
@@ -41,7 +41,7 @@ pub(crate) fn forward(x: &[f32], gamma: &[f32], beta: Option<&[f32]>, segments: 
     out
 }
 
-/// Differentiates [`forward`], at `x`, by everything.
+/// The backward pass of [`forward`] at `x`.
 pub(crate) fn backward(x: &[f32], gamma: &[f32], grad: &[f32], segments: Segments) -> Gradients {
     let parameters = segments.parameters();
     let mut out = grad.to_vec();
@@ -170,7 +170,7 @@ impl WithSimd for Backward<'_> {
     }
 }
 
-/// What is taken off a segment, and what the rest is multiplied by.
+/// What is subtracted from a segment, and the factor of the result.
 struct Moments {
     mean: f32,
     scale: f32,

@@ -2,13 +2,13 @@ use std::array;
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Runs an operation with the widest vector instructions that this processor has.
+/// Runs an operation with the widest vector instructions of this processor.
 #[inline]
 pub(crate) fn run<O: WithSimd>(operation: O) -> O::Output {
     Arch::new().dispatch(operation)
 }
 
-/// `eˣ` for x ≤ 88 in every lane, within two units in the last place: 0 below −87.3, NaN for NaN.
+/// `eˣ` for x ≤ 88 in every lane, within 2 ulp: 0 below −87.3, NaN for NaN.
 #[derive(Clone, Copy)]
 pub(crate) struct Exp<S: Simd> {
     lowest: S::f32s,
@@ -30,7 +30,7 @@ impl<S: Simd> Exp<S> {
             log2_e: simd.splat_f32s(std::f32::consts::LOG2_E),
             // 1.5·2²³ leaves the nearest integer in the low bits, 127 is the bias of the exponent.
             rounder: simd.splat_f32s(12_582_912.0 + 127.0),
-            // In two parts, of which the first has room for the product with the exponent.
+            // In two parts; the product of the first with the exponent is exact.
             minus_ln_2: [-0.693_359_4, 2.121_944_4e-4].map(|part| simd.splat_f32s(part)),
             coefficients: COEFFICIENTS.map(|value| simd.splat_f32s(value)),
             mantissa_bits: simd.splat_u32s(23),
@@ -47,7 +47,7 @@ impl<S: Simd> Exp<S> {
         for next in others {
             value = simd.mul_add_e_f32s(value, rest, next);
         }
-        // A product keeps the NaN that adding to the exponent's bits could lose.
+        // A product preserves NaN, which adding to the exponent's bits could lose.
         let power = simd.wrapping_dyn_shl_u32s(simd.transmute_u32s_f32s(biased), self.mantissa_bits);
         let value = simd.mul_f32s(value, simd.transmute_f32s_u32s(power));
         simd.select_f32s(simd.less_than_f32s(x, self.lowest), simd.splat_f32s(0.0), value)
@@ -98,10 +98,10 @@ impl<S: Simd> Normal<S> {
     }
 }
 
-/// The sum over elements of a function of them, in an order that only their number decides.
+/// The sum of a function over elements, in an order that depends only on their number.
 ///
-/// Functions given to this and to [`map`] must be bound to a name under `#[inline(always)]`: one that stays a function of
-/// its own is compiled without the vector instructions that it calls for.
+/// Functions passed to this and to [`map`] must be bound to a name with `#[inline(always)]`: a function that is not inlined
+/// is compiled without vector instructions.
 #[inline(always)]
 pub(crate) fn sum<S: Simd, const N: usize>(
     simd: S,
@@ -132,9 +132,9 @@ pub(crate) fn sum<S: Simd, const N: usize>(
     total
 }
 
-/// Replaces each element of `out` by a function of it and of the elements at its place in `inputs`.
+/// Replaces each element of `out` by a function of it and of the corresponding elements of `inputs`.
 ///
-/// The last elements, too few for a vector, go through the same instructions: an element's bits do not depend on its place.
+/// The last elements, too few for a vector, use the same instructions: an element's bits do not depend on its position.
 #[inline(always)]
 pub(crate) fn map<S: Simd, const N: usize>(
     simd: S,

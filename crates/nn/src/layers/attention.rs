@@ -6,12 +6,12 @@ use burn::tensor::{Bool, Device};
 use super::{Linear, LinearConfig, Norm, NormConfig};
 use crate::{NormKind, ops};
 
-/// How a [`SelfAttention`] or a [`CrossAttention`] is made.
+/// Configuration of a [`SelfAttention`] or a [`CrossAttention`].
 #[derive(Config, Debug)]
 pub struct AttentionConfig {
     /// Elements of a token.
     pub width: usize,
-    /// Heads; they divide the width.
+    /// Number of heads, which divides the width.
     pub heads: usize,
     /// Whether queries, keys and values get a bias.
     #[config(default = true)]
@@ -19,22 +19,22 @@ pub struct AttentionConfig {
     /// Whether the projection of the result gets a bias.
     #[config(default = true)]
     pub proj_bias: bool,
-    /// Normalises each head of queries and keys, if given.
+    /// Normalisation of each head of queries and keys, if any.
     #[config(default = "None")]
     pub qk_norm: Option<NormKind>,
-    /// Epsilon of that.
+    /// Epsilon of the normalisation of queries and keys.
     #[config(default = 1e-5)]
     pub qk_norm_epsilon: f64,
-    /// Of the weights.
+    /// Initialiser of the weights.
     #[config(default = "Initializer::Normal { mean: 0.0, std: 0.02 }")]
     pub initializer: Initializer,
 }
 
 impl AttentionConfig {
-    /// Attention of tokens to one another.
+    /// A self-attention layer.
     ///
     /// # Panics
-    /// When the heads do not divide the width.
+    /// If the heads do not divide the width.
     pub fn init_self(&self, device: &Device) -> SelfAttention {
         SelfAttention {
             qkv: self.linear(3 * self.width, self.qkv_bias, device),
@@ -45,10 +45,10 @@ impl AttentionConfig {
         }
     }
 
-    /// Attention of tokens to others of `context_width` elements.
+    /// A cross-attention layer to context tokens of `context_width` elements.
     ///
     /// # Panics
-    /// When the heads do not divide the width.
+    /// If the heads do not divide the width.
     pub fn init_cross(&self, context_width: usize, device: &Device) -> CrossAttention {
         let key_values = LinearConfig::new(context_width, 2 * self.width).with_bias(self.qkv_bias);
         CrossAttention {
@@ -68,32 +68,32 @@ impl AttentionConfig {
 
     fn norm(&self, device: &Device) -> Option<Norm> {
         let Self { width, heads, .. } = *self;
-        assert!(heads > 0 && width.is_multiple_of(heads), "{heads} heads of one width in {width} elements");
+        assert!(heads > 0 && width.is_multiple_of(heads), "expected a width divisible by {heads} heads, found {width}");
         let config = |kind| NormConfig::new(width / heads).with_kind(kind).with_epsilon(self.qk_norm_epsilon);
         self.qk_norm.map(|kind| config(kind).init(device))
     }
 }
 
-/// Attention of tokens to one another.
+/// Self-attention.
 #[derive(Module, Debug)]
 pub struct SelfAttention {
-    /// Queries, keys and values of a token, one behind the other.
+    /// Projection to packed queries, keys and values.
     pub qkv: Linear,
-    /// Of each head of the queries.
+    /// Norm of each head of the queries.
     pub q_norm: Option<Norm>,
-    /// Of each head of the keys.
+    /// Norm of each head of the keys.
     pub k_norm: Option<Norm>,
-    /// Applied to the result.
+    /// Projection of the result.
     pub proj: Linear,
     #[module(skip)]
     heads: usize,
 }
 
 impl SelfAttention {
-    /// `[batch, tokens, width]` to the same; `ignored`, `[batch, tokens]`, is true at tokens that none attends to.
+    /// `[batch, tokens, width]` to the same; `ignored`, `[batch, tokens]`, is true for tokens that none attends to.
     ///
     /// # Panics
-    /// When the shapes do not fit.
+    /// If the shapes do not fit.
     pub fn forward(&self, x: Tensor<3>, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
         let mut packed = self.qkv.forward(x);
         if let (Some(q_norm), Some(k_norm)) = (&self.q_norm, &self.k_norm) {
@@ -103,18 +103,18 @@ impl SelfAttention {
     }
 }
 
-/// Attention of tokens to others.
+/// Cross-attention.
 #[derive(Module, Debug)]
 pub struct CrossAttention {
-    /// Queries.
+    /// Projection to queries.
     pub q: Linear,
-    /// Keys and values of a token of the context, one behind the other.
+    /// Projection of the context to packed keys and values.
     pub kv: Linear,
-    /// Of each head of the queries.
+    /// Norm of each head of the queries.
     pub q_norm: Option<Norm>,
-    /// Of each head of the keys.
+    /// Norm of each head of the keys.
     pub k_norm: Option<Norm>,
-    /// Applied to the result.
+    /// Projection of the result.
     pub proj: Linear,
     #[module(skip)]
     heads: usize,
@@ -122,10 +122,10 @@ pub struct CrossAttention {
 
 impl CrossAttention {
     /// `[batch, queries, width]` and `[batch, keys, context_width]` to `[batch, queries, width]`; `ignored`,
-    /// `[batch, keys]`, is true at tokens of the context that none attends to.
+    /// `[batch, keys]`, is true for context tokens that none attends to.
     ///
     /// # Panics
-    /// When the shapes do not fit.
+    /// If the shapes do not fit.
     pub fn forward(&self, x: Tensor<3>, context: Tensor<3>, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
         let (mut queries, mut keys_values) = (self.q.forward(x), self.kv.forward(context));
         if let (Some(q_norm), Some(k_norm)) = (&self.q_norm, &self.k_norm) {

@@ -5,12 +5,12 @@ use burn::tensor::{Bool, Device};
 
 use super::{AttentionConfig, Mlp, MlpConfig, Norm, NormConfig, SelfAttention};
 
-/// How a [`Block`] is made.
+/// Configuration of a [`Block`].
 #[derive(Config, Debug)]
 pub struct BlockConfig {
-    /// Its attention; the block has its width.
+    /// The attention, whose width is the block's.
     pub attention: AttentionConfig,
-    /// Elements between the layers of the MLP.
+    /// Hidden elements of the MLP.
     pub hidden: usize,
     /// Whether the layers of the MLP add a bias.
     #[config(default = true)]
@@ -21,16 +21,16 @@ pub struct BlockConfig {
     /// Epsilon of the layer norms.
     #[config(default = 1e-5)]
     pub norm_epsilon: f64,
-    /// What each [`LayerScale`] begins with, if there are any.
+    /// Initial value of each [`LayerScale`], if there are any.
     #[config(default = "None")]
     pub layer_scale: Option<f64>,
 }
 
 impl BlockConfig {
-    /// A block with fresh parameters.
+    /// A block with newly initialised parameters.
     ///
     /// # Panics
-    /// When the heads do not divide the width.
+    /// If the heads do not divide the width.
     pub fn init(&self, device: &Device) -> Block {
         let width = self.attention.width;
         let norm = || NormConfig::new(width).with_bias(self.norm_bias).with_epsilon(self.norm_epsilon).init(device);
@@ -55,25 +55,25 @@ impl BlockConfig {
 /// Names are those of `DINOv2` (`dinov2/layers/block.py`).
 #[derive(Module, Debug)]
 pub struct Block {
-    /// Before the attention.
+    /// Norm before the attention.
     pub norm1: Norm,
-    /// The attention.
+    /// Attention.
     pub attn: SelfAttention,
-    /// Behind the attention.
+    /// Scale after the attention.
     pub ls1: Option<LayerScale>,
-    /// Before the MLP.
+    /// Norm before the MLP.
     pub norm2: Norm,
-    /// The MLP.
+    /// MLP.
     pub mlp: Mlp,
-    /// Behind the MLP.
+    /// Scale after the MLP.
     pub ls2: Option<LayerScale>,
 }
 
 impl Block {
-    /// `[batch, tokens, width]` to the same; `ignored`, `[batch, tokens]`, is true at tokens that none attends to.
+    /// `[batch, tokens, width]` to the same; `ignored`, `[batch, tokens]`, is true for tokens that none attends to.
     ///
     /// # Panics
-    /// When the shapes do not fit.
+    /// If the shapes do not fit.
     pub fn forward(&self, x: Tensor<3>, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
         let attended = self.attn.forward(self.norm1.forward(x.clone()), ignored);
         let x = x + scaled(self.ls1.as_ref(), attended);
@@ -89,7 +89,7 @@ fn scaled(scale: Option<&LayerScale>, x: Tensor<3>) -> Tensor<3> {
     }
 }
 
-/// A learnt factor per element of a token (Touvron et al. 2021, "Going deeper with image transformers").
+/// A learned factor per element of a token (Touvron et al. 2021, "Going deeper with image transformers").
 #[derive(Module, Debug)]
 pub struct LayerScale {
     /// `[width]`.
@@ -100,7 +100,7 @@ impl LayerScale {
     /// `[…, width]` to the same.
     ///
     /// # Panics
-    /// When the last dimension is not of `width` elements.
+    /// If the last dimension is not of `width` elements.
     pub fn forward<const D: usize>(&self, x: Tensor<D>) -> Tensor<D> {
         x * self.gamma.val().unsqueeze()
     }

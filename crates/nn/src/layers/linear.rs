@@ -5,7 +5,7 @@ use burn::tensor::Device;
 
 use crate::ops;
 
-/// How a [`Linear`] is made.
+/// Configuration of a [`Linear`].
 #[derive(Config, Debug)]
 pub struct LinearConfig {
     /// Elements of an input row.
@@ -15,13 +15,13 @@ pub struct LinearConfig {
     /// Whether a bias is added.
     #[config(default = true)]
     pub bias: bool,
-    /// Of the weight; the bias starts at 0.
+    /// Initialiser of the weight; the bias starts at 0.
     #[config(default = "Initializer::Normal { mean: 0.0, std: 0.02 }")]
     pub initializer: Initializer,
 }
 
 impl LinearConfig {
-    /// A layer with fresh parameters.
+    /// A layer with newly initialised parameters.
     pub fn init(&self, device: &Device) -> Linear {
         let shape = [self.inputs, self.outputs];
         Linear {
@@ -34,7 +34,7 @@ impl LinearConfig {
 /// `x · weight + bias` along the last dimension.
 #[derive(Module, Debug)]
 pub struct Linear {
-    /// `[inputs, outputs]`: PyTorch's, transposed.
+    /// `[inputs, outputs]`, transposed relative to PyTorch.
     pub weight: Param<Tensor<2>>,
     /// `[outputs]`.
     pub bias: Option<Param<Tensor<1>>>,
@@ -44,7 +44,7 @@ impl Linear {
     /// `[…, inputs]` to `[…, outputs]`.
     ///
     /// # Panics
-    /// When the last dimension is not of `inputs` elements.
+    /// If the last dimension is not of `inputs` elements.
     pub fn forward<const D: usize>(&self, x: Tensor<D>) -> Tensor<D> {
         ops::linear(x, self.weight.val(), self.bias.as_ref().map(Param::val))
     }

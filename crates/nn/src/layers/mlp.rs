@@ -6,25 +6,25 @@ use burn::tensor::Device;
 use super::{Linear, LinearConfig};
 use crate::ops;
 
-/// How an [`Mlp`] is made.
+/// Configuration of an [`Mlp`].
 #[derive(Config, Debug)]
 pub struct MlpConfig {
     /// Elements of an input row.
     pub inputs: usize,
-    /// Elements between the layers.
+    /// Hidden elements.
     pub hidden: usize,
     /// Elements of an output row.
     pub outputs: usize,
     /// Whether both layers add a bias.
     #[config(default = true)]
     pub bias: bool,
-    /// Of the weights.
+    /// Initialiser of the weights.
     #[config(default = "Initializer::Normal { mean: 0.0, std: 0.02 }")]
     pub initializer: Initializer,
 }
 
 impl MlpConfig {
-    /// Layers with fresh parameters.
+    /// An MLP with newly initialised parameters.
     pub fn init(&self, device: &Device) -> Mlp {
         let layer = |inputs, outputs| {
             let config = LinearConfig::new(inputs, outputs).with_bias(self.bias);
@@ -47,7 +47,7 @@ impl Mlp {
     /// `[…, inputs]` to `[…, outputs]`.
     ///
     /// # Panics
-    /// When the last dimension is not of `inputs` elements.
+    /// If the last dimension is not of `inputs` elements.
     pub fn forward<const D: usize>(&self, x: Tensor<D>) -> Tensor<D> {
         self.fc2.forward(ops::gelu(self.fc1.forward(x)))
     }

@@ -1,4 +1,4 @@
-//! Layers as burn modules. Names of parameters are part of the interface: weights of PyTorch models map to them.
+//! Layers as burn modules. Parameter names are part of the interface: weights of PyTorch models map to them.
 
 mod attention;
 mod block;

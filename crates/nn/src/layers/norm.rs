@@ -5,10 +5,10 @@ use burn::tensor::Device;
 
 use crate::{NormKind, ops};
 
-/// How a [`Norm`] is made.
+/// Configuration of a [`Norm`].
 #[derive(Config, Debug)]
 pub struct NormConfig {
-    /// Elements that are normalised together.
+    /// Number of elements that are normalised together.
     pub width: usize,
     /// Layer norm or RMS norm.
     #[config(default = "NormKind::Layer")]
@@ -22,7 +22,7 @@ pub struct NormConfig {
 }
 
 impl NormConfig {
-    /// A layer that scales by 1 and adds 0.
+    /// A layer with `gamma` 1 and `beta` 0.
     pub fn init(&self, device: &Device) -> Norm {
         let bias = self.bias && self.kind == NormKind::Layer;
         Norm {
@@ -53,7 +53,7 @@ impl Norm {
     /// `[…, width]` to the same.
     ///
     /// # Panics
-    /// When the last dimension is not of `width` elements.
+    /// If the last dimension is not of `width` elements.
     pub fn forward<const D: usize>(&self, x: Tensor<D>) -> Tensor<D> {
         match self.kind {
             NormKind::Layer => ops::layer_norm(x, self.gamma.val(), self.beta.as_ref().map(Param::val), self.epsilon),
@@ -61,7 +61,7 @@ impl Norm {
         }
     }
 
-    /// Normalises the heads at the beginning of packed tokens: `norms` are those of the parts, all of one kind.
+    /// Normalises the heads at the beginning of packed tokens; `norms` has one norm per part, all of one kind.
     pub(super) fn heads<const D: usize>(norms: &[&Self], x: Tensor<D>, heads: usize) -> Tensor<D> {
         let Some(first) = norms.first() else { return x };
         let gamma = Tensor::stack(norms.iter().map(|norm| norm.gamma.val()).collect(), 0);

@@ -1,4 +1,4 @@
-//! The operations on burn's tensors.
+//! Operations on burn's tensors.
 
 mod attention;
 mod gather;

@@ -3,26 +3,24 @@ use burn::tensor::Int;
 use rayon::prelude::*;
 
 use super::top_k::indices;
+use crate::f32_values;
 
-/// The numbers of the `k` points nearest to each query, nearest first: `[batch, queries, dimensions]` and
+/// Indices of the `k` points nearest to each query, nearest first: `[batch, queries, dimensions]` and
 /// `[batch, points, dimensions]` to `[batch, queries, k]`.
 ///
-/// Distances are Euclidean, in f32. Of points equally far the one with the lower number comes first; where queries are
-/// the points themselves, each is therefore its own first neighbour unless an earlier one coincides with it. A distance
-/// that is not a number counts as infinite. Every pair is looked at: for 6 000 points that takes a few hundredths of a second.
-/// No gradient flows.
+/// Distances are Euclidean, in f32. Ties go to the lower index; if the queries are the points themselves, each is therefore
+/// its own first neighbour unless an earlier one coincides with it. A distance of NaN counts as infinite. All pairs are
+/// compared: a few hundredths of a second for 6 000 points. There is no gradient.
 ///
 /// # Panics
-/// When the shapes do not fit together, when there are fewer than `k` points, or when the points cannot be read from
-/// their device.
+/// If the shapes do not fit together, there are fewer than `k` points, or the points cannot be read from their device.
 pub fn nearest_neighbours(queries: Tensor<3>, points: Tensor<3>, k: usize) -> Tensor<3, Int> {
     let ([batch, query_count, dimensions], [samples, count, others]) = (queries.dims(), points.dims());
-    assert_eq!([batch, dimensions], [samples, others], "batch and dimensions of queries, and of points");
-    assert!(k <= count, "{k} nearest of {count} points");
+    assert_eq!([batch, dimensions], [samples, others], "batch and dimensions of queries and points");
+    assert!(k <= count, "expected at least {k} points, found {count}");
     let device = points.device();
-    let (queries, points) = (queries.into_data_as::<f32>(), points.into_data_as::<f32>());
-    let queries = queries.as_slice::<f32>().unwrap_or_default();
-    let points = by_dimension(points.as_slice::<f32>().unwrap_or_default(), count, dimensions);
+    let queries = f32_values(queries);
+    let points = by_dimension(&f32_values(points), count, dimensions);
     let all = (0..batch * query_count).into_par_iter().map_init(
         || vec![0.0; count],
         |distances, query| {
@@ -42,7 +40,7 @@ pub fn nearest_neighbours(queries: Tensor<3>, points: Tensor<3>, k: usize) -> Te
     indices(all.into_iter().flatten(), [batch, query_count, k], &device)
 }
 
-/// In each sample, all first coordinates, then all second ones.
+/// Transposes each sample: all first coordinates, then all second ones.
 fn by_dimension(points: &[f32], count: usize, dimensions: usize) -> Vec<f32> {
     let size = (count * dimensions).max(1);
     let samples = points.chunks_exact(size);
@@ -52,7 +50,7 @@ fn by_dimension(points: &[f32], count: usize, dimensions: usize) -> Vec<f32> {
         .collect()
 }
 
-/// The places of the `k` smallest, the smallest first.
+/// Indices of the `k` smallest distances, smallest first.
 fn smallest(distances: &[f32], k: usize) -> Vec<usize> {
     let mut best: Vec<(f32, usize)> = Vec::with_capacity(k + 1);
     for (place, &distance) in distances.iter().enumerate() {

@@ -7,10 +7,10 @@ use crate::kernels::norm::Segments;
 
 /// `x · weight + bias` along the last dimension: `[…, inputs]` to `[…, outputs]`.
 ///
-/// `weight` is `[inputs, outputs]` and `bias` `[outputs]`, as in burn; PyTorch keeps the weight transposed.
+/// `weight` is `[inputs, outputs]` and `bias` `[outputs]`, as in burn; PyTorch stores the weight transposed.
 ///
 /// # Panics
-/// When the shapes do not fit together.
+/// If the shapes do not fit together.
 pub fn linear<const D: usize>(x: Tensor<D>, weight: Tensor<2>, bias: Option<Tensor<1>>) -> Tensor<D> {
     let [inputs, outputs] = weight.dims();
     assert_eq!(last(&x), inputs, "last dimension of the input of a linear layer of {inputs} inputs");
@@ -32,7 +32,7 @@ pub fn gelu<const D: usize>(x: Tensor<D>) -> Tensor<D> {
 /// `gamma` and `beta` have the last dimension's size. A row with a non-finite element becomes NaN; other rows do not.
 ///
 /// # Panics
-/// When the shapes do not fit together.
+/// If the shapes do not fit together.
 pub fn layer_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, beta: Option<Tensor<1>>, epsilon: f64) -> Tensor<D> {
     norm(x, gamma.unsqueeze(), beta.map(Tensor::unsqueeze), NormKind::Layer, epsilon, 1)
 }
@@ -40,20 +40,19 @@ pub fn layer_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, beta: Option<T
 /// `x / √(mean of x² + epsilon) · gamma` along the last dimension, whose size `gamma` has; any shape.
 ///
 /// # Panics
-/// When the shapes do not fit together.
+/// If the shapes do not fit together.
 pub fn rms_norm<const D: usize>(x: Tensor<D>, gamma: Tensor<1>, epsilon: f64) -> Tensor<D> {
     norm(x, gamma.unsqueeze(), None, NormKind::Rms, epsilon, 1)
 }
 
 /// Normalises the heads at the beginning of each token, for QK-norm on packed tensors.
 ///
-/// `gamma` and `beta` are `[parts, head_width]`. Of a token of `x`, the first `parts · heads · head_width` elements are
-/// normalised head by head; those of part p are multiplied by row p of `gamma`, and row p of `beta` is added. The other
-/// elements stay: with two parts, queries and keys of packed `[q, k, v]` are normalised, with one part the keys of packed
-/// `[k, v]`.
+/// `gamma` and `beta` are `[parts, head_width]`. The first `parts · heads · head_width` elements of a token are normalised
+/// head by head; those of part p are multiplied by row p of `gamma`, and row p of `beta` is added. Other elements are not
+/// changed: two parts normalise queries and keys of packed `[q, k, v]`, one part the keys of packed `[k, v]`.
 ///
 /// # Panics
-/// When the shapes do not fit together.
+/// If the shapes do not fit together.
 pub fn normalize_heads<const D: usize>(
     x: Tensor<D>,
     heads: usize,
@@ -78,10 +77,10 @@ fn norm<const D: usize>(
     let normalised = parts * heads * length;
     assert!(
         if whole { normalised == width } else { normalised <= width },
-        "{parts} parts of {heads} heads of {length} elements to normalise in {width}"
+        "expected tokens with {parts} parts of {heads} heads of {length} elements, found {width} elements"
     );
     if let Some(beta) = &beta {
-        assert_eq!(beta.dims(), gamma.dims(), "shape of beta beside gamma");
+        assert_eq!(beta.dims(), gamma.dims(), "shape of beta and gamma");
     }
     let segments = Segments { kind, epsilon, width, parts, heads, length };
     Tensor::from_dispatch(Dispatch::fused_norm(x.into_dispatch(), gamma.into_dispatch(), parameter(beta), segments))

@@ -4,29 +4,28 @@ use burn::Tensor;
 use burn::tensor::{Device, Int, TensorData};
 use rayon::prelude::*;
 
-/// What [`top_k`] chose.
+/// Result of [`top_k`].
 #[derive(Clone, Debug)]
 pub struct Selection {
-    /// Numbers of the chosen elements, the largest first; `[batch, k]`.
+    /// Indices of the selected elements, the largest first; `[batch, k]`.
     pub chosen: Tensor<2, Int>,
-    /// Numbers of the others, ascending; `[batch, elements − k]`.
+    /// Indices of the others, ascending; `[batch, elements − k]`.
     pub rest: Tensor<2, Int>,
 }
 
 /// The `k` largest scores of each sample; `scores` is `[batch, elements]`.
 ///
-/// Of equal scores (0 and −0 are equal) the one with the lower number comes first. NaN ranks below every number, −∞
-/// included, so that a broken score is chosen only when nothing else is left. Rounding a ratio to `k` is the caller's.
-/// No gradient flows: gather what was chosen with [`gather_rows`](crate::ops::gather_rows).
+/// Ties go to the lower index (0 and −0 are equal). NaN ranks below every number including −∞, so that it is selected last.
+/// There is no gradient: gather the selected elements with [`gather_rows`](crate::ops::gather_rows).
 ///
 /// # Panics
-/// When `k` is larger than the number of elements, or the scores cannot be read from their device.
+/// If `k` is larger than the number of elements, or the scores cannot be read from their device.
+#[expect(clippy::expect_used, reason = "a tensor's data has the element type that it was converted to")]
 pub fn top_k(scores: Tensor<2>, k: usize) -> Selection {
     let [batch, count] = scores.dims();
-    assert!(k <= count, "{k} of {count} scores");
+    assert!(k <= count, "expected at least {k} scores, found {count}");
     let device = scores.device();
-    let scores = scores.into_data_as::<f64>();
-    let scores = scores.as_slice::<f64>().unwrap_or_default();
+    let scores: Vec<f64> = scores.into_data_as::<f64>().try_to_vec().expect("data converted to f64");
     let samples = scores.par_chunks(count.max(1)).map(|scores| {
         let mut order: Vec<usize> = (0..count).collect();
         order.sort_by(|&a, &b| rank(scores[a], scores[b]));
@@ -39,7 +38,7 @@ pub fn top_k(scores: Tensor<2>, k: usize) -> Selection {
     Selection { chosen: numbers(chosen, k), rest: numbers(rest, count - k) }
 }
 
-/// `Less` where the first score comes before the second.
+/// `Less` if the first score comes before the second.
 fn rank(a: f64, b: f64) -> Ordering {
     b.partial_cmp(&a).unwrap_or_else(|| a.is_nan().cmp(&b.is_nan()))
 }

@@ -70,7 +70,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: 48, failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
-    fn rows_of_a_linear_layer_stand_alone(
+    fn rows_of_a_linear_layer_are_independent(
         rows in 1usize..40, inputs in 1usize..700, outputs in 1usize..40, first in 0usize..40, seed in 0u64..1000
     ) {
         let first = first % rows;
@@ -82,7 +82,7 @@ proptest! {
     }
 
     #[test]
-    fn queries_stand_alone(
+    fn queries_are_independent(
         queries in 1usize..150, keys in 1usize..300, heads in 1usize..4, head_width in 1usize..20, first in 0usize..150
     ) {
         let (width, first) = (heads * head_width, first % queries);
@@ -93,7 +93,7 @@ proptest! {
     }
 
     #[test]
-    fn elements_do_not_depend_on_their_place(count in 1usize..70, first in 0usize..70) {
+    fn elements_do_not_depend_on_their_position(count in 1usize..70, first in 0usize..70) {
         let first = first % count;
         let x = random::<1>([count], 3) * 5.0;
         prop_assert_eq!(&bits(ops::gelu(x.clone()))[first..], &bits(ops::gelu(x.narrow(0, first, count - first)))[..]);
@@ -109,8 +109,8 @@ fn gradients_of_gathered_rows_do_not_depend_on_threads() {
         let x = Tensor::<3>::from_inner(random([4, 11, 9], 1)).require_grad();
         in_pool(threads, || {
             let out = ops::gather_max(x.clone(), numbers.clone());
-            let again = ops::gather_rows(x.clone(), numbers.clone().reshape([4, 300]));
-            bits(x.grad(&((out.clone() * out).sum() + again.exp().sum()).backward()).unwrap())
+            let gathered = ops::gather_rows(x.clone(), numbers.clone().reshape([4, 300]));
+            bits(x.grad(&((out.clone() * out).sum() + gathered.exp().sum()).backward()).unwrap())
         })
     };
     assert_eq!(gradient(1), gradient(3));

@@ -3,7 +3,7 @@ use burn::tensor::{Bool, Device, Int, TensorData, activation};
 
 use crate::{NormKind, ops};
 
-/// An operation of ours and the same composed of burn's own, on flat inputs.
+/// An operation and the same composed of burn's own operations, on flat inputs.
 pub(super) struct Case {
     pub(super) name: &'static str,
     /// Elements of each input.
@@ -14,7 +14,7 @@ pub(super) struct Case {
 
 pub(super) type Function = fn(&[Tensor<1>]) -> Tensor<1>;
 
-/// Every operation that has a gradient, at sizes that leave vectors, tiles and blocks of rows incomplete.
+/// Every operation with a gradient, at sizes with incomplete vectors, tiles and blocks of rows.
 pub(super) fn all() -> Vec<Case> {
     let case = |name, inputs: &[usize], ours, burns| Case { name, inputs: inputs.to_vec(), ours, burns };
     vec![
@@ -72,7 +72,7 @@ fn standard<const D: usize>(x: Tensor<D>, kind: NormKind, epsilon: f64) -> Tenso
     off / spread
 }
 
-/// Two parts of two heads of five elements, and thirteen elements that stay.
+/// Two parts of two heads of five elements, and thirteen elements that are not changed.
 fn heads(x: &[Tensor<1>], ours: bool) -> Tensor<1> {
     let rows = x[0].clone().reshape([6, 33]);
     let (gamma, beta) = (x[1].clone().reshape([2, 5]), x[2].clone().reshape([2, 5]));
@@ -84,7 +84,7 @@ fn heads(x: &[Tensor<1>], ours: bool) -> Tensor<1> {
     Tensor::cat(vec![normalised.reshape([6, 20]), rows.slice([0..6, 20..33])], 1).flatten(0, 1)
 }
 
-/// Each third key is ignored.
+/// Attention with every third key ignored.
 fn attention(x: &[Tensor<1>], tokens: usize, heads: usize, ours: bool) -> Tensor<1> {
     let batch = if tokens == 70 { 2 } else { 1 };
     let width = x[0].dims()[0] / (batch * tokens * 3);
@@ -112,7 +112,7 @@ fn third_keys(batch: usize, keys: usize, device: &Device) -> Tensor<2, Bool> {
     Tensor::from_data(TensorData::new(ignored, [batch, keys]), device)
 }
 
-/// Attention with all weights in memory.
+/// Attention with all weights stored.
 pub(super) fn decomposed(parts: [Tensor<3>; 3], heads: usize, ignored: Option<Tensor<2, Bool>>) -> Tensor<3> {
     let [batch, queries, width] = parts[0].dims();
     let keys = parts[1].dims()[1];

@@ -5,7 +5,7 @@ use burn::tensor::{DType, Device};
 use super::cases::{Case, Function, all};
 use super::{tensor, uniform, values};
 
-/// f64 on both sides, but burn rounds the scalar of a division to f32 on its way back.
+/// f64 on both sides, but burn's backward pass rounds the scalar of a division to f32.
 const SAME_FORMULA: Tolerance = Tolerance { absolute: 1e-9, relative: 1e-7 };
 /// Central differences of fourth order in f64, with steps of 3e-4.
 const DIFFERENCES: Tolerance = Tolerance { absolute: 1e-9, relative: 1e-9 };
@@ -39,9 +39,9 @@ fn assert_same(actual: (Vec<f64>, Vec<Vec<f64>>), expected: &(Vec<f64>, Vec<Vec<
     }
 }
 
-/// Other element types take the generic way, which is thereby tested on this device.
+/// Other element types use the generic implementation, which f64 tests on this device.
 #[test]
-fn the_generic_way_agrees_with_burns_own_operations() {
+fn the_generic_implementation_agrees_with_burns_operations() {
     for case in all() {
         let inputs = inputs(&case);
         let expected = differentiated(case.burns, &inputs, DType::F64);
@@ -50,7 +50,7 @@ fn the_generic_way_agrees_with_burns_own_operations() {
 }
 
 #[test]
-fn kernels_agree_with_the_generic_way() {
+fn kernels_agree_with_the_generic_implementation() {
     #[expect(clippy::cast_possible_truncation, reason = "rounding to f32 is meant")]
     let round = |x: &f64| f64::from(*x as f32);
     for case in all() {

@@ -18,19 +18,19 @@ fn attended(queries: &[f64], keys_values: &[f64]) -> Vec<f64> {
 }
 
 #[test]
-fn logits_of_minus_infinity_weigh_nothing() {
+fn logits_of_minus_infinity_have_no_weight() {
     let out = attended(&[1.0, 0.0], &[f64::NEG_INFINITY, 0.0, 5.0, 6.0, 1.0, 0.0, 7.0, 8.0]);
-    Tolerance::EXACT.assert(out, [7.0, 8.0], "the other key's values");
+    Tolerance::EXACT.assert(out, [7.0, 8.0], "values of the other key");
 }
 
 #[test]
-fn a_query_with_nothing_but_minus_infinity_gives_zero() {
+fn a_query_with_only_logits_of_minus_infinity_gives_zero() {
     let out = attended(&[1.0, 0.0], &[f64::NEG_INFINITY, 0.0, 5.0, 6.0]);
     Tolerance::EXACT.assert(out, [0.0, 0.0], "no key left");
 }
 
 #[test]
-fn broken_logits_break_their_query_alone() {
+fn logits_that_are_not_finite_affect_only_their_query() {
     // The second query's logit with the infinite key is NaN, the first one's +∞, the third one's −∞.
     let keys_values = [f64::INFINITY, 0.0, 5.0, 6.0, 0.0, 1.0, 7.0, 8.0];
     let out = attended(&[1.0, 0.0, 0.0, 1.0, -1.0, 0.0, f64::NAN, 0.0], &keys_values);
@@ -62,7 +62,7 @@ fn samples_without_any_key_give_zero_and_no_gradient() {
 }
 
 #[test]
-fn a_broken_sample_leaves_the_others_alone() {
+fn a_sample_with_nan_does_not_affect_others() {
     let x = random::<3>([3, 6, 24], 8);
     let mut broken = values(x.clone());
     broken[6 * 24 + 3] = f64::NAN;
@@ -75,7 +75,7 @@ fn a_broken_sample_leaves_the_others_alone() {
 }
 
 #[test]
-fn no_keys_and_no_queries() {
+fn empty_inputs_give_empty_or_zero_outputs() {
     let (none, some) = (random::<3>([2, 0, 8], 1), random::<3>([2, 3, 8], 1));
     let no_keys = ops::cross_attention(some.clone(), random([2, 0, 16], 1), 2, None);
     Tolerance::EXACT.assert(values(no_keys), [0.0; 48], "no keys");
@@ -104,19 +104,19 @@ fn gelu_keeps_its_relative_error_in_the_tails() {
 }
 
 #[test]
-fn gelu_of_what_is_not_finite() {
+fn gelu_of_values_that_are_not_finite() {
     let x = Tensor::from_inner(of(&[f64::NEG_INFINITY, f64::INFINITY, f64::NAN, 3e38, -3e38])).require_grad();
     let out = ops::gelu(x.clone());
     let gradient = values(x.grad(&out.clone().sum().backward()).unwrap());
     let out = values(out);
     Tolerance::relative(1e-6).assert([out[0], out[1], out[3], out[4]], [0.0, f64::INFINITY, 3e38, 0.0], "value");
     Tolerance::EXACT.assert([gradient[0], gradient[1], gradient[3], gradient[4]], [0.0, 1.0, 1.0, 0.0], "slope");
-    assert!(out[2].is_nan() && gradient[2].is_nan(), "NaN stays");
+    assert!(out[2].is_nan() && gradient[2].is_nan(), "NaN propagates");
 }
 
 #[test]
-fn exponentials_are_as_good_as_the_standard_librarys() {
-    // Two keys whose values tell the weights: softmax of (0, x).
+fn exponentials_are_as_accurate_as_the_standard_librarys() {
+    // Two keys whose values give the weights: softmax of (0, x).
     for step in 0..400 {
         let x = -f64::from(step) * 0.2;
         let out = attended(&[2.0f64.sqrt(), 0.0], &[0.0, 0.0, 0.0, 0.0, x, 0.0, 1.0, 0.0]);
@@ -134,7 +134,7 @@ fn constant_rows_normalise_to_beta() {
 }
 
 #[test]
-fn nan_wins_the_largest_and_the_first_of_equals_the_gradient() {
+fn nan_is_the_maximum_and_ties_give_the_gradient_to_the_first() {
     let x = of(&[1.0, f64::NAN, 2.0, 4.0, 2.0, 5.0]).reshape([1, 1, 3, 2]);
     let x = Tensor::<4>::from_inner(x).require_grad();
     let out = ops::max_over_neighbours(x.clone());
@@ -146,8 +146,8 @@ fn nan_wins_the_largest_and_the_first_of_equals_the_gradient() {
 }
 
 #[test]
-#[should_panic(expected = "index 4 of a row, of which there are 4")]
-fn a_row_that_does_not_exist_is_refused() {
+#[should_panic(expected = "row index 4, expected below 4")]
+fn rejects_a_row_index_out_of_range() {
     let rows = Tensor::from_data([[4i64]], &Device::flex());
     ops::gather_rows(random([1, 4, 2], 1), rows);
 }
@@ -166,7 +166,7 @@ fn top_k_orders_ties_infinities_and_nan() {
 }
 
 #[test]
-fn nearest_neighbours_order_ties_and_broken_points() {
+fn nearest_neighbours_order_ties_and_points_that_are_not_finite() {
     let points = [0.0, 0.0, 1.0, 0.0, -1.0, 0.0, f64::NAN, 0.0, 0.0, 0.0, f64::INFINITY, 0.0];
     let points = of(&points).reshape([1, 6, 2]);
     let nearest = ops::nearest_neighbours(points.clone().slice([0..1, 0..1]), points, 6);
@@ -189,7 +189,7 @@ fn nearest_neighbours_agree_with_sorting_all_distances() {
 }
 
 #[test]
-fn burns_softmax_is_what_attention_computes() {
+fn attention_agrees_with_burns_softmax() {
     let [q, k, v] = [1, 2, 3].map(|seed| random::<3>([2, 33, 24], seed));
     let packed = Tensor::cat(vec![q.clone(), k.clone(), v.clone()], 2);
     let ours = values(ops::self_attention(packed, 3, None));
@@ -197,7 +197,7 @@ fn burns_softmax_is_what_attention_computes() {
     Tolerance::absolute(1e-6).assert(ours, theirs, "attention");
 }
 
-/// f64 takes the form that any device understands.
+/// f64 uses the generic implementation.
 #[test]
 fn generic_operations_keep_shapes() {
     type Operation = fn(Tensor<3>, Tensor<1>, Tensor<2>) -> Tensor<3>;

@@ -28,7 +28,7 @@ fn norm_heads(layer: &Norm, x: Tensor<3>, heads: usize) -> Tensor<3> {
     norm(layer, x.reshape([batch, tokens, heads, width / heads])).reshape([batch, tokens, width])
 }
 
-/// Replaces every parameter by random ones, so that no bias is 0 and no scale 1.
+/// Replaces every parameter by random values, so that no bias is 0 and no scale 1.
 fn shuffled<M: Module>(module: M) -> M {
     struct Shuffle(u64);
     impl burn::module::ModuleMapper for Shuffle {
@@ -42,7 +42,7 @@ fn shuffled<M: Module>(module: M) -> M {
 }
 
 #[test]
-fn a_block_is_the_composition_of_its_parts() {
+fn a_block_equals_the_composition_of_its_parts() {
     let device = Device::flex();
     for kind in [NormKind::Rms, NormKind::Layer] {
         let attention = AttentionConfig::new(24, 3).with_qk_norm(Some(kind));
@@ -64,7 +64,7 @@ fn a_block_is_the_composition_of_its_parts() {
 }
 
 #[test]
-fn cross_attention_is_the_composition_of_its_parts() {
+fn cross_attention_equals_the_composition_of_its_parts() {
     let config = AttentionConfig::new(24, 3).with_qk_norm(Some(NormKind::Layer));
     let layer = shuffled(config.init_cross(10, &Device::flex()));
     let (x, context) = (random::<3>([2, 5, 24], 1), random::<3>([2, 7, 10], 2));
@@ -76,7 +76,7 @@ fn cross_attention_is_the_composition_of_its_parts() {
     SINGLE.assert(values(layer.forward(x, context, None)), values(expected), "cross-attention");
 }
 
-/// The path so far, and the paths of all parameters.
+/// The current path, and the paths of all parameters.
 struct Names(Vec<String>, Vec<String>);
 
 impl burn::module::ModuleVisitor for Names {

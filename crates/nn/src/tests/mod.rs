@@ -1,3 +1,5 @@
+//! Tests of the operations and layers.
+
 mod bits;
 mod cases;
 mod gradients;

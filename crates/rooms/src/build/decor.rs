@@ -1,21 +1,21 @@
-//! What hangs on walls and in windows. The frame is a wall's: x along it, +y into the room.
+//! Pictures, windows and railings. The frame is a wall's: x along it, +y into the room.
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
 
 use super::plants::rod;
 use super::shell::Opening;
-use super::{glossy, matt};
+use super::{glossy, matte};
 use crate::form::Form;
 use crate::material::{Palette, Pattern};
+use crate::noise::as_f32;
 use crate::rng::Rng;
 use crate::world::Builder;
 
-/// A framed painting or a panel with writing, its middle at `centre` on the wall.
+/// A framed painting or a panel with text, centred at `centre` on the wall.
 pub(super) fn picture(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
     let half = Vec2::new(0.18 + 0.4 * as_f32(rng.unit()), 0.16 + 0.3 * as_f32(rng.unit()));
     let [light, dark] = rng.wood();
-    let frame = glossy(rng, Pattern::Planks { a: light, b: dark * 0.5, width: 0.2, length: 3.0 }, 0.04);
-    let frame = b.material(frame);
+    let frame = b.material(glossy(rng, Pattern::Planks { a: light, b: dark * 0.5, width: 0.2, length: 3.0 }, 0.04));
     let [ink, paper] = rng.pair();
     let shown = if rng.chance(0.72) {
         Pattern::Painting { half }
@@ -28,8 +28,7 @@ pub(super) fn picture(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
         }
     };
     let glass = if rng.chance(0.4) { 0.04 } else { 0.0 };
-    let shown = glossy(rng, shown, glass);
-    let shown = b.material(shown);
+    let shown = b.material(glossy(rng, shown, glass));
     let (x, z, rim) = (f64::from(half.x), f64::from(half.y), rng.within(0.015, 0.05));
     b.put(Form::Box(DVec3::new(x, 0.012, z)), centre + DVec3::Y * 0.012, shown);
     for side in [-1.0, 1.0] {
@@ -40,8 +39,7 @@ pub(super) fn picture(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
 
 /// The frame, bars, sill and perhaps blinds or curtains of a window.
 pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f64) {
-    let white = matt(rng, Pattern::Plain(Vec3::splat(0.7)));
-    let white = b.material(white);
+    let white = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.7))));
     let ([left, right], [low, high]) = (opening.along, opening.height);
     let (width, height) = (right - left, high - low);
     let middle = DVec3::new((left + right) * 0.5, thick * 0.5, (low + high) * 0.5);
@@ -70,8 +68,7 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
         }
     } else if rng.chance(0.6) {
         let [x, y] = rng.pair();
-        let cloth = matt(rng, Pattern::Weave { a: x, b: y, period: 0.02 });
-        let cloth = b.material(cloth);
+        let cloth = b.material(matte(rng, Pattern::Weave { a: x, b: y, period: 0.02 }));
         for (from, sign) in [(left - 0.25, 1.0), (right + 0.25, -1.0)] {
             for fold in 0..7 {
                 let x = from + sign * 0.06 * f64::from(fold);
@@ -88,8 +85,7 @@ pub(super) fn window(b: &mut Builder, rng: &mut Rng, opening: Opening, thick: f6
 /// A railing of thin balusters between two points on the floor.
 pub(super) fn railing(b: &mut Builder, rng: &mut Rng, from: DVec3, to: DVec3) {
     let grey = if rng.chance(0.6) { 0.03 } else { 0.6 };
-    let iron = glossy(rng, Pattern::Plain(Vec3::splat(grey)), 0.08);
-    let iron = b.material(iron);
+    let iron = b.material(glossy(rng, Pattern::Plain(Vec3::splat(grey)), 0.08));
     let height = DVec3::Z * rng.within(0.85, 1.05);
     let posts = count((to - from).length() / rng.within(0.1, 0.16)) + 1;
     for post in 0..=posts {
@@ -101,13 +97,8 @@ pub(super) fn railing(b: &mut Builder, rng: &mut Rng, from: DVec3, to: DVec3) {
     rod(b, from + height * 0.1, to + height * 0.1, 0.012, iron);
 }
 
-/// How many whole steps fit.
+/// Number of whole steps that fit.
 #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small count")]
 fn count(steps: f64) -> u32 {
     steps.clamp(1.0, 400.0) as u32
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "a size in metres")]
-const fn as_f32(value: f64) -> f32 {
-    value as f32
 }

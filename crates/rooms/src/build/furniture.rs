@@ -1,14 +1,14 @@
-//! Furniture about the origin of a thing's frame, standing on z = 0, its back to y = 0, its front to +y.
+//! Furniture about the origin of an instance's frame, on z = 0, with its back at y = 0 and its front to +y.
 
 use glam::{DMat3, DVec3, Vec2, Vec3};
 
-use super::{glossy, matt, plants};
+use super::{glossy, matte, plants};
 use crate::form::Form;
 use crate::material::{Material, Palette, Pattern};
 use crate::rng::Rng;
 use crate::world::Builder;
 
-/// What may stand against a wall or in the middle of a room.
+/// A piece of furniture.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Piece {
     Bookshelf,
@@ -69,8 +69,8 @@ fn wooden(b: &mut Builder, rng: &mut Rng) -> usize {
     let paint = rng.paint();
     let pattern =
         if painted { Pattern::Plain(paint) } else { Pattern::Planks { a: light, b: dark, width: 0.25, length: 4.0 } };
-    let held = glossy(rng, pattern, 0.03);
-    b.material(held)
+    let material = glossy(rng, pattern, 0.03);
+    b.material(material)
 }
 
 fn cloth(b: &mut Builder, rng: &mut Rng) -> usize {
@@ -82,14 +82,14 @@ fn cloth(b: &mut Builder, rng: &mut Rng) -> usize {
         3 => Pattern::Motif { a: x, b: y, period: 0.16 },
         _ => Pattern::Grain { a: x, b: x * 0.6, feature: 0.05, octaves: 5 },
     };
-    let held = matt(rng, pattern);
-    b.material(held)
+    let material = matte(rng, pattern);
+    b.material(material)
 }
 
 fn metal(b: &mut Builder, rng: &mut Rng) -> usize {
     let grey = Vec3::splat(if rng.chance(0.5) { 0.05 } else { 0.45 });
-    let held = glossy(rng, Pattern::Plain(grey), 0.2);
-    b.material(held)
+    let material = glossy(rng, Pattern::Plain(grey), 0.2);
+    b.material(material)
 }
 
 fn legs(b: &mut Builder, half: [f64; 2], centre: DVec3, height: f64, radius: f64, material: usize) {
@@ -111,14 +111,12 @@ fn bookshelf(b: &mut Builder, rng: &mut Rng) {
         let z = shelf as f64 * pitch;
         b.block(v(-0.58, 0.02, z), v(0.58, 0.3, z + 0.02), frame);
         if shelf < shelves && rng.chance(0.8) {
-            let spines = matt(rng, Pattern::Books { height: 0.28 });
-            let spines = b.material(spines);
+            let spines = b.material(matte(rng, Pattern::Books { height: 0.28 }));
             let (left, right) = (rng.within(-0.58, -0.3), rng.within(0.1, 0.57));
             b.block(v(left, 0.03, z + 0.02), v(right, rng.within(0.2, 0.27), z + 0.3), spines);
         } else if shelf < shelves {
             let [x, _] = rng.pair();
-            let glazed = glossy(rng, Pattern::Plain(x), 0.06);
-            let glazed = b.material(glazed);
+            let glazed = b.material(glossy(rng, Pattern::Plain(x), 0.06));
             let radius = rng.within(0.06, 0.12);
             b.put(Form::Ball(radius), v(rng.within(-0.4, 0.4), 0.16, z + 0.02 + radius), glazed);
         }
@@ -136,15 +134,13 @@ fn sideboard(b: &mut Builder, rng: &mut Rng) {
         b.put(Form::Ball(0.018), v(x + 0.38, 0.45, height * 0.6), knobs);
     }
     if rng.chance(0.5) {
-        let screen = glossy(rng, Pattern::Plain(Vec3::splat(0.012)), 0.06);
-        let screen = b.material(screen);
+        let screen = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.012)), 0.06));
         b.block(v(-0.6, 0.15, height + 0.06), v(0.6, 0.19, height + 0.76), screen);
         b.block(v(-0.15, 0.1, height), v(0.15, 0.25, height + 0.06), screen);
     } else {
         plants::potted(b, rng, v(-0.5, 0.22, height));
         let [x, _] = rng.pair();
-        let vase = glossy(rng, Pattern::Plain(x), 0.05);
-        let vase = b.material(vase);
+        let vase = b.material(glossy(rng, Pattern::Plain(x), 0.05));
         b.put(Form::Cylinder { radius: 0.07, half_height: 0.15 }, v(0.4, 0.2, height + 0.15), vase);
     }
 }
@@ -195,20 +191,18 @@ fn clutter(b: &mut Builder, rng: &mut Rng, half: [f64; 2], centre: DVec3) {
         let [x, y] = rng.pair();
         match rng.count(0, 3) {
             0 => {
-                let cup = glossy(rng, Pattern::Plain(x), 0.05);
-                let cup = b.material(cup);
+                let cup = b.material(glossy(rng, Pattern::Plain(x), 0.05));
                 b.put(Form::Cylinder { radius: 0.04, half_height: 0.05 }, at + v(0.0, 0.0, 0.05), cup);
             }
             1 => {
                 let half = Vec2::new(0.11, 0.15);
-                let page = matt(rng, Pattern::Text { ink: y * 0.2, paper: Vec3::splat(0.8), half, line: 0.02 });
-                let page = b.material(page);
+                let page =
+                    b.material(matte(rng, Pattern::Text { ink: y * 0.2, paper: Vec3::splat(0.8), half, line: 0.02 }));
                 let turn = DMat3::from_rotation_z(rng.within(-1.0, 1.0));
                 b.put_turned(Form::Box(v(0.11, 0.15, 0.008)), at + v(0.0, 0.0, 0.008), turn, page);
             }
             2 => {
-                let fruit = glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.05, octaves: 4 }, 0.03);
-                let fruit = b.material(fruit);
+                let fruit = b.material(glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.05, octaves: 4 }, 0.03));
                 for ball in 0..3 {
                     let shift = v(0.07 * f64::from(ball % 2), 0.06 * f64::from(ball / 2), 0.04);
                     b.put(Form::Ball(0.04), at + shift, fruit);
@@ -244,8 +238,7 @@ fn desk(b: &mut Builder, rng: &mut Rng) {
 fn kitchen(b: &mut Builder, rng: &mut Rng) {
     let (front, knobs) = (wooden(b, rng), metal(b, rng));
     let [stone, dark] = rng.stone();
-    let top = glossy(rng, Pattern::Marble { a: stone, b: dark * 0.6, feature: 0.4 }, 0.06);
-    let top = b.material(top);
+    let top = b.material(glossy(rng, Pattern::Marble { a: stone, b: dark * 0.6, feature: 0.4 }, 0.06));
     let tile = Pattern::Tiles {
         a: stone,
         b: stone * 0.8,
@@ -254,8 +247,7 @@ fn kitchen(b: &mut Builder, rng: &mut Rng) {
         gap: 0.004,
         shift: 0.5,
     };
-    let tile = glossy(rng, tile, 0.05);
-    let tile = b.material(tile);
+    let tile = b.material(glossy(rng, tile, 0.05));
     b.block(v(-1.2, 0.0, 0.0), v(1.2, 0.58, 0.86), front);
     b.block(v(-1.2, 0.0, 0.86), v(1.2, 0.62, 0.9), top);
     b.block(v(-1.2, 0.0, 0.9), v(1.2, 0.012, 1.5), tile);
@@ -273,8 +265,7 @@ fn kitchen(b: &mut Builder, rng: &mut Rng) {
 }
 
 fn radiator(b: &mut Builder, rng: &mut Rng) {
-    let white = glossy(rng, Pattern::Plain(Vec3::splat(0.75)), 0.03);
-    let white = b.material(white);
+    let white = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.75)), 0.03));
     for fin in 0..16 {
         let x = -0.48 + 0.064 * f64::from(fin);
         b.put(Form::Cylinder { radius: 0.02, half_height: 0.28 }, v(x, 0.08, 0.42), white);
@@ -292,10 +283,10 @@ fn floor_lamp(b: &mut Builder, rng: &mut Rng) {
     shade(b, rng, v(0.0, 0.22, height + 0.12));
 }
 
-/// A glowing shade; the light itself comes from all of it.
+/// A glowing lampshade, which emits light from its whole surface.
 pub(super) fn shade(b: &mut Builder, rng: &mut Rng, centre: DVec3) {
     let warm = Vec3::new(1.0, 0.78, 0.5) * 3.0;
-    let glowing = Material { emission: warm, ..matt(rng, Pattern::Plain(Vec3::splat(0.6))) };
+    let glowing = Material { emission: warm, ..matte(rng, Pattern::Plain(Vec3::splat(0.6))) };
     let glowing = b.material(glowing);
     b.put(Form::Cylinder { radius: 0.17, half_height: 0.12 }, centre, glowing);
     let centre = b.to_world(centre);
@@ -327,8 +318,7 @@ fn boxes(b: &mut Builder, rng: &mut Rng) {
     for _ in 0..rng.count(1, 3) {
         let half = v(rng.within(0.15, 0.32), rng.within(0.12, 0.26), rng.within(0.1, 0.2));
         let label = Pattern::Text { ink: x * 0.3, paper: x, half: Vec2::new(0.16, 0.1), line: 0.045 };
-        let label = matt(rng, label);
-        let label = b.material(label);
+        let label = b.material(matte(rng, label));
         let turn = DMat3::from_rotation_z(rng.within(-0.3, 0.3));
         b.put_turned(Form::Box(half), v(0.0, 0.3, z + half.z), turn, label);
         z += 2.0 * half.z;

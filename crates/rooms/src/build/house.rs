@@ -1,4 +1,4 @@
-//! RE10K-like interiors: one room, or two that a doorway joins.
+//! RE10K-like interiors: one room, or two joined by a doorway.
 
 use atsplat_numeric::Extremes;
 use glam::{DVec2, DVec3, Vec3};
@@ -6,10 +6,11 @@ use glam::{DVec2, DVec3, Vec3};
 use super::decor::{picture, railing, window};
 use super::furniture::{Piece, shade};
 use super::shell::{Opening, floor_material, wall, wall_material};
-use super::{glossy, matt, sky};
+use super::{glossy, matte, sky};
 use crate::form::Form;
 use crate::lamp::Lamp;
 use crate::material::{Material, Palette, Pattern};
+use crate::noise::as_f32;
 use crate::rng::Rng;
 use crate::world::{Builder, World};
 
@@ -23,14 +24,14 @@ struct Room {
     height: f64,
 }
 
-/// One side of a room: the frame that [`wall`] builds in, its length, and what breaks through.
+/// One side of a room: the frame for [`wall`], its length, and its openings.
 #[derive(Clone, Debug)]
 struct Side {
     origin: DVec3,
     yaw: f64,
     length: f64,
     openings: Vec<Opening>,
-    /// The first opening is a doorway.
+    /// Whether the first opening is a doorway.
     door: bool,
 }
 
@@ -80,18 +81,16 @@ fn furnish(
 ) {
     let Room { low, high, height } = *room;
     let floor = b.material(floor);
-    b.thing(DVec3::ZERO, 0.0);
+    b.instance(DVec3::ZERO, 0.0);
     let (corner, far) = ((low - DVec2::splat(THICK)).extend(-0.1), (high + DVec2::splat(THICK)).extend(0.0));
     b.block(corner, far, floor);
     let plaster = Vec3::splat(as_f32(rng.within(0.7, 0.85)));
-    let ceiling = matt(rng, Pattern::Plain(plaster));
-    let ceiling = b.material(ceiling);
-    b.thing(DVec3::ZERO, 0.0);
+    let ceiling = b.material(matte(rng, Pattern::Plain(plaster)));
+    b.instance(DVec3::ZERO, 0.0);
     b.block(corner.with_z(height), far.with_z(height + 0.1), ceiling);
     if rng.chance(0.15) {
         let [light, dark] = rng.wood();
-        let beam = matt(rng, Pattern::Planks { a: light, b: dark, width: 0.3, length: 6.0 });
-        let beam = b.material(beam);
+        let beam = b.material(matte(rng, Pattern::Planks { a: light, b: dark, width: 0.3, length: 6.0 }));
         for at in 1..5 {
             let x = low.x + (high.x - low.x) * f64::from(at) / 5.0;
             b.block(DVec3::new(x - 0.07, low.y, height - 0.2), DVec3::new(x + 0.07, high.y, height), beam);
@@ -105,8 +104,8 @@ fn furnish(
     ceiling_lamp(b, rng, room);
 }
 
-/// South, east, north, west. The doorway is in the east of the first room and in the west of the second; the east
-/// wall of the first stands for both.
+/// The south, east, north and west sides. The doorway is in the east of the first room and in the west of the second; the
+/// rooms share the east wall of the first.
 fn sides(rng: &mut Rng, room: &Room, number: usize, door: Option<[f64; 2]>) -> Vec<Side> {
     use std::f64::consts::{FRAC_PI_2, PI};
     let Room { low, high, height } = *room;
@@ -148,19 +147,18 @@ fn build_side(
 ) {
     let bold = rng.chance(0.15).then(|| wall_material(rng));
     let material = b.material(bold.unwrap_or(walls));
-    b.thing(side.origin, side.yaw);
+    b.instance(side.origin, side.yaw);
     wall(b, side.length, room.height, THICK, &side.openings, material);
-    let trim = matt(rng, Pattern::Plain(Vec3::splat(0.72)));
-    let trim = b.material(trim);
+    let trim = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.72))));
     let solid = |x: f64| side.openings.iter().all(|o| x < o.along[0] - 0.1 || x > o.along[1] + 0.1);
-    b.thing(side.origin, side.yaw);
+    b.instance(side.origin, side.yaw);
     let mut from = 0.0;
     for end in side.openings.iter().filter(|o| o.height[0] < 0.1).map(|o| o.along).chain([[side.length, side.length]]) {
         b.block(DVec3::new(from, THICK, 0.0), DVec3::new(end[0], THICK + 0.015, 0.09), trim);
         from = end[1];
     }
     for (at, opening) in side.openings.iter().enumerate() {
-        b.thing(side.origin, side.yaw);
+        b.instance(side.origin, side.yaw);
         let [left, right] = opening.along;
         if side.door && at == 0 {
             for x in [left, right - 0.06] {
@@ -182,23 +180,23 @@ fn build_side(
             if low_wall || rng.chance(0.5) { rng.pick(Piece::Pot, &pieces) } else { rng.pick(Piece::Sideboard, &tall) };
         let [wide, deep] = piece.size();
         let middle = x + wide / 2.0;
-        b.thing(side.origin, side.yaw);
+        b.instance(side.origin, side.yaw);
         let place = b.to_world(DVec3::new(middle, THICK + deep / 2.0, 0.0)).truncate();
         let radius = 0.5 * (wide.maximum_of(deep));
         let free = taken.iter().all(|(other, far)| other.distance(place) > radius + far + 0.05);
         if free && middle + wide / 2.0 < side.length - 0.1 && rng.chance(0.85) {
             let origin = b.to_world(DVec3::new(middle, THICK + 0.03, 0.0));
-            b.thing(origin, side.yaw);
+            b.instance(origin, side.yaw);
             piece.build(b, rng);
             taken.push((place, radius));
             let above = matches!(piece, Piece::Sofa | Piece::Bed | Piece::Radiator | Piece::Boxes);
             if above && solid(middle) && solid(middle - 0.5) && solid(middle + 0.5) {
-                b.thing(side.origin, side.yaw);
+                b.instance(side.origin, side.yaw);
                 let up = rng.within(1.5, 1.75);
                 picture(b, rng, DVec3::new(middle, THICK, up));
             }
         } else if solid(x) && solid(x + 0.6) && solid(x - 0.6) && rng.chance(0.7) {
-            b.thing(side.origin, side.yaw);
+            b.instance(side.origin, side.yaw);
             let up = rng.within(1.4, 1.7);
             picture(b, rng, DVec3::new(x.clamp(0.7, side.length - 0.7), THICK, up));
         }
@@ -206,7 +204,7 @@ fn build_side(
     }
 }
 
-/// A rug, a table, perhaps a railing as beside a stair.
+/// A rug, a table, perhaps a railing as along a stair.
 fn middle(b: &mut Builder, rng: &mut Rng, room: &Room, taken: &mut Vec<(DVec2, f64)>) {
     let centre = (room.low + room.high) / 2.0;
     if rng.chance(0.65) {
@@ -216,15 +214,14 @@ fn middle(b: &mut Builder, rng: &mut Rng, room: &Room, taken: &mut Vec<(DVec2, f
             1 => Pattern::Stripes { a: x, b: y, period: 0.2 },
             _ => Pattern::Weave { a: x, b: y, period: 0.05 },
         };
-        let rug = matt(rng, rug);
-        let rug = b.material(rug);
-        b.thing(centre.extend(0.0), rng.within(-0.2, 0.2));
+        let rug = b.material(matte(rng, rug));
+        b.instance(centre.extend(0.0), rng.within(-0.2, 0.2));
         b.put(Form::Box(DVec3::new(rng.within(0.9, 1.5), rng.within(0.6, 1.0), 0.006)), DVec3::Z * 0.006, rug);
     }
     for _ in 0..3 {
         let place = centre + DVec2::new(rng.within(-1.2, 1.2), rng.within(-1.0, 1.0));
         if taken.iter().all(|(other, far)| other.distance(place) > far + 1.0) && rng.chance(0.6) {
-            b.thing((place - DVec2::new(0.0, 0.95)).extend(0.0), 0.0);
+            b.instance((place - DVec2::new(0.0, 0.95)).extend(0.0), 0.0);
             Piece::Table.build(b, rng);
             taken.push((place, 1.0));
             break;
@@ -233,19 +230,18 @@ fn middle(b: &mut Builder, rng: &mut Rng, room: &Room, taken: &mut Vec<(DVec2, f
     if rng.chance(0.2) {
         let from = DVec3::new(room.low.x + 0.5, room.low.y + 1.1, 0.0);
         let to = from + DVec3::X * rng.within(1.2, 2.2);
-        b.thing(DVec3::ZERO, 0.0);
+        b.instance(DVec3::ZERO, 0.0);
         railing(b, rng, from, to);
     }
 }
 
 fn ceiling_lamp(b: &mut Builder, rng: &mut Rng, room: &Room) {
     let middle = (room.low + room.high) / 2.0;
-    b.thing(middle.extend(room.height), 0.0);
+    b.instance(middle.extend(room.height), 0.0);
     match rng.count(0, 3) {
         0 => {
             let drop = rng.within(0.5, 0.9);
-            let cord = matt(rng, Pattern::Plain(Vec3::splat(0.02)));
-            let cord = b.material(cord);
+            let cord = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.02))));
             super::plants::rod(b, DVec3::ZERO, DVec3::Z * -drop, 0.004, cord);
             shade(b, rng, DVec3::Z * -(drop + 0.1));
         }
@@ -260,9 +256,4 @@ fn ceiling_lamp(b: &mut Builder, rng: &mut Rng, room: &Room) {
         }
         _ => {}
     }
-}
-
-#[expect(clippy::cast_possible_truncation, reason = "a colour")]
-const fn as_f32(value: f64) -> f32 {
-    value as f32
 }

@@ -1,4 +1,4 @@
-//! Seeds into worlds.
+//! Procedural worlds from seeds.
 
 mod decor;
 mod furniture;
@@ -26,17 +26,17 @@ pub(crate) fn world(kind: SceneKind, seed: u64) -> World {
     }
 }
 
-/// A matt surface of this pattern.
-fn matt(rng: &mut Rng, pattern: Pattern) -> Material {
-    Material::matt(pattern, rng.seed())
+/// A diffuse surface with this pattern.
+fn matte(rng: &mut Rng, pattern: Pattern) -> Material {
+    Material::matte(pattern, rng.seed())
 }
 
-/// A surface that mirrors this share of light.
+/// A surface that reflects this share of light specularly.
 fn glossy(rng: &mut Rng, pattern: Pattern, mirror: f32) -> Material {
-    Material { mirror, ..Material::matt(pattern, rng.seed()) }
+    Material { mirror, ..Material::matte(pattern, rng.seed()) }
 }
 
-/// A sky of this brightness at the zenith.
+/// A sky with this brightness at the zenith.
 fn sky(rng: &mut Rng, brightness: f32) -> Sky {
     let [trees, _] = rng.leaves();
     let [ground, _] = rng.stone();
@@ -57,7 +57,7 @@ mod tests {
     use crate::form::Form;
 
     #[test]
-    fn worlds_are_sound() {
+    fn worlds_are_valid() {
         for seed in 0..24 {
             for kind in [SceneKind::Rooms, SceneKind::Yards] {
                 let world = world(kind, crate::rng::mix(seed));

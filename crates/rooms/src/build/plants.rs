@@ -1,8 +1,8 @@
-//! Plants: thin stems and many leaves.
+//! Plants with thin stems and many leaves.
 
 use glam::{DMat3, DVec2, DVec3};
 
-use super::{glossy, matt};
+use super::{glossy, matte};
 use crate::form::Form;
 use crate::material::{Palette, Pattern};
 use crate::rng::Rng;
@@ -13,22 +13,20 @@ pub(super) fn upright_to(direction: DVec3) -> DMat3 {
     DMat3::from_quat(glam::DQuat::from_rotation_arc(DVec3::Z, direction))
 }
 
-/// A rod between two points of the thing's frame.
+/// A rod between two points of the instance's frame.
 pub(super) fn rod(b: &mut Builder, from: DVec3, to: DVec3, radius: f64, material: usize) {
     let way = to - from;
     let form = Form::Cylinder { radius, half_height: way.length() * 0.5 };
     b.put_turned(form, (from + to) * 0.5, upright_to(way.normalize_or(DVec3::Z)), material);
 }
 
-/// A plant in a pot, standing at `at`.
+/// A potted plant at `at`.
 pub(super) fn potted(b: &mut Builder, rng: &mut Rng, at: DVec3) {
     let size = if at.z > 0.1 { rng.within(0.12, 0.3) } else { rng.within(0.4, 0.8) };
     let [x, y] = rng.pair();
-    let pot = glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.1, octaves: 4 }, 0.03);
-    let pot = b.material(pot);
+    let pot = b.material(glossy(rng, Pattern::Grain { a: x, b: y, feature: 0.1, octaves: 4 }, 0.03));
     let [a, dark] = rng.leaves();
-    let leaf = matt(rng, Pattern::Stripes { a, b: dark, period: 0.03 });
-    let leaf = b.material(leaf);
+    let leaf = b.material(matte(rng, Pattern::Stripes { a, b: dark, period: 0.03 }));
     b.put(Form::Cylinder { radius: 0.2 * size, half_height: 0.18 * size }, at + DVec3::Z * (0.18 * size), pot);
     let root = at + DVec3::Z * (0.36 * size);
     for _ in 0..rng.count(7, 16) {
@@ -44,15 +42,14 @@ pub(super) fn potted(b: &mut Builder, rng: &mut Rng, at: DVec3) {
     }
 }
 
-/// A tree of this height: a trunk, branches, and a crown of leaves.
+/// A tree of the given height: trunk, branches and a crown of leaves.
 pub(super) fn tree(b: &mut Builder, rng: &mut Rng, height: f64) {
     let [light, dark] = rng.wood();
-    let bark = matt(rng, Pattern::Grain { a: light * 0.4, b: dark * 0.25, feature: 0.06, octaves: 5 });
-    let bark = b.material(bark);
+    let bark = b.material(matte(rng, Pattern::Grain { a: light * 0.4, b: dark * 0.25, feature: 0.06, octaves: 5 }));
     let kinds: Vec<usize> = (0..2)
         .map(|_| {
             let [a, dark] = rng.leaves();
-            let leaf = matt(rng, Pattern::Grain { a, b: dark, feature: 0.05, octaves: 3 });
+            let leaf = matte(rng, Pattern::Grain { a, b: dark, feature: 0.05, octaves: 3 });
             b.material(leaf)
         })
         .collect();
@@ -67,7 +64,7 @@ pub(super) fn tree(b: &mut Builder, rng: &mut Rng, height: f64) {
             let turn = DMat3::from_axis_angle(rng.direction(), rng.within(0.0, 3.0));
             let half = DVec2::new(rng.within(0.03, 0.06), rng.within(0.02, 0.04)) * height;
             let kind = rng.count(0, 1);
-            b.put_turned(Form::Leaf(half), place, turn, kinds.get(kind).copied().unwrap_or(bark));
+            b.put_turned(Form::Leaf(half), place, turn, kinds[kind]);
         }
     }
 }

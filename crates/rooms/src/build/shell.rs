@@ -2,20 +2,20 @@
 
 use glam::{DVec3, Vec2, Vec3};
 
-use super::{glossy, matt};
+use super::{glossy, matte};
 use crate::material::{Material, Palette, Pattern};
 use crate::rng::Rng;
 use crate::world::Builder;
 
-/// A hole in a wall: along it, and from bottom to top, in metres.
+/// An opening in a wall: its extent along the wall and in height, in metres.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Opening {
     pub along: [f64; 2],
     pub height: [f64; 2],
 }
 
-/// A wall along x of the current thing's frame from 0 to `length`, from y = 0 to y = `thick`, with openings that do
-/// not overlap, in order.
+/// A wall along x of the current instance's frame from 0 to `length`, from y = 0 to y = `thick`, with ordered openings that
+/// do not overlap.
 pub(super) fn wall(builder: &mut Builder, length: f64, height: f64, thick: f64, openings: &[Opening], material: usize) {
     let mut solid = |x: [f64; 2], z: [f64; 2]| {
         if x[1] - x[0] > 1e-6 && z[1] - z[0] > 1e-6 {
@@ -52,7 +52,7 @@ pub(super) fn wall_material(rng: &mut Rng) -> Material {
         },
         _ => Pattern::Planks { a: paint, b: paint * 0.8, width: 0.14, length: 3.0 },
     };
-    matt(rng, pattern)
+    matte(rng, pattern)
 }
 
 /// Boards, tiles, carpet or stone.
@@ -73,8 +73,8 @@ pub(super) fn floor_material(rng: &mut Rng) -> Material {
             };
             glossy(rng, tiles, 0.035)
         }
-        3 => matt(rng, Pattern::Grain { a: a * 0.8, b: b * 0.5, feature: 0.02, octaves: 3 }),
+        3 => matte(rng, Pattern::Grain { a: a * 0.8, b: b * 0.5, feature: 0.02, octaves: 3 }),
         4 => glossy(rng, Pattern::Checks { a: stone, b: shade * 0.3, period: 0.8 }, 0.03),
-        _ => matt(rng, Pattern::Grain { a: stone, b: shade * 0.7, feature: 0.15, octaves: 6 }),
+        _ => matte(rng, Pattern::Grain { a: stone, b: shade * 0.7, feature: 0.15, octaves: 6 }),
     }
 }

@@ -1,4 +1,4 @@
-//! DL3DV-like courtyards: façades around an open place with trees, benches, railings and what people leave there.
+//! DL3DV-like courtyards: façades around an open square with trees, benches, railings and other objects.
 
 use glam::{DVec3, Vec2, Vec3};
 
@@ -6,7 +6,7 @@ use super::decor::{picture, railing};
 use super::furniture::Piece;
 use super::plants::{rod, tree};
 use super::shell::{Opening, wall, wall_material};
-use super::{glossy, matt, sky};
+use super::{glossy, matte, sky};
 use crate::form::Form;
 use crate::lamp::Lamp;
 use crate::material::{Palette, Pattern};
@@ -24,13 +24,13 @@ pub(super) fn build(seed: u64) -> World {
     }
     for _ in 0..rng.count(3, 7) {
         let (x, y) = (rng.within(-0.75, 0.75) * half.x, rng.within(-0.75, 0.75) * half.y);
-        b.thing(DVec3::new(x, y, 0.0), rng.within(0.0, 6.0));
+        b.instance(DVec3::new(x, y, 0.0), rng.within(0.0, 6.0));
         let height = rng.within(2.6, 5.5);
         tree(&mut b, rng, height);
     }
     for _ in 0..rng.count(12, 22) {
         let (x, y) = (rng.within(-0.8, 0.8) * half.x, rng.within(-0.8, 0.8) * half.y);
-        b.thing(DVec3::new(x, y, 0.0), rng.within(0.0, 6.0));
+        b.instance(DVec3::new(x, y, 0.0), rng.within(0.0, 6.0));
         match rng.count(0, 8) {
             0 => bench(&mut b, rng),
             1 => fountain(&mut b, rng),
@@ -70,43 +70,40 @@ fn ground(b: &mut Builder, rng: &mut Rng, half: DVec3) {
         },
         _ => Pattern::Grain { a: stone, b: dark * 0.7, feature: 0.03, octaves: 4 },
     };
-    let (grass, paving) = (matt(rng, grass), matt(rng, paving));
+    let (grass, paving) = (matte(rng, grass), matte(rng, paving));
     let (grass, paving) = (b.material(grass), b.material(paving));
-    b.thing(DVec3::ZERO, 0.0);
+    b.instance(DVec3::ZERO, 0.0);
     b.block(DVec3::new(-half.x - 1.0, -half.y - 1.0, -0.3), DVec3::new(half.x + 1.0, half.y + 1.0, 0.0), grass);
-    b.thing(DVec3::ZERO, 0.0);
+    b.instance(DVec3::ZERO, 0.0);
     let (x, y) = (half.x * rng.within(0.3, 0.9), half.y * rng.within(0.3, 0.9));
     b.block(DVec3::new(-x, -y, -0.1), DVec3::new(x, y, 0.02), paving);
     b.block(DVec3::new(-half.x, -0.9, -0.1), DVec3::new(half.x, 0.9, 0.021), paving);
 }
 
-/// A wall with rows of windows, a door, a cornice; now and then only a low wall with a railing.
+/// A wall with rows of windows and a cornice, or sometimes only a low wall with a railing.
 fn facade(b: &mut Builder, rng: &mut Rng, half: DVec3, height: f64, side: u8) {
     let yaw = f64::from(side) * std::f64::consts::FRAC_PI_2;
     let (far, wide) = if side.is_multiple_of(2) { (half.y, half.x) } else { (half.x, half.y) };
     let turn = glam::DMat3::from_rotation_z(yaw);
     let origin = turn * DVec3::new(-wide, -far - 0.3, 0.0);
-    let material = wall_material(rng);
-    let material = b.material(material);
-    b.thing(origin, yaw);
+    let material = b.material(wall_material(rng));
+    b.instance(origin, yaw);
     if rng.chance(0.25) {
         wall(b, 2.0 * wide, 0.8, 0.3, &[], material);
-        b.thing(origin, yaw);
+        b.instance(origin, yaw);
         railing(b, rng, DVec3::new(0.0, 0.15, 0.8), DVec3::new(2.0 * wide, 0.15, 0.8));
         return;
     }
     let pitch = rng.within(1.9, 3.2);
-    let glass = glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.12);
-    let glass = b.material(glass);
-    let trim = matt(rng, Pattern::Plain(Vec3::splat(0.65)));
-    let trim = b.material(trim);
+    let glass = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.12));
+    let trim = b.material(matte(rng, Pattern::Plain(Vec3::splat(0.65))));
     let storeys = ((height - 0.4) / 2.8).floor();
     let mut z = 0.0;
     for _ in 0..4 {
         if z + 2.8 > storeys * 2.8 + 0.1 {
             break;
         }
-        b.thing(origin + DVec3::Z * z, yaw);
+        b.instance(origin + DVec3::Z * z, yaw);
         let mut openings = Vec::new();
         let mut x = 0.8;
         while x + 1.1 < 2.0 * wide {
@@ -122,11 +119,11 @@ fn facade(b: &mut Builder, rng: &mut Rng, half: DVec3, height: f64, side: u8) {
         }
         z += 2.8;
     }
-    b.thing(origin + DVec3::Z * z, yaw);
+    b.instance(origin + DVec3::Z * z, yaw);
     wall(b, 2.0 * wide, (height - z).clamp(0.2, 4.0), 0.3, &[], material);
     b.block(DVec3::new(0.0, 0.3, 0.0), DVec3::new(2.0 * wide, 0.42, 0.12), trim);
     for _ in 0..rng.count(0, 3) {
-        b.thing(origin, yaw);
+        b.instance(origin, yaw);
         let x = rng.within(1.0, 2.0 * wide - 1.0);
         picture(b, rng, DVec3::new(x, 0.3, 1.5));
     }
@@ -134,8 +131,7 @@ fn facade(b: &mut Builder, rng: &mut Rng, half: DVec3, height: f64, side: u8) {
 
 fn bench(b: &mut Builder, rng: &mut Rng) {
     let [light, dark] = rng.wood();
-    let slats = matt(rng, Pattern::Planks { a: light, b: dark, width: 0.5, length: 5.0 });
-    let slats = b.material(slats);
+    let slats = b.material(matte(rng, Pattern::Planks { a: light, b: dark, width: 0.5, length: 5.0 }));
     for slat in 0..5 {
         let y = 0.1 * f64::from(slat);
         b.block(DVec3::new(-0.9, y, 0.43), DVec3::new(0.9, y + 0.08, 0.46), slats);
@@ -150,8 +146,7 @@ fn bench(b: &mut Builder, rng: &mut Rng) {
 
 fn hedge(b: &mut Builder, rng: &mut Rng) {
     let [a, dark] = rng.leaves();
-    let leaves = matt(rng, Pattern::Grain { a, b: dark * 0.3, feature: 0.04, octaves: 4 });
-    let leaves = b.material(leaves);
+    let leaves = b.material(matte(rng, Pattern::Grain { a, b: dark * 0.3, feature: 0.04, octaves: 4 }));
     let half = DVec3::new(rng.within(0.6, 2.0), rng.within(0.2, 0.4), rng.within(0.3, 0.7));
     b.put(Form::Box(half), DVec3::Z * half.z, leaves);
     for _ in 0..60 {
@@ -162,25 +157,21 @@ fn hedge(b: &mut Builder, rng: &mut Rng) {
 }
 
 fn lamp_post(b: &mut Builder, rng: &mut Rng) {
-    let iron = glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.08);
-    let iron = b.material(iron);
-    let globe = glossy(rng, Pattern::Plain(Vec3::splat(0.8)), 0.04);
-    let globe = b.material(globe);
+    let iron = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.03)), 0.08));
+    let globe = b.material(glossy(rng, Pattern::Plain(Vec3::splat(0.8)), 0.04));
     let height = rng.within(2.6, 3.6);
     rod(b, DVec3::ZERO, DVec3::Z * height, 0.04, iron);
     b.put(Form::Cylinder { radius: 0.1, half_height: 0.15 }, DVec3::Z * 0.15, iron);
     b.put(Form::Ball(0.18), DVec3::Z * (height + 0.15), globe);
 }
 
-/// A notice on two posts.
+/// A notice board on two posts.
 fn board(b: &mut Builder, rng: &mut Rng) {
     let [light, dark] = rng.wood();
-    let post = matt(rng, Pattern::Planks { a: light, b: dark, width: 0.2, length: 3.0 });
-    let post = b.material(post);
+    let post = b.material(matte(rng, Pattern::Planks { a: light, b: dark, width: 0.2, length: 3.0 }));
     let [ink, paper] = rng.pair();
     let half = Vec2::new(0.6, 0.4);
-    let notice = matt(rng, Pattern::Text { ink: ink * 0.2, paper, half, line: 0.09 });
-    let notice = b.material(notice);
+    let notice = b.material(matte(rng, Pattern::Text { ink: ink * 0.2, paper, half, line: 0.09 }));
     for x in [-0.55, 0.55] {
         rod(b, DVec3::new(x, 0.0, 0.0), DVec3::new(x, 0.0, 1.7), 0.035, post);
     }
@@ -189,14 +180,12 @@ fn board(b: &mut Builder, rng: &mut Rng) {
 
 fn fountain(b: &mut Builder, rng: &mut Rng) {
     let [stone, dark] = rng.stone();
-    let rock = matt(rng, Pattern::Grain { a: stone, b: dark, feature: 0.08, octaves: 6 });
-    let rock = b.material(rock);
-    let water = glossy(
+    let rock = b.material(matte(rng, Pattern::Grain { a: stone, b: dark, feature: 0.08, octaves: 6 }));
+    let water = b.material(glossy(
         rng,
         Pattern::Grain { a: Vec3::new(0.05, 0.12, 0.14), b: Vec3::splat(0.03), feature: 0.1, octaves: 3 },
         0.1,
-    );
-    let water = b.material(water);
+    ));
     for stone in 0..20 {
         let angle = f64::from(stone) * std::f64::consts::TAU / 20.0;
         let place = DVec3::new(1.3 * angle.cos(), 1.3 * angle.sin(), 0.25);
@@ -211,11 +200,9 @@ fn fountain(b: &mut Builder, rng: &mut Rng) {
 
 fn sculpture(b: &mut Builder, rng: &mut Rng) {
     let [stone, dark] = rng.stone();
-    let plinth = matt(rng, Pattern::Grain { a: stone, b: dark, feature: 0.2, octaves: 6 });
-    let plinth = b.material(plinth);
+    let plinth = b.material(matte(rng, Pattern::Grain { a: stone, b: dark, feature: 0.2, octaves: 6 }));
     let [x, y] = rng.pair();
-    let body = glossy(rng, Pattern::Marble { a: x, b: y, feature: 0.3 }, 0.06);
-    let body = b.material(body);
+    let body = b.material(glossy(rng, Pattern::Marble { a: x, b: y, feature: 0.3 }, 0.06));
     b.put(Form::Box(DVec3::new(0.4, 0.4, 0.4)), DVec3::Z * 0.4, plinth);
     let mut z = 0.8;
     for _ in 0..rng.count(2, 5) {

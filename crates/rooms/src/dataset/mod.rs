@@ -1,6 +1,5 @@
-//! Simulated scenes as datasets, in the layouts that loaders of the field read.
+//! Simulated scenes as datasets, in published layouts.
 
-mod files;
 mod nerfstudio;
 mod re10k;
 
@@ -16,25 +15,24 @@ use serde::Serialize;
 
 use crate::effects::CalledEffect;
 use crate::{Request, RoomsError, SceneKind, Simulation, Split};
-use files::{make_folder, write_file};
 
-/// How a dataset lies on disk.
+/// Layout of a dataset on disk.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Layout {
-    /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Its rows have no place for a lens.
+    /// `<split>/<key>.txt` and `<split>/<key>/<timestamp>.jpg`. Cannot store lenses.
     Re10k,
-    /// `<split>/000000.torch` and `<split>/index.json`, as pixelSplat's loader reads. Without a lens too.
+    /// `<split>/000000.torch` and `<split>/index.json`, as pixelSplat's loader reads. Cannot store lenses.
     Chunks,
-    /// `<key>/nerfstudio/transforms.json` and `images/`, as DL3DV.
+    /// `<key>/nerfstudio/transforms.json` and `images/`, like DL3DV.
     Nerfstudio,
 }
 
-/// How pictures are encoded.
+/// Encoding of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum PictureCoding {
-    /// Of this quality, 1 to 100: what RE10K holds.
+    /// JPEG of this quality, 1 to 100, like RE10K.
     Jpeg(u8),
-    /// Lossless: what DL3DV holds.
+    /// PNG, lossless, like DL3DV.
     Png,
 }
 
@@ -47,12 +45,12 @@ impl PictureCoding {
     }
 }
 
-/// How a dataset is written.
+/// Options for writing a dataset.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct WriteOptions {
-    /// How it lies on disk.
+    /// Layout on disk.
     pub layout: Layout,
-    /// How pictures are encoded.
+    /// Encoding of pictures.
     pub coding: PictureCoding,
     /// Whether to write `depth/<key>/<frame>.exr`, the channel `Z`.
     pub depth: bool,
@@ -63,23 +61,23 @@ pub struct WriteOptions {
 pub struct ManifestScene {
     /// The scene's name.
     pub key: String,
-    /// What kind of place.
+    /// Kind of scene.
     pub kind: SceneKind,
-    /// What it is for.
+    /// Split of the scene.
     pub split: Split,
-    /// Which scene of the split.
+    /// Number of the scene within the split.
     pub number: u32,
-    /// How many frames.
+    /// Number of frames.
     pub frames: usize,
-    /// Columns and rows.
+    /// Columns of each picture.
     pub width: u32,
-    /// Rows.
+    /// Rows of each picture.
     pub height: u32,
-    /// Rays a pixel.
+    /// Rays per pixel.
     pub samples: u32,
-    /// Share of the drawn speed that fitted the scene.
+    /// Camera speed as a share of the drawn speed ([`Simulation::slowed_to`]).
     pub slowed_to: f64,
-    /// The effects that ran, and why.
+    /// The effects that ran, with reasons.
     pub effects: Vec<CalledEffect>,
 }
 
@@ -90,7 +88,7 @@ struct Manifest<'a> {
     scenes: &'a [ManifestScene],
 }
 
-/// Renders all frames of a simulation and encodes them, as a scene that every writer and loader takes.
+/// Renders and encodes all frames of a simulation, as a scene for any writer.
 ///
 /// # Errors
 /// As [`Simulation::picture`], and [`RoomsError::Pixels`] for a JPEG quality outside 1 to 100.
@@ -117,19 +115,19 @@ pub fn encoded_scene(simulation: &Simulation, coding: PictureCoding) -> Result<S
     Ok(Scene { key: simulation.key(), url: None, frames })
 }
 
-/// Simulates scenes one after another into a dataset and its `manifest.json`, which is written last: a folder
-/// without one is not whole. `told` hears of each scene once it is written.
+/// Simulates scenes one after another into a dataset and its `manifest.json`, which is written last: a folder without it is
+/// incomplete. `on_scene` is called after each scene.
 ///
-/// A lens that the layout has no place for is counted in `warnings`.
+/// Lenses that the layout cannot store are counted in `warnings`.
 ///
 /// # Errors
-/// [`RoomsError::Io`], [`RoomsError::Scene`] where the folder already holds chunks, and as [`Simulation::new`].
+/// [`RoomsError::Io`], [`RoomsError::Scene`] if the folder already holds chunks, and as [`Simulation::new`].
 pub fn write_dataset(
     folder: &Path,
     requests: impl IntoIterator<Item = Request>,
     options: &WriteOptions,
     warnings: &mut Warnings,
-    mut told: impl FnMut(&Simulation, &ManifestScene),
+    mut on_scene: impl FnMut(&Simulation, &ManifestScene),
 ) -> Result<Vec<ManifestScene>, RoomsError> {
     make_folder(folder)?;
     let mut chunks: Vec<(Split, ChunkWriter)> = Vec::new();
@@ -142,21 +140,22 @@ pub fn write_dataset(
             Layout::Re10k => re10k::write(folder, split, &scene, options.coding, warnings)?,
             Layout::Nerfstudio => nerfstudio::write(folder, &scene, options.coding, simulation.request().size)?,
             Layout::Chunks => {
-                if chunks.iter().all(|(held, _)| *held != split) {
-                    let writer = ChunkWriter::create(folder.join(split.to_string()), ChunkWriter::TARGET_BYTES)?;
-                    chunks.push((split, writer));
-                }
-                let stored = ChunkScene::from_scene(&scene, warnings)?;
-                if let Some((_, writer)) = chunks.iter_mut().find(|(held, _)| *held == split) {
-                    writer.push(stored)?;
-                }
+                let writer = match chunks.iter().position(|(of, _)| *of == split) {
+                    Some(open) => open,
+                    None => {
+                        let writer = ChunkWriter::create(folder.join(split.to_string()), ChunkWriter::TARGET_BYTES)?;
+                        chunks.push((split, writer));
+                        chunks.len() - 1
+                    }
+                };
+                chunks[writer].1.push(ChunkScene::from_scene(&scene, warnings)?)?;
             }
         }
         if options.depth {
             write_depth(folder, &simulation, &scene, options.layout)?;
         }
         let entry = entry(&simulation);
-        told(&simulation, &entry);
+        on_scene(&simulation, &entry);
         written.push(entry);
     }
     for (_, writer) in chunks {
@@ -171,6 +170,24 @@ pub fn write_dataset(
     })?;
     write_file(&path, &json)?;
     Ok(written)
+}
+
+fn make_folder(folder: &Path) -> Result<(), RoomsError> {
+    let io = |source| RoomsError::Io { action: "creating", path: folder.to_owned(), source };
+    std::fs::create_dir_all(folder).map_err(io)
+}
+
+fn write_file(path: &Path, bytes: &[u8]) -> Result<(), RoomsError> {
+    let io = |source| RoomsError::Io { action: "writing", path: path.to_owned(), source };
+    atsplat_files::write_unsynced(path, bytes).map_err(io)
+}
+
+/// The encoded picture of a frame of [`encoded_scene`].
+fn encoded(frame: &Frame) -> &[u8] {
+    match &frame.picture {
+        Picture::Encoded(bytes) => bytes,
+        other => unreachable!("the frames of `encoded_scene` are encoded, not {other:?}"),
+    }
 }
 
 fn entry(simulation: &Simulation) -> ManifestScene {

@@ -4,16 +4,15 @@ use atsplat_camera::{Camera, Distortion, ImageSize};
 use atsplat_scene::Scene;
 use serde_json::{Value, json};
 
-use super::PictureCoding;
-use super::files::{encoded, make_folder, write_file};
+use super::{PictureCoding, encoded, make_folder, write_file};
 use crate::RoomsError;
 
-/// Pictures are numbered from 1, as DL3DV's are.
+/// File name of a picture without extension, numbered from 1 as in DL3DV.
 pub(super) fn stem(position: usize) -> String {
     format!("frame_{:05}", position + 1)
 }
 
-/// `<key>/nerfstudio/transforms.json` and `images/` beside it. Poses are camera-to-world with OpenGL axes.
+/// Writes `<key>/nerfstudio/transforms.json` and `images/` next to it. Poses are camera-to-world with OpenGL axes.
 pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureCoding, size: ImageSize) -> Result<(), RoomsError> {
     let folder = folder.join(&scene.key).join("nerfstudio");
     make_folder(&folder.join("images"))?;
@@ -26,13 +25,8 @@ pub(super) fn write(folder: &Path, scene: &Scene, coding: PictureCoding, size: I
         matrix.push([0.0, 0.0, 0.0, 1.0]);
         frames.push(json!({ "file_path": file, "transform_matrix": matrix }));
     }
-    let mut root = match scene.frames.first() {
-        Some(frame) => lens(&frame.camera, size),
-        None => json!({}),
-    };
-    if let Some(fields) = root.as_object_mut() {
-        fields.insert("frames".to_owned(), Value::Array(frames));
-    }
+    let mut root = lens(&scene.frames[0].camera, size);
+    root["frames"] = Value::Array(frames);
     let path = folder.join("transforms.json");
     let text = serde_json::to_vec_pretty(&root).map_err(|source| RoomsError::Io {
         action: "writing",

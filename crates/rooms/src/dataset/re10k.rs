@@ -4,11 +4,11 @@ use atsplat_camera::Distortion;
 use atsplat_scene::re10k::{Trajectory, TrajectoryRow, write_trajectory};
 use atsplat_scene::{Scene, WarningKind, Warnings};
 
-use super::PictureCoding;
-use super::files::{encoded, make_folder, write_file};
+use super::{PictureCoding, encoded, make_folder, write_file};
 use crate::{RoomsError, Split};
 
-/// `<split>/<key>.txt`, and pictures named by their timestamps in `<split>/<key>/`.
+/// Writes `<split>/<key>.txt`, and pictures named by their timestamps in `<split>/<key>/`.
+#[expect(clippy::expect_used, reason = "every simulated frame has a timestamp")]
 pub(super) fn write(
     folder: &Path,
     split: Split,
@@ -23,10 +23,10 @@ pub(super) fn write(
         write_file(&pictures.join(format!("{}.{}", frame.name, coding.extension())), encoded(frame))?;
     }
     if scene.frames.iter().any(|frame| frame.camera.distortion != Distortion::None) {
-        warnings.push(WarningKind::LensDistortion, &scene.key, "an RE10K trajectory has no place for it".to_owned());
+        warnings.push(WarningKind::LensDistortion, &scene.key, "an RE10K trajectory cannot store it".to_owned());
     }
     let rows = scene.frames.iter().map(|frame| TrajectoryRow {
-        timestamp_micros: frame.timestamp_micros.unwrap_or_default(),
+        timestamp_micros: frame.timestamp_micros.expect("a timestamp"),
         intrinsics: frame.camera.intrinsics,
         radial: [0.0; 2],
         camera_from_world: frame.camera.camera_from_world,

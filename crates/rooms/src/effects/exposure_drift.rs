@@ -1,10 +1,10 @@
-//! Automatic exposure: a slow swing of the gain along the walk.
+//! Automatic exposure: a slow oscillation of the gain along the path.
 
 use glam::Vec3;
 
-use super::{Case, Conditions, Effect, EffectKind, TOLERANCE};
+use super::{Conditions, Effect, EffectKind, SceneContext, TOLERANCE};
+use crate::path::Shot;
 use crate::rng::{mix, unit_from_bits};
-use crate::shot::Shot;
 
 #[derive(Debug)]
 pub(super) struct ExposureDrift {
@@ -14,7 +14,7 @@ pub(super) struct ExposureDrift {
 }
 
 /// A change of one stop moves a display-referred value by at most ln 2 / 2.4, at white.
-pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
     let stops = case.conditions.drift;
     let change = stops * std::f64::consts::LN_2 / 2.4;
     (change > TOLERANCE).then(|| format!("the exposure swings by ±{stops:.2} stops"))

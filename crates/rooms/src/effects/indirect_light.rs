@@ -1,31 +1,31 @@
-//! Light of the sky and two bounces, kept on a grid of points: at each, what arrives from six sides (an "ambient cube").
+//! Light of the sky and two bounces on a grid of points, each with the light from six sides (an "ambient cube").
 
 use glam::{DVec3, Vec3};
 use rayon::prelude::*;
 
-use super::{Case, Effect, EffectKind};
+use super::{Effect, EffectKind, SceneContext};
 use crate::rng::sphere_point;
 use crate::world::World;
 
-/// What arrives from +x, −x, +y, −y, +z, −z: irradiance over π; `None` inside a solid.
-type Cube = Option<[Vec3; 6]>;
+/// Irradiance / π from +x, −x, +y, −y, +z, −z; `None` inside a solid.
+type AmbientCube = Option<[Vec3; 6]>;
 
 #[derive(Debug)]
 pub(super) struct IndirectLight {
     low: DVec3,
     step: DVec3,
     count: [usize; 3],
-    cubes: Vec<Cube>,
+    cubes: Vec<AmbientCube>,
     share: f32,
 }
 
 /// Rays from each point of the grid.
 const RAYS: u32 = 128;
-/// Distance of the grid's points at best, in metres, and points at most on a side.
+/// Smallest distance of grid points, in metres, and largest number of points per axis.
 const STEP: f64 = 0.6;
-const LARGEST: usize = 14;
+const MAX_POINTS: usize = 14;
 
-pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
     let share = case.conditions.bounce;
     (share > 0.0).then(|| "surfaces light each other".to_owned())
 }
@@ -35,7 +35,7 @@ impl IndirectLight {
         let [low, high] = world.space;
         let side = high - low;
         #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "clamped to a small count")]
-        let points = |length: f64| ((length / STEP).ceil() as usize + 1).clamp(2, LARGEST);
+        let points = |length: f64| ((length / STEP).ceil() as usize + 1).clamp(2, MAX_POINTS);
         let count = [points(side.x), points(side.y), points(side.z)];
         let step = side / DVec3::new((count[0] - 1) as f64, (count[1] - 1) as f64, (count[2] - 1) as f64);
         #[expect(clippy::cast_possible_truncation, reason = "a share")]
@@ -49,20 +49,20 @@ impl IndirectLight {
 
     fn place(&self, at: usize) -> DVec3 {
         let [x, y, _] = self.count;
-        // Points on the border would lie within the walls.
+        // Points on the border would lie inside the walls.
         let inset = |at: usize, count: usize| (at as f64).clamp(0.15, (count - 1) as f64 - 0.15);
         let steps = DVec3::new(inset(at % x, x), inset(at / x % y, y), inset(at / (x * y), self.count[2]));
         self.low + self.step * steps
     }
 
-    fn cube(&self, world: &World, at: usize) -> Cube {
+    fn cube(&self, world: &World, at: usize) -> AmbientCube {
         let origin = self.place(at);
         if world.clearance(origin) <= 0.0 {
             return None;
         }
         let mut cube = [Vec3::ZERO; 6];
         for ray in 0..RAYS {
-            // Fibonacci's lattice on the sphere.
+            // Fibonacci lattice on the sphere.
             let turn = (f64::from(ray) * 0.618_033_988_749_895).fract();
             let direction = sphere_point(glam::DVec2::new((f64::from(ray) + 0.5) / f64::from(RAYS), turn));
             let light = self.arriving(world, origin, direction);
@@ -80,18 +80,18 @@ impl IndirectLight {
         let Some(surface) = world.trace(origin, direction) else {
             return world.sky.radiance(direction, 0.1);
         };
-        let Some(material) = world.material(&surface) else { return Vec3::ZERO };
+        let material = world.material(&surface);
         let lamps = world.lamps.iter().map(|lamp| {
             let reached = lamp.reaches(surface.point, surface.normal);
-            let way = lamp.towards(surface.point, glam::DVec2::splat(0.5));
-            if reached.max_element() <= 0.0 || world.blocked(surface.leave(), way) { Vec3::ZERO } else { reached }
+            let to_lamp = lamp.towards(surface.point, glam::DVec2::splat(0.5));
+            if reached.max_element() <= 0.0 || world.blocked(surface.leave(), to_lamp) { Vec3::ZERO } else { reached }
         });
-        let passed_on = self.at(surface.point, surface.normal).unwrap_or(Vec3::ZERO);
-        // Lamps give their light themselves; their bodies must not give it a second time.
-        material.albedo(&surface.spot(0.3)) * (lamps.sum::<Vec3>() + passed_on)
+        let indirect = self.at(surface.point, surface.normal).unwrap_or(Vec3::ZERO);
+        // Emission is excluded: lamps already give their light, and their bodies must not add it again.
+        material.albedo(&surface.texture_point(0.3)) * (lamps.sum::<Vec3>() + indirect)
     }
 
-    /// Trilinear over the points that are not inside solids, a little off the surface.
+    /// Trilinear interpolation over the points outside solids, slightly off the surface.
     fn at(&self, point: DVec3, normal: DVec3) -> Option<Vec3> {
         if self.cubes.is_empty() {
             return None;

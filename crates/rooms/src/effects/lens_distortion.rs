@@ -1,18 +1,18 @@
-//! Radial distortion by OpenCV's model.
+//! Radial distortion in OpenCV's model.
 
 use atsplat_camera::Distortion;
 
-use super::{Case, Conditions, Effect, EffectKind};
+use super::{Conditions, Effect, EffectKind, SceneContext};
 
 #[derive(Debug)]
 pub(super) struct LensDistortion {
     lens: Distortion,
 }
 
-/// Displacement of the corner of a picture 256 pixels wide below which a lens counts as straight, in pixels.
+/// Largest displacement of the corner of a picture 256 pixels wide that counts as no distortion, in pixels.
 const STRAIGHT: f64 = 0.05;
 
-pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
     let [k1, k2] = case.conditions.lens;
     let k = case.shots.first()?.camera.intrinsics;
     let squared = (0.5 / k.fx).powi(2) + (0.5 / k.fy).powi(2);

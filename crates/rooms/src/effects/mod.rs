@@ -1,5 +1,5 @@
-//! What rendering may skip. Each effect is one file behind [`Effect`]; a scene carries the ones that can change
-//! its pictures by more than [`TOLERANCE`], with the reason, and pays for no other.
+//! Optional effects of rendering. Each effect is one file behind [`Effect`]; a scene runs only those that can change its
+//! pictures by more than [`TOLERANCE`], with the reason.
 
 mod exposure_drift;
 mod indirect_light;
@@ -16,13 +16,13 @@ use glam::{DVec2, DVec3, Vec3};
 use serde::{Deserialize, Serialize};
 
 use crate::lamp::Lamp;
-use crate::shot::Shot;
+use crate::path::Shot;
 use crate::world::{Surface, World};
 
-/// The change of a display-referred value that is too small to call for an effect: half a step of 8 bits.
+/// Largest change of a display-referred value that does not call for an effect: half a step of 8 bits.
 pub const TOLERANCE: f64 = 0.5 / 255.0;
 
-/// What a camera does to a picture of this scene, and how the scene is lit; drawn from the seed.
+/// Parameters of the camera's effects and of the lighting, drawn from the scene's seed.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Conditions {
     /// Radial distortion k1, k2.
@@ -33,7 +33,7 @@ pub(crate) struct Conditions {
     pub noise: f64,
     /// Swing of the automatic exposure, in stops.
     pub drift: f64,
-    /// Share of indirect light that follows the room, the rest is even as in fused exposures.
+    /// Share of indirect light that varies in space; the rest is uniform, as in fused exposures.
     pub bounce: f64,
     pub seed: u64,
 }
@@ -42,24 +42,24 @@ pub(crate) struct Conditions {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum EffectKind {
-    /// Lamps are hidden behind things, in part.
+    /// Shadows of lamps, with penumbrae.
     SoftShadows,
-    /// Floors, screens and metal mirror.
+    /// Reflections of floors, screens and metal.
     SpecularReflection,
-    /// Light that other surfaces pass on.
+    /// Light reflected by other surfaces.
     IndirectLight,
-    /// Automatic exposure that follows the walk.
+    /// Automatic exposure that changes along the path.
     ExposureDrift,
-    /// Straight lines bend.
+    /// Radial lens distortion.
     LensDistortion,
-    /// The shutter is open while the camera moves.
+    /// Blur from camera motion while the shutter is open.
     MotionBlur,
-    /// Photons and electronics.
+    /// Noise of photons and electronics.
     SensorNoise,
 }
 
 impl EffectKind {
-    /// All effects, in the order in which they are asked.
+    /// All effects, in the order in which they are applied.
     pub const ALL: [Self; 7] = [
         Self::SoftShadows,
         Self::SpecularReflection,
@@ -69,9 +69,7 @@ impl EffectKind {
         Self::MotionBlur,
         Self::SensorNoise,
     ];
-}
 
-impl EffectKind {
     /// The name in files and on command lines.
     pub const fn name(self) -> &'static str {
         match self {
@@ -88,40 +86,32 @@ impl EffectKind {
 
 impl fmt::Display for EffectKind {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::SoftShadows => "soft shadows",
-            Self::SpecularReflection => "specular reflection",
-            Self::IndirectLight => "indirect light",
-            Self::ExposureDrift => "exposure drift",
-            Self::LensDistortion => "lens distortion",
-            Self::MotionBlur => "motion blur",
-            Self::SensorNoise => "sensor noise",
-        })
+        f.write_str(&self.name().replace('-', " "))
     }
 }
 
-/// Which effects to run.
+/// Choice of effects.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum EffectChoice {
-    /// Those that the scene calls for.
+    /// The effects that the scene calls for.
     #[default]
     Auto,
-    /// Every one, called for or not.
+    /// All effects.
     All,
-    /// None.
+    /// No effects.
     None,
-    /// These, called for or not.
+    /// Exactly these effects.
     Only(Vec<EffectKind>),
 }
 
-/// One random draw of one sample of one pixel.
+/// Identifies a sample of a pixel, for random draws.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Dice {
+pub(crate) struct PixelSample {
     pub pixel: u64,
     pub sample: u32,
 }
 
-/// One thing that rendering may skip. Each method is one stage; an effect takes part in one of them.
+/// An optional effect. Each method is one stage of rendering; an effect implements one of them.
 pub(crate) trait Effect: fmt::Debug + Send + Sync {
     fn kind(&self) -> EffectKind;
 
@@ -136,36 +126,36 @@ pub(crate) trait Effect: fmt::Debug + Send + Sync {
     }
 
     /// Share of a lamp that a surface sees.
-    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _dice: Dice) -> Option<f32> {
+    fn visibility(&self, _world: &World, _lamp: &Lamp, _surface: &Surface, _dice: PixelSample) -> Option<f32> {
         None
     }
 
-    /// Irradiance over π from everything but lamps.
+    /// Irradiance / π from everything except lamps.
     fn ambient(&self, _world: &World, _point: DVec3, _normal: DVec3) -> Option<Vec3> {
         None
     }
 
-    /// Whether to follow mirrored rays.
+    /// Whether reflected rays are traced.
     fn mirrors(&self) -> bool {
         false
     }
 
-    /// A pixel's linear light as the sensor counts it, 1 being white.
+    /// A pixel's linear light as measured by the sensor; 1 is white.
     fn develop(&self, _shot: &Shot, _pixel: u64, light: Vec3) -> Vec3 {
         light
     }
 }
 
-/// An effect that a scene runs, and why.
+/// An effect that a scene runs, with the reason.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 pub struct CalledEffect {
-    /// Which.
+    /// The effect.
     pub effect: EffectKind,
-    /// In words, with the figure that decided.
+    /// The reason, with the deciding number.
     pub reason: String,
 }
 
-/// The effects of one scene, sorted by stage.
+/// The effects of one scene.
 #[derive(Debug)]
 pub(crate) struct Effects {
     running: Vec<Box<dyn Effect>>,
@@ -177,15 +167,15 @@ pub(crate) struct Effects {
     pub shutter: f64,
 }
 
-/// What effects are decided from.
-pub(crate) struct Case<'a> {
+/// The scene properties that decide which effects run.
+pub(crate) struct SceneContext<'a> {
     pub world: &'a World,
     pub conditions: &'a Conditions,
     pub shots: &'a [Shot],
 }
 
 impl Effects {
-    pub(crate) fn choose(case: &Case<'_>, choice: &EffectChoice) -> Self {
+    pub(crate) fn choose(case: &SceneContext<'_>, choice: &EffectChoice) -> Self {
         let mut effects = Self {
             running: Vec::new(),
             called: Vec::new(),
@@ -198,19 +188,19 @@ impl Effects {
         for effect in EffectKind::ALL {
             let reason = match choice {
                 EffectChoice::Auto => called_for(effect, case),
-                EffectChoice::All => Some("asked for with all others".to_owned()),
-                EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("asked for".to_owned()),
+                EffectChoice::All => Some("requested with all others".to_owned()),
+                EffectChoice::Only(kinds) if kinds.contains(&effect) => Some("requested".to_owned()),
                 EffectChoice::None | EffectChoice::Only(_) => None,
             };
             if let Some(reason) = reason {
                 effects.called.push(CalledEffect { effect, reason });
-                effects.take(build(effect, case));
+                effects.add(build(effect, case));
             }
         }
         effects
     }
 
-    fn take(&mut self, effect: Box<dyn Effect>) {
+    fn add(&mut self, effect: Box<dyn Effect>) {
         let at = Some(self.running.len());
         match effect.kind() {
             EffectKind::SoftShadows => self.shadows = at,
@@ -227,7 +217,7 @@ impl Effects {
         self.running.get(index?).map(AsRef::as_ref)
     }
 
-    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: Dice) -> f32 {
+    pub(crate) fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: PixelSample) -> f32 {
         self.at(self.shadows).and_then(|effect| effect.visibility(world, lamp, surface, dice)).unwrap_or(1.0)
     }
 
@@ -240,7 +230,7 @@ impl Effects {
     }
 }
 
-fn called_for(effect: EffectKind, case: &Case<'_>) -> Option<String> {
+fn called_for(effect: EffectKind, case: &SceneContext<'_>) -> Option<String> {
     match effect {
         EffectKind::SoftShadows => soft_shadows::called_for(case),
         EffectKind::SpecularReflection => specular_reflection::called_for(case),
@@ -252,7 +242,7 @@ fn called_for(effect: EffectKind, case: &Case<'_>) -> Option<String> {
     }
 }
 
-fn build(effect: EffectKind, case: &Case<'_>) -> Box<dyn Effect> {
+fn build(effect: EffectKind, case: &SceneContext<'_>) -> Box<dyn Effect> {
     let conditions = case.conditions;
     match effect {
         EffectKind::SoftShadows => Box::new(soft_shadows::SoftShadows),
@@ -265,8 +255,8 @@ fn build(effect: EffectKind, case: &Case<'_>) -> Box<dyn Effect> {
     }
 }
 
-/// Two numbers in [0, 1) of a cell of a 2×2 grid that moves on from sample to sample.
-fn stratified(dice: Dice, salt: u64) -> DVec2 {
+/// A stratified point in [0, 1)²: consecutive samples of a pixel cycle through the cells of a 2×2 grid.
+fn stratified(dice: PixelSample, salt: u64) -> DVec2 {
     let bits = crate::rng::mix(dice.pixel ^ salt.rotate_left(40) ^ (u64::from(dice.sample) << 56));
     let jitter = DVec2::new(
         crate::rng::unit_from_bits(bits),

@@ -1,10 +1,10 @@
-//! Noise whose variance grows with light, as photons do, over a floor of the electronics.
+//! Sensor noise: photon noise, whose variance grows with light, over an electronic noise floor.
 
 use glam::Vec3;
 
-use super::{Case, Conditions, Effect, EffectKind, TOLERANCE};
+use super::{Conditions, Effect, EffectKind, SceneContext, TOLERANCE};
+use crate::path::Shot;
 use crate::rng::{mix, unit_from_bits};
-use crate::shot::Shot;
 
 #[derive(Debug)]
 pub(super) struct SensorNoise {
@@ -12,8 +12,8 @@ pub(super) struct SensorNoise {
     seed: u64,
 }
 
-/// At mid grey a deviation of linear light is 1.2 times as large after encoding.
-pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+/// At mid grey, encoding enlarges a deviation of linear light by 1.2.
+pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
     let sigma = case.conditions.noise;
     (1.2 * sigma > TOLERANCE).then(|| format!("σ = {sigma:.3} of white"))
 }
@@ -32,7 +32,7 @@ impl Effect for SensorNoise {
     #[expect(clippy::cast_possible_truncation, reason = "a deviation of a few per cent")]
     fn develop(&self, shot: &Shot, pixel: u64, light: Vec3) -> Vec3 {
         let key = mix(self.seed ^ shot.timestamp_micros.cast_unsigned()) ^ pixel;
-        // The sum of four uniform numbers is close enough to a normal one, and has no tails.
+        // The sum of four uniform numbers is close to normal and has bounded tails.
         let normal = |channel: u64| {
             let draws = (0..4).map(|draw| unit_from_bits(mix(key ^ (channel << 60) ^ (draw << 56)))).sum::<f64>();
             ((draws - 2.0) * 3f64.sqrt() * self.sigma) as f32

@@ -1,13 +1,13 @@
-//! Shadows with penumbrae: each sample looks at one place of each lamp.
+//! Shadows with penumbrae: each sample tests one point of each lamp.
 
-use super::{Case, Dice, Effect, EffectKind, stratified};
+use super::{Effect, EffectKind, PixelSample, SceneContext, stratified};
 use crate::lamp::Lamp;
 use crate::world::{Surface, World};
 
 #[derive(Debug)]
 pub(super) struct SoftShadows;
 
-pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
     let (lamps, objects) = (case.world.lamps.len(), case.world.objects.len());
     (lamps > 0).then(|| format!("{lamps} lamps among {objects} objects"))
 }
@@ -17,9 +17,9 @@ impl Effect for SoftShadows {
         EffectKind::SoftShadows
     }
 
-    fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: Dice) -> Option<f32> {
+    fn visibility(&self, world: &World, lamp: &Lamp, surface: &Surface, dice: PixelSample) -> Option<f32> {
         let from = surface.leave();
-        let way = lamp.towards(from, stratified(dice, 1));
-        Some(if world.blocked(from, way) { 0.0 } else { 1.0 })
+        let to_lamp = lamp.towards(from, stratified(dice, 1));
+        Some(if world.blocked(from, to_lamp) { 0.0 } else { 1.0 })
     }
 }

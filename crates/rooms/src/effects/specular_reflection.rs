@@ -1,15 +1,13 @@
-//! One mirrored ray from surfaces that are not matt, by Schlick's Fresnel term.
+//! One reflected ray from glossy surfaces, weighted by Schlick's Fresnel term.
 
-use super::{Case, Effect, EffectKind};
+use super::{Effect, EffectKind, SceneContext};
 
 #[derive(Debug)]
 pub(super) struct SpecularReflection;
 
-pub(super) fn called_for(case: &Case<'_>) -> Option<String> {
+pub(super) fn called_for(case: &SceneContext<'_>) -> Option<String> {
     let world = case.world;
-    let is_glossy =
-        |object: &&crate::form::Object| world.materials.get(object.material).is_some_and(|m| m.mirror > 0.0);
-    let glossy = world.objects.iter().filter(is_glossy).count();
+    let glossy = world.objects.iter().filter(|object| world.materials[object.material].mirror > 0.0).count();
     (glossy > 0).then(|| format!("{glossy} of {} objects mirror", world.objects.len()))
 }
 

@@ -12,7 +12,7 @@ fn linear_from_srgb(encoded: f32) -> f32 {
     if encoded <= 0.040_45 { encoded / 12.92 } else { ((encoded + 0.055) / 1.055).powf(2.4) }
 }
 
-/// Linear RGB of hue (in turns), saturation and value as designers pick them.
+/// Linear RGB of a display-referred HSV colour, hue in turns.
 pub(crate) fn from_hsv(hue: f64, saturation: f64, value: f64) -> Vec3 {
     let channel = |shift: f64| {
         let k = (shift + hue.rem_euclid(1.0) * 6.0).rem_euclid(6.0);
@@ -24,19 +24,19 @@ pub(crate) fn from_hsv(hue: f64, saturation: f64, value: f64) -> Vec3 {
     Vec3::new(channel(5.0), channel(3.0), channel(1.0))
 }
 
-/// Colours that belong to kinds of things.
+/// Random colours for kinds of materials.
 pub(crate) trait Palette {
-    /// Wall paint: light, hardly coloured, now and then bold.
+    /// Wall paint: light and weakly saturated, sometimes bold.
     fn paint(&mut self) -> Vec3;
     /// Light and dark grain of one wood.
     fn wood(&mut self) -> [Vec3; 2];
-    /// Any two colours that go together.
+    /// Two matching colours.
     fn pair(&mut self) -> [Vec3; 2];
-    /// Stone, concrete, tile: hardly coloured.
+    /// Light and dark colour of stone, concrete or tile, weakly saturated.
     fn stone(&mut self) -> [Vec3; 2];
     /// Two greens.
     fn leaves(&mut self) -> [Vec3; 2];
-    /// Bits for a material.
+    /// Seed of a material.
     fn seed(&mut self) -> u32;
 }
 
@@ -86,7 +86,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn corners_of_the_colour_solid() {
+    fn pure_hues_have_the_expected_rgb() {
         let close = Tolerance::absolute(1e-6);
         let check = |hue: f64, expected: [f64; 3]| {
             let found = from_hsv(hue, 1.0, 1.0).to_array().map(f64::from);
@@ -100,11 +100,11 @@ mod tests {
     }
 
     #[test]
-    fn encoding_is_undone_by_decoding() {
+    fn srgb_encoding_round_trips() {
         for step in 0..=255u8 {
             let encoded = f32::from(step) / 255.0;
-            let back = srgb_encoded(linear_from_srgb(encoded));
-            Tolerance::F32_ROUND_TRIP.assert([f64::from(back)], [f64::from(encoded)], "sRGB");
+            let round_trip = srgb_encoded(linear_from_srgb(encoded));
+            Tolerance::F32_ROUND_TRIP.assert([f64::from(round_trip)], [f64::from(encoded)], "sRGB");
         }
     }
 }

@@ -7,19 +7,19 @@ fn alternating(x: f32) -> f32 {
     0.25 - (x - (x + 0.5).floor()).abs()
 }
 
-/// Two colours along `x`, one period a unit.
+/// Two colours along `x`, one period per unit.
 pub(super) fn stripes(a: Vec3, b: Vec3, x: f32, footprint: f32) -> Vec3 {
     let share = edge(alternating(x), footprint);
     b.lerp(a, 0.5 + (share - 0.5) * visible(0.5, footprint))
 }
 
-/// Squares, one period a unit.
+/// Squares, one period per unit.
 pub(super) fn checks(a: Vec3, b: Vec3, p: Vec2, footprint: f32) -> Vec3 {
     let (x, y) = (2.0 * edge(alternating(p.x), footprint) - 1.0, 2.0 * edge(alternating(p.y), footprint) - 1.0);
     b.lerp(a, 0.5 + 0.5 * x * y * visible(0.5, footprint))
 }
 
-/// A lattice of flowers of eight petals with a dot between.
+/// A lattice of flowers with eight petals and dots between them.
 pub(super) fn motif(a: Vec3, b: Vec3, p: Vec2, footprint: f32) -> Vec3 {
     let row = p.y.floor();
     let within = Vec2::new(p.x + 0.5 * row - (p.x + 0.5 * row).floor(), p.y - row) - Vec2::splat(0.5);
@@ -32,7 +32,7 @@ pub(super) fn motif(a: Vec3, b: Vec3, p: Vec2, footprint: f32) -> Vec3 {
     a.lerp(b, ink.clamp(0.0, 1.0) * seen + 0.3 * (1.0 - seen))
 }
 
-/// Threads over and under, one period a unit, each thread of its own shade.
+/// Woven threads, one period per unit, each with its own shade.
 #[expect(clippy::cast_possible_truncation, reason = "a surface has few threads")]
 pub(super) fn weave(a: Vec3, b: Vec3, p: Vec2, footprint: f32, seed: u32) -> Vec3 {
     let cell = p.floor();

@@ -1,13 +1,12 @@
-//! What surfaces look like: albedo as a function of the place on them. Colours are linear RGB.
+//! Procedural materials: albedo as a function of texture coordinates. Colours are linear RGB.
 //!
-//! Every pattern knows the pixel's footprint and fades or widens what a pixel cannot show, so that detail is
-//! sharp where it can be seen and does not flicker from view to view where it cannot.
+//! Every pattern takes the pixel's footprint and fades or widens detail that a pixel cannot resolve, so that visible detail
+//! is sharp and the rest does not flicker between views.
 
 mod colour;
 mod fabric;
-mod masonry;
 mod print;
-mod wood;
+mod tiling;
 
 use glam::{Vec2, Vec3};
 
@@ -15,27 +14,27 @@ pub(crate) use colour::{Palette, from_hsv, srgb_encoded};
 
 use crate::noise::fractal_noise;
 
-/// A place on a surface.
+/// A point on a surface.
 #[derive(Clone, Copy, Debug)]
-pub(crate) struct Spot {
-    /// On the surface, in metres.
+pub(crate) struct TexturePoint {
+    /// Surface coordinates, in metres.
     pub uv: Vec2,
-    /// In the object's frame, in metres.
+    /// Position in the object's frame, in metres.
     pub local: Vec3,
-    /// Width of a pixel there, in metres.
+    /// Width of a pixel at the point, in metres.
     pub footprint: f32,
 }
 
 /// How albedo varies over a surface. Lengths in metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) enum Pattern {
-    /// One colour, as walls that reconstruction finds nothing on.
+    /// One colour, like textureless walls.
     Plain(Vec3),
     /// Two colours mixed by fractal noise: plaster, concrete, carpet, grass, gravel, bark.
     Grain { a: Vec3, b: Vec3, feature: f32, octaves: u32 },
-    /// Folded noise: veins.
+    /// Veins of folded noise.
     Marble { a: Vec3, b: Vec3, feature: f32 },
-    /// Boards with grain, staggered.
+    /// Staggered boards with grain.
     Planks { a: Vec3, b: Vec3, width: f32, length: f32 },
     /// Tiles, bricks or slabs of slightly different colours in grout; each row is shifted by a share of a tile.
     Tiles { a: Vec3, b: Vec3, grout: Vec3, size: Vec2, gap: f32, shift: f32 },
@@ -45,36 +44,36 @@ pub(crate) enum Pattern {
     Checks { a: Vec3, b: Vec3, period: f32 },
     /// A lattice of flowers.
     Motif { a: Vec3, b: Vec3, period: f32 },
-    /// Threads over and under.
+    /// Woven threads.
     Weave { a: Vec3, b: Vec3, period: f32 },
-    /// A painting that fills a panel of these half sides.
+    /// A painting that fills a panel with these half sides.
     Painting { half: Vec2 },
-    /// Lines of glyphs on a panel of these half sides.
+    /// Lines of glyphs on a panel with these half sides.
     Text { ink: Vec3, paper: Vec3, half: Vec2, line: f32 },
     /// Spines of books along u.
     Books { height: f32 },
 }
 
-/// A surface: its colour, how it mirrors, what it gives off.
+/// Material of a surface: albedo, specular reflection and emission.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Material {
     pub pattern: Pattern,
-    /// Share of light mirrored at right angles; 0 for a matt surface.
+    /// Specular reflectance at normal incidence; 0 for a matte surface.
     pub mirror: f32,
-    /// Radiance given off.
+    /// Emitted radiance.
     pub emission: Vec3,
-    /// What tells two surfaces of one pattern apart.
+    /// Seed that distinguishes surfaces with the same pattern.
     pub seed: u32,
 }
 
 impl Material {
-    pub(crate) const fn matt(pattern: Pattern, seed: u32) -> Self {
+    pub(crate) const fn matte(pattern: Pattern, seed: u32) -> Self {
         Self { pattern, mirror: 0.0, emission: Vec3::ZERO, seed }
     }
 
     /// Linear albedo, in [0, 1].
-    pub(crate) fn albedo(&self, spot: &Spot) -> Vec3 {
-        let Spot { uv, footprint, .. } = *spot;
+    pub(crate) fn albedo(&self, spot: &TexturePoint) -> Vec3 {
+        let TexturePoint { uv, footprint, .. } = *spot;
         let colour = match self.pattern {
             Pattern::Plain(colour) => return colour,
             Pattern::Grain { a, b, feature, octaves } => {
@@ -85,9 +84,9 @@ impl Material {
                 let n = fractal_noise(spot.local / feature, 6, footprint / feature, self.seed);
                 a.lerp(b, (1.0 - 6.0 * n.abs()).clamp(0.0, 1.0))
             }
-            Pattern::Planks { a, b, width, length } => wood::planks([a, b], width, length, spot, self.seed),
+            Pattern::Planks { a, b, width, length } => tiling::planks([a, b], width, length, spot, self.seed),
             Pattern::Tiles { a, b, grout, size, gap, shift } => {
-                masonry::tiles([a, b, grout], size, gap, shift, spot, self.seed)
+                tiling::tiles([a, b, grout], size, gap, shift, spot, self.seed)
             }
             Pattern::Stripes { a, b, period } => fabric::stripes(a, b, uv.x / period, footprint / period),
             Pattern::Checks { a, b, period } => fabric::checks(a, b, uv / period, footprint / period),
@@ -127,18 +126,18 @@ mod tests {
         ]
     }
 
-    /// The albedo of one place over footprints, and the spread over a panel.
+    /// The standard deviation of the albedo over a panel, for a small and a large footprint.
     #[test]
-    fn patterns_stay_in_range_vary_and_calm_down_with_distance() {
+    fn patterns_stay_in_range_vary_and_fade_with_distance() {
         for pattern in all() {
-            let material = Material::matt(pattern, 11);
+            let material = Material::matte(pattern, 11);
             let spread = |footprint: f32| {
                 let mut rng = Rng::new(3);
                 let samples: Vec<f64> = (0..2000)
                     .map(|_| {
                         #[expect(clippy::cast_possible_truncation, reason = "a place on a panel")]
                         let uv = Vec2::new(rng.within(-0.5, 0.5) as f32, rng.within(-0.4, 0.4) as f32);
-                        let colour = material.albedo(&Spot { uv, local: uv.extend(0.01), footprint });
+                        let colour = material.albedo(&TexturePoint { uv, local: uv.extend(0.01), footprint });
                         assert!(
                             colour.cmpge(Vec3::ZERO).all() && colour.cmple(Vec3::ONE).all(),
                             "{pattern:?}: {colour}"
@@ -152,7 +151,7 @@ mod tests {
             let (near, far) = (spread(0.0005), spread(3.0));
             match pattern {
                 Pattern::Plain(_) => Tolerance::F32_ROUND_TRIP.assert([near], [0.0], "one colour"),
-                // One picture on one panel: what is large remains.
+                // Large shapes of a painting remain visible.
                 Pattern::Painting { .. } => assert!(near > 0.02, "{pattern:?} shows nothing: {near}"),
                 _ => assert!(near > 0.02 && far < 0.6 * near, "{pattern:?}: {near} near, {far} far"),
             }

@@ -4,7 +4,7 @@ use glam::{Vec2, Vec3};
 use super::from_hsv;
 use crate::noise::{edge, fractal_noise, lattice, unit, visible};
 
-/// A painting: a ground that fades from top to bottom, ragged hills before it, and strokes and discs on top.
+/// A painting: a vertical gradient, ragged hills in front of it, and strokes and discs on top.
 pub(super) fn painting(uv: Vec2, half: Vec2, footprint: f32, seed: u32) -> Vec3 {
     let size = half.x.minimum_of(half.y);
     let (p, footprint) = (uv / size, footprint / size);
@@ -18,7 +18,7 @@ pub(super) fn painting(uv: Vec2, half: Vec2, footprint: f32, seed: u32) -> Vec3 
         shown = shown.lerp(colour(2 + i32::from(hill)), edge(height - p.y, footprint));
     }
     let strokes = 4 + lattice(1, 1, 7, seed) % 9;
-    for stroke in 0..i32::try_from(strokes).unwrap_or(0) {
+    for stroke in 0..strokes.cast_signed() {
         let centre = Vec2::new(pick(2, stroke) - 0.5, pick(3, stroke) - 0.5) * 2.0 * half / size;
         let angle = pick(4, stroke) * 3.2;
         let along = Vec2::new(angle.cos(), angle.sin());
@@ -32,7 +32,7 @@ pub(super) fn painting(uv: Vec2, half: Vec2, footprint: f32, seed: u32) -> Vec3 
     shown * (1.0 + 0.25 * canvas)
 }
 
-/// Lines of made-up glyphs, set ragged, with a headline; each glyph is one of a few dozen 4×6 bitmaps.
+/// Ragged lines of invented glyphs with a headline; each glyph is one of 40 bitmaps of 4×6.
 #[expect(clippy::cast_possible_truncation, reason = "a page has few glyphs")]
 pub(super) fn text([ink, paper]: [Vec3; 2], uv: Vec2, half: Vec2, line: f32, footprint: f32, seed: u32) -> Vec3 {
     let from_corner = Vec2::new(uv.x + half.x, half.y - uv.y) - Vec2::splat(0.7 * line);
@@ -60,7 +60,7 @@ pub(super) fn text([ink, paper]: [Vec3; 2], uv: Vec2, half: Vec2, line: f32, foo
     paper.lerp(ink, share)
 }
 
-/// Spines of different widths and heights before the dark of a shelf, most with a title.
+/// Spines of different widths and heights in front of a dark shelf, most with a title.
 #[expect(clippy::cast_possible_truncation, reason = "a shelf has few books")]
 pub(super) fn books(uv: Vec2, height: f32, footprint: f32, seed: u32) -> Vec3 {
     const SLOT: f32 = 0.045;

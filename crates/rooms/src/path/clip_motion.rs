@@ -4,34 +4,34 @@ use serde::{Deserialize, Serialize};
 
 use crate::{RoomsError, Shot};
 
-/// How the camera of one clip moves, as `data/measure_motion.py` measures it. Lengths are in the clip's own units: for
-/// real clips those of structure from motion, whose scale differs from clip to clip.
+/// Camera motion of one clip, as measured by `data/measure_motion.py`. Lengths are in the clip's own units: for real clips
+/// those of structure from motion, whose scale differs between clips.
 ///
-/// Speeds are path length over time, so that a clip of which every eighth frame is kept counts like a whole one.
+/// Speeds are path length over time, so that subsampling frames does not change them.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub struct ClipMotion {
     /// The clip's name.
     pub clip: String,
-    /// Its frames.
+    /// Number of frames.
     pub frames: usize,
-    /// From the first frame to the last.
+    /// Seconds from the first frame to the last.
     pub seconds: f64,
     /// Focal length of the first frame over the picture's width.
     pub fx: f64,
     /// Focal length of the first frame over the picture's height.
     pub fy: f64,
-    /// Units a second along the path through places a quarter of a second apart: closer ones measure the noise of
-    /// structure from motion.
+    /// Units per second along the path through positions a quarter of a second apart: closer ones would measure the noise
+    /// of structure from motion.
     pub speed: f64,
-    /// Between frames nearest to half seconds.
+    /// Rotation between the frames nearest to half seconds.
     pub turn_degrees_per_second: f64,
-    /// Distance between the ends over length of the path, in [0, 1]; `None` for a camera that stands.
+    /// Distance between the ends over length of the path, in [0, 1]; `None` for a static camera.
     pub straightness: Option<f64>,
-    /// Between the way from the first place to the last and the mean optical axis, in [0, 180]; `None` for a camera
-    /// that ends where it began.
+    /// Angle between the vector from the first position to the last and the mean optical axis, in [0, 180]; `None` for a
+    /// camera that ends where it started.
     pub travel_to_axis_degrees: Option<f64>,
-    /// Mean distance of places 45 frames of 1/30 s apart; `None` for a shorter clip.
+    /// Mean distance of positions 45 frames of 1/30 s apart; `None` for a shorter clip.
     pub baseline_45: Option<f64>,
     /// The same for 90 frames.
     pub baseline_90: Option<f64>,
@@ -39,13 +39,13 @@ pub struct ClipMotion {
     pub baseline_135: Option<f64>,
 }
 
-/// Seconds between the places of a path, between directions, and between the starts of baselines.
+/// Seconds between the positions of a path, between directions, and between the starts of baselines.
 const PATH_STEP: f64 = 0.25;
 const TURN_STEP: f64 = 0.5;
 const BASELINE_STEP: f64 = 0.1;
 
 impl ClipMotion {
-    /// Measures cameras with their times in microseconds, in any order. `None` where they last less than half a second.
+    /// Measures cameras with their times in microseconds, in any order. `None` if they last less than half a second.
     pub fn of(clip: &str, cameras: impl IntoIterator<Item = (i64, Camera)>) -> Option<Self> {
         let mut cameras: Vec<(i64, Camera)> = cameras.into_iter().collect();
         cameras.sort_by_key(|(micros, _)| *micros);
@@ -85,15 +85,15 @@ impl ClipMotion {
         })
     }
 
-    /// Measures a simulated clip, or what of its shots is given. `None` as [`Self::of`].
+    /// Measures a simulated clip or some of its shots. `None` as [`Self::of`].
     pub fn of_shots(clip: &str, shots: &[Shot]) -> Option<Self> {
         Self::of(clip, shots.iter().map(|shot| (shot.timestamp_micros, shot.camera)))
     }
 
-    /// The eleven real RE10K clips that `data/re10k_motion.json` tells of; what trajectories are drawn from.
+    /// The eleven real RE10K clips of `data/re10k_motion.json`, from whose statistics trajectories are drawn.
     ///
     /// # Errors
-    /// [`RoomsError::Motion`] where the carried file is broken.
+    /// [`RoomsError::Motion`] if the embedded file is malformed.
     pub fn real() -> Result<Vec<Self>, RoomsError> {
         #[derive(Deserialize)]
         struct File {
@@ -104,29 +104,24 @@ impl ClipMotion {
     }
 }
 
-/// Poses at times that increase, in seconds from the first.
+/// Poses at increasing times, in seconds from the first; at least two.
 struct Track {
     seconds: Vec<f64>,
     poses: Vec<WorldFromCamera>,
 }
 
 impl Track {
-    /// Where the camera is at a time of the clip, on the straight line between two frames.
+    /// The camera's position at a time of the clip, interpolated linearly between two frames.
     fn place(&self, time: f64) -> DVec3 {
-        let later =
-            self.seconds.partition_point(|own| *own <= time).clamp(1, self.seconds.len().clamp(2, usize::MAX) - 1);
-        match (self.seconds.get(later - 1..=later), self.poses.get(later - 1..=later)) {
-            (Some([from, to]), Some([a, b])) => {
-                let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
-                a.centre().lerp(b.centre(), share)
-            }
-            _ => self.poses.first().map_or(DVec3::ZERO, WorldFromCamera::centre),
-        }
+        let later = self.seconds.partition_point(|own| *own <= time).clamp(1, self.seconds.len() - 1);
+        let (from, to) = (self.seconds[later - 1], self.seconds[later]);
+        let share = if to > from { ((time - from) / (to - from)).clamp(0.0, 1.0) } else { 0.0 };
+        self.poses[later - 1].centre().lerp(self.poses[later].centre(), share)
     }
 
     /// The first of the frames nearest to a time.
     fn nearest(&self, time: f64) -> usize {
-        let far = |at: usize| self.seconds.get(at).map_or(f64::INFINITY, |own| (own - time).abs());
+        let far = |at: usize| (self.seconds[at] - time).abs();
         (0..self.seconds.len()).fold(0, |best, at| if far(at) < far(best) { at } else { best })
     }
 
@@ -138,7 +133,7 @@ impl Track {
     }
 }
 
-/// Multiples of `step` from 0 to `last`, as `numpy.arange(0, last + 1e-9, step)` has them.
+/// Multiples of `step` from 0 to `last`, as `numpy.arange(0, last + 1e-9, step)`.
 fn arange(last: f64, step: f64) -> Vec<f64> {
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a number of steps; floats saturate")]
     let count = ((last + 1e-9) / step).ceil() as usize;

@@ -1,17 +1,17 @@
-//! RE10K: a steadied camera glides along a gentle arc while it turns a little.
+//! RE10K-like paths: a stabilised camera glides along a gentle arc and rotates slightly.
 
 use glam::{DVec2, DVec3};
 
-use super::{Held, Motion, is_free, is_worth_seeing};
+use super::{HandheldPose, Motion, is_free, shows_enough};
 use crate::rng::Rng;
 use crate::world::World;
 
-/// Thirty frames a second, in microseconds.
+/// Microseconds per frame at 30 frames per second.
 const MICROS: f64 = 1e6 / 30.0;
-/// Tries at one speed before a slower one is tried.
+/// Attempts at one speed before a slower one is tried.
 const TRIES: usize = 60;
 
-pub(super) fn glide(rng: &mut Rng, world: &World, frames: usize) -> (Vec<Held>, f64, f64) {
+pub(super) fn glide(rng: &mut Rng, world: &World, frames: usize) -> (Vec<HandheldPose>, f64, f64) {
     let speed = Motion::SPEED.draw(rng.unit());
     let turn = Motion::TURN.draw(rng.unit()).to_radians() * rng.sign();
     let aside = Motion::TRAVEL_TO_AXIS.draw(rng.unit()).to_radians() * rng.sign();
@@ -20,7 +20,7 @@ pub(super) fn glide(rng: &mut Rng, world: &World, frames: usize) -> (Vec<Held>, 
     loop {
         for _ in 0..TRIES {
             let path = candidate(rng, world, frames, [speed * slowed_to, turn, aside, straightness]);
-            if slowed_to < 0.01 || suits(world, &path) {
+            if slowed_to < 0.01 || is_valid(world, &path) {
                 return (path, MICROS, slowed_to);
             }
         }
@@ -28,14 +28,19 @@ pub(super) fn glide(rng: &mut Rng, world: &World, frames: usize) -> (Vec<Held>, 
     }
 }
 
-fn candidate(rng: &mut Rng, world: &World, frames: usize, [speed, turn, aside, straightness]: [f64; 4]) -> Vec<Held> {
+fn candidate(
+    rng: &mut Rng,
+    world: &World,
+    frames: usize,
+    [speed, turn, aside, straightness]: [f64; 4],
+) -> Vec<HandheldPose> {
     let [low, high] = world.space;
     let start = DVec3::new(rng.within(low.x, high.x), rng.within(low.y, high.y), low.z + rng.within(1.0, 1.75));
     let azimuth = rng.within(0.0, std::f64::consts::TAU);
     let seconds = frames as f64 * MICROS * 1e-6;
     let chord = speed * seconds * straightness;
     let end = start + DVec3::new(azimuth.cos(), azimuth.sin(), rng.within(-0.04, 0.04)) * chord;
-    // An arc that is `1 / straightness` times as long as its chord rises by about this much.
+    // The approximate height of an arc `1 / straightness` times as long as its chord.
     let rise = chord * (0.375 * (1.0 / straightness - 1.0)).sqrt() * rng.sign();
     let across = DVec2::from_angle(azimuth).perp().extend(0.0);
     let pitch = rng.within(-0.16, 0.04);
@@ -46,7 +51,7 @@ fn candidate(rng: &mut Rng, world: &World, frames: usize, [speed, turn, aside, s
             let t = even + slower * (std::f64::consts::TAU * even + phase).sin() / std::f64::consts::TAU;
             let wave = |rate: f64| sway * (rate * even * seconds + phase).sin();
             let place = start.lerp(end, t) + across * (4.0 * rise * t * (1.0 - t)) + DVec3::Z * wave(2.1);
-            Held {
+            HandheldPose {
                 place,
                 yaw: azimuth + aside + turn * seconds * (even - 0.5) + wave(1.3),
                 pitch: pitch + wave(1.7),
@@ -56,9 +61,9 @@ fn candidate(rng: &mut Rng, world: &World, frames: usize, [speed, turn, aside, s
         .collect()
 }
 
-fn suits(world: &World, path: &[Held]) -> bool {
+fn is_valid(world: &World, path: &[HandheldPose]) -> bool {
     let few = |parts: usize| (0..=parts).filter_map(move |part| path.get(part * (path.len() - 1) / parts));
     few(2).all(|held| is_free(world, held.place))
         && few(16).all(|held| is_free(world, held.place))
-        && few(3).all(|held| is_worth_seeing(world, held.place, held.forward(), 1.3))
+        && few(3).all(|held| shows_enough(world, held.place, held.forward(), 1.3))
 }

@@ -1,4 +1,4 @@
-//! Where the camera goes.
+//! Camera paths.
 
 mod clip_motion;
 mod glide;
@@ -12,29 +12,39 @@ use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics, WorldFromCam
 use glam::{DMat3, DVec2, DVec3};
 
 use crate::rng::{Rng, sphere_point};
-use crate::shot::Shot;
 use crate::world::World;
 use crate::{RoomsError, SceneKind};
 pub use clip_motion::ClipMotion;
 pub(crate) use place::place;
 pub use statistics::Motion;
 
-/// A pose as a person holds a camera: where, and turned how, in radians.
+/// One camera of a simulated clip.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Shot {
+    /// Time since the clip's start, in microseconds, as in an RE10K trajectory.
+    pub timestamp_micros: i64,
+    /// Pose and pinhole intrinsics; the lens is one of the scene's effects.
+    pub camera: Camera,
+    /// The pose one frame later, towards which the camera moves while the shutter is open.
+    pub moving_to: WorldFromCamera,
+}
+
+/// A pose of a handheld camera: position, and angles in radians.
 #[derive(Clone, Copy, Debug)]
-struct Held {
+struct HandheldPose {
     place: DVec3,
     yaw: f64,
     pitch: f64,
     roll: f64,
 }
 
-impl Held {
+impl HandheldPose {
     fn forward(&self) -> DVec3 {
         let (sin, cos) = self.yaw.sin_cos();
         DVec3::new(cos * self.pitch.cos(), sin * self.pitch.cos(), self.pitch.sin())
     }
 
-    /// OpenCV axes in a world whose z points up.
+    /// The pose with OpenCV axes, in a world with z up.
     fn pose(&self) -> Result<WorldFromCamera, RoomsError> {
         let forward = self.forward();
         let right = DVec3::new(self.yaw.sin(), -self.yaw.cos(), 0.0);
@@ -43,22 +53,22 @@ impl Held {
     }
 }
 
-/// A path that was found, and what had to give for it.
+/// The camera path of a scene.
 #[derive(Debug)]
-pub(crate) struct Walked {
+pub(crate) struct CameraPath {
     pub shots: Vec<Shot>,
-    /// The speed that was drawn times this is the speed that fits the scene.
+    /// Speed of the path as a share of the drawn speed, reduced to fit the scene.
     pub slowed_to: f64,
 }
 
-/// The camera's way through a world: `frames` shots of a picture of `width_over_height`.
+/// Finds a path of `frames` shots through a world, for pictures with the aspect ratio `width_over_height`.
 pub(crate) fn natural(
     kind: SceneKind,
     seed: u64,
     world: &World,
     frames: usize,
     width_over_height: f64,
-) -> Result<Walked, RoomsError> {
+) -> Result<CameraPath, RoomsError> {
     let rng = &mut Rng::for_part(seed, "path");
     let fy = match kind {
         SceneKind::Rooms => Motion::FY.draw(rng.unit()),
@@ -69,11 +79,11 @@ pub(crate) fn natural(
         SceneKind::Rooms => glide::glide(rng, world, frames),
         SceneKind::Yards => walk::walk(rng, world, frames),
     };
-    let poses = held.iter().map(Held::pose).collect::<Result<Vec<_>, _>>()?;
-    Ok(Walked { shots: shots(&poses, intrinsics, micros), slowed_to })
+    let poses = held.iter().map(HandheldPose::pose).collect::<Result<Vec<_>, _>>()?;
+    Ok(CameraPath { shots: shots(&poses, intrinsics, micros), slowed_to })
 }
 
-/// Shots one after another, each moving towards the next; the last stands.
+/// Consecutive shots, each moving towards the next; the last is static.
 fn shots(poses: &[WorldFromCamera], intrinsics: NormalizedIntrinsics, micros: f64) -> Vec<Shot> {
     let next = poses.iter().skip(1).chain(poses.last());
     let shot = |(at, (pose, next)): (usize, (&WorldFromCamera, &WorldFromCamera))| {
@@ -85,32 +95,33 @@ fn shots(poses: &[WorldFromCamera], intrinsics: NormalizedIntrinsics, micros: f6
     poses.iter().zip(next).enumerate().map(shot).collect()
 }
 
-/// Rays that look for things to see, and how many different ones are enough.
+/// Number of rays that probe a view, and smallest number of instances that they must hit.
 const RAYS: u32 = 48;
-const THINGS: usize = 5;
+const MIN_INSTANCES: usize = 5;
 
-/// Nearest that a camera comes to anything, in metres.
+/// Smallest distance of a camera to any object, in metres.
 const CLEARANCE: f64 = 0.3;
 
-/// Whether a camera can stand there.
+/// Whether a camera can be placed there.
 fn is_free(world: &World, place: DVec3) -> bool {
     let [low, high] = world.space;
     place.cmpgt(low).all() && place.cmplt(high).all() && world.clearance(place) > CLEARANCE
 }
 
-/// Whether a view shows more than a wall: of a bundle of rays the median goes far enough, and they meet some things.
-fn is_worth_seeing(world: &World, from: DVec3, forward: DVec3, far: f64) -> bool {
-    let mut things = BTreeSet::new();
+/// Whether a view shows more than a wall: the median distance of a bundle of rays is large enough, and they hit several
+/// instances.
+fn shows_enough(world: &World, from: DVec3, forward: DVec3, far: f64) -> bool {
+    let mut instances = BTreeSet::new();
     let mut reached: Vec<f64> = (0..RAYS)
         .filter_map(|ray| {
             let n = f64::from(ray) + 0.5;
             let aside = sphere_point(DVec2::new(n / f64::from(RAYS), (n * 0.618_033_988_749_895).fract()));
-            let way = (forward + aside * 0.45).normalize_or(forward);
-            let met = world.trace(from, way)?;
-            things.insert(met.instance);
-            Some(met.distance)
+            let direction = (forward + aside * 0.45).normalize_or(forward);
+            let hit = world.trace(from, direction)?;
+            instances.insert(hit.instance);
+            Some(hit.distance)
         })
         .collect();
     reached.sort_by(f64::total_cmp);
-    things.len() >= THINGS && reached.get(reached.len() / 2).is_some_and(|median| *median > far)
+    instances.len() >= MIN_INSTANCES && reached.get(reached.len() / 2).is_some_and(|median| *median > far)
 }

@@ -1,19 +1,19 @@
-//! A trajectory from elsewhere, set down where the scene has room for it.
+//! Placement of a given trajectory in a scene.
 
 use atsplat_camera::{Camera, WorldFromCamera};
 use glam::{DMat3, DVec3};
 
-use super::{Walked, is_free, is_worth_seeing};
+use super::{CameraPath, is_free, shows_enough};
 use crate::RoomsError;
+use crate::path::Shot;
 use crate::rng::Rng;
-use crate::shot::Shot;
 use crate::world::World;
 
 const TRIES: usize = 400;
 
-/// Moves a given path so that its first camera, taken as upright, stands at a free place of the world. Of many
-/// places the one that leaves most cameras free wins; lengths are scaled down to 0.6, 0.36 … while none leaves all.
-pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result<Walked, RoomsError> {
+/// Moves a given path so that its first camera, assumed upright, is at a free position of the world. Of many random positions
+/// the one with the most free cameras is chosen; lengths are scaled down to 0.6, 0.36 … while none has all cameras free.
+pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result<CameraPath, RoomsError> {
     let empty = || RoomsError::Request { field: "trajectory", expected: "cameras", found: "none".to_owned() };
     let (_, first) = given.first().ok_or_else(empty)?;
     let poses: Vec<WorldFromCamera> = given.iter().map(|(_, camera)| camera.camera_from_world.inverse()).collect();
@@ -26,13 +26,13 @@ pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result
             let at = DVec3::new(rng.within(low.x, high.x), rng.within(low.y, high.y), low.z + rng.within(1.2, 1.7));
             let yaw = rng.within(0.0, std::f64::consts::TAU);
             let upright = DMat3::from_cols(DVec3::NEG_Y, DVec3::NEG_Z, DVec3::X);
-            let stand = WorldFromCamera::new(DMat3::from_rotation_z(yaw) * upright, at)?;
-            if !is_free(world, at) || !is_worth_seeing(world, at, stand.forward(), 1.3) {
+            let start = WorldFromCamera::new(DMat3::from_rotation_z(yaw) * upright, at)?;
+            if !is_free(world, at) || !shows_enough(world, at, start.forward(), 1.3) {
                 continue;
             }
             let relative = |pose: &WorldFromCamera| {
                 let seen = first.camera_from_world.inverse().camera_from_other(pose);
-                seen.scaled_by(slowed_to).moved_by(&stand)
+                seen.scaled_by(slowed_to).moved_by(&start)
             };
             let moved: Vec<WorldFromCamera> = poses.iter().map(relative).collect();
             let free = moved.iter().filter(|pose| is_free(world, pose.centre())).count();
@@ -59,5 +59,5 @@ pub(crate) fn place(seed: u64, world: &World, given: &[(i64, Camera)]) -> Result
         camera: Camera { camera_from_world: pose.inverse(), ..camera.without_distortion() },
         moving_to: *next,
     });
-    Ok(Walked { shots: shots.collect(), slowed_to })
+    Ok(CameraPath { shots: shots.collect(), slowed_to })
 }

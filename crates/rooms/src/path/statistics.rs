@@ -1,5 +1,5 @@
-/// Quantiles of how real RE10K clips move, from `data/re10k_motion.json`, which `data/measure_motion.py` made of
-/// eleven clips. Scene units are read as metres.
+/// Quantiles of the motion of eleven real RE10K clips, from `data/re10k_motion.json` (made by `data/measure_motion.py`).
+/// Scene units are taken as metres.
 #[derive(Clone, Copy, Debug)]
 pub struct Motion {
     /// Observed values, ascending.
@@ -14,10 +14,10 @@ impl Motion {
             0.902_491, 1.051_75,
         ],
     };
-    /// Metres a second.
+    /// Metres per second.
     pub const SPEED: Self =
         Self { observed: [0.1174, 0.2607, 0.3816, 0.383, 0.4008, 0.416, 0.4483, 0.5578, 0.6402, 0.6886, 0.7104] };
-    /// Degrees a second.
+    /// Degrees per second.
     pub const TURN: Self =
         Self { observed: [1.093, 1.75, 3.057, 3.304, 5.82, 6.107, 7.959, 8.392, 11.816, 12.161, 15.243] };
     /// Distance between the ends over length of the path.
@@ -27,15 +27,13 @@ impl Motion {
     pub const TRAVEL_TO_AXIS: Self =
         Self { observed: [1.82, 4.92, 9.92, 11.68, 23.36, 28.15, 33.54, 51.01, 100.81, 173.21, 178.08] };
 
-    /// The value at a share in [0, 1] of the observed ones, between neighbours in proportion.
+    /// The quantile at a share in [0, 1], interpolated linearly.
     #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "an index into eleven values")]
     pub fn draw(&self, share: f64) -> f64 {
         let place = share.clamp(0.0, 1.0) * 10.0;
         let at = (place.floor() as usize).clamp(0, 9);
-        match self.observed.get(at..at + 2) {
-            Some([low, high]) => low + (high - low) * (place - at as f64),
-            _ => self.observed[10],
-        }
+        let (low, high) = (self.observed[at], self.observed[at + 1]);
+        low + (high - low) * (place - at as f64)
     }
 }
 
@@ -46,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_constants_are_the_measured_ones() {
+    fn the_constants_agree_with_the_measurements() {
         let json: serde_json::Value = serde_json::from_str(include_str!("../../data/re10k_motion.json")).unwrap();
         let sorted = |field: &str| {
             let clips = json["clips"].as_array().unwrap();

@@ -1,4 +1,4 @@
-//! Whether a configuration can train, told before anything is simulated or read.
+//! Checks that a configuration can train, before anything is simulated or read.
 
 use atsplat_camera::{Camera, CameraFromWorld, NormalizedIntrinsics};
 use atsplat_model::{ImageSize, ModelConfig, ModelError};
@@ -12,19 +12,19 @@ use super::{SourceConfig, TrainConfig, WHAT};
 use crate::TrainError;
 use crate::samples::{RoomsConfig, ViewChoice};
 
-/// Draws after which a choice of frames is taken for impossible.
+/// A choice of frames is impossible if this many draws give none.
 const DRAWS: u64 = 64;
-/// Most rays a pixel that scenes are simulated with.
-const MOST_RAYS: u32 = 256;
+/// Largest number of rays per pixel for simulated scenes.
+const MAX_RAYS: u32 = 256;
 
 impl TrainConfig {
-    /// Every source with the field that holds it.
+    /// Every source with the path of its field.
     fn sources(&self) -> impl Iterator<Item = (String, &SourceConfig)> {
         let data = self.data.iter().enumerate().map(|(at, data)| (format!("data[{at}].source"), &data.source));
         data.chain(self.evaluation.iter().map(|own| ("evaluation.source".to_owned(), &own.source)))
     }
 
-    /// What can be told without the network and its files.
+    /// Checks that do not need the network or its files.
     pub(super) fn check_sources(&self) -> Result<(), TrainError> {
         if self.data.is_empty() {
             return refuse("data".to_owned(), "at least one source", "none");
@@ -38,7 +38,7 @@ impl TrainConfig {
         Ok(())
     }
 
-    /// Whether the network's patches divide the pictures of every source whose size is known.
+    /// Checks that the network's patches divide the pictures of every source of known picture size.
     pub(super) fn check_sizes(&self) -> Result<(), TrainError> {
         let model = self.model.config()?;
         for (field, source) in self.sources() {
@@ -56,11 +56,11 @@ impl TrainConfig {
     }
 }
 
-/// The pictures that a protocol makes, where it says which ones it takes.
+/// Size of a protocol's preprocessed pictures, if the protocol states the source size.
 fn size_of(preset: &Preset) -> Option<ImageSize> {
-    let from = preset.preprocessing.expected_size?;
-    let made = preset.preprocessing.plan(from).ok()?.output();
-    Some(ImageSize::new(made.height as usize, made.width as usize))
+    let source = preset.preprocessing.expected_size?;
+    let output = preset.preprocessing.plan(source).ok()?.output();
+    Some(ImageSize::new(output.height as usize, output.width as usize))
 }
 
 fn check_size(field: String, size: ImageSize, model: &ModelConfig) -> Result<(), TrainError> {
@@ -75,8 +75,8 @@ fn check_size(field: String, size: ImageSize, model: &ModelConfig) -> Result<(),
 }
 
 fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
-    if !(1..=MOST_RAYS).contains(&rooms.samples) {
-        return refuse(format!("{field}.samples"), &format!("1 to {MOST_RAYS} rays a pixel"), rooms.samples);
+    if !(1..=MAX_RAYS).contains(&rooms.samples) {
+        return refuse(format!("{field}.samples"), &format!("1 to {MAX_RAYS} rays a pixel"), rooms.samples);
     }
     let views = format!("{field}.views");
     check_views(&views, &rooms.views)?;
@@ -92,7 +92,7 @@ fn check_rooms(field: &str, rooms: &RoomsConfig) -> Result<(), TrainError> {
     Ok(())
 }
 
-/// The sampler itself, on a camera that moves along a line: why no draw gives a sample, if none does.
+/// Runs the sampler on a camera that moves along a line; the error of the last draw if no draw gives a sample.
 fn try_draws(views: &ViewChoice, frames: usize, step: u64) -> Result<(), NoEntry> {
     #[expect(clippy::expect_used, reason = "a camera without rotation, of unit focal length")]
     let camera = |at: usize| {

@@ -1,3 +1,5 @@
+//! Configuration files that change another one, their `base`.
+
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
@@ -6,17 +8,17 @@ use toml::{Table, Value};
 use super::WHAT;
 use crate::TrainError;
 
-/// How many files may stand on each other's shoulders.
-const DEEPEST: usize = 8;
+/// Longest chain of files, each based on the next.
+const MAX_DEPTH: usize = 8;
 
-/// Reads a file and what it is derived from.
+/// Reads a file and its chain of bases.
 pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, TrainError> {
-    let table = table(path, DEEPEST)?;
+    let table = table(path, MAX_DEPTH)?;
     let place = path.display().to_string();
     table.try_into().map_err(|error| TrainError::malformed(WHAT, place, "a training configuration", error))
 }
 
-fn table(path: &Path, deepest: usize) -> Result<Table, TrainError> {
+fn table(path: &Path, depth: usize) -> Result<Table, TrainError> {
     let place = || path.display().to_string();
     let text = std::fs::read_to_string(path).map_err(TrainError::io("reading a training configuration", path))?;
     let mut table: Table =
@@ -26,24 +28,20 @@ fn table(path: &Path, deepest: usize) -> Result<Table, TrainError> {
         Some(Value::String(base)) => base,
         Some(other) => return Err(TrainError::malformed(WHAT, place(), "a path as `base`", other)),
     };
-    let Some(deepest) = deepest.checked_sub(1) else {
-        return Err(TrainError::malformed(
-            WHAT,
-            place(),
-            format!("at most {DEEPEST} files, each based on the next"),
-            "more",
-        ));
+    let Some(depth) = depth.checked_sub(1) else {
+        let expected = format!("at most {MAX_DEPTH} files, each based on the next");
+        return Err(TrainError::malformed(WHAT, place(), expected, "more"));
     };
-    let mut base = self::table(&path.with_file_name(base), deepest)?;
+    let mut base = self::table(&path.with_file_name(base), depth)?;
     merge(&mut base, table);
     Ok(base)
 }
 
-/// Tables are merged, anything else is replaced.
+/// Merges tables field by field; other values are replaced.
 pub(super) fn merge(base: &mut Table, changes: Table) {
     for (key, change) in changes {
         match (base.get_mut(&key), change) {
-            (Some(Value::Table(old)), Value::Table(new)) if !is_choice(old, &new) => merge(old, new),
+            (Some(Value::Table(old)), Value::Table(new)) if !is_other_variant(old, &new) => merge(old, new),
             (_, change) => {
                 base.insert(key, change);
             }
@@ -51,8 +49,8 @@ pub(super) fn merge(base: &mut Table, changes: Table) {
     }
 }
 
-/// Whether two tables choose different kinds of a thing, whose fields do not mix.
-fn is_choice(old: &Table, new: &Table) -> bool {
+/// Whether two tables are different variants of an enum, whose fields must not be merged.
+fn is_other_variant(old: &Table, new: &Table) -> bool {
     let tagged = ["kind", "rule"].into_iter().any(|tag| new.get(tag).is_some_and(|kind| old.get(tag) != Some(kind)));
     tagged || ["rooms", "dataset"].into_iter().any(|source| new.contains_key(source) && !old.contains_key(source))
 }
@@ -68,7 +66,7 @@ mod tests {
     }
 
     #[test]
-    fn fields_are_changed_one_by_one_and_kinds_as_a_whole() {
+    fn fields_are_merged_and_variants_replaced() {
         let base =
             "a = 1\nlist = [1, 2]\n[t]\nx = 1\ny = 2\n[choice]\nkind = 'p'\nonly-p = 1\n[source.rooms]\nscenes = 3";
         let same =

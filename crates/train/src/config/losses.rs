@@ -6,41 +6,41 @@ use serde::{Deserialize, Serialize};
 use super::WHAT;
 use crate::TrainError;
 
-/// What is minimised (paper, "Training"): `MSE + λp · perceptual` of the final renders, and for each intermediate set of
-/// Gaussians `λint · (MSE + λs · D-SSIM) + λunc · uncertainty`.
+/// The training loss (paper, "Training"): `MSE + λp · perceptual` of the final renders, plus, for each intermediate set of
+/// Gaussians, `λint · (MSE + λs · D-SSIM) + λunc · uncertainty`.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct LossConfig {
-    /// What the perceptual term is.
+    /// The perceptual term.
     pub perceptual: PerceptualChoice,
     /// `λp`.
     pub perceptual_weight: f64,
     /// `λint`.
     pub intermediate_weight: f64,
-    /// `λs`, which the paper does not state: `λp` again.
+    /// `λs`, which the paper does not state; by default the value of `λp`.
     pub intermediate_d_ssim_weight: f64,
     /// `λunc`.
     pub uncertainty_weight: f64,
-    /// How many of a sample's targets the intermediate sets are rendered to; all by default.
+    /// Number of targets that the intermediate sets are rendered to; by default all.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub intermediate_targets: Option<NonZeroUsize>,
     /// RGB behind the Gaussians.
     pub background: [f64; 3],
 }
 
-/// What the perceptual term is.
+/// Choice of the perceptual term.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", tag = "kind", deny_unknown_fields)]
 pub enum PerceptualChoice {
-    /// `1 − SSIM`: in the place of a learned loss where nobody has weights for one.
+    /// `1 − SSIM`: replaces a learned loss when there are no weights for one.
     #[default]
     DSsim,
-    /// LPIPS or ST-LPIPS, by a network's weights.
+    /// LPIPS or ST-LPIPS.
     #[serde(rename_all = "kebab-case")]
     Learned {
-        /// Which.
+        /// Which network.
         network: atsplat_metrics::learned::Network,
-        /// The network's weights, as the metric reads them.
+        /// The network's weights, in the metric's format.
         weights: PathBuf,
     },
 }

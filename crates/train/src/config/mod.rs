@@ -1,4 +1,4 @@
-//! Configuration of a run: one TOML file says all that its weights depend on.
+//! Configuration of a run: one TOML file with everything that its weights depend on.
 
 mod check;
 mod derived;
@@ -25,53 +25,53 @@ pub(crate) const WHAT: &str = "training configuration";
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct TrainConfig {
-    /// One line for people.
+    /// Title, one line.
     pub title: String,
-    /// What a reader of its numbers must know.
+    /// What readers of the run's numbers must know.
     #[serde(default)]
     pub notes: Vec<String>,
-    /// What weights, samples and random selection start from.
+    /// Seed of initial weights, samples and random selection.
     pub seed: u64,
-    /// Optimiser steps in all.
+    /// Total number of optimiser steps.
     pub steps: NonZeroU64,
-    /// Samples of a step; their gradients are averaged, so any number fits into memory.
+    /// Samples per step; their gradients are averaged, so any number fits into memory.
     pub batch: NonZeroUsize,
-    /// Which network.
+    /// The network.
     pub model: ModelChoice,
-    /// What happens to poses before the network sees them.
+    /// Normalisation of poses before they are given to the network.
     #[serde(default = "mean_camera")]
     pub pose_normalisation: PoseNormalisation,
-    /// Where samples come from.
+    /// Sources of samples.
     pub data: Vec<DataConfig>,
     /// Whether half of the samples are mirrored.
     #[serde(default)]
     pub flips: bool,
-    /// After so many samples they repeat; without it they never do.
+    /// Number of distinct samples, after which they repeat; if absent, samples never repeat.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub distinct: Option<NonZeroU64>,
-    /// What is minimised.
+    /// Losses.
     #[serde(default)]
     pub losses: LossConfig,
-    /// How parameters move.
+    /// Optimiser.
     #[serde(default)]
     pub optimiser: AdamW,
-    /// How fast.
+    /// Schedule of the learning rate.
     #[serde(default)]
     pub schedule: Schedule,
-    /// Gradients longer than this are shortened to it.
+    /// Largest norm of the gradient, to which it is clipped.
     #[serde(default = "unit")]
     pub clip: f64,
-    /// Decay of an exponential moving average of the weights, such as 0.999: the run's weights and evaluations are then the
-    /// average's. Without it they are those of the last step.
+    /// Decay of an exponential moving average of the weights, such as 0.999: the run's weights and evaluations are then
+    /// those of the average. If absent, they are those of the last step.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub average: Option<f64>,
-    /// What is measured on the way.
+    /// Evaluation during training.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub evaluation: Option<EvaluationConfig>,
-    /// What is kept on the way.
+    /// Checkpoints.
     #[serde(default)]
     pub checkpoints: CheckpointConfig,
-    /// So many steps in a row that had to be skipped stop the run.
+    /// Number of steps skipped in a row that stops the run.
     #[serde(default = "five")]
     pub most_faults: NonZeroU32,
 }
@@ -80,14 +80,14 @@ pub struct TrainConfig {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct DataConfig {
-    /// Relative to the shares of the others.
+    /// Share, relative to those of the other sources.
     #[serde(default = "unit")]
     pub share: f64,
-    /// Where samples come from.
+    /// The source.
     pub source: SourceConfig,
 }
 
-/// Where samples come from.
+/// A source of samples.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub enum SourceConfig {
@@ -97,34 +97,31 @@ pub enum SourceConfig {
     Dataset(DatasetConfig),
 }
 
-/// What is measured on the way: PSNR of renders, and of the nearest context view in their place.
+/// Evaluation during training: scores of renders, and of the nearest context view as the baseline.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct EvaluationConfig {
-    /// Steps between evaluations; the last step is followed by one in any case.
+    /// Steps between evaluations; the last step is always followed by one.
     pub every: NonZeroU64,
-    /// Samples, always the same.
+    /// Number of samples, the same in every evaluation.
     pub samples: NonZeroU64,
-    /// Where they come from.
+    /// Their source.
     pub source: SourceConfig,
 }
 
-/// What is kept on the way.
+/// Checkpoints of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct CheckpointConfig {
     /// Steps between checkpoints: the most that a killed run loses.
     pub every: NonZeroU64,
-    /// How many of the last are kept.
+    /// Number of latest checkpoints to keep.
     pub keep: NonZeroUsize,
 }
 
 impl Default for CheckpointConfig {
     fn default() -> Self {
-        Self {
-            every: NonZeroU64::new(500).unwrap_or(NonZeroU64::MIN),
-            keep: NonZeroUsize::new(2).unwrap_or(NonZeroUsize::MIN),
-        }
+        const { Self { every: NonZeroU64::new(500).unwrap(), keep: NonZeroUsize::new(2).unwrap() } }
     }
 }
 
@@ -137,25 +134,22 @@ const fn unit() -> f64 {
 }
 
 const fn five() -> NonZeroU32 {
-    match NonZeroU32::new(5) {
-        Some(five) => five,
-        None => NonZeroU32::MIN,
-    }
+    const { NonZeroU32::new(5).unwrap() }
 }
 
 impl TrainConfig {
-    /// Reads a configuration; `base = "other.toml"`, relative to it, names one that it changes.
+    /// Reads a configuration; `base = "other.toml"`, relative to the file, names the configuration that it changes.
     ///
     /// # Errors
-    /// [`TrainError::Io`]; [`TrainError::Malformed`] with file and field for text that is no configuration and for one
-    /// that cannot train: views that no clip offers, pictures that the network's patches do not divide.
+    /// [`TrainError::Io`]; [`TrainError::Malformed`] with file and field if the text is not a configuration or cannot
+    /// train: views that no clip offers, pictures that the network's patches do not divide.
     pub fn read(path: &Path) -> Result<Self, TrainError> {
         let config: Self = derived::read(path)?;
         config.validate().and_then(|()| config.check_sizes()).map_err(|error| error.in_file(path))?;
         Ok(config)
     }
 
-    /// Reads a configuration that stands for itself.
+    /// Parses a configuration without a base.
     ///
     /// # Errors
     /// [`TrainError::Malformed`].
@@ -169,9 +163,9 @@ impl TrainConfig {
     /// The whole configuration, which [`Self::from_toml`] reads back.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] for numbers that TOML does not have.
+    /// [`TrainError::Malformed`] for numbers that TOML cannot hold.
     pub fn to_toml(&self) -> Result<String, TrainError> {
-        toml::to_string(self).map_err(|error| TrainError::malformed(WHAT, "text", "what TOML can say", error))
+        toml::to_string(self).map_err(|error| TrainError::malformed(WHAT, "text", "values that TOML can hold", error))
     }
 
     fn validate(&self) -> Result<(), TrainError> {
@@ -206,7 +200,7 @@ impl TrainConfig {
         self.check_sources()
     }
 
-    /// Opens all sources of samples.
+    /// Opens all sources of samples and adds what is wrong with them to `warnings`.
     ///
     /// # Errors
     /// As [`DatasetSource::open`] and [`Mixture::new`].
@@ -218,7 +212,7 @@ impl TrainConfig {
 }
 
 impl SourceConfig {
-    /// Opens the source.
+    /// Opens the source and adds what is wrong with it to `warnings`.
     ///
     /// # Errors
     /// As [`DatasetSource::open`].

@@ -7,7 +7,7 @@ use toml::Table;
 use super::{WHAT, derived};
 use crate::TrainError;
 
-/// A network by name or path, and what is different about it.
+/// A network by name or path, with changes to its configuration.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ModelChoice {
@@ -16,11 +16,11 @@ pub struct ModelChoice {
     /// Pretrained DINOv2 weights, for a network whose backbone is frozen.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub backbone: Option<PathBuf>,
-    /// Folder for what a frozen backbone makes of pictures, so that each goes through it once. It grows by the pictures that
-    /// are drawn: at 256×256 with ViT-B, 0.8 MB each.
+    /// Folder that caches the frozen backbone's features, so that each picture goes through it once. It grows with every new
+    /// picture drawn: at 256×256 with ViT-B, by 0.8 MB each.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub feature_cache: Option<PathBuf>,
-    /// Fields of the model's configuration that are other here.
+    /// Fields of the model's configuration to be changed.
     #[serde(default)]
     pub changes: Table,
 }
@@ -29,14 +29,14 @@ impl ModelChoice {
     /// The network's whole configuration.
     ///
     /// # Errors
-    /// [`TrainError::Model`] where there is no such network, [`TrainError::Malformed`] where changes do not fit it.
+    /// [`TrainError::Model`] if there is no such network, [`TrainError::Malformed`] if the changes do not fit it.
     pub fn config(&self) -> Result<ModelConfig, TrainError> {
         let base = ModelConfig::resolve(&self.base)?.to_toml()?;
         let mut table: Table =
             base.parse().map_err(|error: toml::de::Error| TrainError::malformed(WHAT, "model.base", "TOML", error))?;
         derived::merge(&mut table, self.changes.clone());
         let text = toml::to_string(&table)
-            .map_err(|error| TrainError::malformed(WHAT, "model.changes", "what TOML can say", error))?;
+            .map_err(|error| TrainError::malformed(WHAT, "model.changes", "values that TOML can hold", error))?;
         Ok(ModelConfig::from_toml(&text)?)
     }
 }

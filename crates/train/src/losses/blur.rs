@@ -1,17 +1,20 @@
-//! Gaussian blur of one picture, the window of SSIM: 11×11, standard deviation 1.5 pixels, black outside.
+//! Gaussian blur of one picture with the window of SSIM: 11×11, standard deviation 1.5 pixels, black outside.
 
-#![expect(clippy::inline_always, reason = "what is not inlined into the dispatched function loses its instructions")]
+#![expect(
+    clippy::inline_always,
+    reason = "only code inlined into the dispatched function gets its vector instructions"
+)]
 
 const TAPS: usize = 11;
 const RADIUS: usize = TAPS / 2;
 const CHANNELS: usize = 3;
 
-/// Blurs pictures of one size; keeps its rooms between pictures. The blur is its own adjoint.
+/// Blurs pictures of one size and reuses its buffers. The blur is its own adjoint.
 #[derive(Debug)]
 pub(super) struct Blur {
     taps: [f64; TAPS],
     height: usize,
-    /// Numbers in a row.
+    /// Values in a row.
     row: usize,
     padded: Vec<f64>,
     across: Vec<f64>,
@@ -34,24 +37,24 @@ impl Blur {
         }
     }
 
-    /// Across rows into a room with black rows above and below, then down columns.
+    /// Blurs rows into a buffer with black rows above and below, then columns.
     #[inline(always)]
     pub(super) fn run(&mut self, from: &[f64], into: &mut [f64]) {
         let Self { taps, row, padded, across, .. } = self;
         let row = (*row).max(1);
         for (line, blurred) in from.chunks_exact(row).zip(across.chunks_exact_mut(row).skip(RADIUS)) {
             padded[RADIUS * CHANNELS..][..row].copy_from_slice(line);
-            weigh(taps, std::array::from_fn(|tap| &padded[tap * CHANNELS..][..row]), blurred);
+            weighted_sum(taps, std::array::from_fn(|tap| &padded[tap * CHANNELS..][..row]), blurred);
         }
         for (line, blurred) in into.chunks_exact_mut(row).take(self.height).enumerate() {
-            weigh(taps, std::array::from_fn(|tap| &across[(line + tap) * row..][..row]), blurred);
+            weighted_sum(taps, std::array::from_fn(|tap| &across[(line + tap) * row..][..row]), blurred);
         }
     }
 }
 
-/// `Σ taps[k] · rows[k]` for taps that are the same from both ends.
+/// `Σ taps[k] · rows[k]` for symmetric taps.
 #[inline(always)]
-fn weigh(taps: &[f64; TAPS], rows: [&[f64]; TAPS], into: &mut [f64]) {
+fn weighted_sum(taps: &[f64; TAPS], rows: [&[f64]; TAPS], into: &mut [f64]) {
     let length = into.len();
     let rows = rows.map(|row| &row[..length]);
     for (at, slot) in into.iter_mut().enumerate() {

@@ -7,12 +7,12 @@ use super::{Loss, Stack};
 const C1: f64 = 0.01 * 0.01;
 const C2: f64 = 0.03 * 0.03;
 
-/// Structural dissimilarity, and where it is.
+/// Structural dissimilarity, as a mean and per pixel.
 #[derive(Clone, Debug, PartialEq)]
 pub struct DSsim {
     /// The mean of `1 − SSIM`, and its gradient.
     pub loss: Loss,
-    /// `1 − SSIM` at each pixel, mean of its channels: what uncertainty is to predict.
+    /// `1 − SSIM` at each pixel, mean of its channels: the target of the predicted uncertainty.
     pub map: Vec<f32>,
 }
 
@@ -37,7 +37,7 @@ pub fn d_ssim(render: &[f32], truth: &[f32], stack: Stack) -> DSsim {
     }
 }
 
-/// Of one picture: the sum of `1 − SSIM`, its gradient, and its mean over channels.
+/// The result for one picture: the sum of `1 − SSIM`, its gradient, and its mean over channels.
 struct View {
     sum: f64,
     gradient: Vec<f64>,
@@ -62,7 +62,7 @@ fn view(render: &[f32], truth: &[f32], stack: Stack) -> View {
     let products = blurred(&mut x().zip(y()).map(|(x, y)| x * y));
 
     let mut dissimilar = vec![0.0; length];
-    // Derivatives of 1 − SSIM by the blurred x, x² and xy.
+    // Derivatives of 1 − SSIM with respect to the blurred x, x² and xy.
     let [mut by_mean, mut by_square, mut by_product] = [(); 3].map(|()| vec![0.0; length]);
     for at in 0..length {
         let (mx, my) = (mean_x[at], mean_y[at]);

@@ -1,8 +1,9 @@
-//! LPIPS and ST-LPIPS as a loss: the metric's network once more, on tensors that know their gradient.
+//! LPIPS and ST-LPIPS as a loss: the metric's network on tensors with gradients.
 
 use std::path::Path;
 
 use atsplat_metrics::learned::{Network, SCALING, Step, carried_heads};
+use atsplat_model::network::f32_values;
 use atsplat_model::weights::{StoredTensors, TensorFile};
 use burn::Tensor;
 use burn::tensor::module::{conv2d, max_pool2d};
@@ -12,8 +13,8 @@ use burn::tensor::{Device, TensorData, activation};
 use super::{Loss, Stack};
 use crate::TrainError;
 
-/// What a feature's length is at least: lpips `normalize_tensor`.
-const SHORTEST: f64 = 1e-10;
+/// Smallest length of a feature vector: lpips `normalize_tensor`.
+const EPSILON: f64 = 1e-10;
 
 /// A learned loss with its weights.
 #[derive(Debug)]
@@ -21,7 +22,7 @@ pub struct Learned {
     network: Network,
     sha256: String,
     layers: Vec<Layer>,
-    /// One weight per channel of each tap, `[1, channels, 1, 1]`.
+    /// One weight per channel of each feature map, `[1, channels, 1, 1]`.
     heads: Vec<Tensor<4>>,
 }
 
@@ -44,7 +45,7 @@ impl Learned {
     /// ST-LPIPS.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] for a tensor that is absent or of another shape.
+    /// [`TrainError::Malformed`] if a tensor is absent or of another shape.
     pub fn read(network: Network, path: &Path) -> Result<Self, TrainError> {
         let file = TensorFile::open(path)?;
         let heads = match carried_heads(network) {
@@ -54,7 +55,7 @@ impl Learned {
         Self::new(network, &file.stored, &heads, file.sha256)
     }
 
-    /// Of tensors that were read already.
+    /// A loss with the given tensors.
     ///
     /// # Errors
     /// As [`Self::read`].
@@ -64,7 +65,7 @@ impl Learned {
         heads: &StoredTensors,
         sha256: String,
     ) -> Result<Self, TrainError> {
-        // Weights are constants; the picture alone has a gradient.
+        // Weights are constants; only the picture has a gradient.
         let device = Device::flex().autodiff();
         let numbers = |stored: &StoredTensors, name: &str, shape: &[usize]| {
             let tensor = stored.tensors.get(name).filter(|tensor| tensor.shape() == shape);
@@ -90,12 +91,12 @@ impl Learned {
         Ok(Self { network, sha256, layers, heads })
     }
 
-    /// Which network, and the hash of its weights.
+    /// The network's name and the hash of its weights.
     pub fn name(&self) -> String {
         format!("{}, weights {}", self.network.name(), self.sha256)
     }
 
-    /// The distance, mean over views; pictures are taken as they are, as while LPIPS itself was trained.
+    /// The distance, mean over views. Pictures are not clamped, as in the training of LPIPS itself.
     pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
         let device = Device::flex().autodiff();
         let Stack { views, height, width } = stack;
@@ -112,18 +113,18 @@ impl Learned {
             distance = distance + weighted.sum() / (views * height * width) as f64;
         }
         let value = f64::from(distance.clone().into_scalar::<f32>());
-        let gradient = render.grad(&distance.backward());
-        let gradient = gradient.map(|gradient| gradient.into_data_as::<f32>().as_slice().unwrap_or_default().to_vec());
-        Loss { value, gradient: gradient.unwrap_or_default() }
+        #[expect(clippy::expect_used, reason = "the distance depends on the render")]
+        let gradient = render.grad(&distance.backward()).expect("a gradient of the render");
+        Loss { value, gradient: f32_values(gradient) }
     }
 
-    /// `[views, height, width, 3]` to five maps, normalised over the channels of each pixel.
+    /// Five feature maps of pictures `[views, height, width, 3]`, normalised over the channels of each pixel.
     fn features(&self, pictures: Tensor<4>) -> Vec<Tensor<4>> {
         let device = pictures.device();
         let [shift, scale] = SCALING.map(|numbers| Tensor::<1>::from_floats(numbers, &device).reshape([1, 1, 1, 3]));
         let scaled = (pictures * 2.0 - 1.0 - shift) / scale;
         let mut at = scaled.permute([0, 3, 1, 2]);
-        let mut taps = Vec::new();
+        let mut maps = Vec::new();
         for layer in &self.layers {
             at = match layer {
                 Layer::Convolution(layer) => {
@@ -136,23 +137,23 @@ impl Learned {
                 }
                 Layer::Other(Step::Blurred) => blurred(&at),
                 Layer::Other(Step::Tap) => {
-                    taps.push(normalised(at.clone()));
+                    maps.push(normalised(at.clone()));
                     at
                 }
                 Layer::Other(_) => activation::relu(at),
             };
         }
-        taps
+        maps
     }
 }
 
-/// Clamped before the root, whose derivative at zero is infinite: features of nothing but zeros are common.
+/// Clamped before the root, whose derivative at zero is infinite: all-zero features are common.
 fn normalised(map: Tensor<4>) -> Tensor<4> {
-    let length = (map.clone() * map.clone()).sum_dim(1).clamp_min(SHORTEST * SHORTEST).sqrt() + SHORTEST;
+    let length = (map.clone() * map.clone()).sum_dim(1).clamp_min(EPSILON * EPSILON).sqrt() + EPSILON;
     map / length
 }
 
-/// (1 2 1)⊗(1 2 1) / 16 at every second pixel, two reflected pixels around.
+/// Blurs with (1 2 1)⊗(1 2 1) / 16 at every second pixel, after padding by two reflected pixels.
 fn blurred(map: &Tensor<4>) -> Tensor<4> {
     let [_, channels, ..] = map.dims();
     let row = [1.0, 2.0, 1.0];
@@ -161,9 +162,9 @@ fn blurred(map: &Tensor<4>) -> Tensor<4> {
     conv2d(reflected(&reflected(map, 2), 3), kernel, None, ConvOptions::new([2; 2], [0; 2], [1; 2], channels))
 }
 
-/// Two mirrored lines at each end of a dimension; the outermost is not repeated.
+/// Pads a dimension by two reflected lines at each end; the outermost line is not repeated.
 fn reflected(map: &Tensor<4>, dimension: usize) -> Tensor<4> {
-    let side = map.dims().get(dimension).copied().unwrap_or_default();
+    let side = map.dims()[dimension];
     let line = |at: usize| map.clone().slice_dim(dimension, at..at + 1);
     let after = side.saturating_sub(2);
     Tensor::cat(vec![line(2), line(1), map.clone(), line(after), line(after.saturating_sub(1))], dimension)

@@ -1,10 +1,11 @@
-//! The paper's losses as functions of pictures: value and gradient, in closed form where there is one.
+//! The paper's losses as functions of pictures: value and gradient, in closed form where one exists.
 //!
-//! A loss sees rendered pictures as plain numbers, and its gradient enters the graph at the splatter's output. So
-//! every term can be checked for NaN before anything is propagated, and what a stop-gradient stops cannot leak: the
-//! uncertainty's error map has no graph behind it.
+//! A loss takes rendered pictures as plain values, and its gradient enters the graph at the renderer's output. So every term
+//! is checked for NaN before anything is propagated, and a stop-gradient cannot leak: the error map of the uncertainty loss
+//! has no graph behind it.
 //!
-//! Pictures are view by view, row by row, red, green, blue. Sums run in one order, so that threads change no bit.
+//! Pictures are view by view, row by row, red, green, blue. The order of sums is fixed, so that results do not depend on the
+//! number of threads.
 
 mod blur;
 mod d_ssim;
@@ -19,14 +20,14 @@ pub use mse::mse;
 pub use perceptual::Perceptual;
 pub use uncertainty::uncertainty;
 
-/// Views, rows and columns of a stack of pictures.
+/// Dimensions of a stack of pictures.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stack {
-    /// Pictures.
+    /// Number of pictures.
     pub views: usize,
-    /// Rows of each.
+    /// Rows of each picture.
     pub height: usize,
-    /// Columns of each.
+    /// Columns of each picture.
     pub width: usize,
 }
 
@@ -36,18 +37,18 @@ impl Stack {
         self.height * self.width
     }
 
-    /// Numbers in all, three a pixel.
+    /// Number of values: three per pixel.
     pub const fn samples(self) -> usize {
         self.views * self.pixels() * 3
     }
 }
 
-/// A loss and its derivative by every number of the rendered pictures.
+/// A loss and its gradient with respect to the rendered pictures.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Loss {
-    /// Mean over all numbers.
+    /// Mean over all values.
     pub value: f64,
-    /// As long as the pictures.
+    /// One number per value of the pictures.
     pub gradient: Vec<f32>,
 }
 

@@ -1,6 +1,6 @@
 use super::Loss;
 
-/// Mean squared error of pictures of one size, over pixels, channels and views.
+/// Mean squared error over pixels, channels and views.
 pub fn mse(render: &[f32], truth: &[f32]) -> Loss {
     let count = render.len() as f64;
     let mut sum = 0.0;

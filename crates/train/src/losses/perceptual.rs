@@ -13,7 +13,7 @@ pub enum Perceptual {
 }
 
 impl Perceptual {
-    /// Reads what the choice needs.
+    /// The chosen loss; reads its weights if it has any.
     ///
     /// # Errors
     /// As [`Learned::read`].
@@ -26,7 +26,7 @@ impl Perceptual {
         }
     }
 
-    /// What it is, for provenance.
+    /// Description, for provenance.
     pub fn name(&self) -> String {
         match self {
             Self::DSsim => "D-SSIM (1 − SSIM, Gaussian window of 11) in the place of a learned loss".to_owned(),
@@ -34,7 +34,7 @@ impl Perceptual {
         }
     }
 
-    /// Its mean over views.
+    /// The loss, mean over views.
     pub fn evaluate(&self, render: &[f32], truth: &[f32], stack: Stack) -> Loss {
         match self {
             Self::DSsim => d_ssim(render, truth, stack).loss,

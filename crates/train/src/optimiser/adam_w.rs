@@ -4,11 +4,11 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct AdamW {
-    /// Decay of the first and the second moment; iLRM's.
+    /// Decay of the first and the second moment; by default iLRM's.
     pub betas: [f64; 2],
     /// Added to the root of the second moment.
     pub epsilon: f64,
-    /// Share of a matrix, times the learning rate, that is taken off at every step; vectors do not decay.
+    /// Weight decay of matrices, multiplied by the learning rate at every step; vectors do not decay.
     pub weight_decay: f64,
 }
 
@@ -18,35 +18,35 @@ impl Default for AdamW {
     }
 }
 
-/// What all parameters share in one step.
+/// Settings of one step, shared by all parameters.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Update {
-    /// Counts steps from 1.
+    /// Index of the update, counted from 1.
     pub number: u64,
-    /// Of this step.
+    /// Learning rate of this step.
     pub learning_rate: f64,
-    /// What gradients are multiplied with: the mean over samples, and clipping.
+    /// Factor of the gradients: the mean over samples, and clipping.
     pub scale: f64,
 }
 
 /// Running means of one parameter's gradient and of its square.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Moments {
-    /// Of the gradient.
+    /// Mean of the gradient.
     pub first: Vec<f32>,
-    /// Of its square.
+    /// Mean of its square.
     pub second: Vec<f32>,
 }
 
 impl Moments {
-    /// Before the first step.
+    /// Moments before the first step.
     pub fn zeros(count: usize) -> Self {
         Self { first: vec![0.0; count], second: vec![0.0; count] }
     }
 }
 
 impl AdamW {
-    /// Moves one parameter.
+    /// Updates one parameter.
     pub fn step(&self, update: Update, parameter: &mut [f32], gradient: &[f32], moments: &mut Moments, decays: bool) {
         let Update { number, learning_rate, scale } = update;
         let [beta1, beta2] = self.betas;

@@ -1,15 +1,15 @@
 use atsplat_numeric::Extremes as _;
 
-/// The share of the average that a step keeps: `decay`, and less while so few steps went into it that the first weights would
-/// outweigh the later ones; `step` counts from 0.
-pub fn kept(decay: f64, step: u64) -> f64 {
+/// Decay of the average at a step, counted from 0: `decay`, but less in the first steps, when the initial weights would
+/// outweigh the later ones.
+pub fn warmed_up(decay: f64, step: u64) -> f64 {
     decay.minimum_of((1.0 + step as f64) / (10.0 + step as f64))
 }
 
-/// Moves an average towards new values.
-pub fn average(mean: &mut [f32], values: &[f32], kept: f64) {
+/// Updates an exponential moving average.
+pub fn average(mean: &mut [f32], values: &[f32], decay: f64) {
     for (mean, value) in mean.iter_mut().zip(values) {
-        let moved = f64::from(*mean) + (1.0 - kept) * (f64::from(*value) - f64::from(*mean));
+        let moved = f64::from(*mean) + (1.0 - decay) * (f64::from(*value) - f64::from(*mean));
         #[expect(clippy::cast_possible_truncation, reason = "weights are f32")]
         {
             *mean = moved as f32;
@@ -23,7 +23,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
 
     #[test]
-    fn an_average_forgets_by_powers_of_what_it_keeps() {
+    fn past_values_decay_by_powers() {
         let (mut mean, history) = (vec![1.0f32, -2.0], [[3.0f32, 0.0], [5.0, 1.0], [-4.0, 8.0]]);
         for values in &history {
             average(&mut mean, values, 0.75);
@@ -36,8 +36,8 @@ mod tests {
     }
 
     #[test]
-    fn a_young_average_follows_quickly() {
-        let found: Vec<f64> = [0, 8, 1_000_000].map(|step| kept(0.999, step)).to_vec();
-        Tolerance::relative(1e-12).assert(found, [0.1, 0.5, 0.999], "kept");
+    fn the_decay_is_smaller_in_the_first_steps() {
+        let found: Vec<f64> = [0, 8, 1_000_000].map(|step| warmed_up(0.999, step)).to_vec();
+        Tolerance::relative(1e-12).assert(found, [0.1, 0.5, 0.999], "decay");
     }
 }

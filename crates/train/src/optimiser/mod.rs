@@ -1,11 +1,21 @@
-//! `AdamW`, its schedule, clipping and averaging, over named arrays: simple enough that its state can be written down exactly.
+//! `AdamW`, learning-rate schedule, gradient clipping and weight averaging, on plain arrays that a checkpoint stores exactly.
 
 mod adam_w;
 mod average;
-mod clip;
 mod schedule;
 
 pub use adam_w::{AdamW, Moments, Update};
-pub use average::{average, kept};
-pub use clip::{clip, norm};
+pub use average::{average, warmed_up};
 pub use schedule::Schedule;
+
+/// Norm of all gradients as one vector, summed in f64 in their order; NaN if one of them is NaN.
+pub fn norm<'a>(gradients: impl IntoIterator<Item = &'a [f32]>) -> f64 {
+    let squares = gradients.into_iter().map(|part| part.iter().map(|g| f64::from(*g) * f64::from(*g)).sum::<f64>());
+    squares.sum::<f64>().sqrt()
+}
+
+/// Factor that clips gradients to a norm of at most `most`: PyTorch's `clip_grad_norm_`.
+pub fn clip(norm: f64, most: f64) -> f64 {
+    let scale = most / (norm + 1e-6);
+    if scale < 1.0 { scale } else { 1.0 }
+}

@@ -1,14 +1,14 @@
 use serde::{Deserialize, Serialize};
 
-/// Learning rate over time: a line up, half a cosine down (paper, supplement, "Training Details").
+/// Schedule of the learning rate: linear warm-up, then cosine decay (paper, supplement, "Training Details").
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields, default)]
 pub struct Schedule {
-    /// The highest rate; the paper's.
+    /// Peak rate; by default the paper's.
     pub learning_rate: f64,
-    /// Steps until it is reached.
+    /// Steps until the peak.
     pub warm_up_steps: u64,
-    /// Share of the highest rate that is left at the end.
+    /// Final rate as a share of the peak.
     pub final_share: f64,
 }
 
@@ -19,14 +19,14 @@ impl Default for Schedule {
 }
 
 impl Schedule {
-    /// The rate of a step, counted from 0, of `steps` in all.
+    /// The rate of a step, counted from 0, of `steps` steps.
     pub fn rate(&self, step: u64, steps: u64) -> f64 {
         if step < self.warm_up_steps {
             return self.learning_rate * (step + 1) as f64 / self.warm_up_steps as f64;
         }
         let rest = steps.saturating_sub(self.warm_up_steps).max(1) as f64;
-        let gone = ((step - self.warm_up_steps) as f64 / rest).clamp(0.0, 1.0);
-        let share = 0.5 * (1.0 + (std::f64::consts::PI * gone).cos());
+        let progress = ((step - self.warm_up_steps) as f64 / rest).clamp(0.0, 1.0);
+        let share = 0.5 * (1.0 + (std::f64::consts::PI * progress).cos());
         self.learning_rate * (self.final_share + (1.0 - self.final_share) * share)
     }
 }

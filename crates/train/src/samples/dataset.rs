@@ -1,22 +1,22 @@
-use atsplat_numeric::SplitMix64;
 use std::collections::BTreeSet;
 use std::path::PathBuf;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use atsplat_camera::{Camera, PoseNormalisation};
 use atsplat_model::ImageSize;
+use atsplat_numeric::SplitMix64;
 use atsplat_pixels::ImageU8;
 use atsplat_protocol::samplers::SceneViews;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
-use atsplat_protocol::{EvaluationIndex, Preset};
-use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
+use atsplat_protocol::{EvaluationIndex, Preset, ProtocolError};
+use atsplat_scene::{Scene, SceneError, SceneSource, Warning, WarningKind, Warnings};
 use indexmap::IndexMap;
 use serde::{Deserialize, Serialize};
 
-use super::{Draw, ExcludedScenes, Posed, Sample, Source, ViewChoice};
+use super::{Draw, ExcludedScenes, PosedPictures, Sample, Source, ViewChoice, first_sample};
 use crate::TrainError;
 
-/// A dataset on disk under a protocol's preprocessing.
+/// A dataset on disk with a protocol's preprocessing.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct DatasetConfig {
@@ -24,24 +24,35 @@ pub struct DatasetConfig {
     pub path: PathBuf,
     /// Name or path of the protocol whose preprocessing and filters apply.
     pub preset: String,
-    /// Which frames become a sample.
+    /// How frames are chosen for a sample.
     pub views: ViewChoice,
     /// Scenes that are never drawn: those of the indices that the network will be evaluated on.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub exclude: Vec<ExcludedScenes>,
 }
 
-/// Scenes of a dataset, through the same code that makes an evaluation's trials.
+/// Samples from the scenes of a dataset, prepared by the same code as an evaluation's trials.
 pub struct DatasetSource {
     config: DatasetConfig,
     dataset: Box<dyn SceneSource>,
     /// Of the scenes that may be drawn.
     keys: Vec<String>,
     recipe: TrialRecipe,
+    counted: Mutex<Counted>,
+}
+
+/// Warnings of scenes and their trials, each counted once although scenes are loaded again and again.
+#[derive(Default)]
+struct Counted {
+    warnings: Warnings,
+    /// Keys of scenes whose loading was counted.
+    scenes: BTreeSet<String>,
+    /// Warnings of trials that were counted: kind, scene, detail.
+    of_trials: BTreeSet<(WarningKind, String, String)>,
 }
 
 impl DatasetSource {
-    /// Opens the dataset; no scene is read yet. Cameras go through `normalisation`, not through the preset's.
+    /// Opens the dataset; no scene is read yet. Poses are normalised by `normalisation`, not by the preset's rule.
     ///
     /// # Errors
     /// [`TrainError::Scene`], [`TrainError::Protocol`], [`TrainError::Malformed`] for a dataset without scenes.
@@ -65,7 +76,7 @@ impl DatasetSource {
             pose_normalisation: normalisation,
             ..TrialRecipe::of(&Preset::resolve(&config.preset)?, "ATSplat")
         };
-        Ok(Self { config, dataset, keys, recipe })
+        Ok(Self { config, dataset, keys, recipe, counted: Mutex::default() })
     }
 
     /// Keys of the scenes that may be drawn, in the dataset's order.
@@ -73,9 +84,37 @@ impl DatasetSource {
         &self.keys
     }
 
-    /// The trial of one scene and one draw of frames, or why there is none.
+    fn counted(&self) -> MutexGuard<'_, Counted> {
+        self.counted.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Loads a scene and counts its warnings, or its failure, the first time.
+    fn load(&self, key: &str) -> Result<Scene, String> {
+        let mut warnings = Warnings::new();
+        let scene = self.dataset.load(key, &mut warnings).map_err(|error| {
+            warnings.push(WarningKind::UnreadableScene, key, error.to_string());
+            error.to_string()
+        });
+        let mut counted = self.counted();
+        if counted.scenes.insert(key.to_owned()) {
+            counted.warnings.merge(warnings);
+        }
+        scene
+    }
+
+    /// Counts the warnings of a trial that no earlier trial had.
+    fn count_trial(&self, warnings: &Warnings) {
+        let mut counted = self.counted();
+        for Warning { kind, scene, detail } in warnings.kept() {
+            if counted.of_trials.insert((*kind, scene.clone(), detail.clone())) {
+                counted.warnings.push(*kind, scene, detail);
+            }
+        }
+    }
+
+    /// A sample of one scene by one draw of frames, or why there is none.
     fn try_sample(&self, key: &str, step: u64, random: &mut SplitMix64) -> Result<Sample, String> {
-        let scene = self.dataset.load(key, &mut Warnings::new()).map_err(|error| error.to_string())?;
+        let scene = self.load(key)?;
         let cameras: Vec<Camera> = scene.frames.iter().map(|frame| frame.camera).collect();
         let entry = self.config.views.draw(&SceneViews { key, cameras: &cameras }, step, random);
         let entry = entry.map_err(|error| format!("{key}: {error}"))?;
@@ -83,7 +122,9 @@ impl DatasetSource {
         let index = EvaluationIndex { scenes: IndexMap::from([(key.to_owned(), vec![entry])]) };
         let one = Arc::new(OneScene { keys: vec![key.to_owned()], scene });
         let prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-        let trial = Trials::new(one, &index, self.recipe.clone(), prefetch).next();
+        let mut trials = Trials::new(one, &index, self.recipe.clone(), prefetch);
+        let trial = trials.next();
+        self.count_trial(trials.warnings());
         let (trial, truths) = match trial {
             Some(Ok(trial)) => trial,
             Some(Err(skipped)) => return Err(format!("{name}: {}", skipped.detail)),
@@ -94,9 +135,9 @@ impl DatasetSource {
             let picture = truths.get(position)?;
             Some(picture.map(|picture| (target.camera, picture)))
         });
-        let said = |error: &atsplat_protocol::ProtocolError| format!("{name}: {error}");
-        let context = posed(&context.collect::<Result<Vec<_>, _>>().map_err(|error| said(&error))?);
-        let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(|error| said(&error))?);
+        let message = |error: ProtocolError| format!("{name}: {error}");
+        let context = posed(&context.collect::<Result<Vec<_>, _>>().map_err(message)?);
+        let targets = posed(&targets.collect::<Result<Vec<_>, _>>().map_err(message)?);
         match (context, targets) {
             (Some(context), Some(targets)) => Ok(Sample { name, context, targets }),
             _ => Err(format!("{name}: expected pictures of one size")),
@@ -104,8 +145,8 @@ impl DatasetSource {
     }
 }
 
-/// `None` where pictures differ in size or there are none.
-fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<Posed> {
+/// `None` if pictures differ in size or there are none.
+fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<PosedPictures> {
     let size_of = |picture: &ImageU8| ImageSize::new(picture.height() as usize, picture.width() as usize);
     let size = views.first().map(|(_, picture)| size_of(picture))?;
     if views.iter().any(|(_, picture)| size_of(picture) != size) {
@@ -113,7 +154,7 @@ fn posed(views: &[(Camera, Arc<ImageU8>)]) -> Option<Posed> {
     }
     let bytes = views.iter().flat_map(|(_, picture)| picture.samples());
     let pictures = bytes.map(|byte| f32::from(*byte) / 255.0).collect();
-    Some(Posed { size, pictures, cameras: views.iter().map(|(camera, _)| *camera).collect() })
+    Some(PosedPictures { size, pictures, cameras: views.iter().map(|(camera, _)| *camera).collect() })
 }
 
 impl Source for DatasetSource {
@@ -121,18 +162,17 @@ impl Source for DatasetSource {
         format!("{} under {}", self.config.path.display(), self.config.preset)
     }
 
+    fn warnings(&self) -> Warnings {
+        self.counted().warnings.clone()
+    }
+
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        const ATTEMPTS: u32 = 20;
-        let mut reason = String::new();
-        for attempt in 0..ATTEMPTS {
-            let mut random = SplitMix64::for_scene(draw.seed, &format!("{} {} {attempt}", self.name(), draw.number));
-            let Some(key) = random.within(0..=self.keys.len() - 1).and_then(|at| self.keys.get(at)) else { continue };
-            match self.try_sample(key, draw.step, &mut random) {
-                Ok(sample) => return Ok(sample),
-                Err(why) => reason = why,
-            }
-        }
-        Err(TrainError::NoSample { source_name: self.name(), attempts: ATTEMPTS, reason })
+        let keys = &self.keys;
+        first_sample(self.name(), draw, |random| {
+            #[expect(clippy::expect_used, reason = "a dataset without scenes to draw is rejected when it is opened")]
+            let key = random.within(0..=keys.len() - 1).and_then(|at| keys.get(at)).expect("a scene");
+            Ok(self.try_sample(key, draw.step, random))
+        })
     }
 }
 
@@ -142,7 +182,7 @@ impl std::fmt::Debug for DatasetSource {
     }
 }
 
-/// A dataset of the scene that was loaded already.
+/// A dataset of one loaded scene.
 struct OneScene {
     keys: Vec<String>,
     scene: Scene,

@@ -1,22 +1,22 @@
 use atsplat_camera::{Camera, CameraError, CameraFromWorld, Distortion, NormalizedIntrinsics};
 use glam::{DMat3, DVec3};
 
-use super::{Posed, Sample};
+use super::{PosedPictures, Sample};
 
 /// x ↦ −x, of the world and of every camera.
 const MIRROR: DMat3 = DMat3::from_diagonal(DVec3::new(-1.0, 1.0, 1.0));
 
-/// The same scene in a mirror: pictures swap left and right, and cameras stand where the mirror shows them. A camera is
-/// mirrored on both sides, which leaves its rotation a rotation.
+/// The mirrored scene: pictures swap left and right, and cameras move to their mirror images. A pose is mirrored on both
+/// sides (world and camera), so that its rotation stays a rotation.
 ///
 /// # Errors
-/// [`CameraError`] for poses that are no poses.
+/// [`CameraError`] for invalid poses.
 pub fn mirrored(sample: &Sample) -> Result<Sample, CameraError> {
-    let posed = |posed: &Posed| -> Result<Posed, CameraError> {
+    let posed = |posed: &PosedPictures| -> Result<PosedPictures, CameraError> {
         let row = (posed.size.width * 3).max(1);
         let pictures = posed.pictures.chunks_exact(row).flat_map(|row| row.as_chunks::<3>().0.iter().rev().flatten());
         let cameras: Result<Vec<Camera>, CameraError> = posed.cameras.iter().map(mirrored_camera).collect();
-        Ok(Posed { size: posed.size, pictures: pictures.copied().collect(), cameras: cameras? })
+        Ok(PosedPictures { size: posed.size, pictures: pictures.copied().collect(), cameras: cameras? })
     };
     Ok(Sample {
         name: format!("{}, mirrored", sample.name),
@@ -32,7 +32,7 @@ fn mirrored_camera(camera: &Camera) -> Result<Camera, CameraError> {
         camera_from_world: CameraFromWorld::new(MIRROR * pose.rotation() * MIRROR, MIRROR * pose.translation())?,
         intrinsics: NormalizedIntrinsics::new(fx, fy, 1.0 - cx, cy)?,
         distortion: match camera.distortion {
-            // Of the tangential terms, the one that is even in x changes its sign.
+            // Of the tangential terms, the one that is even in x changes sign.
             Distortion::OpenCv { k1, k2, k3, p1, p2 } => Distortion::OpenCv { k1, k2, k3, p1, p2: -p2 },
             other => other,
         },

@@ -1,8 +1,11 @@
+use atsplat_numeric::SplitMix64;
+use atsplat_scene::Warnings;
+
 use super::{Draw, Sample, Source, mirrored};
 use crate::TrainError;
-use atsplat_numeric::SplitMix64;
+use crate::config::WHAT;
 
-/// Several sources, each with its share of the samples: one source, or all datasets and view counts of a unified model.
+/// One or more sources, each with its share of the samples, e.g. all datasets and view counts of a unified model.
 #[derive(Debug)]
 pub struct Mixture {
     sources: Vec<(f64, Box<dyn Source>)>,
@@ -11,15 +14,14 @@ pub struct Mixture {
 }
 
 impl Mixture {
-    /// Of sources and their positive shares. Half of the samples are mirrored where `flips` is set; after `distinct`
+    /// A mixture of sources with their positive shares. If `flips`, half of the samples are mirrored; after `distinct`
     /// samples they repeat.
     ///
     /// # Errors
-    /// [`TrainError::Malformed`] where there is no source, or a share is not a positive number.
+    /// [`TrainError::Malformed`] if there is no source, or a share is not a positive number.
     pub fn new(sources: Vec<(f64, Box<dyn Source>)>, flips: bool, distinct: Option<u64>) -> Result<Self, TrainError> {
-        let malformed = |found: String| {
-            TrainError::malformed("training configuration", "data", "one source or more with positive shares", found)
-        };
+        let malformed =
+            |found: String| TrainError::malformed(WHAT, "data", "one or more sources with positive shares", found);
         if sources.is_empty() {
             return Err(malformed("none".to_owned()));
         }
@@ -29,18 +31,20 @@ impl Mixture {
         }
     }
 
-    /// Which source a sample comes from, and whether it is mirrored.
-    fn plan(&self, draw: Draw) -> (Option<&dyn Source>, bool) {
+    /// The source of a sample, and whether it is mirrored.
+    fn plan(&self, draw: Draw) -> (&dyn Source, bool) {
         let mut random = SplitMix64::for_scene(draw.seed, &format!("mixture {}", draw.number));
         let total: f64 = self.sources.iter().map(|(share, _)| share).sum();
         let unit = (random.next_u64() >> 11) as f64 / (1u64 << 53) as f64;
-        let mut left = unit * total;
+        let mut remaining = unit * total;
         let chosen = self.sources.iter().find(|(share, _)| {
-            left -= share;
-            left < 0.0
+            remaining -= share;
+            remaining < 0.0
         });
-        let source = chosen.or(self.sources.last()).map(|(_, source)| source.as_ref());
-        (source, self.flips && random.next_u64() & 1 == 1)
+        // Rounding can leave a remainder of 0.
+        #[expect(clippy::expect_used, reason = "a mixture has at least one source")]
+        let (_, source) = chosen.or(self.sources.last()).expect("at least one source");
+        (source.as_ref(), self.flips && random.next_u64() & 1 == 1)
     }
 }
 
@@ -54,8 +58,13 @@ impl Source for Mixture {
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
         let draw = Draw { number: self.distinct.map_or(draw.number, |distinct| draw.number % distinct.max(1)), ..draw };
         let (source, flipped) = self.plan(draw);
-        let none = || TrainError::malformed("training configuration", "data", "one source or more", "none");
-        let sample = source.ok_or_else(none)?.sample(draw)?;
+        let sample = source.sample(draw)?;
         Ok(if flipped { mirrored(&sample)? } else { sample })
+    }
+
+    fn warnings(&self) -> Warnings {
+        let mut warnings = Warnings::new();
+        self.sources.iter().for_each(|(_, source)| warnings.merge(source.warnings()));
+        warnings
     }
 }

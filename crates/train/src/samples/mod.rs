@@ -1,5 +1,5 @@
-//! What a training step learns from. A sample is a function of the seed and its number alone, so that a resumed run
-//! and any number of threads see the same.
+//! Training samples. A sample is a function of the seed, its number and the step alone, so that a resumed run and any number
+//! of threads see the same samples.
 
 mod dataset;
 mod exclude;
@@ -11,6 +11,8 @@ mod views;
 use atsplat_camera::{Camera, PoseNormalisation, WorldFromCamera, normalise};
 use atsplat_model::ImageSize;
 use atsplat_model::network::Views;
+use atsplat_numeric::SplitMix64;
+use atsplat_scene::Warnings;
 
 pub use dataset::{DatasetConfig, DatasetSource};
 pub use exclude::ExcludedScenes;
@@ -22,32 +24,32 @@ pub use views::ViewChoice;
 use crate::TrainError;
 use crate::losses::Stack;
 
-/// Context views with pictures, and target views with the pictures that they should get; in the network's frame.
+/// Context views and target views with their pictures, in the network's frame.
 #[derive(Clone, Debug)]
 pub struct Sample {
     /// Scene and frames, for messages.
     pub name: String,
-    /// What the network is given.
-    pub context: Posed,
-    /// What its renders are compared with.
-    pub targets: Posed,
+    /// Input of the network.
+    pub context: PosedPictures,
+    /// Ground truth of the renders.
+    pub targets: PosedPictures,
 }
 
 /// Pictures of one size with their cameras.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Posed {
-    /// Of every picture.
+pub struct PosedPictures {
+    /// Size of every picture.
     pub size: ImageSize,
     /// View by view, row by row, red, green, blue in 0…1.
     pub pictures: Vec<f32>,
-    /// One a picture.
+    /// One camera per picture.
     pub cameras: Vec<Camera>,
 }
 
-/// Which sample is asked for.
+/// The identity of a sample.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Draw {
-    /// Of the run.
+    /// Seed of the run.
     pub seed: u64,
     /// Counts samples from 0.
     pub number: u64,
@@ -55,25 +57,30 @@ pub struct Draw {
     pub step: u64,
 }
 
-/// An endless list of samples.
+/// An endless sequence of samples.
 pub trait Source: Send + Sync + std::fmt::Debug {
-    /// What it is, for provenance.
+    /// Description, for provenance.
     fn name(&self) -> String;
 
     /// The sample of a draw: always the same.
     ///
     /// # Errors
-    /// [`TrainError::NoSample`] where many draws in a row give none, and what goes wrong in reading and rendering.
+    /// [`TrainError::NoSample`] if many draws in a row give none; errors of reading and rendering.
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError>;
+
+    /// What was wrong with the scenes loaded so far without stopping, each scene counted once.
+    fn warnings(&self) -> Warnings {
+        Warnings::new()
+    }
 }
 
-impl Posed {
-    /// How many, and how large.
+impl PosedPictures {
+    /// Dimensions of the pictures.
     pub fn stack(&self) -> Stack {
         Stack { views: self.cameras.len(), height: self.size.height, width: self.size.width }
     }
 
-    /// As the network takes them.
+    /// The pictures as the network's input.
     ///
     /// # Errors
     /// [`atsplat_model::ModelError`] for pictures with NaN.
@@ -82,26 +89,59 @@ impl Posed {
     }
 
     /// One picture.
+    ///
+    /// # Panics
+    /// If there is no such view.
     pub fn picture(&self, view: usize) -> &[f32] {
         let length = self.stack().pixels() * 3;
-        self.pictures.get(view * length..(view + 1) * length).unwrap_or_default()
+        &self.pictures[view * length..(view + 1) * length]
     }
 }
 
 impl Sample {
-    /// Of each target, the context view whose camera stands nearest: the baseline that copies it.
+    /// For each target, the context view with the nearest camera: the nearest-view baseline copies it.
+    ///
+    /// # Panics
+    /// If there is no context view.
     pub fn nearest(&self) -> Vec<usize> {
         let centre = |camera: &Camera| camera.camera_from_world.inverse().centre();
         let nearest = |target: &Camera| {
             let distance = |camera: &Camera| centre(camera).distance_squared(centre(target));
             let views = self.context.cameras.iter().map(distance).enumerate();
-            views.min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(view, _)| view)
+            #[expect(clippy::expect_used, reason = "every sample has context views")]
+            let (view, _) = views.min_by(|a, b| a.1.total_cmp(&b.1)).expect("a context view");
+            view
         };
         self.targets.cameras.iter().map(nearest).collect()
     }
 }
 
-/// Cameras in the frame that a rule makes of the context.
+/// The first sample that `attempt` makes from a random stream of the draw, or the reason of the last failure after 20 attempts.
+fn first_sample(
+    source_name: String,
+    draw: Draw,
+    mut attempt: impl FnMut(&mut SplitMix64) -> Result<Result<Sample, String>, TrainError>,
+) -> Result<Sample, TrainError> {
+    const ATTEMPTS: u32 = 20;
+    let mut reason = String::new();
+    for number in 0..ATTEMPTS {
+        match attempt(&mut SplitMix64::for_scene(draw.seed, &format!("{source_name} {} {number}", draw.number)))? {
+            Ok(sample) => return Ok(sample),
+            Err(error) => reason = error,
+        }
+    }
+    Err(TrainError::NoSample { source_name, attempts: ATTEMPTS, reason })
+}
+
+/// A size for the renderer and pictures, which count in 32 bits.
+#[expect(clippy::expect_used, reason = "2³² pixels a side would not fit into memory")]
+pub(crate) fn pixel_size(size: ImageSize) -> atsplat_camera::ImageSize {
+    let [height, width] =
+        [size.height, size.width].map(|side| u32::try_from(side).expect("a picture of fewer than 2³² pixels a side"));
+    atsplat_camera::ImageSize { width, height }
+}
+
+/// Cameras normalised by a rule that depends on the context's poses.
 fn normalised(
     context: &[Camera],
     targets: &[Camera],
@@ -110,11 +150,11 @@ fn normalised(
     let poses = |cameras: &[Camera]| -> Vec<WorldFromCamera> {
         cameras.iter().map(|camera| camera.camera_from_world.inverse()).collect()
     };
-    let moved = normalise(&poses(context), &poses(targets), rule)?;
+    let poses_of = normalise(&poses(context), &poses(targets), rule)?;
     let with = |cameras: &[Camera], poses: &[WorldFromCamera]| {
         let camera =
             |(camera, pose): (&Camera, &WorldFromCamera)| Camera { camera_from_world: pose.inverse(), ..*camera };
         cameras.iter().zip(poses).map(camera).collect()
     };
-    Ok([with(context, &moved.context), with(targets, &moved.targets)])
+    Ok([with(context, &poses_of.context), with(targets, &poses_of.targets)])
 }

@@ -11,34 +11,34 @@ use atsplat_rooms::{EffectChoice, EffectKind, Request, SceneKind, SceneSeed, Sim
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use super::{Draw, Posed, Sample, Source, ViewChoice, normalised};
+use super::{Draw, PosedPictures, Sample, Source, ViewChoice, first_sample, normalised, pixel_size};
 use crate::TrainError;
 
-/// Simulated scenes, rendered when they are needed.
+/// Simulated scenes, rendered when first needed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct RoomsConfig {
-    /// What kind of place.
+    /// Kind of scene.
     pub scenes_of: SceneKind,
-    /// Training scenes or test scenes: never the same.
+    /// Training or test scenes, which are always different.
     #[serde(default = "train")]
     pub split: Split,
-    /// How many different scenes.
+    /// Number of different scenes.
     pub scenes: NonZeroU32,
-    /// Number of the first.
+    /// Index of the first scene.
     #[serde(default)]
     pub first: u32,
     /// Height and width of pictures, in pixels.
     pub size: ImageSize,
-    /// Rays a pixel.
+    /// Rays per pixel.
     #[serde(default = "four")]
     pub samples: u32,
-    /// Every how-many-th frame of a clip is offered. All that are offered are rendered when the scene is first needed.
+    /// Every `stride`-th frame of a clip is offered; all offered frames are rendered when the scene is first needed.
     #[serde(default = "one")]
     pub stride: NonZeroUsize,
     /// Which frames become a sample; gaps count offered frames.
     pub views: ViewChoice,
-    /// Most rendered frames that are kept in memory, in MiB; where it is less than all, scenes are rendered again.
+    /// Memory for rendered frames, in MiB; scenes that do not fit are rendered again.
     #[serde(default = "gibibyte")]
     pub cache_mib: usize,
 }
@@ -59,7 +59,7 @@ const fn one() -> NonZeroUsize {
     NonZeroUsize::MIN
 }
 
-/// Simulated scenes. Lenses are left out: the network and the papers' renderers take cameras for pinholes.
+/// Samples from simulated scenes, without lens distortion: the network and the papers' renderers assume pinhole cameras.
 #[derive(Debug)]
 pub struct RoomsSource {
     config: RoomsConfig,
@@ -67,15 +67,15 @@ pub struct RoomsSource {
     cache: Mutex<Cache>,
 }
 
-/// The frames of a scene that are offered.
+/// The offered frames of a scene.
 #[derive(Debug)]
 struct Clip {
     cameras: Vec<Camera>,
-    /// As files of 8 bits would hold them.
+    /// 8-bit samples, as in a file.
     pictures: Vec<Vec<u8>>,
 }
 
-/// Clips that were rendered; whatever is thrown away is rendered again as it was.
+/// Rendered clips; evicted ones are rendered again, identically.
 #[derive(Debug, Default)]
 struct Cache {
     clips: HashMap<u32, Arc<Clip>>,
@@ -91,18 +91,18 @@ impl Clip {
 }
 
 impl RoomsSource {
-    /// Scenes whose cameras go through `normalisation`.
+    /// A source whose cameras are normalised by `normalisation`.
     pub fn new(config: RoomsConfig, normalisation: PoseNormalisation) -> Self {
         Self { config, normalisation, cache: Mutex::default() }
     }
 
-    /// Which scene and which frames, with their cameras in the clip's world.
+    /// The clip of a scene, from the cache or rendered; cameras are in the clip's world.
     fn clip(&self, number: u32) -> Result<Arc<Clip>, TrainError> {
-        if let Some(known) = self.with(|cache| cache.clips.get(&number).cloned()) {
-            return Ok(known);
+        if let Some(cached) = self.with_cache(|cache| cache.clips.get(&number).cloned()) {
+            return Ok(cached);
         }
-        let clip = Arc::new(self.rendered(number)?);
-        self.with(|cache| {
+        let clip = Arc::new(self.render_clip(number)?);
+        self.with_cache(|cache| {
             if cache.clips.insert(number, Arc::clone(&clip)).is_none() {
                 cache.order.push_back(number);
                 cache.bytes += clip.bytes();
@@ -116,11 +116,9 @@ impl RoomsSource {
         Ok(clip)
     }
 
-    fn rendered(&self, number: u32) -> Result<Clip, TrainError> {
+    fn render_clip(&self, number: u32) -> Result<Clip, TrainError> {
         let mut request = Request::new(self.config.scenes_of, SceneSeed { split: self.config.split, number });
-        let ImageSize { height, width } = self.config.size;
-        let side = |side: usize| u32::try_from(side).unwrap_or(u32::MAX);
-        request.size = atsplat_camera::ImageSize { width: side(width), height: side(height) };
+        request.size = pixel_size(self.config.size);
         request.samples = self.config.samples;
         let mut simulation = Simulation::new(request.clone())?;
         let called: Vec<EffectKind> = simulation.called_effects().iter().map(|called| called.effect).collect();
@@ -136,13 +134,39 @@ impl RoomsSource {
         Ok(Clip { cameras, pictures })
     }
 
-    fn with<T>(&self, work: impl FnOnce(&mut Cache) -> T) -> T {
+    /// A sample of one scene by one draw of frames, or why there is none.
+    fn try_sample(&self, step: u64, random: &mut SplitMix64) -> Result<Result<Sample, String>, TrainError> {
+        let last = self.config.scenes.get() as usize - 1;
+        #[expect(clippy::expect_used, reason = "the range is not empty, and its end is a u32")]
+        let offset = random.within(0..=last).and_then(|offset| u32::try_from(offset).ok()).expect("a scene index");
+        let number = self.config.first.saturating_add(offset);
+        let key = SceneSeed { split: self.config.split, number }.key(self.config.scenes_of);
+        let clip = self.clip(number)?;
+        let entry = match self.config.views.draw(&SceneViews { key: &key, cameras: &clip.cameras }, step, random) {
+            Ok(entry) => entry,
+            Err(error) => return Ok(Err(format!("{key}: {error}"))),
+        };
+        let of = |frames: &[usize]| frames.iter().map(|frame| clip.cameras[*frame]).collect::<Vec<Camera>>();
+        let cameras = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
+        let sample = cameras.map(|[context, targets]| Sample {
+            name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
+            context: self.posed(&clip, &entry.context, context),
+            targets: self.posed(&clip, &entry.target, targets),
+        });
+        Ok(sample.map_err(|error| format!("{key}: {error}")))
+    }
+
+    fn with_cache<T>(&self, work: impl FnOnce(&mut Cache) -> T) -> T {
         work(&mut self.cache.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
-    fn posed(&self, clip: &Clip, frames: &[usize], cameras: Vec<Camera>) -> Posed {
-        let bytes = frames.iter().filter_map(|frame| clip.pictures.get(*frame)).flatten();
-        Posed { size: self.config.size, pictures: bytes.map(|byte| f32::from(*byte) / 255.0).collect(), cameras }
+    fn posed(&self, clip: &Clip, frames: &[usize], cameras: Vec<Camera>) -> PosedPictures {
+        let bytes = frames.iter().flat_map(|frame| &clip.pictures[*frame]);
+        PosedPictures {
+            size: self.config.size,
+            pictures: bytes.map(|byte| f32::from(*byte) / 255.0).collect(),
+            cameras,
+        }
     }
 }
 
@@ -154,41 +178,6 @@ impl Source for RoomsSource {
     }
 
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
-        const ATTEMPTS: u32 = 20;
-        let mut reason = String::new();
-        for attempt in 0..ATTEMPTS {
-            let stream = format!("{} {} {attempt}", self.name(), draw.number);
-            let mut random = SplitMix64::for_scene(draw.seed, &stream);
-            let last = self.config.scenes.get() as usize - 1;
-            let offset = random.within(0..=last).and_then(|offset| u32::try_from(offset).ok()).unwrap_or_default();
-            let number = self.config.first.saturating_add(offset);
-            let key = SceneSeed { split: self.config.split, number }.key(self.config.scenes_of);
-            let clip = self.clip(number)?;
-            let views = SceneViews { key: &key, cameras: &clip.cameras };
-            let entry = match self.config.views.draw(&views, draw.step, &mut random) {
-                Ok(entry) => entry,
-                Err(error) => {
-                    reason = format!("{key}: {error}");
-                    continue;
-                }
-            };
-            let of = |frames: &[usize]| -> Vec<Camera> {
-                frames.iter().filter_map(|frame| clip.cameras.get(*frame).copied()).collect()
-            };
-            let poses = normalised(&of(&entry.context), &of(&entry.target), &self.normalisation);
-            let [context, targets] = match poses {
-                Ok(poses) => poses,
-                Err(error) => {
-                    reason = format!("{key}: {error}");
-                    continue;
-                }
-            };
-            return Ok(Sample {
-                name: format!("{key}, frames {:?} to {:?}", entry.context, entry.target),
-                context: self.posed(&clip, &entry.context, context),
-                targets: self.posed(&clip, &entry.target, targets),
-            });
-        }
-        Err(TrainError::NoSample { source_name: self.name(), attempts: ATTEMPTS, reason })
+        first_sample(self.name(), draw, |random| self.try_sample(draw.step, random))
     }
 }

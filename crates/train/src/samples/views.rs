@@ -5,21 +5,21 @@ use atsplat_protocol::IndexEntry;
 use atsplat_protocol::samplers::{Bounded, ExtraContext, GapSchedule, NoEntry, SceneViews};
 use serde::{Deserialize, Serialize};
 
-/// Which frames of a scene become context and targets: the papers' bounded window, whose width grows with the step.
+/// How context and target frames of a scene are drawn: the papers' bounded window, whose width grows with the step.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct ViewChoice {
-    /// Fewest and most context views; a number between is drawn for each sample, and fewer views get narrower windows
+    /// Fewest and most context views; each sample draws a number between them, and fewer views get narrower windows
     /// (depthsplat `view_sampler_bounded_v2.py:93-127`).
     pub context: [NonZeroUsize; 2],
-    /// Target views.
+    /// Number of target views.
     pub targets: NonZeroUsize,
-    /// Frames between the first and the last context view, as the source counts frames.
+    /// Gap between the first and the last context view, in frames of the source.
     pub gaps: GapSchedule,
-    /// How many frames targets stay away from the ends of the window, inside; 1 keeps context frames from being targets.
+    /// Least distance of targets inside the window from its ends, in frames; 1 keeps context frames from being targets.
     #[serde(default)]
     pub inset: usize,
-    /// How many frames targets may lie outside the window.
+    /// Largest distance of targets outside the window, in frames.
     #[serde(default)]
     pub outside: usize,
     /// How context views between the ends are chosen.
@@ -31,13 +31,15 @@ pub struct ViewChoice {
 }
 
 impl ViewChoice {
-    /// Frames for one sample.
+    /// Draws the frames of one sample.
     ///
     /// # Errors
-    /// [`NoEntry`] where the scene is too short for it.
+    /// [`NoEntry`] if the scene is too short.
     pub fn draw(&self, scene: &SceneViews<'_>, step: u64, random: &mut SplitMix64) -> Result<IndexEntry, NoEntry> {
         let [fewest, most] = self.context;
-        let views = random.within(fewest.get()..=most.get()).and_then(NonZeroUsize::new).unwrap_or(fewest);
+        #[expect(clippy::expect_used, reason = "configurations with an empty range are rejected when they are read")]
+        let views =
+            random.within(fewest.get()..=most.get()).and_then(NonZeroUsize::new).expect("fewest to most context views");
         let sampler = Bounded {
             context_views: views,
             target_views: self.targets,

@@ -1,17 +1,17 @@
-//! A network so small that a step takes milliseconds, and samples that need no simulation.
+//! A network so small that a step takes milliseconds, and samples without simulation.
 
-use atsplat_numeric::SplitMix64;
 use std::path::Path;
 
 use atsplat_camera::{Camera, NormalizedIntrinsics, WorldFromCamera};
 use atsplat_model::ImageSize;
-use atsplat_train::samples::{Draw, Posed, Sample, Source};
+use atsplat_numeric::SplitMix64;
+use atsplat_train::samples::{Draw, PosedPictures, Sample, Source};
 use atsplat_train::{Start, TrainConfig, TrainError, Trainer};
 use glam::{DMat3, DVec3};
 
 pub(crate) const SIZE: ImageSize = ImageSize::new(32, 32);
 
-/// The smallest run; `more` is TOML after its fields.
+/// The smallest run; `more` is added to its TOML.
 pub(crate) fn config(more: &str) -> TrainConfig {
     let text = format!(
         r#"
@@ -53,21 +53,21 @@ keep = 2
     TrainConfig::from_toml(&text).unwrap()
 }
 
-/// A camera that looks along +z from beside the origin.
+/// A camera near the origin that looks along +z.
 pub(crate) fn camera(x: f64) -> Camera {
     let pose = WorldFromCamera::new(DMat3::from_rotation_y(-0.1 * x), DVec3::new(x, 0.1 * x, 0.0)).unwrap();
     Camera::pinhole(pose.inverse(), NormalizedIntrinsics::new(0.9, 0.9, 0.48, 0.5).unwrap())
 }
 
-/// Two context views and two targets of noise that a draw decides.
+/// Two context views and two targets of noise, a function of the draw.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Noise {
-    /// Changes what was drawn.
-    pub(crate) spoil: fn(u64, &mut Sample),
+    /// Changes a sample.
+    pub(crate) corrupt: fn(u64, &mut Sample),
 }
 
 impl Noise {
-    pub(crate) const CLEAN: Self = Self { spoil: |_, _| () };
+    pub(crate) const CLEAN: Self = Self { corrupt: |_, _| () };
 }
 
 pub(crate) fn sample(number: u64) -> Sample {
@@ -75,7 +75,7 @@ pub(crate) fn sample(number: u64) -> Sample {
         let mut random = SplitMix64::for_scene(number, name);
         let count = 2 * SIZE.height * SIZE.width * 3;
         let pictures = (0..count).map(|_| (random.next_u64() >> 40) as f32 / (1u32 << 24) as f32).collect();
-        Posed { size: SIZE, pictures, cameras: places.map(camera).to_vec() }
+        PosedPictures { size: SIZE, pictures, cameras: places.map(camera).to_vec() }
     };
     Sample {
         name: format!("noise {number}"),
@@ -91,7 +91,7 @@ impl Source for Noise {
 
     fn sample(&self, draw: Draw) -> Result<Sample, TrainError> {
         let mut sample = sample(draw.number);
-        (self.spoil)(draw.number, &mut sample);
+        (self.corrupt)(draw.number, &mut sample);
         Ok(sample)
     }
 }

@@ -1,4 +1,4 @@
-//! Every configuration in `eval/experiments/` is one: it reads, builds its network and does a step, in a tiny size.
+//! Every configuration in `eval/experiments/` can be read, builds its network and does a step at a tiny size.
 
 use std::path::{Path, PathBuf};
 
@@ -16,7 +16,7 @@ fn experiments() -> Vec<PathBuf> {
     paths
 }
 
-/// The same experiment on a network and pictures that a test has time for.
+/// The same experiment with a tiny network and tiny pictures.
 fn tiny(mut config: TrainConfig) -> TrainConfig {
     let changes =
         "resolution = [32, 32]\ntransformer = { dim = 32, head-dim = 16 }\ncoarse.layers = 1\nfine.layers = 1"
@@ -51,7 +51,7 @@ fn every_experiment_does_a_step() {
 }
 
 #[test]
-fn the_papers_ablations_are_there() {
+fn the_papers_ablations_are_configured() {
     let model = |name: &str| {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("../../eval/experiments/ablation-{name}.toml"));
         TrainConfig::read(&path).unwrap().model.config().unwrap()
@@ -71,9 +71,9 @@ fn the_papers_ablations_are_there() {
     assert_eq!(layers(&none), layers(&base.unwrap().model.config().unwrap()), "nothing else differs");
 }
 
-/// So that `--init` goes on with the embedded weights, and they score what they did when they were trained.
+/// So that `--init` can start from the embedded weights, and their scores are those of their training.
 #[test]
-fn the_embedded_weights_are_of_the_experiments_network() {
+fn the_embedded_weights_fit_the_experiments_network() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../eval");
     let weights = ModelWeights::read(&folder.join("checkpoints/micro-rooms.safetensors")).unwrap();
     let model = TrainConfig::read(&folder.join("experiments/micro-rooms.toml")).unwrap().model.config().unwrap();
@@ -83,7 +83,7 @@ fn the_embedded_weights_are_of_the_experiments_network() {
 }
 
 #[test]
-fn what_is_wrong_with_a_configuration_is_said() {
+fn errors_of_a_configuration_name_file_and_field() {
     let folder = tempdir().unwrap();
     let read = |text: &str| {
         let path = folder.path().join("run.toml");
@@ -115,7 +115,7 @@ fn what_is_wrong_with_a_configuration_is_said() {
         ("context = [2, 2]", "context = [1, 2]", "data[0].source.rooms.views.context", "at least 2"),
     ] {
         let changed = nano.replacen(from, to, 1);
-        assert_ne!(changed, nano, "{from} is there to be changed");
+        assert_ne!(changed, nano, "{from} was replaced");
         let message = read(&changed);
         assert!(
             message.contains("run.toml, field ") && message.contains(field) && message.contains(expected),

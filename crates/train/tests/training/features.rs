@@ -1,10 +1,10 @@
-//! The cache of a frozen backbone's features changes how long a step takes, and nothing else.
+//! The cache of a frozen backbone's features changes the duration of a step and nothing else.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use atsplat_model::ModelConfig;
-use atsplat_model::network::{Device, Network};
+use atsplat_model::network::{Device, Network, f32_values};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, Precision, StoredTensors, generated};
 use atsplat_train::{FeatureCache, Start, TrainConfig};
@@ -37,34 +37,31 @@ fn files(folder: &Path) -> Vec<PathBuf> {
 }
 
 #[test]
-fn features_from_disk_are_those_of_the_backbone() {
+fn features_from_disk_equal_the_backbones() {
     let config: ModelConfig = with_dino().model.config().unwrap();
     let weights = generated(&parameters(&config), 1);
     let network = Network::new(&config, &Device::flex()).unwrap().with_weights(&weights).unwrap();
     let sample = sample(0);
-    let means = |views| {
-        let made = network.forward(&[views], 0).unwrap().gaussians;
-        made.means.into_data_as::<f32>().as_slice::<f32>().unwrap().to_vec()
-    };
+    let means = |views| f32_values(network.forward(&[views], 0).unwrap().gaussians.means);
     let expected = means(sample.context.views().unwrap());
 
     let folder = tempdir().unwrap();
     let open = |frozen: &StoredTensors| FeatureCache::open(folder.path(), &config, frozen).unwrap();
     let cache = open(&backbone(&weights));
-    assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "while they are kept");
+    assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "when written");
     let kept = files(folder.path());
-    assert_eq!(kept.len(), sample.context.cameras.len(), "a file a picture");
+    assert_eq!(kept.len(), sample.context.cameras.len(), "one file per picture");
     let written = || kept.iter().map(|path| path.metadata().unwrap().modified().unwrap()).collect::<Vec<_>>();
     let first = written();
     assert_eq!(means(open(&backbone(&weights)).views(&network, &sample.context).unwrap()), expected, "from disk");
-    assert_eq!(written(), first, "nothing was made again");
+    assert_eq!(written(), first, "nothing was computed again");
 
     let mut bytes = std::fs::read(&kept[0]).unwrap();
     let last = bytes.len() - 1;
     bytes[last] ^= 1;
     std::fs::write(&kept[0], &bytes).unwrap();
     std::fs::write(&kept[1], b"half a f").unwrap();
-    assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "damaged files are made again");
+    assert_eq!(means(cache.views(&network, &sample.context).unwrap()), expected, "damaged files are computed again");
 
     let other = backbone(&generated(&parameters(&config), 2));
     open(&other).views(&network, &sample.context).unwrap();
@@ -72,7 +69,7 @@ fn features_from_disk_are_those_of_the_backbone() {
 }
 
 #[test]
-fn training_with_the_cache_gives_the_same_bits() {
+fn training_with_the_cache_gives_identical_weights() {
     let folder = tempdir().unwrap();
     let plain = with_dino();
     let mut cached = plain.clone();
@@ -94,7 +91,7 @@ fn training_with_the_cache_gives_the_same_bits() {
 }
 
 #[test]
-fn a_backbone_that_learns_is_not_cached() {
+fn rejects_the_cache_of_a_trained_backbone() {
     let config = ModelConfig::named("nano").unwrap();
     let error = FeatureCache::open(tempdir().unwrap().path(), &config, &StoredTensors::default()).unwrap_err();
     assert!(error.to_string().contains("model.feature-cache: expected a frozen backbone, found Patch"), "{error}");

@@ -1,4 +1,4 @@
-//! The learned loss against the metric of the same network, and its gradient against differences.
+//! The learned loss against the metric of the same network, and its gradient against finite differences.
 
 use atsplat_metrics::learned::{Network, Perceptual, Step, WeightsHashes};
 use atsplat_metrics::{Pair, Values};
@@ -8,7 +8,7 @@ use atsplat_numeric::Tolerance;
 use atsplat_pixels::Image;
 use atsplat_train::losses::{Learned, Stack};
 
-/// f32 convolutions that add in another order.
+/// f32 convolutions with another order of sums.
 const VALUE: Tolerance = Tolerance::relative(1e-4);
 const DIFFERENCES: Tolerance = Tolerance::relative(0.02);
 
@@ -17,7 +17,7 @@ fn numbers(name: &str, count: usize, bound: f32) -> Vec<f32> {
     (0..count).map(|_| ((random.next_u64() >> 40) as f32 / (1u32 << 23) as f32 - 1.0) * bound).collect()
 }
 
-/// Weights of a seed, loud enough that every layer says something.
+/// Weights from a seed, large enough that every layer contributes.
 fn weights(network: Network) -> [StoredTensors; 2] {
     let [mut weights, mut heads] = [StoredTensors::default(), StoredTensors::default()];
     let add = |into: &mut StoredTensors, name: String, shape: Vec<usize>, bound: f32, least: f32| {
@@ -37,7 +37,7 @@ fn weights(network: Network) -> [StoredTensors; 2] {
 }
 
 #[test]
-fn a_learned_loss_is_the_metric_with_its_gradient() {
+fn the_learned_loss_equals_the_metric_and_has_its_gradient() {
     const SIDE: usize = 36;
     let stack = Stack { views: 1, height: SIDE, width: SIDE };
     let picture = |name: &str| -> Vec<f32> { numbers(name, stack.samples(), 0.5).iter().map(|v| v + 0.5).collect() };
@@ -70,7 +70,7 @@ fn a_learned_loss_is_the_metric_with_its_gradient() {
 }
 
 #[test]
-fn the_same_picture_has_no_distance_and_a_finite_gradient() {
+fn identical_pictures_have_distance_0_and_a_finite_gradient() {
     let stack = Stack { views: 2, height: 36, width: 36 };
     let [weights, heads] = weights(Network::LpipsAlex);
     let loss = Learned::new(Network::LpipsAlex, &weights, &heads, String::new()).unwrap();
@@ -83,7 +83,7 @@ fn the_same_picture_has_no_distance_and_a_finite_gradient() {
 }
 
 #[test]
-fn absent_weights_are_named() {
+fn names_absent_weights() {
     let [mut weights, heads] = weights(Network::LpipsAlex);
     weights.tensors.shift_remove("features.3.bias");
     let error = Learned::new(Network::LpipsAlex, &weights, &heads, String::new()).unwrap_err().to_string();

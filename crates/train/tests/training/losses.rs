@@ -1,4 +1,4 @@
-//! Losses and optimiser against PyTorch (`oracle/make_fixtures.py`), and what must hold of any of them.
+//! Losses and optimiser against PyTorch (`oracle/make_fixtures.py`), and their invariants.
 
 use atsplat_numeric::{Extremes as _, Tolerance};
 use atsplat_train::losses::{Stack, d_ssim, mse, uncertainty};
@@ -6,9 +6,9 @@ use atsplat_train::optimiser::{AdamW, Moments, Schedule, Update, clip, norm};
 use proptest::prelude::*;
 use serde::Deserialize;
 
-/// What is promised, of the largest number in a gradient.
+/// Promised accuracy, relative to the largest entry of a gradient.
 const PROMISED: f64 = 1e-4;
-/// What f32 gradients of f64 sums should reach.
+/// Accuracy that f32 gradients of f64 sums should reach.
 const REACHED: f64 = 1e-6;
 
 #[derive(Deserialize)]
@@ -36,7 +36,7 @@ fn close(actual: &[f32], expected: &[f64], what: &str) {
 }
 
 #[test]
-fn losses_are_pytorchs() {
+fn losses_agree_with_pytorch() {
     let cases: Vec<Case> = serde_json::from_str(include_str!("fixtures/losses.json")).unwrap();
     assert_eq!(cases.len(), 3);
     for case in &cases {
@@ -54,20 +54,20 @@ fn losses_are_pytorchs() {
 }
 
 #[test]
-fn equal_pictures_cost_nothing_and_pull_at_nothing() {
+fn equal_pictures_have_loss_and_gradient_0() {
     let stack = Stack { views: 1, height: 12, width: 13 };
     for value in [0.0, 0.5, 1.0] {
         let picture = vec![value; stack.samples()];
         let dissimilarity = d_ssim(&picture, &picture, stack);
         Tolerance::F64.assert([dissimilarity.loss.value], [0.0], "D-SSIM of a picture with itself");
-        let pulls = dissimilarity.loss.gradient.iter().copied().map(f64::from);
-        Tolerance::absolute(1e-9).assert(pulls, vec![0.0; stack.samples()], "its gradient");
+        let gradient = dissimilarity.loss.gradient.iter().copied().map(f64::from);
+        Tolerance::absolute(1e-9).assert(gradient, vec![0.0; stack.samples()], "its gradient");
         Tolerance::EXACT.assert([mse(&picture, &picture).value], [0.0], "MSE");
     }
 }
 
 #[test]
-fn what_is_not_finite_stays_so() {
+fn values_that_are_not_finite_propagate() {
     let stack = Stack { views: 1, height: 6, width: 6 };
     let truth = vec![0.5; stack.samples()];
     for broken in [f32::NAN, f32::INFINITY] {
@@ -81,9 +81,9 @@ fn what_is_not_finite_stays_so() {
 }
 
 proptest! {
-    /// Each view by itself, and on any number of threads, to the bit.
+    /// The same bits alone or together, on any number of threads.
     #[test]
-    fn views_do_not_see_each_other(seed in 0u32..1000, height in 1usize..20, width in 1usize..20) {
+    fn views_are_independent(seed in 0u32..1000, height in 1usize..20, width in 1usize..20) {
         let stack = Stack { views: 3, height, width };
         let numbers = |salt: u32| -> Vec<f32> {
             (0u32..).take(stack.samples()).map(|at| ((at ^ salt).wrapping_mul(2_654_435_761) >> 8) as f32 / 1e7).collect()
@@ -128,7 +128,7 @@ struct Step {
 }
 
 #[test]
-fn adam_w_and_clipping_are_pytorchs() {
+fn adam_w_and_clipping_agree_with_pytorch() {
     let run: Optimised = serde_json::from_str(include_str!("fixtures/adam_w.json")).unwrap();
     let optimiser = AdamW::default();
     let mut parameters = run.start;
@@ -146,7 +146,7 @@ fn adam_w_and_clipping_are_pytorchs() {
 }
 
 #[test]
-fn the_rate_climbs_and_falls() {
+fn the_learning_rate_warms_up_and_decays() {
     let schedule = Schedule { learning_rate: 1.0, warm_up_steps: 10, final_share: 0.1 };
     let rates: Vec<f64> = [0, 4, 9, 10, 60, 110, 500].into_iter().map(|step| schedule.rate(step, 110)).collect();
     Tolerance::F64.assert(rates, [0.1, 0.5, 1.0, 1.0, 0.55, 0.1, 0.1], "rates");

@@ -1,4 +1,4 @@
-//! Training, from its losses to whole runs.
+//! Tests of training, from losses to whole runs.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 

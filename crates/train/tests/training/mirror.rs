@@ -1,4 +1,4 @@
-//! A mirrored scene under mirrored cameras renders the mirrored picture.
+//! A mirrored scene with mirrored cameras renders the mirrored picture.
 
 use crate::common::sample;
 use atsplat_camera::{Camera, Distortion, ImageSize, PoseNormalisation, WorldFromCamera, normalise};
@@ -9,7 +9,7 @@ use atsplat_splat::{GaussianParts, Gaussians, RenderOptions, View};
 use atsplat_train::samples::{Sample, mirrored};
 use glam::DVec3;
 
-/// Depth orders of equally deep Gaussians may differ; f32 throughout.
+/// All in f32; Gaussians of equal depth may be sorted differently.
 const RENDERED: Tolerance = Tolerance::absolute(2e-5);
 
 fn gaussians(mirror: bool) -> Gaussians {
@@ -41,7 +41,7 @@ fn a_mirrored_scene_renders_mirrored() {
     let flipped = mirrored(&sample).unwrap();
     let (straight, mirrored) = (rendered(&gaussians(false), &sample), rendered(&gaussians(true), &flipped));
     for (straight, mirrored) in straight.iter().zip(&mirrored) {
-        assert!(straight.iter().any(|pixel| pixel[0] > 0.1), "something is seen");
+        assert!(straight.iter().any(|pixel| pixel[0] > 0.1), "the render is not black");
         let back: Vec<f64> =
             mirrored.chunks_exact(32).flat_map(|row| row.iter().rev().flatten().copied().map(f64::from)).collect();
         RENDERED.assert(back, straight.as_flattened().iter().copied().map(f64::from), "renders");
@@ -60,9 +60,8 @@ fn two_mirrors_change_nothing() {
     }
 }
 
-/// It does not matter whether a sample is mirrored before or after its poses are normalised.
 #[test]
-fn normalised_poses_mirror_too() {
+fn mirroring_commutes_with_pose_normalisation() {
     let sample = sample(3);
     let rule = PoseNormalisation::mean_camera(atsplat_camera::MeanCameraScale::LongLrm);
     let poses = |sample: &Sample| -> Vec<WorldFromCamera> {
@@ -80,8 +79,8 @@ fn normalised_poses_mirror_too() {
     }
 }
 
-/// A lens with every term, tangential ones too, mirrors with its picture: the mirrored camera sees the mirrored point at the
-/// mirrored place.
+/// A lens with every term, including tangential ones, mirrors with its picture: the mirrored camera projects the mirrored
+/// point to the mirrored position.
 #[test]
 fn lenses_mirror_with_their_pictures() {
     let lenses = [
@@ -97,11 +96,15 @@ fn lenses_mirror_with_their_pictures() {
         let flipped = mirrored(&sample).unwrap();
         for (camera, mirror) in sample.context.cameras.iter().zip(&flipped.context.cameras) {
             for point in [[0.4, -0.3, 2.0], [-0.7, 0.5, 2.5], [0.1, 0.6, 1.8], [0.9, 0.2, 3.0]] {
-                let seen = |camera: &Camera, point: DVec3| camera.project(point).unwrap().position;
-                let (there, here) = (seen(camera, point.into()), seen(mirror, mirrored_point(point)));
-                let off = (there - 0.5).abs();
-                assert!(off.x > 1e-3 && off.y > 1e-3, "the middle says nothing: {there}");
-                Tolerance::F64.assert([here.x, here.y], [1.0 - there.x, there.y], &format!("{distortion:?}"));
+                let projected = |camera: &Camera, point: DVec3| camera.project(point).unwrap().position;
+                let (original, mirrored) = (projected(camera, point.into()), projected(mirror, mirrored_point(point)));
+                let off = (original - 0.5).abs();
+                assert!(off.x > 1e-3 && off.y > 1e-3, "a point at the centre would test nothing: {original}");
+                Tolerance::F64.assert(
+                    [mirrored.x, mirrored.y],
+                    [1.0 - original.x, original.y],
+                    &format!("{distortion:?}"),
+                );
             }
         }
     }

@@ -1,4 +1,4 @@
-//! Runs: the same bits whatever happens to them, and never a silent NaN.
+//! Whole runs: identical bits however they are interrupted, and never a silent NaN.
 
 use std::num::NonZeroU64;
 use std::path::Path;
@@ -25,8 +25,12 @@ fn steps(folder: &Path) -> Vec<StepRecord> {
     journal::read(&folder.join("steps.jsonl")).unwrap()
 }
 
+fn position(trainer: &Trainer, parameter: &str) -> usize {
+    trainer.state().parameters.list().iter().position(|own| own.name == parameter).unwrap()
+}
+
 #[test]
-fn interrupted_and_resumed_is_undisturbed() {
+fn resuming_gives_identical_weights() {
     let (config, folder) = (config(""), tempdir().unwrap());
     let expected = whole(&config, Noise::CLEAN);
     for (stop, start) in [(3, Start::Fresh), (4, Start::Resume), (9, Start::Resume), (12, Start::Resume)] {
@@ -41,7 +45,7 @@ fn interrupted_and_resumed_is_undisturbed() {
 }
 
 #[test]
-fn threads_change_no_bit_in_a_hundred_steps() {
+fn a_hundred_steps_are_identical_on_any_number_of_threads() {
     let config = TrainConfig { steps: NonZeroU64::new(100).unwrap(), ..config("") };
     let on = |threads| {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
@@ -72,16 +76,16 @@ fn training_lowers_the_loss() {
 }
 
 #[test]
-fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
-    let spoilt = Noise {
-        spoil: |number, sample| {
+fn a_broken_sample_is_skipped_and_counted() {
+    let broken = Noise {
+        corrupt: |number, sample| {
             if number == 5 {
                 sample.targets.pictures[9] = f32::NAN;
             }
         },
     };
     let folder = tempdir().unwrap();
-    let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, spoilt);
+    let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, broken);
     assert!(run(&mut trainer, None).unwrap());
     assert_eq!((trainer.state().skipped(), trainer.state().updates), (1, 11));
     assert!(trainer.state().parameters.non_finite().is_empty());
@@ -93,48 +97,48 @@ fn a_broken_sample_is_skipped_counted_and_leaves_no_trace() {
 
 #[test]
 fn faults_in_a_row_stop_the_run_with_a_diagnosis() {
-    let spoilt = Noise {
-        spoil: |number, sample| {
+    let broken = Noise {
+        corrupt: |number, sample| {
             if number >= 6 {
                 sample.context.pictures[0] = f32::INFINITY;
             }
         },
     };
     let folder = tempdir().unwrap();
-    let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, spoilt);
+    let mut stopped = trainer(config("most-faults = 3"), folder.path(), &Start::Fresh, broken);
     let error = run(&mut stopped, None).unwrap_err();
     let TrainError::Stopped(diagnosis) = &error else { panic!("{error}") };
     assert_eq!(diagnosis.faults.iter().map(|fault| fault.step).collect::<Vec<_>>(), [3, 4, 5]);
     assert!(diagnosis.parameters.is_empty());
     let text = error.to_string();
     assert!(text.contains("context picture 0") && text.contains("all weights are finite"), "{text}");
-    // What was learnt before is there.
-    let again = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, Noise::CLEAN);
-    assert_eq!(again.state().step, 4);
+    // The checkpoint before the faults is kept.
+    let resumed = trainer(config("most-faults = 3"), folder.path(), &Start::Resume, Noise::CLEAN);
+    assert_eq!(resumed.state().step, 4);
 }
 
 #[test]
-fn a_broken_weight_is_named_and_never_kept() {
+fn a_weight_that_is_not_finite_is_named_and_never_written() {
     let folder = tempdir().unwrap();
     let mut broken = trainer(config("most-faults = 2"), folder.path(), &Start::Fresh, Noise::CLEAN);
     run(&mut broken, Some(4)).unwrap();
-    let place = broken.state().parameters.list().iter().position(|p| p.name == "coarse.fuse.weight").unwrap();
+    let place = position(&broken, "coarse.fuse.weight");
     broken.state_mut().parameters.values_mut()[place][7] = f32::NAN;
     let text = run(&mut broken, None).unwrap_err().to_string();
-    assert!(text.contains("coarse.fuse.weight holds 1 number"), "{text}");
-    let text = broken.keep_now().unwrap_err().to_string();
+    assert!(text.contains("coarse.fuse.weight holds 1 value"), "{text}");
+    let text = broken.write_checkpoint().unwrap_err().to_string();
     assert!(text.contains("coarse.fuse.weight") && text.contains("finite weights"), "{text}");
     let resumed = trainer(config("most-faults = 2"), folder.path(), &Start::Resume, Noise::CLEAN);
     assert_eq!(resumed.state().step, 4);
     assert!(resumed.state().parameters.non_finite().is_empty());
 }
 
-/// All of a token's Gaussians in one place, of one shape: the derivative is finite and they learn to part.
+/// All Gaussians of a token have the same place and shape: gradients are finite and separate them.
 #[test]
-fn collapsed_gaussians_still_learn() {
+fn collapsed_gaussians_are_trained_apart() {
     let folder = tempdir().unwrap();
     let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
-    let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
+    let place = position(&trainer, "head.mlp.fc2.weight");
     let rows = &mut trainer.state_mut().parameters.values_mut()[place];
     let one = rows[..rows.len() / 16].to_vec();
     rows.copy_from_slice(&one.repeat(16));
@@ -143,12 +147,12 @@ fn collapsed_gaussians_still_learn() {
     assert!(trainer.state().parameters.values()[place] != one.repeat(16));
 }
 
-/// A head of nothing but zeros makes Gaussians without a rotation, which are not drawn: no error, no NaN.
+/// An all-zero head gives Gaussians with zero quaternions, which are not drawn: no error, no NaN.
 #[test]
-fn gaussians_without_a_rotation_are_survived() {
+fn zero_quaternions_do_not_stop_a_run() {
     let folder = tempdir().unwrap();
     let mut trainer = trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN);
-    let place = trainer.state().parameters.list().iter().position(|p| p.name == "head.mlp.fc2.weight").unwrap();
+    let place = position(&trainer, "head.mlp.fc2.weight");
     trainer.state_mut().parameters.values_mut()[place].fill(0.0);
     assert!(run(&mut trainer, None).unwrap());
     assert_eq!(trainer.state().skipped(), 0);
@@ -156,7 +160,7 @@ fn gaussians_without_a_rotation_are_survived() {
 }
 
 #[test]
-fn a_torn_checkpoint_falls_back_to_the_one_before() {
+fn a_damaged_checkpoint_falls_back_to_the_previous_one() {
     let (config, folder) = (config(""), tempdir().unwrap());
     run(&mut trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN), Some(8)).unwrap();
     let newest = folder.path().join("checkpoints/step-00000008.safetensors");
@@ -171,7 +175,7 @@ fn a_torn_checkpoint_falls_back_to_the_one_before() {
 }
 
 #[test]
-fn a_run_is_not_written_over_or_mixed_with_another() {
+fn a_run_is_not_overwritten_or_mixed_with_another() {
     let (tiny, folder) = (config(""), tempdir().unwrap());
     run(&mut trainer(tiny.clone(), folder.path(), &Start::Fresh, Noise::CLEAN), Some(4)).unwrap();
     let open = |config: &TrainConfig, start: &Start| {
@@ -184,7 +188,7 @@ fn a_run_is_not_written_over_or_mixed_with_another() {
 }
 
 #[test]
-fn weights_of_a_run_begin_another() {
+fn a_run_can_start_from_the_weights_of_another() {
     let (config, folder, second) = (config(""), tempdir().unwrap(), tempdir().unwrap());
     let mut first = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
     run(&mut first, None).unwrap();
@@ -197,17 +201,17 @@ fn weights_of_a_run_begin_another() {
 }
 
 #[test]
-fn logs_become_parquet() {
+fn logs_are_converted_to_parquet() {
     use polars::prelude::*;
     let folder = tempdir().unwrap();
-    let spoilt = Noise {
-        spoil: |number, sample| {
+    let broken = Noise {
+        corrupt: |number, sample| {
             if number == 4 {
                 sample.targets.pictures[9] = f32::NAN;
             }
         },
     };
-    run(&mut trainer(config(""), folder.path(), &Start::Fresh, spoilt), Some(4)).unwrap();
+    run(&mut trainer(config(""), folder.path(), &Start::Fresh, broken), Some(4)).unwrap();
     let path = folder.path().join("steps.parquet");
     journal::write_steps(&path, &steps(folder.path())).unwrap();
     let frame = ParquetReader::new(std::fs::File::open(&path).unwrap()).finish().unwrap();
@@ -218,9 +222,9 @@ fn logs_become_parquet() {
     journal::write_evaluations(&path, &none).unwrap();
 }
 
-/// A line that was torn in the middle is dropped with everything after the checkpoint.
+/// An incomplete line is dropped with everything after the checkpoint.
 #[test]
-fn a_torn_line_is_dropped() {
+fn an_incomplete_line_is_dropped() {
     let folder = tempdir().unwrap();
     run(&mut trainer(config(""), folder.path(), &Start::Fresh, Noise::CLEAN), Some(5)).unwrap();
     let path = folder.path().join("steps.jsonl");
@@ -232,23 +236,23 @@ fn a_torn_line_is_dropped() {
     assert_eq!(steps(folder.path()).last().unwrap().step, 11);
 }
 
-/// The mean of every step's weights, by the recurrence written out.
+/// The average equals its recurrence over the weights of every step.
 #[test]
-fn averaged_weights_are_the_average_of_every_steps_and_resume_to_the_same_bits() {
+fn averaged_weights_follow_the_recurrence_and_resume_identically() {
     let config = config("average = 0.5");
     let folder = tempdir().unwrap();
-    let mut undisturbed = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
-    let mut mean: Vec<f64> = undisturbed.state().parameters.values().concat().into_iter().map(f64::from).collect();
+    let mut uninterrupted = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
+    let mut mean: Vec<f64> = uninterrupted.state().parameters.values().concat().into_iter().map(f64::from).collect();
     for step in 0..12 {
-        undisturbed.step(&mut |_| ()).unwrap();
+        uninterrupted.step(&mut |_| ()).unwrap();
         let kept = ((1.0 + f64::from(step)) / (10.0 + f64::from(step))).minimum_of(0.5);
-        let values = undisturbed.state().parameters.values().concat();
+        let values = uninterrupted.state().parameters.values().concat();
         mean.iter_mut().zip(values).for_each(|(mean, value)| *mean = kept * *mean + (1.0 - kept) * f64::from(value));
     }
-    let average = undisturbed.state().result().values().concat();
+    let average = uninterrupted.state().result().values().concat();
     let close = Tolerance { absolute: 1e-6, relative: 1e-5 };
     close.assert(average.iter().copied().map(f64::from), mean, "average");
-    assert!(undisturbed.state().parameters.values().concat() != average);
+    assert!(uninterrupted.state().parameters.values().concat() != average);
 
     let folder = tempdir().unwrap();
     for (stop, start) in [(5, Start::Fresh), (12, Start::Resume)] {
@@ -260,14 +264,14 @@ fn averaged_weights_are_the_average_of_every_steps_and_resume_to_the_same_bits()
     }
     let kept = ModelWeights::read(&folder.path().join("weights.safetensors")).unwrap();
     let kept = kept.tensors.tensors["head.mlp.fc2.weight"].to_f32().unwrap();
-    let state = undisturbed.state();
-    let at = state.parameters.list().iter().position(|parameter| parameter.name == "head.mlp.fc2.weight").unwrap();
+    let state = uninterrupted.state();
+    let at = position(&uninterrupted, "head.mlp.fc2.weight");
     let halves = Tolerance { absolute: 1e-6, relative: 1e-3 };
     halves.assert(kept.into_iter().map(f64::from), state.result().values()[at].iter().copied().map(f64::from), "f16");
 }
 
 #[test]
-fn the_weights_that_a_run_began_with_stay_in_its_provenance() {
+fn provenance_keeps_the_hash_of_the_initial_weights() {
     let first = tempdir().unwrap();
     run(&mut trainer(config(""), first.path(), &Start::Fresh, Noise::CLEAN), None).unwrap();
     let path = first.path().join("weights.safetensors");
@@ -284,7 +288,7 @@ fn the_weights_that_a_run_began_with_stay_in_its_provenance() {
 }
 
 #[test]
-fn rooms_of_another_size_than_the_models_are_refused() {
+fn rejects_rooms_of_another_scale_than_the_models() {
     let text = config("").to_toml().unwrap().replace("resolution = [32, 32]", "resolution = [64, 64]");
     let folder = tempdir().unwrap();
     let error =

@@ -1,4 +1,4 @@
-//! Samples: a function of seed and number, in the network's frame.
+//! Samples are a function of seed and number, in the network's frame.
 
 use std::collections::BTreeMap;
 use std::path::Path;
@@ -31,26 +31,27 @@ fn same(a: &Sample, b: &Sample) -> bool {
     (&a.name, &a.context, &a.targets) == (&b.name, &b.context, &b.targets)
 }
 
+fn assert_normalised(sample: &Sample) {
+    let cameras = sample.context.cameras.iter();
+    let largest = cameras.flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
+    Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+}
+
 #[test]
 fn a_sample_is_a_function_of_its_draw() {
     let (source, small) = (rooms(3, ""), rooms(3, "cache-mib = 0"));
     for number in [0, 5, 2, 5, 0] {
         let sample = source.sample(draw(number)).unwrap();
         assert!(same(&sample, &rooms(3, "").sample(draw(number)).unwrap()), "a fresh source");
-        assert!(same(&sample, &small.sample(draw(number)).unwrap()), "a source that keeps nothing");
+        assert!(same(&sample, &small.sample(draw(number)).unwrap()), "a source without a cache");
         let other = source.sample(Draw { seed: 5, ..draw(number) }).unwrap();
         assert!(!same(&sample, &other), "another seed");
-        let largest = sample
-            .context
-            .cameras
-            .iter()
-            .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
-        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+        assert_normalised(&sample);
     }
 }
 
 #[test]
-fn training_scenes_are_no_test_scenes() {
+fn training_and_test_scenes_differ() {
     let train = rooms(1, "").sample(draw(0)).unwrap();
     let test = rooms(1, "split = 'test'").sample(draw(0)).unwrap();
     assert!(train.name.contains("train") && test.name.contains("test"));
@@ -58,7 +59,7 @@ fn training_scenes_are_no_test_scenes() {
 }
 
 #[test]
-fn a_mixture_keeps_its_shares_mirrors_half_and_repeats() {
+fn a_mixture_follows_its_shares_mirrors_half_and_repeats() {
     let mixture = |flips, distinct| {
         let sources: Vec<(f64, Box<dyn Source>)> =
             vec![(3.0, Box::new(rooms(1, ""))), (1.0, Box::new(rooms(1, "split = 'test'")))];
@@ -76,13 +77,13 @@ fn a_mixture_keeps_its_shares_mirrors_half_and_repeats() {
     assert!(Mixture::new(vec![(0.0, Box::new(rooms(1, "")))], false, None).is_err());
 }
 
-/// The same frames from files as from the simulation.
+/// Samples from files have the same sizes and scale as from the simulation.
 #[test]
-fn a_dataset_on_disk_gives_the_same_samples() {
+fn a_dataset_on_disk_gives_samples() {
     let folder = tempdir().unwrap();
     let (data, preset) = (folder.path().join("data"), folder.path().join("tiny.toml"));
     write_rooms(&data);
-    // The field's preset for pictures of a test's size: what is cropped is nothing.
+    // The published preset at the test's picture size, so that nothing is cropped.
     let text = Preset::text_of("re10k-2v-256").unwrap();
     let text = text.replace("height = 256, width = 256", "height = 32, width = 32");
     let text = text.replace("expected-size = { width = 640, height = 360 }\n", "");
@@ -102,18 +103,13 @@ fn a_dataset_on_disk_gives_the_same_samples() {
         assert!(same(&sample, &open().sample(draw(number)).unwrap()));
         assert_eq!((sample.context.cameras.len(), sample.targets.cameras.len()), (2, 3));
         assert_eq!((sample.context.size, sample.targets.size), (simulated.context.size, simulated.targets.size));
-        let largest = sample
-            .context
-            .cameras
-            .iter()
-            .flat_map(|camera| camera.camera_from_world.inverse().centre().to_array().map(f64::abs));
-        Tolerance::F64.assert([largest.fold(0.0, f64::maximum_of)], [1.0], "Long-LRM's scale");
+        assert_normalised(&sample);
         assert!(sample.context.pictures.iter().all(|value| (0.0..=1.0).contains(value)));
         assert!(sample.context.pictures.iter().any(|value| *value > 0.1));
         assert_eq!(sample.nearest().len(), 3);
     }
-    let nothing = DatasetConfig { path: folder.path().join("absent"), ..config.clone() };
-    assert!(DatasetSource::open(nothing, RULE, &mut Warnings::new()).is_err());
+    let absent = DatasetConfig { path: folder.path().join("absent"), ..config.clone() };
+    assert!(DatasetSource::open(absent, RULE, &mut Warnings::new()).is_err());
     let mut impossible = config;
     impossible.views.gaps.min = 500;
     impossible.views.gaps.max = 600;

@@ -1,26 +1,26 @@
-//! What a step of the trainer does to the weights: `AdamW` on the clipped mean of its lessons, at the schedule's rate. The
-//! update itself is compared with PyTorch's in `src/update.rs`.
+//! A step of the trainer is `AdamW` on the clipped mean of its samples' gradients, at the schedule's rate. The update itself
+//! is compared with PyTorch's in `src/update.rs`.
 
 use crate::common::{Noise, config, sample, trainer};
 use atsplat_model::network::{Device, Network};
 use atsplat_numeric::Tolerance;
 use atsplat_train::journal::{self, StepRecord};
-use atsplat_train::{Lesson, Objective, Parameters, Start, TrainConfig};
+use atsplat_train::{Objective, Parameters, SampleGradients, Start, TrainConfig};
 use tempfile::tempdir;
 
-/// The lessons of a step, by the public parts that teach one sample.
-fn lessons(config: &TrainConfig, parameters: &Parameters, step: u64) -> Vec<Lesson> {
+/// The gradients of a step's samples, through the public interface.
+fn batch(config: &TrainConfig, parameters: &Parameters, step: u64) -> Vec<SampleGradients> {
     let model = config.model.config().unwrap();
     let network = parameters.network(&Network::new(&model, &Device::flex().autodiff()).unwrap()).unwrap();
     let objective = Objective::new(config.losses.clone()).unwrap();
-    let batch = config.batch.get() as u64;
-    let numbers = step * batch..(step + 1) * batch;
-    numbers.map(|number| objective.learn(&network, &sample(number), None, number).unwrap()).collect()
+    let size = config.batch.get() as u64;
+    let numbers = step * size..(step + 1) * size;
+    numbers.map(|number| objective.gradients(&network, &sample(number), None, number).unwrap()).collect()
 }
 
-/// Every number of every parameter, by the formulas of Kingma and Ba (2015) and of Loshchilov and Hutter (2019), in f64.
+/// Every weight follows the formulas of Kingma and Ba (2015) and of Loshchilov and Hutter (2019), in f64.
 #[test]
-fn a_step_moves_every_weight_by_the_clipped_mean_of_its_lessons() {
+fn a_step_updates_every_weight_by_the_clipped_mean_gradient() {
     let config = TrainConfig { clip: 0.05, batch: 3.try_into().unwrap(), ..config("") };
     let folder = tempdir().unwrap();
     let mut trained = trainer(config.clone(), folder.path(), &Start::Fresh, Noise::CLEAN);
@@ -28,11 +28,11 @@ fn a_step_moves_every_weight_by_the_clipped_mean_of_its_lessons() {
     let (mut first, mut second) = (vec![0.0; count], vec![0.0; count]);
     for (at_step, step) in (0..4u64).enumerate() {
         let before = trained.state().parameters.clone();
-        let lessons = lessons(&config, &before, step);
+        let batch = batch(&config, &before, step);
         trained.step(&mut |_| ()).unwrap();
         let mean = |name: &str, at: usize| {
-            let parts = lessons.iter().filter_map(|lesson| lesson.gradients.get(name));
-            f64::from(parts.map(|part| part[at]).sum::<f32>()) / lessons.len() as f64
+            let parts = batch.iter().filter_map(|sample| sample.gradients.get(name));
+            f64::from(parts.map(|part| part[at]).sum::<f32>()) / batch.len() as f64
         };
         let numbers = || {
             let list = before.list().iter().zip(before.values());
@@ -43,7 +43,7 @@ fn a_step_moves_every_weight_by_the_clipped_mean_of_its_lessons() {
         let length = numbers().map(|(parameter, at, _)| mean(&parameter.name, at).powi(2)).sum::<f64>().sqrt();
         assert!(length > 2.0 * config.clip, "step {step} is clipped: {length}");
         let records: Vec<StepRecord> = journal::read(&folder.path().join("steps.jsonl")).unwrap();
-        Tolerance::relative(1e-5).assert(records[at_step].gradient_norm, [length], "the mean gradient's length");
+        Tolerance::relative(1e-5).assert(records[at_step].gradient_norm, [length], "norm of the mean gradient");
         // Warm-up over three steps.
         let rate = 1e-3 * [1.0 / 3.0, 2.0 / 3.0, 1.0, 1.0][at_step];
         Tolerance::relative(1e-12).assert([records[at_step].rate], [rate], "rate");

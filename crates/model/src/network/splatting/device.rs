@@ -1,4 +1,4 @@
-//! On the graphics processor that burn computes on: tensors are copied within its memory, nothing but counts comes to the host.
+//! Rendering on burn's GPU: tensors are copied within its memory, and only counts are copied to the host.
 
 use std::any::Any;
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
@@ -17,7 +17,7 @@ use burn::tensor::{Device, FloatDType, Shape, Slice};
 
 use super::{INPUTS, Inputs, Request, Splatter, host};
 
-/// The renderer beside burn's runtime, or why there is none.
+/// The renderer that shares burn's device, or why there is none.
 static SHARED: OnceLock<Result<Shared, String>> = OnceLock::new();
 
 struct Shared {
@@ -25,11 +25,11 @@ struct Shared {
     renderer: Mutex<GpuRenderer>,
 }
 
-/// Renders on the device of a runtime from now on, if the splatter passes its self-test there.
+/// Opens a renderer on burn's device, if it passes its self-test there.
 pub(in crate::network) fn share(device: &Device, setup: &WgpuSetup) {
     let open = || {
         let DispatchDevice::Cube(device) = device.as_dispatch() else {
-            return Err("the runtime is none of a graphics processor".to_owned());
+            return Err("the device is not a GPU".to_owned());
         };
         let (own, queue) = (setup.device.clone(), setup.queue.clone());
         let opened = GpuRenderer::with_device(own, queue, GpuOptions::default());
@@ -41,12 +41,12 @@ pub(in crate::network) fn share(device: &Device, setup: &WgpuSetup) {
     SHARED.get_or_init(open);
 }
 
-/// Whether there is a renderer beside burn's runtime.
+/// Whether a renderer shares burn's device.
 pub(in crate::network) fn is_shared() -> bool {
     SHARED.get().is_some_and(Result::is_ok)
 }
 
-/// Why there is none, where one was tried.
+/// Why no renderer shares burn's device, if opening one failed.
 pub(in crate::network) fn refusal() -> Option<String> {
     SHARED.get().and_then(|shared| shared.as_ref().err().cloned())
 }
@@ -57,11 +57,11 @@ fn shared(tensor: &FloatTensor<Cube>) -> Option<MutexGuard<'static, GpuRenderer>
     Some(shared.renderer.lock().unwrap_or_else(PoisonError::into_inner))
 }
 
-/// What the way back needs.
+/// What the backward pass needs.
 #[derive(Clone, Debug)]
 pub(in crate::network) enum Recorded {
     Host(host::Recorded),
-    /// Nothing where rendering failed.
+    /// `None` if rendering failed.
     Device(Option<Arc<GpuGaussians>>),
 }
 
@@ -81,7 +81,7 @@ impl Splatter for Cube {
         match rendered(&mut renderer, &inputs, request) {
             Ok((gaussians, images)) => (Recorded::Device(Some(Arc::new(gaussians))), images),
             Err(error) => {
-                request.note(Err(error));
+                request.set_outcome(Err(error));
                 let nothing = Self::float_zeros(Shape::from(request.shape()), &device, FloatDType::F32);
                 (Recorded::Device(None), nothing)
             }
@@ -107,7 +107,7 @@ impl Splatter for Cube {
     }
 }
 
-/// Images of every view, and the Gaussians in buffers that the way back reads too.
+/// Renders every view; the Gaussians' buffers are kept for the backward pass.
 fn rendered(
     renderer: &mut GpuRenderer,
     inputs: &Inputs<Cube>,
@@ -122,13 +122,14 @@ fn rendered(
         images.push(image(renderer, &rendering, view, request, &inputs[0])?);
     }
     if census.iter().any(|census| census.invalid > 0) {
-        // Numbers that are not finite are refused, shapes that overflow are left out: on the host they are told apart.
+        // Values that are not finite are an error, shapes that overflow are skipped: the CPU renderer distinguishes them.
         host::gaussians::<Cube>(inputs.clone(), request)?;
     }
-    request.note(Ok(census));
+    request.set_outcome(Ok(census));
     Ok((gaussians, Cube::float_cat(images, 0)))
 }
 
+#[expect(clippy::expect_used, reason = "a part's buffers are addressed by 32 bits")]
 fn gaussians(renderer: &GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -> Result<GpuGaussians, SplatError> {
     let count = inputs[0].shape().num_elements() / 3;
     let stored = 3 * sh_coefficients(request.sh_degree);
@@ -140,7 +141,7 @@ fn gaussians(renderer: &GpuRenderer, inputs: &Inputs<Cube>, request: &Request) -
         let own = most.min(count - first);
         let mut rows = |tensor: &FloatTensor<Cube>, each: usize| copies.out_of(tensor, first * each, own * each);
         parts.push(GpuPart {
-            count: u32::try_from(own).unwrap_or(u32::MAX),
+            count: u32::try_from(own).expect("parts are smaller than the device's largest buffer"),
             means: rows(&means, 3)?,
             quaternions: rows(&quaternions, 4)?,
             log_scales: rows(&log_scales, 3)?,
@@ -185,7 +186,7 @@ fn image(
     Ok(if parts.len() > 1 { Cube::float_cat(parts, 3) } else { parts.swap_remove(0) })
 }
 
-/// Sums over the views, in their order.
+/// Gradients with respect to the inputs, summed over the views in their order.
 fn derivatives(
     renderer: &mut GpuRenderer,
     gaussians: &GpuGaussians,
@@ -215,7 +216,7 @@ fn derivatives(
     Ok(sums.unwrap_or_else(|| shapes.each_ref().map(nothing)))
 }
 
-/// Derivatives by one picture, `[1, height, width, channels]`, strip by strip.
+/// Gradients with respect to one image, `[1, height, width, channels]`, strip by strip.
 fn image_gradients(
     renderer: &GpuRenderer,
     pixels: &FloatTensor<Cube>,
@@ -245,14 +246,14 @@ fn image_gradients(
     Ok(GpuImageGradients { strips })
 }
 
-/// Derivatives as burn's tensors.
+/// Gradients as burn's tensors.
 fn tensors(
     renderer: &GpuRenderer,
     made: &GpuGradients,
     shapes: &[Shape; INPUTS],
     device: &CubeDevice,
 ) -> Result<Inputs<Cube>, SplatError> {
-    // What no scalar was rendered of depends on none.
+    // Without rendered scalars, their gradient is zero.
     let zeros = |shape: &Shape| Cube::float_zeros(shape.clone(), device, FloatDType::F32);
     let tensors: Inputs<Cube> = shapes.each_ref().map(zeros);
     let mut copies = Copies::new(renderer);
@@ -288,17 +289,17 @@ fn channel(pixels: FloatTensor<Cube>, first: usize, count: usize) -> FloatTensor
     )
 }
 
-/// One row of numbers, one after the other.
+/// A tensor flattened to one dimension.
 fn flat(tensor: FloatTensor<Cube>) -> FloatTensor<Cube> {
     let count = tensor.shape().num_elements();
     Cube::float_reshape(tensor, Shape::from([count]))
 }
 
-/// Copies within the device's memory, which run in the order of the queue that burn and the renderer share.
+/// Copies within the device's memory, in the order of the queue that burn and the renderer share.
 struct Copies<'a> {
     renderer: &'a GpuRenderer,
     encoder: wgpu::CommandEncoder,
-    /// Memory that burn may neither free nor move until the copies are on their way.
+    /// Memory that burn may neither free nor move until the copies are submitted.
     held: Vec<Box<dyn Any>>,
 }
 
@@ -308,7 +309,7 @@ impl<'a> Copies<'a> {
         Self { renderer, encoder, held: Vec::new() }
     }
 
-    /// Numbers of a flat tensor in a buffer of their own.
+    /// Copies numbers of a flat tensor to a new buffer.
     fn out_of(&mut self, tensor: &FloatTensor<Cube>, first: usize, count: usize) -> Result<wgpu::Buffer, SplatError> {
         let bytes = 4 * count as u64;
         let buffer = self.renderer.device().create_buffer(&wgpu::BufferDescriptor {
@@ -324,7 +325,7 @@ impl<'a> Copies<'a> {
         Ok(buffer)
     }
 
-    /// The beginning of a buffer into a tensor, whose numbers lie one after the other.
+    /// Copies the beginning of a buffer into a contiguous tensor.
     fn fill_tensor(
         &mut self,
         buffer: &wgpu::Buffer,
@@ -339,7 +340,7 @@ impl<'a> Copies<'a> {
         Ok(())
     }
 
-    /// Where a tensor's numbers are: the buffer, and bytes before them.
+    /// The buffer of a tensor, and the byte offset of its first number.
     fn memory(&mut self, tensor: &FloatTensor<Cube>) -> Result<(wgpu::Buffer, u64), SplatError> {
         let memory = tensor.client.get_resource::<WgpuServer<AutoCompiler>>(tensor.handle.clone());
         let memory = memory.map_err(|error| self.refused(&error))?;
@@ -352,7 +353,7 @@ impl<'a> Copies<'a> {
         GpuError::Refused { adapter: self.renderer.adapter().to_owned(), reason: format!("{error:?}") }.into()
     }
 
-    /// Runs after everything that burn was asked for on a tensor's behalf.
+    /// Submits the copies after all work that burn queued for a tensor.
     fn submit(self, tensor: &FloatTensor<Cube>) -> Result<(), SplatError> {
         tensor.client.flush().map_err(|error| self.refused(&error))?;
         self.renderer.queue().submit([self.encoder.finish()]);

@@ -1,4 +1,4 @@
-//! On the central processor: any backend's numbers come to the host and go back.
+//! Rendering on the CPU: tensors of any backend are copied to the host and back.
 
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -10,7 +10,7 @@ use burn::tensor::{Shape, TensorData, try_read_sync};
 
 use super::{INPUTS, Inputs, Request, Splatter};
 
-/// One of each view; Gaussians are shared by all of them.
+/// One recording per view; all share the Gaussians.
 pub(super) type Recorded = Arc<Mutex<Vec<Recording<Arc<Gaussians>>>>>;
 
 impl Splatter for Flex {
@@ -72,17 +72,16 @@ pub(super) fn differentiate<B: Backend>(
     let mut recordings = recorded.lock().unwrap_or_else(PoisonError::into_inner);
     let per_view = request.shape().iter().skip(1).product::<usize>().max(1);
     let mut sums: [Vec<f32>; INPUTS] = Default::default();
-    let mut failed = recordings.is_empty();
-    // Views are added up in their order.
-    for (recording, pixels) in recordings.iter_mut().zip(pixels.chunks_exact(per_view)) {
+    let mut failed = recordings.is_empty() || pixels.is_none();
+    // Views are summed in their order.
+    for (recording, pixels) in recordings.iter_mut().zip(pixels.unwrap_or_default().chunks_exact(per_view)) {
         match recording.backward(&request.image_gradients(pixels)) {
             Ok(gradients) => add(&mut sums, gradients),
             Err(_) => failed = true,
         }
     }
-    let mut shapes = shapes.iter();
-    sums.map(|sum| {
-        let shape = shapes.next().cloned().unwrap_or_else(|| Shape::new([0]));
+    std::array::from_fn(|input| {
+        let (shape, sum) = (shapes[input].clone(), std::mem::take(&mut sums[input]));
         let sum = match (failed, sum.is_empty()) {
             (true, _) => vec![f32::NAN; shape.num_elements()],
             // No scalars were rendered, so nothing depends on them.
@@ -93,9 +92,11 @@ pub(super) fn differentiate<B: Backend>(
     })
 }
 
-/// Gaussians as the renderer on the host takes them, checked.
+/// Gaussians in the format of the CPU renderer, checked.
+#[expect(clippy::expect_used, reason = "as burn, which panics if a tensor cannot be read from its device")]
 pub(super) fn gaussians<B: Backend>(inputs: Inputs<B>, request: &Request) -> Result<Gaussians, SplatError> {
-    let [means, quaternions, log_scales, opacity_logits, sh, scalars] = inputs.map(numbers::<B>);
+    let [means, quaternions, log_scales, opacity_logits, sh, scalars] =
+        inputs.map(|input| numbers::<B>(input).expect("the numbers of a tensor"));
     Gaussians::new(GaussianParts {
         means: means.as_chunks().0.to_vec(),
         quaternions: quaternions.as_chunks().0.to_vec(),
@@ -109,13 +110,13 @@ pub(super) fn gaussians<B: Backend>(inputs: Inputs<B>, request: &Request) -> Res
 }
 
 impl Request {
-    /// Notes the outcome; zeros where there is no image.
+    /// Sets the outcome and returns the images, or zeros after an error.
     fn finish(&self, images: Result<(Vec<Census>, Vec<Vec<f32>>), SplatError>) -> Vec<f32> {
         let (outcome, images) = match images {
             Ok((census, images)) => (Ok(census), images.concat()),
             Err(error) => (Err(error), vec![0.0; self.shape().iter().product()]),
         };
-        self.note(outcome);
+        self.set_outcome(outcome);
         images
     }
 
@@ -130,11 +131,10 @@ impl Request {
         pixels
     }
 
-    /// Derivatives by the images of one view.
+    /// Gradients with respect to the images of one view.
     fn image_gradients(&self, pixels: &[f32]) -> ImageGradients<f32> {
         let pixels = || pixels.chunks_exact(self.channels());
-        let channel =
-            |at: usize| pixels().map(|pixel| pixel.get(at).copied().unwrap_or_default()).collect::<Vec<f32>>();
+        let channel = |at: usize| pixels().map(|pixel| pixel[at]).collect::<Vec<f32>>();
         let depth = self.options.channels.depth;
         ImageGradients {
             rgb: pixels().filter_map(|pixel| pixel.first_chunk().copied()).collect(),
@@ -168,8 +168,8 @@ fn tensor<B: Backend>(values: Vec<f32>, shape: [usize; 4], device: &Device<B>) -
     B::float_from_data(TensorData::new(values, shape), device)
 }
 
-/// The tensor's numbers, row-major; none where a device failed.
-fn numbers<B: Backend>(tensor: FloatTensor<B>) -> Vec<f32> {
-    let data = try_read_sync(B::float_into_data(tensor)).and_then(Result::ok);
-    data.and_then(|data| data.convert::<f32>().try_into_vec().ok()).unwrap_or_default()
+/// The tensor's numbers, row-major; `None` if its device failed.
+fn numbers<B: Backend>(tensor: FloatTensor<B>) -> Option<Vec<f32>> {
+    let data = try_read_sync(B::float_into_data(tensor)).and_then(Result::ok)?;
+    data.convert::<f32>().try_into_vec().ok()
 }

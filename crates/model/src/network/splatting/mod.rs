@@ -1,4 +1,4 @@
-//! The splatter as an operation in burn's graph: Gaussians into images forward, image gradients into gradients backward.
+//! The renderer as an operation in burn's graph: Gaussians to images forward, image gradients to Gaussian gradients backward.
 
 #[cfg(feature = "gpu-network")]
 mod device;
@@ -18,15 +18,15 @@ use burn::tensor::Shape;
 #[cfg(feature = "gpu-network")]
 pub(super) use device::{is_shared, refusal, share};
 
-/// Means, quaternions, logarithms of scales, opacity logits, spherical harmonics, scalars.
+/// Number of inputs: means, quaternions, log scales, opacity logits, spherical harmonics, scalars.
 const INPUTS: usize = 6;
 
 type Inputs<B> = [FloatTensor<B>; INPUTS];
 
-/// Differentiable on `Autodiff`.
+/// The operation, differentiable on `Autodiff`.
 #[backend_extension(Cube: cfg(feature = "gpu-network"), Flex, Autodiff)]
 pub(super) trait Splatting: Backend {
-    /// `[1, Gaussians, …]` each, scalars `[Gaussians]`; into `[views, height, width, channels]`.
+    /// Inputs are `[1, Gaussians, …]`, scalars `[Gaussians]`; the output is `[views, height, width, channels]`.
     fn splat(
         means: FloatTensor<Self>,
         quaternions: FloatTensor<Self>,
@@ -38,18 +38,18 @@ pub(super) trait Splatting: Backend {
     ) -> FloatTensor<Self>;
 }
 
-/// How a backend renders tensors of its own, and goes back.
+/// Forward and backward rendering of a backend's own tensors.
 pub(super) trait Splatter: Backend {
-    /// What the way back needs.
+    /// What the backward pass needs.
     type Recorded: Clone + std::fmt::Debug + Send + 'static;
 
-    /// Images alone.
+    /// Renders images.
     fn render(inputs: Inputs<Self>, request: &Request) -> FloatTensor<Self>;
 
-    /// Images, and what the way back needs.
+    /// Renders images and records what the backward pass needs.
     fn record(inputs: Inputs<Self>, request: &Request) -> (Self::Recorded, FloatTensor<Self>);
 
-    /// Derivatives by inputs of these shapes from those by images; NaN where they cannot be had.
+    /// Gradients with respect to inputs of these shapes from those with respect to images; NaN if they cannot be computed.
     fn differentiate(
         recorded: Self::Recorded,
         images: FloatTensor<Self>,
@@ -58,7 +58,7 @@ pub(super) trait Splatter: Backend {
     ) -> Inputs<Self>;
 }
 
-/// What to render, and what became of it: an operation gives a tensor and nothing else.
+/// What to render, and the outcome, since an operation can return only a tensor.
 #[derive(Debug)]
 pub(super) struct Request {
     views: Vec<View>,
@@ -72,16 +72,17 @@ impl Request {
         Self { views, options, sh_degree, outcome: Mutex::new(None) }
     }
 
-    /// What became of the Gaussians in each view.
+    /// Census of the Gaussians in each view.
+    #[expect(clippy::expect_used, reason = "every implementation of the operation sets the outcome")]
     pub(super) fn outcome(&self) -> Result<Vec<Census>, SplatError> {
-        self.outcome.lock().unwrap_or_else(PoisonError::into_inner).take().unwrap_or_else(|| Ok(Vec::new()))
+        self.outcome.lock().unwrap_or_else(PoisonError::into_inner).take().expect("the outcome of a rendering")
     }
 
-    fn note(&self, outcome: Result<Vec<Census>, SplatError>) {
+    fn set_outcome(&self, outcome: Result<Vec<Census>, SplatError>) {
         *self.outcome.lock().unwrap_or_else(PoisonError::into_inner) = Some(outcome);
     }
 
-    /// Colour, alpha, then depth and scalar where asked for.
+    /// Number of channels: colour, alpha, then depth and scalar if requested.
     fn channels(&self) -> usize {
         4 + usize::from(self.options.channels.depth) + usize::from(self.options.channels.scalar)
     }
@@ -140,7 +141,7 @@ impl<B: Splatter, C: CheckpointStrategy> Splatting for Autodiff<B, C> {
     }
 }
 
-/// What the backward pass needs again.
+/// What the backward pass needs.
 #[derive(Clone, Debug)]
 struct State<B: Splatter> {
     recorded: B::Recorded,

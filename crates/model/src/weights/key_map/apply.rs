@@ -5,19 +5,19 @@ use crate::ModelError;
 use crate::parameters::Parameter;
 use crate::weights::{ImportReport, Matched, Mismatched, Missing, StoredTensor, StoredTensors};
 
-/// What a file has for one parameter.
+/// The tensors of a file for one parameter.
 #[derive(Default)]
 struct Candidate {
     sources: Vec<String>,
     /// By part; a whole tensor is part 0 of 1.
     parts: Vec<Option<StoredTensor>>,
-    /// Why the parts are none.
+    /// Why the parts cannot be used.
     fault: Option<String>,
 }
 
 impl KeyMap {
-    /// Finds the network's parameters in a file, and says what became of everything. Tensors keep the file's
-    /// element type; those that are no floating-point numbers, or hold NaN or infinities, are mismatches.
+    /// Finds the network's parameters in a file, with a report on every tensor and parameter. Tensors keep the file's element
+    /// type; those that are not floating-point, or hold NaN or infinite values, are mismatches.
     pub fn apply(&self, stored: &StoredTensors, expected: &[Parameter]) -> (StoredTensors, ImportReport) {
         let mut report = ImportReport { key_map: self.name.clone(), ..ImportReport::default() };
         let mut candidates: IndexMap<&str, Candidate> =
@@ -53,7 +53,7 @@ impl KeyMap {
         (found, report)
     }
 
-    /// [`Self::apply`], where nothing may be missing or of another shape.
+    /// [`Self::apply`], with an error if a parameter is missing or of another shape.
     ///
     /// # Errors
     /// [`ModelError::Unfit`] with the report.
@@ -70,7 +70,7 @@ impl KeyMap {
         self.roots.iter().fold(name, |name, root| name.strip_prefix(root.as_str()).unwrap_or(name))
     }
 
-    /// Whether a tensor is of use.
+    /// Adds a tensor to the candidates; returns whether it is used.
     fn offer(
         &self,
         full_name: &str,
@@ -98,7 +98,7 @@ impl KeyMap {
 }
 
 impl Rule {
-    /// What the target at `position` gets.
+    /// The part of a tensor for the target at `position`.
     fn tensor(&self, tensor: &StoredTensor, position: usize) -> Result<StoredTensor, ModelError> {
         let tensor = if self.transpose { tensor.transposed()? } else { tensor.clone() };
         match self.targets.len() {
@@ -142,7 +142,7 @@ impl Candidate {
         let values = tensor.to_f32().map_err(|error| error.to_string())?;
         match values.iter().filter(|value| !value.is_finite()).count() {
             0 => Ok(tensor),
-            unusable => Err(format!("{unusable} numbers that are not finite as f32")),
+            unusable => Err(format!("{unusable} values that are not finite as f32")),
         }
     }
 }

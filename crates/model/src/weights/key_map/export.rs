@@ -5,10 +5,10 @@ use crate::ModelError;
 use crate::weights::{StoredTensor, StoredTensors};
 
 impl KeyMap {
-    /// The rules read backwards: our tensors under the names and in the shapes of the other side, without roots.
+    /// Applies the rules backwards: our tensors with the names and shapes of the source format, without roots.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a tensor that no rule makes, or of which the rules make only some parts.
+    /// [`ModelError::Malformed`] for a tensor that no rule gives, or of which rules give only some parts.
     pub fn export(&self, weights: &StoredTensors) -> Result<StoredTensors, ModelError> {
         let mut exported: IndexMap<String, StoredTensor> = IndexMap::new();
         for (name, tensor) in &weights.tensors {
@@ -23,7 +23,7 @@ impl KeyMap {
                 let source = rule.from.filled(&captures);
                 let is_first = self.rules.iter().find(|other| other.from.captures(&source).is_some());
                 if !is_first.is_some_and(|first| std::ptr::eq(first, rule)) || exported.contains_key(&source) {
-                    // Importing this name would take another rule, or a split that was put together already.
+                    // Importing this name would use another rule, or the split was joined already.
                     parts_made += usize::from(position > 0 && exported.contains_key(&source));
                     continue;
                 }
@@ -53,7 +53,7 @@ impl Rule {
         targets.find_map(|(position, target)| target.captures(name).map(|captures| (position, captures)))
     }
 
-    /// All targets of a rule, one after the other.
+    /// All targets of a rule, concatenated.
     fn joined(&self, weights: &StoredTensors, captures: &[&str]) -> Result<StoredTensor, ModelError> {
         let names: Vec<String> = self.targets.iter().map(|target| target.filled(captures)).collect();
         let parts: Option<Vec<&StoredTensor>> = names.iter().map(|name| weights.tensors.get(name)).collect();

@@ -1,11 +1,11 @@
-//! Key maps: which names of somebody else's file are which of ours, as a TOML file.
+//! Key maps: TOML files that map the tensor names of other checkpoints to parameter names.
 //!
 //! ```toml
 //! name = "example"
-//! roots = ["state_dict.", "model."]        # prefixes that are taken off where a name has them, in order
-//! ignore = ["mask_token"]                  # names that are known and not needed
+//! roots = ["state_dict.", "model."]        # prefixes that are removed from names that have them, in order
+//! ignore = ["mask_token"]                  # names that are not needed
 //!
-//! [[rules]]                                # the first rule whose pattern matches decides
+//! [[rules]]                                # the first rule whose pattern matches applies
 //! from = "layer.*.attention.query.*"       # `*`: one or more characters without a dot; `**`: any
 //! to = "blocks.{1}.attn.qkv.{2}"           # `{1}`: what the first wildcard matched
 //! part = [0, 3]                            # becomes part 0 of 3, joined along the first dimension
@@ -20,10 +20,9 @@
 //! transpose = true                         # `[inputs, outputs]` becomes `[outputs, inputs]`
 //! ```
 //!
-//! Every rule can be read backwards, which is how weights are exported.
+//! Every rule is invertible; weights are exported by the inverse.
 
 mod apply;
-mod builtin;
 mod export;
 mod pattern;
 
@@ -36,10 +35,19 @@ use pattern::Pattern;
 
 const WHAT: &str = "key map";
 
-/// How a file's names become ours.
+macro_rules! texts {
+    ($($name:literal),* $(,)?) => {
+        &[$(($name, include_str!(concat!("../../../key-maps/", $name, ".toml")))),*]
+    };
+}
+
+/// Name and text of the embedded maps.
+const BUILT_IN: &[(&str, &str)] = texts!["identity", "dinov2-official", "dinov2-hugging-face"];
+
+/// A map from a file's tensor names to parameter names.
 #[derive(Clone, Debug)]
 pub struct KeyMap {
-    /// What the map is called in reports.
+    /// Name of the map, for reports.
     pub name: String,
     roots: Vec<String>,
     ignore: Vec<Pattern>,
@@ -50,7 +58,7 @@ pub struct KeyMap {
 struct Rule {
     from: Pattern,
     targets: Vec<Pattern>,
-    /// Which part of how many the source is, where several sources are joined.
+    /// Index and number of parts, if several sources are joined.
     part: Option<(usize, usize)>,
     transpose: bool,
 }
@@ -81,20 +89,20 @@ struct RuleText {
 impl KeyMap {
     /// Names of the built-in maps.
     pub fn names() -> impl Iterator<Item = &'static str> {
-        builtin::TEXTS.iter().map(|(name, _)| *name)
+        BUILT_IN.iter().map(|(name, _)| *name)
     }
 
-    /// A built-in map, or the one in a TOML file: whatever ends in `.toml` is a path.
+    /// A built-in map, or the one in a TOML file: a name that ends in `.toml` is a path.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] for a name that is neither, and as [`Self::from_toml`].
+    /// [`ModelError::Malformed`] for an unknown name, and as [`Self::from_toml`].
     pub fn resolve(name_or_path: &str) -> Result<Self, ModelError> {
         let path = Path::new(name_or_path);
         if path.extension().is_some_and(|extension| extension == "toml") {
             let text = std::fs::read_to_string(path).map_err(ModelError::io("reading a key map", path))?;
             return Self::from_toml(&text).map_err(|error| error.in_file(path));
         }
-        let found = builtin::TEXTS.iter().find(|(known, _)| *known == name_or_path);
+        let found = BUILT_IN.iter().find(|(known, _)| *known == name_or_path);
         let (_, text) = found.ok_or_else(|| {
             let known: Vec<&str> = Self::names().collect();
             let expected = format!("one of {}, or a path that ends in .toml", known.join(", "));
@@ -103,7 +111,7 @@ impl KeyMap {
         Self::from_toml(text)
     }
 
-    /// The map that changes no name.
+    /// The map that keeps all names.
     pub fn identity() -> Self {
         Self { name: "identity".to_owned(), roots: Vec::new(), ignore: Vec::new(), rules: Vec::new() }
     }
@@ -111,8 +119,7 @@ impl KeyMap {
     /// Reads a map from TOML text.
     ///
     /// # Errors
-    /// [`ModelError::Malformed`] with line and column for text that is no key map, with the rule for patterns
-    /// that make no sense.
+    /// [`ModelError::Malformed`] with line and column if the text is not a key map, with the rule for invalid patterns.
     pub fn from_toml(text: &str) -> Result<Self, ModelError> {
         let text: Text = toml::from_str(text).map_err(|error| crate::toml_error(WHAT, WHAT, text, &error))?;
         let ignore = text.ignore.iter().enumerate().map(|(position, pattern)| {
@@ -120,9 +127,8 @@ impl KeyMap {
                 .map_err(|found| ModelError::malformed(WHAT, format!("ignore[{position}]"), "a pattern", found))
         });
         let rules = text.rules.iter().enumerate().map(|(position, rule)| {
-            Rule::new(rule).map_err(|found| {
-                ModelError::malformed(WHAT, format!("rules[{position}]"), "a rule that can be read both ways", found)
-            })
+            Rule::new(rule)
+                .map_err(|found| ModelError::malformed(WHAT, format!("rules[{position}]"), "an invertible rule", found))
         });
         Ok(Self {
             ignore: ignore.collect::<Result<_, _>>()?,
@@ -145,8 +151,8 @@ impl Rule {
         if let Some((part, count)) = text.part
             && (part >= count || text.split.is_some())
         {
-            let beside = if text.split.is_some() { " beside a split" } else { "" };
-            return Err(format!("part {part} of {count}{beside}"));
+            let with_split = if text.split.is_some() { " together with a split" } else { "" };
+            return Err(format!("part {part} of {count}{with_split}"));
         }
         let targets = targets.iter().map(|target| Pattern::target(target, &from)).collect::<Result<_, _>>()?;
         Ok(Self { from, targets, part: text.part, transpose: text.transpose })

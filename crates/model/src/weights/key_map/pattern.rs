@@ -1,10 +1,10 @@
 use std::fmt;
 
-/// Longest name and most wildcards that are matched, so that no file can make matching slow.
-const LONGEST_NAME: usize = 256;
-const MOST_WILDCARDS: usize = 3;
+/// Limits that keep matching fast for any file.
+const MAX_NAME: usize = 256;
+const MAX_WILDCARDS: usize = 3;
 
-/// A name with wildcards: `*` stands for one or more characters without a dot, `**` for one or more of any.
+/// A name with wildcards: `*` matches one or more characters except dots, `**` one or more of any.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) struct Pattern {
     pieces: Vec<Piece>,
@@ -30,8 +30,8 @@ impl Pattern {
             push_literal(&mut pieces, literal);
             let crosses_dots = after.starts_with('*');
             rest = after.strip_prefix('*').unwrap_or(after);
-            if number == MOST_WILDCARDS {
-                return Err(format!("more than {MOST_WILDCARDS} wildcards in {text:?}"));
+            if number == MAX_WILDCARDS {
+                return Err(format!("more than {MAX_WILDCARDS} wildcards in {text:?}"));
             }
             pieces.push(Piece::Wildcard { number, crosses_dots });
             number += 1;
@@ -40,7 +40,7 @@ impl Pattern {
         Self { pieces }.checked(text)
     }
 
-    /// A pattern of our names: `{1}` stands for what the first wildcard of `source` matched.
+    /// A pattern of parameter names: `{1}` is what the first wildcard of `source` matched.
     pub(super) fn target(text: &str, source: &Self) -> Result<Self, String> {
         let mut pieces = Vec::new();
         let mut rest = text;
@@ -50,8 +50,9 @@ impl Pattern {
                 after.split_once('}').ok_or_else(|| format!("a brace that is not closed in {text:?}"))?;
             let number = inside.parse::<usize>().ok().and_then(|number| number.checked_sub(1));
             let wildcard = number.and_then(|number| source.wildcard(number));
-            pieces
-                .push(wildcard.ok_or_else(|| format!("{{{inside}}} in {text:?}, which no wildcard of the source is"))?);
+            pieces.push(
+                wildcard.ok_or_else(|| format!("{{{inside}}} in {text:?}, for which the source has no wildcard"))?,
+            );
             rest = after;
         }
         push_literal(&mut pieces, rest);
@@ -60,19 +61,19 @@ impl Pattern {
             let uses =
                 target.pieces.iter().filter(|piece| matches!(piece, Piece::Wildcard { number: n, .. } if *n == number));
             if uses.count() != 1 {
-                return Err(format!("{text:?}, where {{{}}} does not stand exactly once", number + 1));
+                return Err(format!("{text:?}, in which {{{}}} does not occur exactly once", number + 1));
             }
         }
         target.checked(text)
     }
 
     fn checked(self, text: &str) -> Result<Self, String> {
-        let side_by_side =
+        let adjacent =
             self.pieces.windows(2).any(|pair| pair.iter().all(|piece| matches!(piece, Piece::Wildcard { .. })));
         match () {
             () if self.pieces.is_empty() => Err("an empty name".to_owned()),
-            () if text.len() > LONGEST_NAME => Err(format!("a name of {} bytes", text.len())),
-            () if side_by_side => Err(format!("two wildcards side by side in {text:?}")),
+            () if text.len() > MAX_NAME => Err(format!("a name of {} bytes", text.len())),
+            () if adjacent => Err(format!("two adjacent wildcards in {text:?}")),
             () => Ok(self),
         }
     }
@@ -85,11 +86,11 @@ impl Pattern {
         self.pieces.iter().find(|piece| matches!(piece, Piece::Wildcard { number, .. } if *number == wanted)).cloned()
     }
 
-    /// What each wildcard stands for in `name`, the first as short as possible, then the second, …; `None`
-    /// where the pattern does not match.
+    /// What each wildcard matches in `name`, the first as short as possible, then the second, …; `None` if the pattern does
+    /// not match.
     pub(super) fn captures<'n>(&self, name: &'n str) -> Option<Vec<&'n str>> {
         let mut captures = vec![""; self.wildcards()];
-        let matched = name.len() <= LONGEST_NAME && capture(&self.pieces, name, &mut captures);
+        let matched = name.len() <= MAX_NAME && capture(&self.pieces, name, &mut captures);
         matched.then_some(captures)
     }
 
@@ -97,7 +98,7 @@ impl Pattern {
     pub(super) fn filled(&self, captures: &[&str]) -> String {
         let piece = |piece: &Piece| match piece {
             Piece::Literal(text) => text.clone(),
-            Piece::Wildcard { number, .. } => captures.get(*number).copied().unwrap_or_default().to_owned(),
+            Piece::Wildcard { number, .. } => captures[*number].to_owned(),
         };
         self.pieces.iter().map(piece).collect()
     }
@@ -121,9 +122,7 @@ fn capture<'n>(pieces: &[Piece], name: &'n str, captures: &mut [&'n str]) -> boo
                 }
                 let (taken, rest) = name.split_at(end);
                 if capture(pieces, rest, captures) {
-                    if let Some(slot) = captures.get_mut(*number) {
-                        *slot = taken;
-                    }
+                    captures[*number] = taken;
                     return true;
                 }
             }
@@ -146,13 +145,13 @@ mod tests {
     use super::*;
 
     #[test]
-    fn names_are_matched_and_filled_in() {
+    fn names_are_matched_and_wildcards_filled_in() {
         let source = Pattern::source("encoder.layer.*.norm1.**").unwrap();
         let target = Pattern::target("blocks.{1}.norm1.{2}", &source).unwrap();
         let captures = source.captures("encoder.layer.11.norm1.weight.v").unwrap();
         assert_eq!(captures, ["11", "weight.v"]);
         assert_eq!(target.filled(&captures), "blocks.11.norm1.weight.v");
-        assert_eq!(target.captures("blocks.3.norm1.bias").unwrap(), ["3", "bias"], "and back");
+        assert_eq!(target.captures("blocks.3.norm1.bias").unwrap(), ["3", "bias"], "the inverse");
         for other in ["encoder.layer.1.2.norm1.bias", "encoder.layer..norm1.bias", "encoder.layer.1.norm1.", "x"] {
             assert!(source.captures(other).is_none(), "{other}");
         }
@@ -162,10 +161,10 @@ mod tests {
     }
 
     #[test]
-    fn broken_patterns_say_why() {
+    fn errors_of_invalid_patterns_give_the_reason() {
         let source = Pattern::source("a.*").unwrap();
         for (text, expected) in [
-            ("b", "{1} does not stand exactly once"),
+            ("b", "{1} does not occur exactly once"),
             ("b.{1}.{1}", "exactly once"),
             ("b.{2}", "{2}"),
             ("b.{0}", "{0}"),
@@ -183,7 +182,7 @@ mod tests {
     #[test]
     fn matching_is_not_slow() {
         let nasty = Pattern::source("**a**a**b").unwrap();
-        assert!(nasty.captures(&"a".repeat(LONGEST_NAME)).is_none());
-        assert!(nasty.captures(&"a".repeat(LONGEST_NAME + 1)).is_none());
+        assert!(nasty.captures(&"a".repeat(MAX_NAME)).is_none());
+        assert!(nasty.captures(&"a".repeat(MAX_NAME + 1)).is_none());
     }
 }

@@ -26,15 +26,15 @@ fn parameter(name: &str, shape: &[usize]) -> Parameter {
 }
 
 #[test]
-fn dinov2_survives_a_journey_through_both_naming_schemes() {
+fn dinov2_round_trips_through_both_naming_schemes() {
     for (size, registers) in [(DinoSize::Tiny, false), (DinoSize::Tiny, true), (DinoSize::Small, true)] {
         let expected = dino(size, registers);
         let ours = generated(&expected, 5);
         for map in ["dinov2-official", "dinov2-hugging-face"] {
             let map = KeyMap::resolve(map).unwrap();
             let foreign = map.export(&ours).unwrap();
-            let (again, report) = map.import(&foreign, &expected).unwrap();
-            assert_eq!(again.digest(), ours.digest(), "{report}");
+            let (imported, report) = map.import(&foreign, &expected).unwrap();
+            assert_eq!(imported.digest(), ours.digest(), "{report}");
             assert!(report.left_over.is_empty() && report.ignored.is_empty(), "{report}");
             let (found, report) = BackboneConfig::in_file(&foreign).unwrap().unwrap();
             assert_eq!((found, &report.key_map), (BackboneConfig::DinoV2 { size, registers }, &map.name));
@@ -63,7 +63,7 @@ fn hugging_face_queries_keys_and_values_are_joined() {
 }
 
 #[test]
-fn the_report_says_what_is_missing_left_over_and_of_another_shape() {
+fn the_report_lists_missing_unused_and_mismatched_tensors() {
     let map = KeyMap::from_toml(
         r#"
         name = "test"
@@ -93,7 +93,7 @@ fn the_report_says_what_is_missing_left_over_and_of_another_shape() {
 }
 
 #[test]
-fn transposed_and_split_tensors_go_both_ways() {
+fn transposed_and_split_tensors_round_trip() {
     let map = KeyMap::from_toml(
         r#"
         name = "test"
@@ -122,7 +122,7 @@ fn transposed_and_split_tensors_go_both_ways() {
 }
 
 #[test]
-fn what_does_not_add_up_is_a_mismatch_and_not_a_guess() {
+fn inconsistent_parts_are_mismatches() {
     let map = KeyMap::from_toml(
         r#"
         name = "test"
@@ -159,19 +159,16 @@ fn what_does_not_add_up_is_a_mismatch_and_not_a_guess() {
     let mut infinite = StoredTensors::default();
     infinite.tensors.insert("again1".to_owned(), StoredTensor::from_f32(vec![2], &[f32::NAN, 1.0]).unwrap());
     let (_, report) = map.apply(&infinite, &[parameter("once1", &[2])]);
-    assert_eq!(report.mismatched[0].found, "1 numbers that are not finite as f32");
+    assert_eq!(report.mismatched[0].found, "1 values that are not finite as f32");
 }
 
 #[test]
-fn broken_maps_name_their_place() {
+fn errors_of_malformed_maps_name_their_location() {
     for (text, expected) in [
         ("name = 3", "key map: line 1 column 8"),
         ("name = \"x\"\nrule = []", "line 2 column 1: expected"),
-        (
-            "name = \"x\"\n[[rules]]\nfrom = \"a\"",
-            "rules[0]: expected a rule that can be read both ways, found neither",
-        ),
-        ("name = \"x\"\n[[rules]]\nfrom = \"a*\"\nto = \"b\"", "{1} does not stand exactly once"),
+        ("name = \"x\"\n[[rules]]\nfrom = \"a\"", "rules[0]: expected an invertible rule, found neither"),
+        ("name = \"x\"\n[[rules]]\nfrom = \"a*\"\nto = \"b\"", "{1} does not occur exactly once"),
         ("name = \"x\"\n[[rules]]\nfrom = \"a\"\nto = \"b\"\npart = [3, 3]", "part 3 of 3"),
         ("name = \"x\"\n[[rules]]\nfrom = \"a\"\nsplit = [\"b\"]", "a split into fewer than two"),
         ("name = \"x\"\nignore = [\"\"]", "ignore[0]"),
