@@ -1,4 +1,4 @@
-//! Runs a network, to see that it keeps to its budget.
+//! Runs a network and measures whether it keeps to its budget.
 
 use std::time::Instant;
 
@@ -8,19 +8,19 @@ use atsplat_model::network::{Device, Network, StageSeconds, Views};
 use atsplat_model::{ImageSize, ModelConfig};
 use glam::{DMat3, DVec3};
 
-use crate::memory;
+use crate::process;
 
-/// What a run came to.
+/// The measurements of a run.
 #[derive(Debug)]
 pub(super) struct Measured {
     pub(super) budget: Budget,
     pub(super) seconds: StageSeconds,
-    /// Making the network is not part of `seconds`.
+    /// Seconds of building the network, which are not part of `seconds`.
     pub(super) making_secs: f64,
     pub(super) peak_bytes: Option<u64>,
 }
 
-/// Keeps the last network: rows of one table often differ in their views alone.
+/// Keeps the last network: many rows of a table differ only in their views.
 pub(super) struct Measurer {
     network: Option<Network>,
     device: Device,
@@ -31,11 +31,11 @@ impl Measurer {
         Self { network: None, device }
     }
 
-    /// Fresh weights, so that counts are the network's own and quality is none.
+    /// Runs the network with random weights: the counts are real, the quality is not.
     pub(super) fn run(&mut self, config: &ModelConfig, views: usize, size: ImageSize) -> anyhow::Result<Measured> {
         let start = Instant::now();
         let kept = self.network.take().filter(|network| network.config() == config);
-        memory::forget_peak();
+        process::forget_peak();
         let network = match kept {
             Some(network) => network,
             None => Network::new(config, &self.device)?,
@@ -44,11 +44,11 @@ impl Measurer {
         let making_secs = start.elapsed().as_secs_f64();
         let made = network.reconstruct(&views, 0)?;
         self.network = Some(network);
-        Ok(Measured { budget: made.budget, seconds: made.seconds, making_secs, peak_bytes: memory::peak_bytes() })
+        Ok(Measured { budget: made.budget, seconds: made.seconds, making_secs, peak_bytes: process::peak_bytes() })
     }
 }
 
-/// A smooth pattern, and cameras along a line that look ahead.
+/// A smooth pattern, seen by cameras along a line.
 fn synthetic(count: usize, size: ImageSize) -> anyhow::Result<Views> {
     const RGB: usize = 3;
     const PERIOD: usize = 251;

@@ -1,5 +1,4 @@
-//! `atsplat budget`: tokens, Gaussians and memory of a configuration, before anything runs; and whether the network keeps
-//! to them.
+//! `atsplat budget`: tokens, Gaussians and memory of a configuration by formula, and whether the network keeps to them.
 
 mod measure;
 mod published;
@@ -9,42 +8,41 @@ use anyhow::Context as _;
 use atsplat_camera::ImageSize as CameraSize;
 use atsplat_model::budget::{BudgetRange, MemoryEstimate, budget, memory};
 use atsplat_model::{ImageSize, ModelConfig};
-use clap::Args;
 
-use crate::model_words::{ChangeWords, ProcessorWord, model};
-use crate::output::{complain, print_report};
+use crate::model_args::{ChangeArgs, ProcessorArg, model};
+use crate::output::{print_report, warn};
+use crate::parse;
 use crate::progress::Progress;
-use crate::render::words;
 use measure::Measurer;
 use published::Published;
 use report::{Report, Row};
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
     /// One configuration instead of the paper's table: a name, or a path that ends in .toml.
     #[arg(long, value_name = "NAME|FILE", value_parser = model)]
     model: Option<String>,
 
-    /// How many views; by default what the configuration is for.
+    /// Number of views; by default that of the configuration.
     #[arg(long, value_name = "N", requires = "model", value_parser = clap::value_parser!(u16).range(1..))]
     views: Option<u16>,
 
-    /// Size of the pictures; by default what the configuration is for. Width comes first here, as in every command; the
-    /// papers write 448x256 as 256x448.
-    #[arg(long, value_name = "WxH", requires = "model", value_parser = words::size)]
+    /// Image size; by default that of the configuration. Width comes first, as in every command; the papers write 448x256
+    /// as 256x448.
+    #[arg(long, value_name = "WxH", requires = "model", value_parser = parse::size)]
     size: Option<CameraSize>,
 
     #[command(flatten)]
-    changes: ChangeWords,
+    changes: ChangeArgs,
 
-    /// Run each row through a network with fresh weights, compare its counts with the formula's, and tell seconds and
-    /// memory. The paper's high resolution takes minutes, and 16 GiB.
+    /// Run each row through a network with random weights, compare its counts with the formula, and print seconds and
+    /// memory. The paper's high resolution takes minutes and 16 GiB.
     #[arg(long)]
     run: bool,
 
-    /// What --run computes on; wgpu needs a build with `--features gpu-network`. The peak is that of the host's memory.
+    /// Device of --run; wgpu needs a build with `--features gpu-network`. The peak is that of host memory.
     #[arg(long = "device", value_name = "DEVICE", default_value = "cpu", requires = "run")]
-    processor: ProcessorWord,
+    processor: ProcessorArg,
 
     /// Print JSON.
     #[arg(long)]
@@ -60,19 +58,19 @@ struct Case {
     published: Option<Published>,
 }
 
-/// Prints the table; `false` where a figure is not what it should be.
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let cases = words.cases()?;
+/// Prints the table; `false` if a number differs from the expected one.
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let cases = args.cases()?;
     let mut rows = Vec::with_capacity(cases.len());
-    let mut measurer = Measurer::new(words.processor.open()?);
-    let progress = words.run.then(|| Progress::new("networks", cases.len()));
+    let mut measurer = Measurer::new(args.processor.open()?);
+    let progress = args.run.then(|| Progress::new("networks", cases.len()));
     for case in cases {
         let Case { dataset, config, views, size, published } = case;
         let range: BudgetRange = budget(&config, views, size)?;
         let memory: MemoryEstimate = memory(&config, views, size)?;
         let name = config.name.clone();
-        let measured = if words.run {
-            complain(&format!("running {name}, {views} views of {size}"));
+        let measured = if args.run {
+            warn(&format!("running {name}, {views} views of {size}"));
             Some(measurer.run(&config, views, size).with_context(|| format!("running {name}"))?)
         } else {
             None
@@ -83,19 +81,19 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         }
     }
     drop(progress);
-    let report = Report { rows, changed: !words.changes.is_empty() };
-    print_report(&report, words.json)?;
+    let report = Report { rows, changed: !args.changes.is_empty() };
+    print_report(&report, args.json)?;
     Ok(report.is_right())
 }
 
-impl Words {
+impl Args {
     fn cases(&self) -> anyhow::Result<Vec<Case>> {
         let published = published::table()?;
         let Some(name) = &self.model else {
             let case = |row: Published| -> anyhow::Result<Case> {
                 let config = self.changes.applied(&ModelConfig::named(row.model)?)?;
                 let (dataset, views, size) = (Some(row.dataset), row.views, row.size);
-                // Changes make another network, of which nothing is published.
+                // Nothing is published about a changed configuration.
                 let published = self.changes.is_empty().then_some(row);
                 Ok(Case { dataset, config, views, size, published })
             };

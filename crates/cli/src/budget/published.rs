@@ -3,10 +3,10 @@ use atsplat_model::ImageSize;
 use atsplat_model::budget::Budget;
 use serde::Serialize;
 
-/// The paper's figures (`eval/published/README.md`).
+/// The numbers of the paper (`eval/published/README.md`).
 const TABLE: &str = include_str!("../../../../eval/published/budget.csv");
 
-/// A row of the paper's.
+/// A row of the paper's table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Published {
@@ -19,13 +19,13 @@ pub(super) struct Published {
     pub(super) gaussians: Count,
 }
 
-/// A number as it is printed.
+/// A number as printed in the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Count {
-    /// To the unit.
+    /// Exact.
     Exact(usize),
-    /// Thousands, the rest cut off.
+    /// Thousands, rounded down.
     Thousands(usize),
 }
 
@@ -48,7 +48,7 @@ impl std::fmt::Display for Count {
 }
 
 impl Published {
-    /// Whether every figure that is printed is this budget's.
+    /// Whether every printed number agrees with this budget.
     pub(super) fn agrees(&self, found: &Budget) -> bool {
         self.initial_tokens.is_none_or(|count| count == found.initial_tokens)
             && self.final_tokens.is_none_or(|count| count == found.final_tokens)
@@ -68,14 +68,14 @@ fn row(line: &'static str) -> anyhow::Result<Published> {
         bail!("expected 8 fields, found {}", fields.len());
     };
     let count = |text: &str| text.parse::<usize>().with_context(|| format!("expected a number, found {text:?}"));
-    let maybe = |text: &str| if text.is_empty() { Ok(None) } else { count(text).map(Some) };
+    let optional = |text: &str| if text.is_empty() { Ok(None) } else { count(text).map(Some) };
     Ok(Published {
         dataset,
         model,
         views: count(views)?,
         size: ImageSize::new(count(height)?, count(width)?),
-        initial_tokens: maybe(initial)?,
-        final_tokens: maybe(last)?,
+        initial_tokens: optional(initial)?,
+        final_tokens: optional(last)?,
         gaussians: match gaussians.strip_suffix('K') {
             Some(thousands) => Count::Thousands(count(thousands)?),
             None => Count::Exact(count(gaussians)?),
@@ -88,7 +88,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_committed_table_is_read_and_broken_rows_are_not() {
+    fn reads_the_committed_table_and_rejects_broken_rows() {
         assert_eq!(table().unwrap().len(), 6);
         for broken in ["", "RE10K,a,1,2,3,4,5", "RE10K,a,1,2,3,4,5,6,7", "RE10K,a,x,2,3,4,5,6", "RE10K,a,1,2,3,4,5,K"] {
             assert!(row(broken).is_err(), "{broken:?}");
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn thousands_are_cut_off_and_not_rounded() {
+    fn thousands_are_rounded_down() {
         assert!(Count::Thousands(52).agrees(52_928) && !Count::Thousands(53).agrees(52_928));
         assert!(Count::Exact(52_928).agrees(52_928) && !Count::Exact(52_912).agrees(52_928));
     }

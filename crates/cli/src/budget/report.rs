@@ -7,18 +7,18 @@ use serde::Serialize;
 
 use super::measure::Measured;
 use super::published::Published;
-use crate::memory::for_people;
+use crate::process::format_bytes;
 
 /// The table.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Report {
     pub(super) rows: Vec<Row>,
-    /// Whether the configurations are other ones than their names say.
+    /// Whether the configurations are changed from those of their names.
     pub(super) changed: bool,
 }
 
-/// A configuration, its input, and what that comes to.
+/// The budget of a configuration and input size.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Row {
@@ -27,7 +27,7 @@ pub(super) struct Row {
     views: usize,
     /// Height and width in pixels.
     size: ImageSize,
-    /// If no token exceeds a threshold; the same as `most` where ratios are fixed.
+    /// If no token exceeds a threshold; equal to `most` for fixed ratios.
     least: Tokens,
     most: Tokens,
     published: Option<Published>,
@@ -47,7 +47,7 @@ struct Tokens {
     gaussians: usize,
 }
 
-/// The formula against the paper.
+/// Comparison of the formula with the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 enum Verdict {
@@ -56,12 +56,12 @@ enum Verdict {
     NotPublished,
 }
 
-/// The network against the formula.
+/// Comparison of the network with the formula.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Run {
     tokens: Tokens,
-    /// Whether the counts are the formula's, or within its range.
+    /// Whether the counts are within the range of the formula.
     keeps_to_formula: bool,
     seconds: StageSeconds,
     total_secs: f64,
@@ -120,7 +120,7 @@ impl Tokens {
 }
 
 impl Report {
-    /// Whether the formula is the paper's and every network kept to it.
+    /// Whether the formula agrees with the paper and every network with the formula.
     pub(super) fn is_right(&self) -> bool {
         let right =
             |row: &Row| row.verdict != Verdict::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula);
@@ -139,20 +139,23 @@ impl fmt::Display for Report {
             row.fmt(f)?;
         }
         if self.changed {
-            writeln!(f, "changed by --thresholds, --ratios or --expand-first: of these networks nothing is published")?;
+            writeln!(
+                f,
+                "changed by --thresholds, --ratios or --expand-first: nothing is published about these networks"
+            )?;
         }
         if self.rows.iter().any(|row| row.run.is_some()) {
-            writeln!(f, "\nrun with fresh weights")?;
+            writeln!(f, "\nrun with random weights")?;
             writeln!(
                 f,
                 "{:<16} {:>9} {:>5}  {:>12}  {:>9}  {:<9}  {:>8}  {:>9}  seconds of each stage",
                 "model", "pictures", "views", "tokens", "Gaussians", "formula", "seconds", "peak"
             )?;
             for row in &self.rows {
-                row.ran(f)?;
+                row.write_run(f)?;
             }
         }
-        writeln!(f, "\npictures are height x width, as papers write them; memory is estimated by formula")
+        writeln!(f, "\nimage sizes are height x width, as in the papers; memory is estimated by formula")
     }
 }
 
@@ -164,7 +167,7 @@ impl Row {
         };
         let tokens = format!("{} > {}", most.initial, range(least.r#final, most.r#final));
         let gaussians = range(least.gaussians, most.gaussians);
-        let told = published.as_ref().map_or_else(
+        let reported = published.as_ref().map_or_else(
             || "-".to_owned(),
             |row| match row.final_tokens {
                 Some(tokens) => format!("{tokens}, {}", row.gaussians),
@@ -177,18 +180,18 @@ impl Row {
             Verdict::NotPublished => "-",
         };
         let (dataset, size) = (dataset.unwrap_or("-"), self.size.to_string());
-        let memory = for_people(self.memory.peak_bytes());
+        let memory = format_bytes(self.memory.peak_bytes());
         writeln!(
             f,
-            "{dataset:<7} {model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>15}  {told:>15}  {verdict:<8}  {memory:>9}"
+            "{dataset:<7} {model:<16} {size:>9} {views:>5}  {tokens:>12}  {gaussians:>15}  {reported:>15}  {verdict:<8}  {memory:>9}"
         )
     }
 
-    fn ran(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+    fn write_run(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Some(run) = &self.run else { return Ok(()) };
         let tokens = format!("{} > {}", run.tokens.initial, run.tokens.r#final);
         let formula = if run.keeps_to_formula { "kept" } else { "NOT KEPT" };
-        let peak = run.peak_bytes.map_or_else(|| "-".to_owned(), for_people);
+        let peak = run.peak_bytes.map_or_else(|| "-".to_owned(), format_bytes);
         let stages: Vec<String> =
             run.seconds.stages().iter().map(|(stage, seconds)| format!("{stage} {seconds:.2}")).collect();
         let (model, size, views) = (&self.model, self.size.to_string(), self.views);

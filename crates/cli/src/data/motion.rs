@@ -1,4 +1,4 @@
-//! `atsplat data motion`: how the cameras of clips move, simulated ones beside real ones.
+//! `atsplat data motion`: camera motion of clips, simulated next to real.
 
 use std::fmt;
 use std::path::{Path, PathBuf};
@@ -8,32 +8,31 @@ use atsplat_numeric::quantile;
 use atsplat_report::plot::{HistogramPanel, Histograms};
 use atsplat_rooms::{ClipMotion, EffectChoice, Request, RoomsError, SceneSeed, Simulation};
 use atsplat_scene::{Scene, SceneSource as _, WarningKind, Warnings};
-use clap::Args;
 use rayon::prelude::*;
 use serde::Serialize;
 
-use super::simulate::{KindWord, SplitWord};
-use crate::output::{PendingFile, complain, print_report, print_warnings};
+use super::simulate::{KindArg, SplitArg};
+use crate::output::{PendingFile, print_report, print_warnings, warn};
 use crate::plot::PlotFile;
 use crate::progress::Progress;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Datasets; without any, the eleven RE10K clips whose figures the simulator draws from.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Datasets; by default the eleven RE10K clips whose statistics the simulator draws from.
     #[arg(value_name = "PATH")]
     data: Vec<PathBuf>,
 
-    /// How many simulated clips to show beside them.
+    /// Number of simulated clips to compare with.
     #[arg(long, value_name = "N", default_value_t = 0, value_parser = clap::value_parser!(u32).range(0..=100_000))]
     simulated: u32,
 
-    /// What kind of scenes these clips show.
+    /// Kind of the simulated scenes.
     #[arg(long, value_name = "KIND", default_value = "rooms")]
-    kind: KindWord,
+    kind: KindArg,
 
-    /// What they are for.
+    /// Split of the simulated scenes.
     #[arg(long, value_name = "SPLIT", default_value = "train")]
-    split: SplitWord,
+    split: SplitArg,
 
     /// Histograms of every measure, .svg or .png.
     #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
@@ -51,33 +50,33 @@ struct Report {
     quantiles: Vec<Row>,
 }
 
-/// Clips of one origin.
+/// Clips of one source.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Group {
     name: String,
     clips: Vec<ClipMotion>,
-    /// Clips of less than half a second, which have no motion to speak of.
+    /// Number of skipped clips of less than half a second.
     too_short: usize,
-    /// Clips whose frames have no times, taken as films of 30 frames a second.
+    /// Number of clips without timestamps, assumed to have 30 frames per second.
     without_times: usize,
 }
 
-/// One measure of one group: the values at [`SHARES`] of its clips.
+/// Quantiles of one measure over the clips of one group.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
     measure: &'static str,
     group: String,
     measured: usize,
-    quantiles: [Option<f64>; SHARES.len()],
+    quantiles: [Option<f64>; QUANTILES.len()],
 }
 
-const SHARES: [f64; 5] = [0.1, 0.25, 0.5, 0.75, 0.9];
-/// RE10K's shape, by which focal lengths over the width compare.
+const QUANTILES: [f64; 5] = [0.1, 0.25, 0.5, 0.75, 0.9];
+/// Image size of RE10K, so that focal lengths relative to the width are comparable.
 const SIZE: ImageSize = ImageSize { width: 640, height: 360 };
 
-/// A measure's name and how a clip answers.
+/// Name and value of a measure.
 type Measure = (&'static str, fn(&ClipMotion) -> Option<f64>);
 
 const MEASURES: [Measure; 8] = [
@@ -91,44 +90,46 @@ const MEASURES: [Measure; 8] = [
     ("focal length / width", |clip| Some(clip.fx)),
 ];
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let plot = match &words.plot {
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let plot = match &args.plot {
         Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
         None => None,
     };
     let mut warnings = Warnings::new();
     let mut groups = Vec::new();
-    if words.simulated > 0 {
-        groups.push(words.simulate()?);
+    if args.simulated > 0 {
+        groups.push(args.simulate()?);
     }
-    for path in &words.data {
+    for path in &args.data {
         let mut found = Warnings::new();
         groups.push(Group::of_dataset(path, &mut found)?);
         warnings.merge(found.about_cameras());
     }
-    if words.data.is_empty() {
+    if args.data.is_empty() {
         groups.push(Group { name: "RE10K".to_owned(), clips: ClipMotion::real()?, too_short: 0, without_times: 0 });
     }
     let report = Report { quantiles: rows(&groups), groups };
     if let Some((file, format)) = plot {
         file.finish(&histograms(&report.groups).draw().encode(format)?)?;
     }
-    print_report(&report, words.json)?;
+    print_report(&report, args.json)?;
     print_warnings(&warnings);
     for Group { name, too_short, without_times, .. } in &report.groups {
         if *too_short > 0 {
-            complain(&format!("note: {name}: {too_short} clips of less than half a second are left out"));
+            warn(&format!("note: {name}: {too_short} clips of less than half a second are skipped"));
         }
         if *without_times > 0 {
-            complain(&format!("note: {name}: {without_times} clips without times, taken as 30 frames a second"));
+            warn(&format!(
+                "note: {name}: {without_times} clips without timestamps, assumed to have 30 frames per second"
+            ));
         }
     }
     let unread = warnings.counts().any(|(kind, _)| kind == WarningKind::UnreadableScene);
     Ok(!unread && report.groups.iter().all(|group| group.too_short == 0))
 }
 
-impl Words {
-    /// Trajectories alone: nothing is rendered, so the least that a scene can be asked for will do.
+impl Args {
+    /// Simulates trajectories without rendering.
     fn simulate(&self) -> anyhow::Result<Group> {
         let progress = Progress::new("clips", self.simulated as usize);
         let clip = |number| {
@@ -154,7 +155,7 @@ impl Group {
         let progress = Progress::new("scenes", dataset.keys().len());
         let read = dataset.keys().par_iter().map(|key| {
             let mut warnings = Warnings::new();
-            let clip = dataset.load(key, &mut warnings).map(|scene| (motion(&scene), has_times(&scene)));
+            let clip = dataset.load(key, &mut warnings).map(|scene| (motion_of(&scene), has_times(&scene)));
             progress.step();
             (key, clip, warnings)
         });
@@ -175,16 +176,16 @@ impl Group {
     }
 }
 
-/// Whether the frames' numbers can be microseconds: captures are numbered one by one.
+/// Whether the timestamps can be microseconds: captures number their frames consecutively.
 fn has_times(scene: &Scene) -> bool {
-    const LEAST_STEP: i64 = 1000;
+    const MIN_STEP_MICROS: i64 = 1000;
     let times: Option<Vec<i64>> = scene.frames.iter().map(|frame| frame.timestamp_micros).collect();
     let Some(times) = times else { return false };
     let span = times.iter().max().zip(times.iter().min()).map_or(0, |(last, first)| last - first);
-    (1i64..).zip(&times).last().is_none_or(|(count, _)| span >= LEAST_STEP * (count - 1))
+    (1i64..).zip(&times).last().is_none_or(|(count, _)| span >= MIN_STEP_MICROS * (count - 1))
 }
 
-fn motion(scene: &Scene) -> Option<ClipMotion> {
+fn motion_of(scene: &Scene) -> Option<ClipMotion> {
     let timed = has_times(scene);
     let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
         let micros = frame.timestamp_micros.filter(|_| timed).unwrap_or(at * 1_000_000 / 30);
@@ -201,7 +202,7 @@ fn rows(groups: &[Group]) -> Vec<Row> {
             measure,
             group: group.name.clone(),
             measured: values.len(),
-            quantiles: SHARES.map(|share| quantile(&values, share)),
+            quantiles: QUANTILES.map(|share| quantile(&values, share)),
         }
     };
     MEASURES.iter().flat_map(|measure| groups.iter().map(|group| row(*measure, group))).collect()
@@ -213,11 +214,10 @@ fn histograms(groups: &[Group]) -> Histograms {
         values: groups.iter().map(|group| group.clips.iter().filter_map(read).collect()).collect(),
     };
     Histograms {
-        title: "How cameras move".to_owned(),
-        subtitle:
-            "height: share of a group's clips; marks: single clips; lengths in each clip's own units, metres where \
+        title: "Camera motion".to_owned(),
+        subtitle: "height: share of a group's clips; marks: single clips; lengths in each clip's own units, metres if \
                    simulated"
-                .to_owned(),
+            .to_owned(),
         groups: groups.iter().map(|group| group.name.clone()).collect(),
         panels: MEASURES.map(panel).into(),
     }
@@ -225,12 +225,12 @@ fn histograms(groups: &[Group]) -> Histograms {
 
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let wide = self.groups.iter().map(|group| group.name.chars().count()).fold(5, usize::max);
-        write!(f, "{:<21} {:<wide$} {:>5}", "", "", "clips")?;
-        SHARES.iter().try_for_each(|share| write!(f, " {:>8}", format!("{:.0} %", share * 100.0)))?;
+        let width = self.groups.iter().map(|group| group.name.chars().count()).fold(5, usize::max);
+        write!(f, "{:<21} {:<width$} {:>5}", "", "", "clips")?;
+        QUANTILES.iter().try_for_each(|share| write!(f, " {:>8}", format!("{:.0} %", share * 100.0)))?;
         writeln!(f)?;
         for Row { measure, group, measured, quantiles } in &self.quantiles {
-            write!(f, "{measure:<21} {group:<wide$} {measured:>5}")?;
+            write!(f, "{measure:<21} {group:<width$} {measured:>5}")?;
             for value in quantiles {
                 write!(f, " {:>8}", value.map_or("-".to_owned(), |value| format!("{value:.3}")))?;
             }

@@ -4,17 +4,16 @@ use std::path::PathBuf;
 use atsplat_report::plot::PlotFormat;
 use clap::builder::{PathBufValueParser, TypedValueParser};
 
-/// Where a plot goes, and as what.
+/// Path and format of a plot.
 #[derive(Clone, Debug)]
 pub(crate) struct PlotFile {
-    /// The path as given.
     pub(crate) path: PathBuf,
-    /// By the path's extension.
+    /// From the extension of the path.
     pub(crate) format: PlotFormat,
 }
 
 impl PlotFile {
-    /// Parses the word on the command line.
+    /// Parses a path that ends in .svg or .png.
     pub(crate) fn parser() -> impl TypedValueParser<Value = Self> {
         PathBufValueParser::new().try_map(Self::of)
     }
@@ -23,7 +22,7 @@ impl PlotFile {
         match path.extension().and_then(OsStr::to_str) {
             Some("svg") => Ok(Self { path, format: PlotFormat::Svg }),
             Some("png") => Ok(Self { path, format: PlotFormat::Png }),
-            _ => Err(format!("a plot is written as .svg or .png, found {}", path.display())),
+            _ => Err(format!("expected a plot file that ends in .svg or .png, found {}", path.display())),
         }
     }
 }
@@ -33,7 +32,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_extension_tells_the_format() {
+    fn the_extension_determines_the_format() {
         assert_eq!(PlotFile::of("a/b.svg".into()).unwrap().format, PlotFormat::Svg);
         assert_eq!(PlotFile::of("b.png".into()).unwrap().format, PlotFormat::Png);
         for other in ["plot.jpg", "plot", "svg", ".png"] {

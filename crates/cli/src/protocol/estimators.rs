@@ -1,4 +1,4 @@
-//! `atsplat protocol estimators`: estimated overlap against true co-visibility, on simulated scenes.
+//! `atsplat protocol estimators`: compares overlap estimators with true co-visibility on simulated scenes.
 
 use atsplat_numeric::SplitMix64;
 use std::fmt;
@@ -11,39 +11,37 @@ use atsplat_protocol::overlap::{DepthMap, OverlapEstimator, OverlapView};
 use atsplat_protocol::{BinRule, OverlapBins};
 use atsplat_report::plot::{EstimatePoint, EstimatorPanel, EstimatorScatter};
 use atsplat_rooms::{Geometry, Request, SceneKind, SceneSeed, Simulation, Split};
-use clap::Args;
 use serde::Serialize;
 
-use super::parse;
 use crate::output::{PendingFile, print_report};
+use crate::parse;
 use crate::plot::PlotFile;
 use crate::progress::Progress;
-use crate::render::words;
 
-/// Judged each by itself: what holds indoors need not hold on a walk around a thing.
+/// Evaluated separately: what holds indoors need not hold outdoors.
 const KINDS: [SceneKind; 2] = [SceneKind::Rooms, SceneKind::Yards];
-/// Frames between the two views at least: neighbours see the same.
-const LEAST_GAP: usize = 5;
+/// Minimum distance of the two frames: neighbours see the same.
+const MIN_GAP: usize = 5;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// How many simulated rooms, and as many yards.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Number of simulated rooms, and of simulated yards.
     #[arg(long, value_name = "N", default_value_t = 24, value_parser = clap::value_parser!(u32).range(1..=10_000))]
     scenes: u32,
 
-    /// Pairs of views of each scene.
+    /// Pairs of views per scene.
     #[arg(long, value_name = "N", default_value_t = 8, value_parser = clap::value_parser!(u32).range(1..=1000))]
     pairs: u32,
 
-    /// Size of the pictures and depth maps.
-    #[arg(long, value_name = "WxH", default_value = "160x90", value_parser = words::size)]
+    /// Size of images and depth maps.
+    #[arg(long, value_name = "WxH", default_value = "160x90", value_parser = parse::size)]
     size: ImageSize,
 
-    /// Seed of the pairs.
+    /// Seed of the choice of pairs.
     #[arg(long, value_name = "N", default_value_t = 0)]
     seed: u64,
 
-    /// Plot of every estimate against the truth, .svg or .png.
+    /// Plot every estimate against the truth, .svg or .png.
     #[arg(long, value_name = "PICTURE", value_parser = PlotFile::parser())]
     plot: Option<PlotFile>,
 
@@ -61,7 +59,7 @@ struct Report {
     estimators: Vec<Row>,
 }
 
-/// Two views, what they truly share, and what each estimator says.
+/// Two views, their true overlap, and the estimates.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Pair {
@@ -69,40 +67,40 @@ struct Pair {
     scene: String,
     frames: [usize; 2],
     truth: f64,
-    /// By the order of the report's estimators; `null` where an estimator has no answer.
+    /// In the order of the report's estimators; `null` if an estimator fails.
     estimates: Vec<Option<f64>>,
 }
 
-/// How one estimator fares with one kind of scene.
+/// Accuracy of one estimator on one kind of scenes.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
     kind: SceneKind,
     estimator: &'static str,
     measured: usize,
-    /// Spearman's, of estimates and truth.
+    /// Spearman's correlation of estimates and truth.
     rank_correlation: Option<f64>,
-    /// Mean of estimate less truth.
+    /// Mean of estimate minus truth.
     bias: Option<f64>,
     /// Mean of the absolute difference.
     error: Option<f64>,
-    /// Share of pairs that fall into the same of `NoPoSplat`'s bins as the truth.
+    /// Share of pairs whose estimate is in the same bin of `NoPoSplat` as the truth.
     same_bin: Option<f64>,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let estimators = estimators()?;
-    let plot = match &words.plot {
+    let plot = match &args.plot {
         Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
         None => None,
     };
-    let progress = Progress::new("scenes", KINDS.len() * words.scenes as usize);
+    let progress = Progress::new("scenes", KINDS.len() * args.scenes as usize);
     let mut pairs = Vec::new();
     for kind in KINDS {
-        for number in 0..words.scenes {
+        for number in 0..args.scenes {
             let seed = SceneSeed { split: Split::Test, number };
-            let simulation = Simulation::new(Request { size: words.size, ..Request::new(kind, seed) })?;
-            for frames in words.draw(&simulation) {
+            let simulation = Simulation::new(Request { size: args.size, ..Request::new(kind, seed) })?;
+            for frames in args.draw_pairs(&simulation) {
                 pairs.push(measure(&simulation, frames, &estimators)?);
             }
             progress.step();
@@ -115,22 +113,22 @@ pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
         rows.collect::<Vec<_>>()
     });
     let rows = rows.collect();
-    let scenes = KINDS.len() * words.scenes as usize;
-    let report = Report { scenes, size: words.size, pairs, estimators: rows };
+    let scenes = KINDS.len() * args.scenes as usize;
+    let report = Report { scenes, size: args.size, pairs, estimators: rows };
     if let Some((file, format)) = plot {
         file.finish(&scatter(&report, &estimators).draw().encode(format)?)?;
     }
-    print_report(&report, words.json)?;
+    print_report(&report, args.json)?;
     Ok(true)
 }
 
-impl Words {
-    /// Pairs of frames, every gap as likely as any other.
-    fn draw(&self, simulation: &Simulation) -> Vec<[usize; 2]> {
+impl Args {
+    /// Draws pairs of frames with uniformly distributed gaps.
+    fn draw_pairs(&self, simulation: &Simulation) -> Vec<[usize; 2]> {
         let last = simulation.shots().len() - 1;
         let mut random = SplitMix64::for_scene(self.seed, &simulation.key());
         let mut pair = || {
-            let gap = random.within(LEAST_GAP..=last)?;
+            let gap = random.within(MIN_GAP..=last)?;
             let first = random.within(0..=last - gap)?;
             Some([first, first + gap])
         };
@@ -138,7 +136,7 @@ impl Words {
     }
 }
 
-/// All that this build has.
+/// All estimators of this build.
 fn estimators() -> anyhow::Result<Vec<OverlapEstimator>> {
     let names: &[&str] = if cfg!(feature = "opencv") {
         &["epipolar-ray", "feature-coverage", "depth-covisibility"]
@@ -151,22 +149,23 @@ fn estimators() -> anyhow::Result<Vec<OverlapEstimator>> {
 fn measure(simulation: &Simulation, frames: [usize; 2], estimators: &[OverlapEstimator]) -> anyhow::Result<Pair> {
     let [first, second] = frames;
     let truth = simulation.covisibility(first, second)?.overlap();
-    let wants_pictures = estimators.iter().any(OverlapEstimator::needs_pictures);
-    let (a, b) = (Seen::of(simulation, first, wants_pictures)?, Seen::of(simulation, second, wants_pictures)?);
+    let needs_pictures = estimators.iter().any(OverlapEstimator::needs_pictures);
+    let (a, b) =
+        (SimulatedView::of(simulation, first, needs_pictures)?, SimulatedView::of(simulation, second, needs_pictures)?);
     let (view_a, view_b) = (a.view()?, b.view()?);
-    // An estimator without an answer, as where two pictures share no feature, is a result.
+    // A failed estimate, for example of two images without common features, is a result.
     let estimates = estimators.iter().map(|estimator| estimator.estimate(&view_a, &view_b).ok()).collect();
     Ok(Pair { kind: simulation.request().kind, scene: simulation.key(), frames, truth, estimates })
 }
 
-/// A view with all that an estimator may ask for.
-struct Seen {
+/// A view with all inputs of an estimator.
+struct SimulatedView {
     camera: atsplat_camera::Camera,
     geometry: Geometry,
     picture: Option<ImageU8>,
 }
 
-impl Seen {
+impl SimulatedView {
     fn of(simulation: &Simulation, frame: usize, with_picture: bool) -> anyhow::Result<Self> {
         let picture = || Ok::<_, anyhow::Error>(simulation.picture(frame)?.to_u8(Rounding::Nearest)?);
         Ok(Self {

@@ -1,4 +1,4 @@
-//! Which photos: a dataset, the views to reconstruct from, what happens to pictures and poses before the network.
+//! The input photos: dataset, context and target views, and preprocessing of images and poses.
 
 use std::path::PathBuf;
 use std::sync::Arc;
@@ -13,15 +13,13 @@ use atsplat_protocol::trial::{DecodeAhead, Prefetch, TargetPictures, Trial, Tria
 use atsplat_protocol::{EvaluationIndex, Filters, IndexEntry, MeanCameraScale, NearFar, PoseNormalisation, Preset};
 use atsplat_scene::preprocess::{Preprocessing, RescaleAndCrop};
 use atsplat_scene::{Scene, SceneError, SceneSource, Warnings};
-use clap::Args;
 use indexmap::IndexMap;
 use rayon::prelude::*;
 
 use super::report::{InputRecord, ViewRecord};
 use super::{model_size, rendered};
-use crate::dataset_words::{PictureWords, key_of};
-use crate::protocol::parse;
-use crate::render::words;
+use crate::dataset_args::{PictureArgs, key_of};
+use crate::parse;
 use crate::selection::Selection;
 
 pub(super) const NO_DISTORTION: Distortion = Distortion::None;
@@ -29,38 +27,38 @@ pub(super) const NO_DISTORTION: Distortion = Distortion::None;
 /// iLRM's planes in the normalised world, which the presets infer for ATSplat too.
 const NEAR_FAR: NearFar = NearFar { near: 0.01, far: 500.0 };
 
-#[derive(Debug, Args)]
-pub(super) struct InputWords {
+#[derive(Debug, clap::Args)]
+pub(super) struct InputArgs {
     /// Posed photos: RE10K trajectories with frames, `.torch` chunks, a `transforms.json`, a COLMAP model, a folder of
-    /// them, or the `render.json` that `atsplat render` wrote beside its pictures.
+    /// them, or the `render.json` that `atsplat render` wrote next to its images.
     data: PathBuf,
 
     /// Photos to reconstruct from, counted from 0 in the dataset's order: `9,126`, `0..50:10`, `..` for all.
     #[arg(long, value_name = "SEL", required = true)]
     views: Selection,
 
-    /// Views to render too, in the same count; without --plots only the size of their photos is read.
+    /// Further views to render, counted in the same way; without --plots only the size of their photos is read.
     #[arg(long, value_name = "SEL")]
     targets: Option<Selection>,
 
-    /// Which scene of DATA, where it holds several.
+    /// Which scene of DATA, if it holds several.
     #[arg(long, value_name = "KEY")]
     key: Option<String>,
 
     #[command(flatten)]
-    pictures: PictureWords,
+    pictures: PictureArgs,
 
-    /// Crop, resize and normalise as this protocol says: a name of `atsplat protocol list`, or a path that ends in .toml.
-    /// By default photos are scaled and cropped to the model's size with the principal point where the crop puts it, and
+    /// Crop, resize and normalise as in this protocol: a name of `atsplat protocol list`, or a path that ends in .toml.
+    /// By default photos are scaled and cropped to the model's size with the principal point corrected for the crop, and
     /// poses are normalised to the mean camera with Long-LRM's scale.
     #[arg(long, value_name = "PRESET", value_parser = parse::preset, conflicts_with = "size")]
     protocol: Option<String>,
 
-    /// Size of the pictures that the network gets; by default the model's own.
-    #[arg(long, value_name = "WxH", value_parser = words::size)]
+    /// Size of the images given to the network; by default the model's resolution.
+    #[arg(long, value_name = "WxH", value_parser = parse::size)]
     size: Option<CameraSize>,
 
-    /// Take cameras for pinholes, whatever DATA says of their lenses, as the papers do.
+    /// Ignore lens distortion in DATA, as the papers do.
     #[arg(long)]
     no_distortion: bool,
 }
@@ -68,12 +66,12 @@ pub(super) struct InputWords {
 /// The photos of one scene, prepared.
 pub(super) struct Input {
     pub(super) trial: Trial,
-    /// What the targets' photos show; nothing that the network may see.
+    /// Ground truth of the targets, which the network must not see.
     pub(super) truths: TargetPictures,
     names: IndexMap<usize, String>,
 }
 
-impl InputWords {
+impl InputArgs {
     pub(super) const fn has_targets(&self) -> bool {
         self.targets.is_some()
     }
@@ -88,16 +86,16 @@ impl InputWords {
         let context = self.views.of("--views", count)?;
         let target = self.targets.as_ref().map(|targets| targets.of("--targets", count)).transpose()?;
         let entry = IndexEntry { context, target: target.unwrap_or_default(), overlap: None };
-        let asked = entry.context.iter().chain(&entry.target);
+        let frames = entry.context.iter().chain(&entry.target);
         let name = |&frame: &usize| Some((frame, scene.frames.get(frame)?.name.clone()));
-        let names = asked.filter_map(name).collect();
+        let names = frames.filter_map(name).collect();
         let index = EvaluationIndex { scenes: IndexMap::from([(scene.key.clone(), vec![entry])]) };
         let source = Arc::new(OneScene { keys: vec![scene.key.clone()], scene });
-        let nothing_ahead = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
-        let mut trials = Trials::new(source, &index, self.recipe(config)?, nothing_ahead);
+        let no_prefetch = Prefetch { trials: 0, decode: DecodeAhead::Nothing, max_bytes: 0 };
+        let mut trials = Trials::new(source, &index, self.recipe(config)?, no_prefetch);
         let trial = trials.next();
         warnings.merge(trials.warnings().clone());
-        let (trial, truths) = trial.context("no view")?.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
+        let (trial, truths) = trial.context("no context view")?.map_err(|skipped| anyhow::anyhow!("{skipped}"))?;
         Ok(Input { trial, truths, names })
     }
 
@@ -109,7 +107,7 @@ impl InputWords {
         Ok(dataset.load(key_of(&dataset, self.key.as_deref())?, warnings)?)
     }
 
-    /// A protocol's, or what suits any photos.
+    /// The recipe of the protocol, or one that suits any photos.
     fn recipe(&self, config: &ModelConfig) -> anyhow::Result<TrialRecipe> {
         if let Some(name) = &self.protocol {
             return Ok(TrialRecipe::of(&Preset::resolve(name)?, "ATSplat"));
@@ -133,17 +131,17 @@ impl InputWords {
 }
 
 impl Input {
-    /// The size of every picture.
+    /// The common size of the context images.
     pub(super) fn size(&self) -> anyhow::Result<ImageSize> {
         let sizes = self.trial.context().iter().map(|view| (view.frame, view.size));
-        let (first, size) = sizes.clone().next().context("no view")?;
+        let (first, size) = sizes.clone().next().context("no context view")?;
         if let Some((frame, other)) = sizes.clone().find(|(_, other)| *other != size) {
-            bail!("expected pictures of one size, found {size} of frame {first} and {other} of frame {frame}");
+            bail!("expected context images of one size, found {size} in frame {first} and {other} in frame {frame}");
         }
         Ok(model_size(size))
     }
 
-    /// Pictures and cameras as the network takes them.
+    /// Context images and cameras as network input.
     pub(super) fn views(&self) -> anyhow::Result<Views> {
         let decoded: Result<Vec<Arc<ImageU8>>, _> =
             self.trial.context().par_iter().map(atsplat_protocol::trial::ContextView::picture).collect();
@@ -151,22 +149,22 @@ impl Input {
         Ok(network_views(decoded?.iter().map(AsRef::as_ref), cameras)?)
     }
 
-    /// What the dataset calls a frame.
+    /// The dataset's name of a frame.
     #[expect(clippy::expect_used, reason = "the trial has the frames whose names were kept")]
     pub(super) fn name(&self, frame: usize) -> String {
         self.names.get(&frame).cloned().expect("a name for every frame of the one entry")
     }
 
-    pub(super) fn record(&self, words: &InputWords) -> InputRecord {
+    pub(super) fn record(&self, args: &InputArgs) -> InputRecord {
         let trial = &self.trial;
         let view = |frame: usize| ViewRecord { frame, name: self.name(frame) };
         InputRecord {
-            data: words.data.clone(),
+            data: args.data.clone(),
             scene: trial.scene().to_owned(),
             views: trial.context().iter().map(|context| view(context.frame)).collect(),
             targets: trial.targets().iter().map(|target| view(target.frame)).collect(),
             trial: trial.hash(),
-            protocol: words.protocol.clone(),
+            protocol: args.protocol.clone(),
             preprocessing: trial.preprocessing().to_string(),
             normalisation: trial.normalisation().into(),
             near_far: trial.near_far(),
@@ -174,7 +172,7 @@ impl Input {
     }
 }
 
-/// A dataset of the scene that was loaded already.
+/// A dataset of one scene that is already loaded.
 struct OneScene {
     keys: Vec<String>,
     scene: Scene,

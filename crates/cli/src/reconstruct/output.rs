@@ -6,9 +6,9 @@ use atsplat_splat::Gaussians;
 use atsplat_splat::files::{self, Encoding, Output};
 use serde::Serialize;
 
-use super::FrameWord;
+use super::FrameArg;
 
-/// What a file's name asks for.
+/// Format of the scene file, by its extension.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum SceneFormat {
     Ply,
@@ -21,8 +21,8 @@ pub(super) enum SceneFormat {
 pub(super) struct OutputRecord {
     pub(super) file: PathBuf,
     format: Output,
-    /// Whose axes and unit of length.
-    pub(super) frame: FrameWord,
+    /// Coordinate frame of the Gaussians.
+    pub(super) frame: FrameArg,
     pub(super) gaussians: usize,
     pub(super) sh_degree: u8,
 }
@@ -44,19 +44,19 @@ pub(super) fn path(text: &str) -> Result<PathBuf, String> {
     Ok(path)
 }
 
-/// `scene.ply.json`: what belongs to whom is seen in a listing, and no dataset's file is called so.
+/// `scene.ply.json`: listed next to its scene, and not the name of any dataset's file.
 pub(super) fn record_path(out: &Path) -> PathBuf {
     let mut name = out.as_os_str().to_owned();
     name.push(".json");
     PathBuf::from(name)
 }
 
-/// Writes Gaussians, which are in this frame.
+/// Writes Gaussians that are given in this frame.
 pub(super) fn write(
     path: &Path,
     gaussians: &Gaussians,
     format: SceneFormat,
-    frame: FrameWord,
+    frame: FrameArg,
 ) -> anyhow::Result<OutputRecord> {
     let format = match format {
         SceneFormat::Ply => Output::Ply(Encoding::BinaryLittleEndian),

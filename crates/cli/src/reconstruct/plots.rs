@@ -1,4 +1,4 @@
-//! Plots of what expansion did, beside the Gaussians.
+//! Plots of the token expansion.
 
 use std::path::PathBuf;
 
@@ -6,21 +6,20 @@ use atsplat_model::network::Network;
 use atsplat_report::figures::of_expansion;
 use atsplat_report::plot::PlotFormat;
 use atsplat_splat::RenderOptions;
-use clap::Args;
 use serde::Serialize;
 
 use super::input::Input;
-use crate::expansion::studied;
+use crate::expansion::study_trial;
 use crate::output::PendingFile;
 
-/// Targets that are shown with their truths.
-const TARGETS: usize = 4;
+/// Targets that are shown next to their ground truth.
+const MAX_TARGETS: usize = 4;
 
-#[derive(Debug, Args)]
-pub(super) struct PlotWords {
-    /// Folder for plots of what expansion did, each as .svg and .png: children around their parents; and with --targets
-    /// renders with expansion in ever more blocks, and predicted uncertainty beside the error. The network runs once more
-    /// for each block that expands.
+#[derive(Debug, clap::Args)]
+pub(super) struct PlotArgs {
+    /// Folder for plots of the token expansion, each as .svg and .png: children around their parents; and with --targets
+    /// renders with expansion in ever more blocks, and predicted uncertainty next to the error. The network runs once more
+    /// for each expanding block.
     #[arg(long, value_name = "DIR")]
     plots: Option<PathBuf>,
 }
@@ -33,18 +32,18 @@ pub(super) struct PlotsRecord {
     pub(super) files: Vec<String>,
 }
 
-impl PlotWords {
-    pub(super) const fn asked(&self) -> bool {
+impl PlotArgs {
+    pub(super) const fn requested(&self) -> bool {
         self.plots.is_some()
     }
 
-    /// Makes and tries the folder before long work starts.
+    /// Creates the folder before long work starts.
     pub(super) fn open(&self) -> anyhow::Result<()> {
         let Some(folder) = &self.plots else { return Ok(()) };
         PendingFile::open(&folder.join("uncertainty.svg")).map(drop)
     }
 
-    /// Draws what was asked for; `subject` names network and weights.
+    /// Draws the requested plots; `subject` names network and weights.
     pub(super) fn draw(
         &self,
         network: &Network,
@@ -54,7 +53,7 @@ impl PlotWords {
         subject: &str,
     ) -> anyhow::Result<Option<PlotsRecord>> {
         let Some(folder) = &self.plots else { return Ok(None) };
-        let scene = studied(network, (&input.trial, &input.truths), options, seed, TARGETS)?;
+        let scene = study_trial(network, (&input.trial, &input.truths), options, seed, MAX_TARGETS)?;
         let mut files = Vec::new();
         for (name, drawing) in of_expansion(subject, &[scene])? {
             for format in [PlotFormat::Svg, PlotFormat::Png] {

@@ -1,4 +1,4 @@
-//! What `atsplat render` wrote, as a scene: its cameras from `render.json`, its pictures from beside it.
+//! Output of `atsplat render` as a scene: cameras from `render.json`, images from the same folder.
 
 use std::path::Path;
 

@@ -1,4 +1,4 @@
-//! Pictures of the Gaussians at the context views and at those that were asked for, in the network's frame.
+//! Renders of the Gaussians at the context and target views, in the network's frame.
 
 use std::path::{Path, PathBuf};
 
@@ -8,30 +8,30 @@ use atsplat_pixels::{Rounding, encode_png};
 use atsplat_protocol::NearFar;
 use atsplat_splat::cpu::CpuRenderer;
 use atsplat_splat::{Gaussians, RenderOptions, Renderer, View};
-use clap::Args;
 use serde::Serialize;
 
 use super::input::Input;
 use crate::output::PendingFile;
+use crate::parse;
 use crate::render::frames::file_name;
-use crate::render::{picture, words};
+use crate::render::picture;
 
-#[derive(Debug, Args)]
-pub(super) struct RenderWords {
-    /// Folder for pictures: `inputs/` as the network got them, `context/` the same views rendered, and `targets/`.
+#[derive(Debug, clap::Args)]
+pub(super) struct RenderArgs {
+    /// Folder for images: `inputs/` as given to the network, `context/` renders of the same views, and `targets/`.
     #[arg(long, value_name = "DIR")]
     renders: Option<PathBuf>,
 
-    /// Numbers and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
-    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = words::constants_name)]
+    /// Constants and rules of a published rasterizer: exact, gsplat-1.5, gsplat-1.6, inria, pixelsplat-family, or a .toml.
+    #[arg(long, value_name = "PRESET", default_value = "exact", value_parser = parse::constants_name)]
     constants: String,
 
     /// black, white, or R,G,B from 0 to 1.
-    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = words::background)]
+    #[arg(long, value_name = "COLOUR", default_value = "black", value_parser = parse::background)]
     background: [f64; 3],
 }
 
-/// The pictures, and what they depend on beside the Gaussians.
+/// The renders, and what they depend on in addition to the Gaussians.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct RendersRecord {
@@ -44,7 +44,7 @@ pub(super) struct RendersRecord {
     pub(super) files: Vec<String>,
 }
 
-impl RenderWords {
+impl RenderArgs {
     pub(super) fn check(&self, has_targets: bool) -> Result<(), String> {
         match (&self.renders, has_targets) {
             (None, true) => Err("--targets are views to render: add --renders DIR or --plots DIR".to_owned()),
@@ -52,16 +52,16 @@ impl RenderWords {
         }
     }
 
-    /// Makes and tries the folder before long work starts.
+    /// Creates the folder before long work starts.
     pub(super) fn open(&self) -> anyhow::Result<()> {
         let Some(folder) = &self.renders else { return Ok(()) };
         PendingFile::open(&folder.join("inputs").join(file_name(0, "png"))).map(drop)
     }
 
-    /// How the Gaussians are rendered, in the network's unit of length.
+    /// Render options, with lengths in the network's unit.
     pub(super) fn options(&self, near_far: NearFar) -> anyhow::Result<RenderOptions> {
         let mut options = RenderOptions {
-            constants: words::constants(&self.constants)?,
+            constants: parse::constants(&self.constants)?,
             background: self.background,
             ..RenderOptions::default()
         };
@@ -70,7 +70,7 @@ impl RenderWords {
         Ok(options)
     }
 
-    /// Renders what was asked for.
+    /// Renders the requested views.
     pub(super) fn render(&self, gaussians: &Gaussians, input: &Input) -> anyhow::Result<Option<RendersRecord>> {
         let Some(folder) = &self.renders else { return Ok(None) };
         let trial = &input.trial;
@@ -83,9 +83,9 @@ impl RenderWords {
         }
         let context = trial.context().iter().map(|view| ("context", view.frame, view.camera, view.size));
         let targets = trial.targets().iter().map(|view| ("targets", view.frame, view.camera, view.size));
-        for (below, frame, camera, size) in context.chain(targets) {
+        for (subfolder, frame, camera, size) in context.chain(targets) {
             let png = png(renderer.as_mut(), gaussians, (camera, size), &options);
-            files.push(write(folder, below, frame, &png.with_context(|| format!("rendering frame {frame}"))?)?);
+            files.push(write(folder, subfolder, frame, &png.with_context(|| format!("rendering frame {frame}"))?)?);
         }
         let (backend, constants) = (renderer.name(), options.constants.name);
         let (folder, background) = (folder.clone(), self.background);
@@ -103,8 +103,8 @@ fn png(
     Ok(encode_png(&picture::image(&rendering)?.to_u8(Rounding::Nearest)?)?)
 }
 
-fn write(folder: &Path, below: &str, frame: usize, bytes: &[u8]) -> anyhow::Result<String> {
-    let name = format!("{below}/{}", file_name(frame, "png"));
+fn write(folder: &Path, subfolder: &str, frame: usize, bytes: &[u8]) -> anyhow::Result<String> {
+    let name = format!("{subfolder}/{}", file_name(frame, "png"));
     PendingFile::open(&folder.join(&name))?.finish(bytes)?;
     Ok(name)
 }

@@ -1,5 +1,5 @@
-//! Cameras out of files: any dataset that `scene` reads, the `cameras.json` of 3DGS' trained models, lists of poses, and
-//! the `render.json` that this command writes.
+//! Reads cameras from files: any dataset that `scene` reads, the `cameras.json` of models trained with 3DGS, lists of
+//! poses, and the `render.json` of `atsplat render`.
 
 use std::path::Path;
 
@@ -13,30 +13,30 @@ use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
 use super::views::Shot;
-use crate::dataset_words::key_of;
+use crate::dataset_args::key_of;
 
-/// A camera of a file.
+/// A camera read from a file.
 #[derive(Clone, Debug)]
 pub(crate) struct FileCamera {
-    /// What its picture's file is called by.
+    /// Number in the names of its image files.
     pub(crate) number: usize,
-    /// What the file calls it.
+    /// Name in the camera file.
     pub(crate) name: String,
     pub(crate) camera: Camera,
-    /// In pixels, where the file or its picture tells.
+    /// In pixels, if known from the file or the image.
     pub(crate) size: Option<ImageSize>,
     pub(crate) exposure: Option<Exposure>,
 }
 
-/// The lens of cameras whose file holds poses alone.
+/// The lens for files that hold only poses.
 #[derive(Clone, Copy, Debug, Default)]
 pub(crate) struct LensOfPoses {
-    /// Degrees from the left edge to the right; an error where the file has intrinsics of its own.
+    /// Horizontal field of view in degrees; an error for files with intrinsics.
     pub(crate) fov: Option<f64>,
     pub(crate) size: Option<ImageSize>,
 }
 
-/// A camera as `render.json` keeps it: with every bit.
+/// A camera in `render.json`, without loss of precision.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct CameraRecord {
@@ -45,16 +45,16 @@ pub(crate) struct CameraRecord {
     width: u32,
     height: u32,
     camera_from_world: [f64; 12],
-    /// Over the picture's width and height.
+    /// Relative to image width and height.
     intrinsics: NormalizedIntrinsics,
     #[serde(default)]
     distortion: Distortion,
-    /// The 3×4 array that 3DGS trains.
+    /// The 3×4 array of 3DGS' exposure.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     exposure: Option<[[f64; 4]; 3]>,
 }
 
-/// A camera as 3DGS' `camera_to_JSON` writes it (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
+/// A camera as written by 3DGS' `camera_to_JSON` (graphdeco-inria/gaussian-splatting `utils/camera_utils.py`): centre and
 /// axes of the camera in the world, focal lengths in pixels, the principal point in the middle.
 #[derive(Debug, Deserialize)]
 struct TrainedCamera {
@@ -67,8 +67,7 @@ struct TrainedCamera {
     fy: f64,
 }
 
-/// Every camera of a file or folder; `key` tells which scene where it holds several. Whether pictures are there does not
-/// matter.
+/// Reads every camera of a file or folder; `key` selects a scene if there are several. Images may be missing.
 pub(crate) fn read(
     path: &Path,
     key: Option<&str>,
@@ -82,11 +81,11 @@ pub(crate) fn read(
         return posed(entries, path, lens);
     }
     if lens.fov.is_some() {
-        bail!("--fov is for files of poses alone: {} has intrinsics of its own", path.display());
+        bail!("--fov is for files with only poses: {} has intrinsics of its own", path.display());
     }
     let cameras = match json {
         Some(list @ Value::Array(_)) => trained_cameras(list).with_context(|| in_file(path))?,
-        // OpenMVG has a field of this name too.
+        // OpenMVG has a field of this name, too.
         Some(Value::Object(mut object)) if object.contains_key("views") && !object.contains_key("sfm_data_version") => {
             let views = object.remove("views").map(serde_json::from_value).transpose();
             let views: Option<Vec<Value>> = views.with_context(|| format!("{}: views", in_file(path)))?;
@@ -109,7 +108,7 @@ fn in_file(path: &Path) -> String {
     format!("reading cameras from {}", path.display())
 }
 
-/// The file's JSON where it looks like some.
+/// Parses the file if it looks like JSON.
 fn json_of(path: &Path) -> anyhow::Result<Option<Value>> {
     let bytes = std::fs::read(path).with_context(|| in_file(path))?;
     let start = bytes.trim_ascii_start();
@@ -119,7 +118,7 @@ fn json_of(path: &Path) -> anyhow::Result<Option<Value>> {
     json::parse(start).map(Some).with_context(|| format!("{}: expected JSON", in_file(path)))
 }
 
-/// 3DGS' list of cameras, or what the list is instead.
+/// Reads 3DGS' list of cameras.
 fn trained_cameras(list: Value) -> anyhow::Result<Vec<FileCamera>> {
     let is_trained = |camera: &Value| camera.get("position").is_some() && camera.get("rotation").is_some();
     match list {
@@ -131,11 +130,11 @@ fn trained_cameras(list: Value) -> anyhow::Result<Vec<FileCamera>> {
     }
 }
 
-/// Poses alone: one lens for all.
+/// Cameras from poses that share one lens.
 fn posed(entries: &[Value], path: &Path, LensOfPoses { fov, size }: LensOfPoses) -> anyhow::Result<Vec<FileCamera>> {
     let (Some(fov), Some(size)) = (fov, size) else {
         bail!(
-            "{} holds camera matrices without intrinsics: say the lens with --fov and the pictures' size with --size",
+            "{} holds camera matrices without intrinsics: set the field of view with --fov and the image size with --size",
             path.display()
         )
     };
@@ -163,8 +162,8 @@ fn each<T: for<'de> Deserialize<'de>>(
 
 fn trained(at: usize, entry: TrainedCamera) -> anyhow::Result<FileCamera> {
     let size = ImageSize { width: entry.width, height: entry.height };
-    let middle = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
-    let intrinsics = PixelIntrinsics::new(entry.fx, entry.fy, middle.0, middle.1)?.normalized_from_pixel(size)?;
+    let centre = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
+    let intrinsics = PixelIntrinsics::new(entry.fx, entry.fy, centre.0, centre.1)?.normalized_from_pixel(size)?;
     let ([r0, r1, r2], [x, y, z]) = (entry.rotation, entry.position);
     let rows = [r0[0], r0[1], r0[2], x, r1[0], r1[1], r1[2], y, r2[0], r2[1], r2[2], z];
     let pose = WorldFromCamera::from_rows(&rows)?;
@@ -209,7 +208,7 @@ fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow
     let key = key_of(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
-        // A picture that cannot be read only leaves the size open.
+        // If an image cannot be read, its size stays unknown.
         let of_picture = || if frame.picture.is_there() { frame.size(key, number).ok() } else { None };
         let size = frame.stated_size.or_else(of_picture);
         FileCamera { number, name: frame.name.clone(), camera: frame.camera, size, exposure: None }

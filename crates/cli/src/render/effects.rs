@@ -3,32 +3,31 @@ use std::fmt;
 use atsplat_numeric::Extremes as _;
 use atsplat_splat::effects::{Decision, EffectPlan, EffectSelection, Verdict};
 use atsplat_splat::{Gaussians, RenderOptions, Renderer, Rendering, SplatError};
-use clap::Args;
 use serde::Serialize;
 
 use super::frames::Frame;
 use super::views::Shot;
-use super::words;
+use crate::parse;
 
-/// What rendering may skip.
-#[derive(Debug, Args)]
-pub(crate) struct EffectWords {
-    /// Effects that run where they were asked for: auto (only those that can change a picture by more than
-    /// --tolerance), all, none, or a list of names; --explain tells the names.
+/// Which effects run.
+#[derive(Debug, clap::Args)]
+pub(crate) struct EffectArgs {
+    /// Which of the requested effects run: auto (only those that can change an image by more than --tolerance), all, none,
+    /// or a list of names; --explain lists the names.
     #[arg(long, value_name = "LIST", default_value = "auto")]
     pub(super) effects: EffectSelection,
 
-    /// Largest change of any sample of colour that `auto` may make, in units of display range; it changes no opacity,
-    /// depth or scalar.
-    #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = words::not_negative)]
+    /// Largest change of any colour sample that `auto` may cause, in units of display range; opacity, depth and scalar
+    /// never change.
+    #[arg(long, value_name = "CHANGE", default_value_t = EffectPlan::TOLERANCE, value_parser = parse::not_negative)]
     tolerance: f64,
 
-    /// Print what each effect costs and why it runs or not, measured on the first frame.
+    /// Print the cost of each effect and why it runs or not, measured on the first frame.
     #[arg(long)]
     pub(crate) explain: bool,
 }
 
-/// What is asked for, and what of it may be skipped.
+/// Render options, and which effects may be skipped.
 #[derive(Debug)]
 pub(crate) struct Look {
     pub(crate) options: RenderOptions,
@@ -36,7 +35,7 @@ pub(crate) struct Look {
     tolerance: f64,
 }
 
-/// What became of the effects in all frames, as `render.json` keeps it.
+/// Effects over all frames, as recorded in `render.json`.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct EffectRecord {
@@ -45,7 +44,7 @@ pub(crate) struct EffectRecord {
     effects: Vec<Row>,
 }
 
-/// One effect: in how many frames it had which verdict.
+/// Number of frames per verdict of one effect.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
@@ -54,24 +53,24 @@ struct Row {
     reduced: usize,
     left_out: usize,
     not_asked: usize,
-    /// Of the frames in which it was reduced or left out; nothing where none was proved for one of them.
+    /// Over the frames in which it was reduced or skipped; `None` if it is unproved for one of them.
     largest_bound: Option<f64>,
 }
 
-impl EffectWords {
+impl EffectArgs {
     pub(crate) fn look(&self, options: RenderOptions) -> Look {
         Look { options, effects: self.effects.clone(), tolerance: self.tolerance }
     }
 }
 
 impl Look {
-    /// Decides what a view calls for.
+    /// Plans the effects of a view.
     pub(crate) fn plan(&self, gaussians: &Gaussians, shot: &Shot) -> Result<EffectPlan, SplatError> {
         let options = shot.exposed(&self.options);
         EffectPlan::for_scene(gaussians, &shot.view, &options, &self.effects, self.tolerance)
     }
 
-    /// Decides and renders.
+    /// Plans and renders a view.
     pub(crate) fn render(
         &self,
         renderer: &mut dyn Renderer,
@@ -82,7 +81,7 @@ impl Look {
         Ok((plan.render(renderer, gaussians)?, plan))
     }
 
-    /// What became of the effects.
+    /// Summarises the effects of all frames.
     pub(crate) fn record(&self, frames: &[Frame]) -> EffectRecord {
         let names = frames.iter().map(|frame| &frame.decisions).find(|decisions| !decisions.is_empty());
         let row = |(at, first): (usize, &Decision)| {
@@ -111,7 +110,7 @@ impl Row {
     }
 }
 
-/// What was skipped; nothing where nothing was.
+/// Lists skipped effects, if any.
 impl fmt::Display for EffectRecord {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for Row { effect, reduced, left_out, largest_bound, .. } in &self.effects {

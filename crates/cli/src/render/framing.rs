@@ -2,16 +2,16 @@ use atsplat_camera::Sphere;
 use atsplat_splat::Gaussians;
 use glam::{DMat3, DQuat, DVec3};
 
-/// Gaussians less opaque than this count for nothing where a scene is framed.
+/// Gaussians with a smaller opacity logit are ignored.
 const VISIBLE_LOGIT: f32 = -2.0;
-/// Standard deviations to which a Gaussian is taken to reach.
+/// Extent of a Gaussian in standard deviations.
 const SIGMAS: f64 = 2.0;
-/// Share of the scene that is framed; the rest are floaters and far background.
+/// Share of the scene inside the frame; the rest are floaters and far background.
 const SHARE: f64 = 0.98;
-/// Air around it.
+/// Factor on the radius.
 const MARGIN: f64 = 1.1;
 
-/// A sphere around the bulk of what is visible; `None` where nothing is.
+/// A sphere around the bulk of the visible Gaussians; `None` if there are none.
 pub(crate) fn bulk(gaussians: &Gaussians) -> Option<Sphere> {
     let parts = gaussians.parts();
     let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(&parts.opacity_logits);
@@ -34,7 +34,7 @@ mod tests {
     use atsplat_numeric::Tolerance;
     use atsplat_splat::GaussianParts;
 
-    /// Gaussians on a grid, and far from it others that nobody sees.
+    /// Gaussians on a grid, and far away others that are invisible.
     fn scene(logit: f32) -> Gaussians {
         let mut means: Vec<[f32; 3]> = (0..125u8).map(|i| [i % 5, i / 5 % 5, i / 25].map(f32::from)).collect();
         let mut opacity_logits = vec![logit; means.len()];
@@ -53,9 +53,9 @@ mod tests {
     }
 
     #[test]
-    fn what_nobody_sees_is_not_framed() {
+    fn invisible_gaussians_are_not_framed() {
         let sphere = bulk(&scene(1.0)).unwrap();
-        Tolerance::absolute(0.05).assert(sphere.centre.to_array(), [2.0; 3], "the middle of the grid");
+        Tolerance::absolute(0.05).assert(sphere.centre.to_array(), [2.0; 3], "the centre of the grid");
         assert!((2.0..4.0).contains(&sphere.radius), "{sphere:?}");
         assert_eq!(bulk(&scene(-6.0)), None);
         assert_eq!(bulk(&Gaussians::default()), None);
@@ -63,10 +63,10 @@ mod tests {
 
     /// A single Gaussian has the extent of its ellipsoid.
     #[test]
-    fn one_gaussian_is_framed_by_its_shape() {
+    fn one_gaussian_is_framed_by_its_extent() {
         let one = scene(1.0).select(&[0]).unwrap();
         let sphere = bulk(&one).unwrap();
         let reach = MARGIN * SIGMAS * (-3.0f64).exp();
-        Tolerance::relative(1e-6).assert([sphere.radius], [reach], "two standard deviations and some air");
+        Tolerance::relative(1e-6).assert([sphere.radius], [reach], "two standard deviations and the margin");
     }
 }

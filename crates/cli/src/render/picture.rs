@@ -1,22 +1,22 @@
-//! Renderings into pictures that files hold.
+//! Renderings as images.
 
 use atsplat_pixels::exr::{self, COMPOSED, Channel, Channels, Values};
 use atsplat_pixels::{Image, PixelError};
 use atsplat_splat::Rendering;
 
-/// Colour over the background.
+/// Colour composited over the background.
 pub(crate) fn image(rendering: &Rendering<f32>) -> Result<Image, PixelError> {
     Image::new(rendering.size.width, rendering.size.height, rendering.rgb.as_flattened().to_vec())
 }
 
-/// Colour, opacity and every other plane there is, as f32, each with what its values are.
+/// An EXR of colour, alpha and every other rendered plane, as f32, each with its kind of values.
 pub(crate) fn exr(rendering: &Rendering<f32>) -> Result<Vec<u8>, PixelError> {
     let plane = |name: &str, values: Values, samples: Vec<f32>| Channel { name: name.to_owned(), values, samples };
     let colour = |name, channel: usize| {
         let samples = rendering.rgb.iter().filter_map(|rgb| rgb.get(channel).copied()).collect();
         plane(name, Values::DisplayReferred, samples)
     };
-    let named = |words: &str| Values::Named(words.to_owned());
+    let named = |name: &str| Values::Named(name.to_owned());
     let mut planes = vec![colour("R", 0), colour("G", 1), colour("B", 2)];
     planes.push(plane("A", named(COMPOSED), rendering.alpha.clone()));
     if let Some(depth) = &rendering.depth {
@@ -31,7 +31,7 @@ pub(crate) fn exr(rendering: &Rendering<f32>) -> Result<Vec<u8>, PixelError> {
     exr::write(&Channels::new(rendering.size.width, rendering.size.height, planes)?)
 }
 
-/// The mean depth of what a pixel shows; 0 where it shows nothing.
+/// The expected depth of each pixel; 0 if it is empty.
 fn expected_depth(composited: &[f32], alpha: &[f32]) -> Vec<f32> {
     let mean = |(depth, alpha): (&f32, &f32)| if *alpha > 0.0 { depth / alpha } else { 0.0 };
     composited.iter().zip(alpha).map(mean).collect()

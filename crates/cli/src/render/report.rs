@@ -15,8 +15,8 @@ use super::scene_file::SceneRecord;
 use super::timings::Timings;
 use super::views::{PathRecord, Shot};
 
-/// What `render.json` holds: everything that the pictures depend on, and what became of each. Nothing in it depends on
-/// the day or on the machine's speed.
+/// Contents of `render.json`: everything that the images depend on, and the outcome of each. Independent of date and speed
+/// of the machine.
 #[derive(Debug, Serialize)]
 pub(crate) struct RenderFile<'a> {
     #[serde(flatten)]
@@ -24,7 +24,7 @@ pub(crate) struct RenderFile<'a> {
     pub(crate) views: Vec<ViewRecord>,
 }
 
-/// Everything that the pictures have in common.
+/// What all images have in common.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct Record {
@@ -34,12 +34,12 @@ pub(crate) struct Record {
     pub(crate) backend: String,
     pub(crate) look: LookRecord,
     pub(crate) effects: EffectRecord,
-    /// How f32 became 8 bits.
+    /// Rounding from f32 to 8 bits.
     pub(crate) rounding: atsplat_pixels::Rounding,
-    /// What the values of the pictures are.
+    /// Meaning of the image values.
     pub(crate) values: &'static str,
     pub(crate) frames: FrameCounts,
-    /// Gaussians over all frames.
+    /// Counts of Gaussians over all frames.
     pub(crate) census: Census,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) round_trip: Option<RoundTrips>,
@@ -50,12 +50,12 @@ pub(crate) struct Record {
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct FrameCounts {
     pub(crate) asked: usize,
-    /// Rendered and written whole.
+    /// Rendered and written completely.
     pub(crate) done: usize,
     pub(crate) failed: usize,
 }
 
-/// A view and what became of it.
+/// A view and its outcome.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct ViewRecord {
@@ -78,7 +78,7 @@ impl ViewRecord {
     }
 }
 
-/// What is printed; part of it is not the same on every run.
+/// The printed report; timings differ between runs.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct Report {
@@ -89,7 +89,7 @@ pub(crate) struct Report {
     pub(crate) record: Record,
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) timings: Option<Timings>,
-    /// Of the first frame.
+    /// Effects of the first complete frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) explanation: Option<Explanation>,
 }
@@ -107,9 +107,9 @@ impl fmt::Display for Report {
             scene.bytes
         )?;
         problems(f, "on import", &scene.import)?;
-        problems(f, "after that", &scene.cleaning.found)?;
+        problems(f, "after import", &scene.cleaning.found)?;
         if !scene.unused.is_empty() {
-            writeln!(f, "not used of the file: {}", scene.unused.join(", "))?;
+            writeln!(f, "unused fields of the file: {}", scene.unused.join(", "))?;
         }
         let FrameCounts { asked, done, failed } = record.frames;
         write!(f, "{done} of {asked} frames by {} into {}", record.backend, self.out.display())?;
@@ -135,7 +135,7 @@ impl fmt::Display for Report {
     }
 }
 
-/// For people.
+/// A readable name.
 fn name(format: Format) -> String {
     match format {
         Format::Ply(Encoding::Ascii) => "PLY in ASCII".to_owned(),
@@ -152,7 +152,7 @@ fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::
         return Ok(());
     }
     let Validation { invalid, rejected, repaired, .. } = found;
-    writeln!(f, "{invalid} Gaussians with problems {when}: {rejected} left out, {repaired} mended")?;
+    writeln!(f, "{invalid} Gaussians with problems {when}: {rejected} removed, {repaired} repaired")?;
     for finding in &found.findings {
         write!(f, "{:>12}  ", finding.count)?;
         finding.field.serialize(&mut *f)?;
@@ -163,18 +163,18 @@ fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::
     Ok(())
 }
 
-/// Means over the frames that were rendered, each of which counts every Gaussian once.
+/// Mean counts over the rendered frames, each of which counts every Gaussian once.
 fn census(f: &mut fmt::Formatter<'_>, census: &Census, gaussians: usize) -> fmt::Result {
     let Census { drawn, invalid, outside_depth, faint, outside_picture } = *census;
     let all = drawn + invalid + outside_depth + faint + outside_picture;
     if all == 0 {
         return Ok(());
     }
-    writeln!(f, "\n{:>12}  Gaussians a frame", "")?;
+    writeln!(f, "\n{:>12}  Gaussians per frame", "")?;
     let rows = [
         (drawn, "drawn"),
-        (outside_picture, "beside the picture"),
-        (outside_depth, "before the near plane or behind the far"),
+        (outside_picture, "outside the image"),
+        (outside_depth, "before the near plane or behind the far plane"),
         (faint, "too faint everywhere"),
         (invalid, "with a value that cannot be rendered"),
     ];

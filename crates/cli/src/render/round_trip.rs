@@ -12,14 +12,14 @@ use serde::Serialize;
 use super::views::Shot;
 use crate::progress::Progress;
 
-/// What a PLY must come back with; it holds every bit, so that anything less is a fault of ours.
-const PLY_DB: f64 = 60.0;
+/// Minimum PSNR of lossless formats after a round trip; less is a bug.
+const MIN_LOSSLESS_PSNR_DB: f64 = 60.0;
 const CONVENTION: &str = "f32 RGB clipped to [0, 1]; squared differences averaged over all samples of all views";
 
-/// A format that Gaussians are exported to and imported from.
+/// A format of the round trip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum RoundTripWord {
+pub(crate) enum RoundTripArg {
     Ply,
     PlyAscii,
     PlyBigEndian,
@@ -27,7 +27,7 @@ pub(crate) enum RoundTripWord {
     Spz3,
 }
 
-impl RoundTripWord {
+impl RoundTripArg {
     const fn output(self, antialiased: bool) -> Output {
         match self {
             Self::Ply => Output::Ply(Encoding::BinaryLittleEndian),
@@ -43,11 +43,11 @@ impl RoundTripWord {
     }
 }
 
-/// What export and import cost, as far as the pictures show it.
+/// Image differences after export and import.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct RoundTrips {
-    /// What the figures are.
+    /// Definition of the numbers.
     convention: &'static str,
     views: usize,
     /// Why nothing was measured.
@@ -59,25 +59,25 @@ pub(crate) struct RoundTrips {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
-    format: RoundTripWord,
-    /// Why there is no figure.
+    format: RoundTripArg,
+    /// Why there is no number.
     #[serde(skip_serializing_if = "Option::is_none")]
     fault: Option<String>,
     bytes: u64,
-    /// Over the bytes of a little-endian PLY.
+    /// Relative to a little-endian PLY.
     size_over_ply: f64,
-    /// Whether every picture is the same to the bit.
+    /// Whether all images are bit for bit the same.
     identical: bool,
-    /// Of all views together; nothing where no clipped value differs.
+    /// Over all views; `None` if no clipped value differs.
     psnr_db: Option<f64>,
-    /// Of the view that differs most.
+    /// Over the view that differs most.
     worst_view_psnr_db: Option<f64>,
     largest_difference: f64,
 }
 
-/// One format while its views are rendered.
+/// Accumulates the differences of one format.
 struct Trip {
-    format: RoundTripWord,
+    format: RoundTripArg,
     bytes: u64,
     back: Result<Gaussians, String>,
     identical: bool,
@@ -91,13 +91,13 @@ fn measure(
     renderer: &mut dyn Renderer,
     (gaussians, shots): (&Gaussians, &[Shot]),
     options: &RenderOptions,
-    formats: &[RoundTripWord],
+    formats: &[RoundTripArg],
 ) -> anyhow::Result<RoundTrips> {
     let temporary = std::env::temp_dir();
     let folder = tempfile::tempdir_in(&temporary)
-        .with_context(|| format!("making a folder for the round trip in {}", temporary.display()))?;
+        .with_context(|| format!("creating a folder for the round trip in {}", temporary.display()))?;
     let path = folder.path().join("gaussians");
-    files::write(&path, gaussians, RoundTripWord::Ply.output(false))?;
+    files::write(&path, gaussians, RoundTripArg::Ply.output(false))?;
     let ply_bytes = fs::metadata(&path)?.len();
     let mut trips = Vec::new();
     for format in formats {
@@ -107,7 +107,7 @@ fn measure(
     let progress = Progress::new("views of the round trip", shots.len());
     let mut views = 0;
     for shot in shots {
-        // A view that cannot be rendered is told with the frames.
+        // A view that cannot be rendered is already reported with the frames.
         let options = shot.exposed(options);
         if let Ok(before) = renderer.render(gaussians, &shot.view, &options) {
             views += 1;
@@ -122,9 +122,9 @@ fn measure(
 }
 
 impl Trip {
-    /// A format that has no place for what the Gaussians hold is told, not an end.
+    /// A format that cannot hold the Gaussians is reported, not an error.
     fn start(
-        format: RoundTripWord,
+        format: RoundTripArg,
         gaussians: &Gaussians,
         antialiased: bool,
         path: &std::path::Path,
@@ -177,7 +177,7 @@ fn samples_of(size: ImageSize) -> f64 {
     3.0 * f64::from(size.width) * f64::from(size.height)
 }
 
-/// Of a peak of 1; `None` where nothing differs.
+/// For a peak of 1; `None` if nothing differs.
 fn psnr(mse: f64) -> Option<f64> {
     (mse != 0.0 && mse.is_finite()).then(|| -10.0 * mse.log10())
 }
@@ -198,13 +198,13 @@ fn same_bits(before: &Rendering<f32>, after: &Rendering<f32>) -> bool {
 }
 
 impl RoundTrips {
-    /// Exports to each format, imports again, and renders the same views with every effect that was asked for. The
-    /// pictures are made by then: a failure is told with them.
+    /// Exports to each format, imports again, and renders the same views with all requested effects. The images are written
+    /// before: a failure is reported together with them.
     pub(crate) fn measure(
         renderer: &mut dyn Renderer,
         scene: (&Gaussians, &[Shot]),
         options: &RenderOptions,
-        formats: &[RoundTripWord],
+        formats: &[RoundTripArg],
     ) -> Self {
         measure(renderer, scene, options, formats).unwrap_or_else(|error| {
             let fault = Some(format!("--round-trip: {error:#}"));
@@ -212,21 +212,24 @@ impl RoundTrips {
         })
     }
 
-    /// Why this is a failure: nothing was measured, or a format that keeps every bit did not bring the pictures back.
-    pub(crate) fn broken_promise(&self) -> Option<String> {
+    /// Why the round trip failed: nothing was measured, or a lossless format changed the images.
+    pub(crate) fn failure(&self) -> Option<String> {
         if self.fault.is_some() {
             return self.fault.clone();
         }
-        let broken = |row: &&Row| {
-            let kept = row.identical || row.psnr_db.is_none_or(|psnr| psnr >= PLY_DB);
+        let is_broken = |row: &&Row| {
+            let kept = row.identical || row.psnr_db.is_none_or(|psnr| psnr >= MIN_LOSSLESS_PSNR_DB);
             row.format.is_lossless() && (row.fault.is_some() || !kept || row.largest_difference.is_nan())
         };
-        let row = self.rows.iter().find(broken)?;
-        Some(format!("{} did not bring the pictures back: expected {PLY_DB} dB or more", name(row.format)))
+        let row = self.rows.iter().find(is_broken)?;
+        Some(format!(
+            "the round trip through {} changed the images: expected {MIN_LOSSLESS_PSNR_DB} dB or more",
+            name(row.format)
+        ))
     }
 }
 
-fn name(format: RoundTripWord) -> String {
+fn name(format: RoundTripArg) -> String {
     format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 

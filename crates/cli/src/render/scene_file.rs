@@ -6,33 +6,33 @@ use std::time::Instant;
 use anyhow::Context as _;
 use atsplat_splat::files::{self, Format};
 use atsplat_splat::{Cleaning, Gaussians, Validation};
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 use serde::Serialize;
 
-/// Which Gaussians, and what becomes of broken ones.
-#[derive(Debug, Args)]
-pub(crate) struct SceneWords {
+/// The scene file, and how broken Gaussians are handled.
+#[derive(Debug, clap::Args)]
+pub(crate) struct SceneArgs {
     /// Gaussians: PLY (3DGS' or PlayCanvas' compressed), SPZ or .splat.
     pub(crate) scene: PathBuf,
 
-    /// What becomes of Gaussians that cannot be rendered. `import` leaves out NaN and takes infinite opacity logits for
-    /// ±20; `repair` mends what can be mended; `reject` leaves out whatever has a problem.
+    /// How Gaussians that cannot be rendered are handled. `import` removes NaN and replaces infinite opacity logits by ±20;
+    /// `repair` repairs what can be repaired; `reject` removes every Gaussian with a problem.
     #[arg(long, value_name = "POLICY", default_value = "import")]
-    clean: CleanWord,
+    clean: CleanArg,
 
-    /// Read the stored opacities as opacities; pixelSplat's and NoPoSplat's exporters write those, not logits.
+    /// Read stored opacities as opacities, not logits, as written by the exporters of pixelSplat and NoPoSplat.
     #[arg(long)]
     opacities_as_stored: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
-enum CleanWord {
+enum CleanArg {
     Import,
     Repair,
     Reject,
 }
 
-/// Where the Gaussians came from and what was done to them.
+/// Origin of the Gaussians and how they were cleaned.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct SceneRecord {
@@ -43,9 +43,9 @@ pub(crate) struct SceneRecord {
     pub(crate) gaussians: usize,
     pub(crate) sh_degree: u8,
     opacities_as_stored: bool,
-    /// What reading found: NaN is left out, infinite opacity logits become ±20.
+    /// Problems found on import: NaN is removed, infinite opacity logits become ±20.
     pub(crate) import: Validation,
-    /// What the policy found after that.
+    /// Problems found by the policy after import.
     pub(crate) cleaning: CleaningRecord,
     pub(crate) unused: Vec<String>,
     pub(crate) antialiased: Option<bool>,
@@ -58,18 +58,18 @@ pub(crate) struct CleaningRecord {
     pub(crate) found: Validation,
 }
 
-/// Gaussians out of a file.
+/// Gaussians of a file.
 #[derive(Debug)]
 pub(crate) struct SceneFile {
     pub(crate) gaussians: Gaussians,
     pub(crate) record: SceneRecord,
-    /// What a user should know.
+    /// Warnings.
     pub(crate) notes: Vec<String>,
-    /// Seconds for reading, hashing and cleaning.
+    /// Seconds of reading, hashing and cleaning.
     pub(crate) reading_secs: f64,
 }
 
-impl SceneWords {
+impl SceneArgs {
     pub(crate) fn read(&self) -> anyhow::Result<SceneFile> {
         let start = Instant::now();
         let path = &self.scene;
@@ -81,25 +81,25 @@ impl SceneWords {
             gaussians = gaussians.with_opacities_as_stored();
         } else if import.opacities_may_be_no_logits {
             notes.push(
-                "every stored opacity lies in [0, 1]: these may be opacities and not logits, see --opacities-as-stored"
+                "every stored opacity is in [0, 1]: these may be opacities, not logits, see --opacities-as-stored"
                     .to_owned(),
             );
         }
         let policy = match self.clean {
-            CleanWord::Import => Cleaning::Import,
-            CleanWord::Repair => Cleaning::Repair,
-            CleanWord::Reject => Cleaning::Reject,
+            CleanArg::Import => Cleaning::Import,
+            CleanArg::Repair => Cleaning::Repair,
+            CleanArg::Reject => Cleaning::Reject,
         };
         let found = gaussians.validate();
         let found = if found.is_clean() {
             found
         } else {
-            let (left, found) = gaussians.cleaned(policy);
-            gaussians = left;
+            let (remaining, found) = gaussians.cleaned(policy);
+            gaussians = remaining;
             found
         };
         if gaussians.is_empty() {
-            notes.push("no Gaussian is left: pictures show the background".to_owned());
+            notes.push("no Gaussian is left: images show the background".to_owned());
         }
         let record = SceneRecord {
             file: path.clone(),
@@ -118,11 +118,11 @@ impl SceneWords {
     }
 }
 
-/// Hash and length of a regular file; a pipe is left to the reader to refuse.
+/// Hash and length of a regular file.
 fn sha256(path: &Path) -> anyhow::Result<(Sha256Digest, u64)> {
-    let doing = || format!("reading {}", path.display());
-    if !std::fs::metadata(path).with_context(doing)?.is_file() {
+    let reading = || format!("reading {}", path.display());
+    if !std::fs::metadata(path).with_context(reading)?.is_file() {
         anyhow::bail!("reading {}: not a regular file", path.display());
     }
-    Sha256Digest::of_reader(File::open(path).with_context(doing)?).with_context(doing)
+    Sha256Digest::of_reader(File::open(path).with_context(reading)?).with_context(reading)
 }

@@ -6,14 +6,14 @@ use serde::Serialize;
 
 use super::frames::{Frame, FrameTiming};
 
-/// Where the time went: per frame the median over all frames but the first, which warms caches and buffers up.
+/// Time per stage: medians over all frames but the first, which warms up caches and buffers.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct Timings {
     reading_secs: f64,
-    /// Frames behind the medians.
+    /// Number of frames in the medians.
     frames: usize,
-    /// One over the median of `render`; nothing for a single frame.
+    /// Inverse of the median of `render`; `None` for a single frame.
     frames_per_second: Option<f64>,
     rows: Vec<Row>,
 }
@@ -29,23 +29,24 @@ struct Row {
 }
 
 impl Timings {
-    /// Of the frames that were rendered.
+    /// Summarises the rendered frames.
     pub(crate) fn of(reading_secs: f64, frames: &[Frame]) -> Self {
-        let whole: Vec<_> = frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing).collect();
-        // By name: a renderer may have other stages from frame to frame.
+        let rendered: Vec<_> =
+            frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing).collect();
+        // By name: the stages of a renderer may differ between frames.
         let names: IndexSet<&'static str> =
-            whole.iter().flat_map(|frame| &frame.stages).map(|stage| stage.name).collect();
+            rendered.iter().flat_map(|frame| &frame.stages).map(|stage| stage.name).collect();
         let mut rows: Vec<Row> = Vec::new();
         for name in names {
             let of_frame =
                 |frame: &&FrameTiming| frame.stages.iter().find(|stage| stage.name == name).map(|stage| stage.secs);
-            rows.extend(Row::of(name, whole.iter().filter_map(of_frame)));
+            rows.extend(Row::of(name, rendered.iter().filter_map(of_frame)));
         }
-        let render = Row::of("render", whole.iter().map(|frame| frame.render_secs));
+        let render = Row::of("render", rendered.iter().map(|frame| frame.render_secs));
         let frames_per_second = render.as_ref().and_then(|row| row.median_ms).map(|median| 1e3 / median);
         rows.extend(render);
-        rows.extend(Row::of("encode, write", whole.iter().map(|frame| frame.write_secs)));
-        Self { reading_secs, frames: whole.len().saturating_sub(1), frames_per_second, rows }
+        rows.extend(Row::of("encode, write", rendered.iter().map(|frame| frame.write_secs)));
+        Self { reading_secs, frames: rendered.len().saturating_sub(1), frames_per_second, rows }
     }
 }
 
@@ -62,7 +63,7 @@ impl Row {
 
 impl fmt::Display for Timings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "\n{:>12}  {:>10} {:>10} {:>8}   milliseconds a frame", "", "median", "MAD", "first")?;
+        writeln!(f, "\n{:>12}  {:>10} {:>10} {:>8}   milliseconds per frame", "", "median", "MAD", "first")?;
         let shown = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
         for row in &self.rows {
             let (median, mad) = (shown(row.median_ms), shown(row.mad_ms));
@@ -74,7 +75,7 @@ impl fmt::Display for Timings {
             "reading", self.reading_secs, self.frames
         )?;
         match self.frames_per_second {
-            Some(rate) => writeln!(f, ": {rate:.1} frames a second"),
+            Some(rate) => writeln!(f, ": {rate:.1} frames per second"),
             None => writeln!(f),
         }
     }
@@ -94,9 +95,9 @@ mod tests {
     }
 
     #[test]
-    fn the_first_frame_stands_apart() {
-        let lost = Frame { census: None, ..frame(1e6) };
-        let timings = Timings::of(0.5, &[frame(100.0), frame(4.0), lost, frame(6.0), frame(5.0), frame(20.0)]);
+    fn the_first_frame_is_reported_separately() {
+        let failed = Frame { census: None, ..frame(1e6) };
+        let timings = Timings::of(0.5, &[frame(100.0), frame(4.0), failed, frame(6.0), frame(5.0), frame(20.0)]);
         assert_eq!((timings.frames, timings.rows.len()), (4, 3));
         let row = &timings.rows[0];
         let found = [row.first_ms, row.median_ms.unwrap(), row.mad_ms.unwrap(), timings.frames_per_second.unwrap()];
@@ -104,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn stages_go_by_their_names() {
+    fn stages_are_matched_by_name() {
         let mut other = frame(7.0);
         other.timing.stages.insert(0, Stage { name: "upload", secs: 1.0 });
         let timings = Timings::of(0.5, &[frame(3.0), other, frame(7.0)]);
@@ -114,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn one_frame_is_all_warm_up() {
+    fn a_single_frame_is_warm_up() {
         let timings = Timings::of(0.5, &[frame(3.0)]);
         assert_eq!((timings.frames, timings.frames_per_second, timings.rows[0].median_ms), (0, None, None));
         assert!(Timings::of(0.5, &[]).rows.is_empty());

@@ -1,4 +1,4 @@
-//! What runs on a user's folder: every dataset in it, under every protocol that fits.
+//! Finds every dataset in a folder, and every protocol that fits it.
 
 use atsplat_files::Sha256Digest;
 use std::collections::BTreeSet;
@@ -15,12 +15,12 @@ use atsplat_protocol::{EvaluationIndex, IndexLayout};
 use atsplat_scene::{Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneSource, Warnings, open_with};
 use serde::Serialize;
 
-/// How deep folders are searched.
-const DEEPEST: usize = 4;
-/// Copies of a capture's pictures, by how much smaller they are.
-const COPIES: [u32; 3] = [8, 4, 2];
+/// Maximum depth of the search.
+const MAX_DEPTH: usize = 4;
+/// Downscaling factors of a capture's image copies.
+const DOWNSCALES: [u32; 3] = [8, 4, 2];
 
-/// What was found, and what cannot run, with the reason.
+/// The datasets found, and what cannot run and why.
 #[derive(Default)]
 pub(super) struct Found {
     pub(super) datasets: Vec<Dataset>,
@@ -34,16 +34,16 @@ pub(super) struct NotRun {
     pub(super) why: String,
 }
 
-/// A dataset on disk, opened as it is.
+/// A dataset on disk.
 struct OnDisk {
     path: PathBuf,
     format: Format,
     source: Arc<dyn SceneSource>,
 }
 
-/// Looks through a folder. Index files of published protocols are found by their hash, wherever they lie in it.
-pub(super) fn look(folder: &Path, warnings: &mut Warnings) -> anyhow::Result<Found> {
-    anyhow::ensure!(folder.is_dir(), "{} is no folder", folder.display());
+/// Searches a folder. Index files of published protocols are found by their hash anywhere in it.
+pub(super) fn find(folder: &Path, warnings: &mut Warnings) -> anyhow::Result<Found> {
+    anyhow::ensure!(folder.is_dir(), "{} is not a folder", folder.display());
     let mut found = Found::default();
     let mut on_disk = Vec::new();
     search(folder, 0, &mut on_disk);
@@ -57,8 +57,8 @@ pub(super) fn look(folder: &Path, warnings: &mut Warnings) -> anyhow::Result<Fou
     Ok(found)
 }
 
-/// A folder that is a dataset, and datasets below it. Folders of a collection's scenes are not looked into, since they would
-/// be found a second time; others beside them are.
+/// Collects the dataset in a folder and those below it. Scene folders of a collection are not searched, since they would be
+/// found twice; other folders next to them are.
 fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
     let entries = folder.read_dir().into_iter().flatten().flatten();
     let mut folders: Vec<PathBuf> = entries.map(|entry| entry.path()).filter(|path| path.is_dir()).collect();
@@ -76,14 +76,14 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
             found.push(OnDisk { path, format, source: Arc::clone(&source) });
         }
     }
-    if depth < DEEPEST {
+    if depth < MAX_DEPTH {
         for folder in &folders {
             search(folder, depth + 1, found);
         }
     }
 }
 
-/// Every protocol that fits a dataset: by a published index that names its scenes, else by the protocol's sampler.
+/// Adds every protocol that fits a dataset: with a published index that names its scenes, else with the protocol's sampler.
 fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnings) -> anyhow::Result<()> {
     let before = found.datasets.len();
     for name in Preset::names() {
@@ -94,7 +94,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         let what = format!("{name} on {}", dataset.path.display());
         let Some((source, preset, told)) = prepared(dataset, &preset) else {
             let size = preset.preprocessing.expected_size.map_or("any".to_owned(), |size| size.to_string());
-            found.not_run.push(NotRun { what, why: format!("its pictures are not of the protocol's size, {size}") });
+            found.not_run.push(NotRun { what, why: format!("its images do not have the protocol's size, {size}") });
             continue;
         };
         match index(folder, dataset.format, &source, &preset, warnings) {
@@ -107,7 +107,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
     }
-    // Whatever no protocol knows is still a capture.
+    // A dataset that fits no protocol is still a capture.
     if found.datasets.len() == before {
         let preset = Preset::named("photos-3v-256")?;
         let source: Arc<dyn SceneSource> = Arc::new(PresentFrames::new(Arc::clone(&dataset.source)));
@@ -125,7 +125,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
     Ok(())
 }
 
-/// Whether a dataset of this format may be one of the preset's.
+/// Whether a dataset of this format can be the preset's.
 fn suits(format: Format, preset: &Preset) -> bool {
     match preset.dataset.as_str() {
         "re10k" | "acid" => matches!(format, Format::Re10k | Format::TorchChunks),
@@ -134,7 +134,7 @@ fn suits(format: Format, preset: &Preset) -> bool {
     }
 }
 
-/// The dataset with pictures that the preset takes: as they are, a smaller copy, or cropped beforehand.
+/// The dataset with images in the preset's size: as they are, already cropped, or a downscaled copy.
 fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, Preset, String)> {
     let told = dataset.path.display().to_string();
     let Some(expected) = preset.preprocessing.expected_size else {
@@ -146,7 +146,7 @@ fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, 
     if let Some((source, preset)) = AlreadyCropped::of(&dataset.source, preset) {
         return Some((Arc::new(source), preset, format!("{told}, pictures cropped beforehand")));
     }
-    COPIES.into_iter().find_map(|factor| {
+    DOWNSCALES.into_iter().find_map(|factor| {
         let pictures = PictureFolder::Downscaled(factor);
         let nerfstudio = NerfstudioOptions { pictures, ..NerfstudioOptions::default() };
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
@@ -156,7 +156,7 @@ fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, 
     })
 }
 
-/// The published index that names a scene of the dataset, or what the preset's sampler chooses.
+/// The published index that names a scene of the dataset, or an index by the preset's sampler.
 fn index(
     folder: &Path,
     format: Format,
@@ -171,12 +171,12 @@ fn index(
                 return Ok((index, Arc::clone(source)));
             }
         }
-        // There is none in the folder.
+        // The folder has no published index.
         Err(EvalError::Settings { .. }) => {}
         Err(broken) => return Err(broken.to_string()),
     }
-    // RE10K's name is on the official scenes alone; a capture in DL3DV's layout is what its sampler is for. Whose scenes a
-    // chunk holds nobody says.
+    // RE10K's protocols apply only to the official scenes; DL3DV's sampler applies to any capture in its layout. Chunks do
+    // not say which dataset they belong to.
     if preset.dataset != "dl3dv" || format == Format::TorchChunks {
         return Err("no published index in the folder names one of its scenes".to_owned());
     }
@@ -185,7 +185,7 @@ fn index(
 }
 
 fn sampled(source: &Arc<dyn SceneSource>, preset: &Preset, warnings: &mut Warnings) -> Result<PlannedIndex, String> {
-    let Some(sampler) = &preset.index.sampler else { return Err("the protocol names no sampler".to_owned()) };
+    let Some(sampler) = &preset.index.sampler else { return Err("the protocol has no sampler".to_owned()) };
     let mut planned = PlannedIndex::sampled(sampler, source.as_ref(), warnings).map_err(|error| error.to_string())?;
     if let Some(derivation) = preset.index.derivation {
         let lengths = scene_lengths(&planned.index, source.as_ref(), &|| (), warnings);
@@ -193,7 +193,7 @@ fn sampled(source: &Arc<dyn SceneSource>, preset: &Preset, warnings: &mut Warnin
         planned.sha256 = Sha256Digest::of(planned.index.to_json(&IndexLayout::PIXELSPLAT).as_bytes());
         planned.told = format!("{}, its windows with frames before and after them", planned.told);
     }
-    if is_empty(&planned.index) { Err(format!("{sampler} finds no frames to choose")) } else { Ok(planned) }
+    if is_empty(&planned.index) { Err(format!("{sampler} finds no frames")) } else { Ok(planned) }
 }
 
 fn is_empty(index: &EvaluationIndex) -> bool {
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn every_scene_is_found_once_however_deep() {
+    fn finds_every_scene_once_at_any_depth() {
         let root = tempfile::tempdir().unwrap();
         for scene in ["a", "captures/b", "captures/c", "captures/more/d"] {
             capture(&root.path().join(scene));

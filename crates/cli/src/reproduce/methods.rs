@@ -1,4 +1,4 @@
-//! What answers: ATSplat, what the same weights give under other expansions, and two floors.
+//! The evaluated methods: ATSplat, its expansion variants with the same weights, and two baselines.
 
 use std::collections::BTreeSet;
 use std::path::Path;
@@ -12,45 +12,45 @@ use atsplat_model::network::{Device, Network};
 use atsplat_model::parameters::parameters;
 use atsplat_model::weights::{ModelWeights, StoredTensors, TensorFile};
 
-use crate::carried::{MICRO_ROOMS, carried, find};
+use crate::embedded::{MICRO_ROOMS, embedded, find};
 
-/// A configuration with weights that fit it.
+/// A configuration with its weights.
 pub(super) struct Trained {
-    /// As the weights file has it.
+    /// From the weights file.
     pub(super) config: ModelConfig,
     tensors: StoredTensors,
     weights: WeightsOf,
-    /// Where the weights came from, for people.
-    pub(super) told: String,
+    /// Description of the weights' origin.
+    pub(super) description: String,
 }
 
 impl Trained {
     /// A user's weights file.
     pub(super) fn read(path: &Path) -> anyhow::Result<Self> {
-        let wanted = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
-        Self::of(&find(path, wanted)?, path.display().to_string())
+        let expected = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
+        Self::of(&find(path, expected)?, path.display().to_string())
     }
 
-    fn of(file: &TensorFile, told: String) -> anyhow::Result<Self> {
+    fn of(file: &TensorFile, description: String) -> anyhow::Result<Self> {
         let ModelWeights { config, tensors, .. } = ModelWeights::of_file(file)?;
-        Ok(Self { config, tensors, weights: WeightsOf::File { sha256: file.sha256.clone() }, told })
+        Ok(Self { config, tensors, weights: WeightsOf::File { sha256: file.sha256.clone() }, description })
     }
 
-    /// The weights that travel in the binary.
-    pub(super) fn carried() -> anyhow::Result<Self> {
-        let file = carried(MICRO_ROOMS).with_context(|| format!("this build carries no weights {MICRO_ROOMS}"))??;
-        Self::of(&file, format!("{MICRO_ROOMS}, which the binary carries"))
+    /// The weights embedded in the binary.
+    pub(super) fn embedded() -> anyhow::Result<Self> {
+        let file = embedded(MICRO_ROOMS).with_context(|| format!("no weights {MICRO_ROOMS} are embedded"))??;
+        Self::of(&file, format!("{MICRO_ROOMS}, embedded in the binary"))
     }
 
-    /// ATSplat as it was trained, and the floors.
+    /// ATSplat as trained, and the baselines.
     pub(super) fn methods(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
         let large = self.bare(&self.config.for_high_resolution()?)?.seeing_as_given();
         let atsplat = self.network("atsplat", &self.config)?.with_high_resolution(large)?;
         Ok(vec![Arc::new(atsplat), Arc::new(NearestView), Arc::new(Warp)])
     }
 
-    /// What the same weights give under the expansions of the paper's ablations. Anchors, K and the straight-through
-    /// estimator need weights of their own and are not here.
+    /// The same weights under the expansions of the paper's ablations. Anchors, K and the straight-through estimator need
+    /// their own weights and are not included.
     pub(super) fn variants(&self) -> anyhow::Result<Vec<Arc<dyn Method>>> {
         let mut variants = vec![
             self.variant("no expansion", &self.config.with_expansion_in_first(0))?,
@@ -59,7 +59,7 @@ impl Trained {
         ];
         for thresholds in [[0.1, 0.1, 0.4], [0.05, 0.05, 0.2], [0.01, 0.01, 0.04]] {
             let name = thresholds.map(|threshold| threshold.to_string()).join(" ");
-            // A configuration that expands in other blocks has no such thresholds.
+            // Configurations that expand in other blocks do not accept these thresholds.
             if let Ok(config) = self.config.with_thresholds(&thresholds) {
                 variants.push(self.variant(&name, &config)?);
             }
@@ -81,12 +81,12 @@ impl Trained {
         Ok(AtSplat::new(name, self.bare(config)?, &self.weights, 0, Splatting::default())?)
     }
 
-    /// The weights under a configuration.
+    /// The network of a configuration with these weights.
     pub(super) fn bare(&self, config: &ModelConfig) -> anyhow::Result<Network> {
-        // A selection that scores nothing has no scorers.
-        let wanted: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
+        // Selections without scores have no scorer weights.
+        let expected: BTreeSet<String> = parameters(config).into_iter().map(|parameter| parameter.name).collect();
         let mut tensors = self.tensors.clone();
-        tensors.tensors.retain(|name, _| wanted.contains(name));
+        tensors.tensors.retain(|name, _| expected.contains(name));
         Ok(Network::new(config, &Device::flex())?.with_weights(&tensors)?.trained_at(self.config.resolution))
     }
 }

@@ -1,4 +1,4 @@
-//! What runs without data: simulated scenes under every protocol.
+//! Runs without data: simulated scenes under every protocol.
 
 use std::sync::Arc;
 
@@ -8,17 +8,17 @@ use atsplat_eval::sources::simulated;
 use atsplat_protocol::{EvaluationIndex, IndexFile, Preset};
 use clap::ValueEnum;
 
-/// How much is run.
+/// Extent of a run.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum SuiteWord {
-    /// A few scenes of every protocol: minutes.
+pub(super) enum SuiteArg {
+    /// A few scenes of every protocol; takes minutes.
     Quick,
     /// All scenes.
     Full,
 }
 
-impl SuiteWord {
-    /// Scenes of a simulated preset.
+impl SuiteArg {
+    /// Number of scenes of a simulated preset.
     pub(super) const fn simulated_scenes(self, context_views: usize, targets: usize) -> usize {
         match self {
             Self::Full => usize::MAX,
@@ -29,7 +29,7 @@ impl SuiteWord {
         }
     }
 
-    /// Scenes of each protocol on a user's data.
+    /// Number of scenes per protocol on a user's data.
     pub(super) const fn limit(self) -> Option<u64> {
         match self {
             Self::Quick => Some(4),
@@ -38,8 +38,8 @@ impl SuiteWord {
     }
 }
 
-/// Every preset of simulated scenes, with as many scenes as the suite takes.
-pub(super) fn simulated_datasets(suite: SuiteWord) -> anyhow::Result<Vec<Dataset>> {
+/// Every preset of simulated scenes, with the number of scenes of the suite.
+pub(super) fn simulated_datasets(suite: SuiteArg) -> anyhow::Result<Vec<Dataset>> {
     let mut datasets = Vec::new();
     for name in Preset::names() {
         let preset = Preset::named(name)?;
@@ -55,13 +55,19 @@ pub(super) fn simulated_datasets(suite: SuiteWord) -> anyhow::Result<Vec<Dataset
             sha256: file.sha256,
             name: Some(accepted.name.clone()),
         };
-        let told = format!("simulated {}, test split", preset.dataset);
-        datasets.push(Dataset { name: name.to_owned(), preset, source: Arc::new(source), told, index: planned });
+        let description = format!("simulated {}, test split", preset.dataset);
+        datasets.push(Dataset {
+            name: name.to_owned(),
+            preset,
+            source: Arc::new(source),
+            told: description,
+            index: planned,
+        });
     }
     Ok(datasets)
 }
 
-/// The first scenes and not some spread out: simulated scenes have no order that could mislead.
+/// The first scenes: the order of simulated scenes is random anyway.
 fn first_scenes(index: &EvaluationIndex, limit: usize) -> EvaluationIndex {
     let scenes = index.scenes.iter().take(limit).map(|(key, entries)| (key.clone(), entries.clone()));
     EvaluationIndex { scenes: scenes.collect() }
@@ -72,8 +78,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_published_protocol_but_one_has_a_stand_in() {
-        let datasets = simulated_datasets(SuiteWord::Quick).unwrap();
+    fn published_protocols_have_simulated_stand_ins() {
+        let datasets = simulated_datasets(SuiteArg::Quick).unwrap();
         let stand_ins: Vec<String> = datasets.iter().filter_map(|dataset| dataset.preset.stands_for.clone()).collect();
         let published = Preset::names().map(|name| Preset::named(name).unwrap());
         let without: Vec<String> = published

@@ -1,4 +1,4 @@
-//! The end of a run in a few lines: means over scenes. Tables, intervals and plots are `atsplat report`'s.
+//! The summary of a run: means over scenes. `atsplat report` makes tables, intervals and plots.
 
 use std::collections::BTreeMap;
 use std::fmt;
@@ -11,7 +11,7 @@ use atsplat_metrics::{DECIBEL_CAP, definition};
 use atsplat_protocol::DropReason;
 use serde::Serialize;
 
-use crate::memory::for_people;
+use crate::process::format_bytes;
 
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
@@ -20,15 +20,15 @@ pub(super) struct Report {
     #[serde(skip_serializing_if = "Option::is_none")]
     summary: Option<Summary>,
     rows: Vec<Row>,
-    /// Times of each protocol's methods, of the timing pass.
+    /// Times of each method under each protocol, from the timing pass.
     times: Vec<MethodTimes>,
-    /// Metrics without a number, and why.
+    /// Metrics that were not computed, and why.
     not_computed: BTreeMap<String, String>,
-    /// Index entries and targets that gave no numbers, by reason.
+    /// Index entries and targets without numbers, by reason.
     without: Vec<Without>,
-    /// What is odd about indices and data without stopping anything.
+    /// Warnings about indices and data.
     warnings: Vec<WarningCount>,
-    /// What to try.
+    /// A suggestion.
     #[serde(skip_serializing_if = "Option::is_none")]
     advice: Option<&'static str>,
 }
@@ -65,7 +65,7 @@ struct Row {
     failed: usize,
     non_finite: usize,
     identical: usize,
-    /// Over the means of scenes; identical pictures count as 100 dB.
+    /// Means over scenes of means over targets; identical images count as 100 dB.
     means: BTreeMap<String, f64>,
 }
 
@@ -108,15 +108,15 @@ impl Report {
         }
     }
 
-    /// Says what would help, where pictures were refused for their size and `--any-size` was not given.
+    /// Suggests `--any-size` if images were rejected for their size without it.
     pub(super) fn advising(self, takes_any_size: bool) -> Self {
-        const ADVICE: &str = "--any-size takes pictures of any size; the results are of another protocol then";
+        const ADVICE: &str = "--any-size takes images of any size; the results then belong to another protocol";
         let refused = self.without.iter().any(|without| without.what.ends_with(DropReason::PictureSize.name()));
         Self { advice: (refused && !takes_any_size).then_some(ADVICE), ..self }
     }
 }
 
-/// What gave no numbers, with the first of each kind.
+/// Entries and targets without numbers, with the first of each kind.
 fn without(results: &Results) -> Vec<Without> {
     let skipped = results.provenance.skipped.iter();
     let skipped = skipped.map(|entry| {
@@ -125,7 +125,7 @@ fn without(results: &Results) -> Vec<Without> {
     });
     let failed = results.targets.iter().filter(|row| row.status == TargetStatus::Failed);
     let failed = failed.map(|row| {
-        let detail = row.detail.as_deref().unwrap_or("no reason is known");
+        let detail = row.detail.as_deref().unwrap_or("unknown reason");
         let what = format!("targets of {} failed, {}", row.key.method, kind_of(detail, &row.key.scene));
         (&row.key.preset, what, format!("scene {}, frame {}: {detail}", row.key.scene, row.frame))
     });
@@ -142,7 +142,7 @@ fn without(results: &Results) -> Vec<Without> {
     kinds.into_iter().map(without).collect()
 }
 
-/// What failures of one kind have in common: the text without paths, numbers and the scene's name.
+/// The common text of failures of one kind: without paths, numbers and the scene's name.
 fn kind_of(detail: &str, scene: &str) -> String {
     const LONGEST: usize = 60;
     let words = detail.split_whitespace().take_while(|word| !word.starts_with('('));
@@ -224,8 +224,8 @@ impl fmt::Display for Report {
             let label = if row.untrained { format!("{} *", row.method) } else { row.method.clone() };
             write!(f, "{:<preset$}  {label:<method$} {:>7} {:>8}", row.preset, row.scenes, row.targets)?;
             for id in &shown {
-                let told = row.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
-                write!(f, " {told:>width$}", width = name(id).chars().count().max(8))?;
+                let value = row.means.get(*id).map_or_else(|| "-".to_owned(), |mean| format!("{mean:.4}"));
+                write!(f, " {value:>width$}", width = name(id).chars().count().max(8))?;
             }
             for (count, what) in
                 [(row.failed, "failed"), (row.non_finite, "with non-finite samples"), (row.identical, "identical")]
@@ -237,7 +237,10 @@ impl fmt::Display for Report {
             writeln!(f)?;
         }
         if self.rows.iter().any(|row| row.untrained) {
-            writeln!(f, "* untrained: nothing was learned; the numbers show the way and its cost")?;
+            writeln!(
+                f,
+                "* untrained: nothing was learned; the numbers only show that the pipeline works and what it costs"
+            )?;
         }
         self.write_times(f)?;
         for Without { preset, what, count, example } in &self.without {
@@ -251,26 +254,26 @@ impl fmt::Display for Report {
             writeln!(f, "{id} was not computed: {why}")?;
         }
         if let Some(summary) = &self.summary {
-            writeln!(f, "\n{}", told(summary))?;
+            writeln!(f, "\n{}", summary_text(summary))?;
         }
         writeln!(f, "{}", self.store.display())
     }
 }
 
 impl Report {
-    /// The times of the timing pass, or in one line why there are none.
+    /// The times of the timing pass, or a line with the reason for having none.
     fn write_times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (timed, absent): (Vec<_>, Vec<_>) = self.times.iter().partition(|row| row.times.is_some());
         for MethodTimes { preset, method, times, .. } in &timed {
             let Some(times) = times else { continue };
-            let parts = [("encoding", times.encode), ("a picture", times.render)];
+            let parts = [("encoding", times.encode), ("rendering", times.render)];
             let parts: Vec<String> = parts
                 .iter()
                 .filter_map(|(what, spread)| Some(format!("{what} {}", milliseconds(&(*spread)?))))
                 .collect();
             let memory =
-                times.peak_bytes.map_or_else(String::new, |bytes| format!(", {} at the most", for_people(bytes)));
-            let busy = if times.busy { ", on a busy machine: not to be trusted" } else { "" };
+                times.peak_bytes.map_or_else(String::new, |bytes| format!(", at most {}", format_bytes(bytes)));
+            let busy = if times.busy { ", on a busy machine: not reliable" } else { "" };
             let Times { trials, repetitions, .. } = times;
             writeln!(f, "{preset}, {method}: {}, {repetitions} × {trials} trials{memory}{busy}", parts.join(", "))?;
         }
@@ -289,7 +292,7 @@ impl Report {
     }
 }
 
-/// A median with its median absolute deviation.
+/// A median and its median absolute deviation.
 fn milliseconds(spread: &Spread) -> String {
     format!("{:.2} ms ± {:.2}", 1e3 * spread.median, 1e3 * spread.mad)
 }
@@ -298,17 +301,17 @@ fn name(id: &str) -> &str {
     definition(id).map_or(id, |metric| metric.name)
 }
 
-fn told(summary: &Summary) -> String {
+fn summary_text(summary: &Summary) -> String {
     let Summary { evaluated, resumed, incomplete, non_finite, skipped, not_there } = *summary;
-    let told = [
+    let parts = [
         (resumed, "were there before"),
-        (incomplete, "not whole, each with its reason"),
-        (non_finite, "targets with samples that are no numbers"),
+        (incomplete, "incomplete, each with its reason"),
+        (non_finite, "targets with non-finite samples"),
         (skipped, "index entries skipped, each with its reason"),
-        (not_there, "scenes of the index not in the data"),
+        (not_there, "scenes of the index missing from the data"),
     ];
-    let told = told.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
-    format!("{evaluated} results computed{}", told.collect::<String>())
+    let parts = parts.into_iter().filter(|(count, _)| *count > 0).map(|(count, what)| format!("; {count} {what}"));
+    format!("{evaluated} results computed{}", parts.collect::<String>())
 }
 
 #[cfg(test)]
@@ -316,7 +319,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn failures_of_one_kind_are_counted_together() {
+    fn failures_of_one_kind_have_the_same_text() {
         let of = |detail: &str| kind_of(detail, "aa11");
         assert_eq!(kind_of("no palace of scene a: gone", "a"), "no palace of scene SCENE");
         let missing = "no file for frame N of scene SCENE";

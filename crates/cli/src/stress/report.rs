@@ -3,7 +3,7 @@ use std::fmt;
 use atsplat_splat::stress::{MeasuredError, StressRow};
 use serde::Serialize;
 
-/// What came of all cases.
+/// Results of all cases.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Report {
@@ -30,7 +30,7 @@ impl fmt::Display for Report {
             before = &row.case;
             let of = |name: &str, share: fn(&MeasuredError) -> f64| {
                 let Some(error) = row.error(name).filter(|error| error.compared > 0) else { return "-".to_owned() };
-                figure(share(error)) + if error.bound.is_finite() { "" } else { "*" }
+                scientific(share(error)) + if error.bound.is_finite() { "" } else { "*" }
             };
             writeln!(
                 f,
@@ -48,7 +48,14 @@ impl fmt::Display for Report {
         for row in self.rows.iter().filter(|row| !row.passes()) {
             for error in row.errors.iter().filter(|error| !error.passes()) {
                 let MeasuredError { name, relative, bound, .. } = error;
-                writeln!(f, "{}, {}: {name} {}, at most {}", row.case, row.path, figure(*relative), figure(*bound))?;
+                writeln!(
+                    f,
+                    "{}, {}: {name} {}, at most {}",
+                    row.case,
+                    row.path,
+                    scientific(*relative),
+                    scientific(*bound)
+                )?;
             }
             for finding in &row.findings {
                 writeln!(f, "{}, {}: {finding}", row.case, row.path)?;
@@ -56,19 +63,22 @@ impl fmt::Display for Report {
         }
         writeln!(
             f,
-            "{} of {} rows failed. Errors are against the reference in f64: of samples as a share of the image's range, \
-             of derivatives as a share of the largest in their field.",
+            "{} of {} rows failed. Errors are against the reference in f64: of samples relative to the image's range, \
+             of gradients relative to the largest in their field.",
             self.failed,
             self.rows.len()
         )?;
         if self.rows.iter().flat_map(|row| &row.errors).any(|error| !error.bound.is_finite()) {
-            writeln!(f, "* has no bound: this case's derivatives take geometry in f64; here they have to be finite.")?;
+            writeln!(
+                f,
+                "* has no bound: the gradients of this case need geometry in f64; here they must only be finite."
+            )?;
         }
         Ok(())
     }
 }
 
-fn figure(value: f64) -> String {
+fn scientific(value: f64) -> String {
     if value == 0.0 { "0".to_owned() } else { format!("{value:.1e}") }
 }
 
@@ -77,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_fails_is_told_at_the_end() {
+    fn failures_are_listed_at_the_end() {
         let error =
             |name, relative| MeasuredError { name, absolute: 2.0 * relative, relative, bound: 1e-5, compared: 9 };
         let row = |path: &str, relative, findings: &[&str]| StressRow {

@@ -16,11 +16,11 @@ impl fmt::Display for Report {
             let Tradeoff { preset, metric, unit, frontiers, .. } = tradeoff;
             for frontier in frontiers {
                 let blank = if at == 0 && frontier.axis == Axis::Seconds { "" } else { "\n" };
-                let paid = match frontier.axis {
+                let cost = match frontier.axis {
                     Axis::Seconds => "seconds",
                     Axis::Gaussians => "Gaussians",
                 };
-                writeln!(f, "{blank}{preset}: {metric} against {paid}")?;
+                writeln!(f, "{blank}{preset}: {metric} against {cost}")?;
                 points(f, frontier)?;
                 prices(f, frontier, unit)?;
             }
@@ -44,7 +44,7 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
         let difference = against.as_ref().map_or_else(String::new, |against| {
             let difference = against.difference;
             let interval = difference.interval.map_or_else(
-                || "one scene tells no interval".to_owned(),
+                || "no interval from one scene".to_owned(),
                 |[low, high]| format!("{low:+.4} to {high:+.4}"),
             );
             format!("{:+.4} ({interval}) from {}", difference.value, against.label)
@@ -57,7 +57,7 @@ fn points(f: &mut fmt::Formatter<'_>, frontier: &Frontier) -> fmt::Result {
         writeln!(f, "{mark} {label:<40} {quality:>10.4} {ms:>18} {gaussians:>12}  {difference}{verdict}")?;
     }
     for (label, reason) in &frontier.left_out {
-        writeln!(f, "- {label:<40} left out: {reason}")?;
+        writeln!(f, "- {label:<40} skipped: {reason}")?;
     }
     Ok(())
 }
@@ -75,7 +75,7 @@ fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::R
         )?;
     }
     if frontier.prices.is_empty() && frontier.points.len() > 1 {
-        writeln!(f, "  no price: no two settings can be told apart in quality where one costs more")?;
+        writeln!(f, "  no price: no two settings are distinguishable in quality with one costing more")?;
     }
     Ok(())
 }
@@ -83,7 +83,7 @@ fn prices(f: &mut fmt::Formatter<'_>, frontier: &Frontier, unit: &str) -> fmt::R
 fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
     writeln!(
         f,
-        "\n* on the frontier: better than the last before it by more than the interval of their difference, over the same scenes.\n\
+        "\n* on the frontier: better than the previous one by more than the interval of their difference, over the same scenes.\n\
          ? not distinguishable from it. Milliseconds are of the timing pass, medians of encoding and of rendering one view,\n\
          added: until the first picture."
     )?;
@@ -94,7 +94,7 @@ fn notes(f: &mut fmt::Formatter<'_>, tradeoffs: &[Tradeoff]) -> fmt::Result {
     machines.iter().try_for_each(|machine| writeln!(f, "Timed on {machine}."))?;
     let points = tradeoffs.iter().flat_map(|tradeoff| &tradeoff.frontiers).flat_map(|frontier| &frontier.points);
     if points.into_iter().any(|point| point.busy) {
-        writeln!(f, "§ The machine was busy with something else meanwhile: these times are not to be trusted.")?;
+        writeln!(f, "§ The machine was busy with other work: these times are not reliable.")?;
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! The learning curve: loss by term above, PSNR beside the nearest view's below.
+//! The learning curve: loss by term above, PSNR next to that of the nearest view below.
 
 use atsplat_numeric::Extremes as _;
 use atsplat_pixels::{ImageU8, encode_png};
@@ -10,10 +10,10 @@ use plotters::coord::ranged1d::ValueFormatter;
 use plotters::prelude::*;
 
 const SIZE: (u32, u32) = (1000, 900);
-/// Points of a curve: means over as many stretches of steps.
+/// Maximum number of points of a curve, each a mean over consecutive steps.
 const POINTS: usize = 200;
 
-/// A PNG.
+/// Draws the curves of a run as PNG.
 pub(super) fn draw(title: &str, steps: &[StepRecord], evaluations: &[EvaluationRecord]) -> anyhow::Result<Vec<u8>> {
     register_fonts()?;
     let (width, height) = SIZE;
@@ -70,7 +70,7 @@ fn scores(evaluations: &[EvaluationRecord], area: &Area<'_>) -> anyhow::Result<(
     legend(&mut chart)
 }
 
-/// Room for labels; on the right for half of the last step's.
+/// Margins with room for labels; on the right for half of the last step's label.
 fn builder<'a, 'b>(area: &'a Area<'b>) -> ChartBuilder<'a, 'b, BitMapBackend<'b>> {
     let mut builder = ChartBuilder::on(area);
     builder.margin(12).margin_right(32).y_label_area_size(72);
@@ -106,13 +106,13 @@ where
     Ok(())
 }
 
-/// The smallest and the largest; the wrong way round where there is none.
+/// Minimum and maximum; minimum > maximum if there are no values.
 fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     values
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), value| (low.minimum_of(value), high.maximum_of(value)))
 }
 
-/// Means of a term over stretches of steps, at their middles; skipped steps are left out.
+/// Means of a term over stretches of steps, at their middles, without skipped steps.
 fn curve(steps: &[StepRecord], term: usize) -> Vec<(f64, f64)> {
     let stretch = steps.len().div_ceil(POINTS).max(1);
     let mean = |records: &[StepRecord]| {

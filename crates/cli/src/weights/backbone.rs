@@ -1,20 +1,20 @@
-//! Which DINOv2 a file holds, told by its names and shapes.
+//! Detects which DINOv2 a file holds, by tensor names and shapes.
 
 use atsplat_model::ModelError;
 use atsplat_model::config::{BackboneConfig, DinoSize};
 use atsplat_model::weights::StoredTensors;
 use serde::Serialize;
 
-/// A published network that a file holds whole.
+/// A published network that a file holds completely.
 #[derive(Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
 pub(super) struct Backbone {
     size: DinoSize,
     registers: bool,
     key_map: String,
-    /// Parameters of the network that the file gives.
+    /// Number of the network's parameters in the file.
     pub(super) parameters: usize,
-    /// Tensors of the file that are no part of it.
+    /// Number of other tensors in the file.
     left_over: usize,
 }
 

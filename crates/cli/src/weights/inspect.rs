@@ -3,16 +3,15 @@ use std::fmt;
 use std::path::PathBuf;
 
 use atsplat_model::weights::{KnownFile, ModelWeights, StoredTensor, TensorFile};
-use clap::Args;
 use serde::Serialize;
 
 use super::backbone::Backbone;
-use crate::memory::for_people;
 use crate::output::print_report;
+use crate::process::format_bytes;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
-    /// Safetensors, or a checkpoint of PyTorch.
+#[derive(Debug, clap::Args)]
+pub(crate) struct Args {
+    /// Safetensors, or a PyTorch checkpoint.
     file: PathBuf,
 
     /// Print the name, type and shape of every tensor.
@@ -32,10 +31,10 @@ struct Report {
     tensors: usize,
     numbers: u64,
     bytes: u64,
-    /// How many tensors are of each type.
+    /// Number of tensors per type.
     types: BTreeMap<String, usize>,
     what: What,
-    /// What the file is, if its hash is known.
+    /// The published file with this hash, if any.
     known: Option<KnownRow>,
     metadata: BTreeMap<String, String>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -45,13 +44,13 @@ struct Report {
 #[derive(Debug, Serialize)]
 #[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
 enum What {
-    /// The toolkit's own file.
+    /// A weights file of this toolkit.
     Atsplat { model: String, hash: String },
-    /// The toolkit's own file, and something is wrong with it.
+    /// A broken weights file of this toolkit.
     Broken { fault: String },
     /// A backbone.
     Backbone(Backbone),
-    /// Tensors of which nothing is known.
+    /// Unknown tensors.
     Other,
 }
 
@@ -70,14 +69,14 @@ struct TensorRow {
     shape: Vec<usize>,
 }
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
-    let file = crate::carried::find(&words.file, || "a file of weights".to_owned())?;
-    print_report(&Report::of(words, file)?, words.json)?;
+pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
+    let file = crate::embedded::find(&args.file, || "a file of weights".to_owned())?;
+    print_report(&Report::of(args, file)?, args.json)?;
     Ok(true)
 }
 
 impl Report {
-    fn of(words: &Words, file: TensorFile) -> anyhow::Result<Self> {
+    fn of(args: &Args, file: TensorFile) -> anyhow::Result<Self> {
         let TensorFile { sha256, stored, .. } = file;
         let what = if ModelWeights::is_one(&stored) {
             match ModelWeights::from_stored(&stored) {
@@ -98,7 +97,7 @@ impl Report {
             shape: tensor.shape().to_vec(),
         };
         Ok(Self {
-            file: words.file.clone(),
+            file: args.file.clone(),
             tensors: stored.tensors.len(),
             numbers: each().map(|tensor| tensor.shape().iter().map(|&size| size as u64).product::<u64>()).sum(),
             bytes: each().map(|tensor| tensor.bytes().len() as u64).sum(),
@@ -109,7 +108,7 @@ impl Report {
                 what: known.what,
                 source: known.source,
             }),
-            list: words.tensors.then(|| stored.tensors.iter().map(row).collect()),
+            list: args.tensors.then(|| stored.tensors.iter().map(row).collect()),
             sha256,
             metadata: stored.metadata,
         })
@@ -125,14 +124,14 @@ impl fmt::Display for Report {
             What::Atsplat { model, hash } => writeln!(f, "what      weights of the model {model} (hash {hash})")?,
             What::Broken { fault } => writeln!(f, "what      BROKEN weights of this toolkit: {fault}")?,
             What::Backbone(backbone) => writeln!(f, "what      {backbone}")?,
-            What::Other => writeln!(f, "what      tensors of nothing that is known")?,
+            What::Other => writeln!(f, "what      unknown tensors")?,
         }
         if let Some(KnownRow { name, what, source }) = &self.known {
             writeln!(f, "known as  {name}: {what} (from {source})")?;
         }
-        let (tensors, numbers, bytes) = (self.tensors, self.numbers, for_people(self.bytes));
+        let (tensors, numbers, bytes) = (self.tensors, self.numbers, format_bytes(self.bytes));
         writeln!(f, "tensors   {tensors} ({}), {numbers} numbers, {bytes}", types.join(", "))?;
-        // A configuration is a page of its own: JSON has it.
+        // The configuration is long: only JSON has it.
         for (key, value) in self.metadata.iter().filter(|(_, value)| !value.contains('\n')) {
             writeln!(f, "          {key} = {value}")?;
         }

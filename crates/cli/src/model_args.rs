@@ -1,56 +1,56 @@
-//! Which network, in words: a configuration by name or path, what of it is changed, what a hash should be.
+//! Arguments that select and change a network configuration.
 
 use anyhow::Context as _;
 use atsplat_model::config::SelectionRatio;
 use atsplat_model::network::{Device, Processor};
 use atsplat_model::{ModelConfig, ModelError};
-use clap::{Args, ValueEnum};
+use clap::ValueEnum;
 
-use crate::render::words::not_negative;
+use crate::parse::{name_or_path, not_negative};
 
-/// What of a configuration is changed for one call. Weights stay what they are.
-#[derive(Clone, Debug, Default, Args)]
-pub(crate) struct ChangeWords {
-    /// Expand every token whose uncertainty exceeds its block's threshold, so that the scene decides how many Gaussians
-    /// there are; one number for each block that expands, as `0.05,0.05,0.2`.
+/// Changes of a configuration for one call; weights stay as they are.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub(crate) struct ChangeArgs {
+    /// Expand every token whose uncertainty exceeds its block's threshold, so that the scene determines the number of
+    /// Gaussians; one number for each expanding block, as `0.05,0.05,0.2`.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = not_negative, conflicts_with = "ratios")]
     thresholds: Vec<f64>,
 
-    /// Expand these shares of the tokens, one for each block that expands, as `0.5,0.5,0.25`.
+    /// Expand these shares of the tokens, one for each expanding block, as `0.5,0.5,0.25`.
     #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = ratio)]
     ratios: Vec<SelectionRatio>,
 
-    /// Expand in the first N of the blocks that expand, and in no other.
+    /// Expand only in the first N expanding blocks.
     #[arg(long, value_name = "N")]
     expand_first: Option<usize>,
 }
 
-/// What a network computes on.
+/// The device of a network.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(crate) enum ProcessorWord {
+pub(crate) enum ProcessorArg {
     /// Every core.
     Cpu,
-    /// A graphics processor.
+    /// A GPU.
     Wgpu,
 }
 
-impl From<ProcessorWord> for Processor {
-    fn from(word: ProcessorWord) -> Self {
-        match word {
-            ProcessorWord::Cpu => Self::Cpu,
-            ProcessorWord::Wgpu => Self::Wgpu,
+impl From<ProcessorArg> for Processor {
+    fn from(arg: ProcessorArg) -> Self {
+        match arg {
+            ProcessorArg::Cpu => Self::Cpu,
+            ProcessorArg::Wgpu => Self::Wgpu,
         }
     }
 }
 
-impl ProcessorWord {
+impl ProcessorArg {
     pub(crate) fn open(self) -> anyhow::Result<Device> {
         Processor::from(self).open().context("--device")
     }
 }
 
-impl ChangeWords {
-    /// The configuration with the changes.
+impl ChangeArgs {
+    /// Applies the changes.
     pub(crate) fn applied(&self, config: &ModelConfig) -> anyhow::Result<ModelConfig> {
         let mut config = config.clone();
         if !self.thresholds.is_empty() {
@@ -65,23 +65,15 @@ impl ChangeWords {
         Ok(config)
     }
 
-    /// Whether anything is changed.
+    /// Whether nothing is changed.
     pub(crate) const fn is_empty(&self) -> bool {
         self.thresholds.is_empty() && self.ratios.is_empty() && self.expand_first.is_none()
     }
 }
 
-/// A configuration's name, or the path of one. A path is read when the work begins: a broken file is no wrong word.
+/// Parses the name or path of a configuration.
 pub(crate) fn model(text: &str) -> Result<String, ModelError> {
-    if !is_toml(text) {
-        ModelConfig::text_of(text)?;
-    }
-    Ok(text.to_owned())
-}
-
-/// Whether a word is a path and not a name.
-pub(crate) fn is_toml(text: &str) -> bool {
-    std::path::Path::new(text).extension().is_some_and(|extension| extension == "toml")
+    name_or_path(text, ModelConfig::text_of)
 }
 
 fn ratio(text: &str) -> Result<SelectionRatio, String> {
@@ -93,30 +85,30 @@ fn ratio(text: &str) -> Result<SelectionRatio, String> {
 mod tests {
     use super::*;
 
-    fn words(thresholds: &[f64], ratios: &[&str], expand_first: Option<usize>) -> ChangeWords {
+    fn changes(thresholds: &[f64], ratios: &[&str], expand_first: Option<usize>) -> ChangeArgs {
         let ratios = ratios.iter().map(|text| ratio(text).unwrap()).collect();
-        ChangeWords { thresholds: thresholds.to_vec(), ratios, expand_first }
+        ChangeArgs { thresholds: thresholds.to_vec(), ratios, expand_first }
     }
 
-    fn most(changes: &ChangeWords) -> usize {
+    fn max_gaussians(changes: &ChangeArgs) -> usize {
         let config = changes.applied(&ModelConfig::named("nano").unwrap()).unwrap();
         atsplat_model::budget::budget(&config, 2, config.resolution).unwrap().most.gaussians
     }
 
     #[test]
     fn changes_change_the_budget() {
-        assert_eq!(most(&ChangeWords::default()), 23_040);
-        assert_eq!(most(&words(&[0.1, 0.1, 0.4], &[], None)), 65_536);
-        assert_eq!(most(&words(&[], &["1", "0.5", "0"], None)), 24_576);
-        assert_eq!(most(&words(&[], &[], Some(0))), 8192);
-        assert_eq!(most(&words(&[], &["0.5", "0.5", "1"], Some(2))), 18_432);
+        assert_eq!(max_gaussians(&ChangeArgs::default()), 23_040);
+        assert_eq!(max_gaussians(&changes(&[0.1, 0.1, 0.4], &[], None)), 65_536);
+        assert_eq!(max_gaussians(&changes(&[], &["1", "0.5", "0"], None)), 24_576);
+        assert_eq!(max_gaussians(&changes(&[], &[], Some(0))), 8192);
+        assert_eq!(max_gaussians(&changes(&[], &["0.5", "0.5", "1"], Some(2))), 18_432);
     }
 
     #[test]
-    fn lists_of_another_length_and_shares_above_one_are_refused() {
+    fn rejects_lists_of_the_wrong_length_and_shares_above_one() {
         let nano = ModelConfig::named("nano").unwrap();
-        assert!(words(&[0.1], &[], None).applied(&nano).is_err());
-        let error = words(&[], &["0.5"], None).applied(&nano).unwrap_err();
+        assert!(changes(&[0.1], &[], None).applied(&nano).is_err());
+        let error = changes(&[], &["0.5"], None).applied(&nano).unwrap_err();
         assert!(format!("{error:#}").contains("expected 3 ratios"), "{error:#}");
         for broken in ["1.5", "-0.1", "NaN", "half", ""] {
             assert!(ratio(broken).is_err(), "{broken:?}");

@@ -1,13 +1,15 @@
+//! `atsplat protocol list` and `show`: the built-in presets.
+
 use std::fmt;
 
 use atsplat_protocol::Preset;
-use clap::Args;
 use serde::Serialize;
 
-use crate::output::print_report;
+use crate::output::{print_report, print_text};
+use crate::parse;
 
-#[derive(Debug, Args)]
-pub(crate) struct Words {
+#[derive(Debug, clap::Args)]
+pub(crate) struct ListArgs {
     /// Print JSON.
     #[arg(long)]
     json: bool,
@@ -27,9 +29,9 @@ struct Row {
 #[serde(transparent)]
 struct Presets(Vec<Row>);
 
-pub(crate) fn run(words: &Words) -> anyhow::Result<bool> {
+pub(crate) fn list(args: &ListArgs) -> anyhow::Result<bool> {
     let rows = Preset::names().map(|name| Preset::named(name).map(row)).collect::<Result<_, _>>()?;
-    print_report(&Presets(rows), words.json)?;
+    print_report(&Presets(rows), args.json)?;
     Ok(true)
 }
 
@@ -51,4 +53,22 @@ impl fmt::Display for Presets {
         }
         Ok(())
     }
+}
+
+#[derive(Debug, clap::Args)]
+pub(crate) struct ShowArgs {
+    /// Name of a built-in preset, or a path that ends in `.toml`.
+    #[arg(value_parser = parse::preset)]
+    preset: String,
+
+    /// Print JSON instead of TOML.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(crate) fn show(args: &ShowArgs) -> anyhow::Result<bool> {
+    let preset = Preset::resolve(&args.preset)?;
+    let text = if args.json { serde_json::to_string_pretty(&preset)? + "\n" } else { preset.to_toml()? };
+    print_text(&text)?;
+    Ok(true)
 }

@@ -1,4 +1,4 @@
-//! Weights that travel in the binary: `eval/checkpoints/` says how each was trained.
+//! Weights embedded in the binary; `eval/checkpoints/` says how each was trained.
 
 use std::path::{Path, PathBuf};
 
@@ -6,20 +6,20 @@ use atsplat_model::ModelError;
 use atsplat_model::weights::TensorFile;
 use atsplat_scene::SharedBytes;
 
-/// Trained on simulated rooms; what `reproduce` runs where nobody names weights.
+/// Trained on simulated rooms; the default weights of `reproduce`.
 pub(crate) const MICRO_ROOMS: &str = "micro-rooms";
 
 const FILES: [(&str, &[u8]); 1] = [(MICRO_ROOMS, include_bytes!("../../../eval/checkpoints/micro-rooms.safetensors"))];
 
-/// The weights of a name; `None` where it is no name of any.
-pub(crate) fn carried(name: &str) -> Option<Result<TensorFile, ModelError>> {
-    let (name, bytes) = FILES.into_iter().find(|(known, _)| *known == name)?;
+/// The embedded weights of this name; `None` if there are none.
+pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, ModelError>> {
+    let (name, bytes) = FILES.into_iter().find(|(own, _)| *own == name)?;
     Some(TensorFile::parse(PathBuf::from(name), SharedBytes::new(bytes.to_vec())))
 }
 
-/// As [`TensorFile::find`]; a name of carried weights stands for these, unless a file has that name.
+/// As [`TensorFile::find`], but the name of embedded weights stands for them unless a file has that name.
 pub(crate) fn find(path: &Path, expected: impl FnOnce() -> String) -> Result<TensorFile, ModelError> {
-    let named = if path.exists() { None } else { path.to_str().and_then(carried) };
+    let named = if path.exists() { None } else { path.to_str().and_then(embedded) };
     named.unwrap_or_else(|| TensorFile::find(path, expected))
 }
 
@@ -29,21 +29,21 @@ mod tests {
     use atsplat_model::weights::ModelWeights;
 
     #[test]
-    fn every_carried_file_is_whole_and_of_the_network_that_it_names() {
+    fn every_embedded_file_is_complete_and_names_its_network() {
         for (name, _) in FILES {
-            let weights = ModelWeights::of_file(&carried(name).unwrap().unwrap()).unwrap();
+            let weights = ModelWeights::of_file(&embedded(name).unwrap().unwrap()).unwrap();
             assert_eq!(weights.config.name, name);
             for key in ["title", "data", "steps", "seed"] {
                 assert!(weights.provenance.contains_key(key), "{key}: {:?}", weights.provenance);
             }
         }
-        assert!(carried("micro-gardens").is_none());
+        assert!(embedded("micro-gardens").is_none());
     }
 
     #[test]
-    fn a_name_stands_for_what_is_carried_and_a_path_does_not() {
+    fn a_name_stands_for_embedded_weights_and_a_path_does_not() {
         let found = find(Path::new(MICRO_ROOMS), String::new).unwrap();
-        assert_eq!(found.sha256, carried(MICRO_ROOMS).unwrap().unwrap().sha256);
+        assert_eq!(found.sha256, embedded(MICRO_ROOMS).unwrap().unwrap().sha256);
         assert!(matches!(find(Path::new("./micro-rooms"), String::new), Err(ModelError::MissingWeights { .. })));
     }
 }
