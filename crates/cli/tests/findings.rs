@@ -54,7 +54,7 @@ fn build_and_run_choose_the_same_frames() {
     let rule = "[sampler]\nsampler = 'evenly-spaced'\ncontext-views = 2\ntarget-views = 3\n";
     std::fs::write(here.join("rule.toml"), rule).unwrap();
     let built = succeed(here, &["protocol", "build", "data", "--sampler", "rule.toml", "-o", "built.json"]);
-    assert!(built.contains("3  frames left out, their pictures are missing"), "{built}");
+    assert!(built.contains("3  frames skipped, their images are missing"), "{built}");
     let entry = &IndexFile::read(&here.join("built.json")).unwrap().index.scenes["scene"][0];
     let named: Vec<usize> = entry.context.iter().chain(&entry.target).copied().collect();
     assert!(named.iter().all(|frame| ![0, 3, 8].contains(frame)), "{named:?}");

@@ -5,12 +5,14 @@
 //! How a table looks is not known here.
 
 mod context;
+pub mod discovery;
 pub mod drift;
 mod error;
 pub mod expansion;
 mod file_name;
 pub mod method;
 mod rows;
+mod run_report;
 pub mod runner;
 #[cfg(test)]
 mod sample_rows;
@@ -26,4 +28,5 @@ pub use rows::{
     IDENTICAL, MethodRecord, MetricRecord, PresetRecord, Provenance, Results, Shard, SkippedEntry, TargetRow,
     TargetStatus, TrialKey, TrialRow, TrialStatus, WarningCount,
 };
+pub use run_report::RunReport;
 pub use store::Store;

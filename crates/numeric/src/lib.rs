@@ -4,6 +4,7 @@
 //! [`Extremes`] lets NaN through where the standard library's `max` and `min` swallow it. Shared for the same reason:
 //! [`median`] and [`quantile`], and [`SplitMix64`], which every random choice comes from.
 
+mod bytes;
 mod extremes;
 mod order;
 mod random;
@@ -11,6 +12,7 @@ mod rank;
 mod split_mix;
 mod tolerance;
 
+pub use bytes::format_bytes;
 pub use extremes::Extremes;
 pub use order::{median, quantile};
 pub use random::SplitMix64;

@@ -73,11 +73,11 @@ fn trials(dataset: &Dataset) -> Trials {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::reproduce::suite::{SuiteArg, simulated_datasets};
+    use atsplat_eval::discovery::simulated_datasets;
 
     #[test]
     fn shows_the_stand_in_of_the_papers_protocol() {
-        let datasets = simulated_datasets(SuiteArg::Quick).unwrap();
+        let datasets = simulated_datasets(|_, _| 8).unwrap();
         let trained = Trained::embedded().unwrap();
         let section = section(&datasets, &trained).unwrap();
         let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();

@@ -1,15 +1,14 @@
 //! `atsplat reproduce`: runs everything that can run here and writes the full report.
 
 mod expansion;
-mod found;
 mod methods;
-mod suite;
 mod summary;
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use anyhow::{Context as _, bail};
+use atsplat_eval::discovery::{Found, NotRun, find_datasets, simulated_datasets};
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Dataset, KeepPictures, Plan, Selection, Summary, metric_ids, named_metrics};
 use atsplat_eval::timing::TimingPlan;
@@ -18,13 +17,12 @@ use atsplat_metrics::learned::WeightsFolders;
 use atsplat_metrics::{Networks, Suite};
 use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
+use clap::ValueEnum;
 
 use crate::output::{print_findings, print_warnings};
 use crate::process::provenance;
 use crate::progress::Progress;
-use found::{Found, NotRun};
 use methods::Trained;
-use suite::SuiteArg;
 
 /// Presets of the paper's ablations; simulated presets may stand in for them.
 const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
@@ -60,6 +58,36 @@ pub(crate) struct Args {
     /// Read every image again to detect changes since its results were made.
     #[arg(long)]
     verify: bool,
+}
+
+/// Extent of a run.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub(crate) enum SuiteArg {
+    /// A few scenes of every protocol; takes minutes.
+    Quick,
+    /// All scenes.
+    Full,
+}
+
+impl SuiteArg {
+    /// Number of scenes of a simulated preset.
+    const fn simulated_scenes(self, context_views: usize, targets: usize) -> usize {
+        match self {
+            Self::Full => usize::MAX,
+            Self::Quick if context_views > 6 => 1,
+            Self::Quick if targets > 8 => 2,
+            Self::Quick if context_views > 2 => 4,
+            Self::Quick => 8,
+        }
+    }
+
+    /// Number of scenes per protocol on a user's data.
+    const fn limit(self) -> Option<u64> {
+        match self {
+            Self::Quick => Some(4),
+            Self::Full => None,
+        }
+    }
 }
 
 /// Results of methods on datasets.
@@ -125,8 +153,11 @@ fn reasons(not_run: &[NotRun]) -> String {
 impl Args {
     fn found(&self, warnings: &mut Warnings) -> anyhow::Result<Found> {
         match &self.data {
-            Some(folder) => found::find(folder, warnings),
-            None => Ok(Found { datasets: suite::simulated_datasets(self.suite)?, not_run: Vec::new() }),
+            Some(folder) => Ok(find_datasets(folder, warnings)?),
+            None => {
+                let limit = |context_views, targets| self.suite.simulated_scenes(context_views, targets);
+                Ok(Found { datasets: simulated_datasets(limit)?, not_run: Vec::new() })
+            }
         }
     }
 

@@ -4,6 +4,7 @@ use std::fmt::Write as _;
 use std::path::Path;
 
 use atsplat_eval::Results;
+use atsplat_eval::discovery::NotRun;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, PictureBudget, PlotSection};
@@ -11,7 +12,6 @@ use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
 use indexmap::IndexSet;
 
-use super::found::NotRun;
 use super::methods::Trained;
 use crate::output::print_text;
 

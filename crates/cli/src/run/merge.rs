@@ -3,11 +3,10 @@
 use std::path::PathBuf;
 
 use anyhow::bail;
-use atsplat_eval::Results;
 use atsplat_eval::store::Merged;
+use atsplat_eval::{Results, RunReport};
 
 use super::read;
-use super::report::Report;
 use crate::output::{print_report, warn};
 
 #[derive(Debug, clap::Args)]
@@ -37,7 +36,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         bail!("shards {} are missing: --partial merges the others", missing.join(", "));
     }
     results.write(&args.out)?;
-    print_report(&Report::of(&results, None, &args.out), args.json)?;
+    print_report(&RunReport::of(&results, None, &args.out), args.json)?;
     if repeated > 0 {
         warn(&format!("warning: {repeated} results stood in several stores with equal values, and were taken once"));
     }

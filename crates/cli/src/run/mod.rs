@@ -3,16 +3,15 @@
 pub(crate) mod merge;
 mod methods;
 pub(crate) mod protocols;
-mod report;
 pub(crate) mod score;
 pub(crate) mod settings;
 
 use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
-use atsplat_eval::Results;
 use atsplat_eval::method::Method;
 use atsplat_eval::runner::{self, Plan};
+use atsplat_eval::{Results, RunReport};
 use atsplat_scene::Warnings;
 
 use crate::output::{print_findings, print_report, print_warnings, warn};
@@ -20,7 +19,6 @@ use crate::process::provenance;
 use crate::progress::Progress;
 use methods::{MethodArg, MethodArgs};
 use protocols::ProtocolArgs;
-use report::Report;
 use settings::{SettingArgs, TimingArgs};
 
 // The protocols come first.
@@ -85,7 +83,7 @@ fn evaluate(
     let (results, summary) = runner::run(&plan, store, &|| progress.step())?;
     drop(progress);
     let takes_any_size = protocols.takes_any_size();
-    print_report(&Report::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
+    print_report(&RunReport::of(&results, Some(summary), settings.out()).advising(takes_any_size), settings.json)?;
     print_warnings(&warnings);
     print_findings(&results, &warnings);
     if let Some(why) = plan.nothing_evaluated(&results) {

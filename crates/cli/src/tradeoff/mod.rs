@@ -1,19 +1,17 @@
 //! `atsplat tradeoff`: quality against time and Gaussians of each setting of a method, and which settings are worth it.
 
-mod report;
 mod sweep;
 
 use std::path::PathBuf;
 
 use atsplat_eval::Results;
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{across, tradeoffs};
+use atsplat_eval::tradeoff::{TradeoffReport, across, tradeoffs};
 use atsplat_metrics::definition;
 use clap::Subcommand;
 
 use crate::exit::{Exit, WithStrict};
 use crate::output::print_report;
-use report::Report;
 
 #[derive(Debug, clap::Args)]
 #[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
@@ -63,7 +61,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<Exit> {
     } else {
         tradeoffs(&results, &metrics, leaked)?
     };
-    print_report(&Report { tradeoffs }, args.json)?;
+    print_report(&TradeoffReport { tradeoffs }, args.json)?;
     Ok(Exit::Done)
 }
 

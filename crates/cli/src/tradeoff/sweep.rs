@@ -5,12 +5,11 @@ use atsplat_eval::Results;
 use atsplat_eval::method::ConstantsChoice;
 use atsplat_eval::runner::{self, Plan};
 use atsplat_eval::statistics::Leaked;
-use atsplat_eval::tradeoff::{Part, Sweep, Swept, across, parts, tradeoffs};
+use atsplat_eval::tradeoff::{Part, Sweep, Swept, TradeoffReport, across, parts, tradeoffs};
 use atsplat_metrics::Suite;
 use atsplat_model::network::Device;
 use atsplat_scene::Warnings;
 
-use super::report::Report;
 use crate::output::{print_findings, print_report, print_warnings};
 use crate::process::provenance;
 use crate::progress::Progress;
@@ -66,7 +65,7 @@ pub(super) fn run(args: &Args) -> anyhow::Result<bool> {
         1 => tradeoffs(&results, &metrics, Leaked::Included)?,
         _ => metrics.iter().map(|metric| across(&results, metric, Leaked::Included)).collect::<Result<_, _>>()?,
     };
-    print_report(&Report { tradeoffs }, args.settings.json)?;
+    print_report(&TradeoffReport { tradeoffs }, args.settings.json)?;
     print_warnings(&warnings);
     print_findings(&results, &warnings);
     Ok(complete)

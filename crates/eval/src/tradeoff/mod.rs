@@ -7,6 +7,7 @@ mod frontier;
 mod knobs;
 mod parts;
 mod price;
+mod report;
 mod sample;
 mod sweep;
 #[cfg(test)]
@@ -16,5 +17,6 @@ pub use frontier::{Against, Axis, Contrasts, Frontier, Point, Sample, Standing, 
 pub use knobs::{Knobs, RendererKnobs};
 pub use parts::{Part, Swept, parts};
 pub use price::Price;
+pub use report::TradeoffReport;
 pub use sample::{Tradeoff, across, quality_step, samples, tradeoffs};
 pub use sweep::{Setting, Sweep};

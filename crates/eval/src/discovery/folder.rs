@@ -6,14 +6,15 @@ use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use atsplat_camera::ImageSize;
-use atsplat_eval::EvalError;
-use atsplat_eval::runner::{Dataset, PlannedIndex};
-use atsplat_eval::sources::{AlreadyCropped, PresentFrames};
 use atsplat_protocol::Preset;
 use atsplat_protocol::extrapolation::{Extrapolation, scene_lengths};
 use atsplat_protocol::{EvaluationIndex, IndexLayout};
 use atsplat_scene::{Format, NerfstudioOptions, OpenOptions, PictureFolder, Scene, SceneSource, Warnings, open_with};
 use serde::Serialize;
+
+use crate::EvalError;
+use crate::runner::{Dataset, PlannedIndex};
+use crate::sources::{AlreadyCropped, PresentFrames};
 
 /// Maximum depth of the search.
 const MAX_DEPTH: usize = 4;
@@ -22,16 +23,21 @@ const DOWNSCALES: [u32; 3] = [8, 4, 2];
 
 /// The datasets found, and what cannot run and why.
 #[derive(Default)]
-pub(super) struct Found {
-    pub(super) datasets: Vec<Dataset>,
-    pub(super) not_run: Vec<NotRun>,
+#[expect(missing_debug_implementations, reason = "datasets have none")]
+pub struct Found {
+    /// Datasets with their protocol and index, ready to run.
+    pub datasets: Vec<Dataset>,
+    /// What cannot run.
+    pub not_run: Vec<NotRun>,
 }
 
 /// A protocol that does not run on a dataset.
 #[derive(Clone, Debug, Serialize)]
-pub(super) struct NotRun {
-    pub(super) what: String,
-    pub(super) why: String,
+pub struct NotRun {
+    /// Protocol and dataset.
+    pub what: String,
+    /// The reason.
+    pub why: String,
 }
 
 /// A dataset on disk.
@@ -42,8 +48,14 @@ struct OnDisk {
 }
 
 /// Searches a folder. Index files of published protocols are found by their hash anywhere in it.
-pub(super) fn find(folder: &Path, warnings: &mut Warnings) -> anyhow::Result<Found> {
-    anyhow::ensure!(folder.is_dir(), "{} is not a folder", folder.display());
+///
+/// # Errors
+/// [`EvalError::Settings`] if `folder` is not a folder, [`EvalError::Protocol`] for a broken preset.
+pub fn find_datasets(folder: &Path, warnings: &mut Warnings) -> Result<Found, EvalError> {
+    if !folder.is_dir() {
+        let found = folder.display().to_string();
+        return Err(EvalError::Settings { what: "data", expected: "a folder".to_owned(), found });
+    }
     let mut found = Found::default();
     let mut on_disk = Vec::new();
     search(folder, 0, &mut on_disk);
@@ -84,7 +96,7 @@ fn search(folder: &Path, depth: usize, found: &mut Vec<OnDisk>) {
 }
 
 /// Adds every protocol that fits a dataset: with a published index that names its scenes, else with the protocol's sampler.
-fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnings) -> anyhow::Result<()> {
+fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnings) -> Result<(), EvalError> {
     let before = found.datasets.len();
     for name in Preset::names() {
         let preset = Preset::named(name)?;
@@ -92,7 +104,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
             continue;
         }
         let what = format!("{name} on {}", dataset.path.display());
-        let Some((source, preset, told)) = prepared(dataset, &preset) else {
+        let Some((source, preset, description)) = prepared(dataset, &preset) else {
             let size = preset.preprocessing.expected_size.map_or("any".to_owned(), |size| size.to_string());
             found.not_run.push(NotRun { what, why: format!("its images do not have the protocol's size, {size}") });
             continue;
@@ -102,7 +114,7 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
                 let taken = found.datasets.iter().any(|other| other.name == name);
                 let place = dataset.path.file_name().unwrap_or_default().to_string_lossy().into_owned();
                 let name = if taken { format!("{name}@{place}") } else { name.to_owned() };
-                found.datasets.push(Dataset { name, preset, source, told, index });
+                found.datasets.push(Dataset { name, preset, source, told: description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
@@ -114,10 +126,10 @@ fn fit(folder: &Path, dataset: &OnDisk, found: &mut Found, warnings: &mut Warnin
         let what = format!("{} on {}", preset.name, dataset.path.display());
         match sampled(&source, &preset, warnings) {
             Ok(index) => {
-                let told = dataset.path.display().to_string();
+                let description = dataset.path.display().to_string();
                 let name =
                     format!("{}@{}", preset.name, dataset.path.file_name().unwrap_or_default().to_string_lossy());
-                found.datasets.push(Dataset { name, preset, source, told, index });
+                found.datasets.push(Dataset { name, preset, source, told: description, index });
             }
             Err(why) => found.not_run.push(NotRun { what, why }),
         }
@@ -136,15 +148,15 @@ fn suits(format: Format, preset: &Preset) -> bool {
 
 /// The dataset with images in the preset's size: as they are, already cropped, or a downscaled copy.
 fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, Preset, String)> {
-    let told = dataset.path.display().to_string();
+    let description = dataset.path.display().to_string();
     let Some(expected) = preset.preprocessing.expected_size else {
-        return Some((Arc::clone(&dataset.source), preset.clone(), told));
+        return Some((Arc::clone(&dataset.source), preset.clone(), description));
     };
     if picture_size(dataset.source.as_ref()) == Some(expected) {
-        return Some((Arc::clone(&dataset.source), preset.clone(), told));
+        return Some((Arc::clone(&dataset.source), preset.clone(), description));
     }
     if let Some((source, preset)) = AlreadyCropped::of(&dataset.source, preset) {
-        return Some((Arc::new(source), preset, format!("{told}, pictures cropped beforehand")));
+        return Some((Arc::new(source), preset, format!("{description}, pictures cropped beforehand")));
     }
     DOWNSCALES.into_iter().find_map(|factor| {
         let pictures = PictureFolder::Downscaled(factor);
@@ -152,7 +164,7 @@ fn prepared(dataset: &OnDisk, preset: &Preset) -> Option<(Arc<dyn SceneSource>, 
         let options = OpenOptions { nerfstudio, ..OpenOptions::default() };
         let source: Arc<dyn SceneSource> = Arc::new(open_with(&dataset.path, &options, &mut Warnings::new()).ok()?);
         let fits = picture_size(source.as_ref()) == Some(expected);
-        fits.then(|| (source, preset.clone(), format!("{told}, images_{factor}")))
+        fits.then(|| (source, preset.clone(), format!("{description}, images_{factor}")))
     })
 }
 

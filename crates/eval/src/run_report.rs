@@ -4,18 +4,20 @@ use std::collections::BTreeMap;
 use std::fmt;
 use std::path::{Path, PathBuf};
 
-use atsplat_eval::runner::Summary;
-use atsplat_eval::timing::{Spread, Times, times};
-use atsplat_eval::{IDENTICAL, Results, TargetRow, TargetStatus, WarningCount};
 use atsplat_metrics::{DECIBEL_CAP, definition};
+use atsplat_numeric::format_bytes;
 use atsplat_protocol::DropReason;
 use serde::Serialize;
 
-use crate::process::format_bytes;
+use crate::runner::Summary;
+use crate::timing::{Spread, Times, times};
+use crate::{IDENTICAL, MetricRecord, Results, TargetRow, TargetStatus, WarningCount};
 
+/// The summary of a results store: means over scenes, times, failures and warnings. [`Display`](fmt::Display) prints it as a
+/// table, [`Serialize`] as JSON.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Report {
+pub struct RunReport {
     store: PathBuf,
     #[serde(skip_serializing_if = "Option::is_none")]
     summary: Option<Summary>,
@@ -69,8 +71,9 @@ struct Row {
     means: BTreeMap<String, f64>,
 }
 
-impl Report {
-    pub(super) fn of(results: &Results, summary: Option<Summary>, store: &Path) -> Self {
+impl RunReport {
+    /// Summarises the results in the folder `store`, after a run with this summary if there was one.
+    pub fn of(results: &Results, summary: Option<Summary>, store: &Path) -> Self {
         let provenance = &results.provenance;
         let (mut rows, mut of_methods) = (Vec::new(), Vec::new());
         for preset in &provenance.presets {
@@ -93,7 +96,7 @@ impl Report {
                 }
             }
         }
-        let absent = |metric: &atsplat_eval::MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
+        let absent = |metric: &MetricRecord| Some((metric.id.clone(), metric.absent.clone()?));
         let not_computed = provenance.metrics.iter().filter_map(absent).collect();
         let (without, warnings) = (without(results), provenance.warnings.clone());
         Self {
@@ -109,7 +112,8 @@ impl Report {
     }
 
     /// Suggests `--any-size` if images were rejected for their size without it.
-    pub(super) fn advising(self, takes_any_size: bool) -> Self {
+    #[must_use]
+    pub fn advising(self, takes_any_size: bool) -> Self {
         const ADVICE: &str = "--any-size takes images of any size; the results then belong to another protocol";
         let refused = self.without.iter().any(|without| without.what.ends_with(DropReason::PictureSize.name()));
         Self { advice: (refused && !takes_any_size).then_some(ADVICE), ..self }
@@ -206,7 +210,7 @@ fn mean(targets: &[&TargetRow], id: &str) -> Option<f64> {
     (!scenes.is_empty()).then(|| means.sum::<f64>() / scenes.len() as f64)
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for RunReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let mut shown: Vec<&String> = Vec::new();
         for id in self.rows.iter().flat_map(|row| row.means.keys()) {
@@ -260,7 +264,7 @@ impl fmt::Display for Report {
     }
 }
 
-impl Report {
+impl RunReport {
     /// The times of the timing pass, or a line with the reason for having none.
     fn write_times(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let (timed, absent): (Vec<_>, Vec<_>) = self.times.iter().partition(|row| row.times.is_some());

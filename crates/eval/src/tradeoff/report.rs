@@ -1,16 +1,18 @@
 use std::fmt;
 
-use atsplat_eval::tradeoff::{Axis, Frontier, Point, Price, Standing, Tradeoff};
 use serde::Serialize;
 
-/// Frontiers of every protocol and metric.
-#[derive(Serialize)]
+use super::{Axis, Frontier, Point, Price, Standing, Tradeoff};
+
+/// Frontiers of every protocol and metric. [`Display`](fmt::Display) prints them as tables with prices.
+#[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Report {
-    pub(super) tradeoffs: Vec<Tradeoff>,
+pub struct TradeoffReport {
+    /// One per protocol and metric.
+    pub tradeoffs: Vec<Tradeoff>,
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for TradeoffReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         for (at, tradeoff) in self.tradeoffs.iter().enumerate() {
             let Tradeoff { preset, metric, unit, frontiers, .. } = tradeoff;

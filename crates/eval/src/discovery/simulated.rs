@@ -1,54 +1,31 @@
-//! Runs without data: simulated scenes under every protocol.
-
 use std::sync::Arc;
 
-use anyhow::Context as _;
-use atsplat_eval::runner::{Dataset, PlannedIndex};
-use atsplat_eval::sources::simulated;
 use atsplat_protocol::{EvaluationIndex, IndexFile, Preset};
-use clap::ValueEnum;
 
-/// Extent of a run.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub(super) enum SuiteArg {
-    /// A few scenes of every protocol; takes minutes.
-    Quick,
-    /// All scenes.
-    Full,
-}
+use crate::EvalError;
+use crate::runner::{Dataset, PlannedIndex};
+use crate::sources::simulated;
 
-impl SuiteArg {
-    /// Number of scenes of a simulated preset.
-    pub(super) const fn simulated_scenes(self, context_views: usize, targets: usize) -> usize {
-        match self {
-            Self::Full => usize::MAX,
-            Self::Quick if context_views > 6 => 1,
-            Self::Quick if targets > 8 => 2,
-            Self::Quick if context_views > 2 => 4,
-            Self::Quick => 8,
-        }
-    }
-
-    /// Number of scenes per protocol on a user's data.
-    pub(super) const fn limit(self) -> Option<u64> {
-        match self {
-            Self::Quick => Some(4),
-            Self::Full => None,
-        }
-    }
-}
-
-/// Every preset of simulated scenes, with the number of scenes of the suite.
-pub(super) fn simulated_datasets(suite: SuiteArg) -> anyhow::Result<Vec<Dataset>> {
+/// Every preset of simulated scenes. `max_scenes` limits the scenes of a preset by its numbers of context views and of
+/// targets.
+///
+/// # Errors
+/// [`EvalError::Protocol`] for a broken preset or index, [`EvalError::Settings`] if a preset with an embedded index is not
+/// simulated.
+pub fn simulated_datasets(max_scenes: impl Fn(usize, usize) -> usize) -> Result<Vec<Dataset>, EvalError> {
     let mut datasets = Vec::new();
     for name in Preset::names() {
         let preset = Preset::named(name)?;
         let Some(accepted) = preset.index.accepted.first() else { continue };
         let Some(file) = IndexFile::carried(&accepted.name) else { continue };
         let file = file?;
-        let limit = suite.simulated_scenes(preset.index.context_views, preset.index.targets.1);
+        let limit = max_scenes(preset.index.context_views, preset.index.targets.1);
         let index = first_scenes(&file.index, limit);
-        let source = simulated(&preset, &index)?.with_context(|| format!("{name} is not simulated"))?;
+        let source = simulated(&preset, &index)?.ok_or_else(|| EvalError::Settings {
+            what: "protocol",
+            expected: "simulated scenes".to_owned(),
+            found: name.to_owned(),
+        })?;
         let planned = PlannedIndex {
             index,
             told: format!("carried: {}", accepted.name),
@@ -79,7 +56,7 @@ mod tests {
 
     #[test]
     fn published_protocols_have_simulated_stand_ins() {
-        let datasets = simulated_datasets(SuiteArg::Quick).unwrap();
+        let datasets = simulated_datasets(|_, _| 2).unwrap();
         let stand_ins: Vec<String> = datasets.iter().filter_map(|dataset| dataset.preset.stands_for.clone()).collect();
         let published = Preset::names().map(|name| Preset::named(name).unwrap());
         let without: Vec<String> = published
@@ -88,7 +65,7 @@ mod tests {
             .collect();
         assert_eq!(without, ["acid-2v-256", "photos-3v-256"], "landscapes from the air are not simulated");
         for dataset in &datasets {
-            assert!(!dataset.index.index.scenes.is_empty() && dataset.index.index.scenes.len() <= 8);
+            assert!(!dataset.index.index.scenes.is_empty() && dataset.index.index.scenes.len() <= 2);
         }
     }
 }
