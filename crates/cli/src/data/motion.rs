@@ -12,7 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 
 use super::simulate::{KindArg, SplitArg};
-use crate::output::{PendingFile, print_report, print_warnings, warn};
+use crate::output::{print_report, print_warnings, warn};
 use crate::plot::PlotFile;
 use crate::progress::Progress;
 
@@ -91,10 +91,7 @@ const MEASURES: [Measure; 8] = [
 ];
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
-    let plot = match &args.plot {
-        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
-        None => None,
-    };
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let mut warnings = Warnings::new();
     let mut groups = Vec::new();
     if args.simulated > 0 {
@@ -109,8 +106,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         groups.push(Group { name: "RE10K".to_owned(), clips: ClipMotion::real()?, too_short: 0, without_times: 0 });
     }
     let report = Report { quantiles: rows(&groups), groups };
-    if let Some((file, format)) = plot {
-        file.finish(&histograms(&report.groups).draw().encode(format)?)?;
+    if let Some(plot) = plot {
+        plot.finish(|format| histograms(&report.groups).draw().encode(format))?;
     }
     print_report(&report, args.json)?;
     print_warnings(&warnings);

@@ -5,7 +5,7 @@ use atsplat_eval::Results;
 use atsplat_eval::drift::{Baseline, DriftReport, NumberHistory, histories};
 use atsplat_report::figures::of_drift;
 
-use crate::output::{PendingFile, warn};
+use crate::output::warn;
 use crate::plot::PlotFile;
 
 #[derive(Debug, clap::Args)]
@@ -36,8 +36,8 @@ impl HistoryArgs {
         let selected = self.selected(&histories).with_context(|| self.not_found(&histories))?;
         let NumberHistory { preset, method, metric, .. } = selected;
         let drawing = of_drift(selected).with_context(|| format!("unknown metric {metric}"))?;
-        PendingFile::open(&file.path)?.finish(&drawing.encode(file.format)?)?;
-        warn(&format!("{metric} of {method} under {preset} into {}", file.path.display()));
+        file.open()?.finish(|format| drawing.encode(format))?;
+        warn(&format!("{metric} of {method} under {preset} into {}", file.path().display()));
         Ok(())
     }
 

@@ -13,7 +13,7 @@ use atsplat_report::plot::{EstimatePoint, EstimatorPanel, EstimatorScatter};
 use atsplat_rooms::{Geometry, Request, SceneKind, SceneSeed, Simulation, Split};
 use serde::Serialize;
 
-use crate::output::{PendingFile, print_report};
+use crate::output::print_report;
 use crate::parse;
 use crate::plot::PlotFile;
 use crate::progress::Progress;
@@ -90,10 +90,7 @@ struct Row {
 
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let estimators = estimators()?;
-    let plot = match &args.plot {
-        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
-        None => None,
-    };
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let progress = Progress::new("scenes", KINDS.len() * args.scenes as usize);
     let mut pairs = Vec::new();
     for kind in KINDS {
@@ -115,8 +112,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let rows = rows.collect();
     let scenes = KINDS.len() * args.scenes as usize;
     let report = Report { scenes, size: args.size, pairs, estimators: rows };
-    if let Some((file, format)) = plot {
-        file.finish(&scatter(&report, &estimators).draw().encode(format)?)?;
+    if let Some(plot) = plot {
+        plot.finish(|format| scatter(&report, &estimators).draw().encode(format))?;
     }
     print_report(&report, args.json)?;
     Ok(true)

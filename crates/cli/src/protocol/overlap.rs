@@ -5,13 +5,14 @@ use std::path::PathBuf;
 use anyhow::{bail, ensure};
 use atsplat_protocol::overlap::{DepthFolder, OverlapEstimator, UnmeasuredExample, annotate_overlaps};
 use atsplat_protocol::{BinCounts, BinPlace, BinRule, EvaluationIndex, IndexFile, KnownIndex, OverlapBins};
+use atsplat_report::plot::OverlapHistogram;
 use atsplat_scene::Warnings;
 use serde::Serialize;
 
 use crate::dataset_args::PictureArgs;
 use crate::output::{PendingFile, print_report, print_warnings};
 use crate::parse;
-use crate::plot::{OverlapHistogram, PlotFile, PlotFormat, draw_overlap_histogram};
+use crate::plot::PlotFile;
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -90,10 +91,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let depth = depth(args)?;
     let file = IndexFile::read(&args.index)?;
     let out = args.out.as_deref().map(PendingFile::open).transpose()?;
-    let plot = match &args.plot {
-        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
-        None => None,
-    };
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let layout = file.layout;
     let title = match KnownIndex::by_sha256(&file.sha256) {
         Some(known) => format!("{} {}", known.repository, known.path),
@@ -125,8 +123,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         unmeasured: measured.as_ref().map_or_else(BTreeMap::new, |found| found.unmeasured.clone()),
         examples: measured.map_or_else(Vec::new, |found| found.examples),
     };
-    if let Some((file, format)) = plot {
-        file.finish(&histogram(&index, &bins, &title, format)?)?;
+    if let Some(plot) = plot {
+        let overlaps = placed_overlaps(&index, &bins);
+        let histogram = OverlapHistogram { title: &title, overlaps: &overlaps, bins: bins.names() };
+        plot.finish(|format| histogram.encode(format))?;
     }
     if let Some(out) = out {
         out.finish(index.to_json(&layout).as_bytes())?;
@@ -176,14 +176,13 @@ fn depth(args: &Args) -> anyhow::Result<Option<DepthFolder>> {
     Ok(args.depth.as_deref().map(DepthFolder::open).transpose()?)
 }
 
-fn histogram(index: &EvaluationIndex, bins: &OverlapBins, title: &str, format: PlotFormat) -> anyhow::Result<Vec<u8>> {
+/// Each overlap with its bin; `None` outside all bins.
+fn placed_overlaps(index: &EvaluationIndex, bins: &OverlapBins) -> Vec<(f64, Option<usize>)> {
     let place = |overlap| match bins.place(overlap) {
         BinPlace::Bin(bin) => Some(bin),
         BinPlace::Below | BinPlace::Above => None,
     };
-    let overlaps: Vec<(f64, Option<usize>)> =
-        index.overlaps().map(|overlap| (overlap.value, place(overlap.value))).collect();
-    draw_overlap_histogram(&OverlapHistogram { title, overlaps: &overlaps, bins: bins.names() }, format)
+    index.overlaps().map(|overlap| (overlap.value, place(overlap.value))).collect()
 }
 
 impl fmt::Display for Report {

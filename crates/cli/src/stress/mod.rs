@@ -3,9 +3,12 @@
 mod report;
 mod splat;
 
-use crate::output::{PendingFile, print_report, print_text};
+use atsplat_report::plot::{StressError, StressErrors};
+use atsplat_splat::stress::StressRow;
+
+use crate::output::{print_report, print_text};
 use crate::parse::{once, usage_error};
-use crate::plot::{PlotFile, StressErrors, draw_stress_errors};
+use crate::plot::PlotFile;
 use report::Report;
 
 #[derive(Debug, clap::Args)]
@@ -41,14 +44,26 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         print_text(&splat::list(&args.case))?;
         return Ok(true);
     }
-    let plot = match &args.plot {
-        Some(plot) => Some((PendingFile::open(&plot.path)?, plot.format)),
-        None => None,
-    };
+    let plot = args.plot.as_ref().map(PlotFile::open).transpose()?;
     let report = Report::of(splat::rows(&args.case, &args.path)?);
-    if let Some((file, format)) = plot {
-        file.finish(&draw_stress_errors(&StressErrors { rows: &report.rows }, format)?)?;
+    if let Some(plot) = plot {
+        let errors = plotted_errors(&report.rows);
+        plot.finish(|format| StressErrors { errors: &errors }.encode(format))?;
     }
     print_report(&report, args.json)?;
     Ok(report.failed == 0)
+}
+
+fn plotted_errors(rows: &[StressRow]) -> Vec<StressError<'_>> {
+    let errors = rows.iter().flat_map(|row| row.errors.iter().map(move |error| (row, error)));
+    let plotted = errors.map(|(row, error)| StressError {
+        case: &row.case,
+        path: &row.path,
+        // Without compared values there is no error to show, but the case keeps its row.
+        kind: if error.compared > 0 { error.name } else { "" },
+        relative: error.relative,
+        bound: error.bound,
+        passes: error.passes(),
+    });
+    plotted.collect()
 }

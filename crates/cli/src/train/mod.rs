@@ -1,6 +1,5 @@
 //! `atsplat train`: trains a network from a configuration.
 
-mod curves;
 mod report;
 
 use std::path::PathBuf;
@@ -8,7 +7,8 @@ use std::time::Duration;
 
 use anyhow::Context as _;
 use atsplat_pixels::encode_png;
-use atsplat_train::{Limits, Start, TrainConfig, Trainer, contact_sheet, journal};
+use atsplat_report::plot::{LearningCurve, PlotFormat};
+use atsplat_train::{Limits, Start, Terms, TrainConfig, Trainer, contact_sheet, journal};
 
 use crate::output::{PendingFile, print_text};
 use report::Live;
@@ -80,8 +80,19 @@ fn write_logs(args: &Args, trainer: &Trainer) -> anyhow::Result<()> {
     let evaluations: Vec<journal::EvaluationRecord> = journal::read(&args.out.join("evaluations.jsonl"))?;
     journal::write_steps(&args.out.join("steps.parquet"), &steps)?;
     journal::write_evaluations(&args.out.join("evaluations.parquet"), &evaluations)?;
-    let plot = curves::draw(&trainer.config().title, &steps, &evaluations)?;
-    PendingFile::open(&args.out.join("learning-curve.png"))?.finish(&plot)?;
+    let terms = Terms::default().named().map(|(name, _)| name);
+    let values = |term: usize| steps.iter().map(move |record| Some(record.terms?.named().get(term)?.1));
+    let losses: Vec<_> = terms.into_iter().enumerate().map(|(term, name)| (name, values(term).collect())).collect();
+    let curve = LearningCurve {
+        title: &trainer.config().title,
+        steps: &steps.iter().map(|record| record.step).collect::<Vec<_>>(),
+        losses: &losses,
+        evaluations: &evaluations
+            .iter()
+            .map(|record| (record.step, record.psnr, record.nearest_view_psnr))
+            .collect::<Vec<_>>(),
+    };
+    PendingFile::open(&args.out.join("learning-curve.png"))?.finish(&curve.encode(PlotFormat::Png)?)?;
     if let Some(evaluation) = trainer.evaluation() {
         let sheet = contact_sheet(evaluation, &trainer.network()?, SHEET.0, SHEET.1)?;
         PendingFile::open(&args.out.join("contact-sheet.png"))?.finish(&encode_png(&sheet)?)?;
