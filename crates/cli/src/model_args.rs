@@ -3,7 +3,7 @@
 use anyhow::Context as _;
 use atsplat_model::config::SelectionRatio;
 use atsplat_model::network::{Device, Processor};
-use atsplat_model::{ModelConfig, ModelError};
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
 use clap::ValueEnum;
 
 use crate::parse::{name_or_path, not_negative};
@@ -69,6 +69,11 @@ impl ChangeArgs {
     pub(crate) const fn is_empty(&self) -> bool {
         self.thresholds.is_empty() && self.ratios.is_empty() && self.expand_first.is_none()
     }
+}
+
+/// The same size in the order of the model: height, then width.
+pub(crate) fn model_size(size: atsplat_camera::ImageSize) -> ImageSize {
+    ImageSize::new(size.height as usize, size.width as usize)
 }
 
 /// Parses the name or path of a configuration.

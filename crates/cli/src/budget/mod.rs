@@ -9,7 +9,7 @@ use atsplat_camera::ImageSize as CameraSize;
 use atsplat_model::budget::{BudgetRange, MemoryEstimate, budget, memory};
 use atsplat_model::{ImageSize, ModelConfig};
 
-use crate::model_args::{ChangeArgs, ProcessorArg, model};
+use crate::model_args::{ChangeArgs, ProcessorArg, model, model_size};
 use crate::output::{print_report, warn};
 use crate::parse;
 use crate::progress::Progress;
@@ -101,8 +101,7 @@ impl Args {
         };
         let config = self.changes.applied(&ModelConfig::resolve(name)?)?;
         let views = self.views.map_or(config.views, usize::from);
-        let size =
-            self.size.map_or(config.resolution, |size| ImageSize::new(size.height as usize, size.width as usize));
+        let size = self.size.map_or(config.resolution, model_size);
         let hash = config.hash()?;
         let is_this = |row: &Published| -> anyhow::Result<bool> {
             Ok((row.views, row.size) == (views, size) && ModelConfig::named(row.model)?.hash()? == hash)

@@ -3,19 +3,15 @@
 mod input;
 pub(crate) mod network;
 mod output;
-mod plots;
 mod rendered;
-mod renders;
 mod report;
 
 use std::path::PathBuf;
 
 use anyhow::Context as _;
-use atsplat_model::network::{Processor, Reconstruction};
-use atsplat_model::{ImageSize, budget};
+use atsplat_eval::reconstruct::{self, TokenRecord};
+use atsplat_model::budget;
 use atsplat_scene::Warnings;
-use clap::ValueEnum;
-use serde::Serialize;
 
 use crate::expansion::UNTRAINED;
 use crate::output::{PendingFile, print_report, print_warnings, warn};
@@ -23,10 +19,8 @@ use crate::parse::usage_error;
 use crate::process;
 use input::InputArgs;
 use network::NetworkArgs;
-use output::SceneFormat;
-use plots::PlotArgs;
-use renders::RenderArgs;
-use report::{Clock, Record, Report, TokenRecord};
+use output::{FrameArg, PlotArgs, RenderArgs, SceneFormat};
+use report::{Clock, Record, Report};
 
 // The dataset comes first, as in the other commands.
 #[derive(Debug, clap::Args)]
@@ -65,13 +59,6 @@ pub(crate) struct Args {
     json: bool,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, ValueEnum)]
-#[serde(rename_all = "kebab-case")]
-enum FrameArg {
-    Scene,
-    Network,
-}
-
 /// Reconstructs; always `true`, because nothing is skipped.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     args.check()?;
@@ -86,35 +73,34 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
     let mut warnings = Warnings::new();
     let source = args.network.source()?;
-    let input = clock.time("cameras", || args.input.read(&source.config, &mut warnings))?;
-    let size = input.size()?;
+    let photos = clock.time("cameras", || args.input.read(&source.config, &mut warnings))?;
+    let size = photos.size()?;
     // Input that does not fit the model is rejected before weights and images are read.
-    budget::budget(&source.config, input.trial.context().len(), source.sees(size))?;
+    budget::budget(&source.config, photos.trial().context().len(), source.sees(size))?;
     let (network, weights) = clock.time("weights", || source.load(&device))?;
-    let views = clock.time("pictures", || input.views())?;
+    let views = clock.time("pictures", || photos.views())?;
     let reconstruction = network.reconstruct(&views, args.network.seed).context("reconstructing")?;
     clock.extend(reconstruction.seconds.stages());
 
-    let normalisation = input.trial.normalisation();
     let output = clock.time("writing", || {
         let in_scene = match args.frame {
             FrameArg::Network => None,
-            FrameArg::Scene => Some(reconstruction.gaussians.transformed(&normalisation.new_from_old.inverse())?),
+            FrameArg::Scene => Some(photos.in_scene(&reconstruction.gaussians)?),
         };
         output::write(&args.out, in_scene.as_ref().unwrap_or(&reconstruction.gaussians), format, args.frame)
     })?;
-    let renders = clock.time("renders", || args.renders.render(&reconstruction.gaussians, &input))?;
+    let renders = clock.time("renders", || args.renders.render(&reconstruction.gaussians, &photos))?;
     let subject = match weights.untrained() {
         Some(_) => format!("{} ({UNTRAINED})", source.config.name),
         None => source.config.name.clone(),
     };
     let plots = clock.time("plots", || {
-        let options = args.renders.options(input.trial.near_far())?;
-        args.plots.draw(&network, &input, options, args.network.seed, &subject)
+        let options = args.renders.options(photos.trial().near_far())?;
+        args.plots.draw(&network, &photos, options, args.network.seed, &subject)
     })?;
     let record = Record {
         atsplat: env!("CARGO_PKG_VERSION"),
-        input: input.record(&args.input),
+        input: args.input.record(&photos),
         model: source.record()?,
         weights,
         seed: args.network.seed,
@@ -124,7 +110,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         output,
         renders,
         plots,
-        warnings: notes(&reconstruction, &input, args.network.processor.into()),
+        warnings: reconstruct::warnings(&reconstruction, &photos, args.network.processor.into()),
     };
     let text = serde_json::to_string_pretty(&record)?;
     record_file.finish(format!("{text}\n").as_bytes())?;
@@ -146,39 +132,10 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     Ok(true)
 }
 
-/// Warnings about input and result.
-fn notes(reconstruction: &Reconstruction, input: &input::Input, processor: Processor) -> Vec<String> {
-    let refused = |why| format!("the GPU cannot render the network's Gaussians: {why}");
-    let mut notes: Vec<String> = processor.refusal().map(refused).into_iter().collect();
-    let fallbacks = &input.trial.normalisation().fallbacks;
-    if !fallbacks.is_empty() {
-        let names: Vec<String> = fallbacks.iter().map(|fallback| format!("{fallback:?}")).collect();
-        notes.push(format!("the pose normalisation is not stable for these views: {}", names.join(", ")));
-    }
-    let distorted = input.trial.context().iter().filter(|view| view.camera.distortion != input::NO_DISTORTION).count();
-    if distorted > 0 {
-        notes.push(format!(
-            "{distorted} views have lens distortion: their rays follow it, which the papers' networks were never trained on; \
-             `atsplat data undistort` removes it from the photos, --no-distortion ignores it"
-        ));
-    }
-    let found = reconstruction.gaussians.validate();
-    if !found.is_clean() {
-        let (invalid, total) = (found.invalid, found.total);
-        notes.push(format!("{invalid} of {total} Gaussians are invalid; `atsplat render` lists the problems"));
-    }
-    notes
-}
-
 impl Args {
     /// Rejects contradicting arguments before any file is read or created.
     fn check(&self) -> Result<(), clap::Error> {
         let renders = || self.renders.check(self.input.has_targets() && !self.plots.requested());
         self.network.check().and_then(|()| renders()).map_err(usage_error)
     }
-}
-
-/// Height and width in pixels.
-fn model_size(size: atsplat_camera::ImageSize) -> ImageSize {
-    ImageSize::new(size.height as usize, size.width as usize)
 }

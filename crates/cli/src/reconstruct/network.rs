@@ -1,19 +1,15 @@
 //! Arguments of a network with its weights.
 
-use atsplat_files::Sha256Digest;
-use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 use anyhow::bail;
-use atsplat_eval::method::WeightsOf;
+use atsplat_eval::reconstruct::{NetworkSource, UntrainedBackbone};
+use atsplat_files::Sha256Digest;
+use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
-use atsplat_model::network::{Device, Network};
-use atsplat_model::parameters::parameters;
-use atsplat_model::weights::{ModelWeights, TensorFile, generated, read_backbone};
-use atsplat_model::{ImageSize, ModelConfig};
+use atsplat_model::weights::{ModelWeights, TensorFile};
 use clap::ValueEnum;
-use serde::Serialize;
 
 use crate::embedded;
 use crate::model_args::{ChangeArgs, ProcessorArg, model};
@@ -94,82 +90,6 @@ impl FromStr for WeightsArg {
     }
 }
 
-/// A configuration and the location of its weights, resolved before large files are read.
-pub(crate) struct Source<'a> {
-    args: &'a NetworkArgs,
-    weights: &'a WeightsArg,
-    pub(crate) config: ModelConfig,
-    /// The weights file and the configuration it was written for.
-    file: Option<(TensorFile, ModelConfig)>,
-}
-
-/// The configuration that ran.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct ModelRecord {
-    name: String,
-    /// Hash of everything that can change a Gaussian.
-    hash: String,
-    /// The configuration of the weights file, if another one ran.
-    written_for: Option<WrittenFor>,
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct WrittenFor {
-    name: String,
-    hash: String,
-}
-
-/// Origin of the network's weights.
-#[derive(Debug, Serialize)]
-#[serde(tag = "kind", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
-pub(crate) enum WeightsRecord {
-    File {
-        file: PathBuf,
-        sha256: String,
-        provenance: BTreeMap<String, String>,
-    },
-    Untrained {
-        seed: u64,
-        #[serde(rename = "told")]
-        message: &'static str,
-        backbone: Option<BackboneRecord>,
-    },
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(crate) struct BackboneRecord {
-    file: PathBuf,
-    sha256: String,
-    /// Description of the published file with this hash, if any.
-    known: Option<&'static str>,
-}
-
-impl WeightsRecord {
-    /// As recorded in a results store.
-    pub(crate) fn weights(&self) -> WeightsOf {
-        match self {
-            Self::File { sha256, .. } => WeightsOf::File { sha256: sha256.clone() },
-            Self::Untrained { seed, backbone, .. } => {
-                let backbone_sha256 = backbone.as_ref().map(|backbone| backbone.sha256.clone());
-                WeightsOf::Random { seed: *seed, backbone_sha256 }
-            }
-        }
-    }
-
-    const UNTRAINED: &str = "random weights, nothing was learned; the Gaussians show that the pipeline works and what it costs, not a scene";
-
-    /// The warning that must accompany all output of an untrained network.
-    pub(crate) const fn untrained(&self) -> Option<&'static str> {
-        match self {
-            Self::File { .. } => None,
-            Self::Untrained { message, .. } => Some(message),
-        }
-    }
-}
-
 impl NetworkArgs {
     pub(crate) fn check(&self) -> Result<(), String> {
         let is_file = matches!(self.weights, Some(WeightsArg::File(_)));
@@ -195,105 +115,60 @@ impl NetworkArgs {
     }
 
     /// Resolves the configuration, and opens the weights file if there is one.
-    pub(crate) fn source(&self) -> anyhow::Result<Source<'_>> {
+    pub(crate) fn source(&self) -> anyhow::Result<NetworkSource> {
         let requested = self.model.as_deref().map(ModelConfig::resolve).transpose()?;
-        let Some(weights) = &self.weights else {
-            bail!("--weights is needed: a weights file, or random:SEED for an untrained network");
-        };
-        let (base, file) = match weights {
-            WeightsArg::Untrained(_) => (requested.map_or_else(|| ModelConfig::named(DEFAULT_UNTRAINED), Ok)?, None),
-            WeightsArg::File(path) => {
-                let advised = requested.clone().map_or_else(|| ModelConfig::named("paper-re10k"), Ok)?;
-                let expected_hash = self.sha256.map(|hash| hash.to_string());
-                let file = embedded::find(path, || {
-                    let advice = ModelWeights::advice(&advised, expected_hash.as_deref());
-                    format!("{advice}; `random:SEED` in place of a file runs the network untrained")
-                })?;
-                file.check_sha256(expected_hash.as_deref())?;
-                if !ModelWeights::is_one(&file.stored) {
-                    bail!(
-                        "weights: expected a file of this toolkit, found {} tensors without its metadata: convert it with \
-                         `atsplat weights import {} --model NAME --out FILE` ({})",
-                        file.stored.tensors.len(),
-                        path.display(),
-                        path.display()
-                    );
+        let source = match &self.weights {
+            None => bail!("--weights is needed: a weights file, or random:SEED for an untrained network"),
+            Some(WeightsArg::Untrained(seed)) => {
+                let base = requested.map_or_else(|| ModelConfig::named(DEFAULT_UNTRAINED), Ok)?;
+                let config = self.changed(&base)?;
+                match &self.backbone {
+                    None => NetworkSource::untrained(config, *seed),
+                    Some(path) => {
+                        let backbone = UntrainedBackbone { path: path.clone(), sha256: self.backbone_sha256 };
+                        NetworkSource::untrained_with_backbone(config, *seed, backbone)
+                    }
                 }
-                let own = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
-                (requested.unwrap_or_else(|| own.clone()), Some((file, own)))
+            }
+            Some(WeightsArg::File(path)) => {
+                let (file, written_for) = self.weights_file(path, requested.as_ref())?;
+                let config = self.changed(requested.as_ref().unwrap_or(&written_for))?;
+                NetworkSource::from_file(config, path.clone(), file, written_for)
             }
         };
+        Ok(match self.context_size {
+            ContextSize::Trained => source,
+            ContextSize::Given => source.seeing_as_given(),
+        })
+    }
+
+    fn changed(&self, base: &ModelConfig) -> anyhow::Result<ModelConfig> {
         if self.backbone.is_some() && !matches!(base.backbone, BackboneConfig::DinoV2 { .. }) {
             bail!("--backbone: the model {} has no DINOv2 backbone", base.name);
         }
-        Ok(Source { args: self, weights, config: self.changes.applied(&base)?, file })
-    }
-}
-
-impl Source<'_> {
-    /// The training resolution of the weights, unless the network shall see images as given.
-    fn trained_at(&self) -> Option<ImageSize> {
-        let own = self.file.as_ref().map(|(_, own)| own.resolution);
-        own.filter(|_| self.args.context_size == ContextSize::Trained)
+        self.changes.applied(base)
     }
 
-    /// The size at which the network sees images of a given size.
-    pub(crate) fn sees(&self, given: ImageSize) -> ImageSize {
-        self.trained_at().map_or(given, |trained| self.config.context_size(given, trained))
-    }
-
-    /// Loads the network with all its weights.
-    pub(crate) fn load(&self, device: &Device) -> anyhow::Result<(Network, WeightsRecord)> {
-        let network = Network::new(&self.config, device)?;
-        let network = match self.trained_at() {
-            Some(size) => network.trained_at(size),
-            None => network,
-        };
-        match (self.weights, &self.file) {
-            (WeightsArg::File(path), Some((file, _))) => {
-                // Several configurations can share the same parameters.
-                let weights = ModelWeights::of_file(file)?
-                    .for_network(self.config.clone())
-                    .map_err(|error| error.in_file(path))?;
-                let record = WeightsRecord::File {
-                    file: path.clone(),
-                    sha256: file.sha256.clone(),
-                    provenance: weights.provenance,
-                };
-                Ok((network.with_weights(&weights.tensors)?, record))
-            }
-            (WeightsArg::File(path), None) => bail!("{} was not read", path.display()),
-            (WeightsArg::Untrained(seed), _) => {
-                let mut tensors = generated(&parameters(&self.config), *seed);
-                let mut record = None;
-                if let Some(path) = &self.args.backbone {
-                    let expected = self.args.backbone_sha256.map(|hash| hash.to_string());
-                    let backbone = read_backbone(path, &self.config, expected.as_deref())?;
-                    tensors.tensors.extend(backbone.tensors.tensors);
-                    let known = backbone.known.map(|known| known.what);
-                    record = Some(BackboneRecord { file: path.clone(), sha256: backbone.sha256, known });
-                }
-                let message = WeightsRecord::UNTRAINED;
-                let record = WeightsRecord::Untrained { seed: *seed, message, backbone: record };
-                Ok((network.with_weights(&tensors)?, record))
-            }
+    /// Opens a weights file, and reads the configuration that it was written for.
+    fn weights_file(&self, path: &Path, requested: Option<&ModelConfig>) -> anyhow::Result<(TensorFile, ModelConfig)> {
+        let advised = requested.map_or_else(|| ModelConfig::named("paper-re10k"), |config| Ok(config.clone()))?;
+        let expected_hash = self.sha256.map(|hash| hash.to_string());
+        let file = embedded::find(path, || {
+            let advice = ModelWeights::advice(&advised, expected_hash.as_deref());
+            format!("{advice}; `random:SEED` in place of a file runs the network untrained")
+        })?;
+        file.check_sha256(expected_hash.as_deref())?;
+        if !ModelWeights::is_one(&file.stored) {
+            bail!(
+                "weights: expected a file of this toolkit, found {} tensors without its metadata: convert it with \
+                 `atsplat weights import {} --model NAME --out FILE` ({})",
+                file.stored.tensors.len(),
+                path.display(),
+                path.display()
+            );
         }
-    }
-
-    pub(crate) fn record(&self) -> anyhow::Result<ModelRecord> {
-        let hash = self.config.hash()?;
-        let written_for = match &self.file {
-            Some((_, own)) => Some(WrittenFor { name: own.name.clone(), hash: own.hash()? }),
-            None => None,
-        };
-        let written_for = written_for.filter(|own| own.hash != hash);
-        Ok(ModelRecord { name: self.config.name.clone(), hash, written_for })
-    }
-}
-
-impl ModelRecord {
-    pub(crate) fn name(&self) -> &str {
-        &self.name
+        let written_for = ModelWeights::config_of(&file.stored).map_err(|error| error.in_file(path))?;
+        Ok((file, written_for))
     }
 }
 

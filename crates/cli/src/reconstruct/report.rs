@@ -1,23 +1,15 @@
 //! The record written next to the scene file, and the printed report.
 
-use atsplat_files::Sha256Digest;
 use std::fmt;
-use std::path::PathBuf;
 use std::time::Instant;
 
-use atsplat_camera::{Fallback, PoseNormalisation};
+use atsplat_eval::reconstruct::{BlockRecord, InputRecord, ModelRecord, RendersRecord, TokenRecord, WeightsRecord};
 use atsplat_model::ImageSize;
 use atsplat_model::budget::MemoryEstimate;
-use atsplat_model::network::{Processor, Reconstruction};
-use atsplat_protocol::NearFar;
-use atsplat_protocol::trial::AppliedNormalisation;
+use atsplat_model::network::Processor;
 use serde::Serialize;
 
-use super::FrameArg;
-use super::network::{ModelRecord, WeightsRecord};
-use super::output::OutputRecord;
-use super::plots::PlotsRecord;
-use super::renders::RendersRecord;
+use super::output::{FrameArg, OutputRecord, PlotsRecord};
 use crate::process::format_bytes;
 
 /// Everything that the Gaussians depend on, and the result. Independent of date and speed of the machine.
@@ -39,97 +31,6 @@ pub(super) struct Record {
     pub(super) renders: Option<RendersRecord>,
     pub(super) plots: Option<PlotsRecord>,
     pub(super) warnings: Vec<String>,
-}
-
-/// The input photos and their preprocessing.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct InputRecord {
-    pub(super) data: PathBuf,
-    pub(super) scene: String,
-    pub(super) views: Vec<ViewRecord>,
-    pub(super) targets: Vec<ViewRecord>,
-    /// Identity of the trial: frames, source cameras, preprocessing, normalisation, near and far planes.
-    pub(super) trial: Sha256Digest,
-    pub(super) protocol: Option<String>,
-    pub(super) preprocessing: String,
-    pub(super) normalisation: NormalisationRecord,
-    pub(super) near_far: NearFar,
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct ViewRecord {
-    pub(super) frame: usize,
-    pub(super) name: String,
-}
-
-/// `network = scale · rotation · (scene − origin)`.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct NormalisationRecord {
-    rule: PoseNormalisation,
-    /// Row-major.
-    rotation: [[f64; 3]; 3],
-    origin: [f64; 3],
-    scale: f64,
-    fallbacks: Vec<Fallback>,
-}
-
-impl From<&AppliedNormalisation> for NormalisationRecord {
-    fn from(applied: &AppliedNormalisation) -> Self {
-        let change = &applied.new_from_old;
-        Self {
-            rule: applied.rule.clone(),
-            rotation: change.rotation.transpose().to_cols_array_2d(),
-            origin: change.origin.to_array(),
-            scale: change.scale,
-            fallbacks: applied.fallbacks.clone(),
-        }
-    }
-}
-
-/// Tokens before and after each decoder block.
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) struct TokenRecord {
-    initial: usize,
-    blocks: Vec<BlockRecord>,
-    r#final: usize,
-    gaussians: usize,
-}
-
-#[derive(Debug, Serialize)]
-#[serde(rename_all = "kebab-case")]
-struct BlockRecord {
-    entered: usize,
-    expanded: usize,
-    left: usize,
-    /// Gaussians that the head would make of the tokens that left.
-    gaussians: usize,
-    /// Minimum and maximum predicted uncertainty of the tokens that entered, if the block scores them.
-    scores: Option<[f32; 2]>,
-}
-
-impl TokenRecord {
-    pub(super) fn of(reconstruction: &Reconstruction) -> Self {
-        let budget = &reconstruction.budget;
-        let per_token = budget.gaussians.checked_div(budget.final_tokens).unwrap_or(0);
-        let mut entered = budget.initial_tokens;
-        let rows = budget.expanded.iter().zip(&budget.tokens).zip(&reconstruction.blocks);
-        let blocks = rows.map(|((&expanded, &left), outcome)| {
-            let scores = outcome.scores.as_ref().and_then(|scores| {
-                let minimum = scores.iter().copied().min_by(f32::total_cmp)?;
-                Some([minimum, scores.iter().copied().max_by(f32::total_cmp)?])
-            });
-            let row = BlockRecord { entered, expanded, left, gaussians: per_token * left, scores };
-            entered = left;
-            row
-        });
-        let blocks = blocks.collect();
-        let (initial, r#final, gaussians) = (budget.initial_tokens, budget.final_tokens, budget.gaussians);
-        Self { initial, blocks, r#final, gaussians }
-    }
 }
 
 /// Wall-clock seconds per stage.
@@ -197,7 +98,7 @@ impl fmt::Display for Report {
             writeln!(f, "UNTRAINED: {message}")?;
         }
         let frames: Vec<String> = input.views.iter().map(|view| view.frame.to_string()).collect();
-        let (scene, frames, model) = (&input.scene, frames.join(", "), model.name());
+        let (scene, frames, model) = (&input.scene, frames.join(", "), &model.name);
         let seen_at = self.record.seen_at;
         let seen = if seen_at == self.size { String::new() } else { format!(" seen at {seen_at}") };
         writeln!(f, "scene {scene}, frames {frames}, {}{seen} (height x width), model {model}", self.size)?;

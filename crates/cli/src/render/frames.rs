@@ -3,13 +3,13 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use atsplat_eval::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
 use atsplat_pixels::{ImageU8, PixelError, Rounding, encode_png};
 use atsplat_splat::effects::Decision;
 use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
 use rayon::prelude::*;
 
 use super::effects::Look;
-use super::picture;
 use super::preview::{Preview, scaled};
 use super::views::Shot;
 use crate::output::PendingFile;
@@ -158,10 +158,10 @@ fn write_frame(
     frame.census = Some(rendering.census);
     let start = Instant::now();
     if files.exr {
-        write(files, shot, "exr", &picture::exr(&rendering)?, &mut frame)?;
+        write(files, shot, "exr", &rendered_exr(&rendering)?, &mut frame)?;
     }
     let picture = if files.png || needs_bytes {
-        match picture::image(&rendering)?.to_u8(files.rounding) {
+        match rendered_image(&rendering)?.to_u8(files.rounding) {
             Ok(picture) => Some(picture),
             Err(fault @ PixelError::NonFinite { .. }) => {
                 frame.fault = Some(format!("no 8-bit image: {fault}"));
@@ -180,23 +180,10 @@ fn write_frame(
 }
 
 fn write(files: &FrameFiles, shot: &Shot, extension: &str, bytes: &[u8], frame: &mut Frame) -> anyhow::Result<()> {
-    let name = file_name(shot.number, extension);
+    let name = frame_file_name(shot.number, extension);
     PendingFile::open(&files.folder.join(&name))?.finish(bytes)?;
     frame.files.push(name);
     Ok(())
-}
-
-/// `000029.png`: the number of the camera, as pixelSplat names its renderings.
-pub(crate) fn file_name(number: usize, extension: &str) -> String {
-    format!("{number:06}.{extension}")
-}
-
-/// Whether [`file_name`] can produce this name.
-pub(crate) fn is_frame_name(name: &str) -> bool {
-    match name.split_once('.') {
-        Some((number, "png" | "exr")) => number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit()),
-        _ => false,
-    }
 }
 
 /// The warning about frames in which no Gaussian is drawn, though the scene has some.
@@ -216,7 +203,7 @@ pub(crate) fn unknown_images(folder: &Path, frames: &[Frame]) -> anyhow::Result<
     let is_ours = |name: &str| frames.iter().any(|frame| frame.files.iter().any(|file| file == name));
     let entries = std::fs::read_dir(folder)?.collect::<std::io::Result<Vec<_>>>()?;
     let names = entries.iter().map(std::fs::DirEntry::file_name);
-    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame_name(name) && !is_ours(name))).count())
+    Ok(names.filter(|name| name.to_str().is_some_and(|name| is_frame_file_name(name) && !is_ours(name))).count())
 }
 
 /// Creates the folder and opens `render.json` before long work starts.

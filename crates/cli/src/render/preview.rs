@@ -2,10 +2,10 @@ use std::path::PathBuf;
 
 use anyhow::{Context as _, bail};
 use atsplat_camera::ImageSize;
+use atsplat_eval::images::is_frame_file_name;
 use atsplat_files::Writer;
 use atsplat_pixels::{AnimatedPng, Filter, ImageU8, resize};
 
-use super::frames::is_frame_name;
 use super::views::Shot;
 use crate::output::PendingFile;
 
@@ -28,7 +28,7 @@ pub(crate) struct PreviewArgs {
 fn animation_path(text: &str) -> Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension().and_then(std::ffi::OsStr::to_str) {
-        _ if path.file_name().and_then(std::ffi::OsStr::to_str).is_some_and(is_frame_name) => {
+        _ if path.file_name().and_then(std::ffi::OsStr::to_str).is_some_and(is_frame_file_name) => {
             Err(format!("frames have names of this form: expected another name, found {text:?}"))
         }
         Some("png" | "apng") => Ok(path),
