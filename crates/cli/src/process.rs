@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use atsplat_eval::Provenance;
-pub(crate) use atsplat_eval::timing::memory::{forget_peak, peak_bytes};
+pub(crate) use atsplat_eval::timing::memory::peak_bytes;
 pub(crate) use atsplat_numeric::format_bytes;
 
 /// Provenance of a run of this process. The folder of the binary is dropped: results are published.

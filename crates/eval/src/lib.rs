@@ -4,12 +4,14 @@
 //! targets, whatever happened: a failure is a row too. How long it took is told by a [timing pass](timing). [`Results`] are the rows of one store with their [`Provenance`].
 //! How a table looks is not known here.
 
+pub mod budget;
 mod context;
 pub mod discovery;
 pub mod drift;
 mod error;
 pub mod expansion;
 mod file_name;
+pub mod frame_timings;
 pub mod images;
 pub mod method;
 pub mod reconstruct;

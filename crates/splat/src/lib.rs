@@ -16,6 +16,7 @@ pub mod effects;
 mod error;
 mod exposure;
 pub mod files;
+pub mod framing;
 mod gaussians;
 pub mod gpu;
 pub mod hard_cases;

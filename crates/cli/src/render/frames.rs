@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
+use atsplat_eval::frame_timings::FrameTiming;
 use atsplat_eval::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
 use atsplat_pixels::{ImageU8, PixelError, Rounding, encode_png};
 use atsplat_splat::effects::Decision;
@@ -39,14 +40,6 @@ pub(crate) struct Frame {
     /// Decisions on effects.
     pub(crate) decisions: Vec<Decision>,
     pub(crate) timing: FrameTiming,
-}
-
-/// Time spent on a frame.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct FrameTiming {
-    pub(crate) stages: Vec<Stage>,
-    pub(crate) render_secs: f64,
-    pub(crate) write_secs: f64,
 }
 
 /// A rendered frame that is not written yet.

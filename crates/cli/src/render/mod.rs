@@ -6,18 +6,17 @@ mod check;
 mod effects;
 mod exposures;
 mod frames;
-mod framing;
 mod look;
 mod preview;
 mod report;
 mod round_trip;
 mod scene_file;
-mod timings;
 mod views;
 
 use std::path::PathBuf;
 
 use anyhow::bail;
+use atsplat_eval::frame_timings::FrameTimings;
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
 use atsplat_splat::Census;
@@ -34,7 +33,6 @@ use preview::PreviewArgs;
 use report::{FrameCounts, Record, RenderFile, Report, ViewRecord};
 use round_trip::{RoundTripArg, RoundTrips};
 use scene_file::SceneArgs;
-use timings::Timings;
 use views::{Plan, Shot, ViewArgs};
 
 /// Pairs of renders over which the cost of an effect is the median.
@@ -159,7 +157,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         path,
         backend: renderer.name(),
         look: LookRecord::of(&look.options)?,
-        effects: look.record(&frames),
+        effects: look.summary(&frames),
         rounding: files.rounding,
         values: "display-referred RGB, over the background",
         frames: FrameCounts { asked: shots.len(), done, failed: shots.len() - done },
@@ -170,7 +168,8 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let views = shots.iter().zip(&frames).map(|(shot, frame)| ViewRecord::of(shot, frame)).collect();
     let text = serde_json::to_string_pretty(&RenderFile { record: &record, views })?;
     record_file.finish(format!("{text}\n").as_bytes())?;
-    let timings = args.timings.then(|| Timings::of(scene.reading_secs, &frames));
+    let rendered = frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing);
+    let timings = args.timings.then(|| FrameTimings::of(scene.reading_secs, rendered));
     let explanation = match first_complete(&shots, &frames).filter(|_| args.effects.explain) {
         Some(shot) => Some(look.plan(&gaussians, shot)?.explain(renderer.as_mut(), &gaussians, EXPLANATION_PAIRS)?),
         None => None,

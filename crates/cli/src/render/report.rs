@@ -1,18 +1,17 @@
 use std::fmt;
 use std::path::PathBuf;
 
-use atsplat_splat::effects::Explanation;
+use atsplat_eval::frame_timings::FrameTimings;
+use atsplat_splat::effects::{EffectSummary, Explanation};
 use atsplat_splat::files::{Encoding, Format};
 use atsplat_splat::{Census, Validation};
 use serde::Serialize;
 
 use super::camera_file::CameraRecord;
-use super::effects::EffectRecord;
 use super::frames::Frame;
 use super::look::LookRecord;
 use super::round_trip::RoundTrips;
 use super::scene_file::SceneRecord;
-use super::timings::Timings;
 use super::views::{PathRecord, Shot};
 
 /// Contents of `render.json`: everything that the images depend on, and the outcome of each. Independent of date and speed
@@ -33,7 +32,7 @@ pub(crate) struct Record {
     pub(crate) path: PathRecord,
     pub(crate) backend: String,
     pub(crate) look: LookRecord,
-    pub(crate) effects: EffectRecord,
+    pub(crate) effects: EffectSummary,
     /// Rounding from f32 to 8 bits.
     pub(crate) rounding: atsplat_pixels::Rounding,
     /// Meaning of the image values.
@@ -88,7 +87,7 @@ pub(crate) struct Report {
     #[serde(flatten)]
     pub(crate) record: Record,
     #[serde(skip_serializing_if = "Option::is_none")]
-    pub(crate) timings: Option<Timings>,
+    pub(crate) timings: Option<FrameTimings>,
     /// Effects of the first complete frame.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub(crate) explanation: Option<Explanation>,

@@ -4,12 +4,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
 use atsplat_scene::Warnings;
-use atsplat_splat::{Exposure, Gaussians, RenderOptions, View};
+use atsplat_splat::{Exposure, Gaussians, RenderOptions, View, framing};
 use clap::{ArgGroup, ValueEnum};
 use serde::Serialize;
 
 use super::camera_file::{self, FileCamera, LensOfPoses};
-use super::framing;
 use crate::parse::{self, Axis};
 use crate::selection::Selection;
 
@@ -236,7 +235,7 @@ impl ViewArgs {
 
     fn orbit(&self, gaussians: &Gaussians) -> anyhow::Result<Plan> {
         let count = self.orbit.unwrap_or(1);
-        let sphere = framing::bulk(gaussians).context("the scene has no visible Gaussian to orbit")?;
+        let sphere = framing::visible_bulk(gaussians).context("the scene has no visible Gaussian to orbit")?;
         let size = self.size.unwrap_or(ORBIT_SIZE);
         let intrinsics = NormalizedIntrinsics::with_horizontal_view(radians(self.fov.unwrap_or(ORBIT_FOV)), size)?;
         let distance = self.distance * intrinsics.distance_that_frames(sphere.radius)?;

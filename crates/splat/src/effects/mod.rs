@@ -18,6 +18,7 @@ mod geometry;
 mod lens;
 mod plan;
 mod selection;
+mod summary;
 mod view_dependence;
 
 use std::fmt::Debug;
@@ -27,6 +28,7 @@ use crate::{Gaussians, RenderOptions, View};
 pub use explain::{Cost, Explanation};
 pub use plan::{Decision, EffectPlan, Verdict};
 pub use selection::EffectSelection;
+pub use summary::EffectSummary;
 
 /// What is to be rendered: by itself, or after effects were taken out.
 #[derive(Clone, Debug, PartialEq)]

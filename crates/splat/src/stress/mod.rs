@@ -4,6 +4,7 @@ mod differences;
 mod gradients;
 mod images;
 mod parameter;
+mod report;
 mod row;
 
 use crate::cpu::{CpuOptions, CpuRenderer, SimdLevel};
@@ -14,6 +15,7 @@ use crate::{Gradients, ImageGradients, ReferenceRenderer, Renderer, Rendering, S
 
 use differences::Differences;
 
+pub use report::StressReport;
 pub use row::{MeasuredError, StressRow};
 
 /// A renderer, and what it may get wrong.

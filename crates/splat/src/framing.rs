@@ -1,6 +1,9 @@
+//! The part of a scene that an overview shows.
+
 use atsplat_camera::Sphere;
-use atsplat_splat::Gaussians;
 use glam::{DMat3, DQuat, DVec3};
+
+use crate::Gaussians;
 
 /// Gaussians with a smaller opacity logit are ignored.
 const VISIBLE_LOGIT: f32 = -2.0;
@@ -11,8 +14,8 @@ const SHARE: f64 = 0.98;
 /// Factor on the radius.
 const MARGIN: f64 = 1.1;
 
-/// A sphere around the bulk of the visible Gaussians; `None` if there are none.
-pub(crate) fn bulk(gaussians: &Gaussians) -> Option<Sphere> {
+/// A sphere in scene units around the bulk of the visible Gaussians; `None` if there are none.
+pub fn visible_bulk(gaussians: &Gaussians) -> Option<Sphere> {
     let parts = gaussians.parts();
     let shapes = parts.quaternions.iter().zip(&parts.log_scales).zip(&parts.opacity_logits);
     let visible = parts.means.iter().zip(shapes).filter(|(_, (_, logit))| **logit > VISIBLE_LOGIT);
@@ -31,8 +34,8 @@ pub(crate) fn bulk(gaussians: &Gaussians) -> Option<Sphere> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::GaussianParts;
     use atsplat_numeric::Tolerance;
-    use atsplat_splat::GaussianParts;
 
     /// Gaussians on a grid, and far away others that are invisible.
     fn scene(logit: f32) -> Gaussians {
@@ -54,18 +57,18 @@ mod tests {
 
     #[test]
     fn invisible_gaussians_are_not_framed() {
-        let sphere = bulk(&scene(1.0)).unwrap();
+        let sphere = visible_bulk(&scene(1.0)).unwrap();
         Tolerance::absolute(0.05).assert(sphere.centre.to_array(), [2.0; 3], "the centre of the grid");
         assert!((2.0..4.0).contains(&sphere.radius), "{sphere:?}");
-        assert_eq!(bulk(&scene(-6.0)), None);
-        assert_eq!(bulk(&Gaussians::default()), None);
+        assert_eq!(visible_bulk(&scene(-6.0)), None);
+        assert_eq!(visible_bulk(&Gaussians::default()), None);
     }
 
     /// A single Gaussian has the extent of its ellipsoid.
     #[test]
     fn one_gaussian_is_framed_by_its_extent() {
         let one = scene(1.0).select(&[0]).unwrap();
-        let sphere = bulk(&one).unwrap();
+        let sphere = visible_bulk(&one).unwrap();
         let reach = MARGIN * SIGMAS * (-3.0f64).exp();
         Tolerance::relative(1e-6).assert([sphere.radius], [reach], "two standard deviations and the margin");
     }

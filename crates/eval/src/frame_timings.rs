@@ -1,15 +1,27 @@
+//! Time per stage of rendering frames.
+
 use std::fmt;
 
 use atsplat_numeric::median;
+use atsplat_splat::Stage;
 use indexmap::IndexSet;
 use serde::Serialize;
 
-use super::frames::{Frame, FrameTiming};
+/// Time spent on a frame.
+#[derive(Clone, Debug, Default)]
+pub struct FrameTiming {
+    /// Stages of planning and rendering.
+    pub stages: Vec<Stage>,
+    /// Seconds of planning and rendering.
+    pub render_secs: f64,
+    /// Seconds of encoding and writing.
+    pub write_secs: f64,
+}
 
 /// Time per stage: medians over all frames but the first, which warms up caches and buffers.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct Timings {
+pub struct FrameTimings {
     reading_secs: f64,
     /// Number of frames in the medians.
     frames: usize,
@@ -28,11 +40,10 @@ struct Row {
     mad_ms: Option<f64>,
 }
 
-impl Timings {
-    /// Summarises the rendered frames.
-    pub(crate) fn of(reading_secs: f64, frames: &[Frame]) -> Self {
-        let rendered: Vec<_> =
-            frames.iter().filter(|frame| frame.census.is_some()).map(|frame| &frame.timing).collect();
+impl FrameTimings {
+    /// Summarises the frames that were rendered, and the seconds of reading the scene.
+    pub fn of<'a>(reading_secs: f64, rendered: impl IntoIterator<Item = &'a FrameTiming>) -> Self {
+        let rendered: Vec<_> = rendered.into_iter().collect();
         // By name: the stages of a renderer may differ between frames.
         let names: IndexSet<&'static str> =
             rendered.iter().flat_map(|frame| &frame.stages).map(|stage| stage.name).collect();
@@ -61,7 +72,7 @@ impl Row {
     }
 }
 
-impl fmt::Display for Timings {
+impl fmt::Display for FrameTimings {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "\n{:>12}  {:>10} {:>10} {:>8}   milliseconds per frame", "", "median", "MAD", "first")?;
         let shown = |value: Option<f64>| value.map_or_else(|| "-".to_owned(), |value| format!("{value:.2}"));
@@ -85,19 +96,15 @@ impl fmt::Display for Timings {
 mod tests {
     use super::*;
     use atsplat_numeric::Tolerance;
-    use atsplat_splat::{Census, Stage};
 
-    fn frame(ms: f64) -> Frame {
+    fn frame(ms: f64) -> FrameTiming {
         let secs = ms / 1e3;
-        let timing =
-            FrameTiming { stages: vec![Stage { name: "sort", secs }], render_secs: 2.0 * secs, write_secs: 0.0 };
-        Frame { files: vec![], census: Some(Census::default()), fault: None, decisions: vec![], timing }
+        FrameTiming { stages: vec![Stage { name: "sort", secs }], render_secs: 2.0 * secs, write_secs: 0.0 }
     }
 
     #[test]
     fn the_first_frame_is_reported_separately() {
-        let failed = Frame { census: None, ..frame(1e6) };
-        let timings = Timings::of(0.5, &[frame(100.0), frame(4.0), failed, frame(6.0), frame(5.0), frame(20.0)]);
+        let timings = FrameTimings::of(0.5, &[frame(100.0), frame(4.0), frame(6.0), frame(5.0), frame(20.0)]);
         assert_eq!((timings.frames, timings.rows.len()), (4, 3));
         let row = &timings.rows[0];
         let found = [row.first_ms, row.median_ms.unwrap(), row.mad_ms.unwrap(), timings.frames_per_second.unwrap()];
@@ -107,8 +114,8 @@ mod tests {
     #[test]
     fn stages_are_matched_by_name() {
         let mut other = frame(7.0);
-        other.timing.stages.insert(0, Stage { name: "upload", secs: 1.0 });
-        let timings = Timings::of(0.5, &[frame(3.0), other, frame(7.0)]);
+        other.stages.insert(0, Stage { name: "upload", secs: 1.0 });
+        let timings = FrameTimings::of(0.5, &[frame(3.0), other, frame(7.0)]);
         let names: Vec<&str> = timings.rows.iter().map(|row| row.stage).collect();
         assert_eq!(names, ["sort", "upload", "render", "encode, write"]);
         Tolerance::relative(1e-12).assert(timings.rows[0].median_ms, [7.0], "sort alone");
@@ -116,8 +123,8 @@ mod tests {
 
     #[test]
     fn a_single_frame_is_warm_up() {
-        let timings = Timings::of(0.5, &[frame(3.0)]);
+        let timings = FrameTimings::of(0.5, &[frame(3.0)]);
         assert_eq!((timings.frames, timings.frames_per_second, timings.rows[0].median_ms), (0, None, None));
-        assert!(Timings::of(0.5, &[]).rows.is_empty());
+        assert!(FrameTimings::of(0.5, &[]).rows.is_empty());
     }
 }

@@ -1,21 +1,14 @@
 //! `atsplat budget`: tokens, Gaussians and memory of a configuration by formula, and whether the network keeps to them.
 
-mod measure;
-mod published;
-mod report;
-
 use anyhow::Context as _;
 use atsplat_camera::ImageSize as CameraSize;
-use atsplat_model::budget::{BudgetRange, MemoryEstimate, budget, memory};
-use atsplat_model::{ImageSize, ModelConfig};
+use atsplat_eval::budget::{BudgetCase, BudgetMeasurer, BudgetReport, BudgetRow, PublishedBudget, published_budgets};
+use atsplat_model::ModelConfig;
 
 use crate::model_args::{ChangeArgs, ProcessorArg, model, model_size};
 use crate::output::{print_report, warn};
 use crate::parse;
 use crate::progress::Progress;
-use measure::Measurer;
-use published::Published;
-use report::{Report, Row};
 
 #[derive(Debug, clap::Args)]
 pub(crate) struct Args {
@@ -49,53 +42,42 @@ pub(crate) struct Args {
     json: bool,
 }
 
-/// A configuration and its input.
-struct Case {
-    dataset: Option<&'static str>,
-    config: ModelConfig,
-    views: usize,
-    size: ImageSize,
-    published: Option<Published>,
-}
-
 /// Prints the table; `false` if a number differs from the expected one.
 pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let cases = args.cases()?;
     let mut rows = Vec::with_capacity(cases.len());
-    let mut measurer = Measurer::new(args.processor.open()?);
+    let mut measurer = BudgetMeasurer::new(args.processor.open()?);
     let progress = args.run.then(|| Progress::new("networks", cases.len()));
     for case in cases {
-        let Case { dataset, config, views, size, published } = case;
-        let range: BudgetRange = budget(&config, views, size)?;
-        let memory: MemoryEstimate = memory(&config, views, size)?;
-        let name = config.name.clone();
         let measured = if args.run {
-            warn(&format!("running {name}, {views} views of {size}"));
-            Some(measurer.run(&config, views, size).with_context(|| format!("running {name}"))?)
+            let BudgetCase { config, views, size, .. } = &case;
+            warn(&format!("running {}, {views} views of {size}", config.name));
+            let measured = measurer.run(config, *views, *size);
+            Some(measured.with_context(|| format!("running {}", config.name))?)
         } else {
             None
         };
-        rows.push(Row::new((dataset, name), (views, size), (&range, memory), published, measured));
+        rows.push(BudgetRow::new(case, measured)?);
         if let Some(progress) = &progress {
             progress.step();
         }
     }
     drop(progress);
-    let report = Report { rows, changed: !args.changes.is_empty() };
+    let report = BudgetReport { rows, changed: !args.changes.is_empty() };
     print_report(&report, args.json)?;
     Ok(report.is_right())
 }
 
 impl Args {
-    fn cases(&self) -> anyhow::Result<Vec<Case>> {
-        let published = published::table()?;
+    fn cases(&self) -> anyhow::Result<Vec<BudgetCase>> {
+        let published = published_budgets()?;
         let Some(name) = &self.model else {
-            let case = |row: Published| -> anyhow::Result<Case> {
+            let case = |row: PublishedBudget| -> anyhow::Result<BudgetCase> {
                 let config = self.changes.applied(&ModelConfig::named(row.model)?)?;
                 let (dataset, views, size) = (Some(row.dataset), row.views, row.size);
                 // Nothing is published about a changed configuration.
                 let published = self.changes.is_empty().then_some(row);
-                Ok(Case { dataset, config, views, size, published })
+                Ok(BudgetCase { dataset, config, views, size, published })
             };
             return published.into_iter().map(case).collect();
         };
@@ -103,7 +85,7 @@ impl Args {
         let views = self.views.map_or(config.views, usize::from);
         let size = self.size.map_or(config.resolution, model_size);
         let hash = config.hash()?;
-        let is_this = |row: &Published| -> anyhow::Result<bool> {
+        let is_this = |row: &PublishedBudget| -> anyhow::Result<bool> {
             Ok((row.views, row.size) == (views, size) && ModelConfig::named(row.model)?.hash()? == hash)
         };
         let mut matching = None;
@@ -113,6 +95,6 @@ impl Args {
             }
         }
         let dataset = matching.as_ref().map(|row| row.dataset);
-        Ok(vec![Case { dataset, config, views, size, published: matching }])
+        Ok(vec![BudgetCase { dataset, config, views, size, published: matching }])
     }
 }

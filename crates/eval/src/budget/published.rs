@@ -1,4 +1,3 @@
-use anyhow::{Context as _, bail};
 use atsplat_model::ImageSize;
 use atsplat_model::budget::Budget;
 use serde::Serialize;
@@ -9,20 +8,27 @@ const TABLE: &str = include_str!("../../../../eval/published/budget.csv");
 /// A row of the paper's table.
 #[derive(Clone, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Published {
-    pub(super) dataset: &'static str,
-    pub(super) model: &'static str,
-    pub(super) views: usize,
-    pub(super) size: ImageSize,
-    pub(super) initial_tokens: Option<usize>,
-    pub(super) final_tokens: Option<usize>,
-    pub(super) gaussians: Count,
+pub struct PublishedBudget {
+    /// The dataset.
+    pub dataset: &'static str,
+    /// Name of the configuration.
+    pub model: &'static str,
+    /// Number of context views.
+    pub views: usize,
+    /// Height and width in pixels.
+    pub size: ImageSize,
+    /// Tokens that enter the decoder, if published.
+    pub initial_tokens: Option<usize>,
+    /// Tokens that leave the decoder, if published.
+    pub final_tokens: Option<usize>,
+    /// Gaussians.
+    pub gaussians: Count,
 }
 
 /// A number as printed in the paper.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) enum Count {
+pub enum Count {
     /// Exact.
     Exact(usize),
     /// Thousands, rounded down.
@@ -47,29 +53,41 @@ impl std::fmt::Display for Count {
     }
 }
 
-impl Published {
+impl PublishedBudget {
     /// Whether every printed number agrees with this budget.
-    pub(super) fn agrees(&self, found: &Budget) -> bool {
+    pub fn agrees(&self, found: &Budget) -> bool {
         self.initial_tokens.is_none_or(|count| count == found.initial_tokens)
             && self.final_tokens.is_none_or(|count| count == found.final_tokens)
             && self.gaussians.agrees(found.gaussians)
     }
 }
 
-/// All rows, in the order of the file.
-pub(super) fn table() -> anyhow::Result<Vec<Published>> {
-    let rows = TABLE.lines().skip(1).enumerate();
-    rows.map(|(at, line)| row(line).with_context(|| format!("eval/published/budget.csv, line {}", at + 2))).collect()
+/// The embedded table of published budgets is broken.
+#[derive(Debug, PartialEq, Eq, thiserror::Error)]
+#[error("eval/published/budget.csv, line {line}: {problem}")]
+pub struct BrokenTable {
+    line: usize,
+    problem: String,
 }
 
-fn row(line: &'static str) -> anyhow::Result<Published> {
+/// All rows, in the order of the file.
+///
+/// # Errors
+/// [`BrokenTable`] if the embedded file is broken.
+pub fn published_budgets() -> Result<Vec<PublishedBudget>, BrokenTable> {
+    let rows = TABLE.lines().skip(1).enumerate();
+    rows.map(|(at, line)| row(line).map_err(|problem| BrokenTable { line: at + 2, problem })).collect()
+}
+
+fn row(line: &'static str) -> Result<PublishedBudget, String> {
     let fields: Vec<&'static str> = line.split(',').collect();
     let [dataset, model, height, width, views, initial, last, gaussians] = *fields.as_slice() else {
-        bail!("expected 8 fields, found {}", fields.len());
+        return Err(format!("expected 8 fields, found {}", fields.len()));
     };
-    let count = |text: &str| text.parse::<usize>().with_context(|| format!("expected a number, found {text:?}"));
+    let count =
+        |text: &str| text.parse::<usize>().map_err(|error| format!("expected a number, found {text:?}: {error}"));
     let optional = |text: &str| if text.is_empty() { Ok(None) } else { count(text).map(Some) };
-    Ok(Published {
+    Ok(PublishedBudget {
         dataset,
         model,
         views: count(views)?,
@@ -89,7 +107,7 @@ mod tests {
 
     #[test]
     fn reads_the_committed_table_and_rejects_broken_rows() {
-        assert_eq!(table().unwrap().len(), 6);
+        assert_eq!(published_budgets().unwrap().len(), 6);
         for broken in ["", "RE10K,a,1,2,3,4,5", "RE10K,a,1,2,3,4,5,6,7", "RE10K,a,x,2,3,4,5,6", "RE10K,a,1,2,3,4,5,K"] {
             assert!(row(broken).is_err(), "{broken:?}");
         }

@@ -1,27 +1,42 @@
 use std::fmt;
 
-use atsplat_model::ImageSize;
-use atsplat_model::budget::{Budget, BudgetRange, MemoryEstimate};
+use atsplat_model::budget::{Budget, BudgetRange, MemoryEstimate, budget, memory};
 use atsplat_model::network::StageSeconds;
+use atsplat_model::{ImageSize, ModelConfig, ModelError};
+use atsplat_numeric::format_bytes;
 use serde::Serialize;
 
-use super::measure::Measured;
-use super::published::Published;
-use crate::process::format_bytes;
+use super::{MeasuredBudget, PublishedBudget};
 
-/// The table.
+/// The table of budgets. [`Display`](fmt::Display) prints it, with the runs below.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Report {
-    pub(super) rows: Vec<Row>,
+pub struct BudgetReport {
+    /// A row per configuration and input size.
+    pub rows: Vec<BudgetRow>,
     /// Whether the configurations are changed from those of their names.
-    pub(super) changed: bool,
+    pub changed: bool,
+}
+
+/// A configuration and the size of its input.
+#[derive(Clone, Debug)]
+pub struct BudgetCase {
+    /// The dataset, if the case is published.
+    pub dataset: Option<&'static str>,
+    /// The configuration.
+    pub config: ModelConfig,
+    /// Number of context views.
+    pub views: usize,
+    /// Height and width in pixels.
+    pub size: ImageSize,
+    /// The paper's numbers, if any.
+    pub published: Option<PublishedBudget>,
 }
 
 /// The budget of a configuration and input size.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Row {
+pub struct BudgetRow {
     dataset: Option<&'static str>,
     model: String,
     views: usize,
@@ -30,7 +45,7 @@ pub(super) struct Row {
     /// If no token exceeds a threshold; equal to `most` for fixed ratios.
     least: Tokens,
     most: Tokens,
-    published: Option<Published>,
+    published: Option<PublishedBudget>,
     verdict: Verdict,
     #[serde(flatten)]
     memory: MemoryEstimate,
@@ -80,14 +95,16 @@ impl From<&Budget> for Tokens {
     }
 }
 
-impl Row {
-    pub(super) fn new(
-        (dataset, model): (Option<&'static str>, String),
-        (views, size): (usize, ImageSize),
-        (range, memory): (&BudgetRange, MemoryEstimate),
-        published: Option<Published>,
-        measured: Option<Measured>,
-    ) -> Self {
+impl BudgetRow {
+    /// Computes the budget of a case by formula, and compares it with the published and the measured one.
+    ///
+    /// # Errors
+    /// [`ModelError`] if the input does not fit the configuration.
+    pub fn new(case: BudgetCase, measured: Option<MeasuredBudget>) -> Result<Self, ModelError> {
+        let BudgetCase { dataset, config, views, size, published } = case;
+        let range: BudgetRange = budget(&config, views, size)?;
+        let memory: MemoryEstimate = memory(&config, views, size)?;
+        let model = config.name;
         let (least, most) = (Tokens::from(&range.least), Tokens::from(&range.most));
         let verdict = match (&published, range.fixed()) {
             (None, _) => Verdict::NotPublished,
@@ -95,12 +112,12 @@ impl Row {
             (Some(_), _) => Verdict::Differs,
         };
         let run = measured.map(|measured| {
-            let Measured { budget, seconds, making_secs, peak_bytes } = measured;
+            let MeasuredBudget { budget, seconds, making_secs, peak_bytes } = measured;
             let tokens = Tokens::from(&budget);
             let keeps_to_formula = tokens.is_between(&least, &most);
             Run { tokens, keeps_to_formula, seconds, total_secs: seconds.total(), making_secs, peak_bytes }
         });
-        Self { dataset, model, views, size, least, most, published, verdict, memory, run }
+        Ok(Self { dataset, model, views, size, least, most, published, verdict, memory, run })
     }
 }
 
@@ -119,16 +136,17 @@ impl Tokens {
     }
 }
 
-impl Report {
+impl BudgetReport {
     /// Whether the formula agrees with the paper and every network with the formula.
-    pub(super) fn is_right(&self) -> bool {
-        let right =
-            |row: &Row| row.verdict != Verdict::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula);
+    pub fn is_right(&self) -> bool {
+        let right = |row: &BudgetRow| {
+            row.verdict != Verdict::Differs && row.run.as_ref().is_none_or(|run| run.keeps_to_formula)
+        };
         self.rows.iter().all(right)
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for BudgetReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
@@ -159,7 +177,7 @@ impl fmt::Display for Report {
     }
 }
 
-impl Row {
+impl BudgetRow {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self { dataset, model, views, least, most, published, verdict, .. } = self;
         let range = |least: usize, most: usize| {

@@ -1,23 +1,27 @@
 use std::fmt;
 
-use atsplat_splat::stress::{MeasuredError, StressRow};
 use serde::Serialize;
 
-/// Results of all cases.
+use super::{MeasuredError, StressRow};
+
+/// Errors of all cases and paths. [`Display`](fmt::Display) prints them as a table and lists the failures.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(super) struct Report {
-    pub(super) failed: usize,
-    pub(super) rows: Vec<StressRow>,
+pub struct StressReport {
+    /// Number of failed rows.
+    pub failed: usize,
+    /// A row per case and path.
+    pub rows: Vec<StressRow>,
 }
 
-impl Report {
-    pub(super) fn of(rows: Vec<StressRow>) -> Self {
+impl StressReport {
+    /// Counts the failures.
+    pub fn of(rows: Vec<StressRow>) -> Self {
         Self { failed: rows.iter().filter(|row| !row.passes()).count(), rows }
     }
 }
 
-impl fmt::Display for Report {
+impl fmt::Display for StressReport {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(
             f,
@@ -99,7 +103,7 @@ mod tests {
         };
         let rows =
             vec![row("reference", 1e-8, &[]), row("cpu, avx2", f64::NAN, &[]), row("gpu", 1e-4, &["census: off"])];
-        let report = Report::of(rows);
+        let report = StressReport::of(rows);
         assert_eq!(report.failed, 2);
         let text = report.to_string();
         let lines: Vec<&str> = text.lines().collect();
@@ -123,7 +127,7 @@ mod tests {
             non_finite: 0,
             findings: vec![],
         };
-        let text = Report::of(vec![row]).to_string();
+        let text = StressReport::of(vec![row]).to_string();
         assert!(text.contains("3.0e0*") && text.contains("* has no bound"), "{text}");
     }
 }
