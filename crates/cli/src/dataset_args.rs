@@ -1,9 +1,6 @@
 use std::path::{Path, PathBuf};
 
-use anyhow::bail;
-use atsplat_scene::{
-    ColmapOptions, Dataset, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, SceneSource as _, Warnings,
-};
+use atsplat_scene::{ColmapOptions, Dataset, NerfstudioOptions, OpenOptions, PictureFolder, Re10kOptions, Warnings};
 
 /// A dataset and where its pictures are.
 #[derive(Debug, clap::Args)]
@@ -56,18 +53,5 @@ impl PictureArgs {
             colmap: ColmapOptions { pictures, images_root: self.frames.clone() },
         };
         Ok(atsplat_scene::open_with(path, &options, warnings)?)
-    }
-}
-
-/// The key of the requested scene, which may be omitted for a dataset of one scene.
-pub(crate) fn key_of<'a>(dataset: &'a Dataset, requested: Option<&'a str>) -> anyhow::Result<&'a str> {
-    match (requested, dataset.keys()) {
-        (Some(key), _) => Ok(key),
-        (None, [only]) => Ok(only),
-        (None, keys) => {
-            let examples: Vec<&str> = keys.iter().take(5).map(String::as_str).collect();
-            let (path, count) = (dataset.path.display(), keys.len());
-            bail!("{path} holds {count} scenes ({} …): choose one with --key", examples.join(", "))
-        }
     }
 }

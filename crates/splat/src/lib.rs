@@ -25,6 +25,7 @@ mod reach;
 pub mod reference;
 mod renderer;
 mod rendering;
+pub mod round_trip;
 pub mod sh;
 pub mod stress;
 mod view;

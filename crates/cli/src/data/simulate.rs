@@ -10,11 +10,10 @@ use atsplat_rooms::{
     EffectChoice, EffectKind, Layout, ManifestScene, PictureCoding, Request, Route, SceneKind, SceneSeed, Simulation,
     Split, WriteOptions, write_dataset,
 };
-use atsplat_scene::{SceneSource as _, Warnings};
+use atsplat_scene::{SceneSource as _, Warnings, scene_key};
 use clap::ValueEnum;
 use serde::Serialize;
 
-use crate::dataset_args::key_of;
 use crate::output::{print_report, print_warnings, warn};
 use crate::parse;
 use crate::progress::Progress;
@@ -176,7 +175,7 @@ impl Args {
     fn route(&self, warnings: &mut Warnings) -> anyhow::Result<Route> {
         let Some(path) = &self.route else { return Ok(Route::Natural) };
         let dataset = atsplat_scene::open(path, warnings)?;
-        let scene = dataset.load(key_of(&dataset, self.route_key.as_deref())?, warnings)?;
+        let scene = dataset.load(scene_key(&dataset, self.route_key.as_deref())?, warnings)?;
         // Datasets without timestamps are assumed to have 30 frames per second.
         let cameras = scene.frames.iter().zip(0i64..).map(|(frame, at)| {
             let micros = frame.timestamp_micros.unwrap_or(at * 33_333);

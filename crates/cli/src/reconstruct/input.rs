@@ -7,10 +7,10 @@ use atsplat_eval::reconstruct::{InputRecord, PhotoSelection, Photos, photo_recip
 use atsplat_model::ModelConfig;
 use atsplat_protocol::Preset;
 use atsplat_protocol::trial::TrialRecipe;
-use atsplat_scene::{Scene, SceneSource as _, Warnings};
+use atsplat_scene::{Scene, SceneSource as _, Warnings, scene_key};
 
 use super::rendered;
-use crate::dataset_args::{PictureArgs, key_of};
+use crate::dataset_args::PictureArgs;
 use crate::model_args::model_size;
 use crate::parse;
 use crate::selection::Selection;
@@ -74,7 +74,7 @@ impl InputArgs {
             return Ok(scene);
         }
         let dataset = self.pictures.open(&self.data, warnings)?;
-        Ok(dataset.load(key_of(&dataset, self.key.as_deref())?, warnings)?)
+        Ok(dataset.load(scene_key(&dataset, self.key.as_deref())?, warnings)?)
     }
 
     /// The recipe of the protocol, or one that suits any photos.

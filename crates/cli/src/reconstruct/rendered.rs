@@ -3,9 +3,8 @@
 use std::path::Path;
 
 use atsplat_eval::images::frame_file_name;
+use atsplat_scene::camera_file::{self, FileCamera, LensOfPoses};
 use atsplat_scene::{Frame, Picture, Scene, Warnings};
-
-use crate::render::camera_file::{self, FileCamera, LensOfPoses};
 
 /// The scene; `None` for anything but a `render.json` or a folder with one and no other dataset's files.
 pub(super) fn open(path: &Path) -> anyhow::Result<Option<Scene>> {

@@ -12,7 +12,7 @@ impl Args {
     fn consistent(&self) -> Result<(), String> {
         self.views.check()?;
         once("--formats", &names(&self.formats))?;
-        once("--round-trip", &names(&self.round_trip))?;
+        once("--round-trip", &self.round_trip.iter().map(|format| format.name().to_owned()).collect::<Vec<_>>())?;
         let planes = names(&self.look.channels);
         once("--channels", &planes)?;
         if !planes.is_empty() && !self.writes(FormatArg::Exr) {

@@ -5,13 +5,13 @@ use std::time::Instant;
 
 use atsplat_eval::frame_timings::FrameTiming;
 use atsplat_eval::images::{frame_file_name, is_frame_file_name, rendered_exr, rendered_image};
-use atsplat_pixels::{ImageU8, PixelError, Rounding, encode_png};
+use atsplat_files::Writer;
+use atsplat_pixels::{ImageU8, PixelError, Preview, Rounding, encode_png, preview_frame};
 use atsplat_splat::effects::Decision;
 use atsplat_splat::{Census, Gaussians, Renderer, Rendering, Stage};
 use rayon::prelude::*;
 
 use super::effects::Look;
-use super::preview::{Preview, scaled};
 use super::views::Shot;
 use crate::output::PendingFile;
 use crate::progress::Progress;
@@ -57,7 +57,7 @@ pub(crate) fn render_all(
     (gaussians, shots): (&Gaussians, &[Shot]),
     look: &Look,
     files: &FrameFiles,
-    mut preview: Option<&mut Preview>,
+    mut preview: Option<&mut Preview<Writer>>,
     sequential: bool,
 ) -> anyhow::Result<Vec<Frame>> {
     let progress = Progress::new("frames", shots.len());
@@ -115,7 +115,7 @@ fn render_batch<'a>(
 fn write_batch(
     pending: Vec<Pending<'_>>,
     files: &FrameFiles,
-    preview: Option<&mut Preview>,
+    preview: Option<&mut Preview<Writer>>,
     progress: &Progress,
 ) -> anyhow::Result<Vec<Frame>> {
     let size = preview.as_ref().map(|preview| preview.size());
@@ -124,7 +124,7 @@ fn write_batch(
         progress.step();
         let (frame, picture) = outcome?;
         let picture = match (picture, size) {
-            (Some(picture), Some(size)) => Some(scaled(&picture, size)?),
+            (Some(picture), Some(size)) => Some(preview_frame(&picture, size)?),
             _ => None,
         };
         Ok((frame, picture))

@@ -1,7 +1,6 @@
 //! `atsplat render`: renders Gaussians along a camera path.
 
 pub(crate) mod backend;
-pub(crate) mod camera_file;
 mod check;
 mod effects;
 mod exposures;
@@ -9,21 +8,23 @@ mod frames;
 mod look;
 mod preview;
 mod report;
-mod round_trip;
 mod scene_file;
 mod views;
 
 use std::path::PathBuf;
 
-use anyhow::bail;
+use anyhow::{Context as _, bail};
 use atsplat_eval::frame_timings::FrameTimings;
 use atsplat_pixels::Rounding;
 use atsplat_scene::Warnings;
-use atsplat_splat::Census;
 use atsplat_splat::gpu::AdapterChoice;
+use atsplat_splat::round_trip::{RoundTripFormat, RoundTrips};
+use atsplat_splat::{Census, Gaussians, RenderOptions, Renderer, View};
 use clap::ValueEnum;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use crate::output::{print_report, print_warnings, warn};
+use crate::progress::Progress;
 use backend::{Backend, BackendArg, adapter, backend};
 use effects::EffectArgs;
 use exposures::{ExposureArg, Exposures};
@@ -31,7 +32,6 @@ use frames::{Frame, FrameFiles, empty_frames_warning, open_folder, render_all, u
 use look::{LookArgs, LookRecord, ignored_principal_points};
 use preview::PreviewArgs;
 use report::{FrameCounts, Record, RenderFile, Report, ViewRecord};
-use round_trip::{RoundTripArg, RoundTrips};
 use scene_file::SceneArgs;
 use views::{Plan, Shot, ViewArgs};
 
@@ -90,8 +90,8 @@ pub(crate) struct Args {
 
     /// Export, import, render again and print the loss in dB: ply, ply-ascii, ply-big-endian, spz2, spz3. Renders every
     /// view once more, and once per format.
-    #[arg(long, value_name = "LIST", value_delimiter = ',', help_heading = "Output")]
-    round_trip: Vec<RoundTripArg>,
+    #[arg(long, value_name = "LIST", value_delimiter = ',', value_parser = round_trip_formats(), help_heading = "Output")]
+    round_trip: Vec<RoundTripFormat>,
 
     /// Print JSON.
     #[arg(long, help_heading = "Output")]
@@ -132,7 +132,14 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
 
     let mut preview = preview_file.map(|file| args.preview.start(file, &shots)).transpose()?;
     let files = args.files();
-    let frames = render_all(renderer.as_mut(), (&gaussians, &shots), &look, &files, preview.as_mut(), args.timings)?;
+    let frames = render_all(
+        renderer.as_mut(),
+        (&gaussians, &shots),
+        &look,
+        &files,
+        preview.as_mut().map(|pending| &mut pending.preview),
+        args.timings,
+    )?;
     let done = frames.iter().filter(|frame| frame.fault.is_none()).count();
     let faults = || shots.iter().zip(&frames).filter_map(|(shot, frame)| Some((shot.number, frame.fault.as_ref()?)));
     if done == 0 {
@@ -144,9 +151,12 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     }
     notes.extend(faults().map(|(number, fault)| format!("frame {number}: {fault}")));
     notes.extend(empty_frames_warning(&frames, &gaussians));
-    let formats = &args.round_trip;
-    let round_trip = (!formats.is_empty())
-        .then(|| RoundTrips::measure(renderer.as_mut(), (&gaussians, &shots), &look.options, formats));
+    let round_trip = (!args.round_trip.is_empty()).then(|| {
+        let views: Vec<_> = shots.iter().map(|shot| (shot.view, shot.exposed(&look.options))).collect();
+        let measured = measure_round_trips(renderer.as_mut(), &gaussians, &views, &args.round_trip);
+        // The images are already written: a failure is recorded with them.
+        measured.unwrap_or_else(|error| RoundTrips::failed(format!("--round-trip: {error:#}")))
+    });
     let failure = round_trip.as_ref().and_then(RoundTrips::failure);
 
     let mut census = Census::default();
@@ -186,6 +196,26 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
         warn(&format!("warning: {} holds {unknown} images of another call", args.out.display()));
     }
     failure.map_or(Ok(report.record.frames.failed == 0), |failure| bail!("{failure}"))
+}
+
+fn measure_round_trips(
+    renderer: &mut dyn Renderer,
+    gaussians: &Gaussians,
+    views: &[(View, RenderOptions)],
+    formats: &[RoundTripFormat],
+) -> anyhow::Result<RoundTrips> {
+    let temporary = std::env::temp_dir();
+    let scratch = tempfile::tempdir_in(&temporary)
+        .with_context(|| format!("creating a folder for the round trip in {}", temporary.display()))?;
+    let progress = Progress::new("views of the round trip", views.len());
+    Ok(RoundTrips::measure(renderer, gaussians, views, formats, scratch.path(), &mut || progress.step())?)
+}
+
+fn round_trip_formats() -> impl TypedValueParser<Value = RoundTripFormat> {
+    PossibleValuesParser::new(RoundTripFormat::ALL.map(RoundTripFormat::name)).try_map(|name| {
+        let format = RoundTripFormat::ALL.into_iter().find(|format| format.name() == name);
+        format.ok_or_else(|| format!("unknown format {name:?}"))
+    })
 }
 
 /// The first complete frame.

@@ -2,15 +2,15 @@ use std::fmt;
 use std::path::PathBuf;
 
 use atsplat_eval::frame_timings::FrameTimings;
+use atsplat_scene::camera_file::CameraRecord;
 use atsplat_splat::effects::{EffectSummary, Explanation};
 use atsplat_splat::files::{Encoding, Format};
+use atsplat_splat::round_trip::RoundTrips;
 use atsplat_splat::{Census, Validation};
 use serde::Serialize;
 
-use super::camera_file::CameraRecord;
 use super::frames::Frame;
 use super::look::LookRecord;
-use super::round_trip::RoundTrips;
 use super::scene_file::SceneRecord;
 use super::views::{PathRecord, Shot};
 
@@ -68,12 +68,7 @@ pub(crate) struct ViewRecord {
 
 impl ViewRecord {
     pub(crate) fn of(shot: &Shot, frame: &Frame) -> Self {
-        Self {
-            camera: CameraRecord::of(shot),
-            files: frame.files.clone(),
-            census: frame.census,
-            fault: frame.fault.clone(),
-        }
+        Self { camera: shot.record(), files: frame.files.clone(), census: frame.census, fault: frame.fault.clone() }
     }
 }
 

@@ -4,11 +4,11 @@ use std::path::{Path, PathBuf};
 use anyhow::{Context as _, bail};
 use atsplat_camera::{Camera, CameraSpline, Distortion, ImageSize, NormalizedIntrinsics, Spacing, Turntable};
 use atsplat_scene::Warnings;
+use atsplat_scene::camera_file::{self, CameraRecord, FileCamera, LensOfPoses};
 use atsplat_splat::{Exposure, Gaussians, RenderOptions, View, framing};
 use clap::{ArgGroup, ValueEnum};
 use serde::Serialize;
 
-use super::camera_file::{self, FileCamera, LensOfPoses};
 use crate::parse::{self, Axis};
 use crate::selection::Selection;
 
@@ -102,6 +102,12 @@ pub(crate) struct Shot {
 }
 
 impl Shot {
+    /// The camera as recorded in `render.json`.
+    pub(crate) fn record(&self) -> CameraRecord {
+        let exposure = self.exposure.map(|exposure| exposure.to_3dgs());
+        CameraRecord::new(self.number, self.name.clone(), &self.view.camera, self.view.size, exposure)
+    }
+
     /// The same options with the exposure of this shot.
     pub(crate) fn exposed(&self, options: &RenderOptions) -> RenderOptions {
         RenderOptions { exposure: self.exposure, ..options.clone() }
@@ -215,6 +221,7 @@ impl ViewArgs {
                 bail!("cameras {:?} and {:?} both have the number {}", other.name, camera.name, camera.number);
             }
             let FileCamera { number, name, camera, exposure, .. } = camera;
+            let exposure = exposure.map(Exposure::from_3dgs);
             shots.push(Shot { number, name, view: View { camera, size }, exposure });
         }
         Ok(shots)

@@ -1,33 +1,51 @@
+//! Image differences after export to a file format and import from it.
+
 use std::fmt;
 use std::fs;
+use std::path::Path;
 
-use anyhow::Context as _;
 use atsplat_camera::ImageSize;
 use atsplat_numeric::Extremes as _;
-use atsplat_splat::files::{self, Encoding, Output};
-use atsplat_splat::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering};
-use clap::ValueEnum;
 use serde::Serialize;
 
-use super::views::Shot;
-use crate::progress::Progress;
+use crate::files::{self, Encoding, Output};
+use crate::{Gaussians, RasterMode, RenderOptions, Renderer, Rendering, SplatError, View};
 
 /// Minimum PSNR of lossless formats after a round trip; less is a bug.
 const MIN_LOSSLESS_PSNR_DB: f64 = 60.0;
 const CONVENTION: &str = "f32 RGB clipped to [0, 1]; squared differences averaged over all samples of all views";
 
 /// A format of the round trip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum, Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) enum RoundTripArg {
+pub enum RoundTripFormat {
+    /// Little-endian PLY.
     Ply,
+    /// ASCII PLY.
     PlyAscii,
+    /// Big-endian PLY.
     PlyBigEndian,
+    /// SPZ 2.
     Spz2,
+    /// SPZ 3.
     Spz3,
 }
 
-impl RoundTripArg {
+impl RoundTripFormat {
+    /// All formats.
+    pub const ALL: [Self; 5] = [Self::Ply, Self::PlyAscii, Self::PlyBigEndian, Self::Spz2, Self::Spz3];
+
+    /// The name on the command line and in records.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Ply => "ply",
+            Self::PlyAscii => "ply-ascii",
+            Self::PlyBigEndian => "ply-big-endian",
+            Self::Spz2 => "spz2",
+            Self::Spz3 => "spz3",
+        }
+    }
+
     const fn output(self, antialiased: bool) -> Output {
         match self {
             Self::Ply => Output::Ply(Encoding::BinaryLittleEndian),
@@ -46,7 +64,7 @@ impl RoundTripArg {
 /// Image differences after export and import.
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct RoundTrips {
+pub struct RoundTrips {
     /// Definition of the numbers.
     convention: &'static str,
     views: usize,
@@ -59,7 +77,7 @@ pub(crate) struct RoundTrips {
 #[derive(Debug, Serialize)]
 #[serde(rename_all = "kebab-case")]
 struct Row {
-    format: RoundTripArg,
+    format: RoundTripFormat,
     /// Why there is no number.
     #[serde(skip_serializing_if = "Option::is_none")]
     fault: Option<String>,
@@ -77,7 +95,7 @@ struct Row {
 
 /// Accumulates the differences of one format.
 struct Trip {
-    format: RoundTripArg,
+    format: RoundTripFormat,
     bytes: u64,
     back: Result<Gaussians, String>,
     identical: bool,
@@ -87,58 +105,29 @@ struct Trip {
     largest: f64,
 }
 
-fn measure(
-    renderer: &mut dyn Renderer,
-    (gaussians, shots): (&Gaussians, &[Shot]),
-    options: &RenderOptions,
-    formats: &[RoundTripArg],
-) -> anyhow::Result<RoundTrips> {
-    let temporary = std::env::temp_dir();
-    let folder = tempfile::tempdir_in(&temporary)
-        .with_context(|| format!("creating a folder for the round trip in {}", temporary.display()))?;
-    let path = folder.path().join("gaussians");
-    files::write(&path, gaussians, RoundTripArg::Ply.output(false))?;
-    let ply_bytes = fs::metadata(&path)?.len();
-    let mut trips = Vec::new();
-    for format in formats {
-        let antialiased = options.mode == RasterMode::Antialiased;
-        trips.push(Trip::start(*format, gaussians, antialiased, &path)?);
-    }
-    let progress = Progress::new("views of the round trip", shots.len());
-    let mut views = 0;
-    for shot in shots {
-        // A view that cannot be rendered is already reported with the frames.
-        let options = shot.exposed(options);
-        if let Ok(before) = renderer.render(gaussians, &shot.view, &options) {
-            views += 1;
-            for trip in &mut trips {
-                trip.compare(renderer, &before, shot, &options);
-            }
-        }
-        progress.step();
-    }
-    let rows = trips.into_iter().map(|trip| trip.row(ply_bytes)).collect();
-    Ok(RoundTrips { convention: CONVENTION, views, fault: None, rows })
+fn length(path: &Path) -> Result<u64, SplatError> {
+    let data = fs::metadata(path);
+    data.map(|data| data.len()).map_err(|source| SplatError::Io { action: "reading", path: path.to_owned(), source })
 }
 
 impl Trip {
     /// A format that cannot hold the Gaussians is reported, not an error.
     fn start(
-        format: RoundTripArg,
+        format: RoundTripFormat,
         gaussians: &Gaussians,
         antialiased: bool,
-        path: &std::path::Path,
-    ) -> anyhow::Result<Self> {
+        path: &Path,
+    ) -> Result<Self, SplatError> {
         let written = files::write(path, gaussians, format.output(antialiased));
-        let bytes = if written.is_ok() { fs::metadata(path)?.len() } else { 0 };
+        let bytes = if written.is_ok() { length(path)? } else { 0 };
         let back = written.and_then(|()| files::read(path)).map(|(back, _)| back).map_err(|error| error.to_string());
         let (identical, squares, samples, worst_mse, largest) = (true, 0.0, 0.0, 0.0, 0.0);
         Ok(Self { format, bytes, back, identical, squares, samples, worst_mse, largest })
     }
 
-    fn compare(&mut self, renderer: &mut dyn Renderer, before: &Rendering<f32>, shot: &Shot, options: &RenderOptions) {
+    fn compare(&mut self, renderer: &mut dyn Renderer, before: &Rendering<f32>, view: &View, options: &RenderOptions) {
         let Ok(back) = &self.back else { return };
-        let after = match renderer.render(back, &shot.view, options) {
+        let after = match renderer.render(back, view, options) {
             Ok(after) => after,
             Err(error) => {
                 self.back = Err(error.to_string());
@@ -198,22 +187,46 @@ fn same_bits(before: &Rendering<f32>, after: &Rendering<f32>) -> bool {
 }
 
 impl RoundTrips {
-    /// Exports to each format, imports again, and renders the same views with all requested effects. The images are written
-    /// before: a failure is reported together with them.
-    pub(crate) fn measure(
+    /// Exports Gaussians to each format, imports them again, and renders the same views with all effects, into `scratch` for
+    /// files. Views that cannot be rendered are skipped. Calls `progress` after each view.
+    ///
+    /// # Errors
+    /// [`SplatError::Io`] if the folder `scratch` cannot be written to.
+    pub fn measure(
         renderer: &mut dyn Renderer,
-        scene: (&Gaussians, &[Shot]),
-        options: &RenderOptions,
-        formats: &[RoundTripArg],
-    ) -> Self {
-        measure(renderer, scene, options, formats).unwrap_or_else(|error| {
-            let fault = Some(format!("--round-trip: {error:#}"));
-            Self { convention: CONVENTION, views: 0, fault, rows: Vec::new() }
-        })
+        gaussians: &Gaussians,
+        views: &[(View, RenderOptions)],
+        formats: &[RoundTripFormat],
+        scratch: &Path,
+        progress: &mut dyn FnMut(),
+    ) -> Result<Self, SplatError> {
+        let path = scratch.join("gaussians");
+        files::write(&path, gaussians, RoundTripFormat::Ply.output(false))?;
+        let ply_bytes = length(&path)?;
+        let antialiased = views.iter().any(|(_, options)| options.mode == RasterMode::Antialiased);
+        let trips = formats.iter().map(|format| Trip::start(*format, gaussians, antialiased, &path));
+        let mut trips = trips.collect::<Result<Vec<_>, _>>()?;
+        let mut rendered = 0;
+        for (view, options) in views {
+            if let Ok(before) = renderer.render(gaussians, view, options) {
+                rendered += 1;
+                for trip in &mut trips {
+                    trip.compare(renderer, &before, view, options);
+                }
+            }
+            progress();
+        }
+        let rows = trips.into_iter().map(|trip| trip.row(ply_bytes)).collect();
+        Ok(Self { convention: CONVENTION, views: rendered, fault: None, rows })
+    }
+
+    /// A record of a round trip that could not be measured.
+    pub const fn failed(fault: String) -> Self {
+        Self { convention: CONVENTION, views: 0, fault: Some(fault), rows: Vec::new() }
     }
 
     /// Why the round trip failed: nothing was measured, or a lossless format changed the images.
-    pub(crate) fn failure(&self) -> Option<String> {
+    pub fn failure(&self) -> Option<String> {
         if self.fault.is_some() {
             return self.fault.clone();
         }
@@ -224,13 +237,9 @@ impl RoundTrips {
         let row = self.rows.iter().find(is_broken)?;
         Some(format!(
             "the round trip through {} changed the images: expected {MIN_LOSSLESS_PSNR_DB} dB or more",
-            name(row.format)
+            row.format.name()
         ))
     }
-}
-
-fn name(format: RoundTripArg) -> String {
-    format.to_possible_value().map_or_else(String::new, |value| value.get_name().to_owned())
 }
 
 impl fmt::Display for RoundTrips {
@@ -242,7 +251,7 @@ impl fmt::Display for RoundTrips {
         let [bytes, of_ply, psnr, worst, largest] = head;
         writeln!(f, "\n{:>14} {bytes:>11} {of_ply:>7} {psnr:>10} {worst:>11} {largest:>10}", "round trip")?;
         for row in &self.rows {
-            let name = name(row.format);
+            let name = row.format.name();
             if let Some(fault) = &row.fault {
                 writeln!(f, "{name:>14} {fault}")?;
                 continue;

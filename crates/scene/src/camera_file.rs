@@ -1,45 +1,97 @@
 //! Reads cameras from files: any dataset that `scene` reads, the `cameras.json` of models trained with 3DGS, lists of
 //! poses, and the `render.json` of `atsplat render`.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context as _, bail};
 use atsplat_camera::{
-    Camera, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
+    Camera, CameraError, CameraFromWorld, Distortion, ImageSize, NormalizedIntrinsics, PixelIntrinsics, WorldFromCamera,
 };
-use atsplat_scene::{SceneSource as _, Warnings, json, poses};
-use atsplat_splat::{Exposure, View};
 use serde::{Deserialize, Serialize};
 use serde_json::Value;
 
-use super::views::Shot;
-use crate::dataset_args::key_of;
+use crate::scene_key::{AmbiguousScene, scene_key};
+use crate::{SceneError, SceneSource as _, Warnings, json, poses};
+
+/// Why cameras cannot be read from a file.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum CameraFileError {
+    /// The file cannot be read.
+    #[error("reading cameras from {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// The reason given by the system.
+        source: std::io::Error,
+    },
+    /// The file is not a camera file.
+    #[error("reading cameras from {}: {problem}", path.display())]
+    Malformed {
+        /// The file.
+        path: PathBuf,
+        /// Which camera, what was expected and found.
+        problem: String,
+    },
+    /// Poses without a lens.
+    #[error(
+        "{} holds camera matrices without intrinsics: set the field of view with --fov and the image size with --size",
+        path.display()
+    )]
+    NoLens {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A field of view for cameras that have intrinsics.
+    #[error("--fov is for files with only poses: {} has intrinsics of its own", path.display())]
+    HasLens {
+        /// The file.
+        path: PathBuf,
+    },
+    /// No camera.
+    #[error("{} holds no camera", path.display())]
+    Empty {
+        /// The file.
+        path: PathBuf,
+    },
+    /// The lens of poses is not possible.
+    #[error(transparent)]
+    Camera(#[from] CameraError),
+    /// The dataset cannot be read.
+    #[error(transparent)]
+    Scene(#[from] SceneError),
+    /// The dataset has several scenes.
+    #[error(transparent)]
+    Key(#[from] AmbiguousScene),
+}
 
 /// A camera read from a file.
 #[derive(Clone, Debug)]
-pub(crate) struct FileCamera {
+pub struct FileCamera {
     /// Number in the names of its image files.
-    pub(crate) number: usize,
+    pub number: usize,
     /// Name in the camera file.
-    pub(crate) name: String,
-    pub(crate) camera: Camera,
+    pub name: String,
+    /// Pose, intrinsics and lens distortion.
+    pub camera: Camera,
     /// In pixels, if known from the file or the image.
-    pub(crate) size: Option<ImageSize>,
-    pub(crate) exposure: Option<Exposure>,
+    pub size: Option<ImageSize>,
+    /// The 3×4 array of 3DGS' exposure.
+    pub exposure: Option<[[f64; 4]; 3]>,
 }
 
 /// The lens for files that hold only poses.
 #[derive(Clone, Copy, Debug, Default)]
-pub(crate) struct LensOfPoses {
+pub struct LensOfPoses {
     /// Horizontal field of view in degrees; an error for files with intrinsics.
-    pub(crate) fov: Option<f64>,
-    pub(crate) size: Option<ImageSize>,
+    pub fov: Option<f64>,
+    /// Image size in pixels.
+    pub size: Option<ImageSize>,
 }
 
 /// A camera in `render.json`, without loss of precision.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case")]
-pub(crate) struct CameraRecord {
+pub struct CameraRecord {
     number: usize,
     name: String,
     width: u32,
@@ -68,12 +120,16 @@ struct TrainedCamera {
 }
 
 /// Reads every camera of a file or folder; `key` selects a scene if there are several. Images may be missing.
-pub(crate) fn read(
+///
+/// # Errors
+/// [`CameraFileError`] naming the file, the camera, and what was expected.
+pub fn read(
     path: &Path,
     key: Option<&str>,
     lens: LensOfPoses,
     warnings: &mut Warnings,
-) -> anyhow::Result<Vec<FileCamera>> {
+) -> Result<Vec<FileCamera>, CameraFileError> {
+    let malformed = |problem| CameraFileError::Malformed { path: path.to_owned(), problem };
     let json = if path.is_file() { json_of(path)? } else { None };
     if let Some(list @ Value::Array(entries)) = &json
         && poses::is_list_of_poses(list)
@@ -81,15 +137,16 @@ pub(crate) fn read(
         return posed(entries, path, lens);
     }
     if lens.fov.is_some() {
-        bail!("--fov is for files with only poses: {} has intrinsics of its own", path.display());
+        return Err(CameraFileError::HasLens { path: path.to_owned() });
     }
     let cameras = match json {
-        Some(list @ Value::Array(_)) => trained_cameras(list).with_context(|| in_file(path))?,
+        Some(list @ Value::Array(_)) => trained_cameras(list).map_err(malformed)?,
         // OpenMVG has a field of this name, too.
         Some(Value::Object(mut object)) if object.contains_key("views") && !object.contains_key("sfm_data_version") => {
-            let views = object.remove("views").map(serde_json::from_value).transpose();
-            let views: Option<Vec<Value>> = views.with_context(|| format!("{}: views", in_file(path)))?;
-            each(views.context("no views")?, recorded).with_context(|| in_file(path))?
+            let views = object.remove("views").unwrap_or(Value::Null);
+            let views: Vec<Value> =
+                serde_json::from_value(views).map_err(|error| malformed(format!("views: {error}")))?;
+            each(views, recorded).map_err(malformed)?
         }
         _ => {
             let mut found = Warnings::new();
@@ -99,44 +156,45 @@ pub(crate) fn read(
         }
     };
     if cameras.is_empty() {
-        bail!("{} holds no camera", path.display());
+        return Err(CameraFileError::Empty { path: path.to_owned() });
     }
     Ok(cameras)
 }
 
-fn in_file(path: &Path) -> String {
-    format!("reading cameras from {}", path.display())
-}
-
 /// Parses the file if it looks like JSON.
-fn json_of(path: &Path) -> anyhow::Result<Option<Value>> {
-    let bytes = std::fs::read(path).with_context(|| in_file(path))?;
+fn json_of(path: &Path) -> Result<Option<Value>, CameraFileError> {
+    let bytes = std::fs::read(path).map_err(|source| CameraFileError::Read { path: path.to_owned(), source })?;
     let start = bytes.trim_ascii_start();
     if !start.starts_with(b"[") && !start.starts_with(b"{") {
         return Ok(None);
     }
-    json::parse(start).map(Some).with_context(|| format!("{}: expected JSON", in_file(path)))
+    let parsed = json::parse(start).map(Some);
+    parsed.map_err(|error| CameraFileError::Malformed {
+        path: path.to_owned(),
+        problem: format!("expected JSON: {error}"),
+    })
 }
 
 /// Reads 3DGS' list of cameras.
-fn trained_cameras(list: Value) -> anyhow::Result<Vec<FileCamera>> {
+fn trained_cameras(list: Value) -> Result<Vec<FileCamera>, String> {
     let is_trained = |camera: &Value| camera.get("position").is_some() && camera.get("rotation").is_some();
     match list {
         Value::Array(entries) if entries.first().is_some_and(is_trained) => each(entries, trained),
-        other => bail!(
+        other => Err(format!(
             "expected a dataset's cameras, a render.json, 3DGS' cameras.json or a list of camera matrices, found {}",
             json::describe(&other)
-        ),
+        )),
     }
 }
 
 /// Cameras from poses that share one lens.
-fn posed(entries: &[Value], path: &Path, LensOfPoses { fov, size }: LensOfPoses) -> anyhow::Result<Vec<FileCamera>> {
+fn posed(
+    entries: &[Value],
+    path: &Path,
+    LensOfPoses { fov, size }: LensOfPoses,
+) -> Result<Vec<FileCamera>, CameraFileError> {
     let (Some(fov), Some(size)) = (fov, size) else {
-        bail!(
-            "{} holds camera matrices without intrinsics: set the field of view with --fov and the image size with --size",
-            path.display()
-        )
+        return Err(CameraFileError::NoLens { path: path.to_owned() });
     };
     let intrinsics = NormalizedIntrinsics::with_horizontal_view(fov.to_radians(), size)?;
     let camera = |(number, pose)| FileCamera {
@@ -151,16 +209,16 @@ fn posed(entries: &[Value], path: &Path, LensOfPoses { fov, size }: LensOfPoses)
 
 fn each<T: for<'de> Deserialize<'de>>(
     entries: Vec<Value>,
-    camera: impl Fn(usize, T) -> anyhow::Result<FileCamera>,
-) -> anyhow::Result<Vec<FileCamera>> {
+    camera: impl Fn(usize, T) -> Result<FileCamera, CameraError>,
+) -> Result<Vec<FileCamera>, String> {
     let one = |(at, entry)| {
-        let read = serde_json::from_value(entry).map_err(anyhow::Error::from).and_then(|entry| camera(at, entry));
-        read.with_context(|| format!("camera {at}"))
+        let entry = serde_json::from_value(entry).map_err(|error| format!("camera {at}: {error}"))?;
+        camera(at, entry).map_err(|error| format!("camera {at}: {error}"))
     };
     entries.into_iter().enumerate().map(one).collect()
 }
 
-fn trained(at: usize, entry: TrainedCamera) -> anyhow::Result<FileCamera> {
+fn trained(at: usize, entry: TrainedCamera) -> Result<FileCamera, CameraError> {
     let size = ImageSize { width: entry.width, height: entry.height };
     let centre = (0.5 * f64::from(size.width), 0.5 * f64::from(size.height));
     let intrinsics = PixelIntrinsics::new(entry.fx, entry.fy, centre.0, centre.1)?.normalized_from_pixel(size)?;
@@ -176,7 +234,7 @@ fn trained(at: usize, entry: TrainedCamera) -> anyhow::Result<FileCamera> {
     })
 }
 
-fn recorded(_: usize, entry: CameraRecord) -> anyhow::Result<FileCamera> {
+fn recorded(_: usize, entry: CameraRecord) -> Result<FileCamera, CameraError> {
     let NormalizedIntrinsics { fx, fy, cx, cy } = entry.intrinsics;
     let camera = Camera {
         camera_from_world: CameraFromWorld::from_rows(&entry.camera_from_world)?,
@@ -184,28 +242,28 @@ fn recorded(_: usize, entry: CameraRecord) -> anyhow::Result<FileCamera> {
         distortion: entry.distortion,
     };
     let size = ImageSize { width: entry.width, height: entry.height };
-    let exposure = entry.exposure.map(Exposure::from_3dgs);
-    Ok(FileCamera { number: entry.number, name: entry.name, camera, size: Some(size), exposure })
+    Ok(FileCamera { number: entry.number, name: entry.name, camera, size: Some(size), exposure: entry.exposure })
 }
 
 impl CameraRecord {
-    pub(crate) fn of(Shot { number, name, view: View { camera, size }, exposure }: &Shot) -> Self {
+    /// Records a camera with images of `size` pixels, and the 3×4 array of 3DGS' exposure.
+    pub fn new(number: usize, name: String, camera: &Camera, size: ImageSize, exposure: Option<[[f64; 4]; 3]>) -> Self {
         Self {
-            number: *number,
-            name: name.clone(),
+            number,
+            name,
             width: size.width,
             height: size.height,
             camera_from_world: camera.camera_from_world.to_rows(),
             intrinsics: camera.intrinsics,
             distortion: camera.distortion,
-            exposure: exposure.map(|exposure| exposure.to_3dgs()),
+            exposure,
         }
     }
 }
 
-fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> anyhow::Result<Vec<FileCamera>> {
-    let dataset = atsplat_scene::open(path, warnings)?;
-    let key = key_of(&dataset, key)?;
+fn of_dataset(path: &Path, key: Option<&str>, warnings: &mut Warnings) -> Result<Vec<FileCamera>, CameraFileError> {
+    let dataset = crate::open(path, warnings)?;
+    let key = scene_key(&dataset, key)?;
     let scene = dataset.load(key, warnings)?;
     let cameras = scene.frames.iter().enumerate().map(|(number, frame)| {
         // If an image cannot be read, its size stays unknown.
