@@ -14,6 +14,7 @@ mod file_name;
 pub mod frame_timings;
 pub mod images;
 pub mod method;
+pub mod overlap_estimators;
 pub mod reconstruct;
 mod rows;
 mod run_report;
