@@ -2,6 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
+use anyhow::Context as _;
+use atsplat_eval::trained::TrainedNetwork;
 use atsplat_model::ModelError;
 use atsplat_model::weights::TensorFile;
 use atsplat_scene::SharedBytes;
@@ -15,6 +17,16 @@ const FILES: [(&str, &[u8]); 1] = [(MICRO_ROOMS, include_bytes!("../../../eval/c
 pub(crate) fn embedded(name: &str) -> Option<Result<TensorFile, ModelError>> {
     let (name, bytes) = FILES.into_iter().find(|(own, _)| *own == name)?;
     Some(TensorFile::parse(PathBuf::from(name), SharedBytes::new(bytes.to_vec())))
+}
+
+/// The weights in a file, by default the embedded ones, as network of a reproduction.
+pub(crate) fn trained(path: Option<&Path>) -> anyhow::Result<TrainedNetwork> {
+    let Some(path) = path else {
+        let file = embedded(MICRO_ROOMS).with_context(|| format!("no weights {MICRO_ROOMS} are embedded"))??;
+        return Ok(TrainedNetwork::new(&file, format!("{MICRO_ROOMS}, embedded in the binary"))?);
+    };
+    let expected = || "a weights file that `atsplat train` or `atsplat weights import` wrote".to_owned();
+    Ok(TrainedNetwork::new(&find(path, expected)?, path.display().to_string())?)
 }
 
 /// As [`TensorFile::find`], but the name of embedded weights stands for them unless a file has that name.

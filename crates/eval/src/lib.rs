@@ -26,6 +26,7 @@ pub mod statistics;
 pub mod store;
 pub mod timing;
 pub mod tradeoff;
+pub mod trained;
 
 pub use context::network_views;
 pub use error::EvalError;

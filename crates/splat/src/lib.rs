@@ -26,6 +26,7 @@ pub mod reference;
 mod renderer;
 mod rendering;
 pub mod round_trip;
+pub mod scene_file;
 pub mod sh;
 pub mod stress;
 mod view;

@@ -1,10 +1,10 @@
 use anyhow::bail;
+use atsplat_splat::scene_file::SceneFile;
 use atsplat_splat::{Channels, MAX_SH_DEGREE, PrincipalPoint, RasterMode, RenderOptions, RendererConstants};
 use clap::ValueEnum;
 use serde::Serialize;
 use serde_json::Value;
 
-use super::scene_file::SceneFile;
 use super::views::Shot;
 use crate::parse;
 

@@ -126,7 +126,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let look = args.effects.look(args.look.options(constants, &scene, args.writes(FormatArg::Exr))?);
     let Plan { mut shots, path, notes } = args.views.plan(cameras, &scene.gaussians)?;
     exposures.expose(&mut shots)?;
-    let (gaussians, mut notes) = (scene.gaussians, [scene.notes, notes].concat());
+    let (gaussians, mut notes) = (scene.gaussians, [scene.warnings, notes].concat());
     notes.extend(note);
     notes.extend(ignored_principal_points(&look.options.constants, &shots));
 

@@ -3,15 +3,14 @@ use std::path::PathBuf;
 
 use atsplat_eval::frame_timings::FrameTimings;
 use atsplat_scene::camera_file::CameraRecord;
+use atsplat_splat::Census;
 use atsplat_splat::effects::{EffectSummary, Explanation};
-use atsplat_splat::files::{Encoding, Format};
 use atsplat_splat::round_trip::RoundTrips;
-use atsplat_splat::{Census, Validation};
+use atsplat_splat::scene_file::{CensusTable, SceneFileRecord};
 use serde::Serialize;
 
 use super::frames::Frame;
 use super::look::LookRecord;
-use super::scene_file::SceneRecord;
 use super::views::{PathRecord, Shot};
 
 /// Contents of `render.json`: everything that the images depend on, and the outcome of each. Independent of date and speed
@@ -28,7 +27,7 @@ pub(crate) struct RenderFile<'a> {
 #[serde(rename_all = "kebab-case")]
 pub(crate) struct Record {
     pub(crate) atsplat: &'static str,
-    pub(crate) scene: SceneRecord,
+    pub(crate) scene: SceneFileRecord,
     pub(crate) path: PathRecord,
     pub(crate) backend: String,
     pub(crate) look: LookRecord,
@@ -92,19 +91,7 @@ impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let record = &self.record;
         let scene = &record.scene;
-        writeln!(
-            f,
-            "{} Gaussians of degree {}, {}, {} bytes",
-            scene.gaussians,
-            scene.sh_degree,
-            name(scene.format),
-            scene.bytes
-        )?;
-        problems(f, "on import", &scene.import)?;
-        problems(f, "after import", &scene.cleaning.found)?;
-        if !scene.unused.is_empty() {
-            writeln!(f, "unused fields of the file: {}", scene.unused.join(", "))?;
-        }
+        scene.fmt(f)?;
         let FrameCounts { asked, done, failed } = record.frames;
         write!(f, "{done} of {asked} frames by {} into {}", record.backend, self.out.display())?;
         if let Some(preview) = &self.preview {
@@ -115,7 +102,7 @@ impl fmt::Display for Report {
             writeln!(f, "{failed} frames failed")?;
         }
         record.effects.fmt(f)?;
-        census(f, &record.census, scene.gaussians)?;
+        CensusTable { census: record.census, gaussians: scene.gaussians }.fmt(f)?;
         if let Some(timings) = &self.timings {
             timings.fmt(f)?;
         }
@@ -127,55 +114,4 @@ impl fmt::Display for Report {
         }
         Ok(())
     }
-}
-
-/// A readable name.
-fn name(format: Format) -> String {
-    match format {
-        Format::Ply(Encoding::Ascii) => "PLY in ASCII".to_owned(),
-        Format::Ply(Encoding::BinaryLittleEndian) => "PLY".to_owned(),
-        Format::Ply(Encoding::BinaryBigEndian) => "PLY, big-endian".to_owned(),
-        Format::CompressedPly => "compressed PLY".to_owned(),
-        Format::Spz(version) => format!("SPZ {version}"),
-        Format::Splat => ".splat".to_owned(),
-    }
-}
-
-fn problems(f: &mut fmt::Formatter<'_>, when: &str, found: &Validation) -> fmt::Result {
-    if found.is_clean() {
-        return Ok(());
-    }
-    let Validation { invalid, rejected, repaired, .. } = found;
-    writeln!(f, "{invalid} Gaussians with problems {when}: {rejected} removed, {repaired} repaired")?;
-    for finding in &found.findings {
-        write!(f, "{:>12}  ", finding.count)?;
-        finding.field.serialize(&mut *f)?;
-        f.write_str(": ")?;
-        finding.problem.serialize(&mut *f)?;
-        writeln!(f, ", first at {}", finding.first)?;
-    }
-    Ok(())
-}
-
-/// Mean counts over the rendered frames, each of which counts every Gaussian once.
-fn census(f: &mut fmt::Formatter<'_>, census: &Census, gaussians: usize) -> fmt::Result {
-    let Census { drawn, invalid, outside_depth, faint, outside_picture } = *census;
-    let all = drawn + invalid + outside_depth + faint + outside_picture;
-    if all == 0 {
-        return Ok(());
-    }
-    writeln!(f, "\n{:>12}  Gaussians per frame", "")?;
-    let rows = [
-        (drawn, "drawn"),
-        (outside_picture, "outside the image"),
-        (outside_depth, "before the near plane or behind the far plane"),
-        (faint, "too faint everywhere"),
-        (invalid, "with a value that cannot be rendered"),
-    ];
-    for (count, what) in rows {
-        let share = count as f64 / all as f64;
-        let (mean, share) = (share * gaussians as f64, 100.0 * share);
-        writeln!(f, "{mean:>12.1}  {share:>5.1} %  {what}")?;
-    }
-    Ok(())
 }

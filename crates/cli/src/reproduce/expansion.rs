@@ -4,13 +4,13 @@ use std::sync::Arc;
 
 use atsplat_eval::method::constants_of;
 use atsplat_eval::runner::Dataset;
+use atsplat_eval::trained::TrainedNetwork;
 use atsplat_protocol::EvaluationIndex;
 use atsplat_protocol::trial::{DecodeAhead, Prefetch, TrialRecipe, Trials};
 use atsplat_report::figures::{ExpansionScene, of_expansion};
 use atsplat_report::page::PlotSection;
 use atsplat_splat::RenderOptions;
 
-use super::methods::Trained;
 use crate::expansion::study_trial;
 
 /// The protocol of the paper's figures on expansion.
@@ -21,7 +21,7 @@ const SCENES: usize = 2;
 const CANDIDATES: usize = 8;
 
 /// Shows the first scenes of the protocol or its stand-in, else of a similar dataset, else of any dataset.
-pub(super) fn section(datasets: &[Dataset], trained: &Trained) -> anyhow::Result<PlotSection> {
+pub(super) fn section(datasets: &[Dataset], trained: &TrainedNetwork) -> anyhow::Result<PlotSection> {
     let published =
         |dataset: &&Dataset| dataset.preset.stands_for.as_deref().unwrap_or(&dataset.preset.name) == PROTOCOL;
     let similar = |dataset: &&Dataset| dataset.preset.dataset == "re10k";
@@ -78,7 +78,7 @@ mod tests {
     #[test]
     fn shows_the_stand_in_of_the_papers_protocol() {
         let datasets = simulated_datasets(|_, _| 8).unwrap();
-        let trained = Trained::embedded().unwrap();
+        let trained = crate::embedded::trained(None).unwrap();
         let section = section(&datasets, &trained).unwrap();
         let names: Vec<&str> = section.plots.iter().map(|(name, _)| name.as_str()).collect();
         assert_eq!(names, ["token-expansion-1", "token-expansion-2", "expansion-strips", "uncertainty"]);

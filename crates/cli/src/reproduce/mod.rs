@@ -1,7 +1,6 @@
 //! `atsplat reproduce`: runs everything that can run here and writes the full report.
 
 mod expansion;
-mod methods;
 mod summary;
 
 use std::path::{Path, PathBuf};
@@ -19,10 +18,10 @@ use atsplat_protocol::trial::{DecodeAhead, Prefetch};
 use atsplat_scene::Warnings;
 use clap::ValueEnum;
 
+use crate::embedded;
 use crate::output::{print_findings, print_warnings};
 use crate::process::provenance;
 use crate::progress::Progress;
-use methods::Trained;
 
 /// Presets of the paper's ablations; simulated presets may stand in for them.
 const ABLATIONS: [&str; 2] = ["re10k-2v-256", "dl3dv-6v-256x448"];
@@ -104,10 +103,7 @@ pub(crate) fn run(args: &Args) -> anyhow::Result<bool> {
     let mut warnings = Warnings::new();
     let Found { datasets, mut not_run } = args.found(&mut warnings)?;
     anyhow::ensure!(!datasets.is_empty(), "nothing to run: {}", reasons(&not_run));
-    let trained = match &args.weights {
-        Some(path) => Trained::read(path)?,
-        None => Trained::embedded()?,
-    };
+    let trained = embedded::trained(args.weights.as_deref())?;
     let of_ablations: Vec<usize> =
         datasets.iter().enumerate().filter(|(_, dataset)| is_for_ablations(dataset)).map(|(at, _)| at).collect();
     let Evaluated { results, summary, nothing } =

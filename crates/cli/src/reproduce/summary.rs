@@ -5,6 +5,7 @@ use std::path::Path;
 
 use atsplat_eval::Results;
 use atsplat_eval::discovery::NotRun;
+use atsplat_eval::trained::TrainedNetwork;
 use atsplat_report::definition::TableDefinition;
 use atsplat_report::emit::TableFormat;
 use atsplat_report::page::{PageStore, PictureBudget, PlotSection};
@@ -12,7 +13,6 @@ use atsplat_report::table::{Mixing, Source, verdict};
 use atsplat_report::{Report, Request};
 use indexmap::IndexSet;
 
-use super::methods::Trained;
 use crate::output::print_text;
 
 /// Writes tables, plots and a page of all stores, with at most `pictures` megabytes of images.
@@ -52,7 +52,7 @@ pub(super) fn print(
     report: &Report,
     stores: &[(&str, Results)],
     not_run: &[NotRun],
-    trained: &Trained,
+    trained: &TrainedNetwork,
     folder: &Path,
 ) -> anyhow::Result<()> {
     let (trials, targets) = stores.iter().fold((0, 0), |(trials, targets), (_, results)| {

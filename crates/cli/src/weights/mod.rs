@@ -1,6 +1,5 @@
 //! `atsplat weights`: one file per subcommand.
 
-mod backbone;
 mod export;
 mod import;
 mod inspect;

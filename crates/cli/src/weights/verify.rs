@@ -5,10 +5,9 @@ use std::path::PathBuf;
 use anyhow::bail;
 use atsplat_model::ModelConfig;
 use atsplat_model::config::BackboneConfig;
-use atsplat_model::weights::{KnownFile, ModelWeights, TensorFile, read_backbone};
+use atsplat_model::weights::{Backbone, KnownFile, ModelWeights, TensorFile, read_backbone};
 use serde::Serialize;
 
-use super::backbone::Backbone;
 use crate::model_args::model;
 use crate::output::print_report;
 
